@@ -1,0 +1,49 @@
+# Every target works on a fresh clone with nothing but Python 3.11+ and a C compiler:  make demo,  make test
+PYTHON ?= python3
+VENV ?= .venv
+BIN = $(VENV)/bin
+PIP = $(BIN)/python -m pip install --quiet
+CBUILD = build/c
+
+.PHONY: demo test lint test-c clean
+
+demo: $(BIN)/python
+	$(PIP) .
+	$(BIN)/rsdeblur demo --force -o demo-output
+
+# Safe path: programs that tests start here must find the installed package, not the bare source folder.
+test: $(BIN)/python
+	$(PIP) '.[test]' 'meson>=1.4' ninja
+	$(call run-c,plain,)
+	PYTHONSAFEPATH=1 $(BIN)/pytest
+
+lint: $(BIN)/python
+	$(PIP) '.[lint]'
+	$(BIN)/ruff check
+	$(BIN)/mypy
+
+# The C test program: plain, under sanitizers, and under valgrind where that is installed.
+test-c: $(BIN)/python
+	$(PIP) 'meson>=1.4' ninja
+	$(call run-c,plain,)
+	$(call run-c,sanitize,-Db_sanitize=address$(comma)undefined -Db_lundef=false)
+	if command -v valgrind; then \
+	  $(MESON) test -C $(CBUILD)/plain --wrap 'valgrind --quiet --leak-check=full --error-exitcode=1' spectral; fi
+
+clean:
+	rm -rf $(VENV) build dist demo-output .mypy_cache .pytest_cache .ruff_cache
+
+$(BIN)/python:
+	$(PYTHON) -c 'import sys; sys.exit("rsdeblur needs Python 3.11 or newer" if sys.version_info < (3, 11) else 0)'
+	$(PYTHON) -m venv $(VENV)
+
+comma = ,
+# Meson finds ninja on the PATH.
+MESON = PATH="$(abspath $(BIN)):$$PATH" $(BIN)/meson
+# run-c(folder, options): build all C code anew, warnings as errors, and run its test program.
+define run-c
+rm -rf $(CBUILD)/$(1)
+$(MESON) setup $(CBUILD)/$(1) -Dwerror=true $(2)
+$(MESON) compile -C $(CBUILD)/$(1)
+$(MESON) test -C $(CBUILD)/$(1) --print-errorlogs spectral
+endef

@@ -1,0 +1,105 @@
+/* Laws of the C kernels; exits with the number of failures. Every array is allocated to its exact size, so that
+ * sanitizers and valgrind see any access beyond it. */
+#include "rsdeblur_kernels.h"
+
+#include <math.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static int failures = 0;
+
+#define CHECK(condition)                                                                                               \
+    do {                                                                                                               \
+        if (!(condition)) {                                                                                            \
+            fprintf(stderr, "%s:%d: failed: %s\n", __FILE__, __LINE__, #condition);                                    \
+            failures++;                                                                                                \
+        }                                                                                                              \
+    } while (0)
+
+/* A few roundings of values in [-2, 2]. */
+#define TOLERANCE 1e-6
+
+/* `n` deterministic floats in [-1, 1). */
+static float *noise(size_t n, unsigned seed)
+{
+    float *values = malloc((n ? n : 1) * sizeof *values);
+    if (values == NULL)
+        abort();
+    for (size_t i = 0; i < n; i++) {
+        seed = seed * 1664525u + 1013904223u;
+        values[i] = (float)(seed >> 8) / 8388608.0f - 1.0f;
+    }
+    return values;
+}
+
+static void test_multiply(size_t channels, size_t n)
+{
+    const size_t floats = 2 * channels * n;
+    float *spectra = noise(floats, 1), *before = noise(floats, 1), *filter = noise(2 * n, 2);
+    CHECK(rsd_spectral_multiply(spectra, filter, channels, n) == RSD_OK);
+    for (size_t i = 0; i < channels * n; i++) {
+        const double re = before[2 * i], im = before[2 * i + 1];
+        const double filter_re = filter[2 * (i % n)], filter_im = filter[2 * (i % n) + 1];
+        CHECK(fabs(spectra[2 * i] - (re * filter_re - im * filter_im)) < TOLERANCE);
+        CHECK(fabs(spectra[2 * i + 1] - (re * filter_im + im * filter_re)) < TOLERANCE);
+    }
+    free(spectra), free(before), free(filter);
+}
+
+static void test_blend(size_t channels, size_t rows, size_t row_floats, size_t skipped)
+{
+    const size_t stride = (rows + skipped) * row_floats;
+    float *sum = noise(channels * stride, 3), *before = noise(channels * stride, 3);
+    float *slab = noise(channels * rows * row_floats, 4), *weights = noise(rows, 5);
+    CHECK(rsd_blend_rows(sum + skipped * row_floats, slab, weights, channels, rows, row_floats, stride,
+                         rows * row_floats) == RSD_OK);
+    for (size_t c = 0; c < channels; c++)
+        for (size_t i = 0; i < rows + skipped; i++)
+            for (size_t x = 0; x < row_floats; x++) {
+                const size_t at = c * stride + i * row_floats + x;
+                const double added = i < skipped ? 0.0
+                                                 : (double)weights[i - skipped] *
+                                                       slab[(c * rows + i - skipped) * row_floats + x];
+                CHECK(fabs(sum[at] - (before[at] + added)) < TOLERANCE);
+            }
+    free(sum), free(before), free(slab), free(weights);
+}
+
+static void test_refusals(void)
+{
+    float a[4] = {1, 2, 3, 4}, b[4] = {1, 2, 3, 4};
+    CHECK(rsd_spectral_multiply(NULL, b, 1, 2) == RSD_NULL);
+    CHECK(rsd_spectral_multiply(a, NULL, 1, 2) == RSD_NULL);
+    CHECK(rsd_spectral_multiply(a, b, 1, SIZE_MAX / 2 + 1) == RSD_SIZE);
+    CHECK(rsd_spectral_multiply(a, b, SIZE_MAX / 4, 2) == RSD_SIZE);
+    CHECK(rsd_spectral_multiply(NULL, NULL, 0, 2) == RSD_OK);
+    CHECK(rsd_blend_rows(NULL, b, b, 1, 1, 2, 2, 2) == RSD_NULL);
+    CHECK(rsd_blend_rows(a, NULL, b, 1, 1, 2, 2, 2) == RSD_NULL);
+    CHECK(rsd_blend_rows(a, b, NULL, 1, 1, 2, 2, 2) == RSD_NULL);
+    CHECK(rsd_blend_rows(a, b, b, 2, 1, 2, 1, 2) == RSD_SIZE);
+    CHECK(rsd_blend_rows(a, b, b, 2, 1, 2, 2, 1) == RSD_SIZE);
+    CHECK(rsd_blend_rows(a, b, b, 1, SIZE_MAX / 2, 4, 2, 2) == RSD_SIZE);
+    CHECK(rsd_blend_rows(a, b, b, SIZE_MAX / 2, 1, 2, 2, 2) == RSD_SIZE);
+    CHECK(rsd_blend_rows(NULL, NULL, NULL, 1, 0, 2, 2, 2) == RSD_OK);
+    for (int i = 0; i < 4; i++)
+        CHECK(a[i] == (float)(i + 1)); /* a refused call writes nothing */
+}
+
+int main(void)
+{
+    /* Lengths on both sides of every vector width. */
+    for (size_t n = 0; n <= 40; n++) {
+        test_multiply(1, n);
+        test_multiply(3, n);
+        test_blend(1, 3, n, 0);
+        test_blend(3, n % 7, 2 * n, 2);
+    }
+    test_refusals();
+    CHECK(strlen(rsd_simd_level()) > 0);
+    for (int status = RSD_OK; status <= RSD_SIZE + 1; status++)
+        CHECK(strlen(rsd_status_message((rsd_status)status)) > 0);
+    printf("spectral kernels (%s): %d failures\n", rsd_simd_level(), failures);
+    return failures != 0;
+}

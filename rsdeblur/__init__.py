@@ -1,0 +1,48 @@
+"""Remove camera-shake blur from rolling-shutter photos with the gyroscope's log.
+
+:func:`deblur` is the one call; the parts it is made of are public too. A module imports, when it is loaded, only what
+stands above it in this ladder::
+
+    errors      what the package raises
+    _validate   checks at the public doors
+    _atomic     files that appear whole or not at all
+    kernels     inner loops, C or Numba, each with a NumPy twin; they import only errors
+    config      how this installation was built
+    camera      Camera: intrinsics, readout, relation to the IMU
+    exposure    Exposure: the window of each row
+    gyro        GyroLog, OrientationTrack
+    motion      BlurPaths: displacement paths on a grid of rows and strips
+    psf         PsfBank: kernels drawn from paths, or given
+    fft         the only importer of pyFFTW
+    tiling      bands and strips, windows that sum to one
+    border      what stands beyond the frame
+    wiener      Deconvolver: planned once, applied often
+    transfer    linear light and sRGB
+    geometry    turning pictures for horizontal readout
+    pipeline    deblur(): the one call
+    simulate    the forward model, sharing no code with psf
+    scene       a sharp test picture
+    shake       a hand-shake log
+    io          gyro logs, camera files, pictures
+    report      plots and contact sheets
+    cli         the command line
+
+Two branches meet in the middle: `gyro` to `psf` never see an FFT, `fft` to `wiener` never see a gyro.
+"""
+
+try:
+    from rsdeblur._config import VERSION as __version__
+except ModuleNotFoundError as error:
+    if error.name != "rsdeblur._config":
+        raise
+    raise ImportError(
+        "rsdeblur was imported from its source folder, where the files made by the build are missing. "
+        "Leave that folder (and take it off PYTHONPATH) to use an installed rsdeblur, or install it for development: "
+        "pip install --no-build-isolation -e '.[dev]'"
+    ) from None
+
+import lazy_loader
+
+# Names are imported when first used, so that `rsdeblur --help` and short scripts start at once.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ += ["__version__"]

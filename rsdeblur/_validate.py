@@ -1,0 +1,63 @@
+"""Checks shared by the public doors: each returns the cleaned value or raises `InputError`."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rsdeblur.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+
+def finite(name: str, value: float, *, minimum: float | None = None, above: float | None = None) -> float:
+    """Return `value` as a float; it must be finite, at least `minimum` and greater than `above`."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be a number, got {value!r}") from None
+    if not np.isfinite(number):
+        raise InputError(f"{name} must be finite, got {number}")
+    if minimum is not None and number < minimum:
+        raise InputError(f"{name} must be at least {minimum:g}, got {number:g}")
+    if above is not None and number <= above:
+        raise InputError(f"{name} must be greater than {above:g}, got {number:g}")
+    return number
+
+
+def count(name: str, value: Any, *, minimum: int = 1) -> int:
+    """Return `value` as an int; it must be a whole number of at least `minimum`."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise InputError(f"{name} must be a whole number, got {value!r}")
+    if value < minimum:
+        raise InputError(f"{name} must be at least {minimum}, got {value}")
+    return int(value)
+
+
+def choice(name: str, value: object, allowed: Collection[str]) -> str:
+    """Return `value` if it is one of `allowed`."""
+    if not isinstance(value, str) or value not in allowed:
+        raise InputError(f"{name} must be one of {', '.join(sorted(allowed))}; got {value!r}")
+    return value
+
+
+def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+    """Return a read-only float64 copy of `value`; `None` in `shape` stands for any length."""
+    try:
+        array = np.array(value, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be an array of real numbers: {error}") from None
+    fits = array.ndim == len(shape) and all(
+        want is None or want == got for want, got in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        wanted = ", ".join("n" if want is None else str(want) for want in shape)
+        raise InputError(f"{name} must have shape ({wanted}), got {array.shape}")
+    bad = np.argwhere(~np.isfinite(array))
+    if bad.size:
+        raise InputError(f"{name} must be finite, got {array[tuple(bad[0])]} at index {tuple(map(int, bad[0]))}")
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,101 @@
+"""The command line: one module per command, imported when it is called for.
+
+The command modules import no more than click at their top, so that ``rsdeblur --help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import errno
+import re
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from typing import Any, NoReturn
+
+import click
+
+from rsdeblur.errors import RsdeblurError, RsdeblurWarning
+
+COMMANDS = ("deblur", "compare", "psf", "simulate", "info", "demo")
+INTERRUPTED = 130  # 128 + SIGINT, as shells report it
+
+
+class Commands(click.Group):
+    """The group that loads commands by name and turns every refusal into one line and an exit code."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Name the commands in the order in which a user meets them."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import the module of one command."""
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = import_module(f"rsdeblur.cli.{cmd_name}").command
+        return command
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; exit with 1 for refused input and 130 when interrupted."""
+        with _one_line_warnings():
+            try:
+                return super().invoke(ctx)
+            except RsdeblurError as error:
+                _refuse(ctx, str(error))
+            except MemoryError:
+                _refuse(ctx, "not enough memory; close other programs, or take a smaller picture")
+            except OSError as error:
+                # A reader that closes the pipe early is no error; click ends quietly then.
+                if error.errno == errno.EPIPE:
+                    raise
+                _refuse(ctx, f"{error.filename}: {error.strerror}" if error.filename else str(error))
+            except KeyboardInterrupt:
+                click.echo("rsdeblur: interrupted; no unfinished file is left", err=True)
+                ctx.exit(INTERRUPTED)
+
+
+def _refuse(ctx: click.Context, message: str) -> NoReturn:
+    click.echo(f"rsdeblur: error: {_one_line(message)}", err=True)
+    ctx.exit(1)
+
+
+def _one_line(message: object) -> str:
+    return " ".join(str(message).split())
+
+
+@contextmanager
+def _one_line_warnings() -> Iterator[None]:
+    said = set()
+
+    def show(message: Warning | str, *_: object, **__: object) -> None:
+        line = _one_line(message)
+        # A part of a suspicious log is as suspicious: what differs in numbers only is said once.
+        kind = re.sub(r"[\d.]+", "", line)
+        if kind not in said:
+            click.echo(f"rsdeblur: warning: {line}", err=True)
+        said.add(kind)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", RsdeblurWarning)
+        warnings.showwarning = show
+        yield
+
+
+EXAMPLES = """\b
+Examples:
+  rsdeblur demo -o demo
+  rsdeblur deblur photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4 -o sharp.jpg
+  rsdeblur compare photo.jpg --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20 -o out
+"""
+
+
+@click.group(cls=Commands, epilog=EXAMPLES, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="rsdeblur", message="%(prog)s %(version)s")
+def main() -> None:
+    """Deblur photos with the gyroscope log of the camera that took them.
+
+    Each row of a rolling-shutter picture has its own exposure window, so its own blur; rsdeblur computes the blur from
+    the log and undoes it.
+
+    Exit codes: 0 done, 1 input refused, 2 wrong usage, 130 interrupted.
+    """

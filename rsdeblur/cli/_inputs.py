@@ -1,0 +1,134 @@
+"""From options to the picture, the log, the camera and the exposure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import click
+
+from rsdeblur.errors import CoverageError, InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from rsdeblur.camera import Camera
+    from rsdeblur.cli._options import Recording
+    from rsdeblur.exposure import Exposure
+    from rsdeblur.gyro import GyroLog
+    from rsdeblur.io.pictures import Picture
+    from rsdeblur.transfer import Transfer
+
+
+class Inputs(NamedTuple):
+    """What every computation starts from."""
+
+    picture: Picture
+    log: GyroLog
+    camera: Camera
+    exposure: Exposure
+
+
+def read_inputs(photo: Path, recording: Recording) -> Inputs:
+    """Read the picture and what belongs to it.
+
+    Raises
+    ------
+    RsdeblurError
+        If a file is refused, or the capture file has no such index.
+    click.UsageError
+        If the options do not give the exposure.
+    """
+    from rsdeblur.io.pictures import read_picture
+
+    # The small files first: a wrong option shows before a large picture is read.
+    log, camera, exposure = read_recording(recording)
+    return Inputs(read_picture(photo), log, camera, exposure)
+
+
+def read_recording(recording: Recording) -> tuple[GyroLog, Camera, Exposure]:
+    """Read the log, the camera and the exposure that the options name; see `read_inputs`."""
+    from rsdeblur.io import read_camera, read_gyro
+
+    exposure = _exposure(recording)
+    camera = read_camera(recording.camera)
+    given = {"time_offset": recording.time_offset, "readout": recording.readout}
+    changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    return read_gyro(recording.gyro, recording.gyro_format), replace(camera, **changes), exposure
+
+
+def _exposure(recording: Recording) -> Exposure:
+    from rsdeblur.exposure import Exposure
+    from rsdeblur.io import read_captures
+
+    if recording.start is not None and recording.start_ns is not None:
+        raise _usage("--start and --start-ns exclude each other")
+    start = None if recording.start is None else (recording.start, 0)
+    if recording.start_ns is not None:
+        start = (0.0, recording.start_ns)
+    duration = recording.duration
+    if recording.capture is not None:
+        chosen = _chosen(read_captures(recording.capture), recording)
+        start = start or (chosen.start, chosen.epoch_ns)
+        duration = chosen.duration if duration is None else duration
+    elif recording.index is not None:
+        raise _usage("--index needs --capture")
+    if start is None or duration is None:
+        raise _usage(
+            "the exposure is not given; name it with --capture FILE --index N, "
+            "or with --duration and one of --start-ns and --start"
+        )
+    return Exposure(start[0], duration, start[1])
+
+
+def _chosen(captures: list[Exposure], recording: Recording) -> Exposure:
+    last = len(captures) - 1
+    if recording.index is None and last > 0:
+        raise _usage(f"{recording.capture} holds {len(captures)} exposures; choose one with --index 0 to {last}")
+    index = recording.index or 0
+    if index > last:
+        raise InputError(
+            f"{recording.capture}: there is no exposure {index}: the file holds {len(captures)}, --index 0 to {last}"
+        )
+    return captures[index]
+
+
+def _usage(message: str) -> click.UsageError:
+    return click.UsageError(message, ctx=click.get_current_context())
+
+
+def transfer_of(picture: Picture, given: Transfer | None) -> Transfer:
+    """Return how the picture encodes light: as given, else sRGB for integers and linear for floats."""
+    return given if given is not None else ("srgb" if picture.pixels.dtype.kind == "u" else "linear")
+
+
+def display_values(values: NDArray[Any], transfer: Transfer) -> NDArray[Any]:
+    """Return values for the eye, clipped to [0, 1]; only linear light has to be encoded (sRGB) for that."""
+    import numpy as np
+
+    from rsdeblur.transfer import from_linear
+
+    clipped = np.clip(values, 0.0, 1.0)
+    return from_linear(clipped, "srgb") if transfer == "linear" else clipped
+
+
+def unit_range(pixels: NDArray[Any]) -> NDArray[Any]:
+    """Return pixels as float32 with integers mapped to [0, 1]."""
+    import numpy as np
+
+    scale = np.iinfo(pixels.dtype).max if pixels.dtype.kind == "u" else 1.0
+    return pixels.astype(np.float32) / np.float32(scale)
+
+
+@contextmanager
+def naming(photo: Path | None, recording: Recording) -> Iterator[None]:
+    """Name the file at fault in errors that come out of a computation."""
+    try:
+        yield
+    except CoverageError as error:
+        raise type(error)(f"{recording.gyro}: {error}") from error
+    except InputError as error:
+        raise InputError(f"{photo}: {error}" if photo else str(error)) from error

@@ -1,0 +1,226 @@
+"""The options that commands share, each group gathered into one value."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import click
+
+if TYPE_CHECKING:
+    from rsdeblur.border import Border
+    from rsdeblur.motion import Motion
+    from rsdeblur.pipeline import Count, Geometry
+    from rsdeblur.transfer import Transfer
+
+Command = Callable[..., Any]
+Decorator = Callable[[Command], Command]
+
+PATH = click.Path(path_type=Path)
+
+
+class SecondsType(click.ParamType[float]):
+    """A time: `0.05`, `1/20` or `50ms`."""
+
+    name = "SECONDS"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return seconds."""
+        if isinstance(value, float):
+            return value
+        number = r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)"
+        match = re.fullmatch(rf"{number}(?:/{number})?\s*(s|ms|us)?", str(value))
+        try:
+            if match is None:
+                raise ValueError(value)
+            above, below, unit = match.groups(default="")
+            return float(above) / float(below or 1.0) * {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6}[unit]
+        except (ValueError, ZeroDivisionError):
+            self.fail(f"{value!r} is not a time; write 0.05, 1/20 or 50ms", param, ctx)
+
+
+class AutoType(click.ParamType[Any]):
+    """A whole number from 1 up, or `auto`."""
+
+    name = "N|auto"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Count:
+        """Return the number, or "auto"."""
+        return "auto" if value == "auto" else click.IntRange(min=1).convert(value, param, ctx)
+
+
+class TransferType(click.ParamType[Any]):
+    """How pixel values relate to light: a name or a gamma."""
+
+    name = "linear|srgb|GAMMA"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Transfer:
+        """Return the name, or the gamma as a number."""
+        names: tuple[Literal["linear", "srgb"], ...] = ("linear", "srgb")
+        for name in names:
+            if value == name:
+                return name
+        return float(click.FloatRange(min=0.0, min_open=True).convert(value, param, ctx))
+
+
+class SizeType(click.ParamType[tuple[int, int]]):
+    """A picture's size, `WIDTHxHEIGHT`."""
+
+    name = "WIDTHxHEIGHT"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        """Return (width, height)."""
+        match = re.fullmatch(r"(\d+)x(\d+)", str(value))
+        if match is None:
+            self.fail(f"{value!r} is not a size; write 1024x768", param, ctx)
+        return int(match[1]), int(match[2])
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """Where the log, the camera and the exposure come from."""
+
+    gyro: Path
+    gyro_format: str | None
+    camera: Path
+    capture: Path | None
+    index: int | None
+    start_ns: int | None
+    start: float | None
+    duration: float | None
+    time_offset: float | None
+    readout: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Blur:
+    """How the blur is computed."""
+
+    bands: Count
+    strips: Count
+    motion: Motion
+
+
+@dataclass(frozen=True, slots=True)
+class Solver:
+    """How the blur is undone."""
+
+    nsr: float
+    geometry: Geometry
+    border: Border
+    transfer: Transfer | None
+    threads: int | None
+
+
+def _gathered(name: str, kind: type, options: Sequence[Decorator]) -> Decorator:
+    """Return a decorator that adds `options` and passes their values as one `kind` called `name`."""
+
+    def decorate(function: Command) -> Command:
+        @wraps(function)
+        def call(**arguments: Any) -> Any:
+            group = kind(**{field.name: arguments.pop(field.name) for field in fields(kind)})
+            return function(**arguments, **{name: group})
+
+        decorated: Command = call
+        for option in reversed(options):
+            decorated = option(decorated)
+        return decorated
+
+    return decorate
+
+
+_EXPOSURE = (
+    click.option("--capture", type=PATH, metavar="FILE", help="Metadata file that holds the exposure."),
+    click.option("--index", type=click.IntRange(min=0), metavar="N", help="Which exposure of --capture, from 0."),
+    click.option("--start-ns", type=int, metavar="NS", help="Start of the first row's exposure, camera clock, in ns."),
+    click.option("--start", type=SecondsType(), help="The same in seconds on the log's own clock."),
+    click.option("--duration", type=SecondsType(), help="Exposure time of a row: 0.05, 1/20 or 50ms."),
+)
+_OVERRIDES = (
+    click.option("--time-offset", type=SecondsType(), help="Camera time minus gyro time; replaces the camera file's."),
+    click.option("--readout", type=SecondsType(), help="Readout time of the picture; replaces the camera file's."),
+)
+recording_options = _gathered(
+    "recording",
+    Recording,
+    (
+        click.option("--gyro", type=PATH, required=True, metavar="LOG", help="Gyro log."),
+        click.option("--gyro-format", metavar="NAME", help="Format of the log; recognised by its content if left out."),
+        click.option("--camera", type=PATH, required=True, metavar="TOML", help="Camera file."),
+        *_EXPOSURE,
+        *_OVERRIDES,
+    ),
+)
+mode_option = click.option(
+    "--mode", type=click.Choice(["global", "banded"]), default="banded", show_default=True, help="Blur model."
+)
+blur_options = _gathered(
+    "blur",
+    Blur,
+    (
+        click.option(
+            "--bands",
+            type=AutoType(),
+            metavar="N|auto",
+            default="auto",
+            show_default=True,
+            help="Bands along the readout.",
+        ),
+        click.option(
+            "--strips",
+            type=AutoType(),
+            metavar="N|auto",
+            default="auto",
+            show_default=True,
+            help="Strips across it.",
+        ),
+        click.option(
+            "--motion",
+            type=click.Choice(["rotation", "small-angle"]),
+            default="rotation",
+            show_default=True,
+            help="Full rotation, or small angles about x and y only.",
+        ),
+    ),
+)
+transfer_option = click.option(
+    "--transfer",
+    type=TransferType(),
+    metavar="linear|srgb|GAMMA",
+    help="How pixel values encode light.  [default: srgb for 8 and 16 bit pictures, linear for float]",
+)
+solver_options = _gathered(
+    "solver",
+    Solver,
+    (
+        click.option(
+            "--nsr",
+            type=click.FloatRange(min=0.0, min_open=True),
+            default=0.01,
+            show_default=True,
+            help="Noise-to-signal ratio: higher is smoother.",
+        ),
+        click.option(
+            "--geometry",
+            type=click.Choice(["keep", "rectify"]),
+            default="keep",
+            show_default=True,
+            help="Keep the rolling-shutter shape, or straighten it.",
+        ),
+        click.option(
+            "--border",
+            type=click.Choice(["blend", "periodic"]),
+            default="blend",
+            show_default=True,
+            help="Blend opposite borders of the picture into each other, or leave the jump.",
+        ),
+        transfer_option,
+        click.option("--threads", type=click.IntRange(min=1), metavar="N", help="Threads.  [default: all cores]"),
+    ),
+)
+force_option = click.option("--force", is_flag=True, help="Replace files that exist.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")

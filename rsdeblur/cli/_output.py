@@ -1,0 +1,94 @@
+"""What commands print, draw and write."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rsdeblur.errors import OutputError
+
+Progress = Callable[[str, float], None]
+
+
+def check_outputs(paths: Iterable[Path], *, force: bool) -> None:
+    """Refuse files that cannot be written or exist already, before any work.
+
+    Raises
+    ------
+    OutputError
+        Names the first such file.
+    """
+    from rsdeblur.io.pictures import KINDS, check_writable
+
+    for path in paths:
+        if path.suffix.lower() in KINDS:
+            check_writable(path, force=force)
+        elif path.exists() and not force:
+            raise OutputError(f"{path}: the file exists; use --force to replace it, or give another name")
+
+
+def prepare_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:
+    """Make `folder` if needed and check that the files called `names` may be written into it.
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be made, or a file exists and `force` is not set.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot make the folder: {error.strerror or error}") from error
+    check_outputs((folder / name for name in names), force=force)
+
+
+def print_json(payload: Any) -> None:
+    """Print `payload` for machines."""
+    click.echo(json.dumps(payload, indent=2))
+
+
+def write_json(path: Path, payload: Any) -> None:
+    """Write `payload` atomically."""
+    from rsdeblur._atomic import atomic_write
+
+    with atomic_write(path) as file:
+        file.write((json.dumps(payload, indent=2) + "\n").encode())
+
+
+def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print a table; the first column is text, the others are numbers."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for i, column in enumerate(columns):
+        table.add_column(column, justify="right" if i else "left", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    # A pipe has no width; the table must not be folded to 80 columns there.
+    Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(table)
+
+
+@contextmanager
+def progress(title: str) -> Iterator[Progress | None]:
+    """Show a progress bar on a terminal; yields the callable that moves it, or None in a pipe."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, total=1.0)
+
+        def move(stage: str, fraction: float) -> None:
+            bar.update(task, description=f"{title}: {stage}", completed=fraction)
+
+        yield move

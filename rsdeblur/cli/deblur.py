@@ -1,0 +1,76 @@
+"""`rsdeblur deblur`: one sharp picture."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rsdeblur.cli import _options
+from rsdeblur.cli._inputs import naming, read_inputs, transfer_of
+from rsdeblur.cli._options import Blur, Recording, Solver
+from rsdeblur.cli._output import check_outputs, print_json, progress
+
+if TYPE_CHECKING:
+    from rsdeblur.pipeline import Mode
+
+EXAMPLES = """\b
+Examples:
+  rsdeblur deblur photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4 -o sharp.jpg
+  rsdeblur deblur photo.png --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20 -o sharp.png
+  rsdeblur deblur photo.tif --gyro log.gcsv --camera cam.toml --start 3 --duration 50ms --geometry rectify -o o.tif
+"""
+
+
+@click.command("deblur", epilog=EXAMPLES)
+@click.argument("photo", type=_options.PATH)
+@_options.recording_options
+@_options.mode_option
+@_options.blur_options
+@_options.solver_options
+@click.option("-o", "--output", type=_options.PATH, required=True, metavar="OUT", help="Picture to write.")
+@_options.force_option
+@_options.json_option
+def command(
+    photo: Path,
+    recording: Recording,
+    mode: Mode,
+    blur: Blur,
+    solver: Solver,
+    output: Path,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Deblur PHOTO; EXIF, colour profile and bit depth are kept."""
+    check_outputs([output], force=force)
+    inputs = read_inputs(photo, recording)
+
+    from rsdeblur.io.pictures import write_picture
+    from rsdeblur.pipeline import deblur
+
+    picture, log, camera, exposure = inputs
+    arguments = asdict(blur) | asdict(solver) | {"transfer": transfer_of(picture, solver.transfer)}
+    begin = time.perf_counter()
+    with progress("deblur") as move, naming(photo, recording):
+        result = deblur(picture.pixels, log, camera, exposure, mode=mode, progress=move, **arguments)
+    seconds = time.perf_counter() - begin
+    write_picture(output, result.image, like=picture, force=force)
+    tall, wide = result.psfs.size
+    if as_json:
+        print_json(
+            {
+                "output": str(output),
+                "mode": mode,
+                "bands": result.bands,
+                "strips": result.strips,
+                "psf_px": [wide, tall],
+                "seconds": seconds,
+                "timings": result.timings,
+            }
+        )
+    else:
+        kernels = f"{result.bands} x {result.strips} PSFs (bands x strips) of {wide} x {tall} px"
+        click.echo(f"{output}: {mode}, {kernels}, {seconds:.2f} s")

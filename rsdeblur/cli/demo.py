@@ -1,0 +1,114 @@
+"""`rsdeblur demo`: the whole chain on a picture and a motion of its own."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rsdeblur.cli import _options
+from rsdeblur.cli._options import Blur, Recording, Solver
+from rsdeblur.cli._output import prepare_folder, print_json, progress, write_json
+from rsdeblur.cli.compare import compare_modes, output_names, print_report
+
+if TYPE_CHECKING:
+    from rsdeblur.gyro import GyroLog
+
+EXPOSURE = 0.05  # s
+READOUT = 0.03  # s, a slow phone sensor
+FOCAL = 1.1  # picture widths: a phone's main camera sees about 50 degrees
+START = 0.25  # s
+LOG = 0.6  # s
+STRENGTH = 0.2  # of a phone shaken on purpose: blur of some thirty px at 1024 px width
+NOISE = 0.01  # standard deviation in linear light: 40 dB
+NSR = 0.02
+
+# The scene goes on beyond the frame by this part of its sides, further than the blur reaches.
+MARGIN = 0.1
+
+REPORT = "demo.json"
+
+EXAMPLES = """\b
+Examples:
+  rsdeblur demo -o demo
+  rsdeblur demo --size 1600x1200 --seed 7 -o demo
+"""
+
+
+@click.command("demo", epilog=EXAMPLES)
+@click.option(
+    "--size",
+    type=_options.SizeType(),
+    metavar="WxH",
+    default="1024x768",
+    show_default=True,
+    help="Size in px.",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Scene, shake and noise.")
+@click.option("-o", "--output", type=_options.PATH, required=True, metavar="DIR", help="Folder to write to.")
+@_options.force_option
+@_options.json_option
+def command(size: tuple[int, int], seed: int, output: Path, force: bool, as_json: bool) -> None:
+    """Draw a scene, shake a camera, and deblur in every mode; needs no data.
+
+    Writes to DIR the sharp and the blurred picture, the gyro log, the camera file, the picture of each mode,
+    side-by-side.png, psfs.png and demo.json, and prints the command that deblurs the blurred picture again.
+    """
+    blurred, rolling = output / "blurred.png", output / "rolling.png"
+    gyro, camera = output / "gyro.csv", output / "camera.toml"
+    own = (output / "sharp.png", blurred, rolling, gyro, camera)
+    prepare_folder(output, [*(path.name for path in own), *output_names(blurred), REPORT], force=force)
+    with progress("simulate") as move:
+        if move:
+            move("scene, shake and camera", 0.3)
+        _capture(size, seed, output, force=force)
+    # From here on the demo is a user with files.
+    recording = Recording(gyro, None, camera, None, None, None, START, EXPOSURE, None, None)
+    solver = Solver(nsr=NSR, geometry="keep", border="blend", transfer=None, threads=None)
+    report = compare_modes(
+        blurred, recording, Blur("auto", "auto", "rotation"), solver, truth=rolling, output=output, force=force
+    )
+    again = ["rsdeblur", "deblur", str(blurred), "--gyro", str(gyro), "--camera", str(camera)]
+    again += ["--start", str(START), "--duration", str(EXPOSURE), "--nsr", str(NSR), "-o", str(output / "again.png")]
+    report["command"] = shlex.join(again)
+    write_json(output / REPORT, report)
+    if as_json:
+        print_json(report)
+    else:
+        print_report(report)
+        click.echo(f"\nThe pictures are in {output}; see side-by-side.png. The same from the files:\n")
+        click.echo(f"  {report['command']}")
+
+
+def _capture(size: tuple[int, int], seed: int, output: Path, *, force: bool) -> None:
+    """Take the picture and write everything that a user would have, and the truth."""
+    from rsdeblur.camera import Camera
+    from rsdeblur.exposure import Exposure
+    from rsdeblur.io.pictures import write_picture
+    from rsdeblur.scene import scene
+    from rsdeblur.shake import hand_shake
+    from rsdeblur.simulate import simulate
+    from rsdeblur.transfer import from_linear
+
+    width, height = size
+    margin = round(MARGIN * max(size))
+    sharp = scene(height + 2 * margin, width + 2 * margin, seed=seed)
+    log = hand_shake(LOG, strength=STRENGTH, seed=seed)
+    camera = Camera(width, height, FOCAL * width, readout=READOUT)
+    taken = simulate(sharp, log, camera, Exposure(START, EXPOSURE), noise=NOISE, seed=seed)
+    pictures: dict[str, Any] = {"sharp": taken.rectified, "rolling": taken.rolling, "blurred": taken.blurred}
+    for name, light in pictures.items():
+        write_picture(output / f"{name}.png", from_linear(light.clip(0.0, 1.0), "srgb"), force=force)
+    camera.save(output / "camera.toml")
+    _write_gyro(output / "gyro.csv", log)
+
+
+def _write_gyro(path: Path, log: GyroLog) -> None:
+    import numpy as np
+
+    from rsdeblur._atomic import atomic_write
+
+    with atomic_write(path) as file:
+        np.savetxt(file, np.column_stack([log.t, log.omega]), "%.9f", ",", header="t,wx,wy,wz", comments="")

@@ -1,0 +1,106 @@
+"""`rsdeblur psf`: the kernels of an exposure, drawn and saved."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rsdeblur.cli import _options
+from rsdeblur.cli._inputs import display_values, naming, read_inputs, read_recording, transfer_of, unit_range
+from rsdeblur.cli._options import Blur, Recording
+from rsdeblur.cli._output import check_outputs, print_json
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from rsdeblur.camera import Camera
+    from rsdeblur.exposure import Exposure
+    from rsdeblur.gyro import GyroLog
+    from rsdeblur.pipeline import Mode
+    from rsdeblur.psf import PsfBank
+
+EXAMPLES = """\b
+Examples:
+  rsdeblur psf --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4 -o psfs.png
+  rsdeblur psf --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20 --bank psfs.npz --json
+"""
+
+
+@click.command("psf", epilog=EXAMPLES)
+@_options.recording_options
+@_options.mode_option
+@_options.blur_options
+@click.option("-o", "--output", type=_options.PATH, metavar="PNG", help="Draw the kernels where they belong.")
+@click.option("--picture", "photo", type=_options.PATH, metavar="PHOTO", help="Show this picture below the kernels.")
+@click.option("--bank", type=_options.PATH, metavar="NPZ", help="Save the kernels and their places.")
+@_options.force_option
+@_options.json_option
+def command(
+    recording: Recording,
+    mode: Mode,
+    blur: Blur,
+    output: Path | None,
+    photo: Path | None,
+    bank: Path | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Compute the blur kernels of an exposure; no picture is needed."""
+    check_outputs([path for path in (output, bank) if path is not None], force=force)
+    if photo is None:
+        log, camera, exposure = read_recording(recording)
+        picture = None
+    else:
+        pixels, log, camera, exposure = read_inputs(photo, recording)
+        picture = display_values(unit_range(pixels.pixels), transfer_of(pixels, None))
+
+    from rsdeblur.io.pictures import write_picture
+    from rsdeblur.pipeline import psfs
+    from rsdeblur.report import psf_map
+
+    with naming(photo, recording):
+        found = psfs(log, camera, exposure, mode=mode, **asdict(blur))
+    if output is not None:
+        drawing = psf_map(found, (camera.height, camera.width), picture=picture)
+        write_picture(output, drawing, force=force)
+    if bank is not None:
+        found.save(bank)
+    lengths = _path_lengths(found, log, camera, exposure, blur)
+    summary = _summary(found, camera) | {"path_px": {"shortest": float(lengths.min()), "longest": float(lengths.max())}}
+    if as_json:
+        print_json(summary)
+    else:
+        wide, tall = summary["psf_px"]
+        click.echo(
+            f"{summary['bands']} x {summary['strips']} kernels of {wide} x {tall} px, "
+            f"paths {lengths.min():.1f} to {lengths.max():.1f} px long"
+        )
+
+
+def _path_lengths(bank: PsfBank, log: GyroLog, camera: Camera, exposure: Exposure, blur: Blur) -> NDArray[Any]:
+    """Return the lengths in px of the paths behind the kernels, in no particular order."""
+    from rsdeblur.motion import BlurPaths, Shot
+
+    rows, cols = bank.rows, bank.cols
+    if camera.horizontal_readout:
+        # Paths are traced with the readout along y, in the picture turned a quarter clockwise.
+        rows, cols = cols, (camera.height - 1 - rows)[::-1]
+        camera = camera.turned()
+    shot = Shot.from_log(log, camera, exposure)
+    return BlurPaths.from_shot(shot, rows, cols, motion=blur.motion).lengths
+
+
+def _summary(bank: PsfBank, camera: Camera) -> dict[str, Any]:
+    down, across = bank.kernels.shape[:2]
+    # Bands follow the readout.
+    bands, strips = (across, down) if camera.horizontal_readout else (down, across)
+    return {
+        "bands": bands,
+        "strips": strips,
+        "psf_px": [bank.size[1], bank.size[0]],
+        "rows": bank.rows.tolist(),
+        "cols": bank.cols.tolist(),
+    }

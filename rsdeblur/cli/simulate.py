@@ -1,0 +1,79 @@
+"""`rsdeblur simulate`: a blurred picture made from a sharp one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rsdeblur.cli import _options
+from rsdeblur.cli._inputs import naming, read_inputs, transfer_of, unit_range
+from rsdeblur.cli._options import Recording
+from rsdeblur.cli._output import prepare_folder, print_json
+
+if TYPE_CHECKING:
+    from rsdeblur.transfer import Transfer
+
+EXAMPLES = """\b
+Examples:
+  rsdeblur simulate sharp.png --gyro gyro.csv --camera phone.toml --start 1.0 --duration 1/20 -o sim
+  rsdeblur simulate sharp.png --gyro gyro.csv --camera phone.toml --start 1.0 --duration 50ms \\
+      --noise 0.01 --bits 16 -o sim
+"""
+
+
+@click.command("simulate", epilog=EXAMPLES)
+@click.argument("sharp", type=_options.PATH)
+@_options.recording_options
+@_options.transfer_option
+@click.option(
+    "--noise",
+    type=click.FloatRange(min=0.0),
+    default=0.0,
+    show_default=True,
+    help="Standard deviation of the noise in linear light, of the range 0 to 1.",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Chooses the noise.")
+@click.option("--bits", type=click.Choice(["8", "16"]), default="8", show_default=True, help="Bits per channel.")
+@click.option("-o", "--output", type=_options.PATH, required=True, metavar="DIR", help="Folder to write to.")
+@_options.force_option
+@_options.json_option
+def command(
+    sharp: Path,
+    recording: Recording,
+    transfer: Transfer | None,
+    noise: float,
+    seed: int,
+    bits: str,
+    output: Path,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Blur SHARP as a shaking rolling-shutter camera would.
+
+    The camera's picture is the middle of SHARP, which may be larger so that the scene goes on beyond the frame. Writes
+    to DIR blurred.png and two sharp references: rectified.png (all rows seen at one time, the truth for --geometry
+    rectify) and rolling.png (each row at its own time, the truth for --geometry keep).
+    """
+    names = ("blurred", "rectified", "rolling")
+    paths = [output / f"{name}.png" for name in names]
+    prepare_folder(output, [path.name for path in paths], force=force)
+    picture, log, camera, exposure = read_inputs(sharp, recording)
+
+    from rsdeblur.io.pictures import write_picture
+    from rsdeblur.simulate import simulate
+    from rsdeblur.transfer import from_linear, to_linear
+
+    encoding = transfer_of(picture, transfer)
+    # PNG is looked at, so light is encoded for it.
+    written: Transfer = "srgb" if encoding == "linear" else encoding
+    light = to_linear(unit_range(picture.pixels), encoding)
+    with naming(sharp, recording):
+        pictures = simulate(light, log, camera, exposure, noise=noise, seed=seed)
+    for path, values in zip(paths, pictures, strict=True):
+        write_picture(path, from_linear(values.clip(0.0, 1.0), written), bits=int(bits), force=force)
+    if as_json:
+        print_json({"outputs": [str(path) for path in paths], "size_px": [camera.width, camera.height]})
+    else:
+        click.echo(f"{', '.join(map(str, paths))}: {camera.width} x {camera.height} px")

@@ -1,0 +1,148 @@
+"""TIFF, whose EXIF block is part of the file's own tags.
+
+Pillow holds neither 16-bit colour nor float colour, and turns a TIFF by its orientation tag while loading it.
+"""
+
+from __future__ import annotations
+
+import struct
+import warnings
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+from PIL import Image
+from PIL.TiffImagePlugin import ImageFileDirectory_v2
+
+from rsdeblur.errors import RsdeblurWarning
+
+BIG_MAGIC = (b"II+\0", b"MM\0+")
+MAGIC = (b"II*\0", b"MM\0*", *BIG_MAGIC)
+
+# Tags of an EXIF block's first directory that describe the picture rather than how its samples are stored.
+TEXT_TAGS = (270, 271, 272, 305, 306, 315, 316, 33432)  # description, maker, model, software, time, artist, ...
+ORIENTATION = 274
+EXIF_TABLE, GPS_TABLE = 34665, 34853
+
+
+class Unsupported(ValueError):
+    """A TIFF whose samples are of a kind that is not read."""
+
+
+def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None]:
+    """Return pixels and colour profile of the first page; the orientation tag is not applied."""
+    with tifffile.TiffFile(BytesIO(data)) as file:
+        page = file.pages.first
+        # page.size counts samples, those of further planes of a volume included.
+        if max(page.imagewidth * page.imagelength, page.size // 4) > max_pixels:
+            raise Unsupported(f"the picture claims {page.imagewidth}x{page.imagelength} pixels; limit {max_pixels}")
+        if max(np.add(page.dataoffsets, page.databytecounts)) > len(data):
+            raise EOFError("the file ends within the samples")
+        samples = page.asarray()
+        pixels = _plain(page, np.moveaxis(samples, 0, -1) if page.axes.startswith("S") else samples)
+        if pixels is None or pixels.ndim > 3 or (pixels.ndim == 3 and pixels.shape[2] not in (2, 3, 4)):
+            raise Unsupported(
+                f"TIFF with {page.samplesperpixel} samples of {page.bitspersample} bits ({page.photometric!r}) is not "
+                "supported; convert it to grey or RGB of 8 or 16 bits or float"
+            )
+        return np.ascontiguousarray(pixels), page.iccprofile
+
+
+def _plain(page: tifffile.TiffPage, pixels: NDArray[Any]) -> NDArray[Any] | None:
+    """Return `pixels` as grey or RGB in uint8, uint16 or float32; None if that is not known how."""
+    bits, kind = page.bitspersample, tifffile.PHOTOMETRIC(page.photometric)
+    if pixels.dtype.kind == "f":
+        pixels = pixels.astype(np.float32)
+    elif bits <= 8 and kind != kind.PALETTE:
+        pixels = pixels.astype(np.uint8) * np.uint8(255 // (2**bits - 1))
+    elif bits not in (8, 16) and kind != kind.PALETTE:
+        return None
+    if kind in (kind.MINISBLACK, kind.RGB) or (kind == kind.YCBCR and page.compression == tifffile.COMPRESSION.JPEG):
+        return pixels
+    if kind == kind.MINISWHITE and pixels.dtype.kind == "u":
+        inverted: NDArray[Any] = np.invert(pixels)
+        return inverted
+    if kind == kind.PALETTE and page.colormap is not None:
+        colours: NDArray[np.uint8] = (page.colormap.T[pixels] >> 8).astype(np.uint8)
+        return colours
+    if kind == kind.SEPARATED and pixels.dtype == np.uint8 and pixels.shape[2:] == (4,):
+        height, width = pixels.shape[:2]
+        return np.array(Image.frombytes("CMYK", (width, height), pixels.tobytes()).convert("RGB"))
+    return None
+
+
+def exif_block(data: bytes) -> bytes | None:
+    """Return the descriptive tags of a TIFF file as an EXIF block; None if there are none, or in a BigTIFF."""
+    # EXIF blocks are classic TIFF, and Pillow reads them as nothing else.
+    if data.startswith(BIG_MAGIC):
+        return None
+    found = Image.Exif()
+    found.load_from_fp(BytesIO(data))
+    block = Image.Exif()
+    for tag in (*TEXT_TAGS, ORIENTATION):
+        if tag in found:
+            block[tag] = found[tag]
+    for table in (EXIF_TABLE, GPS_TABLE):
+        if found.get_ifd(table):
+            block[table] = found.get_ifd(table)
+    return block.tobytes() if len(block) else None
+
+
+def encode(pixels: NDArray[Any], exif: bytes | None, icc: bytes | None) -> bytes:
+    """Return a deflated TIFF file of `pixels`, shape (H, W) or (H, W, C)."""
+    channels = 1 if pixels.ndim == 2 else pixels.shape[2]
+    tables, tags = _tags_of(exif) if exif else ({}, [])
+    buffer = BytesIO()
+    tifffile.imwrite(
+        buffer,
+        pixels,
+        byteorder="<",
+        bigtiff=False,
+        photometric="rgb" if channels > 2 else "minisblack",
+        planarconfig="contig" if channels > 1 else None,
+        extrasamples=["unassalpha"] if channels in (2, 4) else None,
+        compression="zlib",
+        predictor=True,
+        metadata=None,
+        software=False,
+        iccprofile=icc,
+        extratags=tags,
+    )
+    for table, entries in tables.items():
+        _append(buffer, table, entries)
+    return buffer.getvalue()
+
+
+def _tags_of(exif: bytes) -> tuple[dict[int, dict[int, Any]], list[tuple[int, str, int, Any, bool]]]:
+    """Return the sub-tables of an EXIF block, and what goes into the file's first directory, as tifffile wants it."""
+    block = Image.Exif()
+    try:
+        block.load(exif)
+        tables = {table: block.get_ifd(table) for table in (EXIF_TABLE, GPS_TABLE) if block.get_ifd(table)}
+    except (SyntaxError, ValueError, TypeError, LookupError, struct.error) as error:
+        warnings.warn(f"the EXIF block is damaged and not carried over: {error}", RsdeblurWarning, stacklevel=2)
+        return {}, []
+    tags: list[tuple[int, str, int, Any, bool]] = [
+        (tag, "s", 0, str(block[tag]).encode(), True) for tag in TEXT_TAGS if tag in block
+    ]
+    if ORIENTATION in block:
+        tags.append((ORIENTATION, "H", 1, block[ORIENTATION], True))
+    # tifffile does not write pointers to EXIF tables: the tag below each one holds its place, in the right order.
+    return tables, tags + [(table - 1, "I", 1, 0, True) for table in tables]
+
+
+def _append(buffer: BytesIO, table: int, entries: dict[int, Any]) -> None:
+    """Write the EXIF table at the end of the file and point its placeholder there."""
+    buffer.seek(0)
+    with tifffile.TiffFile(buffer) as file:
+        placeholder = file.pages.first.tags[table - 1].offset
+    directory = ImageFileDirectory_v2(group=table)
+    for tag, value in entries.items():
+        directory[tag] = value
+    start = buffer.seek(0, 2)
+    start += buffer.write(b"\0" * (start % 2))
+    buffer.write(directory.tobytes(start))
+    buffer.seek(placeholder)
+    buffer.write(struct.pack("<HHII", table, 4, 1, start))

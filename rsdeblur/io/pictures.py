@@ -1,0 +1,293 @@
+"""Pictures with their bit depth, EXIF block and colour profile.
+
+Reads and writes JPEG, PNG, TIFF and WebP. Pixels are always as stored: the orientation in the EXIF block is not
+applied but carried over unchanged, so viewers still turn the result.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import threading
+import warnings
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import imagecodecs
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from rsdeblur._atomic import atomic_write
+from rsdeblur.errors import FileFormatError, InputError, OutputError
+from rsdeblur.io import _tiff
+
+KINDS = {".jpg": "JPEG", ".jpeg": "JPEG", ".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".webp": "WebP"}
+DEPTHS = {"JPEG": (8,), "PNG": (8, 16), "TIFF": (8, 16, 32), "WebP": (8,)}
+
+# The largest phone sensors have 200 megapixels, the largest stitched camera files 400.
+MAX_PIXELS = 500_000_000
+
+PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+PNG_DEPTH = 24  # Offset of the bit depth: IHDR is always the first chunk.
+PNG_HEADER = 33  # Length of the magic number and IHDR; colour profile and EXIF may follow.
+EXIF_PREFIX = b"Exif\0\0"
+
+# What decoders are known to raise on damaged files.
+DAMAGE = (
+    *(OSError, EOFError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, struct.error, zlib.error),
+    SyntaxError,  # Pillow
+    RuntimeError,  # imagecodecs
+)
+
+_limit_lock = threading.Lock()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    r"""A picture as stored in a file.
+
+    Parameters
+    ----------
+    pixels : ndarray, shape (H, W) or (H, W, C)
+        uint8 or uint16 of full range, or float32; C is 2 for grey and alpha, 3 for RGB, 4 for RGB and alpha.
+    exif : bytes, optional
+        The EXIF block, from its ``Exif\0\0`` prefix on.
+    icc_profile : bytes, optional
+        The colour profile.
+    """
+
+    pixels: NDArray[Any]
+    exif: bytes | None = None
+    icc_profile: bytes | None = None
+
+
+def read_picture(path: str | os.PathLike[str]) -> Picture:
+    """Read a JPEG, PNG, TIFF or WebP file; the format is told from the content.
+
+    Palettes become RGB, bilevel pictures 8-bit grey, and CMYK and other colour spaces RGB (without their profile). Of
+    a file with several pages or frames the first one is read.
+
+    Parameters
+    ----------
+    path : path-like
+        The picture.
+
+    Returns
+    -------
+    Picture
+        With read-only pixels as stored.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be read, is empty, truncated, damaged or not a picture of these formats, has more than 500
+        megapixels, or samples other than 1 to 8, 16 bit or float.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot read the picture: {error.strerror or error}") from error
+    if not data:
+        raise FileFormatError(f"{path}: not a picture: the file is empty")
+    try:
+        picture = _decode(data)
+    except UnidentifiedImageError:
+        raise FileFormatError(f"{path}: not a JPEG, PNG, TIFF or WebP picture") from None
+    except (Image.DecompressionBombError, _tiff.Unsupported) as error:
+        raise FileFormatError(f"{path}: {error}") from error
+    except MemoryError as error:
+        raise FileFormatError(f"{path}: not enough memory for the picture, or its size is damaged") from error
+    except DAMAGE as error:
+        raise FileFormatError(f"{path}: the picture is truncated or damaged: {error}") from error
+    picture.pixels.setflags(write=False)
+    return picture
+
+
+def write_picture(
+    path: str | os.PathLike[str],
+    image: NDArray[np.floating[Any]],
+    *,
+    like: Picture | None = None,
+    force: bool = False,
+    bits: int | None = None,
+) -> None:
+    """Write a picture; the format follows from the extension, the file appears whole or not at all.
+
+    JPEG is written at quality 95 without chroma subsampling, and without alpha: colours go in as they are, blended
+    with no background. WebP and PNG are lossless, TIFF is deflated.
+
+    Parameters
+    ----------
+    path : path-like
+        Ends in .jpg, .jpeg, .png, .tif, .tiff or .webp.
+    image : ndarray of float, shape (H, W) or (H, W, C)
+        Values in [0, 1], those outside are clipped; C is 2 (grey and alpha), 3 or 4.
+    like : Picture, optional
+        Gives the bit depth (the next lower one the format has), the EXIF block, and the colour profile if it fits
+        the number of channels.
+    force : bool, default False
+        Replace an existing file.
+    bits : {8, 16, 32}, optional
+        Bit depth instead of that of `like`; 32 is float32, TIFF only. Without either, 8.
+
+    Raises
+    ------
+    InputError
+        If `image` has a wrong shape or type, or holds NaN or infinity.
+    OutputError
+        If the extension is unknown, the format does not have `bits`, the file exists and `force` is not set, or the
+        file cannot be written.
+    """
+    path = Path(path)
+    check_writable(path, force=force)
+    kind = KINDS[path.suffix.lower()]
+    _check_image(image)
+    pixels = _quantised(image, _depth(path, kind, like, bits))
+    if pixels.ndim == 3 and kind == "JPEG" and pixels.shape[2] in (2, 4):
+        pixels = pixels[..., 0] if pixels.shape[2] == 2 else pixels[..., :3]
+    exif = like.exif if like else None
+    icc = _fitting(like.icc_profile, pixels, grey=kind != "WebP") if like else None
+    try:
+        data = _encode(kind, np.ascontiguousarray(pixels), exif, icc)
+    except DAMAGE as error:
+        height, width = pixels.shape[:2]
+        raise OutputError(f"{path}: cannot write {width}x{height} pixels as {kind}: {error}") from error
+    with atomic_write(path) as file:
+        file.write(data)
+
+
+def check_writable(path: str | os.PathLike[str], *, force: bool) -> None:
+    """Check cheaply that `write_picture` may write `path`, before the work whose result is to go there.
+
+    Raises
+    ------
+    OutputError
+        If the extension is unknown, the folder is missing or not writable, `path` is a folder, or it exists and
+        `force` is not set.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in KINDS:
+        raise OutputError(f"{path}: unknown picture extension {path.suffix!r}; use one of {', '.join(KINDS)}")
+    if path.is_dir():
+        raise OutputError(f"{path}: cannot write the picture: a folder has this name")
+    if path.exists() and not force:
+        raise OutputError(f"{path}: the file exists; use force (--force) to replace it, or give another name")
+    if not path.parent.is_dir():
+        raise OutputError(f"{path}: cannot write the picture: there is no folder {path.parent}")
+    if not os.access(path.parent, os.W_OK):
+        raise OutputError(f"{path}: cannot write the picture: the folder {path.parent} is not writable")
+
+
+@contextmanager
+def _size_limit() -> Iterator[None]:
+    """Move Pillow's guard against decompression bombs from 179 megapixels to `MAX_PIXELS`."""
+    with _limit_lock, warnings.catch_warnings():
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        saved = Image.MAX_IMAGE_PIXELS
+        # Pillow refuses what is above twice this.
+        Image.MAX_IMAGE_PIXELS = MAX_PIXELS // 2
+        try:
+            yield
+        finally:
+            Image.MAX_IMAGE_PIXELS = saved
+
+
+def _decode(data: bytes) -> Picture:
+    if data.startswith(_tiff.MAGIC):
+        pixels, icc = _tiff.decode(data, MAX_PIXELS)
+        return Picture(pixels, _tiff.exif_block(data), _fitting(icc, pixels))
+    with _size_limit():
+        image = Image.open(BytesIO(data), formats=("JPEG", "PNG", "WEBP"))
+    with image:
+        image.load()
+        exif, icc = image.info.get("exif"), image.info.get("icc_profile")
+        if image.format == "PNG" and data[PNG_DEPTH] == 16:
+            # Pillow cuts 16-bit colour to 8 bit.
+            pixels = imagecodecs.png_decode(data)
+        else:
+            pixels = np.array(_with_plain_mode(image))
+    if exif and not exif.startswith(EXIF_PREFIX):
+        exif = EXIF_PREFIX + exif
+    return Picture(pixels, exif or None, _fitting(icc, pixels))
+
+
+def _with_plain_mode(image: Image.Image) -> Image.Image:
+    """Return `image` as L, LA, RGB or RGBA."""
+    grey = image.mode in ("1", "L", "LA", "La")
+    mode = ("LA" if grey else "RGBA") if image.has_transparency_data else ("L" if grey else "RGB")
+    return image if image.mode == mode else image.convert(mode)
+
+
+def _fitting(icc: bytes | None, pixels: NDArray[Any], *, grey: bool = True) -> bytes | None:
+    """Return the profile if its colour space (bytes 16 to 20) is that of `pixels`; `grey`: they may be stored grey."""
+    space = b"GRAY" if grey and (pixels.ndim == 2 or pixels.shape[2] == 2) else b"RGB "
+    return icc if icc and icc[16:20] == space else None
+
+
+def _check_image(image: NDArray[Any]) -> None:
+    if not isinstance(image, np.ndarray) or image.dtype.kind != "f":
+        found = image.dtype if isinstance(image, np.ndarray) else type(image).__name__
+        raise InputError(f"image must be a floating-point array with values in [0, 1], got {found}")
+    if image.ndim not in (2, 3) or not image.size or (image.ndim == 3 and image.shape[2] not in (2, 3, 4)):
+        raise InputError(f"image must have shape (H, W) or (H, W, C) with C = 2, 3 or 4, got {image.shape}")
+    if not np.isfinite(image).all():
+        raise InputError(f"image must be finite, got {np.count_nonzero(~np.isfinite(image))} NaN or infinite values")
+
+
+def _depth(path: Path, kind: str, like: Picture | None, bits: int | None) -> int:
+    if bits is None:
+        wanted = 8 * like.pixels.dtype.itemsize if like else 8
+        return max(depth for depth in DEPTHS[kind] if depth <= max(wanted, 8))
+    if bits not in DEPTHS[kind]:
+        allowed = ", ".join(map(str, DEPTHS[kind]))
+        raise OutputError(f"{path}: {kind} cannot hold {bits} bits per sample, only {allowed}; use another extension")
+    return bits
+
+
+def _quantised(image: NDArray[np.floating[Any]], bits: int) -> NDArray[Any]:
+    # float16 cannot count to 65535.
+    clipped: NDArray[Any] = np.clip(image, 0.0, 1.0).astype(np.promote_types(image.dtype, np.float32))
+    if bits == 32:
+        return clipped.astype(np.float32)
+    clipped *= 2**bits - 1
+    levels: NDArray[Any] = np.rint(clipped, out=clipped).astype(np.uint8 if bits == 8 else np.uint16)
+    return levels
+
+
+def _encode(kind: str, pixels: NDArray[Any], exif: bytes | None, icc: bytes | None) -> bytes:
+    if kind == "TIFF":
+        return _tiff.encode(pixels, exif, icc)
+    if kind == "PNG":
+        return _encode_png(pixels, exif, icc)
+    options: dict[str, Any] = {"quality": 95, "subsampling": 0}
+    if kind == "WebP":
+        # The fastest lossless method; the slower ones save 3 % for 3 times the time.
+        options = {"lossless": True, "exact": True, "method": 0}
+    if exif:
+        options["exif"] = exif
+    if icc:
+        options["icc_profile"] = icc
+    buffer = BytesIO()
+    Image.fromarray(pixels).save(buffer, format=kind, **options)
+    return buffer.getvalue()
+
+
+def _encode_png(pixels: NDArray[Any], exif: bytes | None, icc: bytes | None) -> bytes:
+    data = bytes(imagecodecs.png_encode(pixels))
+    extra = b""
+    if icc:
+        extra += _png_chunk(b"iCCP", b"ICC profile\0\0" + zlib.compress(icc))
+    if exif:
+        extra += _png_chunk(b"eXIf", exif.removeprefix(EXIF_PREFIX))
+    return data[:PNG_HEADER] + extra + data[PNG_HEADER:]
+
+
+def _png_chunk(name: bytes, body: bytes) -> bytes:
+    return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))

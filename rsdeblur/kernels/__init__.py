@@ -1,0 +1,27 @@
+"""Inner loops, each with a readable NumPy twin (`name` and `name_numpy`); they trust their arguments.
+
+`native` is the C extension, or None with the reason in `why_pure`. The environment variable ``RSDEBLUR_PURE=1``, read
+when this package is imported, turns the extension off.
+"""
+
+from __future__ import annotations
+
+import os
+from types import ModuleType
+
+from rsdeblur._config import CEXT_ABSENT
+
+
+def _load_native() -> tuple[ModuleType | None, str]:
+    if os.environ.get("RSDEBLUR_PURE", "") not in ("", "0"):
+        return None, "the environment variable RSDEBLUR_PURE is set"
+    if CEXT_ABSENT:
+        return None, f"not built: {CEXT_ABSENT}"
+    try:
+        from rsdeblur import _cext
+    except ImportError as error:
+        return None, f"built, but it cannot be loaded: {error}"
+    return _cext, ""
+
+
+native, why_pure = _load_native()

@@ -1,0 +1,97 @@
+"""Averaging a picture over projective warps, row by row: the Numba kernel and its NumPy twin.
+
+The picture comes as cubic B-spline coefficients (``scipy.ndimage.spline_filter``, ``mode="mirror"``), so that
+interpolation costs no visible sharpness; beyond its edges it is mirrored.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+
+@numba.njit(cache=True, inline="always")
+def _spline_weights(f, out):
+    g = 1.0 - f
+    out[0] = g * g * g / 6.0
+    out[1] = 2.0 / 3.0 - 0.5 * f * f * (2.0 - f)
+    out[2] = 2.0 / 3.0 - 0.5 * g * g * (2.0 - g)
+    out[3] = f * f * f / 6.0
+
+
+@numba.njit(cache=True, inline="always")
+def _mirror(i, n):
+    if n == 1:
+        return 0
+    period = 2 * n - 2
+    i = abs(i) % period
+    return period - i if i >= n else i
+
+
+@numba.njit(cache=True, parallel=True, fastmath=True)
+def _average_warps(coefficients, warps, out):
+    height, width, channels = coefficients.shape
+    samples = warps.shape[1]
+    for y in numba.prange(out.shape[0]):
+        wx, wy = np.empty(4, np.float32), np.empty(4, np.float32)
+        value = np.empty(channels, np.float32)
+        for x in range(out.shape[1]):
+            value[:] = np.float32(0.0)
+            for t in range(samples):
+                m = warps[y, t]
+                w = 1.0 / (m[2, 0] * x + m[2, 1] * y + m[2, 2])
+                qx = (m[0, 0] * x + m[0, 1] * y + m[0, 2]) * w
+                qy = (m[1, 0] * x + m[1, 1] * y + m[1, 2]) * w
+                i0, j0 = int(np.floor(qy)), int(np.floor(qx))
+                _spline_weights(np.float32(qx - j0), wx)
+                _spline_weights(np.float32(qy - i0), wy)
+                inside = 1 <= i0 < height - 2 and 1 <= j0 < width - 2
+                for a in range(4):
+                    i = i0 - 1 + a if inside else _mirror(i0 - 1 + a, height)
+                    for b in range(4):
+                        j = j0 - 1 + b if inside else _mirror(j0 - 1 + b, width)
+                        weight = wy[a] * wx[b]
+                        for c in range(channels):
+                            value[c] += weight * coefficients[i, j, c]
+            for c in range(channels):
+                out[y, x, c] = value[c] / samples
+
+
+def average_warps(coefficients: NDArray[np.float32], warps: NDArray[np.float64], width: int) -> NDArray[np.float32]:
+    """Return the mean over t of the picture seen through `warps[y, t]`, for every output row y.
+
+    Parameters
+    ----------
+    coefficients : ndarray, shape (h, w, C), float32
+        Cubic spline coefficients of the picture.
+    warps : ndarray, shape (H, T, 3, 3)
+        Homographies from output pixel (x, y, 1) to picture coordinates, one set per output row.
+    width : int
+        Width of the output.
+
+    Returns
+    -------
+    ndarray, shape (H, width, C), float32
+    """
+    out = np.empty((len(warps), width, coefficients.shape[2]), dtype=np.float32)
+    _average_warps(coefficients, warps, out)
+    return out
+
+
+def average_warps_numpy(
+    coefficients: NDArray[np.float32], warps: NDArray[np.float64], width: int
+) -> NDArray[np.float32]:
+    """Readable twin of :func:`average_warps`."""
+    height, samples = warps.shape[:2]
+    y, x = np.mgrid[:height, :width].astype(np.float64)
+    total = np.zeros((height, width, coefficients.shape[2]))
+    for t in range(samples):
+        qx, qy, w = np.einsum("yij,jyx->iyx", warps[:, t], np.stack([x, y, np.ones_like(x)]))
+        for c in range(total.shape[2]):
+            total[..., c] += ndimage.map_coordinates(
+                coefficients[..., c], [qy / w, qx / w], order=3, mode="mirror", prefilter=False
+            )
+    mean: NDArray[np.float32] = (total / samples).astype(np.float32)
+    return mean

@@ -1,0 +1,272 @@
+"""The one call: photo, gyro log, camera and exposure in, sharp picture out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rsdeblur import _validate
+from rsdeblur.border import Border
+from rsdeblur.camera import Camera
+from rsdeblur.errors import InputError
+from rsdeblur.exposure import Exposure
+from rsdeblur.geometry import rectify
+from rsdeblur.gyro import GyroLog
+from rsdeblur.motion import MOTIONS, BlurPaths, Motion, Shot, path_curvature
+from rsdeblur.psf import PsfBank, tile_centres
+from rsdeblur.transfer import Transfer, check_transfer, from_linear, to_linear
+from rsdeblur.wiener import Deconvolver
+
+Mode = Literal["global", "banded"]
+MODES: tuple[Mode, ...] = ("global", "banded")
+Geometry = Literal["keep", "rectify"]
+GEOMETRIES: tuple[Geometry, ...] = ("keep", "rectify")
+PRIORS = ("wiener",)
+Count = int | Literal["auto"]
+Progress = Callable[[str, float], None]
+
+# Results are interpolated linearly between tiles. Tiles are added until paths interpolated the same way are this close
+# to the true ones (px) ...
+PATH_ERROR = 0.25
+# ... but no further than these counts, beyond which nothing was gained in the measurements (docs/benchmarks.md).
+MOST_BANDS = 64
+MOST_STRIPS = 16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeblurResult:
+    """What `deblur` returns.
+
+    Parameters
+    ----------
+    image : ndarray, float32
+        The sharp picture, shaped and coded like the input, nominal range [0, 1]. Integer input is clipped to that
+        range; float input is not.
+    psfs : PsfBank
+        The PSFs that were undone, where they hold in the picture as stored.
+    bands, strips : int
+        How many tiles the picture was split into along the readout axis and across it.
+    coverage : ndarray, shape (H, W), bool
+        Pixels whose scene point was seen by some row; all true for ``geometry="keep"``.
+    timings : dict
+        Seconds spent in each stage.
+    """
+
+    image: NDArray[np.float32]
+    psfs: PsfBank
+    bands: int
+    strips: int
+    coverage: NDArray[np.bool_]
+    timings: dict[str, float] = field(default_factory=dict)
+
+
+def deblur(
+    image: ArrayLike,
+    log: GyroLog,
+    camera: Camera,
+    exposure: Exposure,
+    *,
+    mode: Mode = "banded",
+    bands: Count = "auto",
+    strips: Count = "auto",
+    prior: str = "wiener",
+    nsr: float = 0.01,
+    geometry: Geometry = "keep",
+    border: Border = "blend",
+    motion: Motion = "rotation",
+    transfer: Transfer = "linear",
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> DeblurResult:
+    """Remove camera shake from a rolling-shutter picture.
+
+    Parameters
+    ----------
+    image : array_like, shape (H, W) or (H, W, C)
+        Grey (C = 1 or none), grey + alpha (2), RGB (3) or RGBA (4); uint8 and uint16 are scaled to [0, 1], floats are
+        taken as they are. Alpha passes through.
+    log, camera, exposure
+        The motion, the camera and the time of the exposure.
+    mode : {"banded", "global"}
+        One PSF per tile, or one for the whole picture (Sindelar and Sroubek 2013).
+    bands, strips : int or "auto"
+        Number of tiles along the readout axis and across it; "auto" bounds how much the blur changes between
+        neighbours. Ignored by "global".
+    prior : {"wiener"}
+        Regularisation.
+    nsr : float, default 0.01
+        Noise-to-signal power ratio Phi: larger is smoother.
+    geometry : {"keep", "rectify"}
+        Keep the rolling shutter's shape, or resample to the middle row's mid-exposure.
+    border : {"blend", "periodic"}
+        See :class:`rsdeblur.Deconvolver`.
+    motion : {"rotation", "small-angle"}
+        The full homography path, or the paper's eq. 6.
+    transfer : {"linear", "srgb"} or float
+        How stored values code light; a number is a gamma. The result is coded the same way.
+    threads : int, optional
+        Threads of the transforms; default all processors.
+    progress : callable, optional
+        Called as ``progress(stage, fraction)``.
+
+    Returns
+    -------
+    DeblurResult
+
+    Raises
+    ------
+    InputError
+        If an argument is out of range, the picture's size is not the camera's, or the blur is larger than the picture.
+    CoverageError, ClockError, GapError
+        If the log does not describe the exposure.
+    """
+    _validate.choice("prior", prior, PRIORS)
+    _validate.choice("geometry", geometry, GEOMETRIES)
+    transfer = check_transfer(transfer)
+    values, clip = _values(image)
+    _check_size(values.shape, camera)
+    shot, quarter = _upright_shot(log, camera, exposure)
+    clock = _Clock(progress)
+    with clock.stage("psfs"):
+        bank = _bank(shot, mode, bands, strips, motion)
+    colour, alpha = _split_alpha(np.rot90(values, -1) if quarter else values)
+    light = to_linear(np.ascontiguousarray(colour), transfer)
+    with clock.stage("plan"):
+        solver = Deconvolver(bank, light.shape, nsr=nsr, border=border, threads=threads)
+    with clock.stage("apply"):
+        light = solver.apply(light, progress=clock.within("apply"))
+    coverage = np.ones(light.shape[:2], dtype=np.bool_)
+    if geometry == "rectify":
+        with clock.stage("rectify"):
+            light, coverage = rectify(light, shot)
+    sharp = from_linear(light, transfer)
+    if clip:
+        sharp = sharp.clip(0.0, 1.0)
+    if alpha is not None:
+        sharp = np.concatenate([sharp, alpha], axis=2)
+    n_bands, n_strips = bank.kernels.shape[:2]
+    if quarter:
+        sharp, coverage, bank = np.rot90(sharp), np.rot90(coverage), bank.turned(camera.height)
+    sharp = np.ascontiguousarray(sharp.reshape(np.shape(image)))
+    return DeblurResult(sharp, bank, n_bands, n_strips, np.ascontiguousarray(coverage), clock.timings)
+
+
+def psfs(
+    log: GyroLog,
+    camera: Camera,
+    exposure: Exposure,
+    *,
+    mode: Mode = "banded",
+    bands: Count = "auto",
+    strips: Count = "auto",
+    motion: Motion = "rotation",
+) -> PsfBank:
+    """Return the PSFs that :func:`deblur` would undo, without a picture.
+
+    Parameters and errors are those of :func:`deblur`.
+    """
+    shot, quarter = _upright_shot(log, camera, exposure)
+    bank = _bank(shot, mode, bands, strips, motion)
+    return bank.turned(camera.height) if quarter else bank
+
+
+def _bank(shot: Shot, mode: Mode, bands: Count, strips: Count, motion: Motion) -> PsfBank:
+    _validate.choice("mode", mode, MODES)
+    _validate.choice("motion", motion, MOTIONS)
+    height, width = shot.camera.height, shot.camera.width
+    wanted = {
+        name: n if n == "auto" else _validate.count(name, n) for name, n in (("bands", bands), ("strips", strips))
+    }
+    if mode == "global":
+        wanted = {"bands": 1, "strips": 1}
+    elif "auto" in wanted.values():
+        down, across = path_curvature(shot, motion=motion)
+        limits = {"bands": (down, min(MOST_BANDS, height)), "strips": (across, min(MOST_STRIPS, width))}
+        for name, (curvature, most) in limits.items():
+            if wanted[name] == "auto":
+                wanted[name] = int(np.clip(np.ceil(np.sqrt(curvature / (8 * PATH_ERROR))), 1, most))
+    rows, cols = tile_centres(int(wanted["bands"]), height), tile_centres(int(wanted["strips"]), width)
+    paths = BlurPaths.from_shot(shot, rows, cols, motion=motion)
+    _check_reach(paths, height, width)
+    return PsfBank.from_paths(paths)
+
+
+def _check_reach(paths: BlurPaths, height: int, width: int) -> None:
+    down, across = paths.extent
+    if 2 * down + 1 > height or 2 * across + 1 > width:
+        raise InputError(
+            f"the blur reaches {across:.0f} px sideways and {down:.0f} px up and down from its centre, more than "
+            f"the picture of {width}x{height} px can hold; are the rates in rad/s, the focal length in px, times in s?"
+        )
+
+
+def _upright_shot(log: GyroLog, camera: Camera, exposure: Exposure) -> tuple[Shot, bool]:
+    """Return the shot with its readout along y, and whether the picture has to be turned for that."""
+    quarter = camera.horizontal_readout
+    return Shot.from_log(log, camera.turned() if quarter else camera, exposure), quarter
+
+
+def _values(image: ArrayLike) -> tuple[NDArray[np.float32], bool]:
+    """Return the picture as finite float32 (H, W, C), and whether it came as integers."""
+    array: NDArray[Any] = np.asarray(image)
+    if array.ndim not in (2, 3) or array.size == 0 or (array.ndim == 3 and array.shape[2] > 4):
+        raise InputError(f"image must have shape (H, W) or (H, W, C) with C from 1 to 4, got {array.shape}")
+    integer = array.dtype in (np.uint8, np.uint16)
+    if not integer and not np.issubdtype(array.dtype, np.floating):
+        raise InputError(f"image must be uint8, uint16 or float, got {array.dtype}")
+    values = array.astype(np.float32)
+    if integer:
+        values /= np.iinfo(array.dtype).max
+    elif not np.isfinite(values).all():
+        raise InputError("image must be finite")
+    return values if values.ndim == 3 else values[:, :, None], integer
+
+
+def _split_alpha(values: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    if values.shape[2] in (2, 4):
+        return values[:, :, :-1], values[:, :, -1:]
+    return values, None
+
+
+def _check_size(shape: tuple[int, ...], camera: Camera) -> None:
+    height, width = shape[:2]
+    if (height, width) == (camera.height, camera.width):
+        return
+    if (height, width) == (camera.width, camera.height):
+        hint = "it is turned by a quarter; turn the picture or describe the camera as the picture is stored"
+    elif abs(width * camera.height - height * camera.width) <= max(width, camera.width):
+        hint = f"if it was resized, use camera.scaled({width / camera.width:.6g})"
+    else:
+        hint = "if it was cut out, use camera.cropped(left, top, width, height)"
+    raise InputError(
+        f"the picture is {width}x{height} px but the camera's is {camera.width}x{camera.height} px; {hint}"
+    )
+
+
+class _Clock:
+    """Times the stages and reports progress."""
+
+    def __init__(self, progress: Progress | None) -> None:
+        self.timings: dict[str, float] = {}
+        self._progress = progress
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        self._tell(name, 0.0)
+        yield
+        self._tell(name, 1.0)
+        self.timings[name] = time.perf_counter() - begin
+
+    def within(self, name: str) -> Callable[[float], None]:
+        return lambda fraction: self._tell(name, fraction)
+
+    def _tell(self, name: str, fraction: float) -> None:
+        if self._progress is not None:
+            self._progress(name, fraction)

@@ -1,0 +1,75 @@
+"""A small capture as a user has it: files in a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from PIL import Image
+
+from rsdeblur.camera import Camera
+from rsdeblur.cli import main
+
+WIDTH, HEIGHT = 96, 72
+START, DURATION = 0.2, 0.04
+FRAMES = (START, 0.3, 5.0)  # s; the last one lies beyond the log
+
+
+class Files(NamedTuple):
+    """Paths of the photo and what belongs to it."""
+
+    photo: Path
+    gyro: Path
+    camera: Path
+    captures: Path
+
+    @property
+    def sources(self) -> list[str]:
+        """Options that name the log and the camera."""
+        return ["--gyro", str(self.gyro), "--camera", str(self.camera)]
+
+    @property
+    def recording(self) -> list[str]:
+        """Options that name the log, the camera and the exposure."""
+        return [*self.sources, "--start", str(START), "--duration", str(DURATION)]
+
+    def samples(self) -> np.ndarray:
+        """Columns t (s), wx, wy, wz (rad/s) of the log."""
+        return np.loadtxt(self.gyro, delimiter=",", skiprows=1)
+
+    def write_gyro(self, samples: np.ndarray) -> None:
+        """Replace the log."""
+        np.savetxt(self.gyro, samples, "%.6f", ",", header="t,wx,wy,wz", comments="")
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Files:
+    """Write a noise picture, half a second of a swinging log, its camera and a capture file."""
+    files = Files(*(tmp_path / name for name in ("photo.png", "gyro.csv", "camera.toml", "frames.csv")))
+    pixels = np.random.default_rng(0).integers(60, 200, (HEIGHT, WIDTH, 3)).astype(np.uint8)
+    Image.fromarray(pixels).save(files.photo)
+    t = np.arange(0.0, 0.5, 0.005)
+    files.write_gyro(np.column_stack([t, np.sin(20 * t), 0.8 * np.cos(9 * t), 0.1 + 0 * t]))
+    Camera(WIDTH, HEIGHT, 110.0, readout=0.03).save(files.camera)
+    header = (
+        "Timestamp[nanosec],fx[px],fy[px],Frame No.,Exposure time[nanosec],Sensor frame duration[nanosec],"
+        "Frame readout time[nanosec],ISO,Focal length,Focus distance,AF mode"
+    )
+    rows = [f"{round(t * 1e9)},110,110,{i},{round(DURATION * 1e9)},1,1,1,1,1,1" for i, t in enumerate(FRAMES)]
+    files.captures.write_text("\n".join([header, *rows]) + "\n")
+    return files
+
+
+def run_command(*arguments: object) -> Result:
+    """Run the command line; a bug's traceback fails the test."""
+    return CliRunner().invoke(main, [str(argument) for argument in arguments], catch_exceptions=False)
+
+
+@pytest.fixture
+def run() -> Callable[..., Result]:
+    """Return the function that runs the command line."""
+    return run_command

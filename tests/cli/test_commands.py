@@ -1,0 +1,186 @@
+"""Each command does its work on small files."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import tifffile
+from click.testing import Result
+from PIL import Image
+
+from rsdeblur.psf import PsfBank
+
+if TYPE_CHECKING:
+    from conftest import Files
+
+    Run = Callable[..., Result]
+
+WIDTH, HEIGHT = 96, 72
+START, DURATION = 0.2, 0.04
+
+
+def test_deblur_writes_the_picture_and_one_line(run: Run, files: Files, tmp_path: Path) -> None:
+    out = tmp_path / "sharp.png"
+    result = run("deblur", files.photo, *files.recording, "-o", out)
+    assert result.exit_code == 0, result.stderr
+    assert result.stderr == ""
+    assert len(result.stdout.splitlines()) == 1
+    assert "banded" in result.stdout
+    with Image.open(out) as picture:
+        assert picture.size == (WIDTH, HEIGHT)
+
+
+def test_deblur_modes_and_captures_agree_with_explicit_times(run: Run, files: Files, tmp_path: Path) -> None:
+    by_time, by_stamp, by_capture = (tmp_path / f"{name}.png" for name in "abc")
+    start_ns = round(START * 1e9)
+    common = ["deblur", files.photo, *files.sources, "--mode", "global"]
+    run(*common, "--start", START, "--duration", "1/25", "-o", by_time)
+    run(*common, "--start-ns", start_ns, "--duration", "40ms", "-o", by_stamp)
+    run(*common, "--capture", files.captures, "--index", 0, "-o", by_capture)
+    assert by_time.read_bytes() == by_stamp.read_bytes() == by_capture.read_bytes()
+
+
+def test_overrides_reach_the_computation(run: Run, files: Files) -> None:
+    common = ["psf", *files.sources, "--duration", DURATION, "--bands", 4, "--strips", 1, "--json"]
+    plain = json.loads(run(*common, "--start", START).stdout)
+    moved = json.loads(run(*common, "--start", START + 0.1, "--time-offset", 0.1).stdout)
+    still = json.loads(run(*common, "--start", START, "--readout", 0).stdout)
+    # A log and an exposure moved alike give the same paths, up to the rounding of times.
+    assert moved["path_px"]["longest"] == pytest.approx(plain["path_px"]["longest"], rel=1e-6)
+    assert still["path_px"]["longest"] != pytest.approx(plain["path_px"]["longest"], rel=1e-3)
+
+
+def test_deblur_json(run: Run, files: Files, tmp_path: Path) -> None:
+    result = run(
+        "deblur", files.photo, *files.recording, "--bands", 3, "--strips", 2, "--json", "-o", tmp_path / "o.png"
+    )
+    report = json.loads(result.stdout)
+    assert (report["mode"], report["bands"], report["strips"]) == ("banded", 3, 2)
+    assert report["seconds"] >= sum(report["timings"].values())
+
+
+def test_exif_stays_with_the_picture(run: Run, files: Files, tmp_path: Path) -> None:
+    photo, out = tmp_path / "photo.jpg", tmp_path / "out.jpg"
+    exif = Image.Exif()
+    exif[0x010F] = "Maker"
+    with Image.open(files.photo) as picture:
+        picture.save(photo, exif=exif)
+    assert run("deblur", photo, *files.recording, "--mode", "global", "-o", out).exit_code == 0
+    with Image.open(out) as picture:
+        assert picture.getexif()[0x010F] == "Maker"
+
+
+@pytest.mark.parametrize("shape", [(HEIGHT, WIDTH), (HEIGHT, WIDTH, 4)])
+def test_floats_are_light_and_channels_stay(run: Run, files: Files, tmp_path: Path, shape: tuple[int, ...]) -> None:
+    photo = tmp_path / "photo.tif"
+    light = np.random.default_rng(1).uniform(0.2, 0.7, shape).astype(np.float32)
+    tifffile.imwrite(photo, light, photometric="rgb" if len(shape) == 3 else "minisblack")
+    out = tmp_path / "out"
+    result = run("compare", photo, *files.recording, "--truth", photo, "-o", out)
+    assert result.exit_code == 0, result.stderr
+    assert run("deblur", photo, *files.recording, "--transfer", "linear", "-o", tmp_path / "o.tif").exit_code == 0
+    written = tifffile.imread(out / "banded.tif")
+    assert written.dtype == np.float32
+    np.testing.assert_array_equal(written, tifffile.imread(tmp_path / "o.tif"))
+
+
+def test_compare_writes_everything(run: Run, files: Files, tmp_path: Path) -> None:
+    out = tmp_path / "new" / "out"
+    result = run("compare", files.photo, *files.recording, "--truth", files.photo, "-o", out)
+    assert result.exit_code == 0, result.stderr
+    names = {"global.png", "banded.png", "side-by-side.png", "psfs.png", "compare.json"}
+    assert {path.name for path in out.iterdir()} == names
+    report = json.loads((out / "compare.json").read_text())
+    assert report["size_px"] == [WIDTH, HEIGHT]
+    assert report["blurred"]["ssim"] == pytest.approx(1.0)
+    for mode in ("global", "banded"):
+        found = report["modes"][mode]
+        assert found["psnr_db"] > 5.0
+        assert found["peak_memory_mib"] is None or found["peak_memory_mib"] > 10.0
+        assert mode in result.stdout
+    assert (report["modes"]["global"]["bands"], report["modes"]["global"]["strips"]) == (1, 1)
+
+
+def test_psf_draws_and_saves(run: Run, files: Files, tmp_path: Path) -> None:
+    drawing, bank = tmp_path / "psfs.png", tmp_path / "psfs.npz"
+    result = run(
+        "psf", *files.recording, "--bands", 4, "--strips", 2, "-o", drawing, "--bank", bank,
+        "--picture", files.photo, "--json",
+    )  # fmt: skip
+    assert result.exit_code == 0, result.stderr
+    report = json.loads(result.stdout)
+    loaded = PsfBank.load(bank)
+    assert loaded.kernels.shape[:2] == (report["bands"], report["strips"]) == (4, 2)
+    assert report["psf_px"] == [loaded.size[1], loaded.size[0]]
+    assert 0.0 < report["path_px"]["shortest"] <= report["path_px"]["longest"]
+    with Image.open(drawing) as picture:
+        assert picture.mode == "RGB"
+
+
+@pytest.mark.parametrize("direction", ["top-down", "bottom-up", "left-right", "right-left"])
+def test_psf_path_lengths_for_any_readout(run: Run, files: Files, direction: str) -> None:
+    files.camera.write_text(files.camera.read_text().replace("top-down", direction))
+    report = json.loads(run("psf", *files.recording, "--json").stdout)
+    # About 0.04 s at some 1 rad/s and 110 px.
+    assert 0.5 < report["path_px"]["longest"] < 8.0
+
+
+def test_simulate_writes_three_pictures(run: Run, files: Files, tmp_path: Path) -> None:
+    result = run("simulate", files.photo, *files.recording, "--noise", 0.01, "--bits", 16, "-o", tmp_path / "sim")
+    assert result.exit_code == 0, result.stderr
+    assert {path.name for path in (tmp_path / "sim").iterdir()} == {"blurred.png", "rectified.png", "rolling.png"}
+    with Image.open(files.photo) as sharp, Image.open(tmp_path / "sim" / "rectified.png") as rectified:
+        difference = np.asarray(rectified, dtype=float) - np.asarray(sharp, dtype=float)
+    # The rectified reference is the scene itself; 16 bits read as 8 may round the other way.
+    assert np.abs(difference).max() <= 1.0
+
+
+def test_info_tells_the_kinds_apart(run: Run, files: Files) -> None:
+    result = run("info", *files, "--json")
+    assert result.exit_code == 0, result.stderr
+    picture, gyro, camera, captures = json.loads(result.stdout)
+    assert [picture["kind"], gyro["kind"], camera["kind"], captures["kind"]] == [
+        "picture",
+        "gyro log",
+        "camera",
+        "captures",
+    ]
+    assert picture["size_px"] == [WIDTH, HEIGHT]
+    assert gyro["rate_hz"] == pytest.approx(200.0)
+    assert camera["readout_s"] == 0.03
+    assert captures["count"] == 3
+    text = run("info", *files).stdout
+    assert all(f"{path}: " in text for path in files)
+
+
+def test_info_reports_coverage_and_suspicious_units(run: Run, files: Files) -> None:
+    result = run("info", *files.sources, "--capture", files.captures, "--json")
+    (entry,) = json.loads(result.stdout)
+    states = [exposure["coverage"] for exposure in entry["exposures"]]
+    assert states[:2] == ["covered", "covered"]
+    assert "misses" in states[2]
+    text = files.gyro.read_text().splitlines()
+    degrees = [",".join([line.split(",")[0], "80.0", "0.0", "0.0"]) for line in text[1:]]
+    files.gyro.write_text("\n".join([text[0], *degrees]) + "\n")
+    (entry,) = json.loads(run("info", files.gyro, "--json").stdout)
+    assert "degrees" in " ".join(entry["remarks"])
+
+
+def test_demo_runs_and_its_command_works(run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "demo"
+    result = run("demo", "--size", "160x128", "-o", out)
+    assert result.exit_code == 0, result.stderr
+    report = json.loads((out / "demo.json").read_text())
+    assert report["modes"]["banded"]["psnr_db"] > report["blurred"]["psnr_db"]
+    assert report["command"] in result.stdout
+    program, *arguments = shlex.split(report["command"])
+    assert program == "rsdeblur"
+    again = run(*arguments)
+    assert again.exit_code == 0, again.stderr
+    assert (out / "again.png").read_bytes() == (out / "banded.png").read_bytes()

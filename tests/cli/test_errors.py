@@ -1,0 +1,247 @@
+"""Bad input: exit code 1, one line on stderr that names the file, no traceback, nothing written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from click.testing import Result
+from PIL import Image
+
+from rsdeblur.camera import Camera
+
+if TYPE_CHECKING:
+    from conftest import Files
+
+    Run = Callable[..., Result]
+
+START, DURATION = 0.2, 0.04
+
+
+def refused(result: Result, *words: object) -> None:
+    """Check that a command ended with one line of error that holds `words`."""
+    assert result.exit_code == 1, result.output
+    errors = [line for line in result.stderr.splitlines() if not line.startswith("rsdeblur: warning: ")]
+    assert len(errors) == 1, result.stderr
+    assert errors[0].startswith("rsdeblur: error: ")
+    for word in words:
+        assert str(word) in errors[0]
+
+
+def unsorted(files: Files) -> Path:
+    log = files.samples()
+    files.write_gyro(np.concatenate([log[50:], log[:50]]))
+    return files.gyro
+
+
+def duplicated(files: Files) -> Path:
+    log = files.samples()
+    files.write_gyro(np.repeat(log, 2, axis=0))
+    return files.gyro
+
+
+def not_a_number(files: Files) -> Path:
+    log = files.samples()
+    log[45, 2] = np.nan
+    files.write_gyro(log)
+    return files.gyro
+
+
+def infinite(files: Files) -> Path:
+    log = files.samples()
+    log[45, 1] = np.inf
+    files.write_gyro(log)
+    return files.gyro
+
+
+def gap(files: Files) -> Path:
+    log = files.samples()
+    files.write_gyro(np.concatenate([log[:44], log[50:]]))
+    return files.gyro
+
+
+def short_log(files: Files) -> Path:
+    log = files.samples()
+    files.write_gyro(log[:46])
+    return files.gyro
+
+
+def late_log(files: Files) -> Path:
+    log = files.samples()
+    files.write_gyro(log[42:])
+    return files.gyro
+
+
+def other_clock(files: Files) -> Path:
+    log = files.samples()
+    log[:, 0] += 5000.0
+    files.write_gyro(log)
+    return files.gyro
+
+
+def empty_log(files: Files) -> Path:
+    files.gyro.write_bytes(b"")
+    return files.gyro
+
+
+def binary_log(files: Files) -> Path:
+    files.gyro.write_bytes(bytes(range(256)) * 8)
+    return files.gyro
+
+
+def truncated_log(files: Files) -> Path:
+    files.gyro.write_text(files.gyro.read_text()[:-12])
+    return files.gyro
+
+
+def missing_log(files: Files) -> Path:
+    files.gyro.unlink()
+    return files.gyro
+
+
+def no_picture(files: Files) -> Path:
+    files.photo.write_text("this is no picture\n")
+    return files.photo
+
+
+def truncated_picture(files: Files) -> Path:
+    files.photo.write_bytes(files.photo.read_bytes()[:2000])
+    return files.photo
+
+
+def missing_picture(files: Files) -> Path:
+    files.photo.unlink()
+    return files.photo
+
+
+def other_size(files: Files) -> Path:
+    Image.new("RGB", (80, 72)).save(files.photo)
+    return files.photo
+
+
+def kernel_too_large(files: Files) -> Path:
+    Camera(96, 72, 9000.0, readout=0.03).save(files.camera)
+    return files.photo
+
+
+def broken_camera(files: Files) -> Path:
+    files.camera.write_text("width = 96\nheigth = 72\nfocal = 110\n")
+    return files.camera
+
+
+BAD: dict[Callable[[Files], Path], str] = {
+    unsorted: "",
+    duplicated: "",
+    not_a_number: "",
+    infinite: "",
+    gap: "gap",
+    short_log: "at its end",
+    late_log: "at its start",
+    other_clock: "unrelated clocks",
+    empty_log: "",
+    binary_log: "",
+    truncated_log: "",
+    missing_log: "",
+    no_picture: "",
+    truncated_picture: "",
+    missing_picture: "",
+    other_size: "80x72",
+    kernel_too_large: "kernel",
+    broken_camera: "height",
+}
+
+
+@pytest.mark.parametrize("spoil", BAD, ids=lambda spoil: spoil.__name__)
+def test_bad_files(run: Run, files: Files, tmp_path: Path, spoil: Callable[[Files], Path]) -> None:
+    culprit = spoil(files)
+    out = tmp_path / "out.png"
+    refused(run("deblur", files.photo, *files.recording, "-o", out), culprit, BAD[spoil])
+    assert not out.exists()
+
+
+def test_zero_length_exposure(run: Run, files: Files, tmp_path: Path) -> None:
+    arguments = [*files.sources, "--start", START, "--duration", 0]
+    refused(run("deblur", files.photo, *arguments, "-o", tmp_path / "o.png"), "duration")
+
+
+def test_degrees_warn_in_one_line(run: Run, files: Files, tmp_path: Path) -> None:
+    log = files.samples()
+    log[:, 1:] *= 10.0
+    log[60:, 1] += 60.0
+    files.write_gyro(log)
+    result = run("info", files.gyro, "--gyro", files.gyro, "--camera", files.camera, "--capture", files.captures)
+    assert result.exit_code == 0
+    assert result.stderr.startswith("rsdeblur: warning: ")
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_exposure_must_be_given_once(run: Run, files: Files, tmp_path: Path) -> None:
+    out = tmp_path / "o.png"
+    for options, words in (
+        ([], "--capture"),
+        (["--start", 0.2], "--duration"),
+        (["--index", 1], "--capture"),
+        (["--start", 0.2, "--start-ns", 3, "--duration", 1], "exclude"),
+        (["--capture", files.captures], "--index 0 to 2"),
+    ):
+        result = run("deblur", files.photo, *files.sources, *options, "-o", out)
+        assert result.exit_code == 2
+        assert words in result.stderr
+
+
+def test_capture_out_of_range(run: Run, files: Files, tmp_path: Path) -> None:
+    arguments = [*files.sources, "--capture", files.captures, "--index", 7]
+    refused(run("deblur", files.photo, *arguments, "-o", tmp_path / "o.png"), files.captures, f"holds {3}")
+
+
+def test_nothing_is_overwritten_without_force(run: Run, files: Files, tmp_path: Path) -> None:
+    out = tmp_path / "o.png"
+    out.write_bytes(b"precious")
+    # The photo is missing, so a refusal that names the output came before any reading.
+    refused(run("deblur", tmp_path / "none.png", *files.recording, "-o", out), out, "--force")
+    assert out.read_bytes() == b"precious"
+    assert run("deblur", files.photo, *files.recording, "--force", "-o", out).exit_code == 0
+    assert out.read_bytes() != b"precious"
+
+
+@pytest.mark.parametrize(
+    ("command", "name"), [("compare", "banded.png"), ("simulate", "rolling.png"), ("demo", "demo.json")]
+)
+def test_folders_are_not_overwritten_either(run: Run, files: Files, tmp_path: Path, command: str, name: str) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / name).write_bytes(b"precious")
+    arguments = [] if command == "demo" else [tmp_path / "none.png", *files.recording]
+    refused(run(command, *arguments, "-o", out), out / name, "--force")
+    assert [path.read_bytes() for path in out.iterdir()] == [b"precious"]
+
+
+def test_unwritable_outputs(run: Run, files: Files, tmp_path: Path) -> None:
+    missing = tmp_path / "none" / "o.png"
+    refused(run("deblur", files.photo, *files.recording, "-o", missing), missing)
+    (tmp_path / "file").write_text("")
+    refused(run("compare", files.photo, *files.recording, "-o", tmp_path / "file" / "out"), tmp_path / "file")
+    refused(run("psf", *files.recording, "--bank", tmp_path / "none" / "b.npz"), tmp_path / "none" / "b.npz")
+
+
+def test_truth_of_another_size(run: Run, files: Files, tmp_path: Path) -> None:
+    truth = tmp_path / "truth.png"
+    Image.new("RGB", (80, 72)).save(truth)
+    arguments = [files.photo, *files.recording, "--truth", truth, "-o", tmp_path / "out"]
+    refused(run("compare", *arguments), truth)
+
+
+def test_info_on_what_is_nothing(run: Run, files: Files, tmp_path: Path) -> None:
+    strange = tmp_path / "strange.bin"
+    strange.write_bytes(bytes(range(256)) * 8)
+    refused(run("info", strange), strange)
+    mixed = run("info", strange, files.camera)
+    refused(mixed, strange)
+    assert f"{files.camera}: camera" in mixed.stdout
+    refused(run("info", tmp_path / "none.csv"), tmp_path / "none.csv")
+    assert run("info", "--gyro", files.gyro).exit_code == 2
+    refused(run("simulate", files.photo, *files.sources, "--start", 9, "--duration", DURATION, "-o", tmp_path / "s"),
+            files.gyro)  # fmt: skip

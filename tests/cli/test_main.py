@@ -1,0 +1,82 @@
+"""The command line as a whole: help, lazy imports, exit codes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import get_args
+
+import click
+import pytest
+from click.testing import CliRunner
+
+import rsdeblur.io.pictures
+from rsdeblur import border, motion, pipeline
+from rsdeblur.cli import COMMANDS, compare, main
+
+HEAVY = ("numpy", "scipy", "numba", "pyfftw", "skimage", "PIL", "rich")
+
+
+@pytest.mark.parametrize("arguments", [["--help"], *([name, "--help"] for name in COMMANDS)])
+def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
+    program = (
+        "import sys\n"
+        "from rsdeblur.cli import main\n"
+        f"main({arguments!r}, standalone_mode=False)\n"
+        f"print([name for name in {HEAVY!r} if name in sys.modules], file=sys.stderr)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "[]"
+    assert "rsdeblur" in done.stdout
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_help_has_examples(name: str) -> None:
+    result = CliRunner().invoke(main, [name, "--help"])
+    assert result.exit_code == 0
+    assert f"Examples:\n    rsdeblur {name} " in result.stdout
+
+
+def test_choices_are_those_of_the_library() -> None:
+    command = main.get_command(click.Context(main), "deblur")
+    choices = {option.name: tuple(getattr(option.type, "choices", ())) for option in command.params}
+    assert set(choices["mode"]) == set(pipeline.MODES) == set(compare.MODES)
+    assert set(choices["geometry"]) == set(pipeline.GEOMETRIES)
+    assert set(choices["motion"]) == set(motion.MOTIONS)
+    assert set(choices["border"]) == set(get_args(border.Border))
+
+
+def test_wrong_usage_exits_with_2() -> None:
+    for arguments in (["unknown"], ["deblur"], ["demo", "--size", "big", "-o", "x"], ["info"]):
+        result = CliRunner().invoke(main, arguments)
+        assert result.exit_code == 2, arguments
+        assert "Error" in result.stderr
+
+
+def test_version() -> None:
+    result = CliRunner().invoke(main, ["--version"])
+    assert result.exit_code == 0
+    assert result.stdout.startswith("rsdeblur ") or result.stdout.startswith("main ")
+
+
+@pytest.mark.parametrize(
+    ("raised", "code", "said"),
+    [
+        (KeyboardInterrupt(), 130, "rsdeblur: interrupted"),
+        (MemoryError(), 1, "rsdeblur: error: not enough memory"),
+        (PermissionError(13, "Permission denied", "a.png"), 1, "rsdeblur: error: a.png: Permission denied"),
+    ],
+)
+def test_no_traceback(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: object, raised: BaseException, code: int, said: str
+) -> None:
+    def fail(_: object) -> None:
+        raise raised
+
+    monkeypatch.setattr(rsdeblur.io.pictures, "read_picture", fail)
+    picture = f"{tmp_path}/a.png"
+    with open(picture, "wb"):
+        result = CliRunner().invoke(main, ["info", picture])
+    assert result.exit_code == code
+    assert result.stderr.startswith(said)
+    assert len(result.stderr.splitlines()) == 1

@@ -1,0 +1,133 @@
+"""The installation: lazy names, what an import loads, the layer ladder, show_config, the guard of the source folder."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import rsdeblur
+from rsdeblur.errors import InputError
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = Path(rsdeblur.__file__).parent
+
+LADDER = re.findall(r"^    (\w+) +\S", rsdeblur.__doc__, flags=re.MULTILINE)
+MODULES = sorted(set(PACKAGE.rglob("*.py")) - {PACKAGE / "__init__.py", PACKAGE / "_config.py"})
+
+
+def python(code, *options, cwd, **environment):
+    """Run `code` in a fresh interpreter and return the finished process."""
+    command = [sys.executable, *options, "-c", code]
+    return subprocess.run(command, cwd=cwd, env=os.environ | environment, capture_output=True, text=True, check=False)
+
+
+def rung(path):
+    return path.relative_to(PACKAGE).with_suffix("").parts[0]
+
+
+def package_imports(path):
+    """Yield the rungs that a file imports when it is loaded, so not in functions nor for type checking only."""
+    pending = list(ast.parse(path.read_text(encoding="utf-8")).body)
+    while pending:
+        node = pending.pop()
+        if isinstance(node, ast.Import):
+            yield from (alias.name.split(".")[1] for alias in node.names if alias.name.startswith("rsdeblur."))
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            if node.module == "rsdeblur":
+                yield from (alias.name for alias in node.names)
+            elif node.module.startswith("rsdeblur."):
+                yield node.module.split(".")[1]
+        elif isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            pending += node.orelse
+        elif not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            pending += ast.iter_child_nodes(node)
+
+
+def test_every_module_has_a_rung():
+    assert LADDER[:3] == ["errors", "_validate", "_atomic"]
+    assert {rung(path) for path in MODULES} <= set(LADDER)
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_imports_only_from_above(path):
+    here = LADDER.index(rung(path))
+    # What the build made stands above everything.
+    for name in set(package_imports(path)) - {"_config", "_cext"}:
+        assert name in LADDER, f"{path} imports {name} from the package: name its module instead"
+        allowed = LADDER.index(name) < here or name == rung(path)
+        assert allowed, f"{path} imports {name}, which does not stand above {rung(path)}"
+        assert rung(path) != "kernels" or name in {"errors", "kernels"}, f"{path} imports {name}"
+
+
+def test_only_fft_imports_pyfftw():
+    importers = {path.name for path in MODULES if re.search(r"^(import|from) pyfftw", path.read_text(), re.MULTILINE)}
+    assert importers <= {"fft.py"}
+
+
+def test_import_is_light(tmp_path):
+    code = "import rsdeblur, sys; print([m for m in ('numba', 'scipy', 'pyfftw', 'skimage') if m in sys.modules])"
+    process = python(code, cwd=tmp_path)
+    assert (process.stdout.strip(), process.stderr) == ("[]", "")
+
+
+def test_public_names_resolve():
+    for name in rsdeblur.__all__:
+        assert getattr(rsdeblur, name) is not None
+    assert set(rsdeblur.__all__) > {"deblur", "simulate", "GyroLog", "Camera", "RsdeblurError", "__version__"}
+
+
+def test_a_function_named_like_its_module_stays_a_function(tmp_path):
+    process = python("import rsdeblur.simulate, rsdeblur; assert callable(rsdeblur.simulate)", cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
+
+
+def test_show_config_prints_what_it_returns(capsys):
+    facts = rsdeblur.show_config(mode="dict")
+    assert facts["rsdeblur"] == rsdeblur.__version__
+    assert rsdeblur.show_config() is None
+    printed = capsys.readouterr().out
+    assert all(value in printed for value in facts.values())
+    with pytest.raises(InputError, match="mode must be one of"):
+        rsdeblur.show_config(mode="html")
+
+
+def test_the_environment_turns_the_extension_off(tmp_path):
+    code = """
+import rsdeblur
+from rsdeblur.kernels import spectral
+assert spectral.multiply is spectral.multiply_numpy and spectral.blend is spectral.blend_numpy
+print(rsdeblur.show_config(mode="dict")["cext"])
+"""
+    process = python(code, cwd=tmp_path, RSDEBLUR_PURE="1")
+    assert process.stdout.startswith("not in use (the environment variable RSDEBLUR_PURE is set)"), process.stderr
+
+
+def test_the_build_knows_every_subpackage():
+    listed = re.search(r"^foreach package : (.*)$", (ROOT / "meson.build").read_text(), flags=re.MULTILINE)
+    assert ast.literal_eval(listed[1]) == sorted(path.parent.name for path in ROOT.glob("rsdeblur/*/__init__.py"))
+
+
+def test_the_bare_source_folder_says_what_to_do():
+    # -S: no site-packages, so neither an editable install nor an installed copy can answer.
+    process = python("import rsdeblur", "-S", cwd=ROOT, PYTHONSAFEPATH="")
+    assert process.returncode == 1
+    assert "ImportError: rsdeblur was imported from its source folder" in process.stderr
+    assert "pip install" in process.stderr
+
+
+def test_benchmarks_prefer_the_installed_package():
+    code = """
+import sys
+sys.path.insert(0, ".")
+import benchmarks, rsdeblur
+print(rsdeblur.__version__)
+"""
+    process = python(code, cwd=ROOT)
+    assert process.stdout.strip() == rsdeblur.__version__, process.stderr

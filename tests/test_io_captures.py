@@ -1,0 +1,90 @@
+"""Captures and camera files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rsdeblur.camera import Camera
+from rsdeblur.errors import FileFormatError
+from rsdeblur.exposure import Exposure
+from rsdeblur.io import read_camera, read_captures
+
+STAMP = 1_766_385_749_427_863_801
+ANDROID = (
+    "Timestamp[nanosec],fx[px],fy[px],Frame No.,Exposure time[nanosec],Sensor frame duration[nanosec],"
+    "Frame readout time[nanosec],ISO,Focal length,Focus distance,AF mode"
+)
+IOS = "Timestamp[nanosec], fx[px], fy[px], cx[px], cy[px], exposure duration[nanosec]"
+FILES = {
+    "android": f"{ANDROID}\n{STAMP},null,null,170,240000000,null,null,100,4.71,1.6,1\n{STAMP + 7},1,1,2,20000000,1\n",
+    "ios": f"{IOS}\n{STAMP}, 1500.1, 1500.1, 960, 540, 240000000\n{STAMP + 7}, null, null, null, null, 20000000\n",
+    "deepgyro": f"# stamps\n{STAMP} 240000000\n{STAMP + 7} 20000000\n",
+}
+
+
+@pytest.mark.parametrize("text", FILES.values(), ids=FILES)
+def test_formats(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "captures.txt"
+    path.write_text(text)
+    assert read_captures(path) == [Exposure(0.0, 0.24, STAMP), Exposure(0.0, 0.02, STAMP + 7)]
+
+
+FAULTS = {
+    "null stamp": (f"{ANDROID}\nnull,1,1,1,5000000,1,1\n", 2, "stamp 'null' is not a finite number"),
+    "null exposure": (f"{ANDROID}\n1,1,1,1,5000000\n2,1,1,1,null\n", 3, "'null' in column 5 is not a number"),
+    "zero exposure": (f"{IOS}\n1,1,1,1,1,5000000\n2,1,1,1,1,0\n", 3, "impossible exposure time of 0 ns"),
+    "negative exposure": ("1 100\n2 -100\n", 2, "impossible exposure time of -100 ns"),
+    "too few columns": ("1 100\n2\n3 100\n", 2, "too few columns: 1 found, at least 2"),
+    "cut off": ("1 100\n2", 2, "cut off"),
+    "nan": ("1 100\n2 nan\n", 2, "not finite"),
+    "beyond int64": (f"1 100\n{2**64} 100\n", 2, "beyond the int64 range"),
+    "unknown": ("a b c\n", 1, "unknown capture file format, .*; known formats: mars .*deepgyro"),
+    "gyro log": ("1 0.1 0.2 0.3\n", 1, "unknown capture file format"),
+}
+
+
+@pytest.mark.parametrize(("text", "line", "message"), FAULTS.values(), ids=FAULTS)
+def test_faults_name_the_file_and_the_line(tmp_path: Path, text: str, line: int, message: str) -> None:
+    path = tmp_path / "captures.txt"
+    path.write_text(text)
+    with pytest.raises(FileFormatError, match=rf"captures\.txt, line {line}: .*{message}"):
+        read_captures(path)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"), [(b"", "empty"), (b"\x89PNG\0", "binary"), (ANDROID.encode(), "no samples"), (None, "No such")]
+)
+def test_faults_of_the_whole_file_name_it(tmp_path: Path, data: bytes | None, message: str) -> None:
+    path = tmp_path / "captures.txt"
+    if data is not None:
+        path.write_bytes(data)
+    with pytest.raises(FileFormatError, match=rf"captures\.txt: .*{message}"):
+        read_captures(path)
+
+
+def test_real_captures(data_dir: Path) -> None:
+    mars = read_captures(data_dir / "real/mars-phone-240ms/movie_metadata.csv")
+    burst = read_captures(data_dir / "real/shield-burst/images/images.txt")
+    assert (len(mars), len(burst)) == (10, 7)
+    assert mars[0] == Exposure(0.0, 0.24, 1_560_201_774_322)
+    assert burst[-1] == Exposure(0.0, 0.02, 767_900_977_000)
+
+
+def test_read_camera_reads_what_save_wrote(tmp_path: Path) -> None:
+    camera = Camera(1080, 1920, 1500.0, readout=0.0056, imu_to_camera=np.diag([1.0, -1.0, -1.0]), time_offset=-0.01)
+    camera.save(tmp_path / "phone.toml")
+    again = read_camera(tmp_path / "phone.toml")
+    assert (again.width, again.height, again.focal, again.principal) == (1080, 1920, (1500.0, 1500.0), (539.5, 959.5))
+    assert (again.readout, again.readout_direction, again.time_offset) == (0.0056, "top-down", -0.01)
+    np.testing.assert_array_equal(again.imu_to_camera, camera.imu_to_camera)
+
+
+def test_read_camera_refuses_what_is_no_camera(tmp_path: Path) -> None:
+    (tmp_path / "phone.toml").write_text("width = 1080\nheight = 1920\nfocal = 1500\nread_out = 0.0056\n")
+    with pytest.raises(FileFormatError, match=r"phone\.toml: unknown key 'read_out'; did you mean 'readout'"):
+        read_camera(tmp_path / "phone.toml")
+    with pytest.raises(FileFormatError, match=r"none\.toml"):
+        read_camera(tmp_path / "none.toml")
