@@ -113,27 +113,25 @@ static PyObject *multiply(PyObject *module, PyObject *args, PyObject *kwargs)
     return result;
 }
 
-static PyObject *blend_views(Py_buffer *accumulator, Py_buffer *slab, Py_buffer *weights, Py_ssize_t to_row,
-                             Py_ssize_t from_row)
+static PyObject *blend_views(Py_buffer *accumulator, Py_buffer *slab, Py_buffer *weights, Py_ssize_t to_position,
+                             Py_ssize_t from_position)
 {
-    const Py_ssize_t rows = weights->shape[0], row_floats = 2 * slab->shape[2];
-    const Py_ssize_t accumulator_rows = accumulator->shape[1], slab_rows = slab->shape[1];
+    const Py_ssize_t n = weights->shape[0], accumulator_length = accumulator->shape[2], slab_length = slab->shape[2];
     const char *refusal = NULL;
     rsd_status status = RSD_OK;
-    if (accumulator->shape[0] != slab->shape[0] || accumulator->shape[2] != slab->shape[2])
+    if (accumulator->shape[0] != slab->shape[0] || accumulator->shape[1] != slab->shape[1])
         refusal = "accumulator and slab must have the same channels and columns";
-    else if (to_row < 0 || rows > accumulator_rows || to_row > accumulator_rows - rows)
-        refusal = "the rows from to_row on must lie within accumulator";
-    else if (from_row < 0 || rows > slab_rows || from_row > slab_rows - rows)
-        refusal = "the rows from from_row on must lie within slab";
+    else if (to_position < 0 || n > accumulator_length || to_position > accumulator_length - n)
+        refusal = "the positions from to_position on must lie within accumulator";
+    else if (from_position < 0 || n > slab_length || from_position > slab_length - n)
+        refusal = "the positions from from_position on must lie within slab";
     else if (overlap(accumulator, slab) || overlap(accumulator, weights))
         refusal = "accumulator must not overlap slab or weights";
     else {
         Py_BEGIN_ALLOW_THREADS
-        status = rsd_blend_rows((float *)accumulator->buf + to_row * row_floats,
-                                (const float *)slab->buf + from_row * row_floats, weights->buf,
-                                (size_t)slab->shape[0], (size_t)rows, (size_t)row_floats,
-                                (size_t)(accumulator_rows * row_floats), (size_t)(slab_rows * row_floats));
+        status = rsd_blend_lines((float *)accumulator->buf + 2 * to_position, (const float *)slab->buf + 2 * from_position,
+                                 weights->buf, (size_t)(slab->shape[0] * slab->shape[1]), (size_t)n,
+                                 (size_t)accumulator_length, (size_t)slab_length);
         Py_END_ALLOW_THREADS
     }
     return conclude(refusal, status);
@@ -141,19 +139,19 @@ static PyObject *blend_views(Py_buffer *accumulator, Py_buffer *slab, Py_buffer 
 
 static PyObject *blend(PyObject *module, PyObject *args, PyObject *kwargs)
 {
-    static char *names[] = {"accumulator", "slab", "weights", "to_row", "from_row", NULL};
+    static char *names[] = {"accumulator", "slab", "weights", "to_position", "from_position", NULL};
     PyObject *accumulator_object, *slab_object, *weights_object, *result = NULL;
     Py_buffer accumulator, slab, weights;
-    Py_ssize_t to_row, from_row;
+    Py_ssize_t to_position, from_position;
     (void)module;
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOO$nn:blend", names, &accumulator_object, &slab_object,
-                                     &weights_object, &to_row, &from_row))
+                                     &weights_object, &to_position, &from_position))
         return NULL;
     if (!acquire(accumulator_object, &accumulator, (wanted){"accumulator", COMPLEX64, 3, true}))
         return NULL;
     if (acquire(slab_object, &slab, (wanted){"slab", COMPLEX64, 3, false})) {
         if (acquire(weights_object, &weights, (wanted){"weights", FLOAT32, 1, false})) {
-            result = blend_views(&accumulator, &slab, &weights, to_row, from_row);
+            result = blend_views(&accumulator, &slab, &weights, to_position, from_position);
             PyBuffer_Release(&weights);
         }
         PyBuffer_Release(&slab);
@@ -168,7 +166,7 @@ static int add_constants(PyObject *module)
 }
 
 PyDoc_STRVAR(multiply_doc, "multiply(spectra, transfer)\n--\n\nSee rsdeblur.kernels.spectral.multiply_numpy.");
-PyDoc_STRVAR(blend_doc, "blend(accumulator, slab, weights, *, to_row, from_row)\n--\n\n"
+PyDoc_STRVAR(blend_doc, "blend(accumulator, slab, weights, *, to_position, from_position)\n--\n\n"
                         "See rsdeblur.kernels.spectral.blend_numpy.");
 
 /* C99 has no other way to store a function with keyword arguments in a PyCFunction. */

@@ -16,7 +16,7 @@
 typedef enum {
     RSD_OK = 0,
     RSD_NULL = 1, /* a pointer is null although its array is not empty */
-    RSD_SIZE = 2  /* a size overflows, or a stride is shorter than the rows it spans */
+    RSD_SIZE = 2  /* a size overflows, or a stride is shorter than the line it spans */
 } rsd_status;
 
 /* One line of English for a status; never null, static memory. */
@@ -34,14 +34,13 @@ const char *rsd_simd_level(void);
 rsd_status rsd_spectral_multiply(float *spectra, const float *filter, size_t channels, size_t n);
 
 /*
- * Add weighted rows of a slab to an accumulator: accumulator[c, i, :] += weights[i] * slab[c, i, :].
+ * Add weighted lines of a slab to an accumulator: accumulator[l, i] += weights[i] * slab[l, i].
  *
- * accumulator  the first row to change in channel 0; channel c starts c * accumulator_stride floats further
- * slab         the first row to read in channel 0; channel c starts c * slab_stride floats further
- * weights      rows floats
- * row_floats   floats per row (twice the number of complex values), also the distance between rows
+ * accumulator  the first complex value to change in line 0; line l starts l * accumulator_stride complex values further
+ * slab         the first complex value to read in line 0; line l starts l * slab_stride complex values further
+ * weights      n floats
  */
-rsd_status rsd_blend_rows(float *accumulator, const float *slab, const float *weights, size_t channels, size_t rows,
-                          size_t row_floats, size_t accumulator_stride, size_t slab_stride);
+rsd_status rsd_blend_lines(float *accumulator, const float *slab, const float *weights, size_t lines, size_t n,
+                           size_t accumulator_stride, size_t slab_stride);
 
 #endif

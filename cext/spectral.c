@@ -18,7 +18,7 @@ const char *rsd_status_message(rsd_status status)
     case RSD_NULL:
         return "null pointer for an array that is not empty";
     case RSD_SIZE:
-        return "a size overflows, or a stride is shorter than the rows it spans";
+        return "a size overflows, or a stride is shorter than the line it spans";
     }
     return "unknown status";
 }
@@ -65,27 +65,27 @@ rsd_status rsd_spectral_multiply(float *spectra, const float *filter, size_t cha
 }
 
 RSD_CLONES
-static void add_scaled(float *restrict accumulator, const float *restrict row, float weight, size_t n)
+static void add_weighted(float *restrict accumulator, const float *restrict line, const float *restrict weights, size_t n)
 {
-    for (size_t i = 0; i < n; i++)
-        accumulator[i] += weight * row[i];
+    for (size_t i = 0; i < n; i++) {
+        accumulator[2 * i] += weights[i] * line[2 * i];
+        accumulator[2 * i + 1] += weights[i] * line[2 * i + 1];
+    }
 }
 
-rsd_status rsd_blend_rows(float *accumulator, const float *slab, const float *weights, size_t channels, size_t rows,
-                          size_t row_floats, size_t accumulator_stride, size_t slab_stride)
+rsd_status rsd_blend_lines(float *accumulator, const float *slab, const float *weights, size_t lines, size_t n,
+                           size_t accumulator_stride, size_t slab_stride)
 {
-    if (channels == 0 || rows == 0 || row_floats == 0)
+    if (lines == 0 || n == 0)
         return RSD_OK;
     if (accumulator == NULL || slab == NULL || weights == NULL)
         return RSD_NULL;
-    if (!addressable(rows, row_floats) || !addressable(channels, accumulator_stride) ||
-        !addressable(channels, slab_stride))
+    if (n > PTRDIFF_MAX / 2 || accumulator_stride > PTRDIFF_MAX / 2 || slab_stride > PTRDIFF_MAX / 2 ||
+        !addressable(lines, 2 * accumulator_stride) || !addressable(lines, 2 * slab_stride))
         return RSD_SIZE;
-    if (channels > 1 && (accumulator_stride < rows * row_floats || slab_stride < rows * row_floats))
+    if (lines > 1 && (accumulator_stride < n || slab_stride < n))
         return RSD_SIZE;
-    for (size_t c = 0; c < channels; c++)
-        for (size_t i = 0; i < rows; i++)
-            add_scaled(accumulator + c * accumulator_stride + i * row_floats, slab + c * slab_stride + i * row_floats,
-                       weights[i], row_floats);
+    for (size_t l = 0; l < lines; l++)
+        add_weighted(accumulator + 2 * l * accumulator_stride, slab + 2 * l * slab_stride, weights, n);
     return RSD_OK;
 }

@@ -16,6 +16,7 @@ stands above it in this ladder::
     fft         the only importer of pyFFTW
     tiling      bands and strips, windows that sum to one
     border      what stands beyond the frame
+    hybrid      rows and columns: the engine of all modes
     wiener      Deconvolver: planned once, applied often
     transfer    linear light and sRGB
     geometry    turning pictures for horizontal readout

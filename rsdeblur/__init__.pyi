@@ -14,8 +14,10 @@ from .io import read_camera as read_camera
 from .io import read_captures as read_captures
 from .io import read_gyro as read_gyro
 from .motion import BlurPaths as BlurPaths
+from .motion import Shot as Shot
 from .pipeline import DeblurResult as DeblurResult
 from .pipeline import deblur as deblur
+from .pipeline import psfs as psfs
 from .psf import PsfBank as PsfBank
 from .simulate import Simulation as Simulation
 from .simulate import simulate as simulate

@@ -12,6 +12,25 @@ from typing import BinaryIO
 from rsdeblur.errors import OutputError
 
 
+def check_target(path: str | os.PathLike[str], *, force: bool) -> None:
+    """Check cheaply that `atomic_write` may write `path`, before the work whose result is to go there.
+
+    Raises
+    ------
+    OutputError
+        If the folder is missing or not writable, `path` is a folder, or it exists and `force` is not set.
+    """
+    target = Path(path)
+    if target.is_dir():
+        raise OutputError(f"{target}: cannot write the file: a folder has this name")
+    if target.exists() and not force:
+        raise OutputError(f"{target}: the file exists; use force (--force) to replace it, or give another name")
+    if not target.parent.is_dir():
+        raise OutputError(f"{target}: cannot write the file: there is no folder {target.parent}")
+    if not os.access(target.parent, os.W_OK):
+        raise OutputError(f"{target}: cannot write the file: the folder {target.parent} is not writable")
+
+
 @contextmanager
 def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """Open a temporary file beside `path`; on success it replaces `path`, on any failure it vanishes.

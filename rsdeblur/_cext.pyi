@@ -11,6 +11,6 @@ def blend(
     slab: NDArray[np.complex64],
     weights: NDArray[np.float32],
     *,
-    to_row: int,
-    from_row: int,
+    to_position: int,
+    from_position: int,
 ) -> None: ...

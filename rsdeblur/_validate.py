@@ -19,6 +19,8 @@ def finite(name: str, value: float, *, minimum: float | None = None, above: floa
         number = float(value)
     except (TypeError, ValueError):
         raise InputError(f"{name} must be a number, got {value!r}") from None
+    except OverflowError:
+        raise InputError(f"{name} is too large for a number") from None
     if not np.isfinite(number):
         raise InputError(f"{name} must be finite, got {number}")
     if minimum is not None and number < minimum:
@@ -37,6 +39,14 @@ def count(name: str, value: Any, *, minimum: int = 1) -> int:
     return int(value)
 
 
+def stamp(name: str, value: Any) -> int:
+    """Return `value` as an int; it must be a whole number of nanoseconds that fits into 64 bits."""
+    number = count(name, value, minimum=-(2**63))
+    if number >= 2**63:
+        raise InputError(f"{name} must be nanoseconds in 64 bits, got a number of {number.bit_length()} bits")
+    return number
+
+
 def choice(name: str, value: object, allowed: Collection[str]) -> str:
     """Return `value` if it is one of `allowed`."""
     if not isinstance(value, str) or value not in allowed:
@@ -44,16 +54,17 @@ def choice(name: str, value: object, allowed: Collection[str]) -> str:
     return value
 
 
-def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
-    """Return a read-only float64 copy of `value`; `None` in `shape` stands for any length."""
+def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...] | None = None) -> FloatArray:
+    """Return a read-only, finite float64 copy of `value`; `None` in `shape` stands for any length."""
     try:
+        if np.iscomplexobj(value):
+            raise TypeError("it is complex")
         array = np.array(value, dtype=np.float64, order="C")
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} must be an array of real numbers: {error}") from None
-    fits = array.ndim == len(shape) and all(
-        want is None or want == got for want, got in zip(shape, array.shape, strict=True)
-    )
-    if not fits:
+    if shape is not None and (
+        array.ndim != len(shape) or any(want not in (None, got) for want, got in zip(shape, array.shape, strict=True))
+    ):
         wanted = ", ".join("n" if want is None else str(want) for want in shape)
         raise InputError(f"{name} must have shape ({wanted}), got {array.shape}")
     bad = np.argwhere(~np.isfinite(array))

@@ -221,7 +221,7 @@ class Camera:
 
 
 def _focal(value: Any) -> tuple[float, float]:
-    pair = value if np.ndim(value) else (value, value)
+    pair: Any = (value, value) if isinstance(value, (int, float, np.number)) else value
     fx, fy = _validate.real_array("focal", pair, (2,))
     if min(fx, fy) <= 0:
         raise InputError(f"focal must be positive px, got ({fx:g}, {fy:g})")

@@ -38,7 +38,7 @@ class Exposure:
     def __post_init__(self) -> None:
         object.__setattr__(self, "start", _validate.finite("start", self.start))
         object.__setattr__(self, "duration", _validate.finite("duration", self.duration, above=0.0))
-        object.__setattr__(self, "epoch_ns", _validate.count("epoch_ns", self.epoch_ns, minimum=-(2**63)))
+        object.__setattr__(self, "epoch_ns", _validate.stamp("epoch_ns", self.epoch_ns))
 
     def shifted(self, dt: float) -> Exposure:
         """Return the exposure `dt` seconds later."""
@@ -60,7 +60,7 @@ class Exposure:
         opens, closes : ndarray
             Times in s relative to `epoch_ns`, shaped like `rows`.
         """
-        order = camera.reading_order(np.asarray(rows, dtype=np.float64))
+        order = camera.reading_order(_validate.real_array("rows", rows))
         opens: FloatArray = self.start + camera.readout * order / camera.lines
         return opens, opens + self.duration
 

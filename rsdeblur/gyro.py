@@ -7,7 +7,7 @@ camera axes and camera time: `C(t)`, camera-from-world, with `dC/dt = -[omega]x 
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -75,7 +75,7 @@ class GyroLog:
             )
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "omega", omega)
-        object.__setattr__(self, "epoch_ns", _validate.count("epoch_ns", self.epoch_ns, minimum=-(2**63)))
+        object.__setattr__(self, "epoch_ns", _validate.stamp("epoch_ns", self.epoch_ns))
         self._warn_if_degrees()
 
     def _warn_if_degrees(self) -> None:
@@ -88,6 +88,16 @@ class GyroLog:
                 RsdeblurWarning,
                 stacklevel=4,
             )
+
+    def _derived(self, **changes: FloatArray | int) -> GyroLog:
+        """Return a changed copy of this valid log without checking, or warning, again."""
+        log = object.__new__(GyroLog)
+        for name in ("t", "omega", "epoch_ns"):
+            value = changes.get(name, getattr(self, name))
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+            object.__setattr__(log, name, value)
+        return log
 
     def __len__(self) -> int:
         return len(self.t)
@@ -110,32 +120,35 @@ class GyroLog:
         ndarray, shape (k, 2)
             Times in s relative to `epoch_ns` of the samples before and after each hole.
         """
+        factor = _validate.finite("factor", factor, above=1.0)
         step = np.diff(self.t)
         (i,) = np.nonzero(step > factor * np.median(step))
         return np.stack([self.t[i], self.t[i + 1]], axis=1)
 
     def shifted(self, dt: float) -> GyroLog:
         """Return the log with `dt` seconds added to every stamp."""
-        return replace(self, t=self.t + _validate.finite("dt", dt))
+        t = self.t + _validate.finite("dt", dt)
+        if (np.diff(t) <= 0).any():
+            raise InputError(f"dt = {dt:g} s is so large that stamps coincide; change epoch_ns instead")
+        return self._derived(t=t)
 
     def trimmed(self, t0: float, t1: float) -> GyroLog:
         """Return the samples from the last one at or before `t0` to the first one at or after `t1`.
 
-        The neighbours outside are kept so that rates interpolate over all of [t0, t1].
+        The neighbours outside are kept so that rates interpolate over all of [t0, t1]; at least two samples remain.
         """
-        if not t1 >= t0:
+        t0, t1 = _validate.finite("t0", t0), _validate.finite("t1", t1)
+        if t1 < t0:
             raise InputError(f"t1 must not be before t0, got t0 = {t0} and t1 = {t1}")
-        first = max(int(np.searchsorted(self.t, t0, side="right")) - 1, 0)
-        last = min(int(np.searchsorted(self.t, t1, side="left")) + 1, len(self))
-        if last - first < 2:
-            raise InputError(
-                f"no samples between {t0} s and {t1} s: the log spans {self.span[0]} s to {self.span[1]} s"
-            )
-        return replace(self, t=self.t[first:last], omega=self.omega[first:last])
+        if t1 < self.t[0] or t0 > self.t[-1]:
+            raise InputError(f"no samples between {t0} s and {t1} s: the log spans {self.t[0]} s to {self.t[-1]} s")
+        first = int(np.clip(np.searchsorted(self.t, t0, side="right") - 1, 0, len(self) - 2))
+        last = int(np.clip(np.searchsorted(self.t, t1, side="left") + 1, first + 2, len(self)))
+        return self._derived(t=self.t[first:last], omega=self.omega[first:last])
 
     def minus_bias(self, b: ArrayLike) -> GyroLog:
         """Return the log with the constant rate `b`, shape (3,) in rad/s, taken off every sample."""
-        return replace(self, omega=self.omega - _validate.real_array("b", b, (3,)))
+        return self._derived(omega=self.omega - _validate.real_array("b", b, (3,)))
 
     def covering(self, t0: float, t1: float, epoch_ns: int) -> GyroLog:
         """Return the samples that describe [t0, t1] (s relative to `epoch_ns`), re-based on that epoch.
@@ -150,7 +163,7 @@ class GyroLog:
             If the log has a hole inside [t0, t1].
         """
         # Epochs differ by exact integers; only the difference becomes a float.
-        log = replace(self, t=self.t + (self.epoch_ns - epoch_ns) * 1e-9, epoch_ns=epoch_ns)
+        log = self._derived(t=self.t + (self.epoch_ns - epoch_ns) * 1e-9, epoch_ns=epoch_ns)
         start, end = log.span
         late, early = start - t0, t1 - end
         if max(late, early) > UNRELATED_CLOCK:

@@ -16,10 +16,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rsdeblur import _validate
 from rsdeblur._validate import FloatArray
 from rsdeblur.camera import Camera
+from rsdeblur.errors import InputError
 from rsdeblur.exposure import Exposure
 from rsdeblur.gyro import GyroLog, OrientationTrack
 
@@ -29,8 +31,9 @@ MOTIONS: tuple[Motion, ...] = ("rotation", "small-angle")
 # Time samples per pixel of path. Segments, not dots, are rasterised, so this only has to follow the curve.
 SAMPLES_PER_PIXEL = 4
 
-# Rows and columns at which the blur is probed: one per millisecond of an ordinary readout, well within a gyro interval.
-PROBES = 33
+# Grid on which the blur is probed. One row per millisecond of an ordinary readout, well within a gyro interval; across
+# the picture the blur changes smoothly, whatever the motion.
+PROBE_ROWS, PROBE_COLS = 33, 9
 
 # Each step of the fixed point shrinks the error by (vertical speed x line time), at most about 0.1 in practice:
 # three steps bring a 100 px path to 0.1 px in the worst case, and to 1e-3 px ordinarily.
@@ -42,6 +45,15 @@ class Shot:
     """One exposure with the camera's motion during it; the readout runs along y.
 
     Built by :meth:`from_log`, which validates that the log describes the exposure.
+
+    Parameters
+    ----------
+    track : OrientationTrack
+        Orientation of the camera, camera time, at least from the first row's opening to the last one's closing.
+    camera : Camera
+        Read top-down or bottom-up; a camera with horizontal readout is :meth:`~rsdeblur.Camera.turned` first.
+    exposure : Exposure
+        When the rows are exposed.
     """
 
     track: OrientationTrack
@@ -54,15 +66,19 @@ class Shot:
 
         Raises
         ------
+        InputError
+            If the camera is read along x.
         CoverageError, ClockError, GapError
             See :meth:`rsdeblur.GyroLog.covering`.
         """
+        if camera.horizontal_readout and camera.readout > 0:
+            raise InputError(f"the camera is read {camera.readout_direction}; trace paths with camera.turned()")
         opens, closes = exposure.span(camera)
         return cls(OrientationTrack.from_log(log, camera, opens, closes, exposure.epoch_ns), camera, exposure)
 
     def mid(self, rows: FloatArray) -> FloatArray:
-        """Return the mid-exposure times of `rows` (rows beyond the picture count as its first or last)."""
-        opens, closes = self.exposure.window(np.clip(rows, 0, self.camera.lines - 1), self.camera)
+        """Return the mid-exposure times of `rows`."""
+        opens, closes = self.exposure.window(rows, self.camera)
         return 0.5 * (opens + closes)
 
     def times(self, rows: FloatArray, samples: int) -> FloatArray:
@@ -93,8 +109,8 @@ class BlurPaths:
     def from_shot(
         cls,
         shot: Shot,
-        rows: FloatArray,
-        cols: FloatArray,
+        rows: ArrayLike,
+        cols: ArrayLike,
         *,
         motion: Motion = "rotation",
         samples: int | Literal["auto"] = "auto",
@@ -105,14 +121,21 @@ class BlurPaths:
         ----------
         shot : Shot
             The exposure and the camera's orientation during it.
-        rows, cols : ndarray, shape (B,) and (S,)
+        rows, cols : array_like, shape (B,) and (S,)
             Grid in px.
         motion : {"rotation", "small-angle"}
             The full homography path, or Sindelar and Sroubek (2013), eq. 6: small angles about x and y, the same
             over the whole width.
         samples : int or "auto"
-            Number of time samples; "auto" takes at least 4 per pixel of the longest path.
+            Number of time samples, at least 2; "auto" takes at least 4 per pixel of the longest path.
+
+        Raises
+        ------
+        InputError
+            If an argument is out of its range.
         """
+        _validate.choice("motion", motion, MOTIONS)
+        rows, cols = (_validate.real_array(name, grid, (None,)) for name, grid in (("rows", rows), ("cols", cols)))
         trace = _rotation_paths if motion == "rotation" else _small_angle_paths
         if samples == "auto":
             # Two samples per gyro interval follow every bend of the track; then refine by the length found.
@@ -122,6 +145,40 @@ class BlurPaths:
         displacements = trace(shot, rows, cols, _validate.count("samples", samples, minimum=2))
         displacements.setflags(write=False)
         return cls(displacements, rows, cols)
+
+    @classmethod
+    def probe(cls, shot: Shot, *, motion: Motion) -> BlurPaths:
+        """Trace few paths with few samples, over the whole picture: enough for their extent and change."""
+        rows = np.linspace(0.0, shot.camera.height - 1, PROBE_ROWS)
+        cols = np.linspace(0.0, shot.camera.width - 1, PROBE_COLS)
+        return cls.from_shot(shot, rows, cols, motion=motion, samples=2 * len(shot.track.t) + 1)
+
+    @property
+    def change_down(self) -> float:
+        """Fastest change of the path from row to row, in px per height of the grid.
+
+        Two paths differ by the largest distance between their points at equal fractions of the exposure.
+        """
+        steps = np.linalg.norm(np.diff(self.displacements, axis=0), axis=-1)
+        return float(steps.max()) * (len(self.rows) - 1)
+
+    @property
+    def curvature_down(self) -> float:
+        """How far the change of the path from row to row is from linear.
+
+        The largest second derivative in px per squared height of the evenly spaced grid: paths interpolated linearly
+        between N equal parts are wrong by about `curvature_down / (8 N^2)` px.
+        """
+        return self._curvature(0, len(self.rows))
+
+    @property
+    def curvature_across(self) -> float:
+        """The same from column to column, per squared width of the grid."""
+        return self._curvature(1, len(self.cols))
+
+    def _curvature(self, axis: int, points: int) -> float:
+        bends = np.linalg.norm(np.diff(self.displacements, n=2, axis=axis), axis=-1)
+        return float(bends.max()) * (points - 1) ** 2
 
     @property
     def lengths(self) -> FloatArray:
@@ -166,24 +223,23 @@ def _small_angle_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: 
 class RowPoses:
     """Orientation of every row at its own mid-exposure, and the projection with it."""
 
-    matrices: FloatArray  # (H, 9), K C(mid(y))
+    matrices: FloatArray  # (2 H, 9), K C(mid(y)) from row -H/2 on
 
     @classmethod
     def of(cls, shot: Shot) -> RowPoses:
-        """Tabulate the poses of all rows of the picture."""
-        rows = np.arange(shot.camera.lines, dtype=np.float64)
+        """Tabulate the poses of all rows of the picture, and of as many beyond it, where paths may reach."""
+        rows = np.arange(2.0 * shot.camera.lines) - shot.camera.lines // 2
         return cls((shot.camera.matrix @ shot.track.at(shot.mid(rows))).reshape(-1, 9))
 
     def project(self, world: FloatArray, rows: FloatArray) -> FloatArray:
-        """Project directions (..., 3) with the poses of `rows` (..., fractions allowed, clamped to the picture).
+        """Project directions (..., 3) with the poses of `rows` (..., fractions allowed).
 
-        Linear between rows: neighbouring poses differ by some 1e-4 rad, so the error is of the order 1e-9.
+        Linear between rows, which turn against each other by 1e-4 rad in a picture of thousands of rows.
         """
-        last = len(self.matrices) - 1
-        rows = np.clip(rows, 0, last)
-        i = np.minimum(rows.astype(np.intp), max(last - 1, 0))
-        j = np.minimum(i + 1, last)
-        pose = self.matrices[i] + (rows - i)[..., None] * (self.matrices[j] - self.matrices[i])
+        half = len(self.matrices) // 4
+        place = np.clip(rows + half, 0.0, len(self.matrices) - 1.0)
+        i = np.minimum(place.astype(np.intp), len(self.matrices) - 2)
+        pose = self.matrices[i] + (place - i)[..., None] * (self.matrices[i + 1] - self.matrices[i])
         x, y, z = np.einsum("...ij,...j->i...", pose.reshape(*rows.shape, 3, 3), world)
         q: FloatArray = np.stack([x / z, y / z], axis=-1)
         return q
@@ -194,20 +250,3 @@ def rays(points: FloatArray, camera: Camera) -> FloatArray:
     (fx, fy), (cx, cy) = camera.focal, camera.principal
     x, y = (points[..., 0] - cx) / fx, (points[..., 1] - cy) / fy
     return np.stack([x, y, np.ones_like(x)], axis=-1)
-
-
-def path_curvature(shot: Shot, *, motion: Motion) -> tuple[float, float]:
-    """How far the change of the blur over the picture is from linear.
-
-    Returns
-    -------
-    down, across : float
-        Largest second derivative of the path along the height and along the width, in px per squared picture side:
-        paths interpolated linearly between N tiles are wrong by at most `curvature / (8 N^2)` px.
-    """
-    rows, cols = (np.linspace(0.0, n - 1.0, PROBES) for n in (shot.camera.height, shot.camera.width))
-    samples = 2 * len(shot.track.t) + 1
-    d = BlurPaths.from_shot(shot, rows, cols, motion=motion, samples=samples).displacements
-    bends = (np.linalg.norm(np.diff(d, n=2, axis=axis), axis=-1).max() for axis in (0, 1))
-    down, across = (float(bend) * (PROBES - 1) ** 2 for bend in bends)
-    return down, across

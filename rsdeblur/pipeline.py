@@ -18,7 +18,7 @@ from rsdeblur.errors import InputError
 from rsdeblur.exposure import Exposure
 from rsdeblur.geometry import rectify
 from rsdeblur.gyro import GyroLog
-from rsdeblur.motion import MOTIONS, BlurPaths, Motion, Shot, path_curvature
+from rsdeblur.motion import BlurPaths, Motion, Shot
 from rsdeblur.psf import PsfBank, tile_centres
 from rsdeblur.transfer import Transfer, check_transfer, from_linear, to_linear
 from rsdeblur.wiener import Deconvolver
@@ -31,10 +31,14 @@ PRIORS = ("wiener",)
 Count = int | Literal["auto"]
 Progress = Callable[[str, float], None]
 
-# Results are interpolated linearly between tiles. Tiles are added until paths interpolated the same way are this close
-# to the true ones (px) ...
-PATH_ERROR = 0.25
-# ... but no further than these counts, beyond which nothing was gained in the measurements (docs/benchmarks.md).
+# Results are interpolated linearly between tiles, so tiles are added until paths interpolated likewise are this close
+# to the true ones (px).
+PATH_ERROR = 0.1
+# Interpolating results is not quite interpolating paths: at the highest frequency that the filter restores, about
+# 1 / (pi L sqrt(nsr)) for a path of L px and never more than 1/2, neighbouring bands must still agree in phase. Their
+# paths may differ by this many L sqrt(nsr). (Both numbers: docs/developer/decisions.md.)
+BAND_CHANGE = 0.4
+# Bounds of the cost where the motion is wild.
 MOST_BANDS = 64
 MOST_STRIPS = 16
 
@@ -129,12 +133,13 @@ def deblur(
     _validate.choice("prior", prior, PRIORS)
     _validate.choice("geometry", geometry, GEOMETRIES)
     transfer = check_transfer(transfer)
+    nsr = _validate.finite("nsr", nsr, above=0.0)
     values, clip = _values(image)
     _check_size(values.shape, camera)
     shot, quarter = _upright_shot(log, camera, exposure)
     clock = _Clock(progress)
     with clock.stage("psfs"):
-        bank = _bank(shot, mode, bands, strips, motion)
+        bank = _bank(shot, mode, bands, strips, motion, nsr)
     colour, alpha = _split_alpha(np.rot90(values, -1) if quarter else values)
     light = to_linear(np.ascontiguousarray(colour), transfer)
     with clock.stage("plan"):
@@ -165,36 +170,45 @@ def psfs(
     mode: Mode = "banded",
     bands: Count = "auto",
     strips: Count = "auto",
+    nsr: float = 0.01,
     motion: Motion = "rotation",
 ) -> PsfBank:
     """Return the PSFs that :func:`deblur` would undo, without a picture.
 
-    Parameters and errors are those of :func:`deblur`.
+    Parameters and errors are those of :func:`deblur`; `nsr` counts only for the number of bands.
     """
+    nsr = _validate.finite("nsr", nsr, above=0.0)
     shot, quarter = _upright_shot(log, camera, exposure)
-    bank = _bank(shot, mode, bands, strips, motion)
+    bank = _bank(shot, mode, bands, strips, motion, nsr)
     return bank.turned(camera.height) if quarter else bank
 
 
-def _bank(shot: Shot, mode: Mode, bands: Count, strips: Count, motion: Motion) -> PsfBank:
+def _bank(shot: Shot, mode: Mode, bands: Count, strips: Count, motion: Motion, nsr: float) -> PsfBank:
     _validate.choice("mode", mode, MODES)
-    _validate.choice("motion", motion, MOTIONS)
+    # A coarse look first: it refuses nonsense before its many samples are computed.
+    probe = BlurPaths.probe(shot, motion=motion)
     height, width = shot.camera.height, shot.camera.width
-    wanted = {
-        name: n if n == "auto" else _validate.count(name, n) for name, n in (("bands", bands), ("strips", strips))
-    }
-    if mode == "global":
-        wanted = {"bands": 1, "strips": 1}
-    elif "auto" in wanted.values():
-        down, across = path_curvature(shot, motion=motion)
-        limits = {"bands": (down, min(MOST_BANDS, height)), "strips": (across, min(MOST_STRIPS, width))}
-        for name, (curvature, most) in limits.items():
-            if wanted[name] == "auto":
-                wanted[name] = int(np.clip(np.ceil(np.sqrt(curvature / (8 * PATH_ERROR))), 1, most))
-    rows, cols = tile_centres(int(wanted["bands"]), height), tile_centres(int(wanted["strips"]), width)
-    paths = BlurPaths.from_shot(shot, rows, cols, motion=motion)
-    _check_reach(paths, height, width)
-    return PsfBank.from_paths(paths)
+    _check_reach(probe, height, width)
+    allowed = BAND_CHANGE * max(float(probe.lengths.max()) * np.sqrt(nsr), 2 / np.pi)
+    wanted = (
+        max(np.sqrt(probe.curvature_down / (8 * PATH_ERROR)), probe.change_down / allowed),
+        np.sqrt(probe.curvature_across / (8 * PATH_ERROR)),
+    )
+    counts = {"bands": bands, "strips": strips}
+    for name, tiles, reach, length, most in zip(
+        counts, wanted, probe.extent, (height, width), (MOST_BANDS, MOST_STRIPS), strict=True
+    ):
+        if mode == "global":
+            counts[name] = 1
+        elif counts[name] == "auto":
+            # A PSF spans 2 reach + 1 px. A tile narrower than half of that filters rows that are mostly not its own.
+            most = min(most, max(1, int(length / (reach + 0.5))))
+            counts[name] = int(np.clip(np.ceil(tiles), 1, most))
+    rows, cols = (
+        tile_centres(_validate.count(name, counts[name]), length)
+        for name, length in zip(counts, (height, width), strict=True)
+    )
+    return PsfBank.from_paths(BlurPaths.from_shot(shot, rows, cols, motion=motion))
 
 
 def _check_reach(paths: BlurPaths, height: int, width: int) -> None:
@@ -241,9 +255,9 @@ def _check_size(shape: tuple[int, ...], camera: Camera) -> None:
     if (height, width) == (camera.width, camera.height):
         hint = "it is turned by a quarter; turn the picture or describe the camera as the picture is stored"
     elif abs(width * camera.height - height * camera.width) <= max(width, camera.width):
-        hint = f"if it was resized, use camera.scaled({width / camera.width:.6g})"
+        hint = f"if it was resized, scale the camera (file) too: camera.scaled({width / camera.width:.6g})"
     else:
-        hint = "if it was cut out, use camera.cropped(left, top, width, height)"
+        hint = "if it was cut out, cut the camera (file) too: camera.cropped(left, top, width, height)"
     raise InputError(
         f"the picture is {width}x{height} px but the camera's is {camera.width}x{camera.height} px; {hint}"
     )

@@ -86,28 +86,36 @@ def simulate(
     CoverageError, ClockError, GapError
         If the log does not describe the exposure.
     """
-    scene = np.asarray(sharp, dtype=np.float32)
-    if scene.ndim not in (2, 3) or not np.isfinite(scene).all():
-        raise InputError(f"sharp must be a finite picture of shape (h, w) or (h, w, C), got {scene.shape}")
+    scene = _validate.real_array("sharp", sharp).astype(np.float32)
+    if scene.ndim not in (2, 3) or scene.size == 0:
+        raise InputError(f"sharp must be a picture of shape (h, w) or (h, w, C), got {scene.shape}")
     if scene.shape[0] < camera.height or scene.shape[1] < camera.width:
         raise InputError(
             f"sharp must be at least as large as the camera's picture, {camera.width}x{camera.height}, "
             f"got {scene.shape[1]}x{scene.shape[0]}"
         )
     noise = _validate.finite("noise", noise, minimum=0.0)
+    seed = _validate.count("seed", seed, minimum=0)
+    left, top = (scene.shape[1] - camera.width) // 2, (scene.shape[0] - camera.height) // 2
     if camera.horizontal_readout:
-        turned = _simulate(np.rot90(scene, -1), log, camera.turned(), exposure, samples)
+        corner = scene.shape[0] - camera.height - top, left
+        turned = _simulate(np.rot90(scene, -1), corner, log, camera.turned(), exposure, samples)
         clean = Simulation(*(np.ascontiguousarray(np.rot90(picture)) for picture in turned))
     else:
-        clean = _simulate(scene, log, camera, exposure, samples)
+        clean = _simulate(scene, (left, top), log, camera, exposure, samples)
     grain = np.random.default_rng(seed).normal(0.0, noise, clean.blurred.shape)
     return clean._replace(blurred=clean.blurred + grain.astype(np.float32))
 
 
 def _simulate(
-    scene: NDArray[np.float32], log: GyroLog, camera: Camera, exposure: Exposure, samples: int | Literal["auto"]
+    scene: NDArray[np.float32],
+    corner: tuple[int, int],
+    log: GyroLog,
+    camera: Camera,
+    exposure: Exposure,
+    samples: int | Literal["auto"],
 ) -> Simulation:
-    left, top = (scene.shape[1] - camera.width) // 2, (scene.shape[0] - camera.height) // 2
+    left, top = corner
     opens, closes = exposure.window(np.arange(camera.height), camera)
     middle = 0.5 * (opens + closes)
     reference = float(np.interp((camera.height - 1) / 2, np.arange(camera.height), middle))
@@ -152,10 +160,11 @@ class _CameraPath:
 
     def longest(self, opens: FloatArray, closes: FloatArray) -> float:
         """Bound on the length in px of any pixel's path within any of the windows."""
-        radius = 0.5 * np.hypot(self.camera.width, self.camera.height)
-        speed = max(self.camera.focal) * np.hypot(self.rates[:, 0], self.rates[:, 1]) + radius * np.abs(
-            self.rates[:, 2]
-        )
+        focal, (cx, cy) = max(self.camera.focal), self.camera.principal
+        radius = np.hypot(max(cx, self.camera.width - 1 - cx), max(cy, self.camera.height - 1 - cy))
+        # At a distance r from the principal point perspective magnifies f by 1 + (r/f)^2.
+        tilt, roll = np.hypot(self.rates[:, 0], self.rates[:, 1]), np.abs(self.rates[:, 2])
+        speed = focal * (1.0 + (radius / min(self.camera.focal)) ** 2) * tilt + radius * roll
         travelled = np.concatenate([[0.0], np.cumsum(speed * np.diff(self.nodes))])
         lengths = np.interp(closes, self.nodes, travelled) - np.interp(opens, self.nodes, travelled)
         return float(lengths.max())

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._validate import FloatArray
+from rsdeblur.errors import InputError
 from rsdeblur.fft import fast_length
 
 
@@ -76,6 +77,10 @@ class Tiling:
         """
         weights = hat_weights(centres, n)
         supports = [np.flatnonzero(row) for row in weights]
+        if not all(map(len, supports)):
+            raise InputError(
+                f"PSF positions must lie within the picture, a pixel or more apart, got {centres.tolist()} px"
+            )
         taper = 0 if periodic else kernel
         whole = n if periodic else fast_length(n + kernel)
         longest = max(len(support) for support in supports)

@@ -1,7 +1,6 @@
 """The Wiener filter, global and banded, in the hybrid domain.
 
-Rows are transformed once for all bands; along y each band is a slab with its own filter; slabs are blended before the
-one inverse row transform. `global` is the case of one band and one strip, not another code path.
+`global` is the case of one band and one strip, not another code path.
 """
 
 from __future__ import annotations
@@ -13,12 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur import _validate
-from rsdeblur.border import BORDERS, Border, extend
+from rsdeblur.border import BORDERS, Border
 from rsdeblur.errors import InputError
-from rsdeblur.fft import PLANNINGS, ColumnTransform, Complex, Planning, RowTransform, thread_count
-from rsdeblur.kernels import spectral
+from rsdeblur.fft import PLANNINGS, Complex, LineTransform, Planning, RowTransform, thread_count
+from rsdeblur.hybrid import Hybrid
 from rsdeblur.psf import PsfBank
-from rsdeblur.tiling import Tile, Tiling
+from rsdeblur.tiling import Tiling
 
 # The inverse filter of a straight PSF of K px at NSR Phi rings with a decay length of K / (2 pi sqrt(Phi)): its poles
 # stand that far off the real axis. A tile that sees 0.1 K / sqrt(Phi) beyond its part, some 0.6 decay lengths, was
@@ -56,7 +55,8 @@ class Deconvolver:
     Raises
     ------
     InputError
-        If a kernel is larger than the picture or an argument is out of range.
+        If a kernel is larger than the picture, two kernels stand less than a pixel apart or outside the picture, or an
+        argument is out of range.
     """
 
     def __init__(
@@ -73,20 +73,22 @@ class Deconvolver:
         self.nsr = _validate.finite("nsr", nsr, above=0.0)
         _validate.choice("border", border, BORDERS)
         _validate.choice("planning", planning, PLANNINGS)
-        self.border = border
         height, width = self.shape[:2]
         _check_fit(bank, height, width)
-        threads = thread_count(threads)
-        periodic = border == "periodic"
         reach = max(LEAST_MARGIN, DECAY_MARGIN / self.nsr**0.5)
         self._bands, self._strips = (
-            Tiling.plan(centres, n, kernel, int(np.ceil(reach * kernel)), periodic=periodic)
+            Tiling.plan(centres, n, kernel, int(np.ceil(reach * kernel)), periodic=border == "periodic")
             for centres, n, kernel in zip((bank.rows, bank.cols), (height, width), bank.size, strict=True)
         )
-        channels = self.shape[2] if len(self.shape) == 3 else 1
-        self._rows = RowTransform((channels, height, self._strips.length), threads, planning)
-        self._slab = ColumnTransform((channels, self._bands.length, self._strips.length // 2 + 1), threads, planning)
-        self._filters = self._plan_filters(bank, threads)
+        self._hybrid = Hybrid(
+            (height, width, self.shape[2] if len(self.shape) == 3 else 1),
+            self._bands,
+            self._strips,
+            border=border,
+            planning=planning,
+            threads=thread_count(threads),
+        )
+        self._filters = self._plan_filters(bank)
         self._lock = threading.Lock()
 
     def apply(
@@ -117,7 +119,7 @@ class Deconvolver:
         InputError
             If `image` or `out` has another shape or type, or `image` is not finite.
         """
-        picture = np.asarray(image, dtype=np.float32)
+        picture = np.ascontiguousarray(image, dtype=np.float32)
         if picture.shape != self.shape:
             raise InputError(f"image must have the planned shape {self.shape}, got {picture.shape}")
         if not np.isfinite(picture).all():
@@ -126,55 +128,49 @@ class Deconvolver:
             out = np.empty(self.shape, dtype=np.float32)
         elif out.shape != self.shape or out.dtype != np.float32:
             raise InputError(f"out must be float32 of shape {self.shape}, got {out.dtype} of shape {out.shape}")
-        planes = np.ascontiguousarray(np.moveaxis(np.atleast_3d(picture), -1, 0))
-        result = np.zeros_like(planes)
+        several = len(self._strips.tiles) > 1
+        if several and np.shares_memory(picture, out):
+            picture = picture.copy()
+        if several:
+            out[...] = 0
+        source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))
         with self._lock:
             for s, strip in enumerate(self._strips.tiles):
-                self._apply_strip(planes, result, s, strip)
+                self._hybrid.to_columns(source, strip)
+                self._hybrid.filter(self._filters[s])
+                self._hybrid.to_picture(target, strip, add=several)
                 if progress is not None:
                     progress((s + 1) / len(self._strips.tiles))
-        out[...] = np.moveaxis(result, 0, -1).reshape(self.shape)
         return out
 
-    def _apply_strip(self, planes: NDArray[np.float32], result: NDArray[np.float32], s: int, strip: Tile) -> None:
-        rows, slab = self._rows, self._slab
-        extend(planes, rows.real, strip.start, taper=self._strips.taper, border=self.border, axis=-1)
-        rows.forward()
-        blended = np.zeros_like(rows.spectrum)
-        for b, band in enumerate(self._bands.tiles):
-            extend(rows.spectrum, slab.data, band.start, taper=self._bands.taper, border=self.border, axis=-2)
-            slab.forward()
-            spectral.multiply(slab.data, self._filters[b, s])
-            slab.inverse()
-            spectral.blend(blended, slab.data, band.weights, to_row=band.first, from_row=band.first - band.start)
-        rows.spectrum[...] = blended
-        rows.inverse()
-        offset, n = strip.first - strip.start, len(strip.weights)
-        result[:, :, strip.first : strip.first + n] += strip.weights * rows.real[:, :, offset : offset + n]
-
-    def _plan_filters(self, bank: PsfBank, threads: int) -> Complex:
-        """Return the filters of all tiles, shape (B, S, L, K), with the scaling of the inverse transforms folded in."""
+    def _plan_filters(self, bank: PsfBank) -> Complex:
+        """Return the filters of all tiles, shape (S, B, K, L), with the scaling of the inverse transforms folded in."""
         length, width = self._bands.length, self._strips.length
-        rows = RowTransform((1, length, width), threads)
-        columns = ColumnTransform((1, length, width // 2 + 1), threads)
-        filters: Complex = np.empty((*bank.kernels.shape[:2], *columns.data.shape[1:]), dtype=np.complex64)
+        bands, strips, height, _ = bank.kernels.shape
+        rows = RowTransform((height, width))
+        columns = LineTransform((self._hybrid.frequencies, length))
+        filters: Complex = np.zeros((strips, bands, self._hybrid.padded_frequencies, length), dtype=np.complex64)
         scale = np.float32((1.0 + self.nsr) / (length * width))
-        for tile in np.ndindex(*bank.kernels.shape[:2]):
-            _centre_at_origin(bank.kernels[tile], rows.real[0])
+        # The kernel's centre goes to the origin, what precedes it to the end.
+        positions = (np.arange(height) - height // 2) % length
+        for s, b in np.ndindex(strips, bands):
+            _centre_at_origin(bank.kernels[b, s], rows.real)
             rows.forward()
-            columns.data[...] = rows.spectrum
+            columns.data[...] = 0
+            columns.data[:, positions] = rows.spectrum.T
             columns.forward()
-            otf = columns.data[0]
+            otf = columns.data
             power = otf.real**2 + otf.imag**2
-            np.multiply(otf.conj(), scale / (power + np.float32(self.nsr)), out=filters[tile])
+            np.multiply(
+                otf.conj(), scale / (power + np.float32(self.nsr)), out=filters[s, b, : self._hybrid.frequencies]
+            )
         return filters
 
 
 def _centre_at_origin(kernel: NDArray[np.float32], out: NDArray[np.float32]) -> None:
-    """Place `kernel` in `out` with its centre at (0, 0), wrapped around."""
+    """Place the rows of `kernel` in those of `out` with their centres at 0, wrapped around."""
     out[...] = 0.0
-    i, j = (np.arange(n) - n // 2 for n in kernel.shape)
-    out[np.ix_(i % out.shape[0], j % out.shape[1])] = kernel
+    out[:, (np.arange(kernel.shape[1]) - kernel.shape[1] // 2) % out.shape[1]] = kernel
 
 
 def _picture_shape(shape: tuple[int, ...]) -> tuple[int, ...]:

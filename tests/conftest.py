@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from rsdeblur.gyro import GyroLog
+from rsdeblur.shake import hand_shake
+
 # Tests start Python processes from the repository root, where the bare source folder must not shadow the installation.
 os.environ["PYTHONSAFEPATH"] = "1"
 
@@ -19,3 +22,14 @@ def data_dir() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real recordings at {folder}; set RSDEBLUR_DATA to their folder")
     return folder
+
+
+@pytest.fixture(scope="session")
+def shaky_log():
+    """Builder of a hand-shake log of 0.4 s at 200 Hz, about 1 rad/s, its rates about x, y, z multiplied by `axes`."""
+
+    def build(axes: tuple[float, float, float] = (1.0, 1.0, 1.0), *, seed: int = 0) -> GyroLog:
+        log = hand_shake(0.4, seed=seed)
+        return GyroLog(log.t, log.omega * axes)
+
+    return build

@@ -49,24 +49,25 @@ def test_multiply_is_the_complex_product(kernels, shape):
 
 
 @pytest.mark.parametrize("n", [0, 1, 6])
-def test_blend_adds_weighted_rows_and_touches_no_other(kernels, n):
+def test_blend_adds_weighted_positions_and_touches_no_other(kernels, n):
     rng = np.random.default_rng(2)
-    accumulator, slab = complex_noise(rng, 3, 11, 17), complex_noise(rng, 3, 9, 17)
+    accumulator, slab = complex_noise(rng, 3, 5, 11), complex_noise(rng, 3, 5, 9)
     weights = rng.uniform(-1, 1, n).astype(np.float32)
     expected = accumulator.astype(np.complex128)
     for i, weight in enumerate(weights):
-        expected[:, 4 + i] += float(weight) * slab[:, 2 + i]
-    assert kernels.blend(accumulator, slab, weights, to_row=4, from_row=2) is None
+        expected[..., 4 + i] += float(weight) * slab[..., 2 + i]
+    assert kernels.blend(accumulator, slab, weights, to_position=4, from_position=2) is None
     np.testing.assert_allclose(accumulator, expected, **TOLERANCE)
 
 
 def test_slabs_with_windows_that_sum_to_one_rebuild_the_picture(kernels):
     rng = np.random.default_rng(3)
-    picture = complex_noise(rng, 2, 20, 9)
+    picture = complex_noise(rng, 2, 9, 20)
     up = np.linspace(0, 1, 6, dtype=np.float32)
     accumulator = np.zeros_like(picture)
-    kernels.blend(accumulator, picture, np.r_[np.ones(7, np.float32), 1 - up], to_row=0, from_row=0)
-    kernels.blend(accumulator, picture[:, 7:].copy(), np.r_[up, np.ones(7, np.float32)], to_row=7, from_row=0)
+    kernels.blend(accumulator, picture, np.r_[np.ones(7, np.float32), 1 - up], to_position=0, from_position=0)
+    lower = picture[..., 7:].copy()
+    kernels.blend(accumulator, lower, np.r_[up, np.ones(7, np.float32)], to_position=7, from_position=0)
     np.testing.assert_allclose(accumulator, picture, **TOLERANCE)
 
 
@@ -78,10 +79,10 @@ class TestMisuse:
     def arrays(self):
         rng = np.random.default_rng(4)
         return SimpleNamespace(
-            spectra=complex_noise(rng, 2, 6, 5),
-            transfer=complex_noise(rng, 6, 5),
+            spectra=complex_noise(rng, 2, 5, 6),
+            transfer=complex_noise(rng, 5, 6),
             weights=np.ones(4, np.float32),
-            whole=complex_noise(rng, 2, 10, 5),
+            whole=complex_noise(rng, 2, 5, 10),
         )
 
     @pytest.mark.parametrize(
@@ -106,7 +107,7 @@ class TestMisuse:
         with pytest.raises(ValueError, match="spectra and transfer must not overlap"):
             native.multiply(arrays.spectra, arrays.spectra[1])
         with pytest.raises(ValueError, match="accumulator must not overlap"):
-            native.blend(arrays.whole, arrays.whole, arrays.weights, to_row=0, from_row=4)
+            native.blend(arrays.whole, arrays.whole, arrays.weights, to_position=0, from_position=4)
         arrays.spectra.flags.writeable = False
         with pytest.raises(ValueError, match="spectra is changed in place and must be writable"):
             native.multiply(arrays.spectra, arrays.transfer)
@@ -114,29 +115,29 @@ class TestMisuse:
     def test_misaligned(self, arrays):
         weights = memoryview(bytearray(17))[1:].cast("f")
         with pytest.raises(ValueError, match="weights must be aligned to 4 bytes"):
-            native.blend(arrays.whole, arrays.spectra, weights, to_row=0, from_row=0)
+            native.blend(arrays.whole, arrays.spectra, weights, to_position=0, from_position=0)
 
     @pytest.mark.parametrize(
-        ("rows", "message"),
+        ("positions", "message"),
         [
-            ({"to_row": -1, "from_row": 0}, "must lie within accumulator"),
-            ({"to_row": 7, "from_row": 0}, "must lie within accumulator"),
-            ({"to_row": 0, "from_row": -1}, "must lie within slab"),
-            ({"to_row": 0, "from_row": 3}, "must lie within slab"),
-            ({"to_row": 2**62, "from_row": 2**62}, "must lie within accumulator"),
+            ({"to_position": -1, "from_position": 0}, "must lie within accumulator"),
+            ({"to_position": 7, "from_position": 0}, "must lie within accumulator"),
+            ({"to_position": 0, "from_position": -1}, "must lie within slab"),
+            ({"to_position": 0, "from_position": 3}, "must lie within slab"),
+            ({"to_position": 2**62, "from_position": 2**62}, "must lie within accumulator"),
         ],
     )
-    def test_blend_rows_out_of_range(self, arrays, rows, message):
+    def test_blend_positions_out_of_range(self, arrays, positions, message):
         with pytest.raises(ValueError, match=message):
-            native.blend(arrays.whole, arrays.spectra, arrays.weights, **rows)
+            native.blend(arrays.whole, arrays.spectra, arrays.weights, **positions)
 
     def test_blend_checks_every_array(self, arrays):
-        rows = {"to_row": 0, "from_row": 0}
+        positions = {"to_position": 0, "from_position": 0}
         with pytest.raises(ValueError, match="must have the same channels and columns"):
-            native.blend(arrays.whole[:1].copy(), arrays.spectra, arrays.weights, **rows)
+            native.blend(arrays.whole[:1].copy(), arrays.spectra, arrays.weights, **positions)
         with pytest.raises(TypeError, match="weights must be float32"):
-            native.blend(arrays.whole, arrays.spectra, arrays.weights.astype(float), **rows)
+            native.blend(arrays.whole, arrays.spectra, arrays.weights.astype(float), **positions)
         with pytest.raises(TypeError, match="slab must be complex64"):
-            native.blend(arrays.whole, arrays.spectra.real.copy(), arrays.weights, **rows)
+            native.blend(arrays.whole, arrays.spectra.real.copy(), arrays.weights, **positions)
         with pytest.raises(TypeError, match="positional"):
             native.blend(arrays.whole, arrays.spectra, arrays.weights, 0, 0)

@@ -48,22 +48,20 @@ static void test_multiply(size_t channels, size_t n)
     free(spectra), free(before), free(filter);
 }
 
-static void test_blend(size_t channels, size_t rows, size_t row_floats, size_t skipped)
+static void test_blend(size_t lines, size_t n, size_t skipped)
 {
-    const size_t stride = (rows + skipped) * row_floats;
-    float *sum = noise(channels * stride, 3), *before = noise(channels * stride, 3);
-    float *slab = noise(channels * rows * row_floats, 4), *weights = noise(rows, 5);
-    CHECK(rsd_blend_rows(sum + skipped * row_floats, slab, weights, channels, rows, row_floats, stride,
-                         rows * row_floats) == RSD_OK);
-    for (size_t c = 0; c < channels; c++)
-        for (size_t i = 0; i < rows + skipped; i++)
-            for (size_t x = 0; x < row_floats; x++) {
-                const size_t at = c * stride + i * row_floats + x;
-                const double added = i < skipped ? 0.0
-                                                 : (double)weights[i - skipped] *
-                                                       slab[(c * rows + i - skipped) * row_floats + x];
-                CHECK(fabs(sum[at] - (before[at] + added)) < TOLERANCE);
-            }
+    const size_t stride = n + skipped;
+    float *sum = noise(2 * lines * stride, 3), *before = noise(2 * lines * stride, 3);
+    float *slab = noise(2 * lines * n, 4), *weights = noise(n, 5);
+    /* Adding at the end of the last line must not touch anything beyond it. */
+    CHECK(rsd_blend_lines(sum + 2 * skipped, slab, weights, lines, n, stride, n) == RSD_OK);
+    for (size_t l = 0; l < lines; l++)
+        for (size_t i = 0; i < 2 * stride; i++) {
+            const size_t at = 2 * l * stride + i;
+            const double added =
+                i < 2 * skipped ? 0.0 : (double)weights[i / 2 - skipped] * slab[2 * l * n + i - 2 * skipped];
+            CHECK(fabs(sum[at] - (before[at] + added)) < TOLERANCE);
+        }
     free(sum), free(before), free(slab), free(weights);
 }
 
@@ -75,14 +73,14 @@ static void test_refusals(void)
     CHECK(rsd_spectral_multiply(a, b, 1, SIZE_MAX / 2 + 1) == RSD_SIZE);
     CHECK(rsd_spectral_multiply(a, b, SIZE_MAX / 4, 2) == RSD_SIZE);
     CHECK(rsd_spectral_multiply(NULL, NULL, 0, 2) == RSD_OK);
-    CHECK(rsd_blend_rows(NULL, b, b, 1, 1, 2, 2, 2) == RSD_NULL);
-    CHECK(rsd_blend_rows(a, NULL, b, 1, 1, 2, 2, 2) == RSD_NULL);
-    CHECK(rsd_blend_rows(a, b, NULL, 1, 1, 2, 2, 2) == RSD_NULL);
-    CHECK(rsd_blend_rows(a, b, b, 2, 1, 2, 1, 2) == RSD_SIZE);
-    CHECK(rsd_blend_rows(a, b, b, 2, 1, 2, 2, 1) == RSD_SIZE);
-    CHECK(rsd_blend_rows(a, b, b, 1, SIZE_MAX / 2, 4, 2, 2) == RSD_SIZE);
-    CHECK(rsd_blend_rows(a, b, b, SIZE_MAX / 2, 1, 2, 2, 2) == RSD_SIZE);
-    CHECK(rsd_blend_rows(NULL, NULL, NULL, 1, 0, 2, 2, 2) == RSD_OK);
+    CHECK(rsd_blend_lines(NULL, b, b, 1, 1, 1, 1) == RSD_NULL);
+    CHECK(rsd_blend_lines(a, NULL, b, 1, 1, 1, 1) == RSD_NULL);
+    CHECK(rsd_blend_lines(a, b, NULL, 1, 1, 1, 1) == RSD_NULL);
+    CHECK(rsd_blend_lines(a, b, b, 2, 2, 1, 2) == RSD_SIZE);
+    CHECK(rsd_blend_lines(a, b, b, 2, 2, 2, 1) == RSD_SIZE);
+    CHECK(rsd_blend_lines(a, b, b, 1, SIZE_MAX / 2, 1, 1) == RSD_SIZE);
+    CHECK(rsd_blend_lines(a, b, b, SIZE_MAX / 2, 1, 1, 1) == RSD_SIZE);
+    CHECK(rsd_blend_lines(NULL, NULL, NULL, 1, 0, 1, 1) == RSD_OK);
     for (int i = 0; i < 4; i++)
         CHECK(a[i] == (float)(i + 1)); /* a refused call writes nothing */
 }
@@ -93,8 +91,8 @@ int main(void)
     for (size_t n = 0; n <= 40; n++) {
         test_multiply(1, n);
         test_multiply(3, n);
-        test_blend(1, 3, n, 0);
-        test_blend(3, n % 7, 2 * n, 2);
+        test_blend(1, n, 0);
+        test_blend(5, n, 3);
     }
     test_refusals();
     CHECK(strlen(rsd_simd_level()) > 0);

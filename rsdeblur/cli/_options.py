@@ -193,17 +193,18 @@ transfer_option = click.option(
     metavar="linear|srgb|GAMMA",
     help="How pixel values encode light.  [default: srgb for 8 and 16 bit pictures, linear for float]",
 )
+nsr_option = click.option(
+    "--nsr",
+    type=click.FloatRange(min=0.0, min_open=True),
+    default=0.01,
+    show_default=True,
+    help="Noise-to-signal ratio: higher is smoother.",
+)
 solver_options = _gathered(
     "solver",
     Solver,
     (
-        click.option(
-            "--nsr",
-            type=click.FloatRange(min=0.0, min_open=True),
-            default=0.01,
-            show_default=True,
-            help="Noise-to-signal ratio: higher is smoother.",
-        ),
+        nsr_option,
         click.option(
             "--geometry",
             type=click.Choice(["keep", "rectify"]),
@@ -216,7 +217,7 @@ solver_options = _gathered(
             type=click.Choice(["blend", "periodic"]),
             default="blend",
             show_default=True,
-            help="Blend opposite borders of the picture into each other, or leave the jump.",
+            help="Continue the picture beyond its frame and blend opposite borders, or take it as repeating.",
         ),
         transfer_option,
         click.option("--threads", type=click.IntRange(min=1), metavar="N", help="Threads.  [default: all cores]"),

@@ -16,36 +16,22 @@ from rsdeblur.errors import OutputError
 Progress = Callable[[str, float], None]
 
 
-def check_outputs(paths: Iterable[Path], *, force: bool) -> None:
-    """Refuse files that cannot be written or exist already, before any work.
-
-    Raises
-    ------
-    OutputError
-        Names the first such file.
-    """
-    from rsdeblur.io.pictures import KINDS, check_writable
-
-    for path in paths:
-        if path.suffix.lower() in KINDS:
-            check_writable(path, force=force)
-        elif path.exists() and not force:
-            raise OutputError(f"{path}: the file exists; use --force to replace it, or give another name")
-
-
 def prepare_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:
     """Make `folder` if needed and check that the files called `names` may be written into it.
 
     Raises
     ------
     OutputError
-        If the folder cannot be made, or a file exists and `force` is not set.
+        If the folder cannot be made, or a file cannot be written, or exists and `force` is not set.
     """
+    from rsdeblur._atomic import check_target
+
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{folder}: cannot make the folder: {error.strerror or error}") from error
-    check_outputs((folder / name for name in names), force=force)
+    for name in names:
+        check_target(folder / name, force=force)
 
 
 def print_json(payload: Any) -> None:

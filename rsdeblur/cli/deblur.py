@@ -12,7 +12,7 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, read_inputs, transfer_of
 from rsdeblur.cli._options import Blur, Recording, Solver
-from rsdeblur.cli._output import check_outputs, print_json, progress
+from rsdeblur.cli._output import print_json, progress
 
 if TYPE_CHECKING:
     from rsdeblur.pipeline import Mode
@@ -45,13 +45,13 @@ def command(
     as_json: bool,
 ) -> None:
     """Deblur PHOTO; EXIF, colour profile and bit depth are kept."""
-    check_outputs([output], force=force)
-    inputs = read_inputs(photo, recording)
+    from rsdeblur.io.pictures import check_writable, write_picture
 
-    from rsdeblur.io.pictures import write_picture
+    check_writable(output, force=force)
+    picture, log, camera, exposure = read_inputs(photo, recording)
+
     from rsdeblur.pipeline import deblur
 
-    picture, log, camera, exposure = inputs
     arguments = asdict(blur) | asdict(solver) | {"transfer": transfer_of(picture, solver.transfer)}
     begin = time.perf_counter()
     with progress("deblur") as move, naming(photo, recording):

@@ -11,7 +11,7 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, naming, read_inputs, read_recording, transfer_of, unit_range
 from rsdeblur.cli._options import Blur, Recording
-from rsdeblur.cli._output import check_outputs, print_json
+from rsdeblur.cli._output import print_json
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -33,6 +33,7 @@ Examples:
 @_options.recording_options
 @_options.mode_option
 @_options.blur_options
+@_options.nsr_option
 @click.option("-o", "--output", type=_options.PATH, metavar="PNG", help="Draw the kernels where they belong.")
 @click.option("--picture", "photo", type=_options.PATH, metavar="PHOTO", help="Show this picture below the kernels.")
 @click.option("--bank", type=_options.PATH, metavar="NPZ", help="Save the kernels and their places.")
@@ -42,14 +43,21 @@ def command(
     recording: Recording,
     mode: Mode,
     blur: Blur,
+    nsr: float,
     output: Path | None,
     photo: Path | None,
     bank: Path | None,
     force: bool,
     as_json: bool,
 ) -> None:
-    """Compute the blur kernels of an exposure; no picture is needed."""
-    check_outputs([path for path in (output, bank) if path is not None], force=force)
+    """Compute the kernels that `deblur` would undo; no picture is needed."""
+    from rsdeblur._atomic import check_target
+    from rsdeblur.io.pictures import check_writable, write_picture
+
+    if output is not None:
+        check_writable(output, force=force)
+    if bank is not None:
+        check_target(bank, force=force)
     if photo is None:
         log, camera, exposure = read_recording(recording)
         picture = None
@@ -57,15 +65,14 @@ def command(
         pixels, log, camera, exposure = read_inputs(photo, recording)
         picture = display_values(unit_range(pixels.pixels), transfer_of(pixels, None))
 
-    from rsdeblur.io.pictures import write_picture
     from rsdeblur.pipeline import psfs
     from rsdeblur.report import psf_map
 
     with naming(photo, recording):
-        found = psfs(log, camera, exposure, mode=mode, **asdict(blur))
-    if output is not None:
-        drawing = psf_map(found, (camera.height, camera.width), picture=picture)
-        write_picture(output, drawing, force=force)
+        found = psfs(log, camera, exposure, mode=mode, nsr=nsr, **asdict(blur))
+        if output is not None:
+            drawing = psf_map(found, (camera.height, camera.width), picture=picture)
+            write_picture(output, drawing, force=force)
     if bank is not None:
         found.save(bank)
     lengths = _path_lengths(found, log, camera, exposure, blur)
@@ -75,7 +82,7 @@ def command(
     else:
         wide, tall = summary["psf_px"]
         click.echo(
-            f"{summary['bands']} x {summary['strips']} kernels of {wide} x {tall} px, "
+            f"{summary['bands']} x {summary['strips']} kernels (bands x strips) of {wide} x {tall} px, "
             f"paths {lengths.min():.1f} to {lengths.max():.1f} px long"
         )
 

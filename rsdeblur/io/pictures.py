@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from rsdeblur._atomic import atomic_write
+from rsdeblur._atomic import atomic_write, check_target
 from rsdeblur.errors import FileFormatError, InputError, OutputError
 from rsdeblur.io import _tiff
 
@@ -175,14 +175,7 @@ def check_writable(path: str | os.PathLike[str], *, force: bool) -> None:
     path = Path(path)
     if path.suffix.lower() not in KINDS:
         raise OutputError(f"{path}: unknown picture extension {path.suffix!r}; use one of {', '.join(KINDS)}")
-    if path.is_dir():
-        raise OutputError(f"{path}: cannot write the picture: a folder has this name")
-    if path.exists() and not force:
-        raise OutputError(f"{path}: the file exists; use force (--force) to replace it, or give another name")
-    if not path.parent.is_dir():
-        raise OutputError(f"{path}: cannot write the picture: there is no folder {path.parent}")
-    if not os.access(path.parent, os.W_OK):
-        raise OutputError(f"{path}: cannot write the picture: the folder {path.parent} is not writable")
+    check_target(path, force=force)
 
 
 @contextmanager

@@ -68,7 +68,7 @@ def rasterize(paths: NDArray[np.float64], half_height: int, half_width: int) -> 
     Parameters
     ----------
     paths : ndarray, shape (N, T, 2), C-contiguous
-        Displacements (x, y) in px at T >= 2 evenly spaced times, |x| <= `half_width` - 1, |y| <= `half_height` - 1.
+        Displacements (x, y) in px at T >= 2 evenly spaced times, |x| < `half_width`, |y| < `half_height`.
     half_height, half_width : int
         The kernel is (2 half_height + 1) x (2 half_width + 1).
 

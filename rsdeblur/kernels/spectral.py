@@ -1,6 +1,6 @@
-"""Filtering and blending slabs of row spectra: the C kernels and their NumPy twins.
+"""Filtering and blending slabs of columns: the C kernels and their NumPy twins.
 
-Spectra are C-contiguous complex64; channels C, rows of a slab L, rows of the picture H, column frequencies K.
+Spectra are C-contiguous complex64; channels C, columns K, length of a slab L, rows of the picture H.
 """
 
 from __future__ import annotations
@@ -20,31 +20,32 @@ def multiply_numpy(spectra: Spectra, transfer: Spectra) -> None:
 
     Parameters
     ----------
-    spectra : ndarray, shape (C, L, K), complex64, C-contiguous
+    spectra : ndarray, shape (C, K, L), complex64, C-contiguous
         Changed in place; it must not overlap `transfer`.
-    transfer : ndarray, shape (L, K), complex64, C-contiguous
+    transfer : ndarray, shape (K, L), complex64, C-contiguous
     """
     spectra *= transfer
 
 
 def blend_numpy(
-    accumulator: Spectra, slab: Spectra, weights: NDArray[np.float32], *, to_row: int, from_row: int
+    accumulator: Spectra, slab: Spectra, weights: NDArray[np.float32], *, to_position: int, from_position: int
 ) -> None:
-    """Add weighted rows of a slab to the rows of the picture they belong to, in place.
+    """Add weighted lines of a slab to the columns they belong to, in place.
 
     Parameters
     ----------
-    accumulator : ndarray, shape (C, H, K), complex64, C-contiguous
-        Changed in place: its rows `to_row` to `to_row + n` grow by the weighted rows; it must not overlap the others.
-    slab : ndarray, shape (C, L, K), complex64, C-contiguous
-        Its rows `from_row` to `from_row + n` are read.
+    accumulator : ndarray, shape (C, K, H), complex64, C-contiguous
+        Changed in place: positions `to_position` to `to_position + n` of every line grow by the weighted ones; it must
+        not overlap the others.
+    slab : ndarray, shape (C, K, L), complex64, C-contiguous
+        Its positions `from_position` to `from_position + n` are read.
     weights : ndarray, shape (n,), float32, C-contiguous
-        One weight per row.
-    to_row, from_row : int
-        First row in `accumulator` and in `slab`; both ranges lie within their arrays.
+        One weight per position.
+    to_position, from_position : int
+        First position in `accumulator` and in `slab`; both ranges lie within their lines.
     """
     n = len(weights)
-    accumulator[:, to_row : to_row + n] += weights[:, None] * slab[:, from_row : from_row + n]
+    accumulator[..., to_position : to_position + n] += weights * slab[..., from_position : from_position + n]
 
 
 multiply: Callable[[Spectra, Spectra], None] = native.multiply if native else multiply_numpy

@@ -133,7 +133,9 @@ def _finished(drawing: FloatImage, y: FloatArray, x: FloatArray, text: str) -> F
 
 
 def _caption(bank: PsfBank, magnified: float, every: int, across: int) -> str:
-    bands, strips, tall, wide = bank.kernels.shape
-    text = f"{bands} x {strips} kernels of {wide} x {tall} px, drawn {magnified:.2g} times as large as in the picture"
+    rows, cols, tall, wide = bank.kernels.shape
+    # Not bands x strips: with a horizontal readout the bands are columns.
+    grid = f"{rows} row{'s' * (rows > 1)} x {cols} column{'s' * (cols > 1)} of kernels"
+    text = f"{grid} of {wide} x {tall} px, drawn {magnified:.2g} times as large as in the picture"
     left_out = [f"1 of {n} {what}" for n, what in ((every, "rows"), (across, "columns")) if n > 1]
     return text + (f"; {' and '.join(left_out)} shown" if left_out else "")

@@ -123,6 +123,15 @@ def test_psf_draws_and_saves(run: Run, files: Files, tmp_path: Path) -> None:
         assert picture.mode == "RGB"
 
 
+@pytest.mark.parametrize("nsr", [0.001, 0.1])
+def test_psf_takes_the_tiles_of_deblur(run: Run, files: Files, tmp_path: Path, nsr: float) -> None:
+    options = [*files.recording, "--nsr", nsr, "--json"]
+    kernels = json.loads(run("psf", *options).stdout)
+    sharp = json.loads(run("deblur", files.photo, *options, "-o", tmp_path / "o.png").stdout)
+    names = ("bands", "strips", "psf_px")
+    assert [kernels[name] for name in names] == [sharp[name] for name in names]
+
+
 @pytest.mark.parametrize("direction", ["top-down", "bottom-up", "left-right", "right-left"])
 def test_psf_path_lengths_for_any_readout(run: Run, files: Files, direction: str) -> None:
     files.camera.write_text(files.camera.read_text().replace("top-down", direction))

@@ -202,6 +202,7 @@ def test_nothing_is_overwritten_without_force(run: Run, files: Files, tmp_path: 
     out.write_bytes(b"precious")
     # The photo is missing, so a refusal that names the output came before any reading.
     refused(run("deblur", tmp_path / "none.png", *files.recording, "-o", out), out, "--force")
+    refused(run("psf", "--picture", tmp_path / "none.png", *files.recording, "--bank", out), out, "--force")
     assert out.read_bytes() == b"precious"
     assert run("deblur", files.photo, *files.recording, "--force", "-o", out).exit_code == 0
     assert out.read_bytes() != b"precious"
@@ -227,11 +228,25 @@ def test_unwritable_outputs(run: Run, files: Files, tmp_path: Path) -> None:
     refused(run("psf", *files.recording, "--bank", tmp_path / "none" / "b.npz"), tmp_path / "none" / "b.npz")
 
 
+@pytest.mark.parametrize("command", ["deblur", "psf"])
+def test_unknown_picture_extensions_are_refused_before_any_work(
+    run: Run, files: Files, tmp_path: Path, command: str
+) -> None:
+    out, missing = tmp_path / "o.bmp", tmp_path / "none.png"
+    photo = [missing] if command == "deblur" else ["--picture", missing]
+    refused(run(command, *photo, *files.recording, "-o", out), out, "unknown picture extension '.bmp'")
+
+
 def test_truth_of_another_size(run: Run, files: Files, tmp_path: Path) -> None:
     truth = tmp_path / "truth.png"
     Image.new("RGB", (80, 72)).save(truth)
     arguments = [files.photo, *files.recording, "--truth", truth, "-o", tmp_path / "out"]
     refused(run("compare", *arguments), truth)
+
+
+def test_psf_picture_of_another_size(run: Run, files: Files, tmp_path: Path) -> None:
+    other_size(files)
+    refused(run("psf", *files.recording, "--picture", files.photo, "-o", tmp_path / "p.png"), files.photo)
 
 
 def test_info_on_what_is_nothing(run: Run, files: Files, tmp_path: Path) -> None:

@@ -1,0 +1,111 @@
+"""The captures that the benchmarks share: simulated ones with ground truth, and the real burst."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+from skimage.transform import rescale
+
+from rsdeblur import Camera, Exposure, GyroLog, Simulation, read_camera, read_captures, read_gyro, simulate
+from rsdeblur.io import read_picture
+from rsdeblur.scene import scene
+from rsdeblur.shake import hand_shake
+from rsdeblur.transfer import from_linear, to_linear
+
+Image = NDArray[np.float32]
+ROOT = Path(__file__).resolve().parents[1]
+DATA = Path(os.environ.get("RSDEBLUR_DATA", ROOT.parent / "shared" / "data"))
+
+# 40 dB below full scale.
+NOISE = 0.01
+# Border left out of PSNR and SSIM, px.
+BORDER = 24
+READOUT = 0.03
+
+
+@dataclass(frozen=True)
+class Capture:
+    """A simulated capture with its ground truth."""
+
+    name: str
+    log: GyroLog
+    camera: Camera
+    exposure: Exposure
+    pictures: Simulation
+
+    @property
+    def shot(self) -> tuple[GyroLog, Camera, Exposure]:
+        """What `deblur` takes after the picture."""
+        return self.log, self.camera, self.exposure
+
+
+# Kodak picture, start in the log (s), exposure (s). The moments go from nearly still to shaken hard.
+MOMENTS = [
+    ("kodim05", 3.0, 1 / 15),
+    ("kodim19", 10.0, 1 / 30),
+    ("kodim23", 17.0, 1 / 60),
+    ("kodim13", 25.0, 1 / 15),
+    ("kodim07", 33.0, 1 / 30),
+    ("kodim01", 40.0, 1 / 15),
+    ("kodim03", 21.0, 1 / 60),
+    ("kodim20", 29.0, 1 / 60),
+    ("kodim01", 6.0, 1 / 30),
+    ("kodim05", 36.5, 1 / 60),
+    ("kodim13", 44.0, 1 / 30),
+    ("kodim23", 50.0, 1 / 15),
+]
+
+
+def require_data() -> None:
+    """Stop with a message where the recordings are missing."""
+    if not DATA.is_dir():
+        sys.exit(f"no recordings at {DATA}: set RSDEBLUR_DATA to their folder")
+
+
+def simulated(count: int | None = None) -> Iterator[Capture]:
+    """Simulate 1024x768 captures from Kodak pictures enlarged twice and a real phone's shake."""
+    require_data()
+    log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
+    camera = Camera(1024, 768, 1.1 * 1024, readout=READOUT)
+    for picture, start, duration in MOMENTS[:count]:
+        stored = _float32(read_picture(DATA / "sharp" / f"{picture}.png").pixels / 255)
+        sharp = to_linear(_float32(rescale(stored, 2, order=3, channel_axis=-1).clip(0, 1)), "srgb")
+        exposure = Exposure(start, duration, log.epoch_ns)
+        name = f"{picture} {start:g} s 1/{round(1 / duration)}"
+        yield Capture(name, log, camera, exposure, simulate(sharp, log, camera, exposure, noise=NOISE))
+
+
+def synthetic() -> Capture:
+    """Make a small capture that needs no recordings."""
+    log, camera, exposure = hand_shake(0.2, seed=3), Camera(256, 192, 280.0, readout=READOUT), Exposure(0.05, 1 / 30)
+    return Capture("synthetic", log, camera, exposure, simulate(scene(240, 304), *(log, camera, exposure), noise=NOISE))
+
+
+def shield_burst() -> tuple[Image, GyroLog, Camera, Exposure]:
+    """Return the burst frame 0004.jpg in linear light; files count from 1, stamps from 0."""
+    require_data()
+    folder = DATA / "real" / "shield-burst"
+    pixels = _float32(read_picture(folder / "images" / "0004.jpg").pixels / 255)
+    camera = read_camera(ROOT / "docs" / "cameras" / "shield-burst.toml")
+    exposure = read_captures(folder / "images" / "images.txt")[3]
+    return to_linear(pixels, "srgb"), read_gyro(folder / "imu.txt"), camera, exposure
+
+
+def _float32(image: NDArray[Any]) -> Image:
+    return np.asarray(image, dtype=np.float32)
+
+
+def quality(truth: Image, image: Image) -> tuple[float, float]:
+    """PSNR (dB) and SSIM of linear pictures, in sRGB, without the border."""
+    inside = np.s_[BORDER:-BORDER, BORDER:-BORDER]
+    a, b = (from_linear(x.clip(0, 1), "srgb")[inside] for x in (truth, image))
+    psnr = peak_signal_noise_ratio(a, b, data_range=1.0)
+    return float(psnr), float(structural_similarity(a, b, data_range=1.0, channel_axis=-1))

@@ -1,0 +1,117 @@
+"""PSNR and SSIM of every mode on simulated captures: ``python -m benchmarks.quality [--markdown FILE] [--json FILE]``.
+
+The NSR is one value for all captures, chosen for the noise: the one of a short ladder with the best mean PSNR of the
+banded mode. The table for `keep` is scored against the rolling reference, `rectify` against the rectified one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+from benchmarks.captures import Capture, quality, simulated
+from rsdeblur import deblur
+from rsdeblur.pipeline import GEOMETRIES, Geometry
+
+LADDER = (0.01, 0.03, 0.1, 0.3)
+METHODS: dict[str, dict[str, Any]] = {
+    "global": {"mode": "global"},
+    **{
+        f"banded {bands} x {strips}": {"mode": "banded", "bands": bands, "strips": strips}
+        for strips in (1, "auto")
+        for bands in (4, 8, 16, "auto")
+    },
+}
+Scores = dict[str, dict[str, tuple[float, float]]]
+
+
+def main() -> None:
+    """Run the benchmark and print its tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--captures", type=int, help="only the first N of the 12 captures")
+    parser.add_argument("--markdown", type=Path, help="write the tables as Markdown")
+    parser.add_argument("--json", type=Path, help="write all scores")
+    options = parser.parse_args()
+    report = run(list(track(simulated(options.captures), "simulating", total=options.captures or 12)))
+    if options.markdown:
+        options.markdown.write_text(report["markdown"])
+    if options.json:
+        options.json.write_text(json.dumps({k: v for k, v in report.items() if k != "markdown"}, indent=1))
+    Console(width=200, highlight=False, markup=False).print(report["markdown"])
+
+
+def run(captures: Sequence[Capture]) -> dict[str, Any]:
+    """Score all methods in both geometries and return the tables."""
+    nsr, ladder = choose_nsr(captures)
+    tables, report = [], {"nsr": nsr, "ladder": ladder}
+    for geometry in GEOMETRIES:
+        scores = {c.name: score(c, geometry, nsr) for c in track(captures, geometry)}
+        report[geometry] = scores
+        tables.append(f'### `geometry="{geometry}"`\n\n{table(scores)}')
+    worst = {c.name: best_loss(c) for c in track(captures, "do no harm")}
+    report["best_minus_blurred_db"] = worst
+    rows = "\n".join(f"| {n} | " + " | ".join(f"{v:.2f}" for v in row.values()) + " |" for n, row in ladder.items())
+    names = list(next(iter(ladder.values())))
+    report["markdown"] = "\n\n".join(
+        [
+            f"NSR chosen for the noise: {nsr} (banded auto x auto, PSNR in dB):",
+            "| NSR | " + " | ".join(names) + " |\n|---|" + "---|" * len(names) + "\n" + rows,
+            *tables,
+            "Gain over the blurred picture in dB at the best NSR of the ladder for each capture: "
+            + ", ".join(f"{name}: {gain:+.2f} (NSR {at})" for name, (gain, at) in worst.items()),
+        ]
+    )
+    return report
+
+
+def choose_nsr(captures: Sequence[Capture]) -> tuple[float, dict[str, dict[str, float]]]:
+    """Return the ladder's best NSR in the mean, and the PSNR of each capture at each."""
+    ladder = {}
+    for nsr in LADDER:
+        row = {
+            c.name: quality(c.pictures.rolling, deblur(c.pictures.blurred, *c.shot, nsr=nsr).image)[0] for c in captures
+        }
+        ladder[str(nsr)] = row | {"mean": float(np.mean(list(row.values())))}
+    return max(LADDER, key=lambda nsr: ladder[str(nsr)]["mean"]), ladder
+
+
+def best_loss(capture: Capture) -> tuple[float, float]:
+    """Gain over the blurred picture at the best NSR for this capture, dB, and that NSR."""
+    truth = capture.pictures.rolling
+    gains = {
+        nsr: quality(truth, deblur(capture.pictures.blurred, *capture.shot, nsr=nsr).image)[0] for nsr in (*LADDER, 1.0)
+    }
+    best = max(gains, key=lambda nsr: gains[nsr])
+    return gains[best] - quality(truth, capture.pictures.blurred)[0], best
+
+
+def score(capture: Capture, geometry: Geometry, nsr: float) -> dict[str, tuple[float, float]]:
+    """PSNR and SSIM of the blurred picture and of every method."""
+    blurred = capture.pictures.blurred
+    truth = capture.pictures.rolling if geometry == "keep" else capture.pictures.rectified
+    scores = {"blurred": quality(truth, blurred)}
+    for name, kwargs in METHODS.items():
+        image = deblur(blurred, *capture.shot, nsr=nsr, geometry=geometry, **kwargs).image
+        scores[name] = quality(truth, image)
+    return scores
+
+
+def table(scores: Scores) -> str:
+    """Markdown table of PSNR / SSIM, a row per capture and one for the mean."""
+    methods = list(next(iter(scores.values())))
+    mean = {m: tuple(np.mean([row[m] for row in scores.values()], axis=0)) for m in methods}
+    lines = ["| capture | " + " | ".join(methods) + " |", "|---|" + "---|" * len(methods)]
+    for name, row in {**scores, "**mean**": mean}.items():
+        lines.append(f"| {name} | " + " | ".join(f"{row[m][0]:.2f} / {row[m][1]:.3f}" for m in methods) + " |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main()

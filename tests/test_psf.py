@@ -1,0 +1,219 @@
+"""Laws of the PSF bank: what it accepts, how paths become kernels, how it turns, and its file."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from rsdeblur.camera import Camera
+from rsdeblur.errors import FileFormatError, InputError, OutputError
+from rsdeblur.exposure import Exposure
+from rsdeblur.motion import BlurPaths, Shot
+from rsdeblur.psf import PsfBank, tile_centres
+
+EXPOSURE = Exposure(0.1, 0.05)
+
+
+def random_bank(bands=3, strips=2, height=5, width=7):
+    kernels = np.random.default_rng(0).random((bands, strips, height, width))
+    kernels /= kernels.sum(axis=(2, 3), keepdims=True)
+    return PsfBank(kernels, np.arange(bands) * 10.0 + 2.5, np.arange(strips) * 20.0 + 1.0)
+
+
+def assert_same(a, b):
+    for name in ("kernels", "rows", "cols"):
+        # Banks normalise again what is normalised to a rounding of float32.
+        np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=3e-7, atol=1e-12, err_msg=name)
+
+
+class TestKernels:
+    @pytest.mark.parametrize(
+        ("shape", "grid"), [((3, 5), (1, 1)), ((4, 3, 5), (4, 1)), ((4, 2, 3, 5), (4, 2)), ((1, 1), (1, 1))]
+    )
+    def test_one_band_or_tiles(self, shape, grid):
+        kernels = np.full(shape, 1 / (shape[-1] * shape[-2]))
+        bank = PsfBank.for_picture(kernels, (40, 60, 3))
+        assert bank.kernels.shape == (*grid, *shape[-2:])
+        assert bank.kernels.dtype == np.float32
+        assert bank.size == shape[-2:]
+        assert bank.centres.shape == (*grid, 2)
+
+    def test_sums_are_made_one(self):
+        kernels = np.full((2, 3, 3), 1 / 9) * [[[1.0009]], [[0.9991]]]
+        bank = PsfBank.for_picture(kernels, (20, 20))
+        np.testing.assert_allclose(bank.kernels.sum(axis=(2, 3), dtype=np.float64), 1, atol=1e-6)
+
+    def test_holds_its_own_read_only_arrays(self):
+        kernel = np.ones((1, 1))
+        bank = PsfBank.for_picture(kernel, (8, 8))
+        kernel[:] = 7
+        assert bank.kernels[0, 0, 0, 0] == 1
+        for array in (bank.kernels, bank.rows, bank.cols):
+            assert not array.flags.writeable
+
+    @pytest.mark.parametrize(
+        ("kernels", "message"),
+        [
+            (np.ones((2, 3)) / 6, "odd sizes, so that the centre is a pixel, got 2x3; add a row or column"),
+            (np.ones((3, 4)) / 12, "got 3x4"),
+            (np.ones((3, 3)), "must sum to 1, found a sum of 9; divide each kernel by its sum"),
+            (np.zeros((3, 3)), "found a sum of 0"),
+            (np.stack([np.full((3, 3), 1 / 9), np.full((3, 3), 0.112)]), "found a sum of 1.008"),
+            (np.full((3, 3), math.nan), "kernels must be finite"),
+            (np.ones(1), r"must have shape \(B, S, kh, kw\), \(B, kh, kw\) or \(kh, kw\), got \(1,\)"),
+            (np.ones((1, 1, 1, 1, 1)), r"got \(1, 1, 1, 1, 1\)"),
+            (np.ones((0, 3, 3)), r"got \(0, 3, 3\)"),
+            (np.ones((3, 0, 3)), r"got \(3, 0, 3\)"),
+            (np.ones((0, 0)), r"got \(0, 0\)"),
+            ("kernel", "kernels must be an array of real numbers"),
+            (np.full((1, 1), 1 + 0j), "kernels must be an array of real numbers: it is complex"),
+        ],
+    )
+    def test_refuses(self, kernels, message):
+        with pytest.raises(InputError, match=message):
+            PsfBank.for_picture(kernels, (40, 60))
+
+    @pytest.mark.parametrize("shape", [(40,), (1, 40, 60, 3)])
+    def test_a_picture_has_two_axes_or_three(self, shape):
+        with pytest.raises(InputError, match=r"shape must be \(H, W\) or \(H, W, C\), got"):
+            PsfBank.for_picture(np.ones((1, 1)), shape)
+
+    @pytest.mark.parametrize(
+        ("rows", "cols", "message"),
+        [
+            ([0, 1], [0, 1], r"rows must have shape \(3\), got \(2,\)"),
+            ([0, 1, 2], [0], r"cols must have shape \(2\), got \(1,\)"),
+            ([0, 2, 1], [0, 1], "rows must increase"),
+            ([0, 1, 2], [1, 1], "cols must increase"),
+            ([0, math.nan, 2], [0, 1], "rows must be finite"),
+        ],
+    )
+    def test_centres_fit_the_kernels(self, rows, cols, message):
+        with pytest.raises(InputError, match=message):
+            PsfBank(random_bank().kernels, rows, cols)
+
+
+class TestCentres:
+    @pytest.mark.parametrize(("tiles", "length"), [(1, 64), (4, 64), (3, 100), (64, 64)])
+    def test_tiles_are_equal_parts(self, tiles, length):
+        centres = tile_centres(tiles, length)
+        # Pixel 0 begins at -1/2, the last one ends at length - 1/2.
+        edges = np.linspace(-0.5, length - 0.5, tiles + 1)
+        np.testing.assert_allclose(centres, 0.5 * (edges[1:] + edges[:-1]), atol=1e-12)
+
+    def test_centres_are_row_before_column(self):
+        bank = random_bank()
+        assert np.array_equal(bank.centres[2, 1], [bank.rows[2], bank.cols[1]])
+
+
+class TestFromPaths:
+    @pytest.fixture
+    def paths(self, shaky_log):
+        shot = Shot.from_log(shaky_log(), Camera(96, 64, 90.0, readout=0.03), EXPOSURE)
+        return BlurPaths.from_shot(shot, tile_centres(4, 64), tile_centres(3, 96))
+
+    def test_kernels_stand_where_the_paths_do(self, paths):
+        bank = PsfBank.from_paths(paths)
+        assert np.array_equal(bank.rows, paths.rows)
+        assert np.array_equal(bank.cols, paths.cols)
+
+    def test_sum_and_centroid(self, paths):
+        bank = PsfBank.from_paths(paths)
+        np.testing.assert_allclose(bank.kernels.sum(axis=(2, 3), dtype=np.float64), 1, atol=1e-6)
+        dy, dx = (np.arange(n) - n // 2 for n in bank.size)
+        d = paths.displacements
+        mean = 0.5 * (d[:, :, 1:] + d[:, :, :-1]).mean(axis=2)
+        # Float32 rounds by 6e-8 of a reach of some px.
+        np.testing.assert_allclose(np.einsum("bsij,j->bs", bank.kernels.astype(float), dx), mean[..., 0], atol=1e-6)
+        np.testing.assert_allclose(np.einsum("bsij,i->bs", bank.kernels.astype(float), dy), mean[..., 1], atol=1e-6)
+
+    def test_size_is_the_longest_reach_and_no_more(self, paths):
+        bank = PsfBank.from_paths(paths)
+        assert bank.size == tuple(2 * math.floor(reach) + 3 for reach in paths.extent)
+
+    def test_standing_still_is_a_delta(self):
+        paths = BlurPaths(np.zeros((2, 1, 5, 2)), np.array([1.0, 2.0]), np.array([4.0]))
+        expected = np.zeros((2, 1, 3, 3))
+        expected[..., 1, 1] = 1
+        np.testing.assert_array_equal(PsfBank.from_paths(paths).kernels, expected)
+
+
+class TestTurned:
+    def test_four_turns_are_the_identity(self):
+        bank = random_bank()
+        height, width = 40, 50
+        turned = bank.turned(width).turned(height).turned(width).turned(height)
+        assert_same(turned, bank)
+
+    def test_kernels_are_turned_and_moved(self):
+        bank = random_bank()
+        turned = bank.turned(50)
+        # numpy.rot90: old (y, x) stands at new (width - 1 - x, y).
+        for b, s in np.ndindex(3, 2):
+            np.testing.assert_allclose(turned.kernels[1 - s, b], np.rot90(bank.kernels[b, s]), rtol=3e-7)
+            assert np.array_equal(turned.centres[1 - s, b], [49 - bank.cols[s], bank.rows[b]])
+
+    def test_undoes_the_turn_of_the_camera(self, shaky_log):
+        # Without readout the blur is known on both ways: of the picture as it is, and turned by a quarter and back.
+        camera = Camera(96, 64, 90.0, (50.0, 30.0), readout=0.0)
+        rows, cols = tile_centres(3, 64), tile_centres(4, 96)
+
+        def bank(camera, rows, cols):
+            return PsfBank.from_paths(BlurPaths.from_shot(Shot.from_log(shaky_log(), camera, EXPOSURE), rows, cols))
+
+        straight = bank(camera, rows, cols)
+        back = bank(camera.turned(), cols, (camera.height - 1 - rows)[::-1]).turned(camera.height)
+        np.testing.assert_allclose(back.centres, straight.centres, atol=1e-12)
+        # Rounded positions can move energy of 1e-9 across a grid line; entries are float32 below 1.
+        np.testing.assert_allclose(back.kernels, straight.kernels, atol=2e-7)
+
+
+class TestFile:
+    def test_round_trip(self, tmp_path):
+        bank = random_bank()
+        bank.save(tmp_path / "bank.npz")
+        assert_same(PsfBank.load(tmp_path / "bank.npz"), bank)
+
+    def test_name_is_kept(self, tmp_path):
+        random_bank().save(tmp_path / "bank.psf")
+        assert [path.name for path in tmp_path.iterdir()] == ["bank.psf"]
+
+    def test_bad_files_are_named(self, tmp_path):
+        bank = random_bank()
+        (tmp_path / "text.npz").write_text("not a bank")
+        (tmp_path / "empty.npz").write_bytes(b"")
+        np.save(tmp_path / "array.npy", bank.kernels)
+        np.savez(tmp_path / "lacks.npz", kernels=bank.kernels, rows=bank.rows)
+        np.savez(tmp_path / "unlike.npz", kernels=bank.kernels, rows=bank.rows, cols=bank.rows)
+        names = ("text.npz", "empty.npz", "array.npy", "lacks.npz", "unlike.npz", "none.npz", "")
+        for path in (tmp_path / name for name in names):
+            with pytest.raises(FileFormatError, match="not a PSF bank: ") as caught:
+                PsfBank.load(path)
+            assert str(caught.value).startswith(f"{path}: ")
+
+    def test_damaged_and_truncated_files_are_named(self, tmp_path):
+        path = tmp_path / "bank.npz"
+        random_bank().save(path)
+        whole = path.read_bytes()
+        damaged = [whole[:i] + bytes([whole[i] ^ 0xFF]) + whole[i + 1 :] for i in range(0, len(whole), 7)]
+        truncated = [whole[:i] for i in range(0, len(whole), 50)]
+        refused = sum(_is_refused_by_name(path, content) for content in damaged + truncated)
+        # A flipped byte in a date or a name's copy does no harm; most do, and every truncation.
+        assert refused > len(truncated) + len(damaged) // 2
+
+    def test_unwritable_is_named(self, tmp_path):
+        with pytest.raises(OutputError, match="cannot write the file"):
+            random_bank().save(tmp_path / "missing" / "bank.npz")
+        assert not list(tmp_path.iterdir())
+
+
+def _is_refused_by_name(path, content):
+    """Whether a bank file of that content is refused; any other error than the right one is let through."""
+    path.write_bytes(content)
+    try:
+        PsfBank.load(path)
+    except FileFormatError as error:
+        return str(error).startswith(f"{path}: not a PSF bank: ")
+    return False
