@@ -32,27 +32,30 @@ def thread_count(threads: int | None) -> int:
     return _validate.count("threads", threads)
 
 
-# Time that FFTW takes per point for each prime factor of a length, relative to a factor of 2; fitted to measured plans
-# of lengths 1550 to 2310 (real and complex, float32, AVX-512), which it predicts within 20 %.
-FACTOR_COST = {2: 1.0, 3: 2.4, 5: 2.5, 7: 4.8, 11: 9.0, 13: 10.0}
-# A length may exceed what is needed by this share, so that two axes stay within 8 % more pixels.
-EXCESS = 0.038
+# FFTW is fast where vectors of 16 fit, and pays for every odd factor. Time per point over that of a power of two,
+# fitted to measured plans of lengths 96 to 2310 (float32, AVX-512): what each factor adds, what each 3 beyond the first
+# adds again, and what each factor of 2 short of 16 adds.
+FACTOR_COST = {3: 0.15, 5: 0.15, 7: 0.4, 11: 1.0, 13: 1.3}
+FURTHER_3_COST = 0.35
+SHORT_OF_16_COST = 0.25
 
 
-def fast_length(minimum: int) -> int:
-    """Return the even length of at least `minimum` that FFTW transforms fastest, at most 3.8 % (or 2) longer."""
-    lengths = range(minimum + minimum % 2, max(int(minimum * (1 + EXCESS)), minimum + 2) + 1, 2)
+def fast_length(minimum: int, *, excess: float) -> int:
+    """Return the even length from `minimum` up, longer by the share `excess` at most, that FFTW transforms fastest."""
+    lengths = range(minimum + minimum % 2, max(int(minimum * (1 + excess)), minimum + 2) + 1, 2)
     return min(lengths, key=_cost)
 
 
 def _cost(length: int) -> float:
-    """Predicted time of a transform; an unknown prime costs like a multiple of the largest known one."""
-    rest, per_point = length, 0.0
-    for factor, cost in FACTOR_COST.items():
+    """Predicted time of a transform; an unknown prime costs like a direct sum over it."""
+    rest, powers = length, dict.fromkeys((2, *FACTOR_COST), 0)
+    for factor in powers:
         while rest % factor == 0:
             rest //= factor
-            per_point += cost
-    return length * (per_point + (rest if rest > 1 else 0))
+            powers[factor] += 1
+    odd = sum(cost * powers[factor] for factor, cost in FACTOR_COST.items())
+    further = FURTHER_3_COST * max(powers[3] - 1, 0) + SHORT_OF_16_COST * max(4 - powers[2], 0)
+    return length * (1.0 + odd + further + (rest - 1))
 
 
 def empty(shape: tuple[int, ...], dtype: type[Any]) -> NDArray[Any]:

@@ -75,24 +75,31 @@ class Hybrid:
         ]
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="rsdeblur") if threads > 1 else None
 
-    def to_columns(self, picture: Real, strip: Tile) -> None:
-        """Cut `strip` out of `picture` (H, W, C) and transform its rows into the columns."""
+    def to_columns(self, picture: Real, strip: Tile) -> bool:
+        """Cut `strip` out of `picture` (H, W, C) and transform its rows into the columns.
+
+        Returns whether all that was read is finite: looked at here, it costs no pass over the picture.
+        """
         taper = fade(self.strips.taper)
+        finite = [True]
 
         def block(worker: _Worker, top: int) -> None:
             rows, buffers = min(ROWS, self.height - top), worker.rows
             lines.picture_to_lines(picture, top, rows, strip.start, taper, self._periodic, buffers.real)
+            if not np.isfinite(buffers.real[:, :rows]).all():
+                finite[0] = False
             buffers.forward()
             lines.rows_to_columns(buffers.spectrum, rows, self._columns, top)
 
         self._share(block, range(0, self.height, ROWS))
+        return finite[0]
 
     def filter(self, filters: Complex) -> None:
         """Filter every band of the columns with `filters` (B, padded frequencies, L) and blend the bands in place."""
         taper = fade(self.bands.taper)
 
         def block(worker: _Worker, first: int) -> None:
-            worker.blended[...] = 0
+            worker.blended.fill(0)
             for group in self._groups:
                 lines.cut_slabs(
                     self._columns, first, self.height, self._starts[group], taper, self._periodic, worker.slabs.data

@@ -16,6 +16,11 @@ from rsdeblur._validate import FloatArray
 from rsdeblur.errors import InputError
 from rsdeblur.fft import fast_length
 
+# How much longer a transform may be than needed, as a share, for FFTW's sake. Two whole axes stay within 8 % more
+# pixels; tiles overlap anyway, and a length of 256 in place of 243 is twice as fast.
+WHOLE_EXCESS = 0.038
+TILE_EXCESS = 0.16
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tile:
@@ -82,9 +87,9 @@ class Tiling:
                 f"PSF positions must lie within the picture, a pixel or more apart, got {centres.tolist()} px"
             )
         taper = 0 if periodic else kernel
-        whole = n if periodic else fast_length(n + kernel)
+        whole = n if periodic else fast_length(n + kernel, excess=WHOLE_EXCESS)
         longest = max(len(support) for support in supports)
-        length = fast_length(longest + 2 * margin + kernel)
+        length = fast_length(longest + 2 * margin + kernel, excess=TILE_EXCESS)
         if len(centres) == 1 or length >= whole:
             tiles = tuple(Tile(0, int(s[0]), _part(w, s)) for w, s in zip(weights, supports, strict=True))
             return cls(whole, whole - n if taper else 0, tiles)

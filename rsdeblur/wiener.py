@@ -122,8 +122,6 @@ class Deconvolver:
         picture = np.ascontiguousarray(image, dtype=np.float32)
         if picture.shape != self.shape:
             raise InputError(f"image must have the planned shape {self.shape}, got {picture.shape}")
-        if not np.isfinite(picture).all():
-            raise InputError("image must be finite")
         if out is None:
             out = np.empty(self.shape, dtype=np.float32)
         elif out.shape != self.shape or out.dtype != np.float32:
@@ -136,7 +134,8 @@ class Deconvolver:
         source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))
         with self._lock:
             for s, strip in enumerate(self._strips.tiles):
-                self._hybrid.to_columns(source, strip)
+                if not self._hybrid.to_columns(source, strip):
+                    raise InputError("image must be finite")
                 self._hybrid.filter(self._filters[s])
                 self._hybrid.to_picture(target, strip, add=several)
                 if progress is not None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rsdeblur.errors import InputError
+from rsdeblur.fft import fast_length
 from rsdeblur.psf import tile_centres
 from rsdeblur.tiling import Tiling, hat_weights
 
@@ -94,3 +95,14 @@ def test_weights_interpolate_linearly():
 def test_a_tile_without_a_pixel_is_refused(centres):
     with pytest.raises(InputError, match=r"must lie within the picture, a pixel or more apart, got \["):
         Tiling.plan(np.array(centres), 64, 1, 0, periodic=False)
+
+
+@pytest.mark.parametrize("excess", [0.038, 0.16])
+def test_fast_lengths_are_even_bounded(excess):
+    for minimum in range(2, 3000, 7):
+        length = fast_length(minimum, excess=excess)
+        assert length % 2 == 0
+        assert minimum <= length <= max(minimum * (1 + excess), minimum + 2)
+    # Of 1554 to 1611, only 1600 = 2^6 5^2 fills vectors of 16 without a factor above 5.
+    assert fast_length(1553, excess=0.038) == 1600
+    assert fast_length(243, excess=0.16) == 256
