@@ -13,7 +13,7 @@ stands above it in this ladder::
     gyro        GyroLog, OrientationTrack
     motion      BlurPaths: displacement paths on a grid of rows and strips
     psf         PsfBank: kernels drawn from paths, or given
-    fft         the only importer of pyFFTW
+    fft         the only importer of pyFFTW: transforms, measured plans kept on disk
     tiling      bands and strips, windows that sum to one
     border      what stands beyond the frame
     hybrid      rows and columns: the engine of all modes

@@ -1,19 +1,31 @@
 """The only place that talks to FFTW: planned transforms of lines on buffers they own, and the thread count.
 
 A plan runs in the thread that calls it; threads share work by blocks (`rsdeblur.hybrid`), not within a transform.
+
+What FFTW learns by measuring is kept in the user's cache folder, one file per FFTW version and processor: a plan that
+was measured once is found at once, by every later process and whatever planning it asks for.
 """
 
 from __future__ import annotations
 
+import hashlib
 import os
+import platform
+import threading
+import warnings
 from collections.abc import Callable
+from functools import cache
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import platformdirs
 import pyfftw
 from numpy.typing import NDArray
 
 from rsdeblur import _validate
+from rsdeblur._atomic import atomic_write
+from rsdeblur.errors import OutputError, RsdeblurWarning
 
 Complex = NDArray[np.complex64]
 Real = NDArray[np.float32]
@@ -92,13 +104,73 @@ class LineTransform:
 
 def _plan(source: NDArray[Any], target: NDArray[Any], direction: str, planning: Planning) -> Callable[[], None]:
     """Return the transform of lines from `source` to `target`, unscaled; it may destroy `source`."""
-    plan = pyfftw.FFTW(
-        source,
-        target,
-        axes=(-1,),
-        direction=direction,
-        flags=(f"FFTW_{planning.upper()}", "FFTW_DESTROY_INPUT"),
-        planning_timelimit=PLANNING_TIME,
-    )
+    _recall()
+    # FFTW's planner and its wisdom are one per process.
+    with _planner:
+        plan = pyfftw.FFTW(
+            source,
+            target,
+            axes=(-1,),
+            direction=direction,
+            flags=(f"FFTW_{planning.upper()}", "FFTW_DESTROY_INPUT"),
+            planning_timelimit=PLANNING_TIME,
+        )
     execute: Callable[[], None] = plan.execute
     return execute
+
+
+_planner = threading.Lock()
+
+
+def wisdom_file() -> Path:
+    """Return where this machine's measured plans are kept."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        processor = next(line for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        processor = platform.processor()
+    kind = hashlib.sha256(f"{platform.machine()} {processor}".encode()).hexdigest()[:12]
+    return platformdirs.user_cache_path("rsdeblur") / f"{pyfftw.fftw_version}-{kind}.wisdom"
+
+
+@cache
+def _recall() -> None:
+    """Load what was measured before, once per process."""
+    _read_wisdom()
+
+
+def _read_wisdom() -> None:
+    # FFTW refuses what is damaged or of another build, and then knows as much as before.
+    try:
+        single = wisdom_file().read_bytes()
+    except OSError:
+        return
+    with _planner:
+        pyfftw.import_wisdom((b"", single, b""))
+
+
+def remember() -> None:
+    """Keep what was measured by now, together with what other processes kept meanwhile.
+
+    Warns
+    -----
+    RsdeblurWarning
+        Once per process, if the cache folder cannot be written: planning is then repeated next time.
+    """
+    file = wisdom_file()
+    _read_wisdom()
+    with _planner:
+        single = pyfftw.export_wisdom()[1]
+    try:
+        if file.exists() and file.read_bytes() == single:
+            return
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(file) as out:
+            out.write(single)
+    except (OSError, OutputError) as error:
+        _warn_not_kept(str(error))
+
+
+@cache
+def _warn_not_kept(reason: str) -> None:
+    warnings.warn(f"measured FFT plans cannot be kept, planning is repeated next time: {reason}", RsdeblurWarning, 3)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur import _validate
 from rsdeblur.border import BORDERS, Border
 from rsdeblur.errors import InputError
-from rsdeblur.fft import PLANNINGS, Complex, LineTransform, Planning, RowTransform, thread_count
+from rsdeblur.fft import PLANNINGS, Complex, LineTransform, Planning, RowTransform, remember, thread_count
 from rsdeblur.hybrid import Hybrid
 from rsdeblur.psf import PsfBank
 from rsdeblur.tiling import Tiling
@@ -48,7 +48,8 @@ class Deconvolver:
         "blend" continues the picture and fades opposite borders into each other over the PSF's size; "periodic" takes
         the picture as repeating.
     planning : {"estimate", "measure"}
-        How FFTW plans: at once, or by trying out (some seconds, for plans that are applied often).
+        How FFTW plans: at once, or by trying out (up to a second per plan, for solvers that are applied often). What
+        was measured once is kept in the user's cache folder and used by both.
     threads : int, optional
         Threads for the transforms; default all processors.
 
@@ -89,6 +90,8 @@ class Deconvolver:
             threads=thread_count(threads),
         )
         self._filters = self._plan_filters(bank)
+        if planning == "measure":
+            remember()
         self._lock = threading.Lock()
 
     def apply(

@@ -14,6 +14,12 @@ from rsdeblur.shake import hand_shake
 os.environ["PYTHONSAFEPATH"] = "1"
 
 
+@pytest.fixture(scope="session", autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Keep measured FFT plans out of the user's cache."""
+    os.environ["XDG_CACHE_HOME"] = str(tmp_path_factory.mktemp("cache"))
+
+
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
     """Folder of real recordings, which are not part of the repository; tests that want it skip without it."""

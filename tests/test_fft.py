@@ -1,0 +1,81 @@
+"""Laws of the transforms, and of keeping measured plans."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from rsdeblur import RsdeblurWarning, fft
+
+
+@pytest.fixture
+def cache_dir(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(fft, "wisdom_file", lambda: tmp_path / "rsdeblur" / "test.wisdom")
+    fft._warn_not_kept.cache_clear()
+    return tmp_path / "rsdeblur"
+
+
+@pytest.mark.parametrize("planning", fft.PLANNINGS)
+def test_rows_are_numpys_transform_and_come_back(planning):
+    rng = np.random.default_rng(0)
+    rows = fft.RowTransform((2, 3, 30), planning)
+    values = rng.random((2, 3, 30)).astype(np.float32)
+    rows.real[...] = values
+    rows.forward()
+    # 30 values of order 1 are summed in float32.
+    np.testing.assert_allclose(rows.spectrum, np.fft.rfft(values), atol=1e-5)
+    rows.inverse()
+    np.testing.assert_allclose(rows.real / 30, values, atol=1e-6)
+
+
+def test_lines_are_numpys_transform_and_come_back():
+    rng = np.random.default_rng(0)
+    lines = fft.LineTransform((4, 24))
+    values = (rng.random((4, 24)) + 1j * rng.random((4, 24))).astype(np.complex64)
+    lines.data[...] = values
+    lines.forward()
+    np.testing.assert_allclose(lines.data, np.fft.fft(values), atol=1e-5)
+    lines.inverse()
+    np.testing.assert_allclose(lines.data / 24, values, atol=1e-6)
+
+
+def test_measured_plans_are_kept_and_damage_is_harmless(cache_dir):
+    fft.LineTransform((3, 48), "measure")
+    fft.remember()
+    (kept,) = cache_dir.iterdir()
+    good = kept.read_bytes()
+    assert b"fftwf_wisdom" in good
+    kept.write_bytes(good[: len(good) // 2])
+    fft._read_wisdom()
+    fft.remember()
+    assert kept.read_bytes() == good
+    assert [path.name for path in cache_dir.iterdir()] == [kept.name]
+
+
+def test_a_cache_that_cannot_be_written_costs_one_warning(cache_dir):
+    # A file where the folder should be stops root too.
+    cache_dir.write_text("")
+    with pytest.warns(RsdeblurWarning, match="cannot be kept"):
+        fft.remember()
+    fft.remember()  # a second warning would be an error
+
+
+def test_another_process_finds_what_was_kept(tmp_path):
+    program = (
+        "from rsdeblur import fft; import pyfftw, sys\n"
+        "before = len(pyfftw.export_wisdom()[1])\n"
+        "fft.LineTransform((3, 48), sys.argv[1])\n"
+        "print(len(pyfftw.export_wisdom()[1]) - before)\n"
+        "fft.remember()\n"
+    )
+    environment = {"XDG_CACHE_HOME": str(tmp_path), "PATH": "", "LOCALAPPDATA": str(tmp_path), "HOME": str(tmp_path)}
+    for planning in ("measure", "estimate"):
+        run = subprocess.run(
+            [sys.executable, "-P", "-c", program, planning], capture_output=True, text=True, check=True, env=environment
+        )
+        # The first process learns; the second knows as much before it plans anything.
+        assert int(run.stdout) > 0
