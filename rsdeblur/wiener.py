@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -81,15 +82,16 @@ class Deconvolver:
             Tiling.plan(centres, n, kernel, int(np.ceil(reach * kernel)), periodic=border == "periodic")
             for centres, n, kernel in zip((bank.rows, bank.cols), (height, width), bank.size, strict=True)
         )
+        threads = thread_count(threads)
         self._hybrid = Hybrid(
             (height, width, self.shape[2] if len(self.shape) == 3 else 1),
             self._bands,
             self._strips,
             border=border,
             planning=planning,
-            threads=thread_count(threads),
+            threads=threads,
         )
-        self._filters = self._plan_filters(bank)
+        self._filters = self._plan_filters(bank, threads)
         if planning == "measure":
             remember()
         self._lock = threading.Lock()
@@ -145,34 +147,50 @@ class Deconvolver:
                     progress((s + 1) / len(self._strips.tiles))
         return out
 
-    def _plan_filters(self, bank: PsfBank) -> Complex:
-        """Return the filters of all tiles, shape (S, B, K, L), with the scaling of the inverse transforms folded in."""
-        length, width = self._bands.length, self._strips.length
-        bands, strips, height, _ = bank.kernels.shape
-        rows = RowTransform((height, width))
-        columns = LineTransform((self._hybrid.frequencies, length))
-        filters: Complex = np.zeros((strips, bands, self._hybrid.padded_frequencies, length), dtype=np.complex64)
-        scale = np.float32((1.0 + self.nsr) / (length * width))
-        # The kernel's centre goes to the origin, what precedes it to the end.
-        positions = (np.arange(height) - height // 2) % length
-        for s, b in np.ndindex(strips, bands):
-            _centre_at_origin(bank.kernels[b, s], rows.real)
-            rows.forward()
-            columns.data[...] = 0
-            columns.data[:, positions] = rows.spectrum.T
-            columns.forward()
-            otf = columns.data
-            power = otf.real**2 + otf.imag**2
-            np.multiply(
-                otf.conj(), scale / (power + np.float32(self.nsr)), out=filters[s, b, : self._hybrid.frequencies]
-            )
+    def _plan_filters(self, bank: PsfBank, threads: int) -> Complex:
+        """Return the filters of all tiles, shape (S, B, K, L)."""
+        bands, strips = bank.kernels.shape[:2]
+        shape = (strips, bands, self._hybrid.padded_frequencies, self._bands.length)
+        filters: Complex = np.zeros(shape, dtype=np.complex64)
+        tiles = list(np.ndindex(bands, strips))
+
+        def plan(thread: int) -> None:
+            planner = _FilterPlanner(bank.size[0], self._bands.length, self._strips.length, self.nsr)
+            for b, s in tiles[thread::threads]:
+                planner.plan(bank.kernels[b, s], filters[s, b, : self._hybrid.frequencies])
+
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(plan, range(threads)))
         return filters
 
 
-def _centre_at_origin(kernel: NDArray[np.float32], out: NDArray[np.float32]) -> None:
-    """Place the rows of `kernel` in those of `out` with their centres at 0, wrapped around."""
-    out[...] = 0.0
-    out[:, (np.arange(kernel.shape[1]) - kernel.shape[1] // 2) % out.shape[1]] = kernel
+class _FilterPlanner:
+    """Turns kernels into filters of columns, with the scaling of the inverse transforms folded in."""
+
+    def __init__(self, kernel_height: int, slab_length: int, row_length: int, nsr: float) -> None:
+        self._rows = RowTransform((kernel_height, row_length))
+        self._columns = LineTransform((row_length // 2 + 1, slab_length))
+        # The kernel's centre goes to the origin, what precedes it to the end.
+        self._places = (np.arange(kernel_height) - kernel_height // 2) % slab_length
+        self._nsr = np.float32(nsr)
+        self._scale = np.float32((1.0 + nsr) / (slab_length * row_length))
+
+    def plan(self, kernel: NDArray[np.float32], out: Complex) -> None:
+        """Fill `out` (K, L) with the filter of `kernel`."""
+        width = kernel.shape[1]
+        self._rows.real[...] = 0
+        self._rows.real[:, (np.arange(width) - width // 2) % self._rows.real.shape[1]] = kernel
+        self._rows.forward()
+        otf = self._columns.data
+        otf[...] = 0
+        otf[:, self._places] = self._rows.spectrum.T
+        self._columns.forward()
+        gain = np.square(otf.real)
+        gain += np.square(otf.imag)
+        gain += self._nsr
+        np.divide(self._scale, gain, out=gain)
+        np.conjugate(otf, out=out)
+        out *= gain
 
 
 def _picture_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
