@@ -1,0 +1,230 @@
+"""How time and memory grow: ``python -m benchmarks.growth [--rounds 5] [--json FILE] [--plots FOLDER]``.
+
+Four series for RGB float32, each starting from 2048x1536, a PSF of 17x59 px and 16 bands: over the picture's size, the
+PSF's height, the number of bands and the number of strips. Each point has a process of its own: the peak of its memory
+is its own, and so are its plans. Time is the median of `apply` into a given array; extra memory is the most that the
+process held while the solver was built and applied, less the pictures in and out.
+
+``--quick`` shrinks everything and says nothing about speed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks import machine
+from benchmarks.cases import NSR, Case
+from benchmarks.tables import print_table, write
+from benchmarks.timing import Times, interleave, progress
+from rsdeblur import Deconvolver
+
+Record = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One configuration; one band is the global mode."""
+
+    width: int = 2048
+    height: int = 1536
+    psf_width: int = 17
+    psf_height: int = 59
+    bands: int = 16
+    strips: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """Points along one axis, for one or two modes.
+
+    Parameters
+    ----------
+    label : str
+        Of the axis.
+    x : sequence of float
+        Position of each point.
+    modes : dict of list of Point
+    logarithmic : bool
+        Whether time is expected to grow with x.
+    """
+
+    label: str
+    x: Sequence[float]
+    modes: dict[str, list[Point]]
+    logarithmic: bool = False
+
+
+def series(
+    start: Point, sizes: Sequence[tuple[int, int]], heights: Sequence[int], counts: Sequence[int]
+) -> list[Series]:
+    """Return the four series from a starting point."""
+    modes = {"global": replace(start, bands=1), f"{start.bands} bands": start}
+    by_size = {name: [replace(point, width=w, height=h) for w, h in sizes] for name, point in modes.items()}
+    by_height = {name: [replace(point, psf_height=h) for h in heights] for name, point in modes.items()}
+    strips = [n for n in counts if n <= start.bands]
+    return [
+        Series("size (megapixels)", [w * h / 1e6 for w, h in sizes], by_size, logarithmic=True),
+        Series("height of the PSF (px)", heights, by_height),
+        Series("bands", counts, {"1 strip": [replace(start, bands=n) for n in counts]}),
+        Series("strips", strips, {f"{start.bands} bands": [replace(start, strips=n) for n in strips]}),
+    ]
+
+
+FULL = series(
+    Point(),
+    # 0.5, 1, 2, 3, 6, 12, 24 and 48 megapixels
+    sizes=((816, 612), (1152, 864), (1632, 1224), (2048, 1536), (2832, 2124), (4000, 3000), (5656, 4242), (8000, 6000)),
+    heights=(9, 17, 31, 59, 77, 121, 201),
+    counts=(1, 2, 4, 8, 16, 32, 64),
+)
+QUICK = series(Point(256, 192, 9, 17, 4), sizes=((256, 192), (512, 384)), heights=(9, 17), counts=(1, 4))
+
+
+def main() -> None:
+    """Measure all series, print and draw them."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, help="times that each point is timed (5)")
+    parser.add_argument("--threads", type=int, default=2, help="threads (2)")
+    parser.add_argument("--quick", action="store_true", help="few small points, to see that it runs")
+    parser.add_argument("--json", type=Path, help="write the record")
+    parser.add_argument("--plots", type=Path, help="draw the curves as SVG into this folder")
+    parser.add_argument("--point", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    rounds = options.rounds or (2 if options.quick else 5)
+    if options.point:
+        print(json.dumps(measure(Point(**json.loads(options.point)), rounds, options.threads)))
+        return
+    record = run(QUICK if options.quick else FULL, rounds, options.threads)
+    record["command"] = "python -m benchmarks.growth " + " ".join(sys.argv[1:])
+    for found in record["series"]:
+        print()
+        print_table(columns(found), rows(found))
+    for note in machine.busy(record["load"]):
+        print(note)
+    if options.json:
+        write(options.json, json.dumps(record, indent=1))
+    if options.plots:
+        for path in draw(record, options.plots):
+            print(f"drew {path}")
+
+
+def run(planned: Sequence[Series], rounds: int, threads: int) -> Record:
+    """Measure every point in a process of its own."""
+    load = machine.load()
+    points = list(dict.fromkeys(point for s in planned for mode in s.modes.values() for point in mode))
+    found = {point: _in_new_process(point, rounds, threads) for point in progress(points, "measuring")}
+    return {
+        "machine": machine.facts(),
+        "load": load,
+        "rounds": rounds,
+        "threads": threads,
+        "series": [
+            {
+                "label": s.label,
+                "x": list(s.x),
+                "logarithmic": s.logarithmic,
+                "modes": {name: [found[point] for point in points] for name, points in s.modes.items()},
+            }
+            for s in planned
+        ],
+    }
+
+
+def measure(point: Point, rounds: int, threads: int) -> Record:
+    """Return the time and the extra memory of one point; memory is None where the system does not tell."""
+    case = Case(point.width, point.height, (point.psf_width, point.psf_height))
+    bank = case.bank(point.bands, point.strips)
+    picture, out = case.sharp, np.ones(case.shape, dtype=np.float32)
+    before = machine.forget_peak()
+    begin = time.perf_counter()
+    solver = Deconvolver(bank, case.shape, nsr=NSR, planning="measure", threads=threads)
+    planned = time.perf_counter() - begin
+    solver.apply(picture, out=out)
+    peak = machine.peak_memory()
+    extra = None if before is None or peak is None else peak - before
+    times = interleave({"apply": lambda: solver.apply(picture, out=out)}, rounds)["apply"]
+    return {**asdict(point), "plan_seconds": planned, "apply_seconds": asdict(times), "extra_bytes": extra}
+
+
+def _in_new_process(point: Point, rounds: int, threads: int) -> Record:
+    task = ["--point", json.dumps(asdict(point)), "--rounds", str(rounds), "--threads", str(threads)]
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.growth", *task], stdout=subprocess.PIPE, check=True, text=True
+    )
+    record: Record = json.loads(done.stdout)
+    return record
+
+
+def columns(found: Record) -> list[str]:
+    """Return the head of a series' table."""
+    quantities = ("ms", "ns/px", "extra MiB")
+    return [found["label"], *(f"{mode}: {quantity}" for mode in found["modes"] for quantity in quantities)]
+
+
+def rows(found: Record) -> list[list[str]]:
+    """Return the table of a series."""
+    return [
+        [f"{x:.3g}", *(cell for mode in found["modes"].values() for cell in _cells(mode[i]))]
+        for i, x in enumerate(found["x"])
+    ]
+
+
+def _cells(point: Record) -> list[str]:
+    seconds = Times(**point["apply_seconds"]).median
+    extra = "-" if point["extra_bytes"] is None else f"{point['extra_bytes'] / 2**20:.0f}"
+    per_pixel = 1e9 * seconds / (point["width"] * point["height"])
+    return [f"{1e3 * seconds:.1f}", f"{per_pixel:.1f}", extra]
+
+
+def plot_names(record: Record) -> list[str]:
+    """Return the file name of each series' plot."""
+    return [f"growth-{found['label'].split(' (')[0].replace(' ', '-').lower()}.svg" for found in record["series"]]
+
+
+def draw(record: Record, folder: Path) -> list[Path]:
+    """Draw time and extra memory of each series; returns the files."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    # Same curves, same file: no date, no random names.
+    with mpl.rc_context({"svg.hashsalt": "rsdeblur", "svg.fonttype": "none"}):
+        for found, name in zip(record["series"], plot_names(record), strict=True):
+            figure = Figure(figsize=(9, 3.4), layout="constrained")
+            for axes, quantity in zip(figure.subplots(1, 2), ("time of apply (ms)", "extra memory (MiB)"), strict=True):
+                for mode, points in found["modes"].items():
+                    axes.plot(found["x"], [_value(point, quantity) for point in points], "o-", label=mode)
+                if found["logarithmic"]:
+                    axes.set(xscale="log", yscale="log")
+                    axes.set_xticks(found["x"], [f"{x:.2g}" for x in found["x"]])
+                    axes.minorticks_off()
+                    axes.yaxis.set_major_formatter("{x:g}")
+                else:
+                    axes.set_ylim(bottom=0)
+                axes.set(xlabel=found["label"], ylabel=quantity)
+                axes.grid(alpha=0.3)
+                axes.legend()
+            paths.append(folder / name)
+            figure.savefig(paths[-1], metadata={"Date": None})
+    return paths
+
+
+def _value(point: Record, quantity: str) -> float:
+    if quantity.startswith("time"):
+        return 1e3 * float(point["apply_seconds"]["median"])
+    return float("nan") if point["extra_bytes"] is None else point["extra_bytes"] / 2**20
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,91 @@
+"""What a benchmark ran on: the facts without which its figures mean nothing."""
+
+from __future__ import annotations
+
+import os
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import rsdeblur
+
+# Load above which somebody else is computing.
+BUSY = 0.5
+PEERS = ("scikit-image", "opencv-python-headless", "mkl_fft", "mkl", "regularizepsf")
+
+
+def facts() -> dict[str, str]:
+    """Return processor, caches, memory, system and versions."""
+    return {
+        "processor": _processor(),
+        "cores": str(os.cpu_count()),
+        "caches": _caches(),
+        "memory": _memory(),
+        "system": f"{platform.system()} {platform.machine()}",
+        **rsdeblur.show_config(mode="dict"),
+        **{name: _version(name) for name in PEERS},
+    }
+
+
+def load() -> float:
+    """Return how many processes computed in the last minute, on average; 0 where the system does not say."""
+    return os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
+
+
+def busy(load: float) -> list[str]:
+    """Return a warning if somebody else computed when the benchmark began."""
+    if load <= BUSY:
+        return []
+    return [f"The machine was busy (load {load:.1f}): figures for several threads mean little."]
+
+
+def peak_memory() -> int | None:
+    """Return the most memory that this process held since :func:`forget_peak`, bytes; None where Linux does not say."""
+    return _status("VmHWM")
+
+
+def forget_peak() -> int | None:
+    """Start a new peak; returns the memory held now, bytes, or None where Linux does not say."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5")  # 5: reset the peak (proc(5))
+    except OSError:
+        return None
+    return _status("VmRSS")
+
+
+def _status(field: str) -> int | None:
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+    except OSError:
+        return None
+    return next(1024 * int(line.split()[1]) for line in lines if line.startswith(f"{field}:"))
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or "unknown"
+
+
+def _caches() -> str:
+    caches = []
+    for folder in sorted(Path("/sys/devices/system/cpu/cpu0/cache").glob("index*")):
+        level, kind, size = ((folder / name).read_text().strip() for name in ("level", "type", "size"))
+        if kind != "Instruction":
+            caches.append(f"L{level} {size}")
+    return ", ".join(caches) or "unknown"
+
+
+def _memory() -> str:
+    if "SC_PHYS_PAGES" not in getattr(os, "sysconf_names", {}):
+        return "unknown"
+    return f"{os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') / 2**30:.0f} GiB"
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "missing"

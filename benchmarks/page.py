@@ -1,0 +1,98 @@
+"""Write docs/benchmarks/speed.md from the records: ``python -m benchmarks.page``.
+
+The records come from, on a quiet machine::
+
+    python -m benchmarks.peers --json docs/benchmarks/peers.json
+    python -m benchmarks.growth --json docs/benchmarks/growth.json --plots docs/benchmarks
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from benchmarks import growth, machine, peers
+from benchmarks.captures import ROOT
+from benchmarks.peers import Record
+from benchmarks.tables import markdown
+
+INTRODUCTION = """\
+# Speed and memory
+
+Made by `python -m benchmarks.page` from `peers.json` and `growth.json` beside it; do not edit. The commands that made
+those:
+
+```sh
+{commands}
+```
+
+Compare ratios, not milliseconds: everything in one table was timed in turns by one process on one machine, in an order
+drawn anew for every round. Other machines have other ratios too; run the commands to see yours.
+
+## Beside others
+
+All get the same blurred picture and PSFs, the paths of a shaken hand scaled to fill 17x59 and 73x77 px (width x height;
+16x59 and 72x76 of Sindelar and Sroubek 2013, rounded up to odd sizes). What is timed:
+
+- **bare 7 FFTs**: FFTW's own 2-D real transforms of the padded size as pyFFTW plans them (`FFTW_MEASURE`), one for the
+  PSF and two per channel. No filter, no border, no copies: the floor for this method.
+- **ours**: all of `Deconvolver.apply` into a given array: checks, border, transforms, filters, blending. *Periodic* is
+  without the border.
+- **SciPy FFT, MKL-FFT, OpenCV**: a Wiener filter with that library's real transforms, the filter made beforehand, the
+  picture taken as repeating: less work than ours.
+- **scikit-image**: `restoration.wiener` per channel, which makes its filter in each call. *As is*: with its own
+  regulariser, the Laplacian, and in one thread. Otherwise with ours, given as a ready transfer function, and with its
+  FFT told the threads: the least that it can do for our picture.
+- **regularizepsf**: its patch transform, patches of 256 px half overlapped, per channel; "made in" is the time to
+  construct it. It chooses its own number of threads.
+- **motion + PSFs (+ filters)**: from the raw gyro log to the PSFs (and the filters) of 16 bands and 1 strip, FFT plans
+  known.
+
+"Differs by" is the largest difference from *ours, global, periodic* over the whole picture, white being 1. Where border
+or tiles differ, it is the rms difference over the inner half: of *ours, global* from *periodic*, and of regularizepsf
+from *ours, 16 bands*.
+"""
+
+GROWTH = """\
+## Growth
+
+Each point is a process of its own; `threads={threads}`. Extra memory is the most that the process held while it planned
+and applied, less the pictures in and out.
+"""
+
+
+def main() -> None:
+    """Write the page."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "--folder", type=Path, default=ROOT / "docs" / "benchmarks", help="records and plots, and the page"
+    )
+    folder = parser.parse_args().folder
+    beside, grown = (json.loads((folder / name).read_text()) for name in ("peers.json", "growth.json"))
+    target = folder / "speed.md"
+    target.write_text(page(beside, grown))
+    print(f"wrote {target}")
+
+
+def page(beside: Record, grown: Record) -> str:
+    """Return the page for a record of each benchmark."""
+    curves: list[str] = []
+    for found, plot in zip(grown["series"], growth.plot_names(grown), strict=True):
+        table = markdown(growth.columns(found), growth.rows(found))
+        curves.append(f"### Over {found['label']}\n\n![time and extra memory]({plot})\n\n{table}")
+    facts = markdown(("machine", ""), ((name, fact) for name, fact in beside["machine"].items()))
+    introduction = INTRODUCTION.format(commands="\n".join((beside["command"], grown["command"])))
+    parts = [
+        introduction.rstrip(),
+        facts,
+        peers.as_markdown(beside),
+        GROWTH.format(**grown).rstrip(),
+        *machine.busy(grown["load"]),
+        *curves,
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,296 @@
+"""How fast we are, beside others: ``python -m benchmarks.peers [--size 2048x1536] [--rounds 15] [--threads 1 2]``.
+
+One process; all contenders are built first, then timed in turns, every one once per round in an order drawn anew, and
+compared by the ratio of their medians. All get the same blurred RGB picture and the same PSFs, and all results are
+compared first, so that nobody is timed at something else. Libraries that are missing are named and left out.
+
+PSFs are 17x59 and 73x77 px (width x height): 16x59 and 72x76 of Sindelar and Sroubek (2013) rounded up to odd sizes,
+because ours have a centre pixel. They are the paths of a shaken hand, scaled to fill that box.
+
+``--quick`` shrinks everything and says nothing about speed. Exits with 1 if a contender gives another picture; a missed
+target is only reported.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks import contenders as c
+from benchmarks import machine
+from benchmarks.captures import Image
+from benchmarks.cases import Case
+from benchmarks.tables import markdown, print_table, write
+from benchmarks.timing import Times, interleave, progress
+
+BOXES = ((17, 59), (73, 77))
+SIZE, QUICK_SIZE = (2048, 1536), (512, 384)
+# Size for the time per pixel, and how many rounds of the others cost as much as one of these.
+LARGE, QUICK_LARGE, LARGE_SHARE = (8000, 6000), (1024, 768), 3
+# Part of each side left out on both ends where borders are treated differently.
+INNER = 4
+Record = dict[str, Any]
+Key = tuple[str, int]  # contender, threads
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A bound on the ratio of two contenders' medians."""
+
+    text: str
+    over: str
+    under: str
+    bound: float
+    at_least: bool = False
+
+    def judge(self, medians: dict[str, float]) -> Record:
+        """Return the ratio and whether the bound holds; neither if one of the two is missing."""
+        ratio = medians[self.over] / medians[self.under] if {self.over, self.under} <= medians.keys() else None
+        met = None if ratio is None else (ratio >= self.bound if self.at_least else ratio <= self.bound)
+        return {"text": self.text, "bound": self.bound, "at_least": self.at_least, "ratio": ratio, "met": met}
+
+
+TARGETS = (
+    Target("global / bare 7 FFTs", c.GLOBAL, c.BARE, 1.3),
+    Target("16 bands / global", c.banded(16), c.GLOBAL, 1.3),
+    Target("64 bands / global", c.banded(64), c.GLOBAL, 2.0),
+    Target("scikit-image / global", c.SKIMAGE, c.GLOBAL, 4.0, at_least=True),
+    Target("scikit-image, as is / global", c.SKIMAGE_AS_IS, c.GLOBAL, 4.0, at_least=True),
+    Target("global / MKL-FFT", c.GLOBAL, c.MKL, 1.0),
+    Target("regularizepsf / 16 bands", c.PATCHES, c.banded(16), 15.0, at_least=True),
+    Target("motion, PSFs and filters of 16 bands / global", c.REPLAN, c.GLOBAL, 1.0),
+)
+PER_PIXEL = 1.5
+
+
+def main() -> None:
+    """Run the benchmark and print its tables."""
+    options = arguments()
+    record = run(options.size, options.large, options.rounds, options.threads)
+    record["command"] = "python -m benchmarks.peers " + " ".join(sys.argv[1:])
+    for case in record["cases"]:
+        print(f"\n{heading(record, case)}\n")
+        print_table(COLUMNS, rows(case))
+    print()
+    print_table(TARGET_COLUMNS, target_rows(record))
+    for note in notes(record):
+        print(note)
+    if options.json:
+        write(options.json, json.dumps(record, indent=1))
+    if options.markdown:
+        write(options.markdown, as_markdown(record))
+    refuse_other_pictures(record)
+
+
+def refuse_other_pictures(record: Record) -> None:
+    """Exit with a message if a contender gave another picture than it should."""
+    wrong = {row["name"] for case in record["cases"] for row in case["contenders"] if row["same"] is False}
+    if wrong:
+        sys.exit(f"gave another picture: {', '.join(sorted(wrong))}")
+
+
+def arguments() -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--size", type=size, help="width x height of the picture (2048x1536)")
+    parser.add_argument("--large", type=size, help="width x height for the time per pixel (8000x6000)")
+    parser.add_argument("--rounds", type=int, help="times that each contender is timed (15)")
+    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2], help="targets are for the last (1 2)")
+    parser.add_argument("--quick", action="store_true", help="small pictures and 3 rounds, to see that it runs")
+    parser.add_argument("--json", type=Path, help="write the record")
+    parser.add_argument("--markdown", type=Path, help="write the tables")
+    options = parser.parse_args()
+    options.size = options.size or (QUICK_SIZE if options.quick else SIZE)
+    options.large = options.large or (QUICK_LARGE if options.quick else LARGE)
+    options.rounds = options.rounds or (3 if options.quick else 15)
+    return options
+
+
+def size(text: str) -> tuple[int, int]:
+    """Read a size such as 2048x1536."""
+    width, height = text.lower().split("x")
+    return int(width), int(height)
+
+
+def run(size: tuple[int, int], large: tuple[int, int], rounds: int, threads: Sequence[int]) -> Record:
+    """Time everything and return the record."""
+    record: Record = {
+        "machine": machine.facts(),
+        "load": machine.load(),
+        "size": size,
+        "rounds": rounds,
+        "threads": list(threads),
+    }
+    duels = [duel(Case(*size, box), rounds, threads) for box in BOXES]
+    record["cases"] = duels
+    record["scaling"] = scaling(size, large, max(2, rounds // LARGE_SHARE), threads[-1])
+    record["skipped"] = sorted({reason for case in duels for reason in case.pop("skipped")})
+    return record
+
+
+def duel(case: Case, rounds: int, threads: Sequence[int]) -> Record:
+    """Build, compare and time all contenders for one PSF size."""
+    tasks, builds, skipped = build(case, threads)
+    pictures = {key: task.comparable(p) for key, task in tasks.items() if isinstance(p := task.run(), np.ndarray)}
+    deviations = {key: deviation(key, pictures) for key in tasks}
+    times = interleave({key: task.run for key, task in tasks.items()}, rounds)
+    medians = {name: t.median for (name, n), t in times.items() if n == threads[-1]}
+    return {
+        "psf": case.box,
+        "contenders": [entry(key, times, builds[key], deviations[key]) for key in tasks],
+        "targets": [target.judge(medians) for target in TARGETS],
+        "skipped": skipped,
+    }
+
+
+def build(case: Case, threads: Sequence[int]) -> tuple[dict[Key, c.Task], dict[Key, float], list[str]]:
+    """Make all tasks; returns them, the seconds each took to make, and what is missing."""
+    tasks, builds, skipped = {}, {}, []
+    for name, contender in progress(list(c.CONTENDERS.items()), "building"):
+        for n in threads if contender.threaded else threads[-1:]:
+            begin = time.perf_counter()
+            try:
+                tasks[name, n] = contender.build(case, n)
+            except ImportError as error:
+                skipped.append(f"{name}: {error}")
+                break
+            builds[name, n] = time.perf_counter() - begin
+    return tasks, builds, skipped
+
+
+def deviation(key: Key, pictures: dict[Key, Image]) -> float | None:
+    """Difference of a contender's picture from the one it should give, or None if there is none."""
+    name, n = key
+    contender = c.CONTENDERS[name]
+    if contender.like is None:
+        return None
+    difference = pictures[key] - pictures[contender.like, n]
+    if contender.measure == "largest":
+        return float(np.abs(difference).max())
+    margins = [length // INNER for length in difference.shape[:2]]
+    inner = difference[margins[0] : -margins[0], margins[1] : -margins[1]]
+    return float(np.sqrt(np.mean(inner**2)))
+
+
+def entry(key: Key, times: dict[Key, Times], build: float, deviation: float | None) -> Record:
+    """Return the record of one contender."""
+    name, n = key
+    contender = c.CONTENDERS[name]
+    return {
+        "name": name,
+        "threads": n if contender.threaded else None,
+        "seconds": asdict(times[key]),
+        "to_bare": times[key] / times[c.BARE, n],
+        "to_global": times[key] / times[c.GLOBAL, n],
+        "build_seconds": build,
+        "like": contender.like,
+        "measure": contender.measure,
+        "deviation": deviation,
+        "same": None if deviation is None else deviation <= contender.tolerance,
+    }
+
+
+def scaling(small: tuple[int, int], large: tuple[int, int], rounds: int, threads: int) -> Record:
+    """Time per pixel of a large picture relative to a small one."""
+    cases = {size: Case(*size, BOXES[0]) for size in (small, large)}
+    makers = {"global": c.ours(1), "16 bands": c.ours(16)}
+    tasks = {(mode, size): make(case, threads).run for mode, make in makers.items() for size, case in cases.items()}
+    times = interleave(tasks, rounds)
+    pixels = large[0] * large[1] / (small[0] * small[1])
+    report: Record = {"small": small, "large": large, "psf": BOXES[0], "bound": PER_PIXEL, "modes": {}}
+    for mode in makers:
+        few, many = times[mode, small], times[mode, large]
+        per_pixel = many / few / pixels
+        report["modes"][mode] = {
+            "small_seconds": few.median,
+            "large_seconds": many.median,
+            "per_pixel": per_pixel,
+            "met": per_pixel <= PER_PIXEL,
+        }
+    return report
+
+
+COLUMNS = ("contender", "threads", "ms", "quartiles", "/ bare FFTs", "/ global", "made in s", "differs by")
+
+
+def rows(case: Record) -> list[list[str]]:
+    """Return the table of one PSF size."""
+    return [
+        [
+            row["name"],
+            str(row["threads"] or "-"),
+            f"{1e3 * row['seconds']['median']:.1f}",
+            f"{1e3 * row['seconds']['low']:.1f} - {1e3 * row['seconds']['high']:.1f}",
+            f"{row['to_bare']:.2f}",
+            f"{row['to_global']:.2f}",
+            f"{row['build_seconds']:.2f}",
+            _difference(row),
+        ]
+        for row in case["contenders"]
+    ]
+
+
+TARGET_COLUMNS = ("target", "PSF", "bound", "reached", "")
+
+
+def target_rows(record: Record) -> list[list[str]]:
+    """Return the table of targets."""
+    table = [
+        [
+            target["text"],
+            _by(case["psf"]),
+            f"{'at least' if target['at_least'] else 'at most'} {target['bound']:g}",
+            "-" if target["ratio"] is None else f"{target['ratio']:.2f}",
+            "not measured" if target["met"] is None else ("met" if target["met"] else "missed"),
+        ]
+        for case in record["cases"]
+        for target in case["targets"]
+    ]
+    scaling = record["scaling"]
+    for mode, found in scaling["modes"].items():
+        text = f"time per pixel, {mode}: {_by(scaling['large'])} / {_by(scaling['small'])}"
+        bound, met = f"at most {scaling['bound']:g}", "met" if found["met"] else "missed"
+        table.append([text, _by(scaling["psf"]), bound, f"{found['per_pixel']:.2f}", met])
+    return table
+
+
+def heading(record: Record, case: Record) -> str:
+    """Return what the table of one PSF size shows."""
+    return f"{_by(record['size'])} RGB float32, PSF {_by(case['psf'])}, medians of {record['rounds']} rounds"
+
+
+def as_markdown(record: Record) -> str:
+    """Return all tables as Markdown."""
+    parts = [f"### Targets (`threads={record['threads'][-1]}`)", markdown(TARGET_COLUMNS, target_rows(record))]
+    for case in record["cases"]:
+        parts += [f"### {heading(record, case)}", markdown(COLUMNS, rows(case))]
+    return "\n\n".join(parts + notes(record))
+
+
+def notes(record: Record) -> list[str]:
+    """Return what limits the figures."""
+    found = [f"Skipped: {reason}." for reason in record["skipped"]]
+    return found + machine.busy(record["load"])
+
+
+def _difference(row: Record) -> str:
+    if row["deviation"] is None:
+        return ""
+    measure = "" if row["measure"] == "largest" else " rms"
+    return f"{row['deviation']:.1e}{measure}{'' if row['same'] else ' NOT THE SAME'}"
+
+
+def _by(size: Sequence[int]) -> str:
+    return f"{size[0]}x{size[1]}"
+
+
+if __name__ == "__main__":
+    main()

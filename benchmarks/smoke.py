@@ -1,0 +1,21 @@
+"""A short run of every benchmark on generated data: ``python -m benchmarks.smoke``."""
+
+from __future__ import annotations
+
+from benchmarks import growth, page, peers, quality
+from benchmarks.captures import synthetic
+
+
+def main() -> None:
+    """Run each benchmark on small pictures; exits with 1 if a rival gives another picture than we do."""
+    print(quality.run([synthetic()])["markdown"])
+    beside = peers.run(peers.QUICK_SIZE, peers.QUICK_LARGE, 1, [1])
+    grown = growth.run(growth.QUICK, 1, 1)
+    for record in (beside, grown):
+        record["command"] = "python -m benchmarks.smoke"
+    print(page.page(beside, grown))
+    peers.refuse_other_pictures(beside)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,22 @@
+"""Tables for the terminal, for pipes and for Markdown, and files of results."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from rsdeblur.cli._output import print_table
+
+__all__ = ["markdown", "print_table", "write"]
+
+
+def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table; the first column is text, the others are numbers."""
+    rule = ["---", *("---:" for _ in columns[1:])]
+    return "\n".join("| " + " | ".join(row) + " |" for row in (columns, rule, *rows))
+
+
+def write(path: Path, text: str) -> None:
+    """Write a file and the folders it needs: a missing one must not cost the result of a long run."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text + "\n")
