@@ -115,7 +115,7 @@ def deblur(
     transfer : {"linear", "srgb"} or float
         How stored values code light; a number is a gamma. The result is coded the same way.
     threads : int, optional
-        Threads of the transforms; default all processors.
+        Threads that share the work; default all processors.
     progress : callable, optional
         Called as ``progress(stage, fraction)``.
 

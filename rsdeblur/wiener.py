@@ -52,7 +52,7 @@ class Deconvolver:
         How FFTW plans: at once, or by trying out (up to a second per plan, for solvers that are applied often). What
         was measured once is kept in the user's cache folder and used by both.
     threads : int, optional
-        Threads for the transforms; default all processors.
+        Threads that share the work; default all processors. Any number gives the same bits.
 
     Raises
     ------
@@ -129,12 +129,17 @@ class Deconvolver:
             raise InputError(f"image must have the planned shape {self.shape}, got {picture.shape}")
         if out is None:
             out = np.empty(self.shape, dtype=np.float32)
-        elif out.shape != self.shape or out.dtype != np.float32:
-            raise InputError(f"out must be float32 of shape {self.shape}, got {out.dtype} of shape {out.shape}")
+        elif not isinstance(out, np.ndarray) or out.shape != self.shape or out.dtype != np.float32:
+            got = f"{out.dtype} of shape {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
+            raise InputError(f"out must be a float32 array of shape {self.shape}, got {got}")
+        elif not out.flags.writeable:
+            raise InputError("out must be writable")
         several = len(self._strips.tiles) > 1
-        if several and np.shares_memory(picture, out):
-            picture = picture.copy()
         if several:
+            # Strips are added up in `out`, so it cannot be read from any more, nor left half done.
+            if not np.isfinite(picture).all():
+                raise InputError("image must be finite")
+            picture = picture.copy() if np.shares_memory(picture, out) else picture
             out[...] = 0
         source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))
         with self._lock:
@@ -153,6 +158,7 @@ class Deconvolver:
         shape = (strips, bands, self._hybrid.padded_frequencies, self._bands.length)
         filters: Complex = np.zeros(shape, dtype=np.complex64)
         tiles = list(np.ndindex(bands, strips))
+        threads = min(threads, len(tiles))
 
         def plan(thread: int) -> None:
             planner = _FilterPlanner(bank.size[0], self._bands.length, self._strips.length, self.nsr)
