@@ -137,7 +137,7 @@ BAD: dict[Callable[[Files], Path], str] = {
     duplicated: "",
     not_a_number: "",
     infinite: "",
-    gap: "gap",
+    gap: "a gap of",
     short_log: "at its end",
     late_log: "at its start",
     other_clock: "unrelated clocks",
@@ -149,8 +149,8 @@ BAD: dict[Callable[[Files], Path], str] = {
     truncated_picture: "",
     missing_picture: "",
     other_size: "80x72",
-    kernel_too_large: "kernel",
-    broken_camera: "height",
+    kernel_too_large: "more than the picture of 96x72 px",
+    broken_camera: "did you mean 'height'",
 }
 
 
