@@ -96,10 +96,10 @@ def rows_to_columns(spectra, rows, columns, top):
     channels, _, frequencies = spectra.shape
     # 8 complex values fill a cache line, so an 8 x 8 block is read and written in whole lines.
     for c in range(channels):
-        for i0 in range(0, rows, 8):
-            for j0 in range(0, frequencies, 8):
-                for j in range(j0, min(j0 + 8, frequencies)):
-                    for i in range(i0, min(i0 + 8, rows)):
+        for j0 in range(0, frequencies, 8):
+            for i0 in range(0, rows, 8):
+                for i in range(i0, min(i0 + 8, rows)):
+                    for j in range(j0, min(j0 + 8, frequencies)):
                         columns[c, j, top + i] = spectra[c, i, j]
 
 
@@ -107,12 +107,13 @@ def rows_to_columns(spectra, rows, columns, top):
 def columns_to_rows(columns, top, spectra, rows):
     """Transpose back: the inverse of :func:`rows_to_columns`."""
     channels, _, frequencies = spectra.shape
+    # Every column is elsewhere in memory and no longer in the cache. Walking along 256 of them keeps many reads under
+    # way at once (twice as fast as blocks of 8), and their lines stay in the cache for the next rows.
     for c in range(channels):
-        for i0 in range(0, rows, 8):
-            for j0 in range(0, frequencies, 8):
-                for i in range(i0, min(i0 + 8, rows)):
-                    for j in range(j0, min(j0 + 8, frequencies)):
-                        spectra[c, i, j] = columns[c, j, top + i]
+        for j0 in range(0, frequencies, 256):
+            for i in range(rows):
+                for j in range(j0, min(j0 + 256, frequencies)):
+                    spectra[c, i, j] = columns[c, j, top + i]
 
 
 @numba.njit(cache=True, nogil=True)
