@@ -19,7 +19,7 @@ stands above it in this ladder::
     hybrid      rows and columns: the engine of all modes
     wiener      Deconvolver: planned once, applied often
     transfer    linear light and sRGB
-    geometry    turning pictures for horizontal readout
+    geometry    from the rolling picture to the global-shutter one
     pipeline    deblur(): the one call
     simulate    the forward model, sharing no code with psf
     scene       a sharp test picture
