@@ -5,8 +5,8 @@ The burst frame 0004.jpg is deblurred with the conventions as documented and wit
 - **roughness**: mean gradient magnitude of the result (linear light, mean of the channels, border left out), times
   1000. All variants undo about as much blur; a wrong PSF adds ringing, so the right one is the least rough.
 - **lean**: how far the near-vertical edges of the *rectified* picture lean, degrees (peak of the histogram of edge
-  directions within 30 degrees of upright, weighted with squared gradients). The photo shows a bookcase and a door,
-  held level; the pan shears them by 6 degrees, and the wrong row order doubles that instead of undoing it.
+  directions within 30 degrees of upright, weighted with squared gradients). The photo shows a bookcase, held about
+  level; the pan shears it by some 6 degrees, and the wrong row order doubles that instead of undoing it.
 
 Exits with 1 if the documented conventions do not win both.
 """

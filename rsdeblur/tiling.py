@@ -86,13 +86,12 @@ class Tiling:
             raise InputError(
                 f"PSF positions must lie within the picture, a pixel or more apart, got {centres.tolist()} px"
             )
-        taper = 0 if periodic else kernel
         whole = n if periodic else fast_length(n + kernel, excess=WHOLE_EXCESS)
         longest = max(len(support) for support in supports)
         length = fast_length(longest + 2 * margin + kernel, excess=TILE_EXCESS)
         if len(centres) == 1 or length >= whole:
             tiles = tuple(Tile(0, int(s[0]), _part(w, s)) for w, s in zip(weights, supports, strict=True))
-            return cls(whole, whole - n if taper else 0, tiles)
+            return cls(whole, whole - n, tiles)
         tiles = tuple(
             Tile(int(s[0]) - (length - kernel - len(s)) // 2, int(s[0]), _part(w, s))
             for w, s in zip(weights, supports, strict=True)

@@ -21,8 +21,8 @@ from rsdeblur.psf import PsfBank
 from rsdeblur.tiling import Tiling
 
 # The inverse filter of a straight PSF of K px at NSR Phi rings with a decay length of K / (2 pi sqrt(Phi)): its poles
-# stand that far off the real axis. A tile that sees 0.1 K / sqrt(Phi) beyond its part, some 0.6 decay lengths, was
-# within 0.15 dB of one that sees everything (docs/developer/decisions.md); less than half a PSF never suffices.
+# stand that far off the real axis. A tile sees 0.1 K / sqrt(Phi) beyond its part, some 0.6 decay lengths, and at least
+# half a PSF: a trade of time for quality whose price is in docs/developer/decisions.md.
 DECAY_MARGIN = 0.1
 LEAST_MARGIN = 0.5
 
