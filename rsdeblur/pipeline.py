@@ -134,7 +134,7 @@ def deblur(
     _validate.choice("geometry", geometry, GEOMETRIES)
     transfer = check_transfer(transfer)
     nsr = _validate.finite("nsr", nsr, above=0.0)
-    values, clip = _values(image)
+    values, clip = picture_values(image)
     _check_size(values.shape, camera)
     shot, quarter = _upright_shot(log, camera, exposure)
     clock = _Clock(progress)
@@ -226,7 +226,7 @@ def _upright_shot(log: GyroLog, camera: Camera, exposure: Exposure) -> tuple[Sho
     return Shot.from_log(log, camera.turned() if quarter else camera, exposure), quarter
 
 
-def _values(image: ArrayLike) -> tuple[NDArray[np.float32], bool]:
+def picture_values(image: ArrayLike) -> tuple[NDArray[np.float32], bool]:
     """Return the picture as finite float32 (H, W, C), and whether it came as integers."""
     array: NDArray[Any] = np.asarray(image)
     if array.ndim not in (2, 3) or array.size == 0 or (array.ndim == 3 and array.shape[2] > 4):
