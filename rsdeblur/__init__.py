@@ -22,6 +22,7 @@ stands above it in this ladder::
     geometry    from the rolling picture to the global-shutter one
     pipeline    deblur(): the one call
     timing      the clock offset, found in the picture
+    baselines   what others do: opponents for experiments
     simulate    the forward model, sharing no code with psf
     scene       a sharp test picture
     shake       a hand-shake log
