@@ -21,6 +21,9 @@ from .pipeline import psfs as psfs
 from .psf import PsfBank as PsfBank
 from .simulate import Simulation as Simulation
 from .simulate import simulate as simulate
+from .timing import OffsetSearch as OffsetSearch
+from .timing import find_time_offset as find_time_offset
+from .translation import Translation as Translation
 from .wiener import Deconvolver as Deconvolver
 
 __version__: str

@@ -39,10 +39,10 @@ def rectify(image: NDArray[np.float32], shot: Shot) -> tuple[NDArray[np.float32]
     coverage = np.empty((height, width), dtype=np.bool_)
     poses = RowPoses.of(shot)
     middle = shot.mid(np.array((height - 1) / 2))
-    to_world = shot.track.at(middle).T
+    to_world, centre = shot.track.at(middle).T, shot.position(middle)
     for top in range(0, height, CHUNK):
         rows = slice(top, min(top + CHUNK, height))
-        x, y = _sources(np.arange(rows.start, rows.stop), width, shot, poses, to_world)
+        x, y = _sources(np.arange(rows.start, rows.stop), width, shot, poses, (to_world, centre))
         coverage[rows] = (x > -0.5) & (x < width - 0.5) & (y > -0.5) & (y < height - 0.5)
         # The mirrored spline is exact at the border pixels; beyond, hold them.
         coordinates = [y.clip(0, height - 1), x.clip(0, width - 1)]
@@ -54,11 +54,12 @@ def rectify(image: NDArray[np.float32], shot: Shot) -> tuple[NDArray[np.float32]
 
 
 def _sources(
-    rows: NDArray[np.intp], width: int, shot: Shot, poses: RowPoses, to_world: FloatArray
+    rows: NDArray[np.intp], width: int, shot: Shot, poses: RowPoses, to_world: tuple[FloatArray, FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
     """Where in the rolling picture each pixel of the output `rows` is found: x and y, shape (len(rows), width)."""
     points = np.stack(np.meshgrid(np.arange(width), rows), axis=-1).astype(np.float64)
-    world = rays(points, shot.camera) @ to_world.T
+    turn, centre = to_world
+    world = rays(points, shot.camera) @ turn.T + centre
     q = points
     for _ in range(FIXED_POINT_STEPS):
         q = poses.project(world, q[..., 1])

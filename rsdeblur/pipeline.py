@@ -21,6 +21,7 @@ from rsdeblur.gyro import GyroLog
 from rsdeblur.motion import BlurPaths, Motion, Shot
 from rsdeblur.psf import PsfBank, tile_centres
 from rsdeblur.transfer import Transfer, check_transfer, from_linear, to_linear
+from rsdeblur.translation import Translation
 from rsdeblur.wiener import Deconvolver
 
 Mode = Literal["global", "banded"]
@@ -84,6 +85,7 @@ def deblur(
     geometry: Geometry = "keep",
     border: Border = "blend",
     motion: Motion = "rotation",
+    translation: Translation | None = None,
     transfer: Transfer = "linear",
     threads: int | None = None,
     progress: Progress | None = None,
@@ -112,6 +114,8 @@ def deblur(
         See :class:`rsdeblur.Deconvolver`.
     motion : {"rotation", "small-angle"}
         The full homography path, or the paper's eq. 6.
+    translation : Translation, optional
+        Where the camera was and how far away the scene is (eq. 3 in full); without it only rotation counts.
     transfer : {"linear", "srgb"} or float
         How stored values code light; a number is a gamma. The result is coded the same way.
     threads : int, optional
@@ -136,7 +140,7 @@ def deblur(
     nsr = _validate.finite("nsr", nsr, above=0.0)
     values, clip = picture_values(image)
     _check_size(values.shape, camera)
-    shot, quarter = _upright_shot(log, camera, exposure)
+    shot, quarter = _upright_shot(log, camera, exposure, translation)
     clock = _Clock(progress)
     with clock.stage("psfs"):
         bank = _bank(shot, mode, bands, strips, motion, nsr)
@@ -172,13 +176,14 @@ def psfs(
     strips: Count = "auto",
     nsr: float = 0.01,
     motion: Motion = "rotation",
+    translation: Translation | None = None,
 ) -> PsfBank:
     """Return the PSFs that :func:`deblur` would undo, without a picture.
 
     Parameters and errors are those of :func:`deblur`; `nsr` counts only for the number of bands.
     """
     nsr = _validate.finite("nsr", nsr, above=0.0)
-    shot, quarter = _upright_shot(log, camera, exposure)
+    shot, quarter = _upright_shot(log, camera, exposure, translation)
     bank = _bank(shot, mode, bands, strips, motion, nsr)
     return bank.turned(camera.height) if quarter else bank
 
@@ -220,10 +225,14 @@ def _check_reach(paths: BlurPaths, height: int, width: int) -> None:
         )
 
 
-def _upright_shot(log: GyroLog, camera: Camera, exposure: Exposure) -> tuple[Shot, bool]:
+def _upright_shot(
+    log: GyroLog, camera: Camera, exposure: Exposure, translation: Translation | None
+) -> tuple[Shot, bool]:
     """Return the shot with its readout along y, and whether the picture has to be turned for that."""
     quarter = camera.horizontal_readout
-    return Shot.from_log(log, camera.turned() if quarter else camera, exposure), quarter
+    if quarter:
+        camera, translation = camera.turned(), translation and translation.turned()
+    return Shot.from_log(log, camera, exposure, translation), quarter
 
 
 def picture_values(image: ArrayLike) -> tuple[NDArray[np.float32], bool]:
