@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from skimage.transform import resize
 
 from rsdeblur import _validate
 from rsdeblur.border import Border
@@ -20,7 +21,7 @@ from rsdeblur.geometry import rectify
 from rsdeblur.gyro import GyroLog
 from rsdeblur.motion import BlurPaths, Motion, Shot
 from rsdeblur.psf import PsfBank, tile_centres
-from rsdeblur.transfer import Transfer, check_transfer, from_linear, to_linear
+from rsdeblur.transfer import Transfer, check_transfer, from_linear, normalized, to_linear
 from rsdeblur.translation import Translation
 from rsdeblur.wiener import Deconvolver
 
@@ -87,6 +88,7 @@ def deblur(
     motion: Motion = "rotation",
     translation: Translation | None = None,
     transfer: Transfer = "linear",
+    normalize: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> DeblurResult:
@@ -118,6 +120,8 @@ def deblur(
         Where the camera was and how far away the scene is (eq. 3 in full); without it only rotation counts.
     transfer : {"linear", "srgb"} or float
         How stored values code light; a number is a gamma. The result is coded the same way.
+    normalize : bool, default False
+        Squeeze light that overshoots [0, 1] into it, outliers clipped, at the price of contrast.
     threads : int, optional
         Threads that share the work; default all processors.
     progress : callable, optional
@@ -154,7 +158,7 @@ def deblur(
     if geometry == "rectify":
         with clock.stage("rectify"):
             light, coverage = rectify(light, shot)
-    sharp = from_linear(light, transfer)
+    sharp = from_linear(normalized(light) if normalize else light, transfer)
     if clip:
         sharp = sharp.clip(0.0, 1.0)
     if alpha is not None:
@@ -164,6 +168,32 @@ def deblur(
         sharp, coverage, bank = np.rot90(sharp), np.rot90(coverage), bank.turned(camera.height)
     sharp = np.ascontiguousarray(sharp.reshape(np.shape(image)))
     return DeblurResult(sharp, bank, n_bands, n_strips, np.ascontiguousarray(coverage), clock.timings)
+
+
+# The default NSR holds at base sensitivity, ISO 100.
+BASE_NSR, BASE_ISO = 0.01, 100.0
+
+
+def nsr_of_iso(iso: float) -> float:
+    """Return the NSR for a sensitivity: the variance of shot noise on the output grows like the gain.
+
+    An option that Sindelar and Sroubek (2013) tried and found of little effect. ISO 100 has 0.01.
+    """
+    return BASE_NSR * _validate.finite("iso", iso, above=0.0) / BASE_ISO
+
+
+def reduced(image: ArrayLike, camera: Camera, side: int) -> tuple[NDArray[np.float32], Camera]:
+    """Return the picture with its longer side reduced to `side` px, values in [0, 1] for integers, and its camera.
+
+    A smaller picture is returned as it is. The published method works on 2048x1536 of a sensor of 3264x2448.
+    """
+    values, _ = picture_values(image)
+    _check_size(values.shape, camera)
+    scale = _validate.count("side", side) / max(values.shape[:2])
+    if scale < 1:
+        camera = camera.scaled(scale)
+        values = resize(values, (camera.height, camera.width), anti_aliasing=True)
+    return values.reshape(*values.shape[:2], *np.shape(image)[2:]).astype(np.float32), camera
 
 
 def psfs(

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from rsdeblur import Deconvolver, InputError, PsfBank
+from rsdeblur import Deconvolver, InputError, PsfBank, fft
 from rsdeblur.scene import scene
 
 H, W = 90, 122
@@ -172,3 +172,30 @@ def test_a_refused_picture_is_left_as_it_was(picture: np.ndarray, grid: tuple[in
     with pytest.raises(InputError, match="finite"):
         solver.apply(picture, out=picture)
     np.testing.assert_array_equal(picture, before)
+
+
+def test_seven_transforms_for_rgb(monkeypatch):
+    """One transform of the PSF and two per channel, counted in lines: a 2-D real one has H rows and W/2 + 1 columns."""
+    lines = {np.float32: 0, np.complex64: 0}
+
+    def counting(source, target, direction, planning, plan=fft._plan):
+        execute = plan(source, target, direction, planning)
+        real = np.float32 if np.float32 in (source.dtype, target.dtype) else np.complex64
+
+        def run():
+            lines[real] += source.size // source.shape[-1]
+            execute()
+
+        return run
+
+    monkeypatch.setattr(fft, "_plan", counting)
+    height, width = 192, 256
+    kernel = np.full((9, 17), 1 / 153)
+    bank = PsfBank.for_picture(kernel, (height, width))
+    solver = Deconvolver(bank, (height, width, 3), border="periodic", threads=1)
+    solver.apply(np.zeros((height, width, 3), dtype=np.float32))
+    columns = width // 2 + 1
+    # Of the PSF's rows only those that are not empty are transformed.
+    assert lines[np.float32] == 6 * height + 9
+    # Columns go in blocks of 16, the last one filled up.
+    assert 7 * columns <= lines[np.complex64] <= 6 * (columns + 15) + columns

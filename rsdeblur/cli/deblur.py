@@ -13,9 +13,14 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, read_inputs, transfer_of
 from rsdeblur.cli._options import Blur, Recording, Solver
 from rsdeblur.cli._output import print_json, progress
+from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
+    from rsdeblur.io.pictures import Picture
     from rsdeblur.pipeline import Mode
+
+# PhotographicSensitivity, in the Exif sub-directory.
+EXIF_IFD, ISO_TAG = 0x8769, 0x8827
 
 EXAMPLES = """\b
 Examples:
@@ -31,6 +36,13 @@ Examples:
 @_options.mode_option
 @_options.blur_options
 @_options.solver_options
+@click.option(
+    "--work-size",
+    type=_options.WorkSizeType(),
+    metavar="paper|full|N",
+    help="Reduce the picture first: its longer side in px, paper means 2048.  [default: full]",
+)
+@click.option("--nsr-from-iso", is_flag=True, help="Take --nsr from the picture's EXIF sensitivity: 0.01 at ISO 100.")
 @click.option("-o", "--output", type=_options.PATH, required=True, metavar="OUT", help="Picture to write.")
 @_options.force_option
 @_options.json_option
@@ -40,6 +52,8 @@ def command(
     mode: Mode,
     blur: Blur,
     solver: Solver,
+    work_size: int | None,
+    nsr_from_iso: bool,
     output: Path,
     force: bool,
     as_json: bool,
@@ -50,12 +64,17 @@ def command(
     check_writable(output, force=force)
     picture, log, camera, exposure = read_inputs(photo, recording)
 
-    from rsdeblur.pipeline import deblur
+    from rsdeblur.pipeline import deblur, reduced
 
+    pixels = picture.pixels
     arguments = asdict(blur) | asdict(solver) | {"transfer": transfer_of(picture, solver.transfer)}
+    if nsr_from_iso:
+        arguments["nsr"] = _nsr_of(photo, picture)
     begin = time.perf_counter()
     with progress("deblur") as move, naming(photo, recording):
-        result = deblur(picture.pixels, log, camera, exposure, mode=mode, progress=move, **arguments)
+        if work_size is not None:
+            pixels, camera = reduced(pixels, camera, work_size)
+        result = deblur(pixels, log, camera, exposure, mode=mode, progress=move, **arguments)
     seconds = time.perf_counter() - begin
     write_picture(output, result.image, like=picture, force=force)
     tall, wide = result.psfs.size
@@ -67,6 +86,7 @@ def command(
                 "bands": result.bands,
                 "strips": result.strips,
                 "psf_px": [wide, tall],
+                "nsr": arguments["nsr"],
                 "seconds": seconds,
                 "timings": result.timings,
             }
@@ -74,3 +94,18 @@ def command(
     else:
         kernels = f"{result.bands} x {result.strips} PSFs (bands x strips) of {wide} x {tall} px"
         click.echo(f"{output}: {mode}, {kernels}, {seconds:.2f} s")
+
+
+def _nsr_of(photo: Path, picture: Picture) -> float:
+    from PIL import Image
+
+    from rsdeblur.pipeline import nsr_of_iso
+
+    exif = Image.Exif()
+    if picture.exif:
+        exif.load(picture.exif)
+    iso = exif.get_ifd(EXIF_IFD).get(ISO_TAG)
+    iso = iso[0] if isinstance(iso, tuple) and iso else iso
+    if not iso:
+        raise InputError(f"{photo}: the picture's EXIF block has no ISO sensitivity; give --nsr instead")
+    return nsr_of_iso(iso)
