@@ -235,8 +235,10 @@ def test_deblur_takes_the_nsr_from_iso(run, files, tmp_path):
     exif.get_ifd(0x8769)[0x8827] = 400
     with Image.open(files.photo) as image:
         image.load()
-        image.save(files.photo, exif=exif)
-    assert json.loads(run(*arguments).stdout)["nsr"] == pytest.approx(0.04)
+        image.save(files.photo, exif=exif.tobytes())
+    result = run(*arguments)
+    assert result.exit_code == 0, result.stderr
+    assert json.loads(result.stdout)["nsr"] == pytest.approx(0.04)
 
 
 def test_deblur_normalizes(run, files, tmp_path):
