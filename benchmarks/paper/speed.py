@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyfftw
@@ -48,8 +49,8 @@ def figures(quick: bool) -> Iterator[Figure]:
         rows.append((label, "-", "-", theirs_ms, times[key, 1], times[key, 2]))
     penalty = times[sizes[2], 1] / times[sizes[1], 1]
 
-    def draw(canvas: object) -> None:
-        axes = canvas.subplots()  # type: ignore[attr-defined]
+    def draw(canvas: Any) -> None:
+        axes = canvas.subplots()
         places = np.arange(len(rows))
         for shift, column, label in ((-0.2, 2, "theirs, one core"), (0.0, 3, "theirs, two"), (0.2, 5, "ours, two")):
             values = [float(row[column]) if str(row[column]).replace(".", "").isdigit() else np.nan for row in rows]
