@@ -6,10 +6,23 @@ import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
+from scipy.signal import fftconvolve
 
 from benchmarks.captures import DATA, Image, quality
 from benchmarks.paper.figure import Cell, Figure, pictures
-from rsdeblur import BlurPaths, Camera, Exposure, GyroLog, PsfBank, baselines, deblur, psfs, read_gyro, simulate
+from rsdeblur import (
+    BlurPaths,
+    Camera,
+    Deconvolver,
+    Exposure,
+    GyroLog,
+    PsfBank,
+    baselines,
+    deblur,
+    psfs,
+    read_gyro,
+    simulate,
+)
 from rsdeblur.io import read_picture
 from rsdeblur.motion import Shot
 from rsdeblur.transfer import from_linear, to_linear
@@ -24,6 +37,8 @@ SIZE = 640, 448
 READOUT = 0.03
 NOISE = 0.01
 NSR = 0.01
+# Of the total variation: for little noise, and for much.
+WEIGHTS = (0.005, 0.02, 0.05)
 # Part of the picture that is shown, px.
 SHOWN = np.s_[150:300, 200:400]
 WIENER, BANDED, TV, BLIND = "Wiener, global", "Wiener, banded", "TV-L1", "blind + Wiener"
@@ -50,8 +65,9 @@ def figure(name: str, picture: str, start: float, duration: float, box: tuple[in
     for kind, (blurred, reference) in scenes.items():
         for method, run in methods(blurred, bank, (log, camera, exposure)).items():
             begin = time.perf_counter()
-            image = run()
-            seconds = time.perf_counter() - begin
+            images = run()
+            seconds = (time.perf_counter() - begin) / len(images)
+            image = max(images, key=lambda found: quality(reference, found)[0])
             psnr, ssim = quality(reference, image) if method != BLIND else shifted_quality(reference, image)
             scores.setdefault(method, []).extend([psnr, ssim, seconds])
             if kind == "capture":
@@ -61,9 +77,10 @@ def figure(name: str, picture: str, start: float, duration: float, box: tuple[in
         name,
         f"Figure {name[3:]}: exposure of 1/{round(1 / duration)} s, PSF of {wide}x{tall} px",
         f"{picture}, a real phone's shake scaled until the PSF has their size ({box[0]}x{box[1]} px), "
-        f"{SIZE[0]}x{SIZE[1]} px, noise of 40 dB, Phi = {NSR}. *Model*: blurred with the very PSF that the methods get. "
-        f"*Capture*: simulated with rolling shutter ({1e3 * READOUT:g} ms) and roll, which one PSF does not describe. "
-        "PSNR (dB) and SSIM in sRGB; seconds. The picture shows the capture.",
+        f"{SIZE[0]}x{SIZE[1]} px, noise of 40 dB, Phi = {NSR}. *Model*: blurred with the PSF that the methods get. "
+        f"*Capture*: simulated with rolling shutter ({1e3 * READOUT:g} ms) and roll, which one PSF cannot describe. "
+        f"TV-L1 with the best of the weights {', '.join(map(str, WEIGHTS))}, chosen with the truth; seconds for one. "
+        "PSNR (dB) and SSIM in sRGB. The picture shows the capture.",
         sentence(scores),
         ("method", "model PSNR", "model SSIM", "model s", "capture PSNR", "capture SSIM", "capture s"),
         [(method, *cells) for method, cells in scores.items()],
@@ -85,24 +102,24 @@ def sentence(scores: dict[str, list[Cell]]) -> str:
     )
 
 
-def methods(blurred: Image, bank: PsfBank, capture: tuple[GyroLog, Camera, Exposure]) -> dict[str, Callable[[], Image]]:
+def methods(
+    blurred: Image, bank: PsfBank, capture: tuple[GyroLog, Camera, Exposure]
+) -> dict[str, Callable[[], list[Image]]]:
     """Return what is compared."""
     kernel = bank.kernels[0, 0]
 
     def wiener(psf: Image) -> Image:
-        from rsdeblur import Deconvolver
-
         return Deconvolver(PsfBank.for_picture(psf, blurred.shape), blurred.shape, nsr=NSR).apply(blurred)
 
     size = max(extent(bank)) // 2 * 2 + 5
     return {
-        "blurred": lambda: blurred,
-        WIENER: lambda: wiener(kernel),
-        BANDED: lambda: deblur(blurred, *capture, nsr=NSR).image,
-        TV: lambda: baselines.tv_l1(blurred, kernel),
-        "Richardson-Lucy": lambda: baselines.richardson_lucy(blurred, kernel),
-        "unsupervised Wiener": lambda: baselines.unsupervised_wiener(blurred, kernel),
-        BLIND: lambda: wiener(baselines.estimate_psf(blurred, size)),
+        "blurred": lambda: [blurred],
+        WIENER: lambda: [wiener(kernel)],
+        BANDED: lambda: [deblur(blurred, *capture, nsr=NSR).image],
+        TV: lambda: [baselines.tv_l1(blurred, kernel, weight=weight) for weight in WEIGHTS],
+        "Richardson-Lucy": lambda: [baselines.richardson_lucy(blurred, kernel)],
+        "unsupervised Wiener": lambda: [baselines.unsupervised_wiener(blurred, kernel)],
+        BLIND: lambda: [wiener(baselines.estimate_psf(blurred, size))],
     }
 
 
@@ -129,8 +146,6 @@ def extent(bank: PsfBank) -> tuple[int, int]:
 
 def convolved(sharp: Image, bank: PsfBank, top: int, left: int) -> Image:
     """Blur with one PSF and cut the frame out, so that the scene goes on beyond it."""
-    from scipy.signal import fftconvolve
-
     tall, wide = (n // 2 for n in bank.size)
     padded = np.pad(sharp[..., 0], ((tall, tall), (wide, wide)), mode="symmetric")
     blurred = fftconvolve(padded, bank.kernels[0, 0], mode="valid")[top : top + SIZE[1], left : left + SIZE[0], None]
