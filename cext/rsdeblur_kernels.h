@@ -43,4 +43,59 @@ rsd_status rsd_spectral_multiply(float *spectra, const float *filter, size_t cha
 rsd_status rsd_blend_lines(float *accumulator, const float *slab, const float *weights, size_t lines, size_t n,
                            size_t accumulator_stride, size_t slab_stride);
 
+/* Where the lines of an array stand: line l of plane p starts p * plane + l * line values from the first one. */
+typedef struct {
+    size_t plane, line;
+} rsd_layout;
+
+/*
+ * A tile reads a line of a picture from position `start` on, `length` positions, any of which may lie beyond the picture:
+ * there it goes on by reflection (border positions repeat), or by repetition if `periodic`. Its last `taper` positions
+ * fade, by the shares fade[taper], into what precedes its start.
+ */
+typedef struct {
+    ptrdiff_t start;
+    size_t length;
+    const float *fade;
+    size_t taper;
+    int periodic;
+} rsd_tile;
+
+/*
+ * Cut a tile out of picture rows: a line per channel (plane) and row.
+ *
+ * picture   rows x width x channels floats
+ * lines     float lines of tile.length
+ * finite    receives whether all that was read inside the picture is finite
+ */
+rsd_status rsd_picture_to_lines(const float *picture, size_t rows, size_t width, size_t channels, rsd_tile tile,
+                                float *lines, rsd_layout layout, int *finite);
+
+/*
+ * Put lines, weighted by position, into picture rows, or add them if `add`.
+ *
+ * lines     float lines, of which the first n values count; a line per channel (plane) and row
+ * picture   the first float to change in row 0; rows are width * channels floats apart
+ */
+rsd_status rsd_lines_to_picture(const float *lines, rsd_layout layout, size_t rows, size_t channels,
+                                const float *weights, size_t n, int add, float *picture, size_t width);
+
+/*
+ * Transpose `count` columns of complex rows into complex lines of `height`, and back.
+ *
+ * rows      per channel (plane) `height` lines, of which the first `count` values count
+ * columns   per channel (plane) `count` lines of `height`
+ */
+rsd_status rsd_rows_to_columns(const float *rows, rsd_layout row_layout, float *columns, rsd_layout column_layout,
+                               size_t channels, size_t height, size_t count);
+rsd_status rsd_columns_to_rows(const float *columns, rsd_layout column_layout, float *rows, rsd_layout row_layout,
+                               size_t channels, size_t height, size_t count);
+
+/*
+ * Cut a tile out of complex lines of n values. `lines` may be `source` where the tile starts at 0: it is then extended
+ * in place.
+ */
+rsd_status rsd_cut_lines(const float *source, rsd_layout source_layout, size_t n, rsd_tile tile, float *lines,
+                         rsd_layout layout, size_t channels, size_t count);
+
 #endif

@@ -21,10 +21,10 @@ from rsdeblur.psf import PsfBank
 from rsdeblur.tiling import Tiling
 
 # The inverse filter of a straight PSF of K px at NSR Phi rings with a decay length of K / (2 pi sqrt(Phi)): its poles
-# stand that far off the real axis. A tile sees 0.1 K / sqrt(Phi) beyond its part, some 0.6 decay lengths, and at least
-# half a PSF: a trade of time for quality whose price is in docs/developer/decisions.md.
-DECAY_MARGIN = 0.1
-LEAST_MARGIN = 0.5
+# stand that far off the real axis. A tile is longer than its part by 0.2 K / sqrt(Phi), some 1.3 decay lengths, and at
+# least by 1.5 PSFs; all of that is a fade between its two ends. The price of less is in docs/developer/decisions.md.
+DECAY_GAP = 0.2
+LEAST_GAP = 1.5
 
 
 class Deconvolver:
@@ -77,9 +77,9 @@ class Deconvolver:
         _validate.choice("planning", planning, PLANNINGS)
         height, width = self.shape[:2]
         _check_fit(bank, height, width)
-        reach = max(LEAST_MARGIN, DECAY_MARGIN / self.nsr**0.5)
+        gap = max(LEAST_GAP, DECAY_GAP / self.nsr**0.5)
         self._bands, self._strips = (
-            Tiling.plan(centres, n, kernel, int(np.ceil(reach * kernel)), periodic=border == "periodic")
+            Tiling.plan(centres, n, kernel, int(np.ceil(gap * kernel)), periodic=border == "periodic")
             for centres, n, kernel in zip((bank.rows, bank.cols), (height, width), bank.size, strict=True)
         )
         threads = thread_count(threads)
@@ -144,10 +144,10 @@ class Deconvolver:
         source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))
         with self._lock:
             for s, strip in enumerate(self._strips.tiles):
-                if not self._hybrid.to_columns(source, strip):
+                if not self._hybrid.transform_rows(source, strip):
                     raise InputError("image must be finite")
-                self._hybrid.filter(self._filters[s])
-                self._hybrid.to_picture(target, strip, add=several)
+                self._hybrid.filter_columns(self._filters[s])
+                self._hybrid.restore_rows(target, strip, add=several)
                 if progress is not None:
                     progress((s + 1) / len(self._strips.tiles))
         return out

@@ -61,7 +61,7 @@ def test_constant_picture_keeps_its_brightness() -> None:
 
 
 def test_same_kernel_everywhere_equals_global() -> None:
-    """Tiles that share one kernel differ from the whole only by what lies beyond their margins."""
+    """Tiles that share one kernel differ from the whole only by what their gaps fade."""
     picture = scene(150, 200)
     kernel = random_kernels(7, 9)
     whole, tiled = (
@@ -73,7 +73,7 @@ def test_same_kernel_everywhere_equals_global() -> None:
     # At the frame's border even the continuation differs (nearer opposite ends): leave three PSFs out.
     inside = np.s_[27:-27, 27:-27]
     leak = np.sqrt(np.mean((tiled - whole)[inside] ** 2))
-    # Beyond a margin of 0.6 decay lengths the filter's response still holds some percent of its own size;
+    # Across a gap of 1.3 decay lengths the filter's response still holds some percent of its own size;
     # measured 0.6 % of what the filter adds to the picture.
     assert leak < 0.02 * np.sqrt(np.mean((whole - picture)[inside] ** 2))
 
