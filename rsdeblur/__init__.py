@@ -8,6 +8,7 @@ stands above it in this ladder::
     _atomic     files that appear whole or not at all
     kernels     inner loops, C or Numba, each with a NumPy twin; they import only errors
     config      how this installation was built
+    axes        how an IMU sits in a camera: orientation strings, presets
     camera      Camera: intrinsics, readout, relation to the IMU
     exposure    Exposure: the window of each row
     gyro        GyroLog, OrientationTrack

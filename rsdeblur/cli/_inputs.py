@@ -57,7 +57,8 @@ def read_recording(recording: Recording) -> tuple[GyroLog, Camera, Exposure]:
     camera = read_camera(recording.camera)
     given = {"time_offset": recording.time_offset, "readout": recording.readout}
     changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    return read_gyro(recording.gyro, recording.gyro_format), replace(camera, **changes), exposure
+    log = read_gyro(recording.gyro, recording.gyro_format, unit=recording.unit, orientation=recording.orientation)
+    return log, replace(camera, **changes), exposure
 
 
 def _exposure(recording: Recording) -> Exposure:

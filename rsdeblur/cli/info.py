@@ -23,6 +23,12 @@ EXIF_IFD, EXPOSURE_TIME = 0x8769, 0x829A
 # Of a long list, as of exposures or gaps, the text shows this many; JSON shows all.
 SHOWN = 12
 
+AXES = {
+    "phone": "phone: x right, y up, z out of the screen",
+    "gyroflow": "Gyroflow: x up, y left, z back",
+    "sensor": "the sensor's own",
+}
+
 EXAMPLES = """\b
 Examples:
   rsdeblur info gyro.csv phone.toml frames.csv photo.jpg
@@ -33,7 +39,7 @@ Examples:
 @click.command("info", epilog=EXAMPLES)
 @click.argument("files", type=_options.PATH, nargs=-1)
 @click.option("--gyro", type=_options.PATH, metavar="LOG", help="Gyro log, to check the exposures of --capture.")
-@click.option("--gyro-format", metavar="NAME", help="Format of the log; recognised by its content if left out.")
+@_options.log_options
 @click.option("--camera", type=_options.PATH, metavar="TOML", help="Camera file, likewise.")
 @click.option("--capture", type=_options.PATH, metavar="FILE", help="Metadata file that holds the exposures.")
 @click.option("--time-offset", type=_options.SecondsType(), help="Camera time minus gyro time; replaces the camera's.")
@@ -41,11 +47,11 @@ Examples:
 def command(
     files: tuple[Path, ...],
     gyro: Path | None,
-    gyro_format: str | None,
     camera: Path | None,
     capture: Path | None,
     time_offset: float | None,
     as_json: bool,
+    **reading: str | None,
 ) -> None:
     """Say what FILES are and hold: gyro logs, camera files, capture files, pictures.
 
@@ -57,7 +63,7 @@ def command(
     if not files and not any(together):
         raise click.UsageError("name a file, or --gyro, --camera and --capture", ctx=click.get_current_context())
     found = []
-    for entry in _entries(files, gyro, gyro_format, camera, capture, time_offset):
+    for entry in _entries(files, gyro, camera, capture, time_offset, reading):
         found.append(entry)
         if not as_json:
             _print(entry)
@@ -71,23 +77,27 @@ def command(
 def _entries(
     files: tuple[Path, ...],
     gyro: Path | None,
-    gyro_format: str | None,
     camera: Path | None,
     capture: Path | None,
     time_offset: float | None,
+    reading: dict[str, str | None],
 ) -> Iterator[dict[str, Any]]:
     for path in files:
         try:
-            yield {"file": str(path)} | _description(path)
+            yield {"file": str(path)} | _description(path, reading)
         except FileFormatError as error:
             # The other files, of a folder perhaps, are told about nevertheless.
             yield {"file": str(path), "kind": "not understood", "reason": str(error)}
     if gyro and camera and capture:
-        coverage = _coverage(gyro, gyro_format, camera, capture, time_offset)
+        coverage = _coverage(gyro, camera, capture, time_offset, reading)
         yield {"file": str(gyro), "kind": f"coverage of {capture}", "exposures": coverage}
 
 
-def _description(path: Path) -> dict[str, Any]:
+def _keywords(reading: dict[str, str | None]) -> dict[str, Any]:
+    return {"format": reading["gyro_format"], "unit": reading["unit"], "orientation": reading["orientation"]}
+
+
+def _description(path: Path, reading: dict[str, str | None]) -> dict[str, Any]:
     from rsdeblur.io.gyro_logs import detect_gyro_format
     from rsdeblur.io.pictures import KINDS
 
@@ -98,30 +108,35 @@ def _description(path: Path) -> dict[str, Any]:
     if path.suffix.lower() in KINDS:
         return _picture(path)
     try:
-        format = detect_gyro_format(path)
+        if reading["gyro_format"] is None:
+            detect_gyro_format(path)
     except FileFormatError:
         try:
             return _captures(path)
         except FileFormatError as error:
             raise FileFormatError(f"{error}; nor is it a gyro log, a camera file or a picture") from error
-    return _gyro(path, format)
+    return _gyro(path, reading)
 
 
-def _gyro(path: Path, format: str) -> dict[str, Any]:
+def _gyro(path: Path, reading: dict[str, str | None]) -> dict[str, Any]:
     import numpy as np
 
-    from rsdeblur.io import read_gyro
+    from rsdeblur.io import open_gyro
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RsdeblurWarning)
-        log = read_gyro(path, format)
+        file = open_gyro(path, **_keywords(reading))
+    log = file.log
     return {
         "kind": "gyro log",
-        "format": format,
+        "format": file.format,
         "samples": len(log),
         "rate_hz": log.rate,
         "epoch_ns": log.epoch_ns,
         "span_s": list(log.span),
+        "units_in_file": f"{file.time_unit}, {file.rate_unit}",
+        "axes": AXES[file.axes],
+        **file.facts,
         "gaps_s": log.gaps().tolist(),
         "rms_rad_s": np.sqrt(np.mean(log.omega**2, axis=0)).tolist(),
         "peak_rad_s": np.abs(log.omega).max(axis=0).tolist(),
@@ -187,11 +202,11 @@ def _exif_exposure(block: bytes | None) -> float | None:
 
 
 def _coverage(
-    gyro: Path, gyro_format: str | None, camera_file: Path, capture: Path, time_offset: float | None
+    gyro: Path, camera_file: Path, capture: Path, time_offset: float | None, reading: dict[str, str | None]
 ) -> list[dict[str, Any]]:
     from rsdeblur.io import read_camera, read_captures, read_gyro
 
-    log, camera = read_gyro(gyro, gyro_format), read_camera(camera_file)
+    log, camera = read_gyro(gyro, **_keywords(reading)), read_camera(camera_file)
     if time_offset is not None:
         camera = replace(camera, time_offset=time_offset)
     report = []

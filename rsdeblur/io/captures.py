@@ -9,7 +9,8 @@ from decimal import Decimal
 
 from rsdeblur.errors import InputError
 from rsdeblur.exposure import Exposure
-from rsdeblur.io.formats import Format, choose
+from rsdeblur.io.formats import choose, text_format
+from rsdeblur.io.source import Source
 from rsdeblur.io.text import TextFile, cells_of, find_columns, is_number, read_table
 
 WHAT = "capture file"
@@ -43,8 +44,8 @@ def read_captures(path: str | os.PathLike[str]) -> list[Exposure]:
         If the file cannot be read, is empty, binary, cut off or of an unknown format; or, naming the line, if a stamp
         or an exposure time is missing, not a number or not positive.
     """
-    text = TextFile.open(path, WHAT)
-    return choose(FORMATS, text, WHAT).read(text)
+    source = Source(path, WHAT)
+    return choose(FORMATS, source).read(source)
 
 
 def _exposures(text: TextFile, rows: list[int], columns: Sequence[int]) -> list[Exposure]:
@@ -72,8 +73,8 @@ def _sniff_deepgyro(text: TextFile) -> bool:
 
 
 FORMATS = (
-    Format("mars", "MARS logger movie_metadata.csv", lambda text: _mars_columns(text) is not None, _read_mars),
-    Format(
+    text_format("mars", "MARS logger movie_metadata.csv", lambda text: _mars_columns(text) is not None, _read_mars),
+    text_format(
         "deepgyro",
         "DeepGyro images.txt, `t_ns exposure_ns`",
         _sniff_deepgyro,
