@@ -9,7 +9,8 @@ stands above it in this ladder::
     kernels     inner loops, C or Numba, each with a NumPy twin; they import only errors
     config      how this installation was built
     axes        how an IMU sits in a camera: orientation strings, presets
-    camera      Camera: intrinsics, readout, relation to the IMU
+    lens        lens distortion and its inverse
+    camera      Camera: intrinsics, lens, readout, relation to the IMU
     exposure    Exposure: the window of each row
     gyro        GyroLog, OrientationTrack
     motion      BlurPaths: displacement paths on a grid of rows and strips
