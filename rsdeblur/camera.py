@@ -169,9 +169,15 @@ class Camera:
         """Raise `InputError` unless each pixel of the frame sees one direction."""
         if self.distortion_model == "none":
             return
+        (fx, fy), (cx, cy) = self.focal, self.principal
         x, y = np.linspace(0, self.width - 1, 17), np.linspace(0, self.height - 1, 17)
-        directions = self.rays(np.stack(np.meshgrid(x, y), axis=-1))
-        if not np.isfinite(directions).all():
+        if self.distortion_model == "fisheye":
+            # In the corners the model may be continued.
+            farthest = max(abs(x - cx).max() / fx, abs(y - cy).max() / fy)
+            folds = farthest > lens.reach(self.distortion)
+        else:
+            folds = not np.isfinite(self.rays(np.stack(np.meshgrid(x, y), axis=-1))).all()
+        if folds:
             raise InputError(
                 f"the {self.distortion_model} distortion {self.distortion} folds the picture over itself within the "
                 "frame; check the coefficients, their order, and that focal and principal belong to this size"
@@ -180,12 +186,20 @@ class Camera:
     def scaled(self, s: float) -> Camera:
         """Return the camera of the picture resized by the factor `s`; pixel centres stay at integers."""
         s = _validate.finite("s", s, above=0.0)
+        return self.resized(max(round(self.width * s), 1), max(round(self.height * s), 1))
+
+    def resized(self, width: int, height: int) -> Camera:
+        """Return the camera of the picture resized to `width` x `height` px; pixel centres stay at integers."""
+        width, height = _validate.count("width", width), _validate.count("height", height)
         (fx, fy), (cx, cy) = self.focal, self.principal
-        width, height = max(round(self.width * s), 1), max(round(self.height * s), 1)
         # Sizes are whole pixels, so each axis follows its own ratio.
         sx, sy = width / self.width, height / self.height
         principal = ((cx + 0.5) * sx - 0.5, (cy + 0.5) * sy - 0.5)
         return self._with(width=width, height=height, focal=(fx * sx, fy * sy), principal=principal)
+
+    def delayed(self, dt: float) -> Camera:
+        """Return the camera whose clock is `dt` seconds later against the gyro's."""
+        return self._with(time_offset=self.time_offset + _validate.finite("dt", dt))
 
     def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
         """Return the camera of the picture cut out at (`left`, `top`) with the given size in px.

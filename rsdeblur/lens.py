@@ -5,6 +5,7 @@ Points are in normalised coordinates, (pixel - principal point) / focal length; 
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -19,6 +20,8 @@ COEFFICIENTS: dict[Distortion, tuple[int, ...]] = {"none": (0,), "radtan": (4, 5
 # Newton's method doubles the digits at each step; ordinary lenses take five.
 STEPS = 30
 TOLERANCE = 1e-13
+# Below this slope of theta_d(theta) the fisheye's polynomial is about to turn back.
+FLAT = 0.1
 
 
 def project(directions: FloatArray, model: Distortion, k: tuple[float, ...]) -> FloatArray:
@@ -47,16 +50,36 @@ def rays(points: FloatArray, model: Distortion, k: tuple[float, ...]) -> FloatAr
     return np.concatenate([plane, np.ones_like(plane[..., :1])], axis=-1)
 
 
-def _fisheye(theta: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
-    """theta_d and its derivative."""
-    square = theta**2
-    bent, slope = np.ones_like(theta), np.ones_like(theta)
-    power = np.ones_like(theta)
+@lru_cache
+def _fold(k: tuple[float, ...]) -> float:
+    """Return the angle where the fisheye's polynomial gets nearly flat, before it turns back; infinity if nowhere."""
+    slope = [1.0 - FLAT, *((2 * i + 3) * value for i, value in enumerate(k))]
+    squares = np.polynomial.Polynomial(slope).roots()
+    real = squares.real[(np.abs(squares.imag) < 1e-9) & (squares.real > 0)]
+    return float(np.sqrt(real.min())) if real.size else float("inf")
+
+
+def reach(k: tuple[float, ...]) -> float:
+    """Return the distance from the principal point up to which the fisheye model with `k` is one to one."""
+    fold = np.float64(_fold(k))
+    return float(_fisheye(fold, k)[0]) if np.isfinite(fold) else float("inf")
+
+
+def _fisheye(theta: FloatArray | np.float64, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
+    """theta_d and its derivative.
+
+    Calibrations often do not reach a picture's corners, and there their polynomials may turn back, which no lens does:
+    from the fold on the model goes on straight.
+    """
+    inside = np.minimum(theta, _fold(k))
+    square = inside**2
+    bent, slope = np.ones_like(square), np.ones_like(square)
+    power = np.ones_like(square)
     for i, coefficient in enumerate(k):
         power = power * square
         bent = bent + coefficient * power
         slope = slope + (2 * i + 3) * coefficient * power
-    return theta * bent, slope
+    return inside * bent + slope * (theta - inside), slope
 
 
 def _straightened(bent: FloatArray, k: tuple[float, ...]) -> FloatArray:

@@ -102,8 +102,8 @@ def _usage(message: str) -> click.UsageError:
 
 
 def transfer_of(picture: Picture, given: Transfer | None) -> Transfer:
-    """Return how the picture encodes light: as given, else sRGB for integers and linear for floats."""
-    return given if given is not None else ("srgb" if picture.pixels.dtype.kind == "u" else "linear")
+    """Return how the picture encodes light: as given, else sRGB for integers, linear for floats and raw files."""
+    return given if given is not None else picture.transfer
 
 
 def display_values(values: NDArray[Any], transfer: Transfer) -> NDArray[Any]:

@@ -5,7 +5,7 @@ cannot be read. The readers of gyro logs stand by family in `gyro_tables` (text)
 and videos) and `archives`; `samples` makes the log of what they find.
 """
 
-from rsdeblur.io.cameras import read_camera
+from rsdeblur.io.cameras import open_camera, read_camera
 from rsdeblur.io.captures import read_captures
 from rsdeblur.io.gyro_logs import detect_gyro_format, open_gyro, read_gyro
 from rsdeblur.io.pictures import Picture, check_writable, read_picture, write_picture
@@ -14,6 +14,7 @@ __all__ = [
     "Picture",
     "check_writable",
     "detect_gyro_format",
+    "open_camera",
     "open_gyro",
     "read_camera",
     "read_captures",
