@@ -160,9 +160,16 @@ def log_options(function: Command) -> Command:
 _EXPOSURE = (
     click.option("--capture", type=PATH, metavar="FILE", help="Metadata file that holds the exposure."),
     click.option("--index", type=click.IntRange(min=0), metavar="N", help="Which exposure of --capture, from 0."),
-    click.option("--start-ns", type=int, metavar="NS", help="Start of the first row's exposure, camera clock, in ns."),
+    click.option(
+        "--start-ns",
+        type=int,
+        metavar="NS",
+        help="Stamp of the capture in ns, camera clock: the first row's start, unless the camera file says otherwise.",
+    ),
     click.option("--start", type=SecondsType(), help="The same in seconds on the log's own clock."),
-    click.option("--duration", type=SecondsType(), help="Exposure time of a row: 0.05, 1/20 or 50ms."),
+    click.option(
+        "--duration", type=SecondsType(), help="Exposure time of a row: 0.05, 1/20 or 50ms.  [default: by EXIF]"
+    ),
 )
 _OVERRIDES = (
     click.option("--time-offset", type=SecondsType(), help="Camera time minus gyro time; replaces the camera file's."),
@@ -174,7 +181,9 @@ recording_options = _gathered(
     (
         click.option("--gyro", type=PATH, required=True, metavar="LOG", help="Gyro log."),
         *_LOG,
-        click.option("--camera", type=PATH, required=True, metavar="TOML", help="Camera file."),
+        click.option(
+            "--camera", type=PATH, required=True, metavar="FILE", help="Camera file: ours, Gyroflow's or Kalibr's."
+        ),
         *_EXPOSURE,
         *_OVERRIDES,
     ),

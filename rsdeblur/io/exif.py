@@ -17,6 +17,8 @@ PLANE_RESOLUTION, PLANE_UNIT, PIXELS_ACROSS, ZOOM = 0xA20E, 0xA210, 0xA002, 0xA4
 
 # Millimetres in the units of the focal plane's resolution: inch (also if none is said), cm, mm, um.
 PLANE_UNITS = {1: 25.4, 2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
+# From the smallest phone cameras' to medium format, in mm.
+SENSOR_WIDTHS = (2.0, 60.0)
 # The diagonal of 36 x 24 mm, to which the 35 mm equivalent refers.
 FILM_DIAGONAL = 43.267
 
@@ -74,6 +76,12 @@ class Exif:
         millimetres = PLANE_UNITS.get(int(self.number(PLANE_UNIT) or 2))
         if focal and resolution and millimetres:
             across = self.number(PIXELS_ACROSS) or max(width, height)
+            low, high = SENSOR_WIDTHS
+            sensor = across * millimetres / resolution
+            if not low < sensor < high:
+                raise InputError(
+                    f"the picture was resized since it was taken: by its EXIF block the sensor is {sensor:.3g} mm wide"
+                )
             # The resolution is that of the picture as the camera took it.
             scale = max(width, height) / across
             return focal * resolution / millimetres * scale, f"{focal:g} mm at {resolution / millimetres:.1f} px/mm"

@@ -128,7 +128,7 @@ def _camera(source: Source, entry: dict[str, Any], doubts: list[str]) -> Camera:
         readout=delay * height,
         imu_to_camera=_imu_to_camera(entry, doubts),
         # t_imu = t_cam + shift
-        time_offset=-float(entry.get("timeshift_cam_imu") or 0.0),
+        time_offset=0.0 - float(entry.get("timeshift_cam_imu") or 0.0),
         distortion_model=MODELS[kind],
         distortion=() if MODELS[kind] == "none" else _numbers(coefficients),
     )

@@ -122,18 +122,27 @@ def _setting(source: Source, profile: Mapping[str, Any], request: Request) -> di
     """Return what the profile says for another size or frame rate."""
     if request.size is None:
         return {}
-    fits = [
+    entries = [
         entry
         for entry in profile.get("compatible_settings") or []
         if (entry.get("width"), entry.get("height")) == request.size
-        and (request.fps is None or abs(float(entry.get("fps") or request.fps) - request.fps) < 0.5)
     ]
     keys = ("crop", "frame_readout_time", "digital_lens")
-    settings = [{key: entry[key] for key in keys if entry.get(key) is not None} for entry in fits]
-    if any(setting != settings[0] for setting in settings):
-        rates = ", ".join(sorted({f"{entry.get('fps')}" for entry in fits}))
+
+    def settings(fps: float | None) -> list[dict[str, Any]]:
+        fits = [entry for entry in entries if fps is None or abs(float(entry.get("fps") or fps) - fps) < 0.5]
+        return [{key: entry[key] for key in keys if entry.get(key) is not None} for entry in fits]
+
+    found = settings(request.fps)
+    if any(setting != found[0] for setting in found):
+        # The rate of the profile itself is the likely one.
+        found = settings(profile.get("fps"))
+    if not found or any(setting != found[0] for setting in found):
+        if not entries:
+            return {}
+        rates = ", ".join(sorted({f"{entry.get('fps')}" for entry in entries}))
         raise source.error(f"the settings of {request.size[0]}x{request.size[1]} differ; give the frame rate: {rates}")
-    return settings[0] if settings else {}
+    return found[0]
 
 
 def _project(source: Source, project: dict[str, Any], request: Request) -> CameraFile:
