@@ -38,7 +38,7 @@ class SecondsType(click.ParamType[float]):
             if match is None:
                 raise ValueError(value)
             above, below, unit = match.groups(default="")
-            return float(above) / float(below or 1.0) * {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6}[unit]
+            return float(above) / float(below or 1.0) / {"": 1.0, "s": 1.0, "ms": 1e3, "us": 1e6}[unit]
         except (ValueError, ZeroDivisionError):
             self.fail(f"{value!r} is not a time; write 0.05, 1/20 or 50ms", param, ctx)
 

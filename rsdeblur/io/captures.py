@@ -23,7 +23,7 @@ MARS_COLUMNS = (
     re.compile(r"timestamp\s*\[nanosec\]"),
     re.compile(r"exposure (time|duration)\s*\[nanosec\]"),
 )
-STAMP_COLUMN = (re.compile(r"(frame )?timestamp\s*\[(nanosec|ns)\]"),)
+STAMP_HEADER = re.compile(r"\s*(frame )?timestamp\s*\[(nanosec|ns)\]", re.IGNORECASE)
 # GyroDeblurNet's `t_ns ISO exposure_ns fx fy cx cy s`.
 IMAGE_INFO_CELLS = 8
 
@@ -119,13 +119,12 @@ def _has_numbers(text: TextFile, count: int) -> bool:
     return len(cells) == count and all(map(is_number, cells))
 
 
-def _stamp_column(text: TextFile) -> list[int] | None:
-    return find_columns(text.head, STAMP_COLUMN)
+def _has_stamp_header(text: TextFile) -> bool:
+    return STAMP_HEADER.match(text.head) is not None
 
 
 def _read_stamps(text: TextFile) -> CaptureFile:
-    named = _stamp_column(text)
-    return _captures("stamps", text, text.rows if named is None else text.rows[1:], named or [0])
+    return _captures("stamps", text, text.rows[1:] if _has_stamp_header(text) else text.rows, [0])
 
 
 def _read_trailer(source: Source) -> CaptureFile:
@@ -154,7 +153,7 @@ FORMATS: tuple[Format[CaptureFile], ...] = (
     text_format(
         "stamps",
         "one stamp in ns a line",
-        lambda text: _has_numbers(text, 1) or _stamp_column(text) is not None,
+        lambda text: _has_numbers(text, 1) or _has_stamp_header(text),
         _read_stamps,
     ),
 )
