@@ -71,6 +71,10 @@ TABLES = {
     "uncalibrated": ("", "16 {t} {x} {y} {z}", "deepgyro", "phone"),
     "mars ios": ("Timestamp[nanosec],gx[rad/s],gy[rad/s],gz[rad/s],ax[m/s^2],ay[m/s^2],az[m/s^2],Unix time[nanosec]\n",
                  "{t},{x},{y},{z},0,9.8,0,7", "mars", "phone"),
+    "ros": ("%time,field.header.seq,field.angular_velocity.x,field.angular_velocity.y,field.angular_velocity.z\n",
+            "{t},1,{x},{y},{z}", "plain", "sensor"),
+    "sensorlog": ("loggingTime(txt),gyroTimestamp_sinceReboot(s),gyroRotationX(rad/s),gyroRotationY(rad/s),"
+                  "gyroRotationZ(rad/s)\n", "2020-01-01,{s},{x},{y},{z}", "plain", "sensor"),
     "seven columns": ("", "{t} {x} {y} {z} 0.1 -9.7 1.1", "plain", "sensor"),
     "seven columns, accelerometer first": ("", "{t} 0.1 -9.7 1.1 {x} {y} {z}", "plain", "sensor"),
     "lines above the header": ("Recorded with an app\nDevice: phone\nts;gyro x;gyro y;gyro z\n", "{t};{x};{y};{z}",

@@ -45,15 +45,19 @@ UNIT_OF = {
 }
 
 # Names of columns, in lower case and without anything but letters.
-TIME = re.compile(r"(sensor|event|sampling)?(t|ts|time|timestamp|stamp)|zeit|temps|tiempo|tempo")
+TIME = re.compile(
+    "(sensor|event|sampling|elapsed|gyro)?(t|ts|time|timestamp|stamp)(sincereboot)?|zeit|temps|tiempo|tempo"
+)
 GYRO = (
     "w|omega|g|gyr|gyro|gyroscope|gyroskop|giroscopio|gyrorotation|(motion)?rotationrate"
-    "|angular(velocity|rate)|angvel|wrss"
+    "|(field)?angular(velocity|rate)|angvel|wrss"
 )
 RATES = tuple(re.compile(rf"({GYRO}){axis}(axis)?|{axis}({GYRO})") for axis in "xyz")
 
 # Android's numbers of sensor types: the gyro, and the one whose bias the phone does not remove.
 GYRO_TYPE, UNCALIBRATED_TYPE = "4", "16"
+
+BIASED = {"bias": "not removed by the phone"}
 
 # Rows that tell the layout of a table without names.
 LOOK = 50
@@ -182,7 +186,8 @@ def _read_sensorlogger(text: TextFile) -> Samples:
         raise text.error("no Sensor Logger header: time, seconds_elapsed, z, y, x expected", text.rows[0])
     if named_columns(text) is None:
         refuse_other_sensor(text)
-    return read_columns(text, replace(columns, time_unit="ns"), "phone")
+    samples = read_columns(text, replace(columns, time_unit="ns"), "phone")
+    return replace(samples, facts=BIASED) if "uncalibrated" in text.path.stem.lower() else samples
 
 
 def refuse_other_sensor(text: TextFile) -> None:
@@ -241,7 +246,8 @@ def _read_tagged(text: TextFile) -> Samples:
     kind = GYRO_TYPE if GYRO_TYPE in rows else UNCALIBRATED_TYPE
     if kind not in rows:
         raise text.error("the file holds no gyro samples: no line is of type 4")
-    return read_columns(text, Columns((1, 2, 3, 4), "ns"), "phone", rows[kind])
+    samples = read_columns(text, Columns((1, 2, 3, 4), "ns"), "phone", rows[kind])
+    return samples if kind == GYRO_TYPE else replace(samples, facts=BIASED)
 
 
 def _plain_columns(text: TextFile) -> Columns | None:
