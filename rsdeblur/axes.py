@@ -13,7 +13,7 @@ from rsdeblur.errors import InputError
 GYROFLOW_TO_CAMERA = ((0, -1, 0), (-1, 0, 0), (0, 0, -1))
 
 # Android's and iOS's device axes (x right, y up, z out of the screen, phone upright) and the rear camera: its picture
-# stored upright, as the sensor reads it with the phone's left side up, and the two other ways to hold the phone.
+# stored upright; as the sensor reads it, the phone's right side at the top; and both upside down.
 PRESETS = {
     "gyroflow": "XYZ",
     "phone-portrait": "YxZ",

@@ -32,7 +32,7 @@ def project(directions: FloatArray, model: Distortion, k: tuple[float, ...]) -> 
         across = np.hypot(x, y)
         theta = np.arctan2(across, z)
         ratio = _fisheye(theta, k)[0] / np.where(across > 0, across, 1.0)
-        ratio = np.where(across > 0, ratio, 1.0 / z)
+        ratio = np.where(across > 0, ratio, 1.0 / np.where(across > 0, 1.0, z))
         return np.stack([x * ratio, y * ratio], axis=-1)
     plane = np.stack([x / z, y / z], axis=-1)
     return plane if model == "none" else _radtan(plane, k)[0]
@@ -42,11 +42,14 @@ def rays(points: FloatArray, model: Distortion, k: tuple[float, ...]) -> FloatAr
     """Return the directions (..., 3) of points (..., 2); NaN where the lens puts none."""
     if model == "fisheye":
         bent = np.linalg.norm(points, axis=-1)
-        theta = _straightened(bent, k)
+        with np.errstate(all="ignore"):
+            theta = _straightened(bent, k)
         ratio = np.sin(theta) / np.where(bent > 0, bent, 1.0)
         ratio = np.where(bent > 0, ratio, 1.0)
         return np.stack([points[..., 0] * ratio, points[..., 1] * ratio, np.cos(theta)], axis=-1)
-    plane = points if model == "none" else _flattened(points, k)
+    # Where no direction leads to a point, Newton's method wanders off, which is found out at its end.
+    with np.errstate(all="ignore"):
+        plane = points if model == "none" else _flattened(points, k)
     return np.concatenate([plane, np.ones_like(plane[..., :1])], axis=-1)
 
 

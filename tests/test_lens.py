@@ -181,3 +181,20 @@ def test_a_picture_is_deblurred_through_its_lens(name: str, direction: str) -> N
     # Measured 18.8 to 19.2 dB blurred, 19.5 to 23.5 dB with the paths of a pinhole, 24.3 to 27.1 dB with the lens's.
     assert with_lens > without + 1.5
     assert with_lens > quality(seen.rolling, seen.blurred) + 3
+
+
+def test_wild_coefficients_are_refused_or_right(pixels: np.ndarray) -> None:
+    """No warning of NumPy's, and never a direction that is not projected back."""
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        model, count = (("radtan", int(rng.choice([4, 5, 8]))), ("fisheye", 4))[rng.integers(2)]
+        try:
+            camera = camera_of(model, tuple(rng.normal(0, 10.0 ** rng.uniform(-3, 2), count)))
+        except InputError:
+            continue
+        points = pixels * 3 - 100
+        seen = camera.rays(points)
+        known = np.isfinite(seen).all(axis=-1)
+        np.testing.assert_allclose(camera.project(seen[known]), points[known], atol=1e-5)
+    edge = Camera(400, 400, 100.0, distortion_model="fisheye", distortion=(0.0,) * 4)
+    np.testing.assert_allclose(edge.project(np.array([1.0, 0.0, 0.0])), [199.5 + 50 * np.pi, 199.5])
