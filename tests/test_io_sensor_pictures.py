@@ -114,6 +114,7 @@ class TestRaw:
         again = read_picture(tmp_path / "b.tif")
         np.testing.assert_array_equal(again.pixels, picture.pixels)
         assert again.icc_profile == picture.icc_profile == linear_profile()
+        assert again.transfer == "linear"
 
     def test_the_profile_is_linear(self) -> None:
         profile = ImageCms.ImageCmsProfile(BytesIO(linear_profile()))

@@ -62,7 +62,7 @@ class Picture:
     icc_profile : bytes, optional
         The colour profile.
     linear : bool, optional
-        Whether the values are proportional to light; default for floats, and raw files are so.
+        Whether the values are proportional to light; by default floats are, and what has the profile of raw files.
     """
 
     pixels: NDArray[Any]
@@ -73,7 +73,9 @@ class Picture:
     @property
     def transfer(self) -> Literal["srgb", "linear"]:
         """How the values encode light."""
-        linear = self.pixels.dtype.kind == "f" if self.linear is None else self.linear
+        linear = self.linear
+        if linear is None:
+            linear = self.pixels.dtype.kind == "f" or self.icc_profile == _raw.linear_profile()
         return "linear" if linear else "srgb"
 
 
