@@ -128,10 +128,10 @@ def new(
     if (focal is None) == (focal35 is None):
         raise click.UsageError("give one of --focal and --focal35", ctx=click.get_current_context())
     width, height = size
+    length: Any = focal[0] if focal and len(focal) == 1 else focal
     if focal35 is not None:
-        focal = (focal35 / FILM_DIAGONAL * (width**2 + height**2) ** 0.5,)
-    known = {key: value for key, value in given.items() if value is not None}
-    camera = Camera(width, height, focal[0] if focal and len(focal) == 1 else focal, **known)  # type: ignore[arg-type]
+        length = focal35 / FILM_DIAGONAL * (width**2 + height**2) ** 0.5
+    camera = Camera(width, height, length, **{key: value for key, value in given.items() if value is not None})
     _write(camera, output, force=force)
     _tell(output, CameraFile(camera, "toml"), False)
 
