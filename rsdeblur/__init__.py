@@ -8,7 +8,9 @@ stands above it in this ladder::
     _atomic     files that appear whole or not at all
     kernels     inner loops, C or Numba, each with a NumPy twin; they import only errors
     config      how this installation was built
-    camera      Camera: intrinsics, readout, relation to the IMU
+    axes        how an IMU sits in a camera: orientation strings, presets
+    lens        lens distortion and its inverse
+    camera      Camera: intrinsics, lens, readout, relation to the IMU
     exposure    Exposure: the window of each row
     gyro        GyroLog, OrientationTrack
     motion      BlurPaths: displacement paths on a grid of rows and strips

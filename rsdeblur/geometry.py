@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from rsdeblur._validate import FloatArray
-from rsdeblur.motion import FIXED_POINT_STEPS, RowPoses, Shot, rays
+from rsdeblur.motion import FIXED_POINT_STEPS, RowPoses, Shot
 
 # Rows mapped at a time: bounds the memory of the float64 coordinates to some MB.
 CHUNK = 64
@@ -58,7 +58,7 @@ def _sources(
 ) -> tuple[FloatArray, FloatArray]:
     """Where in the rolling picture each pixel of the output `rows` is found: x and y, shape (len(rows), width)."""
     points = np.stack(np.meshgrid(np.arange(width), rows), axis=-1).astype(np.float64)
-    world = rays(points, shot.camera) @ to_world.T
+    world = shot.camera.rays(points) @ to_world.T
     q = points
     for _ in range(FIXED_POINT_STEPS):
         q = poses.project(world, q[..., 1])

@@ -4,7 +4,9 @@ The blur at output pixel p is the gather `g(p) = mean_t u(q(t))` over p's own ex
 `geometry="keep"` the latent picture u is the rolling-shutter one, each of whose rows shows the scene at that row's
 mid-exposure, so q is where the scene point that p sees at time t stands *in that picture*:
 
-    q = K C(mid(q_y)) C(t)^T K^-1 p
+    q = K C(mid(q_y)) C(t)^T K^-1 p,
+
+K being the camera's projection, its lens distortion included.
 
 The reference time depends on the row that q falls on; the fixed point is reached in a few steps because a picture
 moves by far less than a row while a row is read.
@@ -200,7 +202,7 @@ def _lengths(displacements: FloatArray) -> FloatArray:
 def _rotation_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
     camera = shot.camera
     points = np.stack(np.meshgrid(cols, rows), axis=-1)[:, :, None, :]  # (B, S, 1, 2), x before y
-    directions = rays(points, camera)[:, :, 0]
+    directions = camera.rays(points)[:, :, 0]
     orientation = shot.track.at(shot.times(rows, samples))  # (B, T, 3, 3)
     world = np.einsum("btji,bsj->bsti", orientation, directions)
     poses = RowPoses.of(shot)
@@ -223,30 +225,22 @@ def _small_angle_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: 
 class RowPoses:
     """Orientation of every row at its own mid-exposure, and the projection with it."""
 
-    matrices: FloatArray  # (2 H, 9), K C(mid(y)) from row -H/2 on
+    camera: Camera
+    rotations: FloatArray  # (2 H, 9), C(mid(y)) from row -H/2 on
 
     @classmethod
     def of(cls, shot: Shot) -> RowPoses:
         """Tabulate the poses of all rows of the picture, and of as many beyond it, where paths may reach."""
         rows = np.arange(2.0 * shot.camera.lines) - shot.camera.lines // 2
-        return cls((shot.camera.matrix @ shot.track.at(shot.mid(rows))).reshape(-1, 9))
+        return cls(shot.camera, shot.track.at(shot.mid(rows)).reshape(-1, 9))
 
     def project(self, world: FloatArray, rows: FloatArray) -> FloatArray:
         """Project directions (..., 3) with the poses of `rows` (..., fractions allowed).
 
         Linear between rows, which turn against each other by 1e-4 rad in a picture of thousands of rows.
         """
-        half = len(self.matrices) // 4
-        place = np.clip(rows + half, 0.0, len(self.matrices) - 1.0)
-        i = np.minimum(place.astype(np.intp), len(self.matrices) - 2)
-        pose = self.matrices[i] + (place - i)[..., None] * (self.matrices[i + 1] - self.matrices[i])
-        x, y, z = np.einsum("...ij,...j->i...", pose.reshape(*rows.shape, 3, 3), world)
-        q: FloatArray = np.stack([x / z, y / z], axis=-1)
-        return q
-
-
-def rays(points: FloatArray, camera: Camera) -> FloatArray:
-    """Directions K^-1 (x, y, 1) of points (..., 2), shape (..., 3)."""
-    (fx, fy), (cx, cy) = camera.focal, camera.principal
-    x, y = (points[..., 0] - cx) / fx, (points[..., 1] - cy) / fy
-    return np.stack([x, y, np.ones_like(x)], axis=-1)
+        half = len(self.rotations) // 4
+        place = np.clip(rows + half, 0.0, len(self.rotations) - 1.0)
+        i = np.minimum(place.astype(np.intp), len(self.rotations) - 2)
+        pose = self.rotations[i] + (place - i)[..., None] * (self.rotations[i + 1] - self.rotations[i])
+        return self.camera.project(np.einsum("...ij,...j->...i", pose.reshape(*rows.shape, 3, 3), world))

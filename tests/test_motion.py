@@ -12,7 +12,7 @@ from rsdeblur.camera import Camera
 from rsdeblur.errors import ClockError, CoverageError, GapError, InputError
 from rsdeblur.exposure import Exposure
 from rsdeblur.gyro import GyroLog
-from rsdeblur.motion import MOTIONS, BlurPaths, RowPoses, Shot, rays
+from rsdeblur.motion import MOTIONS, BlurPaths, RowPoses, Shot
 from rsdeblur.psf import PsfBank, tile_centres
 
 WIDTH, HEIGHT, FOCAL = 96, 64, 110.0
@@ -237,7 +237,7 @@ class TestRowPoses:
     def test_rays_undo_the_projection(self):
         camera = Camera(WIDTH, HEIGHT, (100.0, 120.0), (40.0, 30.0))
         points = np.random.default_rng(0).uniform(0, 60, (4, 5, 2))
-        image = rays(points, camera) @ camera.matrix.T
+        image = camera.rays(points) @ camera.matrix.T
         np.testing.assert_allclose(image, np.concatenate([points, np.ones((4, 5, 1))], axis=-1), atol=1e-12)
 
 

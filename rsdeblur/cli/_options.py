@@ -38,7 +38,7 @@ class SecondsType(click.ParamType[float]):
             if match is None:
                 raise ValueError(value)
             above, below, unit = match.groups(default="")
-            return float(above) / float(below or 1.0) * {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6}[unit]
+            return float(above) / float(below or 1.0) / {"": 1.0, "s": 1.0, "ms": 1e3, "us": 1e6}[unit]
         except (ValueError, ZeroDivisionError):
             self.fail(f"{value!r} is not a time; write 0.05, 1/20 or 50ms", param, ctx)
 
@@ -85,15 +85,17 @@ class Recording:
     """Where the log, the camera and the exposure come from."""
 
     gyro: Path
-    gyro_format: str | None
     camera: Path
-    capture: Path | None
-    index: int | None
-    start_ns: int | None
-    start: float | None
-    duration: float | None
-    time_offset: float | None
-    readout: float | None
+    gyro_format: str | None = None
+    unit: str | None = None
+    orientation: str | None = None
+    capture: Path | None = None
+    index: int | None = None
+    start_ns: int | None = None
+    start: float | None = None
+    duration: float | None = None
+    time_offset: float | None = None
+    readout: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,12 +135,41 @@ def _gathered(name: str, kind: type, options: Sequence[Decorator]) -> Decorator:
     return decorate
 
 
+_LOG = (
+    click.option("--gyro-format", metavar="NAME", help="Format of the log; recognised by its content if left out."),
+    click.option(
+        "--unit",
+        type=click.Choice(["rad/s", "deg/s", "mrad/s", "mdeg/s"]),
+        help="Unit of the log's rates, if it is not what the file says.",
+    ),
+    click.option(
+        "--orientation",
+        metavar="XYZ",
+        help="Gyroflow's orientation string of the log's axes, like YxZ; replaces the one in the file.",
+    ),
+)
+
+
+def log_options(function: Command) -> Command:
+    """Add the options that say how to read a gyro log."""
+    for option in reversed(_LOG):
+        function = option(function)
+    return function
+
+
 _EXPOSURE = (
     click.option("--capture", type=PATH, metavar="FILE", help="Metadata file that holds the exposure."),
     click.option("--index", type=click.IntRange(min=0), metavar="N", help="Which exposure of --capture, from 0."),
-    click.option("--start-ns", type=int, metavar="NS", help="Start of the first row's exposure, camera clock, in ns."),
+    click.option(
+        "--start-ns",
+        type=int,
+        metavar="NS",
+        help="Stamp of the capture in ns, camera clock: the first row's start, unless the camera file says otherwise.",
+    ),
     click.option("--start", type=SecondsType(), help="The same in seconds on the log's own clock."),
-    click.option("--duration", type=SecondsType(), help="Exposure time of a row: 0.05, 1/20 or 50ms."),
+    click.option(
+        "--duration", type=SecondsType(), help="Exposure time of a row: 0.05, 1/20 or 50ms.  [default: by EXIF]"
+    ),
 )
 _OVERRIDES = (
     click.option("--time-offset", type=SecondsType(), help="Camera time minus gyro time; replaces the camera file's."),
@@ -149,8 +180,10 @@ recording_options = _gathered(
     Recording,
     (
         click.option("--gyro", type=PATH, required=True, metavar="LOG", help="Gyro log."),
-        click.option("--gyro-format", metavar="NAME", help="Format of the log; recognised by its content if left out."),
-        click.option("--camera", type=PATH, required=True, metavar="TOML", help="Camera file."),
+        *_LOG,
+        click.option(
+            "--camera", type=PATH, required=True, metavar="FILE", help="Camera file: ours, Gyroflow's or Kalibr's."
+        ),
         *_EXPOSURE,
         *_OVERRIDES,
     ),

@@ -65,7 +65,7 @@ def command(size: tuple[int, int], seed: int, output: Path, force: bool, as_json
             move("scene, shake and camera", 0.3)
         _capture(size, seed, output, force=force)
     # From here on the demo is a user with files.
-    recording = Recording(gyro, None, camera, None, None, None, START, EXPOSURE, None, None)
+    recording = Recording(gyro, camera, start=START, duration=EXPOSURE)
     solver = Solver(nsr=NSR, geometry="keep", border="blend", transfer=None, threads=None)
     report = compare_modes(
         blurred, recording, Blur("auto", "auto", "rotation"), solver, truth=rolling, output=output, force=force
