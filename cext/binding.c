@@ -1,31 +1,18 @@
 /*
- * rsdeblur._cext: checks buffers, releases the GIL, calls the kernels. All Python.h of the package is here.
+ * rsdeblur._cext: checks buffers, releases the GIL, calls the kernels. All Python.h of the package is in the binding.
  *
  * The limited API (Python 3.11, set by the build) has the buffer protocol, so NumPy's C API is not needed.
  */
-#define PY_SSIZE_T_CLEAN
-#include <Python.h>
+#include "binding.h"
 
-#include <stdbool.h>
 #include <stdint.h>
 #include <string.h>
 
-#include "rsdeblur_kernels.h"
-
-#define COMPLEX64 "Zf"
-#define FLOAT32 "f"
-
-typedef struct {
-    const char *name;
-    const char *format; /* COMPLEX64 or FLOAT32 */
-    int ndim;
-    bool writable;
-} wanted;
-
 static bool fits(const Py_buffer *view, wanted want)
 {
-    const char *type = strcmp(want.format, COMPLEX64) == 0 ? "complex64" : "float32";
-    const Py_ssize_t itemsize = strcmp(want.format, COMPLEX64) == 0 ? 8 : 4;
+    const bool is_complex = strcmp(want.format, COMPLEX64) == 0;
+    const char *type = is_complex ? "complex64" : strcmp(want.format, INT32) == 0 ? "int32" : "float32";
+    const Py_ssize_t itemsize = is_complex ? 8 : 4;
     if (view->format == NULL || strcmp(view->format, want.format) != 0 || view->itemsize != itemsize) {
         PyErr_Format(PyExc_TypeError, "%s must be %s, got a buffer of format '%s'", want.name, type,
                      view->format == NULL ? "B" : view->format);
@@ -50,8 +37,7 @@ static bool fits(const Py_buffer *view, wanted want)
     return true;
 }
 
-/* Fill `view` with a buffer that is as wanted, or set an exception and hold nothing. */
-static bool acquire(PyObject *object, Py_buffer *view, wanted want)
+bool rsd_acquire(PyObject *object, Py_buffer *view, wanted want)
 {
     if (PyObject_GetBuffer(object, view, PyBUF_STRIDES | PyBUF_FORMAT) < 0)
         return false;
@@ -61,14 +47,13 @@ static bool acquire(PyObject *object, Py_buffer *view, wanted want)
     return false;
 }
 
-static bool overlap(const Py_buffer *a, const Py_buffer *b)
+bool rsd_overlap(const Py_buffer *a, const Py_buffer *b)
 {
     const uintptr_t a0 = (uintptr_t)a->buf, b0 = (uintptr_t)b->buf;
     return a0 < b0 + (uintptr_t)b->len && b0 < a0 + (uintptr_t)a->len;
 }
 
-/* None on success; otherwise null with an exception set, `refusal` being the binding's own, if any. */
-static PyObject *conclude(const char *refusal, rsd_status status)
+PyObject *rsd_conclude(const char *refusal, rsd_status status)
 {
     if (refusal == NULL && status != RSD_OK)
         refusal = rsd_status_message(status);
@@ -85,14 +70,14 @@ static PyObject *multiply_views(Py_buffer *spectra, Py_buffer *transfer)
     rsd_status status = RSD_OK;
     if (transfer->shape[0] != shape[1] || transfer->shape[1] != shape[2])
         refusal = "transfer must have the shape of one channel of spectra";
-    else if (overlap(spectra, transfer))
+    else if (rsd_overlap(spectra, transfer))
         refusal = "spectra and transfer must not overlap";
     else {
         Py_BEGIN_ALLOW_THREADS
         status = rsd_spectral_multiply(spectra->buf, transfer->buf, (size_t)shape[0], (size_t)(shape[1] * shape[2]));
         Py_END_ALLOW_THREADS
     }
-    return conclude(refusal, status);
+    return rsd_conclude(refusal, status);
 }
 
 static PyObject *multiply(PyObject *module, PyObject *args, PyObject *kwargs)
@@ -103,9 +88,9 @@ static PyObject *multiply(PyObject *module, PyObject *args, PyObject *kwargs)
     (void)module;
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OO:multiply", names, &spectra_object, &transfer_object))
         return NULL;
-    if (!acquire(spectra_object, &spectra, (wanted){"spectra", COMPLEX64, 3, true}))
+    if (!rsd_acquire(spectra_object, &spectra, (wanted){"spectra", COMPLEX64, 3, true}))
         return NULL;
-    if (acquire(transfer_object, &transfer, (wanted){"transfer", COMPLEX64, 2, false})) {
+    if (rsd_acquire(transfer_object, &transfer, (wanted){"transfer", COMPLEX64, 2, false})) {
         result = multiply_views(&spectra, &transfer);
         PyBuffer_Release(&transfer);
     }
@@ -125,7 +110,7 @@ static PyObject *blend_views(Py_buffer *accumulator, Py_buffer *slab, Py_buffer 
         refusal = "the positions from to_position on must lie within accumulator";
     else if (from_position < 0 || n > slab_length || from_position > slab_length - n)
         refusal = "the positions from from_position on must lie within slab";
-    else if (overlap(accumulator, slab) || overlap(accumulator, weights))
+    else if (rsd_overlap(accumulator, slab) || rsd_overlap(accumulator, weights))
         refusal = "accumulator must not overlap slab or weights";
     else {
         Py_BEGIN_ALLOW_THREADS
@@ -134,7 +119,7 @@ static PyObject *blend_views(Py_buffer *accumulator, Py_buffer *slab, Py_buffer 
                                  (size_t)accumulator_length, (size_t)slab_length);
         Py_END_ALLOW_THREADS
     }
-    return conclude(refusal, status);
+    return rsd_conclude(refusal, status);
 }
 
 static PyObject *blend(PyObject *module, PyObject *args, PyObject *kwargs)
@@ -147,10 +132,10 @@ static PyObject *blend(PyObject *module, PyObject *args, PyObject *kwargs)
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOO$nn:blend", names, &accumulator_object, &slab_object,
                                      &weights_object, &to_position, &from_position))
         return NULL;
-    if (!acquire(accumulator_object, &accumulator, (wanted){"accumulator", COMPLEX64, 3, true}))
+    if (!rsd_acquire(accumulator_object, &accumulator, (wanted){"accumulator", COMPLEX64, 3, true}))
         return NULL;
-    if (acquire(slab_object, &slab, (wanted){"slab", COMPLEX64, 3, false})) {
-        if (acquire(weights_object, &weights, (wanted){"weights", FLOAT32, 1, false})) {
+    if (rsd_acquire(slab_object, &slab, (wanted){"slab", COMPLEX64, 3, false})) {
+        if (rsd_acquire(weights_object, &weights, (wanted){"weights", FLOAT32, 1, false})) {
             result = blend_views(&accumulator, &slab, &weights, to_position, from_position);
             PyBuffer_Release(&weights);
         }
@@ -168,11 +153,16 @@ static int add_constants(PyObject *module)
 PyDoc_STRVAR(multiply_doc, "multiply(spectra, transfer)\n--\n\nSee rsdeblur.kernels.spectral.multiply_numpy.");
 PyDoc_STRVAR(blend_doc, "blend(accumulator, slab, weights, *, to_position, from_position)\n--\n\n"
                         "See rsdeblur.kernels.spectral.blend_numpy.");
+PyDoc_STRVAR(rowwise_doc, "See rsdeblur.kernels.rowwise.");
 
 /* C99 has no other way to store a function with keyword arguments in a PyCFunction. */
 static PyMethodDef methods[] = {
     {"multiply", (PyCFunction)(void (*)(void))multiply, METH_VARARGS | METH_KEYWORDS, multiply_doc},
     {"blend", (PyCFunction)(void (*)(void))blend, METH_VARARGS | METH_KEYWORDS, blend_doc},
+    {"rowwise_forward", rsd_bind_rowwise_forward, METH_VARARGS, rowwise_doc},
+    {"rowwise_adjoint", rsd_bind_rowwise_adjoint, METH_VARARGS, rowwise_doc},
+    {"rowwise_solve", rsd_bind_rowwise_solve, METH_VARARGS, rowwise_doc},
+    {"rowwise_workspace", rsd_bind_rowwise_workspace, METH_VARARGS, rowwise_doc},
     {NULL, NULL, 0, NULL},
 };
 
