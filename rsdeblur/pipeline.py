@@ -18,15 +18,13 @@ from rsdeblur.errors import InputError
 from rsdeblur.exposure import Exposure
 from rsdeblur.geometry import rectify
 from rsdeblur.gyro import GyroLog
-from rsdeblur.motion import BlurPaths, Motion, Shot
+from rsdeblur.motion import GEOMETRIES, BlurPaths, Geometry, Motion, Shot
 from rsdeblur.psf import PsfBank, tile_centres
 from rsdeblur.transfer import Transfer, check_transfer, from_linear, to_linear
 from rsdeblur.wiener import Deconvolver
 
 Mode = Literal["global", "banded"]
 MODES: tuple[Mode, ...] = ("global", "banded")
-Geometry = Literal["keep", "rectify"]
-GEOMETRIES: tuple[Geometry, ...] = ("keep", "rectify")
 PRIORS = ("wiener",)
 Count = int | Literal["auto"]
 Progress = Callable[[str, float], None]

@@ -13,8 +13,8 @@ import click
 
 if TYPE_CHECKING:
     from rsdeblur.border import Border
-    from rsdeblur.motion import Motion
-    from rsdeblur.pipeline import Count, Geometry
+    from rsdeblur.motion import Geometry, Motion
+    from rsdeblur.pipeline import Count
     from rsdeblur.transfer import Transfer
 
 Command = Callable[..., Any]

@@ -1,0 +1,249 @@
+"""The exact rolling-shutter solve: every row has its own PSF.
+
+For each frequency along x the blur is a banded matrix A along y (:mod:`rsdeblur.rowblur`), so
+
+    minimise |A u - g|^2 + nsr |u - m|^2 + beta |grad u - w|^2,    m the picture's mean,
+
+is a banded Hermitian positive definite system: gradients are diagonal along x and tridiagonal along y.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rsdeblur import _validate
+from rsdeblur.border import BORDERS, Border
+from rsdeblur.errors import InputError
+from rsdeblur.fft import PLANNINGS, Planning, Real, empty, remember, thread_count
+from rsdeblur.kernels import rowwise
+from rsdeblur.kernels.rowwise import LANES
+from rsdeblur.lanes import RowLanes
+from rsdeblur.motion import BlurPaths
+from rsdeblur.rowblur import StripBlur, latent_rows
+from rsdeblur.tiling import Tile, Tiling
+
+# How far a strip must see beyond what it contributes, in PSF widths: see rsdeblur.wiener.
+DECAY_MARGIN = 0.1
+LEAST_MARGIN = 0.5
+
+Prior = Literal["wiener", "gradient"]
+PRIORS: tuple[Prior, ...] = ("wiener", "gradient")
+# With the gradient prior alone rounding could make a pivot vanish: this share of it weighs the picture itself.
+GRADIENT_RIDGE = 1e-3
+
+
+class RowDeconvolver:
+    """Deconvolution with the PSF of every row, planned once and applied often.
+
+    Parameters
+    ----------
+    paths : BlurPaths
+        Of every row of the picture (:meth:`rsdeblur.BlurPaths.every_row`), in one or more strips.
+    shape : (H, W) or (H, W, C)
+        Shape of the pictures to come.
+    nsr : float, default 0.01
+        Noise-to-signal power ratio Phi, positive.
+    prior : {"wiener", "gradient"}
+        Penalise `nsr |u - m|^2`, m being the picture's mean, or `nsr |grad u|^2`.
+    border : {"blend", "periodic"}
+        How the picture goes on along x, see :class:`rsdeblur.Deconvolver`. Along y, rows beyond the frame are unknowns.
+    planning : {"estimate", "measure"}
+        How FFTW plans.
+    threads : int, optional
+        Threads that share the work; default all processors. Any number gives the same bits.
+
+    Attributes
+    ----------
+    top : int
+        Row of the picture at which the first latent row stands; 0 or less.
+
+    Raises
+    ------
+    InputError
+        If `paths` are not those of the picture's rows or reach further than it, or an argument is out of range.
+    """
+
+    def __init__(
+        self,
+        paths: BlurPaths,
+        shape: tuple[int, ...],
+        *,
+        nsr: float = 0.01,
+        prior: Prior = "wiener",
+        border: Border = "blend",
+        planning: Planning = "estimate",
+        threads: int | None = None,
+    ) -> None:
+        if len(shape) not in (2, 3):
+            raise InputError(f"shape must be (H, W) or (H, W, C), got {shape}")
+        self.shape = tuple(_validate.count("shape", n) for n in shape)
+        self.nsr = _validate.finite("nsr", nsr, above=0.0)
+        self._prior = _validate.choice("prior", prior, PRIORS)
+        _validate.choice("border", border, BORDERS)
+        _validate.choice("planning", planning, PLANNINGS)
+        height, width = self.shape[:2]
+        self.top, latents = latent_rows(paths)
+        reach = int(np.floor(paths.extent[1])) + 1
+        if len(paths.rows) != height:
+            raise InputError(f"paths are those of {len(paths.rows)} rows, the picture has {height}")
+        if 2 * reach + 1 > width:
+            raise InputError(f"the paths reach {reach} px sideways, more than the picture of {width} px can hold")
+        kernel = 2 * reach + 1
+        margin = int(np.ceil(max(LEAST_MARGIN, DECAY_MARGIN / self.nsr**0.5) * kernel))
+        self._periodic = border == "periodic"
+        self._tiling = Tiling.plan(paths.cols, width, kernel, margin, periodic=self._periodic)
+        self._strips = [StripBlur.from_paths(paths, s, self.top, latents) for s in range(len(paths.cols))]
+        channels = self.shape[2] if len(self.shape) == 3 else 1
+        self._lanes = RowLanes(channels, self._tiling.length, planning=planning, threads=thread_count(threads))
+        self._data, self._latent = self._lanes.empty(height), self._lanes.empty(latents)
+        blocks = range(self._lanes.blocks)
+        self._tables = [[strip.table(b, self._lanes.length) for b in blocks] for strip in self._strips]
+        floats = max(strip.workspace_size(solve=True) for strip in self._strips)
+        self._workspaces: list[Real] = [empty((floats,), np.float32) for _ in range(self._lanes.threads)]
+        if planning == "measure":
+            remember()
+        self._lock = threading.Lock()
+
+    @property
+    def memory(self) -> int:
+        """Bytes held between and during calls, pictures not counted."""
+        tables = [table for tables in self._tables for table in tables]
+        models = [array for strip in self._strips for array in strip.model]
+        return sum(array.nbytes for array in (self._data, self._latent, *self._workspaces, *tables, *models))
+
+    def apply(
+        self,
+        image: ArrayLike,
+        out: NDArray[np.float32] | None = None,
+        *,
+        minimise: Callable[[DataTerm], Real] | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> NDArray[np.float32]:
+        """Deblur one picture.
+
+        Parameters
+        ----------
+        image : array_like of the planned shape
+            Linear light; converted to float32.
+        out : ndarray, float32, optional
+            Receives the result; may be `image` itself.
+        minimise : callable, optional
+            Finds the latent picture of each strip in place of the planned prior: gets its :class:`DataTerm` and
+            returns what that one's `solve` returns.
+        progress : callable, optional
+            Called with the finished fraction after each strip.
+
+        Returns
+        -------
+        ndarray, float32
+            `out`, or a new array; not clipped.
+
+        Raises
+        ------
+        InputError
+            If `image` or `out` has another shape or type, or `image` is not finite.
+        """
+        picture = _validate.picture(image, self.shape)
+        out = _validate.output(out, self.shape)
+        source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))
+        several = len(self._strips) > 1
+        if several:
+            # Strips are added up in `out`, so it cannot be read from any more.
+            source = source.copy() if np.shares_memory(source, target) else source
+            target[...] = 0
+        with self._lock:
+            for s, tile in enumerate(self._tiling.tiles):
+                self._lanes.load(
+                    source, self._data, start=tile.start, taper=self._tiling.taper, periodic=self._periodic
+                )
+                term = DataTerm(self, s)
+                if minimise is None:
+                    scale = term.regularise(self._prior)
+                else:
+                    scale = 1.0
+                    self._lanes.load(minimise(term), self._latent)
+                self._lanes.unload(self._latent, -self.top, target, tile, scale=scale, add=several)
+                if progress is not None:
+                    progress((s + 1) / len(self._tiling.tiles))
+        return out
+
+    def _solve(self, strip: int, ridge: Real, smooth: float) -> None:
+        """Solve all frequencies of `strip`; `ridge` (blocks, 16)."""
+        model, tables = self._strips[strip].model, self._tables[strip]
+
+        def block(thread: int, b: int) -> None:
+            rowwise.solve(
+                model, tables[b], self._data[b], self._latent[b], self._workspaces[thread], ridge[b], float(smooth)
+            )
+
+        self._lanes.share(block, range(self._lanes.blocks))
+
+
+class DataTerm:
+    """`|A u - g|^2 + nsr |u - m|^2` for one strip of one picture: half-quadratic priors minimise it with gradients.
+
+    Valid during the call that hands it out.
+
+    Attributes
+    ----------
+    shape : (L, N, C)
+        Shape of the strip's latent picture: rows from `RowDeconvolver.top` on, the padded width, channels.
+    """
+
+    def __init__(self, solver: RowDeconvolver, strip: int) -> None:
+        self._solver, self._strip = solver, strip
+        lanes = solver._lanes
+        self.shape = (solver._latent.shape[2], lanes.length, lanes.channels)
+        # All the work is on what deviates from the mean, which the blur leaves alone: rows sum to one.
+        constant = solver._data[0, :, :, 0, 0]
+        self._mean = constant.mean(axis=1, keepdims=True)
+        constant -= self._mean
+        turns = np.arange(lanes.blocks * LANES).reshape(-1, LANES) / lanes.length
+        self._wavenumbers = (2 - 2 * np.cos(2 * np.pi * turns)).astype(np.float32)
+
+    def solve(self, beta: float, wx: Real, wy: Real) -> Real:
+        """Minimise the term plus `beta |grad u - w|^2`.
+
+        Parameters
+        ----------
+        beta : float
+            At least 0.
+        wx, wy : ndarray of the strip's shape, float32
+            Wanted forward differences along x, the last column's to the first one, and along y, where the last row is
+            not used.
+
+        Returns
+        -------
+        ndarray of the strip's shape, float32
+        """
+        divergence = np.roll(wx, 1, axis=1) - wx
+        divergence[:-1] -= wy[:-1]
+        divergence[1:] += wy[:-1]
+        divergence *= np.float32(beta)
+        lanes, latent = self._solver._lanes, self._solver._latent
+        lanes.load(divergence, latent)
+        self._minimise(self._solver.nsr, beta)
+        u = np.empty(self.shape, dtype=np.float32)
+        lanes.unload(latent, 0, u, Tile(0, 0, np.ones(lanes.length, dtype=np.float32)))
+        return u
+
+    def regularise(self, prior: Prior) -> float:
+        """Minimise with a quadratic prior, leaving the result in the latent lanes; return what it must be scaled by."""
+        self._solver._latent[...] = 0
+        nsr = self._solver.nsr
+        if prior == "gradient":
+            self._minimise(GRADIENT_RIDGE * nsr, nsr)
+            return 1.0
+        # (1 + nsr) makes no motion the identity; the mean is to keep its brightness.
+        self._mean /= np.float32(1 + nsr)
+        self._minimise(nsr, 0.0)
+        return 1.0 + nsr
+
+    def _minimise(self, ridge: float, beta: float) -> None:
+        self._solver._solve(self._strip, np.float32(ridge) + np.float32(beta) * self._wavenumbers, beta)
+        self._solver._latent[0, :, :, 0, 0] += self._mean
