@@ -61,9 +61,9 @@ class RowLanes:
         self.share(block, range(0, len(picture), ROWS))
         return finite[0]
 
-    def unload(self, lanes: Real, first: int, out: Real, tile: Tile, *, scale: float = 1.0, add: bool = False) -> None:
+    def unload(self, lanes: Real, first: int, out: Real, tile: Tile, *, add: bool = False) -> None:
         """Transform rows `first` on of `lanes` back and put, or add, them to `out` (H, W, C) where `tile` counts."""
-        weights = tile.weights * np.float32(scale / self.length)
+        weights = tile.weights * np.float32(1 / self.length)
 
         def block(thread: int, top: int) -> None:
             rows, buffers = min(ROWS, len(out) - top), self._rows[thread]

@@ -2,9 +2,11 @@
 
 For each frequency along x the blur is a banded matrix A along y (:mod:`rsdeblur.rowblur`), so
 
-    minimise |A u - g|^2 + nsr |u - m|^2 + beta |grad u - w|^2,    m the picture's mean,
+    minimise |A u - g|^2 + nsr |u - m|^2 + beta |grad u - w|^2
 
-is a banded Hermitian positive definite system: gradients are diagonal along x and tridiagonal along y.
+is a banded Hermitian positive definite system: gradients are diagonal along x and tridiagonal along y. Where data say
+nothing u falls back on m: the picture's mean and, without a gradient term, towards top and bottom what its outermost
+rows show, smoothed.
 """
 
 from __future__ import annotations
@@ -33,6 +35,13 @@ LEAST_MARGIN = 0.5
 
 Prior = Literal["wiener", "gradient"]
 PRIORS: tuple[Prior, ...] = ("wiener", "gradient")
+# What is expected beyond top and bottom: the average of this many rows, smoothed along x as much (standard deviation).
+EDGE_ROWS = 4
+# It fades away within the frame over this many rows more than paths reach beyond it.
+EDGE_FADE = 16
+# Smoothed so, frequencies with less than this left need no expectation.
+LEAST_EXPECTED = 1e-3
+
 # With the gradient prior alone rounding could make a pivot vanish: this share of it weighs the picture itself.
 GRADIENT_RIDGE = 1e-3
 
@@ -163,26 +172,53 @@ class RowDeconvolver:
                 )
                 term = DataTerm(self, s)
                 if minimise is None:
-                    scale = term.regularise(self._prior)
+                    term.regularise(self._prior)
                 else:
-                    scale = 1.0
                     self._lanes.load(minimise(term), self._latent)
-                self._lanes.unload(self._latent, -self.top, target, tile, scale=scale, add=several)
+                self._lanes.unload(self._latent, -self.top, target, tile, add=several)
                 if progress is not None:
                     progress((s + 1) / len(self._tiling.tiles))
         return out
 
-    def _solve(self, strip: int, ridge: Real, smooth: float) -> None:
-        """Solve all frequencies of `strip`; `ridge` (blocks, 16)."""
+    def _solve(self, strip: int, ridge: Real, smooth: float, scale: float) -> None:
+        """Minimise for all frequencies of `strip`; what differs from m is scaled in the end. `ridge` is (blocks, 16)."""
         model, tables = self._strips[strip].model, self._tables[strip]
 
         def block(thread: int, b: int) -> None:
-            rowwise.solve(
-                model, tables[b], self._data[b], self._latent[b], self._workspaces[thread], ridge[b], float(smooth)
-            )
+            data, latent, workspace = self._data[b], self._latent[b], self._workspaces[thread]
+            expected = self._expectation(b, edges=smooth == 0)
+            if expected is None:
+                rowwise.solve(model, tables[b], data, latent, workspace, ridge[b], smooth)
+                latent *= scale
+                return
+            blurred = np.empty_like(data)
+            rowwise.forward(model, tables[b], blurred, expected, workspace)
+            rowwise.solve(model, tables[b], data - blurred, latent, workspace, ridge[b], smooth)
+            latent *= scale
+            latent += expected
 
         self._lanes.share(block, range(self._lanes.blocks))
 
+    def _expectation(self, block: int, *, edges: bool) -> Real | None:
+        """Return m, or only the mean without `edges`, in latent lanes of one block; None where next to nothing is left."""
+        frequency = (block * LANES + np.arange(LANES)) / self._lanes.length
+        left = np.exp(-2 * (np.pi * EDGE_ROWS * frequency) ** 2).astype(np.float32)
+        if left[0] < LEAST_EXPECTED or (block > 0 and not edges):
+            return None
+        data = self._data[block]
+        mean = np.zeros_like(data[:, :1])
+        if block == 0:
+            mean[..., 0, 0] = data[:, :, 0, 0].mean(axis=1, keepdims=True)
+        if not edges:
+            return np.repeat(mean, self._latent.shape[2], axis=1)
+        first, last = (rows.mean(axis=1, keepdims=True) for rows in (data[:, :EDGE_ROWS], data[:, -EDGE_ROWS:]))
+        from_top = np.arange(self._latent.shape[2], dtype=np.float32) + self.top
+        from_end = data.shape[1] - 1 - from_top
+        above, below = (
+            (0.5 + 0.5 * np.cos(np.pi * np.clip(distance / (EDGE_FADE - self.top), 0, 1)))[:, None, None]
+            for distance in (from_top, from_end)
+        )
+        return mean + left * (above * (first - mean) + below * (last - mean))
 
 class DataTerm:
     """`|A u - g|^2 + nsr |u - m|^2` for one strip of one picture: half-quadratic priors minimise it with gradients.
@@ -199,10 +235,6 @@ class DataTerm:
         self._solver, self._strip = solver, strip
         lanes = solver._lanes
         self.shape = (solver._latent.shape[2], lanes.length, lanes.channels)
-        # All the work is on what deviates from the mean, which the blur leaves alone: rows sum to one.
-        constant = solver._data[0, :, :, 0, 0]
-        self._mean = constant.mean(axis=1, keepdims=True)
-        constant -= self._mean
         turns = np.arange(lanes.blocks * LANES).reshape(-1, LANES) / lanes.length
         self._wavenumbers = (2 - 2 * np.cos(2 * np.pi * turns)).astype(np.float32)
 
@@ -227,23 +259,20 @@ class DataTerm:
         divergence *= np.float32(beta)
         lanes, latent = self._solver._lanes, self._solver._latent
         lanes.load(divergence, latent)
-        self._minimise(self._solver.nsr, beta)
+        self._minimise(self._solver.nsr, beta, 1.0)
         u = np.empty(self.shape, dtype=np.float32)
         lanes.unload(latent, 0, u, Tile(0, 0, np.ones(lanes.length, dtype=np.float32)))
         return u
 
-    def regularise(self, prior: Prior) -> float:
-        """Minimise with a quadratic prior, leaving the result in the latent lanes; return what it must be scaled by."""
+    def regularise(self, prior: Prior) -> None:
+        """Minimise with a quadratic prior, leaving the result in the latent lanes."""
         self._solver._latent[...] = 0
         nsr = self._solver.nsr
         if prior == "gradient":
-            self._minimise(GRADIENT_RIDGE * nsr, nsr)
-            return 1.0
-        # (1 + nsr) makes no motion the identity; the mean is to keep its brightness.
-        self._mean /= np.float32(1 + nsr)
-        self._minimise(nsr, 0.0)
-        return 1.0 + nsr
+            self._minimise(GRADIENT_RIDGE * nsr, nsr, 1.0)
+        else:
+            # The factor makes no motion the identity at any nsr.
+            self._minimise(nsr, 0.0, 1.0 + nsr)
 
-    def _minimise(self, ridge: float, beta: float) -> None:
-        self._solver._solve(self._strip, np.float32(ridge) + np.float32(beta) * self._wavenumbers, beta)
-        self._solver._latent[0, :, :, 0, 0] += self._mean
+    def _minimise(self, ridge: float, beta: float, scale: float) -> None:
+        self._solver._solve(self._strip, np.float32(ridge) + np.float32(beta) * self._wavenumbers, beta, scale)
