@@ -46,20 +46,17 @@ class RowLanes:
         lanes[...] = 0
         return lanes
 
-    def load(self, picture: Real, lanes: Real, *, start: int = 0, taper: int = 0, periodic: bool = True) -> bool:
-        """Transform the rows of `picture` (H, W, C), cut from `start` on, into `lanes`; return whether all is finite."""
-        ramp, finite = fade(taper), [True]
+    def load(self, picture: Real, lanes: Real, *, start: int = 0, taper: int = 0, periodic: bool = True) -> None:
+        """Transform the rows of `picture` (H, W, C), each cut from `start` on, into `lanes`."""
+        ramp = fade(taper)
 
         def block(thread: int, top: int) -> None:
             rows, buffers = min(ROWS, len(picture) - top), self._rows[thread]
             lines.picture_to_lines(picture, top, rows, start, ramp, periodic, buffers.real)
-            if not np.isfinite(buffers.real[:, :rows]).all():
-                finite[0] = False
             buffers.forward()
             rowwise.spectra_to_lanes(buffers.spectrum, rows, lanes, top)
 
         self.share(block, range(0, len(picture), ROWS))
-        return finite[0]
 
     def unload(self, lanes: Real, first: int, out: Real, tile: Tile, *, add: bool = False) -> None:
         """Transform rows `first` on of `lanes` back and put, or add, them to `out` (H, W, C) where `tile` counts."""

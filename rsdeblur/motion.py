@@ -230,9 +230,7 @@ def _lengths(displacements: FloatArray) -> FloatArray:
     return lengths
 
 
-def _rotation_paths(
-    shot: Shot, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry
-) -> FloatArray:
+def _rotation_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry) -> FloatArray:
     camera = shot.camera
     points = np.stack(np.meshgrid(cols, rows), axis=-1)[:, :, None, :]  # (B, S, 1, 2), x before y
     directions = rays(points, camera)[:, :, 0]
@@ -248,9 +246,7 @@ def _rotation_paths(
     return points - q
 
 
-def _small_angle_paths(
-    shot: Shot, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry
-) -> FloatArray:
+def _small_angle_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry) -> FloatArray:
     reference = shot.mid(rows) if geometry == "keep" else np.repeat(shot.middle, len(rows))
     angles = shot.track.angles(shot.times(rows, samples)) - shot.track.angles(reference)[:, None]
     fx, fy = shot.camera.focal

@@ -20,7 +20,7 @@ from rsdeblur.geometry import rectify
 from rsdeblur.gyro import GyroLog
 from rsdeblur.motion import GEOMETRIES, BlurPaths, Geometry, Motion, Shot
 from rsdeblur.psf import PsfBank, tile_centres
-from rsdeblur.rowwise import PRIORS, Prior, RowDeconvolver
+from rsdeblur.rowwise import PRIORS, SOLVERS, Prior, RowDeconvolver, Solver
 from rsdeblur.transfer import Transfer, check_transfer, from_linear, to_linear
 from rsdeblur.wiener import Deconvolver
 
@@ -81,6 +81,7 @@ def deblur(
     bands: Count = "auto",
     strips: Count = "auto",
     prior: Prior = "wiener",
+    solver: Solver = "auto",
     nsr: float = 0.01,
     geometry: Geometry = "keep",
     border: Border = "blend",
@@ -105,6 +106,8 @@ def deblur(
         neighbours. "global" ignores both, "rowwise" ignores `bands`.
     prior : {"wiener", "gradient"}
         Penalise the picture itself or, with "rowwise" only, its gradient.
+    solver : {"auto", "direct", "cg"}
+        How "rowwise" solves, see :class:`rsdeblur.RowDeconvolver`.
     nsr : float, default 0.01
         Noise-to-signal power ratio Phi, the weight of the prior: larger is smoother.
     geometry : {"keep", "rectify"}
@@ -132,7 +135,10 @@ def deblur(
         If the log does not describe the exposure.
     """
     _validate.choice("prior", prior, PRIORS)
+    _validate.choice("solver", solver, SOLVERS)
     _validate.choice("geometry", geometry, GEOMETRIES)
+    if prior != "wiener" and mode != "rowwise":
+        raise InputError(f'the prior "{prior}" needs mode="rowwise", got mode="{mode}"')
     transfer = check_transfer(transfer)
     nsr = _validate.finite("nsr", nsr, above=0.0)
     values, clip = _values(image)
@@ -144,9 +150,16 @@ def deblur(
     colour, alpha = _split_alpha(np.rot90(values, -1) if quarter else values)
     light = to_linear(np.ascontiguousarray(colour), transfer)
     with clock.stage("plan"):
-        solver = _solver(shot, bank, light.shape, mode, motion, nsr=nsr, prior=prior, border=border, threads=threads)
+        deconvolver: Deconvolver | RowDeconvolver
+        if mode == "rowwise":
+            paths = BlurPaths.every_row(shot, bank.cols, motion=motion)
+            deconvolver = RowDeconvolver(
+                paths, light.shape, nsr=nsr, prior=prior, solver=solver, border=border, threads=threads
+            )
+        else:
+            deconvolver = Deconvolver(bank, light.shape, nsr=nsr, border=border, threads=threads)
     with clock.stage("apply"):
-        light = solver.apply(light, progress=clock.within("apply"))
+        light = deconvolver.apply(light, progress=clock.within("apply"))
     coverage = np.ones(light.shape[:2], dtype=np.bool_)
     if geometry == "rectify":
         with clock.stage("rectify"):
@@ -214,26 +227,6 @@ def _bank(shot: Shot, mode: Mode, bands: Count, strips: Count, motion: Motion, n
         for name, length in zip(counts, (height, width), strict=True)
     )
     return PsfBank.from_paths(BlurPaths.from_shot(shot, rows, cols, motion=motion))
-
-
-def _solver(
-    shot: Shot,
-    bank: PsfBank,
-    shape: tuple[int, ...],
-    mode: Mode,
-    motion: Motion,
-    *,
-    prior: Prior,
-    nsr: float,
-    border: Border,
-    threads: int | None,
-) -> Deconvolver | RowDeconvolver:
-    if mode == "rowwise":
-        paths = BlurPaths.every_row(shot, bank.cols, motion=motion)
-        return RowDeconvolver(paths, shape, nsr=nsr, prior=prior, border=border, threads=threads)
-    if prior != "wiener":
-        raise InputError(f'the prior "{prior}" needs mode="rowwise", got mode="{mode}"')
-    return Deconvolver(bank, shape, nsr=nsr, border=border, threads=threads)
 
 
 def _check_reach(paths: BlurPaths, height: int, width: int) -> None:

@@ -5,8 +5,9 @@ where the blur of a strip does not change, it is a sum over latent rows j for ea
 
     G[y] = sum_j A[y, j] U[j],    A[y, j] = mean_t hat(y - d_y(y, t) - j) exp(-2 pi i k d_x(y, t) / N)
 
-linear between rows and, like every PSF of this package, between columns. Row y touches only the rows that its own path
-visits, some of them beyond the frame: the latent picture is taller than the recorded one, and nothing wraps around in y.
+linear between rows and, like every PSF of this package, between columns. Row y touches only the rows that its own
+path visits, some of them beyond the frame: the latent picture is taller than the recorded one, and nothing wraps around
+in y.
 """
 
 from __future__ import annotations
@@ -79,7 +80,8 @@ class StripBlur:
     def seen(self) -> NDArray[np.bool_]:
         """Whether any picture row sees a latent row, shape (latents,)."""
         starts = np.concatenate([[0], np.cumsum(np.repeat(self.model.row_end - self.model.row_first, BLOCK))])
-        return self.model.tap_start[starts[1:]] > self.model.tap_start[starts[:-1]]
+        seen: NDArray[np.bool_] = np.diff(self.model.tap_start[starts]) > 0
+        return seen
 
 
 class RowBlur:
@@ -136,7 +138,7 @@ class RowBlur:
         return out.reshape(len(out), *np.shape(latent)[1:])
 
     def adjoint(self, picture: ArrayLike) -> Real:
-        """Spread the recorded picture (H, W, C), or (H, W), back over the latent one: the transpose of :meth:`forward`."""
+        """Spread the recorded picture (H, W, C), or (H, W), over the latent one: the transpose of :meth:`forward`."""
         source = self._checked("picture", picture, self.picture_shape)
         out = np.zeros(self.latent_shape, dtype=np.float32)
         lanes, into = self._lanes.empty(len(source)), self._lanes.empty(len(out))
@@ -234,5 +236,5 @@ def _sorted(
     pair = begin[block] + latent % BLOCK * seen[block] + row - first[block]
     order = np.argsort(pair, kind="stable")
     start = np.concatenate([[0], np.cumsum(np.bincount(pair, minlength=begin[-1]))])
-    index = (np.ascontiguousarray(a, dtype=np.int32) for a in (first, end, before, start, shift[order]))
-    return RowModel(*index, np.ascontiguousarray(weight[order]))
+    index = [np.asarray(values, dtype=np.int32) for values in (first, end, before, start, shift[order])]
+    return RowModel(index[0], index[1], index[2], index[3], index[4], weight[order])

@@ -27,12 +27,15 @@ from rsdeblur.kernels.rowwise import LANES
 from rsdeblur.lanes import RowLanes
 from rsdeblur.motion import BlurPaths
 from rsdeblur.rowblur import StripBlur, latent_rows
+from rsdeblur.rowcg import NormalEquations, conjugate_gradients, is_faster
 from rsdeblur.tiling import Tile, Tiling
 
 # How far a strip must see beyond what it contributes, in PSF widths: see rsdeblur.wiener.
 DECAY_MARGIN = 0.1
 LEAST_MARGIN = 0.5
 
+Solver = Literal["auto", "direct", "cg"]
+SOLVERS: tuple[Solver, ...] = ("auto", "direct", "cg")
 Prior = Literal["wiener", "gradient"]
 PRIORS: tuple[Prior, ...] = ("wiener", "gradient")
 # What is expected beyond top and bottom: the average of this many rows, smoothed along x as much (standard deviation).
@@ -59,6 +62,9 @@ class RowDeconvolver:
         Noise-to-signal power ratio Phi, positive.
     prior : {"wiener", "gradient"}
         Penalise `nsr |u - m|^2`, m being the picture's mean, or `nsr |grad u|^2`.
+    solver : {"auto", "direct", "cg"}
+        Banded Cholesky; conjugate gradients with a banded Wiener filter as preconditioner, to a relative residual of
+        1e-3; or whichever is predicted to be faster.
     border : {"blend", "periodic"}
         How the picture goes on along x, see :class:`rsdeblur.Deconvolver`. Along y, rows beyond the frame are unknowns.
     planning : {"estimate", "measure"}
@@ -68,6 +74,8 @@ class RowDeconvolver:
 
     Attributes
     ----------
+    solver : {"direct", "cg"}
+        The one in use.
     top : int
         Row of the picture at which the first latent row stands; 0 or less.
 
@@ -84,6 +92,7 @@ class RowDeconvolver:
         *,
         nsr: float = 0.01,
         prior: Prior = "wiener",
+        solver: Solver = "auto",
         border: Border = "blend",
         planning: Planning = "estimate",
         threads: int | None = None,
@@ -92,7 +101,9 @@ class RowDeconvolver:
             raise InputError(f"shape must be (H, W) or (H, W, C), got {shape}")
         self.shape = tuple(_validate.count("shape", n) for n in shape)
         self.nsr = _validate.finite("nsr", nsr, above=0.0)
-        self._prior = _validate.choice("prior", prior, PRIORS)
+        _validate.choice("prior", prior, PRIORS)
+        self._prior: Prior = prior
+        _validate.choice("solver", solver, SOLVERS)
         _validate.choice("border", border, BORDERS)
         _validate.choice("planning", planning, PLANNINGS)
         height, width = self.shape[:2]
@@ -112,7 +123,10 @@ class RowDeconvolver:
         self._data, self._latent = self._lanes.empty(height), self._lanes.empty(latents)
         blocks = range(self._lanes.blocks)
         self._tables = [[strip.table(b, self._lanes.length) for b in blocks] for strip in self._strips]
-        floats = max(strip.workspace_size(solve=True) for strip in self._strips)
+        if solver == "auto":
+            solver = "cg" if any(is_faster(strip.model, channels) for strip in self._strips) else "direct"
+        self.solver = solver
+        floats = max(strip.workspace_size(solve=self.solver == "direct") for strip in self._strips)
         self._workspaces: list[Real] = [empty((floats,), np.float32) for _ in range(self._lanes.threads)]
         if planning == "measure":
             remember()
@@ -181,26 +195,32 @@ class RowDeconvolver:
         return out
 
     def _solve(self, strip: int, ridge: Real, smooth: float, scale: float) -> None:
-        """Minimise for all frequencies of `strip`; what differs from m is scaled in the end. `ridge` is (blocks, 16)."""
+        """Minimise for all frequencies of `strip` with `ridge` (blocks, 16); scale what differs from m in the end."""
         model, tables = self._strips[strip].model, self._tables[strip]
 
         def block(thread: int, b: int) -> None:
             data, latent, workspace = self._data[b], self._latent[b], self._workspaces[thread]
             expected = self._expectation(b, edges=smooth == 0)
-            if expected is None:
+            if expected is not None:
+                blurred = np.empty_like(data)
+                rowwise.forward(model, tables[b], blurred, expected, workspace)
+                data = data - blurred
+            if self.solver == "direct":
                 rowwise.solve(model, tables[b], data, latent, workspace, ridge[b], smooth)
-                latent *= scale
-                return
-            blurred = np.empty_like(data)
-            rowwise.forward(model, tables[b], blurred, expected, workspace)
-            rowwise.solve(model, tables[b], data - blurred, latent, workspace, ridge[b], smooth)
+            else:
+                equations = NormalEquations(model, tables[b], data.shape[1], ridge[b], smooth, workspace)
+                right = np.empty_like(latent)
+                rowwise.adjoint(model, tables[b], data, right, workspace)
+                right += latent
+                latent[...] = conjugate_gradients(equations.multiply, equations.precondition, right)
             latent *= scale
-            latent += expected
+            if expected is not None:
+                latent += expected
 
         self._lanes.share(block, range(self._lanes.blocks))
 
     def _expectation(self, block: int, *, edges: bool) -> Real | None:
-        """Return m, or only the mean without `edges`, in latent lanes of one block; None where next to nothing is left."""
+        """Return m, or without `edges` the mean alone, in latent lanes of one block; None where hardly any is left."""
         frequency = (block * LANES + np.arange(LANES)) / self._lanes.length
         left = np.exp(-2 * (np.pi * EDGE_ROWS * frequency) ** 2).astype(np.float32)
         if left[0] < LEAST_EXPECTED or (block > 0 and not edges):
@@ -218,7 +238,9 @@ class RowDeconvolver:
             (0.5 + 0.5 * np.cos(np.pi * np.clip(distance / (EDGE_FADE - self.top), 0, 1)))[:, None, None]
             for distance in (from_top, from_end)
         )
-        return mean + left * (above * (first - mean) + below * (last - mean))
+        expected: Real = mean + left * (above * (first - mean) + below * (last - mean))
+        return expected
+
 
 class DataTerm:
     """`|A u - g|^2 + nsr |u - m|^2` for one strip of one picture: half-quadratic priors minimise it with gradients.

@@ -156,7 +156,11 @@ recording_options = _gathered(
     ),
 )
 mode_option = click.option(
-    "--mode", type=click.Choice(["global", "banded"]), default="banded", show_default=True, help="Blur model."
+    "--mode",
+    type=click.Choice(["global", "banded", "rowwise"]),
+    default="banded",
+    show_default=True,
+    help="One PSF for the picture, one per tile, or one per row.",
 )
 blur_options = _gathered(
     "blur",

@@ -1,7 +1,8 @@
 """The blur of every row, its adjoint and the direct solve, for 16 frequencies at once: the C kernels and their twins.
 
-A spectrum is kept as *lanes*, shape (B, C, R, 2, 16) float32: frequency 16 b + i of channel c and row r has its real and
-imaginary part at [b, c, r, :, i]. The kernels work on one b; what differs from one to the next is a table of phases.
+A spectrum is kept as *lanes*, shape (B, C, R, 2, 16) float32: frequency 16 b + i of channel c and row r has its real
+and imaginary part at [b, c, r, :, i]. The kernels work on one b; only a table of phases
+differs from one to the next.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ class RowModel(NamedTuple):
     """The blur of every row as taps: `A[y, j] = sum of weight * phase(shift)` for picture row y and latent row j.
 
     Latent rows 3 J to 3 J + 2, block J, are seen by picture rows `row_first[J]` to `row_end[J] - 1` and by no other.
-    The taps of every latent row j and row y in that range, j outermost, begin at the next value of `tap_start`; `coupled`
-    is the first block that shares a picture row, or a gradient, with block J. All int32 except `tap_weight`, float32.
+    The taps of every latent row j and row y in that range, j outermost, begin at the next value of `tap_start`;
+    `coupled[J]` is the first block that shares a picture row, or a gradient, with block J. All int32 but the weights.
     """
 
     row_first: Index
@@ -142,22 +143,22 @@ def solve_numpy(
         Weight of the differences D of neighbouring latent rows.
     """
     n = model.latents
-    ends = np.ones(n)
-    differences = sparse.diags_array([-ends[1:], ends], offsets=[1, 0], shape=(n - 1, n))
+    differences = sparse.eye_array(n - 1, n, k=1) - sparse.eye_array(n - 1, n)
     gradient = smooth * (differences.T @ differences)
     half = BLOCK * int((np.arange(len(model.coupled)) - model.coupled).max() + 1)
     for lane, blur in enumerate(_matrices(model, table, data.shape[1])):
         adjoint = blur.conj().T
         normal = adjoint @ blur + gradient
-        band = np.zeros((min(half, n), n), dtype=np.complex128)
+        band: Any = np.zeros((min(half, n), n), dtype=np.complex128)
         for offset, row in enumerate(band):
             row[: n - offset] = normal.diagonal(-offset)
         band[0] += ridge[lane]
-        _store(latent, lane, solveh_banded(band, adjoint @ _load(data, lane) + _load(latent, lane), lower=True))
+        right: Any = adjoint @ _load(data, lane) + _load(latent, lane)
+        _store(latent, lane, solveh_banded(band, right, lower=True))
 
 
 def _matrices(model: RowModel, table: Real, rows: int) -> list[sparse.csr_array]:
-    """A for each lane, shape (H, L)."""
+    """Return A for each lane, shape (H, L)."""
     seen = np.repeat(model.row_end - model.row_first, BLOCK)
     first = np.repeat(model.row_first, BLOCK)
     latent = np.repeat(np.arange(model.latents), seen)
@@ -174,27 +175,17 @@ def _load(lanes: Real, lane: int) -> NDArray[np.complex128]:
     return (lanes[:, :, 0, lane] + 1j * lanes[:, :, 1, lane].astype(np.complex128)).T
 
 
-def _store(lanes: Real, lane: int, values: NDArray[np.complex128]) -> None:
+def _store(lanes: Real, lane: int, values: Any) -> None:
     lanes[:, :, 0, lane], lanes[:, :, 1, lane] = values.T.real, values.T.imag
 
 
-def _native_forward(model: RowModel, *arguments: Any) -> None:
-    native.rowwise_forward(*model, *arguments)
+def _unpacked(kernel: Callable[..., Any]) -> Callable[..., Any]:
+    """Let a kernel of the C extension take a model in place of its arrays."""
+    return lambda model, *arguments: kernel(*model, *arguments)
 
 
-def _native_adjoint(model: RowModel, *arguments: Any) -> None:
-    native.rowwise_adjoint(*model, *arguments)
-
-
-def _native_solve(model: RowModel, *arguments: Any) -> None:
-    native.rowwise_solve(*model, *arguments)
-
-
-def _native_workspace(model: RowModel, table: Real, rows: int, solve: bool) -> int:
-    return native.rowwise_workspace(*model, table, rows, solve)
-
-
-workspace_size: Callable[[RowModel, Real, int, bool], int] = _native_workspace if native else workspace_size_numpy
-forward: Callable[..., None] = _native_forward if native else forward_numpy
-adjoint: Callable[..., None] = _native_adjoint if native else adjoint_numpy
-solve: Callable[..., None] = _native_solve if native else solve_numpy
+workspace_size: Callable[[RowModel, Real, int, bool], int]
+workspace_size = _unpacked(native.rowwise_workspace) if native else workspace_size_numpy
+forward: Callable[..., None] = _unpacked(native.rowwise_forward) if native else forward_numpy
+adjoint: Callable[..., None] = _unpacked(native.rowwise_adjoint) if native else adjoint_numpy
+solve: Callable[..., None] = _unpacked(native.rowwise_solve) if native else solve_numpy

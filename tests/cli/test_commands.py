@@ -94,12 +94,12 @@ def test_compare_writes_everything(run: Run, files: Files, tmp_path: Path) -> No
     out = tmp_path / "new" / "out"
     result = run("compare", files.photo, *files.recording, "--truth", files.photo, "-o", out)
     assert result.exit_code == 0, result.stderr
-    names = {"global.png", "banded.png", "side-by-side.png", "psfs.png", "compare.json"}
+    names = {"global.png", "banded.png", "rowwise.png", "side-by-side.png", "psfs.png", "compare.json"}
     assert {path.name for path in out.iterdir()} == names
     report = json.loads((out / "compare.json").read_text())
     assert report["size_px"] == [WIDTH, HEIGHT]
     assert report["blurred"]["ssim"] == pytest.approx(1.0)
-    for mode in ("global", "banded"):
+    for mode in ("global", "banded", "rowwise"):
         found = report["modes"][mode]
         assert found["psnr_db"] > 5.0
         assert found["peak_memory_mib"] is None or found["peak_memory_mib"] > 10.0
