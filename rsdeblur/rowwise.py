@@ -45,6 +45,8 @@ EDGE_FADE = 16
 # Smoothed so, frequencies with less than this left need no expectation.
 LEAST_EXPECTED = 1e-3
 
+# The normal matrix has elements up to 1; in float32 nothing smaller than this can be told from zero.
+LEAST_RIDGE = np.float32(1e-7)
 # With the gradient prior alone rounding could make a pivot vanish: this share of it weighs the picture itself.
 GRADIENT_RIDGE = 1e-3
 
@@ -59,7 +61,7 @@ class RowDeconvolver:
     shape : (H, W) or (H, W, C)
         Shape of the pictures to come.
     nsr : float, default 0.01
-        Noise-to-signal power ratio Phi, positive.
+        Noise-to-signal power ratio Phi, positive; less than 1e-7 counts as 1e-7, which is as far as float32 goes.
     prior : {"wiener", "gradient"}
         Penalise `nsr |u - m|^2`, m being the picture's mean, or `nsr |grad u|^2`.
     solver : {"auto", "direct", "cg"}
@@ -297,4 +299,5 @@ class DataTerm:
             self._minimise(nsr, 0.0, 1.0 + nsr)
 
     def _minimise(self, ridge: float, beta: float, scale: float) -> None:
-        self._solver._solve(self._strip, np.float32(ridge) + np.float32(beta) * self._wavenumbers, beta, scale)
+        ridges = max(np.float32(ridge), LEAST_RIDGE) + np.float32(beta) * self._wavenumbers
+        self._solver._solve(self._strip, ridges, beta, scale)

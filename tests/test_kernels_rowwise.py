@@ -52,9 +52,7 @@ def random_model(rng, rows, tallest):
 def case(rows=20, tallest=7, channels=3, seed=0):
     rng = np.random.default_rng(seed)
     model, taps = random_model(rng, rows, tallest)
-    data, latent = (
-        rng.uniform(-1, 1, (channels, n, 2, LANES)).astype(np.float32) for n in (rows, model.latents)
-    )
+    data, latent = (rng.uniform(-1, 1, (channels, n, 2, LANES)).astype(np.float32) for n in (rows, model.latents))
     table = rowwise.phase_table(1, -4, SHIFTS, LENGTH)
     return SimpleNamespace(model=model, taps=taps, data=data, latent=latent, table=table, rows=rows)
 
