@@ -47,12 +47,17 @@ LEAST_EXPECTED = 1e-3
 
 # The normal matrix has elements up to 1; in float32 nothing smaller than this can be told from zero.
 LEAST_RIDGE = np.float32(1e-7)
-# With the gradient prior alone rounding could make a pivot vanish: this share of it weighs the picture itself.
-GRADIENT_RIDGE = 1e-3
+# Gradients say little about waves longer than a long PSF, which model errors would then blow up: this share of the
+# gradient prior weighs the picture itself (docs/developer/decisions.md).
+GRADIENT_RIDGE = 0.1
 
 
 class RowDeconvolver:
     """Deconvolution with the PSF of every row, planned once and applied often.
+
+    Minimises `|A u - g|^2` plus a prior, exactly (A is :class:`rsdeblur.RowBlur`). With the Wiener prior what differs
+    from m, the picture's mean and near top and bottom what its outermost rows show, is then multiplied by (1 + nsr): no
+    motion is the identity, and a constant picture keeps its brightness.
 
     Parameters
     ----------
@@ -63,7 +68,7 @@ class RowDeconvolver:
     nsr : float, default 0.01
         Noise-to-signal power ratio Phi, positive; less than 1e-7 counts as 1e-7, which is as far as float32 goes.
     prior : {"wiener", "gradient"}
-        Penalise `nsr |u - m|^2`, m being the picture's mean, or `nsr |grad u|^2`.
+        Penalise `nsr |u - m|^2` with m as above, or `nsr (|grad u|^2 + |u - m|^2 / 10)`.
     solver : {"auto", "direct", "cg"}
         Banded Cholesky; conjugate gradients with a banded Wiener filter as preconditioner, to a relative residual of
         1e-3; or whichever is predicted to be faster.
