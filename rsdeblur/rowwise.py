@@ -140,6 +140,11 @@ class RowDeconvolver:
         self._lock = threading.Lock()
 
     @property
+    def blocks(self) -> int:
+        """Blocks of 16 frequencies, each solved by one thread."""
+        return self._lanes.blocks
+
+    @property
     def memory(self) -> int:
         """Bytes held between and during calls, pictures not counted."""
         tables = [table for tables in self._tables for table in tables]
@@ -201,12 +206,18 @@ class RowDeconvolver:
                     progress((s + 1) / len(self._tiling.tiles))
         return out
 
-    def _solve(self, strip: int, ridge: Real, smooth: float, scale: float) -> None:
-        """Minimise for all frequencies of `strip` with `ridge` (blocks, 16); scale what differs from m in the end."""
+    def _solve(self, strip: int, ridge: Real, smooth: float, *, scale: float, pulled: bool) -> None:
+        """Minimise for all frequencies of `strip`, leaving the result in the latent lanes.
+
+        `ridge` is (blocks, 16). If `pulled`, the latent lanes hold what gradients add to the right-hand side. What
+        differs from m is scaled in the end.
+        """
         model, tables = self._strips[strip].model, self._tables[strip]
 
         def block(thread: int, b: int) -> None:
             data, latent, workspace = self._data[b], self._latent[b], self._workspaces[thread]
+            if not pulled:
+                latent[...] = 0
             expected = self._expectation(b, edges=smooth == 0)
             if expected is not None:
                 blurred = np.empty_like(data)
@@ -288,21 +299,20 @@ class DataTerm:
         divergence *= np.float32(beta)
         lanes, latent = self._solver._lanes, self._solver._latent
         lanes.load(divergence, latent)
-        self._minimise(self._solver.nsr, beta, 1.0)
+        self._minimise(self._solver.nsr, beta, pulled=True)
         u = np.empty(self.shape, dtype=np.float32)
         lanes.unload(latent, 0, u, Tile(0, 0, np.ones(lanes.length, dtype=np.float32)))
         return u
 
     def regularise(self, prior: Prior) -> None:
         """Minimise with a quadratic prior, leaving the result in the latent lanes."""
-        self._solver._latent[...] = 0
         nsr = self._solver.nsr
         if prior == "gradient":
-            self._minimise(GRADIENT_RIDGE * nsr, nsr, 1.0)
+            self._minimise(GRADIENT_RIDGE * nsr, nsr)
         else:
             # The factor makes no motion the identity at any nsr.
-            self._minimise(nsr, 0.0, 1.0 + nsr)
+            self._minimise(nsr, 0.0, scale=1.0 + nsr)
 
-    def _minimise(self, ridge: float, beta: float, scale: float) -> None:
+    def _minimise(self, ridge: float, beta: float, *, scale: float = 1.0, pulled: bool = False) -> None:
         ridges = max(np.float32(ridge), LEAST_RIDGE) + np.float32(beta) * self._wavenumbers
-        self._solver._solve(self._strip, ridges, beta, scale)
+        self._solver._solve(self._strip, ridges, beta, scale=scale, pulled=pulled)
