@@ -237,7 +237,8 @@ def _rotation_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int
     orientation = shot.track.at(shot.times(rows, samples))  # (B, T, 3, 3)
     world = np.einsum("btji,bsj->bsti", orientation, directions)
     if geometry == "rectify":
-        return points - RowPoses.still(shot, shot.middle).project(world, np.zeros(world.shape[:-1]))
+        q = world @ (camera.matrix @ shot.track.at(shot.middle)).T
+        return points - q[..., :2] / q[..., 2:]
     poses = RowPoses.of(shot)
     # Start at the pixel's own row, whose reference orientation is nearly right.
     q = np.broadcast_to(points, (*world.shape[:-1], 2))
@@ -266,11 +267,6 @@ class RowPoses:
         """Tabulate the poses of all rows of the picture, and of as many beyond it, where paths may reach."""
         rows = np.arange(2.0 * shot.camera.lines) - shot.camera.lines // 2
         return cls((shot.camera.matrix @ shot.track.at(shot.mid(rows))).reshape(-1, 9))
-
-    @classmethod
-    def still(cls, shot: Shot, time: FloatArray) -> RowPoses:
-        """One pose, the camera's at `time`, for all rows."""
-        return cls(np.tile((shot.camera.matrix @ shot.track.at(time)).reshape(1, 9), (2, 1)))
 
     def project(self, world: FloatArray, rows: FloatArray) -> FloatArray:
         """Project directions (..., 3) with the poses of `rows` (..., fractions allowed).

