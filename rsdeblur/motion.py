@@ -237,8 +237,9 @@ def _rotation_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int
     orientation = shot.track.at(shot.times(rows, samples))  # (B, T, 3, 3)
     world = np.einsum("btji,bsj->bsti", orientation, directions)
     if geometry == "rectify":
-        q = world @ (camera.matrix @ shot.track.at(shot.middle)).T
-        return points - q[..., :2] / q[..., 2:]
+        seen = world @ (camera.matrix @ shot.track.at(shot.middle)).T
+        skewed: FloatArray = points - seen[..., :2] / seen[..., 2:]
+        return skewed
     poses = RowPoses.of(shot)
     # Start at the pixel's own row, whose reference orientation is nearly right.
     q = np.broadcast_to(points, (*world.shape[:-1], 2))

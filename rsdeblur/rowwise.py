@@ -145,6 +145,18 @@ class RowDeconvolver:
         return self._lanes.blocks
 
     @property
+    def coverage(self) -> NDArray[np.bool_]:
+        """Pixels (H, W) in rows that some recorded row saw; the others hold what the prior makes of their neighbours.
+
+        Paths of the rolling picture see every row; those of the rectified one may not.
+        """
+        covered = np.zeros(self.shape[:2], dtype=np.bool_)
+        for strip, tile in zip(self._strips, self._tiling.tiles, strict=True):
+            columns = slice(tile.first, tile.first + len(tile.weights))
+            covered[:, columns] |= strip.seen[-self.top : len(covered) - self.top, None]
+        return covered
+
+    @property
     def memory(self) -> int:
         """Bytes held between and during calls, pictures not counted."""
         tables = [table for tables in self._tables for table in tables]

@@ -324,7 +324,7 @@ class TestRectify:
         np.testing.assert_allclose(flat.displacements, keep.displacements, atol=1e-9)
 
     def test_holds_the_skew(self):
-        """Turning evenly about y, row y stands where it stood at the middle row's time but for what has turned since."""
+        """Turning evenly about y, a row is off by what has turned since the middle row's mid-exposure."""
         paths = paths_of(constant(0, 0.5, 0), camera_of(), cols=CENTRE[1], geometry="rectify", samples=5)
         since = (ROWS[:, None] - 31.5) / HEIGHT * 0.03 + np.linspace(-0.02, 0.02, 5)
         # The tangent, on a row a third of f off the centre.

@@ -137,6 +137,19 @@ def test_strips_leave_no_seams():
     assert leak < 0.02 * np.sqrt(np.mean((whole - picture)[inside] ** 2))
 
 
+def test_rows_that_no_row_saw_are_reported_and_filled(picture):
+    """Paths 5 rows off: the first rows see what stands 5 rows lower, and nobody sees the first 5."""
+    paths = still_paths()
+    moved = type(paths)(paths.displacements - np.array([0.0, 5.0]), paths.rows, paths.cols)
+    assert RowDeconvolver(paths, picture.shape).coverage.all()
+    deconvolver = RowDeconvolver(moved, picture.shape)
+    np.testing.assert_array_equal(deconvolver.coverage, np.repeat(np.arange(H) >= 5, W).reshape(H, W))
+    result = deconvolver.apply(picture)
+    np.testing.assert_allclose(result[5:], picture[:-5], atol=FLOAT32)
+    assert result[:5].min() > 0.3
+    assert result[:5].max() < 0.7
+
+
 @pytest.mark.parametrize("cols", [(16.0,), (8.0, 24.0)])
 def test_out_may_be_the_input(picture, cols):
     deconvolver = RowDeconvolver(wavy_paths(cols=cols), picture.shape)
