@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rsdeblur import _validate
 from rsdeblur._validate import FloatArray
 from rsdeblur.errors import InputError
 from rsdeblur.fft import Real, empty, thread_count
@@ -110,10 +111,11 @@ class RowBlur:
     Raises
     ------
     InputError
-        If `paths` do not belong to the rows 0, 1, 2 and so on.
+        If `paths` do not belong to the rows 0, 1, 2 and so on, or a count is not a positive whole number.
     """
 
     def __init__(self, paths: BlurPaths, width: int, *, channels: int = 1, threads: int | None = None) -> None:
+        width, channels = _validate.count("width", width), _validate.count("channels", channels)
         self.top, latents = latent_rows(paths)
         height = len(paths.rows)
         self.picture_shape, self.latent_shape = (height, width, channels), (latents, width, channels)

@@ -212,7 +212,7 @@ class RowDeconvolver:
                 if minimise is None:
                     term.regularise(self._prior)
                 else:
-                    self._lanes.load(minimise(term), self._latent)
+                    self._lanes.load(_validate.picture(minimise(term), term.shape), self._latent)
                 self._lanes.unload(self._latent, -self.top, target, tile, add=several)
                 if progress is not None:
                     progress((s + 1) / len(self._tiling.tiles))
@@ -290,14 +290,14 @@ class DataTerm:
         turns = np.arange(lanes.blocks * LANES).reshape(-1, LANES) / lanes.length
         self._wavenumbers = (2 - 2 * np.cos(2 * np.pi * turns)).astype(np.float32)
 
-    def solve(self, beta: float, wx: Real, wy: Real) -> Real:
+    def solve(self, beta: float, wx: ArrayLike, wy: ArrayLike) -> Real:
         """Minimise the term plus `beta |grad u - w|^2`.
 
         Parameters
         ----------
         beta : float
             At least 0.
-        wx, wy : ndarray of the strip's shape, float32
+        wx, wy : array_like of the strip's shape
             Wanted forward differences along x, the last column's to the first one, and along y, where the last row is
             not used.
 
@@ -305,9 +305,11 @@ class DataTerm:
         -------
         ndarray of the strip's shape, float32
         """
-        divergence = np.roll(wx, 1, axis=1) - wx
-        divergence[:-1] -= wy[:-1]
-        divergence[1:] += wy[:-1]
+        beta = _validate.finite("beta", beta, minimum=0.0)
+        across, down = (_validate.picture(w, self.shape) for w in (wx, wy))
+        divergence = np.roll(across, 1, axis=1) - across
+        divergence[:-1] -= down[:-1]
+        divergence[1:] += down[:-1]
         divergence *= np.float32(beta)
         lanes, latent = self._solver._lanes, self._solver._latent
         lanes.load(divergence, latent)

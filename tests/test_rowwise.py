@@ -35,7 +35,7 @@ def dense_gradients(rows: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("solver", ["direct", "cg"])
-@pytest.mark.parametrize(("nsr", "beta"), [(0.01, 0.0), (0.01, 0.3), (1e-3, 5.0)])
+@pytest.mark.parametrize(("nsr", "beta"), [(0.01, 0.0), (0.01, 0.3), (1e-3, 5.0), (1e-4, 1000.0)])
 def test_solve_is_the_dense_minimum(picture, solver, nsr, beta, monkeypatch):
     monkeypatch.setattr("rsdeblur.rowcg.conjugate_gradients.__kwdefaults__", {"tolerance": 1e-6})
     paths, rng = wavy_paths(down=2.0), np.random.default_rng(3)
