@@ -261,15 +261,21 @@ class RowDeconvolver:
             mean[..., 0, 0] = data[:, :, 0, 0].mean(axis=1, keepdims=True)
         if not edges:
             return np.repeat(mean, self._latent.shape[2], axis=1)
-        first, last = (rows.mean(axis=1, keepdims=True) for rows in (data[:, :EDGE_ROWS], data[:, -EDGE_ROWS:]))
-        from_top = np.arange(self._latent.shape[2], dtype=np.float32) + self.top
-        from_end = data.shape[1] - 1 - from_top
-        above, below = (
-            (0.5 + 0.5 * np.cos(np.pi * np.clip(distance / (EDGE_FADE - self.top), 0, 1)))[:, None, None]
-            for distance in (from_top, from_end)
-        )
-        expected: Real = mean + left * (above * (first - mean) + below * (last - mean))
+        first, last = (left * (rows.mean(axis=1) - mean[:, 0]) for rows in (data[:, :EDGE_ROWS], data[:, -EDGE_ROWS:]))
+        expected = np.repeat(mean, self._latent.shape[2], axis=1)
+        # Rows beyond the frame, counted from its first and its last row, have all of it.
+        above = _fading(self.top, EDGE_FADE - self.top)
+        below = _fading(data.shape[1] - self.top - expected.shape[1], EDGE_FADE - self.top)
+        expected[:, : len(above)] += (above * first[:, None])[:, : expected.shape[1]]
+        expected[:, ::-1][:, : len(below)] += (below * last[:, None])[:, : expected.shape[1]]
         return expected
+
+
+def _fading(first: int, length: int) -> Real:
+    """Weights (n, 1, 1) from position `first` on: 1 up to 0, from there falling to 0 at `length`."""
+    positions = np.arange(first, length, dtype=np.float32)
+    weights: Real = (0.5 + 0.5 * np.cos(np.float32(np.pi / length) * positions.clip(0)))[:, None, None]
+    return weights
 
 
 class DataTerm:
