@@ -274,14 +274,13 @@ class RowDeconvolver:
 def _fading(first: int, length: int) -> Real:
     """Weights (n, 1, 1) from position `first` on: 1 up to 0, from there falling to 0 at `length`."""
     positions = np.arange(first, length, dtype=np.float32)
-    weights: Real = (0.5 + 0.5 * np.cos(np.float32(np.pi / length) * positions.clip(0)))[:, None, None]
-    return weights
+    return (0.5 + 0.5 * np.cos(np.pi * positions.clip(0) / length)).astype(np.float32)[:, None, None]
 
 
 class DataTerm:
     """`|A u - g|^2 + nsr |u - m|^2` for one strip of one picture: half-quadratic priors minimise it with gradients.
 
-    Valid during the call that hands it out.
+    With a gradient term m is the picture's mean. Valid during the call that hands it out.
 
     Attributes
     ----------
