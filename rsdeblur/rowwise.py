@@ -311,13 +311,11 @@ class DataTerm:
         ndarray of the strip's shape, float32
         """
         beta = _validate.finite("beta", beta, minimum=0.0)
-        across, down = (_validate.picture(w, self.shape) for w in (wx, wy))
-        divergence = np.roll(across, 1, axis=1) - across
-        divergence[:-1] -= down[:-1]
-        divergence[1:] += down[:-1]
-        divergence *= np.float32(beta)
+        across, down = (np.ascontiguousarray(w, dtype=np.float32) for w in (wx, wy))
+        if not across.shape == down.shape == self.shape:
+            raise InputError(f"wx and wy must have shape {self.shape}, got {across.shape} and {down.shape}")
         lanes, latent = self._solver._lanes, self._solver._latent
-        lanes.load(divergence, latent)
+        lanes.load_divergence(across, down, beta, latent)
         self._minimise(self._solver.nsr, beta, pulled=True)
         u = np.empty(self.shape, dtype=np.float32)
         lanes.unload(latent, 0, u, Tile(0, 0, np.ones(lanes.length, dtype=np.float32)))
