@@ -1,5 +1,6 @@
 /*
- * rsdeblur._cext: checks arguments, releases the GIL, calls the kernels. Only this file and buffers.c know Python.
+ * rsdeblur._cext: checks arguments, releases the GIL, calls the kernels. Only this file, binding_rowwise.c and buffers.c know
+ * Python.
  *
  * The limited API (Python 3.11, set by the build) has the buffer protocol, so NumPy's C API is not needed. Every function
  * mirrors its NumPy twin in rsdeblur.kernels.
@@ -284,6 +285,7 @@ PyDoc_STRVAR(lines_to_picture_doc,
 PyDoc_STRVAR(rows_to_columns_doc, "rows_to_columns(rows, first, height, columns, /)\n--\n\n");
 PyDoc_STRVAR(columns_to_rows_doc, "columns_to_rows(columns, rows, first, height, /)\n--\n\n");
 PyDoc_STRVAR(cut_lines_doc, "cut_lines(columns, height, start, fade, periodic, slab, /)\n--\n\n");
+PyDoc_STRVAR(rowwise_doc, "See rsdeblur.kernels.rowwise.");
 
 static PyMethodDef methods[] = {
     {"multiply", multiply, METH_VARARGS, multiply_doc},
@@ -293,6 +295,10 @@ static PyMethodDef methods[] = {
     {"rows_to_columns", rows_to_columns, METH_VARARGS, rows_to_columns_doc},
     {"columns_to_rows", columns_to_rows, METH_VARARGS, columns_to_rows_doc},
     {"cut_lines", cut_lines, METH_VARARGS, cut_lines_doc},
+    {"rowwise_forward", rsd_bind_rowwise_forward, METH_VARARGS, rowwise_doc},
+    {"rowwise_adjoint", rsd_bind_rowwise_adjoint, METH_VARARGS, rowwise_doc},
+    {"rowwise_solve", rsd_bind_rowwise_solve, METH_VARARGS, rowwise_doc},
+    {"rowwise_workspace", rsd_bind_rowwise_workspace, METH_VARARGS, rowwise_doc},
     {NULL, NULL, 0, NULL},
 };
 

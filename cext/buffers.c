@@ -5,8 +5,9 @@
 
 static bool fits(const Py_buffer *view, rsd_wanted want)
 {
-    const char *type = strcmp(want.format, COMPLEX64) == 0 ? "complex64" : "float32";
-    const Py_ssize_t itemsize = strcmp(want.format, COMPLEX64) == 0 ? 8 : 4;
+    const bool is_complex = strcmp(want.format, COMPLEX64) == 0;
+    const char *type = is_complex ? "complex64" : strcmp(want.format, INT32) == 0 ? "int32" : "float32";
+    const Py_ssize_t itemsize = is_complex ? 8 : 4;
     if (view->format == NULL || strcmp(view->format, want.format) != 0 || view->itemsize != itemsize) {
         PyErr_Format(PyExc_TypeError, "%s must be %s, got a buffer of format '%s'", want.name, type,
                      view->format == NULL ? "B" : view->format);

@@ -11,10 +11,11 @@
 
 #define COMPLEX64 "Zf"
 #define FLOAT32 "f"
+#define INT32 "i"
 
 typedef struct {
     const char *name;
-    const char *format; /* COMPLEX64 or FLOAT32 */
+    const char *format; /* COMPLEX64, FLOAT32 or INT32 */
     int ndim;
     bool writable;
 } rsd_wanted;
@@ -31,5 +32,11 @@ bool rsd_within(Py_ssize_t first, Py_ssize_t n, Py_ssize_t length);
 
 /* True on success; otherwise false with a ValueError set, `refusal` being the binding's own reason, if any. */
 bool rsd_conclude(const char *refusal, rsd_status status);
+
+/* The functions of binding_rowwise.c. */
+PyObject *rsd_bind_rowwise_forward(PyObject *module, PyObject *args);
+PyObject *rsd_bind_rowwise_adjoint(PyObject *module, PyObject *args);
+PyObject *rsd_bind_rowwise_solve(PyObject *module, PyObject *args);
+PyObject *rsd_bind_rowwise_workspace(PyObject *module, PyObject *args);
 
 #endif

@@ -10,6 +10,8 @@ const char *rsd_status_message(rsd_status status)
         return "null pointer for an array that is not empty";
     case RSD_SIZE:
         return "a size overflows, or a stride is shorter than the line it spans";
+    case RSD_MODEL:
+        return "the tables of the rowwise model contradict each other";
     }
     return "unknown status";
 }

@@ -20,6 +20,10 @@ stands above it in this ladder::
     border      what stands beyond the frame
     hybrid      rows and columns: the engine of all modes
     wiener      Deconvolver: planned once, applied often
+    lanes       row spectra sorted into blocks of 16 frequencies
+    rowblur     RowBlur: the blur of every row and its adjoint
+    rowcg       the rowwise solve by conjugate gradients
+    rowwise     RowDeconvolver: the exact solve
     transfer    linear light and sRGB
     geometry    from the rolling picture to the global-shutter one
     pipeline    deblur(): the one call
@@ -30,7 +34,7 @@ stands above it in this ladder::
     report      plots and contact sheets
     cli         the command line
 
-Two branches meet in the middle: `gyro` to `psf` never see an FFT, `fft` to `wiener` never see a gyro.
+Two branches meet in the middle: `gyro` to `psf` never see an FFT, `fft` to `rowwise` never see a gyro.
 """
 
 try:

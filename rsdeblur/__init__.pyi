@@ -19,6 +19,8 @@ from .pipeline import DeblurResult as DeblurResult
 from .pipeline import deblur as deblur
 from .pipeline import psfs as psfs
 from .psf import PsfBank as PsfBank
+from .rowblur import RowBlur as RowBlur
+from .rowwise import RowDeconvolver as RowDeconvolver
 from .simulate import Simulation as Simulation
 from .simulate import simulate as simulate
 from .wiener import Deconvolver as Deconvolver

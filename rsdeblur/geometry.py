@@ -38,8 +38,7 @@ def rectify(image: NDArray[np.float32], shot: Shot) -> tuple[NDArray[np.float32]
     out = np.empty_like(image)
     coverage = np.empty((height, width), dtype=np.bool_)
     poses = RowPoses.of(shot)
-    middle = shot.mid(np.array((height - 1) / 2))
-    to_world = shot.track.at(middle).T
+    to_world = shot.track.at(shot.middle).T
     for top in range(0, height, CHUNK):
         rows = slice(top, min(top + CHUNK, height))
         x, y = _sources(np.arange(rows.start, rows.stop), width, shot, poses, to_world)

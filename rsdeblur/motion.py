@@ -9,7 +9,8 @@ mid-exposure, so q is where the scene point that p sees at time t stands *in tha
 K being the camera's projection, its lens distortion included.
 
 The reference time depends on the row that q falls on; the fixed point is reached in a few steps because a picture
-moves by far less than a row while a row is read.
+moves by far less than a row while a row is read. With `geometry="rectify"` the latent picture is the one of a global
+shutter at the middle row's mid-exposure, `q = K C(mid) C(t)^T K^-1 p`, and paths hold the skew besides the blur.
 """
 
 from __future__ import annotations
@@ -29,9 +30,16 @@ from rsdeblur.gyro import GyroLog, OrientationTrack
 
 Motion = Literal["rotation", "small-angle"]
 MOTIONS: tuple[Motion, ...] = ("rotation", "small-angle")
+Geometry = Literal["keep", "rectify"]
+GEOMETRIES: tuple[Geometry, ...] = ("keep", "rectify")
 
 # Time samples per pixel of path. Segments, not dots, are rasterised, so this only has to follow the curve.
 SAMPLES_PER_PIXEL = 4
+
+# Where every row has a path, samples a pixel apart will do: neighbouring rows' differ by more.
+ROW_SAMPLES_PER_PIXEL = 1
+# Rows traced at a time, which bounds the memory of the poses along their paths.
+ROWS_TOGETHER = 64
 
 # Grid on which the blur is probed. One row per millisecond of an ordinary readout, well within a gyro interval; across
 # the picture the blur changes smoothly, whatever the motion.
@@ -83,6 +91,11 @@ class Shot:
         opens, closes = self.exposure.window(rows, self.camera)
         return 0.5 * (opens + closes)
 
+    @property
+    def middle(self) -> FloatArray:
+        """Mid-exposure time of the middle row, to which pictures are rectified."""
+        return self.mid(np.array((self.camera.height - 1) / 2))
+
     def times(self, rows: FloatArray, samples: int) -> FloatArray:
         """Return times spread evenly over each row's window, both ends included; shape (len(rows), samples)."""
         opens, closes = self.exposure.window(rows, self.camera)
@@ -115,6 +128,7 @@ class BlurPaths:
         cols: ArrayLike,
         *,
         motion: Motion = "rotation",
+        geometry: Geometry = "keep",
         samples: int | Literal["auto"] = "auto",
     ) -> BlurPaths:
         """Trace the paths of the pixels at `rows` x `cols`.
@@ -128,6 +142,8 @@ class BlurPaths:
         motion : {"rotation", "small-angle"}
             The full homography path, or Sindelar and Sroubek (2013), eq. 6: small angles about x and y, the same
             over the whole width.
+        geometry : {"keep", "rectify"}
+            The latent picture: rolling like the recorded one, or at the middle row's mid-exposure.
         samples : int or "auto"
             Number of time samples, at least 2; "auto" takes at least 4 per pixel of the longest path.
 
@@ -137,14 +153,15 @@ class BlurPaths:
             If an argument is out of its range.
         """
         _validate.choice("motion", motion, MOTIONS)
+        _validate.choice("geometry", geometry, GEOMETRIES)
         rows, cols = (_validate.real_array(name, grid, (None,)) for name, grid in (("rows", rows), ("cols", cols)))
         trace = _rotation_paths if motion == "rotation" else _small_angle_paths
         if samples == "auto":
             # Two samples per gyro interval follow every bend of the track; then refine by the length found.
             coarse = 2 * len(shot.track.t) + 1
-            length = _lengths(trace(shot, rows, cols, coarse)).max()
+            length = _lengths(trace(shot, rows, cols, coarse, geometry)).max()
             samples = max(coarse, int(np.ceil(SAMPLES_PER_PIXEL * length)) + 1)
-        displacements = trace(shot, rows, cols, _validate.count("samples", samples, minimum=2))
+        displacements = trace(shot, rows, cols, _validate.count("samples", samples, minimum=2), geometry)
         displacements.setflags(write=False)
         return cls(displacements, rows, cols)
 
@@ -154,6 +171,22 @@ class BlurPaths:
         rows = np.linspace(0.0, shot.camera.height - 1, PROBE_ROWS)
         cols = np.linspace(0.0, shot.camera.width - 1, PROBE_COLS)
         return cls.from_shot(shot, rows, cols, motion=motion, samples=2 * len(shot.track.t) + 1)
+
+    @classmethod
+    def every_row(
+        cls, shot: Shot, cols: ArrayLike, *, motion: Motion = "rotation", geometry: Geometry = "keep"
+    ) -> BlurPaths:
+        """Trace the paths of every row of the picture at `cols`; see :meth:`from_shot`."""
+        longest = float(cls.probe(shot, motion=motion).lengths.max())
+        samples = max(2 * len(shot.track.t) + 1, int(np.ceil(ROW_SAMPLES_PER_PIXEL * longest)) + 1)
+        rows = np.arange(float(shot.camera.height))
+        parts = [
+            cls.from_shot(shot, part, cols, motion=motion, geometry=geometry, samples=samples)
+            for part in np.split(rows, range(ROWS_TOGETHER, len(rows), ROWS_TOGETHER))
+        ]
+        displacements = np.concatenate([part.displacements for part in parts])
+        displacements.setflags(write=False)
+        return cls(displacements, rows, parts[0].cols)
 
     @property
     def change_down(self) -> float:
@@ -199,12 +232,16 @@ def _lengths(displacements: FloatArray) -> FloatArray:
     return lengths
 
 
-def _rotation_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
+def _rotation_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry) -> FloatArray:
     camera = shot.camera
     points = np.stack(np.meshgrid(cols, rows), axis=-1)[:, :, None, :]  # (B, S, 1, 2), x before y
     directions = camera.rays(points)[:, :, 0]
     orientation = shot.track.at(shot.times(rows, samples))  # (B, T, 3, 3)
     world = np.einsum("btji,bsj->bsti", orientation, directions)
+    if geometry == "rectify":
+        seen = world @ (camera.matrix @ shot.track.at(shot.middle)).T
+        skewed: FloatArray = points - seen[..., :2] / seen[..., 2:]
+        return skewed
     poses = RowPoses.of(shot)
     # Start at the pixel's own row, whose reference orientation is nearly right.
     q = np.broadcast_to(points, (*world.shape[:-1], 2))
@@ -213,8 +250,9 @@ def _rotation_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int
     return points - q
 
 
-def _small_angle_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
-    angles = shot.track.angles(shot.times(rows, samples)) - shot.track.angles(shot.mid(rows))[:, None]
+def _small_angle_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry) -> FloatArray:
+    reference = shot.mid(rows) if geometry == "keep" else np.repeat(shot.middle, len(rows))
+    angles = shot.track.angles(shot.times(rows, samples)) - shot.track.angles(reference)[:, None]
     fx, fy = shot.camera.focal
     # The picture moves by f (-theta_y, +theta_x).
     d = np.stack([-fx * angles[..., 1], fy * angles[..., 0]], axis=-1)

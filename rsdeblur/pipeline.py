@@ -18,16 +18,14 @@ from rsdeblur.errors import InputError
 from rsdeblur.exposure import Exposure
 from rsdeblur.geometry import rectify
 from rsdeblur.gyro import GyroLog
-from rsdeblur.motion import BlurPaths, Motion, Shot
+from rsdeblur.motion import GEOMETRIES, BlurPaths, Geometry, Motion, Shot
 from rsdeblur.psf import PsfBank, tile_centres
+from rsdeblur.rowwise import PRIORS, SOLVERS, Prior, RowDeconvolver, Solver
 from rsdeblur.transfer import Transfer, check_transfer, from_linear, to_linear
 from rsdeblur.wiener import Deconvolver
 
-Mode = Literal["global", "banded"]
-MODES: tuple[Mode, ...] = ("global", "banded")
-Geometry = Literal["keep", "rectify"]
-GEOMETRIES: tuple[Geometry, ...] = ("keep", "rectify")
-PRIORS = ("wiener",)
+Mode = Literal["global", "banded", "rowwise"]
+MODES: tuple[Mode, ...] = ("global", "banded", "rowwise")
 Count = int | Literal["auto"]
 Progress = Callable[[str, float], None]
 
@@ -38,6 +36,8 @@ PATH_ERROR = 0.1
 # 1 / (pi L sqrt(nsr)) for a path of L px and never more than 1/2, neighbouring bands must still agree in phase. Their
 # paths may differ by this many L sqrt(nsr). (Both numbers: docs/developer/decisions.md.)
 BAND_CHANGE = 0.4
+# Of the PSFs of all rows, rowwise shows this many per strip.
+ROWS_SHOWN = 9
 # Bounds of the cost where the motion is wild.
 MOST_BANDS = 64
 MOST_STRIPS = 16
@@ -53,9 +53,10 @@ class DeblurResult:
         The sharp picture, shaped and coded like the input, nominal range [0, 1]. Integer input is clipped to that
         range; float input is not.
     psfs : PsfBank
-        The PSFs that were undone, where they hold in the picture as stored.
+        The PSFs that were undone, where they hold in the picture as stored; for ``mode="rowwise"`` those of a few rows.
     bands, strips : int
-        How many tiles the picture was split into along the readout axis and across it.
+        How many tiles the picture was split into along the readout axis, every row for ``mode="rowwise"``, and across
+        it.
     coverage : ndarray, shape (H, W), bool
         Pixels whose scene point was seen by some row; all true for ``geometry="keep"``.
     timings : dict
@@ -79,7 +80,8 @@ def deblur(
     mode: Mode = "banded",
     bands: Count = "auto",
     strips: Count = "auto",
-    prior: str = "wiener",
+    prior: Prior = "wiener",
+    solver: Solver = "auto",
     nsr: float = 0.01,
     geometry: Geometry = "keep",
     border: Border = "blend",
@@ -97,15 +99,17 @@ def deblur(
         taken as they are. Alpha passes through.
     log, camera, exposure
         The motion, the camera and the time of the exposure.
-    mode : {"banded", "global"}
-        One PSF per tile, or one for the whole picture (Sindelar and Sroubek 2013).
+    mode : {"banded", "global", "rowwise"}
+        One PSF per tile; one for the whole picture (Sindelar and Sroubek 2013); or one per row, solved exactly.
     bands, strips : int or "auto"
         Number of tiles along the readout axis and across it; "auto" bounds how much the blur changes between
-        neighbours. Ignored by "global".
-    prior : {"wiener"}
-        Regularisation.
+        neighbours. "global" ignores both, "rowwise" ignores `bands`.
+    prior : {"wiener", "gradient"}
+        Penalise the picture itself or, with "rowwise" only, its gradient.
+    solver : {"auto", "direct", "cg"}
+        How "rowwise" solves, see :class:`rsdeblur.RowDeconvolver`.
     nsr : float, default 0.01
-        Noise-to-signal power ratio Phi: larger is smoother.
+        Noise-to-signal power ratio Phi, the weight of the prior: larger is smoother.
     geometry : {"keep", "rectify"}
         Keep the rolling shutter's shape, or resample to the middle row's mid-exposure.
     border : {"blend", "periodic"}
@@ -131,7 +135,10 @@ def deblur(
         If the log does not describe the exposure.
     """
     _validate.choice("prior", prior, PRIORS)
+    _validate.choice("solver", solver, SOLVERS)
     _validate.choice("geometry", geometry, GEOMETRIES)
+    if prior != "wiener" and mode != "rowwise":
+        raise InputError(f'the prior "{prior}" needs mode="rowwise", got mode="{mode}"')
     transfer = check_transfer(transfer)
     nsr = _validate.finite("nsr", nsr, above=0.0)
     values, clip = _values(image)
@@ -143,9 +150,16 @@ def deblur(
     colour, alpha = _split_alpha(np.rot90(values, -1) if quarter else values)
     light = to_linear(np.ascontiguousarray(colour), transfer)
     with clock.stage("plan"):
-        solver = Deconvolver(bank, light.shape, nsr=nsr, border=border, threads=threads)
+        deconvolver: Deconvolver | RowDeconvolver
+        if mode == "rowwise":
+            paths = BlurPaths.every_row(shot, bank.cols, motion=motion)
+            deconvolver = RowDeconvolver(
+                paths, light.shape, nsr=nsr, prior=prior, solver=solver, border=border, threads=threads
+            )
+        else:
+            deconvolver = Deconvolver(bank, light.shape, nsr=nsr, border=border, threads=threads)
     with clock.stage("apply"):
-        light = solver.apply(light, progress=clock.within("apply"))
+        light = deconvolver.apply(light, progress=clock.within("apply"))
     coverage = np.ones(light.shape[:2], dtype=np.bool_)
     if geometry == "rectify":
         with clock.stage("rectify"):
@@ -156,6 +170,8 @@ def deblur(
     if alpha is not None:
         sharp = np.concatenate([sharp, alpha], axis=2)
     n_bands, n_strips = bank.kernels.shape[:2]
+    if mode == "rowwise":
+        n_bands = len(light)
     if quarter:
         sharp, coverage, bank = np.rot90(sharp), np.rot90(coverage), bank.turned(camera.height)
     sharp = np.ascontiguousarray(sharp.reshape(np.shape(image)))
@@ -200,6 +216,8 @@ def _bank(shot: Shot, mode: Mode, bands: Count, strips: Count, motion: Motion, n
     ):
         if mode == "global":
             counts[name] = 1
+        elif mode == "rowwise" and name == "bands":
+            counts[name] = min(ROWS_SHOWN, length)
         elif counts[name] == "auto":
             # A PSF spans 2 reach + 1 px. A tile narrower than half of that filters rows that are mostly not its own.
             most = min(most, max(1, int(length / (reach + 0.5))))

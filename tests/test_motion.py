@@ -300,3 +300,32 @@ class TestChange:
 def _paths_with_the_times_of(probe, shot, rows, cols, motion):
     samples = probe.displacements.shape[2]
     return BlurPaths.from_shot(shot, rows, cols, motion=motion, samples=samples).displacements
+
+
+class TestEveryRow:
+    @pytest.mark.parametrize("motion", MOTIONS)
+    def test_is_from_shot_at_all_rows(self, shaky_log, motion):
+        shot = Shot.from_log(shaky_log(), camera_of(), EXPOSURE)
+        paths = BlurPaths.every_row(shot, COLS, motion=motion)
+        np.testing.assert_array_equal(paths.rows, np.arange(HEIGHT))
+        some = BlurPaths.from_shot(shot, paths.rows[[5, 63]], COLS, motion=motion, samples=paths.displacements.shape[2])
+        np.testing.assert_array_equal(paths.displacements[[5, 63]], some.displacements)
+        assert not paths.displacements.flags.writeable
+
+
+class TestRectify:
+    """Paths to the picture of a global shutter."""
+
+    @pytest.mark.parametrize("motion", MOTIONS)
+    def test_is_keep_for_a_global_shutter(self, shaky_log, motion):
+        keep, flat = (
+            paths_of(shaky_log(), camera_of(0.0), motion=motion, geometry=g, samples=21) for g in ("keep", "rectify")
+        )
+        np.testing.assert_allclose(flat.displacements, keep.displacements, atol=1e-9)
+
+    def test_holds_the_skew(self):
+        """Turning evenly about y, a row is off by what has turned since the middle row's mid-exposure."""
+        paths = paths_of(constant(0, 0.5, 0), camera_of(), cols=CENTRE[1], geometry="rectify", samples=5)
+        since = (ROWS[:, None] - 31.5) / HEIGHT * 0.03 + np.linspace(-0.02, 0.02, 5)
+        # The tangent, on a row a third of f off the centre.
+        np.testing.assert_allclose(paths.displacements[:, 0, :, 0], -FOCAL * 0.5 * since, atol=0.01)

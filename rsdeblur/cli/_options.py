@@ -13,8 +13,8 @@ import click
 
 if TYPE_CHECKING:
     from rsdeblur.border import Border
-    from rsdeblur.motion import Motion
-    from rsdeblur.pipeline import Count, Geometry
+    from rsdeblur.motion import Geometry, Motion
+    from rsdeblur.pipeline import Count
     from rsdeblur.transfer import Transfer
 
 Command = Callable[..., Any]
@@ -189,7 +189,11 @@ recording_options = _gathered(
     ),
 )
 mode_option = click.option(
-    "--mode", type=click.Choice(["global", "banded"]), default="banded", show_default=True, help="Blur model."
+    "--mode",
+    type=click.Choice(["global", "banded", "rowwise"]),
+    default="banded",
+    show_default=True,
+    help="One PSF for the picture, one per tile, or one per row.",
 )
 blur_options = _gathered(
     "blur",

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rsdeblur.io.pictures import Picture
     from rsdeblur.pipeline import Mode
 
-MODES: tuple[Mode, ...] = ("global", "banded")
+MODES: tuple[Mode, ...] = ("global", "banded", "rowwise")
 SHEET, MAP, REPORT = "side-by-side.png", "psfs.png", "compare.json"
 
 EXAMPLES = """\b

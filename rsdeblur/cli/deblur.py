@@ -16,6 +16,8 @@ from rsdeblur.cli._output import print_json, progress
 
 if TYPE_CHECKING:
     from rsdeblur.pipeline import Mode
+    from rsdeblur.rowwise import Prior
+    from rsdeblur.rowwise import Solver as RowSolver
 
 EXAMPLES = """\b
 Examples:
@@ -29,6 +31,21 @@ Examples:
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options
 @_options.mode_option
+@click.option(
+    "--prior",
+    type=click.Choice(["wiener", "gradient"]),
+    default="wiener",
+    show_default=True,
+    help="Penalise the picture itself or, with --mode rowwise, its gradient.",
+)
+@click.option(
+    "--solver",
+    "row_solver",
+    type=click.Choice(["auto", "direct", "cg"]),
+    default="auto",
+    show_default=True,
+    help="How --mode rowwise solves: banded Cholesky, conjugate gradients, or the faster one.",
+)
 @_options.blur_options
 @_options.solver_options
 @click.option("-o", "--output", type=_options.PATH, required=True, metavar="OUT", help="Picture to write.")
@@ -38,6 +55,8 @@ def command(
     photo: Path,
     recording: Recording,
     mode: Mode,
+    prior: Prior,
+    row_solver: RowSolver,
     blur: Blur,
     solver: Solver,
     output: Path,
@@ -53,6 +72,7 @@ def command(
     from rsdeblur.pipeline import deblur
 
     arguments = asdict(blur) | asdict(solver) | {"transfer": transfer_of(picture, solver.transfer)}
+    arguments |= {"prior": prior, "solver": row_solver}
     begin = time.perf_counter()
     with progress("deblur") as move, naming(photo, recording):
         result = deblur(picture.pixels, log, camera, exposure, mode=mode, progress=move, **arguments)
@@ -72,5 +92,6 @@ def command(
             }
         )
     else:
-        kernels = f"{result.bands} x {result.strips} PSFs (bands x strips) of {wide} x {tall} px"
+        tiles = "rows" if mode == "rowwise" else "bands"
+        kernels = f"{result.bands} x {result.strips} PSFs ({tiles} x strips) of {wide} x {tall} px"
         click.echo(f"{output}: {mode}, {kernels}, {seconds:.2f} s")

@@ -65,6 +65,17 @@ def test_deblur_json(run: Run, files: Files, tmp_path: Path) -> None:
     assert report["seconds"] >= sum(report["timings"].values())
 
 
+def test_rowwise_with_its_options(run: Run, files: Files, tmp_path: Path) -> None:
+    common = ["deblur", files.photo, *files.recording, "--mode", "rowwise", "--strips", 2]
+    result = run(*common, "-o", tmp_path / "a.png")
+    assert f"rowwise, {HEIGHT} x 2 PSFs (rows x strips)" in result.stdout
+    assert run(*common, "--solver", "cg", "--prior", "gradient", "-o", tmp_path / "b.png").exit_code == 0
+    assert (tmp_path / "a.png").read_bytes() != (tmp_path / "b.png").read_bytes()
+    refused = run("deblur", files.photo, *files.recording, "--prior", "gradient", "-o", tmp_path / "c.png")
+    assert refused.exit_code == 1
+    assert 'needs mode="rowwise"' in refused.stderr
+
+
 def test_exif_stays_with_the_picture(run: Run, files: Files, tmp_path: Path) -> None:
     photo, out = tmp_path / "photo.jpg", tmp_path / "out.jpg"
     exif = Image.Exif()
@@ -94,12 +105,12 @@ def test_compare_writes_everything(run: Run, files: Files, tmp_path: Path) -> No
     out = tmp_path / "new" / "out"
     result = run("compare", files.photo, *files.recording, "--truth", files.photo, "-o", out)
     assert result.exit_code == 0, result.stderr
-    names = {"global.png", "banded.png", "side-by-side.png", "psfs.png", "compare.json"}
+    names = {"global.png", "banded.png", "rowwise.png", "side-by-side.png", "psfs.png", "compare.json"}
     assert {path.name for path in out.iterdir()} == names
     report = json.loads((out / "compare.json").read_text())
     assert report["size_px"] == [WIDTH, HEIGHT]
     assert report["blurred"]["ssim"] == pytest.approx(1.0)
-    for mode in ("global", "banded"):
+    for mode in ("global", "banded", "rowwise"):
         found = report["modes"][mode]
         assert found["psnr_db"] > 5.0
         assert found["peak_memory_mib"] is None or found["peak_memory_mib"] > 10.0
