@@ -67,10 +67,14 @@ def command(
                 "bands": result.bands,
                 "strips": result.strips,
                 "psf_px": [wide, tall],
+                "prior": solver.prior,
+                "nsr": result.nsr,
+                "weight": result.weight,
                 "seconds": seconds,
                 "timings": result.timings,
             }
         )
     else:
         kernels = f"{result.bands} x {result.strips} PSFs (bands x strips) of {wide} x {tall} px"
-        click.echo(f"{output}: {mode}, {kernels}, {seconds:.2f} s")
+        strength = f"NSR {result.nsr:.2g}" if result.weight is None else f"weight {result.weight:.2g}"
+        click.echo(f"{output}: {mode}, {kernels}, {solver.prior}, {strength}, {seconds:.2f} s")

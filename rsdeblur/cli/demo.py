@@ -66,7 +66,7 @@ def command(size: tuple[int, int], seed: int, output: Path, force: bool, as_json
         _capture(size, seed, output, force=force)
     # From here on the demo is a user with files.
     recording = Recording(gyro, None, camera, None, None, None, START, EXPOSURE, None, None)
-    solver = Solver(nsr=NSR, geometry="keep", border="blend", transfer=None, threads=None)
+    solver = Solver("wiener", "auto", 2 / 3, NSR, "keep", "blend", None, None)
     report = compare_modes(
         blurred, recording, Blur("auto", "auto", "rotation"), solver, truth=rolling, output=output, force=force
     )
