@@ -27,14 +27,14 @@ from rsdeblur.noise import gradient_energy, noise_level
 from rsdeblur.priors import Prior
 from rsdeblur.psf import PsfBank
 
-# All constants: docs/benchmarks/weights.md. Pictures hold less detail in the finest scales than an even spectrum does,
+# All constants: docs/benchmarks/priors.md. Pictures hold less detail in the finest scales than an even spectrum does,
 # so noise counts more by this factor.
 FINE_NOISE = 10.0
 # Error of the paths: px, whatever the blur (interpolation between tiles, linear interpolation in kernels), and as a
 # share of the PSF's radius (focal length, time offset, rates).
-PATH_ERROR, PATH_ERROR_SHARE = 0.15, 0.01
+PATH_ERROR, PATH_ERROR_SHARE = 0.13, 0.005
 # A total variation's weight where the gradient prior's is 1 and E is 1, and how it falls with the exponent.
-SPARSE_STRENGTH, SPARSE_POWER = 0.8, 1.4
+SPARSE_STRENGTH, SPARSE_POWER = 0.9, 1.4
 # Candidates for the NSR.
 NSR_LADDER = np.geomspace(1e-4, 10.0, 61)
 # Kernels looked at along each axis of the bank.
