@@ -116,7 +116,7 @@ def deblur(
         neighbours. Ignored by "global".
     prior : {"wiener", "gradient", "tv", "hyper-laplacian"}
         Regularisation: the Wiener filter, or a penalty on the gradient (:mod:`rsdeblur.priors`). The last two keep
-        edges sharp and even parts quiet, and take a dozen times as long.
+        edges sharp and even parts quiet, and take some twenty times as long to apply.
     weight : float or "auto"
         Weight of the penalty on the gradient: larger is smoother. "auto" derives it from the picture's noise and the
         blur (:mod:`rsdeblur.tuning`).

@@ -33,8 +33,8 @@ FINE_NOISE = 10.0
 # Error of the paths: px, whatever the blur (interpolation between tiles, linear interpolation in kernels), and as a
 # share of the PSF's radius (focal length, time offset, rates).
 PATH_ERROR, PATH_ERROR_SHARE = 0.13, 0.005
-# A total variation's weight where the gradient prior's is 1 and E is 1, and how it falls with the exponent.
-SPARSE_STRENGTH, SPARSE_POWER = 0.9, 1.4
+# A total variation's weight where the gradient prior's is 1 and E is 1; it is in proportion to the exponent.
+SPARSE_STRENGTH = 0.9
 # Candidates for the NSR.
 NSR_LADDER = np.geomspace(1e-4, 10.0, 61)
 # Kernels looked at along each axis of the bank.
@@ -90,7 +90,7 @@ class Tuning:
         if prior == "gradient":
             return self.gradient_weight
         power = 1.0 if prior == "tv" else exponent
-        return float(SPARSE_STRENGTH * power**SPARSE_POWER * self.gradient_weight * self.energy ** (1 - power / 2))
+        return float(SPARSE_STRENGTH * power * self.gradient_weight * self.energy ** (1 - power / 2))
 
     @property
     def wiener_nsr(self) -> float:
