@@ -19,11 +19,15 @@ stands above it in this ladder::
     tiling      bands and strips, windows that sum to one
     border      what stands beyond the frame
     hybrid      rows and columns: the engine of all modes
-    wiener      Deconvolver: planned once, applied often
+    wiener      filters of tiles; Deconvolver: planned once, applied often
     lanes       row spectra sorted into blocks of 16 frequencies
     rowblur     RowBlur: the blur of every row and its adjoint
     rowcg       the rowwise solve by conjugate gradients
     rowwise     RowDeconvolver: the exact solve
+    priors      gradient, total variation, hyper-Laplacian, on top of a quadratic solver
+    quadratic   that solver for tiles
+    noise       how noisy a picture is, and how much goes on in it
+    tuning      how strongly to regularise
     transfer    linear light and sRGB
     geometry    from the rolling picture to the global-shutter one
     pipeline    deblur(): the one call
@@ -34,7 +38,7 @@ stands above it in this ladder::
     report      plots and contact sheets
     cli         the command line
 
-Two branches meet in the middle: `gyro` to `psf` never see an FFT, `fft` to `rowwise` never see a gyro.
+Two branches meet in the middle: `gyro` to `psf` never see an FFT, `fft` to `tuning` never see a gyro.
 """
 
 try:

@@ -91,6 +91,6 @@ def output(out: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
     if not isinstance(out, np.ndarray) or out.shape != shape or out.dtype != np.float32:
         got = f"{out.dtype} of shape {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
         raise InputError(f"out must be a float32 array of shape {shape}, got {got}")
-    if not out.flags.writeable:
-        raise InputError("out must be writable")
+    if not (out.flags.writeable and out.flags.c_contiguous):
+        raise InputError("out must be writable and C-contiguous")
     return out

@@ -49,27 +49,11 @@ class RowLanes:
     def load(self, picture: Real, lanes: Real, *, start: int = 0, taper: int = 0, periodic: bool = True) -> None:
         """Transform the rows of `picture` (H, W, C), each cut from `start` on, into `lanes`."""
         ramp = fade(taper)
-
-        def cut(top: int, rows: int, out: Real) -> None:
-            lines.picture_to_lines(picture, top, rows, start, ramp, periodic, out)
-
-        self._transform(cut, lanes)
-
-    def load_divergence(self, across: Real, down: Real, scale: float, lanes: Real) -> None:
-        """Transform `scale` times the gradient's adjoint, applied to `across` and `down` (H, W, C), into `lanes`."""
-
-        def cut(top: int, rows: int, out: Real) -> None:
-            rowwise.divergence_to_lines(across, down, np.float32(scale), top, rows, out)
-
-        self._transform(cut, lanes)
-
-    def _transform(self, cut: Callable[[int, int, Real], None], lanes: Real) -> None:
-        """Transform blocks of lines (C, R, length), which `cut(top, rows, out)` fills, into `lanes`."""
         height = lanes.shape[2]
 
         def block(thread: int, top: int) -> None:
             rows, buffers = min(ROWS, height - top), self._rows[thread]
-            cut(top, rows, buffers.real)
+            lines.picture_to_lines(picture, top, rows, start, ramp, periodic, buffers.real)
             buffers.forward()
             rowwise.spectra_to_lanes(buffers.spectrum, rows, lanes, top)
 

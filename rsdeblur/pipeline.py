@@ -19,15 +19,20 @@ from rsdeblur.exposure import Exposure
 from rsdeblur.geometry import rectify
 from rsdeblur.gyro import GyroLog
 from rsdeblur.motion import GEOMETRIES, BlurPaths, Geometry, Motion, Shot
+from rsdeblur.priors import EXPONENT, PRIORS, Prior, Quadratic, brightness, check_exponent, minimise, restore
 from rsdeblur.psf import PsfBank, tile_centres
-from rsdeblur.rowwise import PRIORS, SOLVERS, Prior, RowDeconvolver, Solver
+from rsdeblur.quadratic import TileQuadratic
+from rsdeblur.rowwise import SOLVERS, RowDeconvolver, Solver
 from rsdeblur.transfer import Transfer, check_transfer, from_linear, to_linear
+from rsdeblur.tuning import KERNELS, Tuning
 from rsdeblur.wiener import Deconvolver
 
 Mode = Literal["global", "banded", "rowwise"]
 MODES: tuple[Mode, ...] = ("global", "banded", "rowwise")
 Count = int | Literal["auto"]
+Strength = float | Literal["auto"]
 Progress = Callable[[str, float], None]
+Solve = Callable[[NDArray[np.float32], Callable[[float], None]], NDArray[np.float32]]
 
 # Results are interpolated linearly between tiles, so tiles are added until paths interpolated likewise are this close
 # to the true ones (px).
@@ -57,6 +62,10 @@ class DeblurResult:
     bands, strips : int
         How many tiles the picture was split into along the readout axis, every row for ``mode="rowwise"``, and across
         it.
+    nsr : float
+        Noise-to-signal ratio that was used.
+    weight : float or None
+        Weight of the prior that was used; None for ``prior="wiener"``.
     coverage : ndarray, shape (H, W), bool
         Pixels whose scene point was seen by some row; all true for ``geometry="keep"``.
     timings : dict
@@ -67,6 +76,8 @@ class DeblurResult:
     psfs: PsfBank
     bands: int
     strips: int
+    nsr: float
+    weight: float | None
     coverage: NDArray[np.bool_]
     timings: dict[str, float] = field(default_factory=dict)
 
@@ -81,8 +92,10 @@ def deblur(
     bands: Count = "auto",
     strips: Count = "auto",
     prior: Prior = "wiener",
+    weight: Strength = "auto",
+    exponent: float = EXPONENT,
+    nsr: Strength = "auto",
     solver: Solver = "auto",
-    nsr: float = 0.01,
     geometry: Geometry = "keep",
     border: Border = "blend",
     motion: Motion = "rotation",
@@ -104,12 +117,19 @@ def deblur(
     bands, strips : int or "auto"
         Number of tiles along the readout axis and across it; "auto" bounds how much the blur changes between
         neighbours. "global" ignores both, "rowwise" ignores `bands`.
-    prior : {"wiener", "gradient"}
-        Penalise the picture itself or, with "rowwise" only, its gradient.
+    prior : {"wiener", "gradient", "tv", "hyper-laplacian"}
+        Regularisation: the Wiener filter, or a penalty on the gradient (:mod:`rsdeblur.priors`). The last two keep
+        edges sharp and even parts quiet, and take some twenty times as long to apply.
+    weight : float or "auto"
+        Weight of the penalty on the gradient: larger is smoother. "auto" derives it from the picture's noise and the
+        blur (:mod:`rsdeblur.tuning`).
+    exponent : float, default 2/3
+        Exponent of the hyper-Laplacian, in (0, 1].
+    nsr : float or "auto"
+        Noise-to-signal power ratio Phi: larger is smoother. "auto" expects it from noise and blur for the Wiener
+        filter; for the others, which hardly need it, from the blur's share of the picture.
     solver : {"auto", "direct", "cg"}
         How "rowwise" solves, see :class:`rsdeblur.RowDeconvolver`.
-    nsr : float, default 0.01
-        Noise-to-signal power ratio Phi, the weight of the prior: larger is smoother.
     geometry : {"keep", "rectify"}
         Keep the rolling shutter's shape, or resample to the middle row's mid-exposure.
     border : {"blend", "periodic"}
@@ -137,29 +157,36 @@ def deblur(
     _validate.choice("prior", prior, PRIORS)
     _validate.choice("solver", solver, SOLVERS)
     _validate.choice("geometry", geometry, GEOMETRIES)
-    if prior != "wiener" and mode != "rowwise":
-        raise InputError(f'the prior "{prior}" needs mode="rowwise", got mode="{mode}"')
     transfer = check_transfer(transfer)
-    nsr = _validate.finite("nsr", nsr, above=0.0)
+    nsr, weight = _strength("nsr", nsr), _strength("weight", weight)
+    check_exponent(exponent)
     values, clip = _values(image)
     _check_size(values.shape, camera)
     shot, quarter = _upright_shot(log, camera, exposure)
     clock = _Clock(progress)
-    with clock.stage("psfs"):
-        bank = _bank(shot, mode, bands, strips, motion, nsr)
     colour, alpha = _split_alpha(np.rot90(values, -1) if quarter else values)
     light = to_linear(np.ascontiguousarray(colour), transfer)
+    with clock.stage("tune"):
+        phi, penalty, band_nsr = _strengths(light, shot, motion, prior, exponent, nsr, weight)
+    with clock.stage("psfs"):
+        bank = _bank(shot, mode, bands, strips, motion, band_nsr)
     with clock.stage("plan"):
-        deconvolver: Deconvolver | RowDeconvolver
-        if mode == "rowwise":
-            paths = BlurPaths.every_row(shot, bank.cols, motion=motion)
-            deconvolver = RowDeconvolver(
-                paths, light.shape, nsr=nsr, prior=prior, solver=solver, border=border, threads=threads
-            )
-        else:
-            deconvolver = Deconvolver(bank, light.shape, nsr=nsr, border=border, threads=threads)
+        solve = _planned(
+            shot,
+            bank,
+            light.shape,
+            mode,
+            prior,
+            exponent,
+            phi,
+            penalty,
+            solver=solver,
+            motion=motion,
+            border=border,
+            threads=threads,
+        )
     with clock.stage("apply"):
-        light = deconvolver.apply(light, progress=clock.within("apply"))
+        light = solve(light, clock.within("apply"))
     coverage = np.ones(light.shape[:2], dtype=np.bool_)
     if geometry == "rectify":
         with clock.stage("rectify"):
@@ -175,7 +202,8 @@ def deblur(
     if quarter:
         sharp, coverage, bank = np.rot90(sharp), np.rot90(coverage), bank.turned(camera.height)
     sharp = np.ascontiguousarray(sharp.reshape(np.shape(image)))
-    return DeblurResult(sharp, bank, n_bands, n_strips, np.ascontiguousarray(coverage), clock.timings)
+    coverage = np.ascontiguousarray(coverage)
+    return DeblurResult(sharp, bank, n_bands, n_strips, phi, penalty, coverage, clock.timings)
 
 
 def psfs(
@@ -191,12 +219,89 @@ def psfs(
 ) -> PsfBank:
     """Return the PSFs that :func:`deblur` would undo, without a picture.
 
-    Parameters and errors are those of :func:`deblur`; `nsr` counts only for the number of bands.
+    Parameters and errors are those of :func:`deblur`; `nsr` counts only for the number of bands, which without a
+    picture cannot follow from its noise.
     """
     nsr = _validate.finite("nsr", nsr, above=0.0)
     shot, quarter = _upright_shot(log, camera, exposure)
     bank = _bank(shot, mode, bands, strips, motion, nsr)
     return bank.turned(camera.height) if quarter else bank
+
+
+def _strength(name: str, value: Strength) -> Strength:
+    return "auto" if value == "auto" else _validate.finite(name, value, above=0.0)
+
+
+def _strengths(
+    light: NDArray[np.float32],
+    shot: Shot,
+    motion: Motion,
+    prior: Prior,
+    exponent: float,
+    nsr: Strength,
+    weight: Strength,
+) -> tuple[float, float | None, float]:
+    """Return the `nsr`, the weight, and the `nsr` that the number of bands goes by."""
+    if prior == "wiener" and nsr != "auto":
+        return nsr, None, nsr
+    tuning = Tuning.of(light, _bank(shot, "banded", KERNELS, KERNELS, motion, 1.0))
+    if prior == "wiener":
+        return tuning.wiener_nsr, None, tuning.wiener_nsr
+    return (
+        tuning.border_error if nsr == "auto" else nsr,
+        tuning.weight(prior, exponent) if weight == "auto" else weight,
+        tuning.gradient_nsr,
+    )
+
+
+def _planned(
+    shot: Shot,
+    bank: PsfBank,
+    shape: tuple[int, int, int],
+    mode: Mode,
+    prior: Prior,
+    exponent: float,
+    nsr: float,
+    weight: float | None,
+    *,
+    solver: Solver,
+    motion: Motion,
+    border: Border,
+    threads: int | None,
+) -> Solve:
+    """Plan what turns a picture and a report of progress into the sharp picture."""
+    if mode == "rowwise":
+        paths = BlurPaths.every_row(shot, bank.cols, motion=motion)
+        rows = RowDeconvolver(paths, shape, nsr=nsr, solver=solver, border=border, threads=threads)
+        if weight is None:
+            return lambda light, progress: rows.apply(light, progress=progress)
+        strips = len(bank.cols)
+
+        def solve_rows(light: NDArray[np.float32], progress: Callable[[float], None]) -> NDArray[np.float32]:
+            peak, done = brightness(light), iter(range(strips))
+
+            def with_prior(term: Quadratic) -> NDArray[np.float32]:
+                strip = next(done)
+                return minimise(
+                    term,
+                    prior=prior,
+                    weight=weight,
+                    exponent=exponent,
+                    peak=peak,
+                    threads=threads,
+                    progress=lambda fraction: progress((strip + fraction) / strips),
+                )
+
+            return rows.apply(light, minimise=with_prior)
+
+        return solve_rows
+    if weight is None:
+        filters = Deconvolver(bank, shape, nsr=nsr, border=border, threads=threads)
+        return lambda light, progress: filters.apply(light, progress=progress)
+    tiles = TileQuadratic(bank, shape, nsr=nsr, border=border, threads=threads)
+    return lambda light, progress: restore(
+        tiles, light, prior=prior, weight=weight, exponent=exponent, threads=threads, progress=progress
+    )
 
 
 def _bank(shot: Shot, mode: Mode, bands: Count, strips: Count, motion: Motion, nsr: float) -> PsfBank:

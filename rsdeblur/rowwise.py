@@ -29,15 +29,10 @@ from rsdeblur.motion import BlurPaths
 from rsdeblur.rowblur import StripBlur, latent_rows
 from rsdeblur.rowcg import NormalEquations, conjugate_gradients, is_faster
 from rsdeblur.tiling import Tile, Tiling
-
-# How far a strip must see beyond what it contributes, in PSF widths: see rsdeblur.wiener.
-DECAY_MARGIN = 0.1
-LEAST_MARGIN = 0.5
+from rsdeblur.wiener import DECAY_GAP, LEAST_GAP
 
 Solver = Literal["auto", "direct", "cg"]
 SOLVERS: tuple[Solver, ...] = ("auto", "direct", "cg")
-Prior = Literal["wiener", "gradient"]
-PRIORS: tuple[Prior, ...] = ("wiener", "gradient")
 # What is expected beyond top and bottom: the average of this many rows, smoothed along x as much (standard deviation).
 EDGE_ROWS = 4
 # It fades away within the frame over this many rows more than paths reach beyond it.
@@ -47,17 +42,14 @@ LEAST_EXPECTED = 1e-3
 
 # The normal matrix has elements up to 1; in float32 nothing smaller than this can be told from zero.
 LEAST_RIDGE = np.float32(1e-7)
-# Gradients say little about waves longer than a long PSF, which model errors would then blow up: this share of the
-# gradient prior weighs the picture itself (docs/developer/decisions.md).
-GRADIENT_RIDGE = 0.1
 
 
 class RowDeconvolver:
     """Deconvolution with the PSF of every row, planned once and applied often.
 
-    Minimises `|A u - g|^2` plus a prior, exactly (A is :class:`rsdeblur.RowBlur`). With the Wiener prior what differs
-    from m, the picture's mean and near top and bottom what its outermost rows show, is then multiplied by (1 + nsr): no
-    motion is the identity, and a constant picture keeps its brightness.
+    Minimises `|A u - g|^2 + nsr |u - m|^2` exactly (A is :class:`rsdeblur.RowBlur`). What differs from m, the picture's
+    mean and near top and bottom what its outermost rows show, is then multiplied by (1 + nsr): no motion is the
+    identity, and a constant picture keeps its brightness.
 
     Parameters
     ----------
@@ -67,8 +59,6 @@ class RowDeconvolver:
         Shape of the pictures to come.
     nsr : float, default 0.01
         Noise-to-signal power ratio Phi, positive; less than 1e-7 counts as 1e-7, which is as far as float32 goes.
-    prior : {"wiener", "gradient"}
-        Penalise `nsr |u - m|^2` with m as above, or `nsr (|grad u|^2 + |u - m|^2 / 10)`.
     solver : {"auto", "direct", "cg"}
         Banded Cholesky; conjugate gradients with a banded Wiener filter as preconditioner, to a relative residual of
         1e-3; or whichever is predicted to be faster.
@@ -98,7 +88,6 @@ class RowDeconvolver:
         shape: tuple[int, ...],
         *,
         nsr: float = 0.01,
-        prior: Prior = "wiener",
         solver: Solver = "auto",
         border: Border = "blend",
         planning: Planning = "estimate",
@@ -108,8 +97,6 @@ class RowDeconvolver:
             raise InputError(f"shape must be (H, W) or (H, W, C), got {shape}")
         self.shape = tuple(_validate.count("shape", n) for n in shape)
         self.nsr = _validate.finite("nsr", nsr, above=0.0)
-        _validate.choice("prior", prior, PRIORS)
-        self._prior: Prior = prior
         _validate.choice("solver", solver, SOLVERS)
         _validate.choice("border", border, BORDERS)
         _validate.choice("planning", planning, PLANNINGS)
@@ -121,9 +108,9 @@ class RowDeconvolver:
         if 2 * reach + 1 > width:
             raise InputError(f"the paths reach {reach} px sideways, more than the picture of {width} px can hold")
         kernel = 2 * reach + 1
-        margin = int(np.ceil(max(LEAST_MARGIN, DECAY_MARGIN / self.nsr**0.5) * kernel))
+        gap = int(np.ceil(max(LEAST_GAP, DECAY_GAP / self.nsr**0.5) * kernel))
         self._periodic = border == "periodic"
-        self._tiling = Tiling.plan(paths.cols, width, kernel, margin, periodic=self._periodic)
+        self._tiling = Tiling.plan(paths.cols, width, kernel, gap, periodic=self._periodic)
         self._strips = [StripBlur.from_paths(paths, s, self.top, latents) for s in range(len(paths.cols))]
         channels = self.shape[2] if len(self.shape) == 3 else 1
         self._lanes = RowLanes(channels, self._tiling.length, planning=planning, threads=thread_count(threads))
@@ -180,8 +167,8 @@ class RowDeconvolver:
         out : ndarray, float32, optional
             Receives the result; may be `image` itself.
         minimise : callable, optional
-            Finds the latent picture of each strip in place of the planned prior: gets its :class:`DataTerm` and
-            returns what that one's `solve` returns.
+            Finds the latent picture of each strip in place of the Wiener filter, such as
+            :func:`rsdeblur.priors.minimise`: gets its :class:`DataTerm` and returns what that one's `solve` returns.
         progress : callable, optional
             Called with the finished fraction after each strip.
 
@@ -210,7 +197,7 @@ class RowDeconvolver:
                 )
                 term = DataTerm(self, s)
                 if minimise is None:
-                    term.regularise(self._prior)
+                    term.filter()
                 else:
                     self._lanes.load(_validate.picture(minimise(term), term.shape), self._latent)
                 self._lanes.unload(self._latent, -self.top, target, tile, add=several)
@@ -278,15 +265,18 @@ def _fading(first: int, length: int) -> Real:
 
 
 class DataTerm:
-    """`|A u - g|^2 + nsr |u - m|^2` for one strip of one picture: half-quadratic priors minimise it with gradients.
+    """`|A u - g|^2 + nsr |u - m|^2` for one strip of one picture: priors on the gradient minimise it with their own.
 
-    With a gradient term m is the picture's mean. Valid during the call that hands it out.
+    With a gradient term m is the picture's mean. Valid during the call that hands it out. It is a
+    :class:`rsdeblur.priors.Quadratic`; as rows beyond the frame are its own, no gradient crosses an end.
 
     Attributes
     ----------
     shape : (L, N, C)
         Shape of the strip's latent picture: rows from `RowDeconvolver.top` on, the padded width, channels.
     """
+
+    periodic = False
 
     def __init__(self, solver: RowDeconvolver, strip: int) -> None:
         self._solver, self._strip = solver, strip
@@ -295,40 +285,37 @@ class DataTerm:
         turns = np.arange(lanes.blocks * LANES).reshape(-1, LANES) / lanes.length
         self._wavenumbers = (2 - 2 * np.cos(2 * np.pi * turns)).astype(np.float32)
 
-    def solve(self, beta: float, wx: ArrayLike, wy: ArrayLike) -> Real:
-        """Minimise the term plus `beta |grad u - w|^2`.
+    def solve(self, beta: float, pull: Real | None) -> Real:
+        """Minimise the term plus `beta |D u - w|^2`, D taking forward differences.
 
         Parameters
         ----------
         beta : float
             At least 0.
-        wx, wy : array_like of the strip's shape
-            Wanted forward differences along x, the last column's to the first one, and along y, where the last row is
-            not used.
+        pull : ndarray of the strip's shape, float32, or None
+            `D^T w`; None is zero.
 
         Returns
         -------
         ndarray of the strip's shape, float32
         """
         beta = _validate.finite("beta", beta, minimum=0.0)
-        across, down = (np.ascontiguousarray(w, dtype=np.float32) for w in (wx, wy))
-        if not across.shape == down.shape == self.shape:
-            raise InputError(f"wx and wy must have shape {self.shape}, got {across.shape} and {down.shape}")
         lanes, latent = self._solver._lanes, self._solver._latent
-        lanes.load_divergence(across, down, beta, latent)
-        self._minimise(self._solver.nsr, beta, pulled=True)
+        if pull is not None:
+            if pull.shape != self.shape:
+                raise InputError(f"pull must have shape {self.shape}, got {pull.shape}")
+            lanes.load(pull, latent)
+            latent *= np.float32(beta)
+        self._minimise(self._solver.nsr, beta, pulled=pull is not None)
         u = np.empty(self.shape, dtype=np.float32)
         lanes.unload(latent, 0, u, Tile(0, 0, np.ones(lanes.length, dtype=np.float32)))
         return u
 
-    def regularise(self, prior: Prior) -> None:
-        """Minimise with a quadratic prior, leaving the result in the latent lanes."""
+    def filter(self) -> None:
+        """Minimise the term alone, leaving the result in the latent lanes."""
         nsr = self._solver.nsr
-        if prior == "gradient":
-            self._minimise(GRADIENT_RIDGE * nsr, nsr)
-        else:
-            # The factor makes no motion the identity at any nsr.
-            self._minimise(nsr, 0.0, scale=1.0 + nsr)
+        # The factor makes no motion the identity at any nsr.
+        self._minimise(nsr, 0.0, scale=1.0 + nsr)
 
     def _minimise(self, ridge: float, beta: float, *, scale: float = 1.0, pulled: bool = False) -> None:
         ridges = max(np.float32(ridge), LEAST_RIDGE) + np.float32(beta) * self._wavenumbers

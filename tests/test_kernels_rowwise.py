@@ -121,23 +121,6 @@ def test_spectra_and_lanes():
         assert not back[:, 5:].any()
 
 
-@pytest.mark.parametrize("divergence", [rowwise.divergence_to_lines, rowwise.divergence_to_lines_numpy])
-def test_divergence_is_the_adjoint_of_the_gradient(divergence):
-    rng = np.random.default_rng(3)
-    u, across, down = rng.normal(size=(3, 9, 11, 2)).astype(np.float32)
-    steps_across, steps_down = np.roll(u, -1, axis=1) - u, np.diff(u, axis=0, append=u[-1:])
-    lines = np.zeros((2, 9, 11), dtype=np.float32)
-    for top in (0, 4, 8):
-        part = np.zeros((2, 5, 11), dtype=np.float32)
-        rows = min(4, 9 - top)
-        divergence(across, down, np.float32(0.5), top, rows, part)
-        assert not part[:, rows:].any()
-        lines[:, top : top + rows] = part[:, :rows]
-    expected = 0.5 * (np.vdot(steps_across, across) + np.vdot(steps_down, down))
-    # Sums of 400 products in float32.
-    assert np.vdot(np.moveaxis(u, 2, 0), lines) == pytest.approx(expected, abs=1e-4)
-
-
 @needs_native
 class TestMisuse:
     """The binding refuses what would make the C code read or write elsewhere."""

@@ -14,7 +14,9 @@ import click
 if TYPE_CHECKING:
     from rsdeblur.border import Border
     from rsdeblur.motion import Geometry, Motion
-    from rsdeblur.pipeline import Count
+    from rsdeblur.pipeline import Count, Strength
+    from rsdeblur.priors import Prior
+    from rsdeblur.rowwise import Solver as RowSolver
     from rsdeblur.transfer import Transfer
 
 Command = Callable[..., Any]
@@ -51,6 +53,16 @@ class AutoType(click.ParamType[Any]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Count:
         """Return the number, or "auto"."""
         return "auto" if value == "auto" else click.IntRange(min=1).convert(value, param, ctx)
+
+
+class StrengthType(click.ParamType[Any]):
+    """A positive number, or `auto`."""
+
+    name = "X|auto"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Strength:
+        """Return the number, or "auto"."""
+        return "auto" if value == "auto" else click.FloatRange(min=0.0, min_open=True).convert(value, param, ctx)
 
 
 class TransferType(click.ParamType[Any]):
@@ -111,7 +123,11 @@ class Blur:
 class Solver:
     """How the blur is undone."""
 
-    nsr: float
+    prior: Prior
+    weight: Strength
+    exponent: float
+    nsr: Strength
+    solver: RowSolver
     geometry: Geometry
     border: Border
     transfer: Transfer | None
@@ -230,18 +246,48 @@ transfer_option = click.option(
     metavar="linear|srgb|GAMMA",
     help="How pixel values encode light.  [default: srgb for 8 and 16 bit pictures, linear for float]",
 )
-nsr_option = click.option(
-    "--nsr",
-    type=click.FloatRange(min=0.0, min_open=True),
-    default=0.01,
-    show_default=True,
-    help="Noise-to-signal ratio: higher is smoother.",
-)
 solver_options = _gathered(
     "solver",
     Solver,
     (
-        nsr_option,
+        click.option(
+            "--prior",
+            type=click.Choice(["wiener", "gradient", "tv", "hyper-laplacian"]),
+            default="tv",
+            show_default=True,
+            help="What sharp pictures are taken to be like; wiener is the paper's, and several times faster.",
+        ),
+        click.option(
+            "--weight",
+            type=StrengthType(),
+            metavar="X|auto",
+            default="auto",
+            show_default=True,
+            help="Weight of the prior (not of wiener): higher is smoother.",
+        ),
+        click.option(
+            "--exponent",
+            type=click.FloatRange(min=0.0, min_open=True, max=1.0),
+            metavar="P",
+            default=2 / 3,
+            show_default="2/3",
+            help="Exponent of the hyper-Laplacian.",
+        ),
+        click.option(
+            "--nsr",
+            type=StrengthType(),
+            metavar="X|auto",
+            default="auto",
+            show_default=True,
+            help="Noise-to-signal ratio: higher is smoother.",
+        ),
+        click.option(
+            "--solver",
+            type=click.Choice(["auto", "direct", "cg"]),
+            default="auto",
+            show_default=True,
+            help="How --mode rowwise solves: banded Cholesky, conjugate gradients, or the faster one.",
+        ),
         click.option(
             "--geometry",
             type=click.Choice(["keep", "rectify"]),

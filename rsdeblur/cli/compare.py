@@ -104,6 +104,8 @@ def compare_modes(
             "bands": result.bands,
             "strips": result.strips,
             "psf_px": [wide, tall],
+            "nsr": result.nsr,
+            "weight": result.weight,
             "seconds": seconds,
             "timings": result.timings,
             "peak_memory_mib": memory,

@@ -16,8 +16,6 @@ from rsdeblur.cli._output import print_json, progress
 
 if TYPE_CHECKING:
     from rsdeblur.pipeline import Mode
-    from rsdeblur.rowwise import Prior
-    from rsdeblur.rowwise import Solver as RowSolver
 
 EXAMPLES = """\b
 Examples:
@@ -31,21 +29,6 @@ Examples:
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options
 @_options.mode_option
-@click.option(
-    "--prior",
-    type=click.Choice(["wiener", "gradient"]),
-    default="wiener",
-    show_default=True,
-    help="Penalise the picture itself or, with --mode rowwise, its gradient.",
-)
-@click.option(
-    "--solver",
-    "row_solver",
-    type=click.Choice(["auto", "direct", "cg"]),
-    default="auto",
-    show_default=True,
-    help="How --mode rowwise solves: banded Cholesky, conjugate gradients, or the faster one.",
-)
 @_options.blur_options
 @_options.solver_options
 @click.option("-o", "--output", type=_options.PATH, required=True, metavar="OUT", help="Picture to write.")
@@ -55,8 +38,6 @@ def command(
     photo: Path,
     recording: Recording,
     mode: Mode,
-    prior: Prior,
-    row_solver: RowSolver,
     blur: Blur,
     solver: Solver,
     output: Path,
@@ -72,7 +53,6 @@ def command(
     from rsdeblur.pipeline import deblur
 
     arguments = asdict(blur) | asdict(solver) | {"transfer": transfer_of(picture, solver.transfer)}
-    arguments |= {"prior": prior, "solver": row_solver}
     begin = time.perf_counter()
     with progress("deblur") as move, naming(photo, recording):
         result = deblur(picture.pixels, log, camera, exposure, mode=mode, progress=move, **arguments)
@@ -87,6 +67,9 @@ def command(
                 "bands": result.bands,
                 "strips": result.strips,
                 "psf_px": [wide, tall],
+                "prior": solver.prior,
+                "nsr": result.nsr,
+                "weight": result.weight,
                 "seconds": seconds,
                 "timings": result.timings,
             }
@@ -94,4 +77,5 @@ def command(
     else:
         tiles = "rows" if mode == "rowwise" else "bands"
         kernels = f"{result.bands} x {result.strips} PSFs ({tiles} x strips) of {wide} x {tall} px"
-        click.echo(f"{output}: {mode}, {kernels}, {seconds:.2f} s")
+        strength = f"NSR {result.nsr:.2g}" if result.weight is None else f"weight {result.weight:.2g}"
+        click.echo(f"{output}: {mode}, {kernels}, {solver.prior}, {strength}, {seconds:.2f} s")

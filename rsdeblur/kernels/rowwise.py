@@ -84,33 +84,6 @@ def lanes_to_spectra(lanes: Any, top: Any, spectra: Any, rows: Any) -> None:
                     spectra[c, r, first + i] = complex(lanes[b, c, top + r, 0, i], lanes[b, c, top + r, 1, i])
 
 
-@numba.njit(cache=True, nogil=True)
-def divergence_to_lines(across: Any, down: Any, scale: Any, top: Any, rows: Any, lines: Any) -> None:
-    """Put rows `top` on of the gradient's adjoint, applied to `across` and `down` (H, W, C), into lines (C, R, W).
-
-    The gradient takes forward differences, the last column's to the first one, and none down from the last row.
-    """
-    height, width, channels = across.shape
-    for r in range(rows):
-        y = top + r
-        here, above = down[y], down[max(y - 1, 0)]
-        here_counts, above_counts = np.float32(y + 1 < height), np.float32(y > 0)
-        for c in range(channels):
-            before = across[y, width - 1, c]
-            for x in range(width):
-                value = before - across[y, x, c] - here_counts * here[x, c] + above_counts * above[x, c]
-                before = across[y, x, c]
-                lines[c, r, x] = scale * value
-
-
-def divergence_to_lines_numpy(across: Real, down: Real, scale: float, top: int, rows: int, lines: Real) -> None:
-    """Readable twin of :func:`divergence_to_lines`."""
-    divergence = np.roll(across, 1, axis=1) - across
-    divergence[:-1] -= down[:-1]
-    divergence[1:] += down[:-1]
-    lines[:, :rows] = scale * np.moveaxis(divergence[top : top + rows], 2, 0)
-
-
 def spectra_to_lanes_numpy(spectra: Complex, rows: int, lanes: Real, top: int) -> None:
     """Readable twin of :func:`spectra_to_lanes`."""
     for b, block in enumerate(lanes):
