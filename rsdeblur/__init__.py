@@ -29,7 +29,10 @@ stands above it in this ladder::
     noise       how noisy a picture is, and how much goes on in it
     tuning      how strongly to regularise
     transfer    linear light and sRGB
+    stored      pictures as stored, and rows of them as light
     geometry    from the rolling picture to the global-shutter one
+    method      mode, prior and their numbers in one place
+    slabs       large pictures in bounded memory
     pipeline    deblur(): the one call
     simulate    the forward model, sharing no code with psf
     scene       a sharp test picture

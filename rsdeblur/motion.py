@@ -174,12 +174,18 @@ class BlurPaths:
 
     @classmethod
     def every_row(
-        cls, shot: Shot, cols: ArrayLike, *, motion: Motion = "rotation", geometry: Geometry = "keep"
+        cls,
+        shot: Shot,
+        cols: ArrayLike,
+        *,
+        motion: Motion = "rotation",
+        geometry: Geometry = "keep",
+        within: slice = slice(None),
     ) -> BlurPaths:
-        """Trace the paths of every row of the picture at `cols`; see :meth:`from_shot`."""
+        """Trace the paths of every row of the picture, or of those `within`, at `cols`; see :meth:`from_shot`."""
         longest = float(cls.probe(shot, motion=motion).lengths.max())
         samples = max(2 * len(shot.track.t) + 1, int(np.ceil(ROW_SAMPLES_PER_PIXEL * longest)) + 1)
-        rows = np.arange(float(shot.camera.height))
+        rows = np.arange(float(shot.camera.height))[within]
         parts = [
             cls.from_shot(shot, part, cols, motion=motion, geometry=geometry, samples=samples)
             for part in np.split(rows, range(ROWS_TOGETHER, len(rows), ROWS_TOGETHER))

@@ -18,21 +18,19 @@ from rsdeblur.errors import InputError
 from rsdeblur.exposure import Exposure
 from rsdeblur.geometry import rectify
 from rsdeblur.gyro import GyroLog
+from rsdeblur.method import MODES, Method, Mode
 from rsdeblur.motion import GEOMETRIES, BlurPaths, Geometry, Motion, Shot
-from rsdeblur.priors import EXPONENT, PRIORS, Prior, Quadratic, brightness, check_exponent, minimise, restore
+from rsdeblur.priors import EXPONENT, PRIORS, Prior, brightness, check_exponent
 from rsdeblur.psf import PsfBank, tile_centres
-from rsdeblur.quadratic import TileQuadratic
-from rsdeblur.rowwise import SOLVERS, RowDeconvolver, Solver
-from rsdeblur.transfer import Transfer, check_transfer, from_linear, to_linear
+from rsdeblur.rowwise import SOLVERS, Solver
+from rsdeblur.slabs import plan_slabs
+from rsdeblur.stored import Stored, result_like
+from rsdeblur.transfer import Transfer, check_transfer
 from rsdeblur.tuning import KERNELS, Tuning
-from rsdeblur.wiener import Deconvolver
 
-Mode = Literal["global", "banded", "rowwise"]
-MODES: tuple[Mode, ...] = ("global", "banded", "rowwise")
 Count = int | Literal["auto"]
 Strength = float | Literal["auto"]
 Progress = Callable[[str, float], None]
-Solve = Callable[[NDArray[np.float32], Callable[[float], None]], NDArray[np.float32]]
 
 # Results are interpolated linearly between tiles, so tiles are added until paths interpolated likewise are this close
 # to the true ones (px).
@@ -43,6 +41,8 @@ PATH_ERROR = 0.1
 BAND_CHANGE = 0.4
 # Of the PSFs of all rows, rowwise shows this many per strip.
 ROWS_SHOWN = 9
+# Pixels that automatic strengths are derived from.
+MOST_LOOKED_AT = 8_000_000
 # Bounds of the cost where the motion is wild.
 MOST_BANDS = 64
 MOST_STRIPS = 16
@@ -55,8 +55,8 @@ class DeblurResult:
     Parameters
     ----------
     image : ndarray, float32
-        The sharp picture, shaped and coded like the input, nominal range [0, 1]. Integer input is clipped to that
-        range; float input is not.
+        The sharp picture, or `out`: shaped and coded like the input, nominal range [0, 1]. Integer input is clipped to
+        that range; float input is not.
     psfs : PsfBank
         The PSFs that were undone, where they hold in the picture as stored; for ``mode="rowwise"`` those of a few rows.
     bands, strips : int
@@ -101,6 +101,8 @@ def deblur(
     motion: Motion = "rotation",
     transfer: Transfer = "linear",
     threads: int | None = None,
+    max_memory: int | None = None,
+    out: NDArray[Any] | None = None,
     progress: Progress | None = None,
 ) -> DeblurResult:
     """Remove camera shake from a rolling-shutter picture.
@@ -140,6 +142,11 @@ def deblur(
         How stored values code light; a number is a gamma. The result is coded the same way.
     threads : int, optional
         Threads that share the work; default all processors.
+    max_memory : int, optional
+        Bytes that the work may take beside the picture and its result: large pictures are solved slab by slab. The
+        picture and `out` may be memory-mapped files.
+    out : ndarray, float32, uint8 or uint16, shaped like `image`, optional
+        Receives the result; integers are clipped and rounded.
     progress : callable, optional
         Called as ``progress(stage, fraction)``.
 
@@ -160,50 +167,65 @@ def deblur(
     transfer = check_transfer(transfer)
     nsr, weight = _strength("nsr", nsr), _strength("weight", weight)
     check_exponent(exponent)
-    values, clip = _values(image)
-    _check_size(values.shape, camera)
-    shot, quarter = _upright_shot(log, camera, exposure)
+    max_memory = None if max_memory is None else _validate.count("max_memory", max_memory)
+    if geometry == "rectify" and max_memory is not None:
+        raise InputError('geometry="rectify" resamples the whole picture: leave out max_memory, or use "keep"')
+    quarter = camera.horizontal_readout
+    stored = Stored.of(image, transfer, quarter=quarter)
+    out, upright = result_like(image, out, quarter=quarter)
+    _check_size(np.shape(image), camera)
+    shot = _upright_shot(log, camera, exposure)
     clock = _Clock(progress)
-    colour, alpha = _split_alpha(np.rot90(values, -1) if quarter else values)
-    light = to_linear(np.ascontiguousarray(colour), transfer)
     with clock.stage("tune"):
-        phi, penalty, band_nsr = _strengths(light, shot, motion, prior, exponent, nsr, weight)
+        phi, penalty, band_nsr = _strengths(stored, shot, motion, prior, exponent, nsr, weight)
     with clock.stage("psfs"):
         bank = _bank(shot, mode, bands, strips, motion, band_nsr)
-    with clock.stage("plan"):
-        solve = _planned(
-            shot,
-            bank,
-            light.shape,
-            mode,
-            prior,
-            exponent,
-            phi,
-            penalty,
-            solver=solver,
-            motion=motion,
-            border=border,
-            threads=threads,
-        )
-    with clock.stage("apply"):
-        light = solve(light, clock.within("apply"))
-    coverage = np.ones(light.shape[:2], dtype=np.bool_)
-    if geometry == "rectify":
-        with clock.stage("rectify"):
-            light, coverage = rectify(light, shot)
-    sharp = from_linear(light, transfer)
-    if clip:
-        sharp = sharp.clip(0.0, 1.0)
-    if alpha is not None:
-        sharp = np.concatenate([sharp, alpha], axis=2)
+    method = Method(
+        mode=mode,
+        prior=prior,
+        exponent=exponent,
+        nsr=phi,
+        weight=penalty,
+        peak=1.0 if penalty is None else brightness(Stored(stored.values[::4, ::4], transfer).light(slice(None))),
+        solver=solver,
+        motion=motion,
+        border=border,
+        threads=threads,
+    )
+    coverage = _solve(stored, shot, bank, method, geometry, max_memory, upright, clock)
     n_bands, n_strips = bank.kernels.shape[:2]
     if mode == "rowwise":
-        n_bands = len(light)
+        n_bands = stored.shape[0]
     if quarter:
-        sharp, coverage, bank = np.rot90(sharp), np.rot90(coverage), bank.turned(camera.height)
-    sharp = np.ascontiguousarray(sharp.reshape(np.shape(image)))
-    coverage = np.ascontiguousarray(coverage)
-    return DeblurResult(sharp, bank, n_bands, n_strips, phi, penalty, coverage, clock.timings)
+        coverage, bank = np.rot90(coverage), bank.turned(camera.height)
+    return DeblurResult(out, bank, n_bands, n_strips, phi, penalty, coverage, clock.timings)
+
+
+def _solve(
+    stored: Stored,
+    shot: Shot,
+    bank: PsfBank,
+    method: Method,
+    geometry: Geometry,
+    max_memory: int | None,
+    out: NDArray[Any],
+    clock: _Clock,
+) -> NDArray[np.bool_]:
+    """Solve slab by slab into `out`, and return what was seen."""
+    slabs, _ = plan_slabs(bank, stored.shape, method, max_memory)
+    coverage: NDArray[np.bool_] = np.broadcast_to(np.True_, stored.shape[:2])
+    for n, slab in enumerate(slabs):
+        light = stored.light(slab.read)
+        with clock.stage("plan"):
+            solve = method.planned(shot, slab.bank, light.shape, slab.read.start)
+        with clock.stage("apply"):
+            light = solve(light, clock.within("apply", n, len(slabs)))
+        if geometry == "rectify":
+            with clock.stage("rectify"):
+                light, coverage = rectify(light, shot)
+        kept = slice(slab.given.start - slab.read.start, slab.given.stop - slab.read.start)
+        stored.put(light[kept], slab.given, out)
+    return coverage
 
 
 def psfs(
@@ -223,9 +245,9 @@ def psfs(
     picture cannot follow from its noise.
     """
     nsr = _validate.finite("nsr", nsr, above=0.0)
-    shot, quarter = _upright_shot(log, camera, exposure)
+    shot = _upright_shot(log, camera, exposure)
     bank = _bank(shot, mode, bands, strips, motion, nsr)
-    return bank.turned(camera.height) if quarter else bank
+    return bank.turned(camera.height) if camera.horizontal_readout else bank
 
 
 def _strength(name: str, value: Strength) -> Strength:
@@ -233,7 +255,7 @@ def _strength(name: str, value: Strength) -> Strength:
 
 
 def _strengths(
-    light: NDArray[np.float32],
+    stored: Stored,
     shot: Shot,
     motion: Motion,
     prior: Prior,
@@ -244,6 +266,10 @@ def _strengths(
     """Return the `nsr`, the weight, and the `nsr` that the number of bands goes by."""
     if prior == "wiener" and nsr != "auto":
         return nsr, None, nsr
+    # The middle rows tell enough of a large picture.
+    height, width, _ = stored.shape
+    half = min(height, max(1, MOST_LOOKED_AT // width)) // 2
+    light = stored.light(slice(height // 2 - half, height - height // 2 + half))
     tuning = Tuning.of(light, _bank(shot, "banded", KERNELS, KERNELS, motion, 1.0))
     if prior == "wiener":
         return tuning.wiener_nsr, None, tuning.wiener_nsr
@@ -251,56 +277,6 @@ def _strengths(
         tuning.border_error if nsr == "auto" else nsr,
         tuning.weight(prior, exponent) if weight == "auto" else weight,
         tuning.gradient_nsr,
-    )
-
-
-def _planned(
-    shot: Shot,
-    bank: PsfBank,
-    shape: tuple[int, int, int],
-    mode: Mode,
-    prior: Prior,
-    exponent: float,
-    nsr: float,
-    weight: float | None,
-    *,
-    solver: Solver,
-    motion: Motion,
-    border: Border,
-    threads: int | None,
-) -> Solve:
-    """Plan what turns a picture and a report of progress into the sharp picture."""
-    if mode == "rowwise":
-        paths = BlurPaths.every_row(shot, bank.cols, motion=motion)
-        rows = RowDeconvolver(paths, shape, nsr=nsr, solver=solver, border=border, threads=threads)
-        if weight is None:
-            return lambda light, progress: rows.apply(light, progress=progress)
-        strips = len(bank.cols)
-
-        def solve_rows(light: NDArray[np.float32], progress: Callable[[float], None]) -> NDArray[np.float32]:
-            peak, done = brightness(light), iter(range(strips))
-
-            def with_prior(term: Quadratic) -> NDArray[np.float32]:
-                strip = next(done)
-                return minimise(
-                    term,
-                    prior=prior,
-                    weight=weight,
-                    exponent=exponent,
-                    peak=peak,
-                    threads=threads,
-                    progress=lambda fraction: progress((strip + fraction) / strips),
-                )
-
-            return rows.apply(light, minimise=with_prior)
-
-        return solve_rows
-    if weight is None:
-        filters = Deconvolver(bank, shape, nsr=nsr, border=border, threads=threads)
-        return lambda light, progress: filters.apply(light, progress=progress)
-    tiles = TileQuadratic(bank, shape, nsr=nsr, border=border, threads=threads)
-    return lambda light, progress: restore(
-        tiles, light, prior=prior, weight=weight, exponent=exponent, threads=threads, progress=progress
     )
 
 
@@ -343,32 +319,9 @@ def _check_reach(paths: BlurPaths, height: int, width: int) -> None:
         )
 
 
-def _upright_shot(log: GyroLog, camera: Camera, exposure: Exposure) -> tuple[Shot, bool]:
-    """Return the shot with its readout along y, and whether the picture has to be turned for that."""
-    quarter = camera.horizontal_readout
-    return Shot.from_log(log, camera.turned() if quarter else camera, exposure), quarter
-
-
-def _values(image: ArrayLike) -> tuple[NDArray[np.float32], bool]:
-    """Return the picture as finite float32 (H, W, C), and whether it came as integers."""
-    array: NDArray[Any] = np.asarray(image)
-    if array.ndim not in (2, 3) or array.size == 0 or (array.ndim == 3 and array.shape[2] > 4):
-        raise InputError(f"image must have shape (H, W) or (H, W, C) with C from 1 to 4, got {array.shape}")
-    integer = array.dtype in (np.uint8, np.uint16)
-    if not integer and not np.issubdtype(array.dtype, np.floating):
-        raise InputError(f"image must be uint8, uint16 or float, got {array.dtype}")
-    values = array.astype(np.float32)
-    if integer:
-        values /= np.iinfo(array.dtype).max
-    elif not np.isfinite(values).all():
-        raise InputError("image must be finite")
-    return values if values.ndim == 3 else values[:, :, None], integer
-
-
-def _split_alpha(values: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-    if values.shape[2] in (2, 4):
-        return values[:, :, :-1], values[:, :, -1:]
-    return values, None
+def _upright_shot(log: GyroLog, camera: Camera, exposure: Exposure) -> Shot:
+    """Return the shot with its readout along y."""
+    return Shot.from_log(log, camera.turned() if camera.horizontal_readout else camera, exposure)
 
 
 def _check_size(shape: tuple[int, ...], camera: Camera) -> None:
@@ -396,13 +349,16 @@ class _Clock:
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         begin = time.perf_counter()
-        self._tell(name, 0.0)
+        if name not in self.timings:
+            self._tell(name, 0.0)
         yield
-        self._tell(name, 1.0)
-        self.timings[name] = time.perf_counter() - begin
+        self.timings[name] = self.timings.get(name, 0.0) + time.perf_counter() - begin
+        if name != "apply":
+            self._tell(name, 1.0)
 
-    def within(self, name: str) -> Callable[[float], None]:
-        return lambda fraction: self._tell(name, fraction)
+    def within(self, name: str, part: int, parts: int) -> Callable[[float], None]:
+        """Return what reports the progress of one of several parts of a stage."""
+        return lambda fraction: self._tell(name, (part + fraction) / parts)
 
     def _tell(self, name: str, fraction: float) -> None:
         if self._progress is not None:

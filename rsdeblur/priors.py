@@ -95,6 +95,7 @@ def restore(
     prior: Prior,
     weight: float,
     exponent: float = EXPONENT,
+    peak: float | None = None,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Picture:
@@ -112,6 +113,8 @@ def restore(
         Weight of the prior, positive.
     exponent : float, default 2/3
         Exponent of the hyper-Laplacian, in (0, 1].
+    peak : float, optional
+        Value of the picture's bright parts; default :func:`brightness`.
     threads : int, optional
         Threads that share the shrinking; default all processors.
     progress : callable, optional
@@ -132,7 +135,7 @@ def restore(
         prior=prior,
         weight=weight,
         exponent=exponent,
-        peak=brightness(image),
+        peak=brightness(image) if peak is None else peak,
         threads=threads,
         progress=progress,
     )

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import click
 
@@ -63,6 +63,20 @@ class StrengthType(click.ParamType[Any]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Strength:
         """Return the number, or "auto"."""
         return "auto" if value == "auto" else click.FloatRange(min=0.0, min_open=True).convert(value, param, ctx)
+
+
+class BytesType(click.ParamType[Any]):
+    """An amount of memory: 500MB, 1GiB."""
+
+    name = "SIZE"
+    units: ClassVar = {"": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 2**10, "mib": 2**20, "gib": 2**30}
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """Return the number of bytes."""
+        found = re.fullmatch(r"(\d+(?:\.\d*)?)\s*([kmg]i?b)?", str(value).strip().lower())
+        if not found:
+            self.fail(f"{value!r} is not an amount of memory like 1GiB or 500MB", param, ctx)
+        return int(float(found[1]) * self.units[found[2] or ""])
 
 
 class TransferType(click.ParamType[Any]):
@@ -305,6 +319,11 @@ solver_options = _gathered(
         transfer_option,
         click.option("--threads", type=click.IntRange(min=1), metavar="N", help="Threads.  [default: all cores]"),
     ),
+)
+max_memory_option = click.option(
+    "--max-memory",
+    type=BytesType(),
+    help="What the work may take beside the picture and its result, like 1GiB; slower where that is little.",
 )
 force_option = click.option("--force", is_flag=True, help="Replace files that exist.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rsdeblur.io.pictures import Picture
-    from rsdeblur.pipeline import Mode
+    from rsdeblur.method import Mode
 
 MODES: tuple[Mode, ...] = ("global", "banded", "rowwise")
 SHEET, MAP, REPORT = "side-by-side.png", "psfs.png", "compare.json"

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rsdeblur.camera import Camera
     from rsdeblur.exposure import Exposure
     from rsdeblur.gyro import GyroLog
-    from rsdeblur.pipeline import Mode
+    from rsdeblur.method import Mode
     from rsdeblur.psf import PsfBank
 
 EXAMPLES = """\b

@@ -153,7 +153,7 @@ def read_header(path: str | os.PathLike[str]) -> tuple[int, int, bytes | None]:
 
 def write_picture(
     path: str | os.PathLike[str],
-    image: NDArray[np.floating[Any]],
+    image: NDArray[Any],
     *,
     like: Picture | None = None,
     force: bool = False,
@@ -168,8 +168,8 @@ def write_picture(
     ----------
     path : path-like
         Ends in .jpg, .jpeg, .png, .tif, .tiff or .webp.
-    image : ndarray of float, shape (H, W) or (H, W, C)
-        Values in [0, 1], those outside are clipped; C is 2 (grey and alpha), 3 or 4.
+    image : ndarray of float, uint8 or uint16, shape (H, W) or (H, W, C)
+        Values in [0, 1], those outside are clipped, which integers stand for; C is 2 (grey and alpha), 3 or 4.
     like : Picture, optional
         Gives the bit depth (the next lower one the format has), the EXIF block, and the colour profile if it fits
         the number of channels.
@@ -271,12 +271,12 @@ def _fitting(icc: bytes | None, pixels: NDArray[Any], *, grey: bool = True) -> b
 
 
 def _check_image(image: NDArray[Any]) -> None:
-    if not isinstance(image, np.ndarray) or image.dtype.kind != "f":
+    if not isinstance(image, np.ndarray) or not (image.dtype.kind == "f" or image.dtype in (np.uint8, np.uint16)):
         found = image.dtype if isinstance(image, np.ndarray) else type(image).__name__
-        raise InputError(f"image must be a floating-point array with values in [0, 1], got {found}")
+        raise InputError(f"image must be an array of float in [0, 1], uint8 or uint16, got {found}")
     if image.ndim not in (2, 3) or not image.size or (image.ndim == 3 and image.shape[2] not in (2, 3, 4)):
         raise InputError(f"image must have shape (H, W) or (H, W, C) with C = 2, 3 or 4, got {image.shape}")
-    if not np.isfinite(image).all():
+    if image.dtype.kind == "f" and not np.isfinite(image).all():
         raise InputError(f"image must be finite, got {np.count_nonzero(~np.isfinite(image))} NaN or infinite values")
 
 
@@ -290,7 +290,11 @@ def _depth(path: Path, kind: str, like: Picture | None, bits: int | None) -> int
     return bits
 
 
-def _quantised(image: NDArray[np.floating[Any]], bits: int) -> NDArray[Any]:
+def _quantised(image: NDArray[Any], bits: int) -> NDArray[Any]:
+    if image.dtype.kind == "u":
+        if 8 * image.dtype.itemsize == bits:
+            return image
+        image = image / np.float32(np.iinfo(image.dtype).max)
     # float16 cannot count to 65535.
     clipped: NDArray[Any] = np.clip(image, 0.0, 1.0).astype(np.promote_types(image.dtype, np.float32))
     if bits == 32:
