@@ -225,6 +225,8 @@ def _solve(
                 light, coverage = rectify(light, shot)
         kept = slice(slab.given.start - slab.read.start, slab.given.stop - slab.read.start)
         stored.put(light[kept], slab.given, out)
+        # Before the next slab is planned beside them.
+        del light, solve
     return coverage
 
 

@@ -11,13 +11,17 @@ from itertools import pairwise
 
 import numpy as np
 
+from rsdeblur._validate import FloatArray
 from rsdeblur.errors import InputError
 from rsdeblur.method import Method
 from rsdeblur.psf import PsfBank
+from rsdeblur.quadratic import GAP
+from rsdeblur.wiener import DECAY_GAP, LEAST_GAP
 
-# Rows read beyond those given, in heights of the PSF K: the filter's response decays over K / (2 pi sqrt(nsr)), and
-# this is four times that; a prior on the gradient is as wide as its tiles' gap.
+# Rows read beyond those given, in heights of the PSF K. The filter's response decays over K / (2 pi sqrt(nsr)): a whole
+# column, or the exact solve, is cut where four times that is left; tiles see no further than their gap anyway.
 DECAY_REACH, LEAST_REACH = 0.64, 2.5
+MORE_THAN_GAP = 0.5
 PRIOR_REACH = 5.0
 # Pictures of a slab's size that are held at a time (light, result, spectra or lanes, latents), by mode and prior.
 TILE_PICTURES, TILE_PRIOR_PICTURES = 3.3, 7.0
@@ -27,6 +31,8 @@ ROW_MODEL = 400.0
 # What does not grow with the slab: buffers of threads, libraries' own.
 FIXED = 48 << 20
 LEAST_ROWS = 16
+# Transforms may be longer than needed.
+TILE_MARGIN = 1.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +58,7 @@ def plan_slabs(
     whole = Slab(slice(0, height), slice(0, height), bank)
     if max_memory is None:
         return [whole], _bytes(whole, shape, method)
-    reach = _reach(bank.size[0], method)
+    reach = _reach(bank, method)
     count, most = 1, -(-height // LEAST_ROWS)
     while True:
         edges = [height * i // count for i in range(count + 1)]
@@ -77,9 +83,19 @@ def _slab(bank: PsfBank, height: int, first: int, stop: int, reach: int) -> Slab
     return Slab(read, slice(first, stop), PsfBank(bank.kernels[part], bank.rows[part] - read.start, bank.cols))
 
 
-def _reach(kernel: int, method: Method) -> int:
-    wanted = max(LEAST_REACH, DECAY_REACH / method.nsr**0.5) if method.weight is None else PRIOR_REACH
-    return int(np.ceil(wanted * kernel))
+def _gap(method: Method) -> float:
+    """Return what tiles are longer than their parts, in PSFs."""
+    return max(LEAST_GAP, DECAY_GAP / method.nsr**0.5) if method.weight is None else GAP
+
+
+def _reach(bank: PsfBank, method: Method) -> int:
+    if method.weight is not None:
+        wanted = PRIOR_REACH
+    elif method.mode == "banded" and len(bank.rows) > 1:
+        wanted = _gap(method) + MORE_THAN_GAP
+    else:
+        wanted = max(LEAST_REACH, DECAY_REACH / method.nsr**0.5)
+    return int(np.ceil(wanted * bank.size[0]))
 
 
 def _bytes(slab: Slab, shape: tuple[int, int, int], method: Method) -> int:
@@ -92,12 +108,19 @@ def _bytes(slab: Slab, shape: tuple[int, int, int], method: Method) -> int:
         pictures = ROW_PICTURES if method.weight is None else ROW_PRIOR_PICTURES
         return int(FIXED + pictures * picture + ROW_MODEL * rows * strips * (tall + wide))
     pictures = TILE_PICTURES if method.weight is None else TILE_PRIOR_PICTURES
-    pitch = rows / bands
-    length = rows + tall if bands == 1 else min(rows + tall, 2.2 * (2 * pitch + _reach(tall, method) / 2))
-    row = width + wide if strips == 1 else min(width + wide, 2 * width / strips + 4 * wide)
-    # A complex value for every second frequency along x; with a prior twice.
+    length, row = (
+        _tile_length(centres, n, kernel, _gap(method))
+        for centres, n, kernel in ((slab.bank.rows, rows, tall), (slab.bank.cols, width, wide))
+    )
+    # A complex value for every second frequency along x; with a prior the transfer functions too.
     filters = 4.0 * bands * strips * length * row * (1 if method.weight is None else 2)
     return int(FIXED + pictures * picture + filters + 8.0 * length * row)
+
+
+def _tile_length(centres: FloatArray, n: int, kernel: int, gap: float) -> float:
+    """Predict the transform length of tiles along an axis of n px."""
+    ends = np.concatenate([[0.0], centres, [n]])
+    return TILE_MARGIN * min(float((ends[2:] - ends[:-2]).max()) + gap * kernel, n + kernel)
 
 
 def _mebibytes(size: int) -> str:
