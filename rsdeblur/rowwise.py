@@ -208,14 +208,16 @@ class RowDeconvolver:
     def _solve(self, strip: int, ridge: Real, smooth: float, *, scale: float, pulled: bool) -> None:
         """Minimise for all frequencies of `strip`, leaving the result in the latent lanes.
 
-        `ridge` is (blocks, 16). If `pulled`, the latent lanes hold what gradients add to the right-hand side. What
-        differs from m is scaled in the end.
+        `ridge` is (blocks, 16). If `pulled`, the latent lanes hold `D^T w`, which `smooth` multiplies on the
+        right-hand side. What differs from m is scaled in the end.
         """
         model, tables = self._strips[strip].model, self._tables[strip]
 
         def block(thread: int, b: int) -> None:
             data, latent, workspace = self._data[b], self._latent[b], self._workspaces[thread]
-            if not pulled:
+            if pulled:
+                latent *= np.float32(smooth)
+            else:
                 latent[...] = 0
             expected = self._expectation(b, edges=smooth == 0)
             if expected is not None:
@@ -305,7 +307,6 @@ class DataTerm:
             if pull.shape != self.shape:
                 raise InputError(f"pull must have shape {self.shape}, got {pull.shape}")
             lanes.load(pull, latent)
-            latent *= np.float32(beta)
         self._minimise(self._solver.nsr, beta, pulled=pull is not None)
         u = np.empty(self.shape, dtype=np.float32)
         lanes.unload(latent, 0, u, Tile(0, 0, np.ones(lanes.length, dtype=np.float32)))
