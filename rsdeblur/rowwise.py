@@ -33,6 +33,8 @@ from rsdeblur.wiener import DECAY_GAP, LEAST_GAP
 
 Solver = Literal["auto", "direct", "cg"]
 SOLVERS: tuple[Solver, ...] = ("auto", "direct", "cg")
+# What a strip is longer than its part, at most, in PSFs: the tiny `nsr` of gradient priors would ask for a hundred.
+MOST_GAP = 3.0
 # What is expected beyond top and bottom: the average of this many rows, smoothed along x as much (standard deviation).
 EDGE_ROWS = 4
 # It fades away within the frame over this many rows more than paths reach beyond it.
@@ -108,7 +110,7 @@ class RowDeconvolver:
         if 2 * reach + 1 > width:
             raise InputError(f"the paths reach {reach} px sideways, more than the picture of {width} px can hold")
         kernel = 2 * reach + 1
-        gap = int(np.ceil(max(LEAST_GAP, DECAY_GAP / self.nsr**0.5) * kernel))
+        gap = int(np.ceil(min(max(LEAST_GAP, DECAY_GAP / self.nsr**0.5), MOST_GAP) * kernel))
         self._periodic = border == "periodic"
         self._tiling = Tiling.plan(paths.cols, width, kernel, gap, periodic=self._periodic)
         self._strips = [StripBlur.from_paths(paths, s, self.top, latents) for s in range(len(paths.cols))]
