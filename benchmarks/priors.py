@@ -31,6 +31,7 @@ from rsdeblur.transfer import from_linear, to_linear
 MODES: dict[str, dict[str, Any]] = {
     "global": {"mode": "global"},
     "banded 16": {"mode": "banded", "bands": 16},
+    "rowwise": {"mode": "rowwise"},
 }
 # The fixed strengths: of the NSR for the Wiener filter, of the weight for the others.
 LADDERS: dict[Prior, tuple[float, ...]] = {
@@ -49,11 +50,11 @@ MIDDLE = 0.5
 def main() -> None:
     """Run the benchmark and print its tables."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--captures", type=int, help="only the first N of the 12 captures")
+    parser.add_argument("--captures", type=int, help="only the first N of the 14 captures")
     parser.add_argument("--markdown", type=Path, help="write the tables as Markdown")
     parser.add_argument("--json", type=Path, help="write all scores")
     options = parser.parse_args()
-    report = run(list(track(simulated(options.captures, noise=0.0), "simulating", total=options.captures or 12)))
+    report = run(list(track(simulated(options.captures, noise=0.0), "simulating", total=options.captures or 14)))
     if options.markdown:
         write(options.markdown, report["markdown"])
     if options.json:

@@ -173,7 +173,8 @@ def minimise(
             if progress is not None:
                 progress(done / len(PENALTIES))
             latent = step.latent
-            if step.change < TOLERANCE:
+            # The first step has the penalty of the start: where all gradients vanish it changes nothing.
+            if done > 1 and step.change < TOLERANCE:
                 break
     if progress is not None:
         progress(1.0)
@@ -196,8 +197,7 @@ def half_quadratic(
         vanishing = np.float32(threshold(exponent) * penalty ** (-1.0 / (2.0 - exponent)))
         _shrink(latent, vanishing, table, solver.periodic, pull, thread_count(threads))
         before, latent = latent, solver.solve(weight * penalty, pull)
-        size = float(np.linalg.norm(latent)) or 1.0
-        yield Step(latent, float(np.linalg.norm(latent - before)) / size)
+        yield Step(latent, _change(before, latent))
 
 
 def _shrink(
@@ -212,6 +212,16 @@ def _shrink(
         ]
         for block in blocks:
             block.result()
+
+
+def _change(before: Picture, after: Picture) -> float:
+    """Return the norm of the difference by that of `after`, in blocks of rows that stay in the cache."""
+    squares = np.zeros(2)
+    for top in range(0, len(after), ROWS):
+        new = after[top : top + ROWS].ravel()
+        step = new - before[top : top + ROWS].ravel()
+        squares += np.dot(step, step), np.dot(new, new)
+    return float(np.sqrt(squares[0] / (squares[1] or 1.0)))
 
 
 def check_exponent(exponent: float) -> float:

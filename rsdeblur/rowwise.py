@@ -33,6 +33,8 @@ from rsdeblur.wiener import DECAY_GAP, LEAST_GAP
 
 Solver = Literal["auto", "direct", "cg"]
 SOLVERS: tuple[Solver, ...] = ("auto", "direct", "cg")
+# What a strip is longer than its part, at most, in PSFs: the tiny `nsr` of gradient priors would ask for a hundred.
+MOST_GAP = 3.0
 # What is expected beyond top and bottom: the average of this many rows, smoothed along x as much (standard deviation).
 EDGE_ROWS = 4
 # It fades away within the frame over this many rows more than paths reach beyond it.
@@ -108,7 +110,7 @@ class RowDeconvolver:
         if 2 * reach + 1 > width:
             raise InputError(f"the paths reach {reach} px sideways, more than the picture of {width} px can hold")
         kernel = 2 * reach + 1
-        gap = int(np.ceil(max(LEAST_GAP, DECAY_GAP / self.nsr**0.5) * kernel))
+        gap = int(np.ceil(min(max(LEAST_GAP, DECAY_GAP / self.nsr**0.5), MOST_GAP) * kernel))
         self._periodic = border == "periodic"
         self._tiling = Tiling.plan(paths.cols, width, kernel, gap, periodic=self._periodic)
         self._strips = [StripBlur.from_paths(paths, s, self.top, latents) for s in range(len(paths.cols))]
@@ -208,14 +210,16 @@ class RowDeconvolver:
     def _solve(self, strip: int, ridge: Real, smooth: float, *, scale: float, pulled: bool) -> None:
         """Minimise for all frequencies of `strip`, leaving the result in the latent lanes.
 
-        `ridge` is (blocks, 16). If `pulled`, the latent lanes hold what gradients add to the right-hand side. What
-        differs from m is scaled in the end.
+        `ridge` is (blocks, 16). If `pulled`, the latent lanes hold `D^T w`, which `smooth` multiplies on the
+        right-hand side. What differs from m is scaled in the end.
         """
         model, tables = self._strips[strip].model, self._tables[strip]
 
         def block(thread: int, b: int) -> None:
             data, latent, workspace = self._data[b], self._latent[b], self._workspaces[thread]
-            if not pulled:
+            if pulled:
+                latent *= np.float32(smooth)
+            else:
                 latent[...] = 0
             expected = self._expectation(b, edges=smooth == 0)
             if expected is not None:
@@ -305,7 +309,6 @@ class DataTerm:
             if pull.shape != self.shape:
                 raise InputError(f"pull must have shape {self.shape}, got {pull.shape}")
             lanes.load(pull, latent)
-            latent *= np.float32(beta)
         self._minimise(self._solver.nsr, beta, pulled=pull is not None)
         u = np.empty(self.shape, dtype=np.float32)
         lanes.unload(latent, 0, u, Tile(0, 0, np.ones(lanes.length, dtype=np.float32)))

@@ -165,7 +165,19 @@ def test_a_settled_picture_stops_early() -> None:
     told: list[float] = []
     result = restore(solver(), flat, prior="tv", weight=0.01, progress=told.append)
     np.testing.assert_allclose(result, flat, atol=1e-5)
-    assert told == [1 / len(PENALTIES), 1.0]
+    assert told == [1 / len(PENALTIES), 2 / len(PENALTIES), 1.0]
+
+
+def test_gradients_that_all_vanish_stop_nothing() -> None:
+    # A weak prior, but a penalty so small against the peak that no gradient of the noise survives the first shrinkages.
+    noise = np.random.default_rng(5).normal(0.4, 0.01, (H, W, 3)).astype(np.float32)
+    told: list[float] = []
+    result = restore(solver(), noise, prior="hyper-laplacian", weight=0.001, progress=told.append)
+    assert len(told) > 2
+    first = solver()
+    first.prepare(noise)
+    # The picture where it stopped before has the noise that the deconvolution makes of it.
+    assert result.std() < first.solve(0.001 * PENALTIES[0]).std() / 2
 
 
 @pytest.mark.parametrize(
