@@ -34,6 +34,7 @@ stands above it in this ladder::
     method      mode, prior and their numbers in one place
     slabs       large pictures in bounded memory
     pipeline    deblur(): the one call
+    timing      the clock offset, found in the picture
     simulate    the forward model, sharing no code with psf
     scene       a sharp test picture
     shake       a hand-shake log
