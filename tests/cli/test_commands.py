@@ -14,6 +14,7 @@ import tifffile
 from click.testing import Result
 from PIL import Image
 
+from rsdeblur.io import read_camera, read_picture
 from rsdeblur.psf import PsfBank
 
 if TYPE_CHECKING:
@@ -201,3 +202,25 @@ def test_demo_runs_and_its_command_works(run: Run, tmp_path: Path) -> None:
     again = run(*arguments)
     assert again.exit_code == 0, again.stderr
     assert (out / "again.png").read_bytes() == (out / "banded.png").read_bytes()
+
+
+def test_preview_writes_a_sheet_and_the_chosen_offset(run, files, tmp_path):
+    sheet = tmp_path / "sheet.png"
+    options = ["--from", "-20ms", "--to", "20ms", "--steps", 3, "--region", "8,4,80,64", "-o", sheet, "--json"]
+    listed = json.loads(run("preview", files.photo, *files.recording, *options, "--choose", 3).stdout)
+    assert [cell["shift_s"] for cell in listed["cells"]] == pytest.approx([-0.02, 0.0, 0.02])
+    assert read_camera(files.camera).time_offset == pytest.approx(0.02)
+    # Three cells, wider than one.
+    assert read_picture(sheet).pixels.shape[1] > 480
+    result = run("preview", files.photo, *files.recording, "--steps", 2, "-o", sheet, "--force", "--choose", 3)
+    assert result.exit_code == 1
+    assert "there is no cell 3" in result.stderr
+
+
+def test_sync_refuses_to_guess(run, files):
+    before = files.camera.read_text()
+    result = run("sync", files.photo, *files.recording, "--from", "-20ms", "--to", "20ms", "--write", "--json")
+    assert result.exit_code == 1
+    assert "cannot tell the time offset" in result.stderr
+    assert json.loads(result.stdout)["time_offset_s"] is None
+    assert files.camera.read_text() == before

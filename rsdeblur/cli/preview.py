@@ -1,0 +1,133 @@
+"""`rsdeblur preview`: results for shifted clocks, to choose from by eye."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rsdeblur.cli import _options
+from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of
+from rsdeblur.cli._options import Blur, Recording, Solver
+from rsdeblur.cli._output import print_json, progress
+from rsdeblur.errors import CoverageError, InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from rsdeblur.camera import Camera
+    from rsdeblur.pipeline import Mode
+
+EXAMPLES = """\b
+Examples:
+  rsdeblur preview photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4 \\
+      --from -100ms --to 100ms --steps 9 -o sheet.png
+  rsdeblur preview photo.jpg --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20 \\
+      --region 400,300,640,480 --from -8ms --to 8ms -o sheet.png --choose 5
+"""
+
+Region = tuple[int, int, int, int]
+
+
+class RegionType(click.ParamType[Region]):
+    """A part of the picture, `LEFT,TOP,WIDTH,HEIGHT`."""
+
+    name = "LEFT,TOP,WIDTH,HEIGHT"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Region:
+        """Return (left, top, width, height)."""
+        try:
+            left, top, width, height = (int(number) for number in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not a region; write 400,300,640,480", param, ctx)
+        return left, top, width, height
+
+
+@click.command("preview", epilog=EXAMPLES)
+@click.argument("photo", type=_options.PATH)
+@_options.recording_options
+@_options.mode_option
+@_options.blur_options
+@_options.solver_options
+@click.option("--from", "first", type=_options.SecondsType(), default=-0.1, help="First shift.  [default: -100ms]")
+@click.option("--to", "last", type=_options.SecondsType(), default=0.1, help="Last shift.  [default: 100ms]")
+@click.option("--steps", type=click.IntRange(min=1), default=9, show_default=True, help="Number of shifts.")
+@click.option("--region", type=RegionType(), help="Only this part of the picture, in px.")
+@click.option("--choose", type=click.IntRange(min=1), metavar="N", help="Write cell N's offset into the camera file.")
+@click.option("-o", "--output", type=_options.PATH, required=True, metavar="OUT", help="Contact sheet to write.")
+@_options.force_option
+@_options.json_option
+def command(
+    photo: Path,
+    recording: Recording,
+    mode: Mode,
+    blur: Blur,
+    solver: Solver,
+    first: float,
+    last: float,
+    steps: int,
+    region: Region | None,
+    choose: int | None,
+    output: Path,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Deblur PHOTO with the gyroscope's clock shifted in steps, and lay the results out to choose from.
+
+    Every cell has its number, its shift and the kernel in the middle. Shifts count from the camera file's time offset,
+    or from --time-offset; those that the log does not cover are left out.
+    """
+    import numpy as np
+
+    from rsdeblur.io.pictures import check_writable, write_picture
+    from rsdeblur.pipeline import deblur
+    from rsdeblur.report import contact_sheet
+    from rsdeblur.timing import write_time_offset
+
+    check_writable(output, force=force)
+    picture, log, camera, exposure = read_inputs(photo, recording)
+    offset = camera.time_offset
+    pixels = picture.pixels
+    if region is not None:
+        pixels, camera = _cut(pixels, camera, region)
+    arguments = asdict(blur) | asdict(solver) | {"transfer": transfer_of(picture, solver.transfer), "mode": mode}
+    cells: list[tuple[str, NDArray[Any], NDArray[Any]]] = []
+    listed: list[dict[str, Any]] = []
+    refused: CoverageError | None = None
+    with progress("preview") as move, naming(photo, recording):
+        for i, shift in enumerate(np.linspace(first, last, steps).tolist()):
+            if move is not None:
+                move(f"{1e3 * shift:+.1f} ms", i / steps)
+            try:
+                moved = replace(camera, time_offset=camera.time_offset + shift)
+                result = deblur(pixels, log, moved, exposure, **arguments)
+            except CoverageError as error:
+                refused = error
+                continue
+            bands, strips = (n // 2 for n in result.psfs.kernels.shape[:2])
+            label = f"{len(cells) + 1}: {1e3 * shift:+.1f} ms"
+            shown = display_values(result.image, arguments["transfer"])
+            cells.append((label, shown, result.psfs.kernels[bands, strips]))
+            listed.append({"cell": len(cells), "shift_s": shift, "time_offset_s": offset + shift})
+        if not cells:
+            raise refused or InputError("there is no shift to show")
+        if choose is not None and choose > len(cells):
+            raise InputError(f"there is no cell {choose}: the sheet has {len(cells)}")
+    write_picture(output, contact_sheet(cells, marked=None if choose is None else choose - 1), force=force)
+    chosen = None if choose is None else listed[choose - 1]
+    if chosen is not None:
+        write_time_offset(recording.camera, chosen["time_offset_s"])
+    if as_json:
+        print_json({"output": str(output), "cells": listed, "chosen": chosen})
+        return
+    click.echo(f"{output}: {len(cells)} of {steps} shifts, {1e3 * first:g} to {1e3 * last:g} ms")
+    if chosen is not None:
+        click.echo(f"{recording.camera}: time_offset = {1e3 * chosen['time_offset_s']:.2f} ms")
+
+
+def _cut(pixels: NDArray[Any], camera: Camera, region: Region) -> tuple[NDArray[Any], Camera]:
+    left, top, width, height = region
+    part = camera.cropped(left, top, width, height)
+    return pixels[top : top + height, left : left + width], part

@@ -1,0 +1,78 @@
+"""`rsdeblur sync`: the clock offset, found in the picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rsdeblur.cli import _options
+from rsdeblur.cli._inputs import naming, read_inputs, transfer_of
+from rsdeblur.cli._options import Recording
+from rsdeblur.cli._output import print_json, progress
+
+if TYPE_CHECKING:
+    from rsdeblur.transfer import Transfer
+
+EXAMPLES = """\b
+Examples:
+  rsdeblur sync photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4
+  rsdeblur sync photo.jpg --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20 --from -100ms --to 100ms \\
+      --write
+"""
+
+
+@click.command("sync", epilog=EXAMPLES)
+@click.argument("photo", type=_options.PATH)
+@_options.recording_options
+@_options.transfer_option
+@click.option("--from", "first", type=_options.SecondsType(), default=-0.06, help="First shift.  [default: -60ms]")
+@click.option("--to", "last", type=_options.SecondsType(), default=0.06, help="Last shift.  [default: 60ms]")
+@click.option("--write", is_flag=True, help="Write the time offset, if one is found, into the camera file.")
+@_options.json_option
+def command(
+    photo: Path, recording: Recording, transfer: Transfer | None, first: float, last: float, write: bool, as_json: bool
+) -> None:
+    """Find the time offset between the gyroscope's clock and the camera's from the blur in PHOTO.
+
+    Shifts count from the camera file's time offset, or from --time-offset. Exit code 1 says that the picture cannot
+    tell: take one with more blur, and with motion that changes.
+    """
+    from rsdeblur.errors import InputError
+    from rsdeblur.timing import find_time_offset, write_time_offset
+
+    picture, log, camera, exposure = read_inputs(photo, recording)
+    with progress("sync") as move, naming(photo, recording):
+        found = find_time_offset(
+            picture.pixels,
+            log,
+            camera,
+            exposure,
+            search=(first, last),
+            transfer=transfer_of(picture, transfer),
+            progress=move,
+        )
+    written = write and found.time_offset is not None
+    if written and found.time_offset is not None:
+        write_time_offset(recording.camera, found.time_offset)
+    if as_json:
+        print_json(
+            {
+                "time_offset_s": found.time_offset,
+                "best_s": found.best,
+                "confidence": found.confidence,
+                "reason": found.reason,
+                "written": str(recording.camera) if written else None,
+                "offsets_s": found.offsets.tolist(),
+                "scores": found.scores.tolist(),
+            }
+        )
+    if found.time_offset is None:
+        raise InputError(
+            f"{photo}: cannot tell the time offset: {found.reason} "
+            f"(likeliest {1e3 * found.best:.1f} ms, confidence {found.confidence:.2f})"
+        )
+    if not as_json:
+        place = f"; written to {recording.camera}" if written else ""
+        click.echo(f"time offset {1e3 * found.time_offset:.1f} ms, confidence {found.confidence:.2f}{place}")
