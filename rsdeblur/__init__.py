@@ -35,6 +35,7 @@ stands above it in this ladder::
     slabs       large pictures in bounded memory
     pipeline    deblur(): the one call
     timing      the clock offset, found in the picture
+    baselines   what others do: opponents for experiments
     simulate    the forward model, sharing no code with psf
     scene       a sharp test picture
     shake       a hand-shake log

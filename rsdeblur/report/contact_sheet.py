@@ -13,7 +13,7 @@ from rsdeblur.errors import InputError
 from rsdeblur.report._draw import GROUND, MARKS, FloatImage, caption, display, rgb8
 
 CELL = 480  # px, width of a cell
-KERNEL = 96  # px, longer side of the kernel drawn into a cell's corner
+KERNEL = 96  # px, longer side of the largest kernel; all are drawn to one scale into their cells' corners
 GUTTER = 8  # px between cells
 TITLE = 28  # px above each cell
 
@@ -50,21 +50,21 @@ def contact_sheet(cells: Sequence[Cell], *, marked: int | None = None) -> FloatI
     rows = -(-len(cells) // columns)
     pitch = CELL + GUTTER, height + TITLE + GUTTER
     sheet = Image.new("RGB", (columns * pitch[0] + GUTTER, rows * pitch[1] + GUTTER), GROUND)
+    zoom = KERNEL / max(max(kernel.shape) for _, _, kernel in cells)
     for i, (label, picture, kernel) in enumerate(cells):
         x, y = GUTTER + (i % columns) * pitch[0], GUTTER + (i // columns) * pitch[1]
         caption(sheet, (x + 2, y + 3), label, size=18)
         sheet.paste(rgb8(label, picture).resize((CELL, height), Image.Resampling.LANCZOS), (x, y + TITLE))
-        _stamp(sheet, kernel, (x + CELL, y + TITLE))
+        _stamp(sheet, kernel, zoom, (x + CELL, y + TITLE))
         if i == marked:
             box = (x - 3, y + TITLE - 3, x + CELL + 2, y + TITLE + height + 2)
             ImageDraw.Draw(sheet).rectangle(box, outline=MARKS[0], width=3)
     return display(sheet)
 
 
-def _stamp(sheet: Image.Image, kernel: NDArray[np.floating], corner: tuple[int, int]) -> None:
+def _stamp(sheet: Image.Image, kernel: NDArray[np.floating], zoom: float, corner: tuple[int, int]) -> None:
     """Draw a kernel, white on black, with its upper right corner at `corner`."""
     values = np.asarray(kernel, dtype=np.float64)
-    scale = KERNEL / max(values.shape)
-    size = max(round(values.shape[1] * scale), 8), max(round(values.shape[0] * scale), 8)
+    size = max(round(values.shape[1] * zoom), 8), max(round(values.shape[0] * zoom), 8)
     drawn = rgb8("kernel", np.sqrt(values / max(values.max(), 1e-30))).resize(size, Image.Resampling.BICUBIC)
     sheet.paste(drawn, (corner[0] - size[0], corner[1]))
