@@ -25,19 +25,22 @@ Image = NDArray[np.float32]
 # Continuation of TV-L1: both quadratic penalties start loose and are halved until they are as good as hard.
 LOOSEST, TIGHTEST = 1.0, 2.0**-9
 
-# Blind estimation. Pyramid steps, rounds per level, and the smallest kernel, px.
+# Blind estimation: pyramid steps, rounds per level, the smallest kernel, and the part of the picture that is looked at,
+# px. The more of it, the slower; kernels get no better beyond some 20 kernels' sides.
 PYRAMID_STEP = 2**0.5
 ROUNDS = 6
 SMALLEST_KERNEL = 5
-# Shock filter: steps, and the smoothing before it, px.
-SHOCK_STEPS, SHOCK_STEP, SHOCK_SIGMA = 12, 0.3, 1.0
-# Gradients kept in each of four directions at first, as multiples of sqrt(picture pixels x kernel pixels), and how much
-# more in every round (Cho and Lee 2009, 2.2).
-KEPT, MORE_KEPT = 2.0, 1.1
-# Regularisation of the kernel as a share of the mean spectral power, and of the picture between rounds.
-KERNEL_WEIGHT, PICTURE_WEIGHT = 0.02, 3e-3
-# Kernel values below this share of the peak are noise.
-KERNEL_FLOOR = 0.05
+LOOKED_AT = 384
+# Weight of each gradient that is not zero, for light in [0, 1]: at first, per round, and at last.
+L0_WEIGHT, L0_DECAY, L0_LEAST = 4e-3, 1.1, 1e-4
+# Splitting penalty: doubled from 2 weights to this, where gradients are either whole or gone.
+L0_TIGHTEST = 1e4
+# Gradients kept in the poorest of four directions, in units of sqrt(picture pixels x kernel pixels).
+KEPT = 2.0
+# Regularisation of the kernel, as a share of the mean spectral power.
+KERNEL_WEIGHT = 0.02
+# Kernel values below this share of the peak, and parts with less than this share of the largest part's mass, are noise.
+KERNEL_FLOOR, SPECK = 0.05, 0.1
 
 
 def richardson_lucy(image: ArrayLike, psf: ArrayLike, *, iterations: int = 30) -> Image:
@@ -119,9 +122,10 @@ def tv_l1(image: ArrayLike, psf: ArrayLike, *, weight: float = 0.005) -> Image:
 def estimate_psf(image: ArrayLike, size: int) -> Image:
     """Estimate one PSF from a blurred picture alone, coarse to fine.
 
-    On each level the latest sharp picture is smoothed and shock-filtered, its strongest gradients are kept as a guess
-    at the true edges, the kernel that takes them to the blurred picture's gradients is found by regularised least
-    squares, and the picture is deconvolved with it (Cho and Lee 2009; Xu and Jia 2010).
+    On each level, in turns: the picture is deconvolved under a penalty on the *number* of its gradients, which leaves
+    salient edges only, without what the kernel cannot explain (Xu, Zheng and Jia 2013); the strongest are kept, evenly
+    over directions (Cho and Lee 2009, 2.2); and the kernel that takes them to the blurred picture's gradients is found
+    by regularised least squares.
 
     Parameters
     ----------
@@ -146,67 +150,63 @@ def estimate_psf(image: ArrayLike, size: int) -> Image:
         raise InputError(f"size must be odd, got {size}")
     if 4 * size > min(planes.shape[:2]):
         raise InputError(f"the picture must be at least four kernels of {size} px wide and high, got {planes.shape}")
-    grey = planes.mean(axis=2)
-    levels = max(0, round(np.log(size / SMALLEST_KERNEL) / np.log(PYRAMID_STEP)))
+    y, x = (max(0, n - LOOKED_AT) // 2 for n in planes.shape[:2])
+    grey = planes[y : y + LOOKED_AT, x : x + LOOKED_AT].mean(axis=2)
+    # Two pixels side by side: no blur would be a fixed point.
     kernel = np.zeros((SMALLEST_KERNEL, SMALLEST_KERNEL))
-    kernel[SMALLEST_KERNEL // 2, SMALLEST_KERNEL // 2 :] = 0.5
-    kernel[SMALLEST_KERNEL // 2, SMALLEST_KERNEL // 2 + 2 :] = 0.0
-    latent = None
-    for level in range(levels, -1, -1):
+    kernel[SMALLEST_KERNEL // 2, SMALLEST_KERNEL // 2 : SMALLEST_KERNEL // 2 + 2] = 0.5
+    weight = L0_WEIGHT
+    for level in range(round(np.log(size / SMALLEST_KERNEL) / np.log(PYRAMID_STEP)), -1, -1):
         scale = PYRAMID_STEP**-level
+        width = min(size, max(SMALLEST_KERNEL, int(size * scale) // 2 * 2 + 1))
+        kernel = np.asarray(resize(kernel, (width, width), order=1)).clip(0.0)
+        kernel /= kernel.sum()
         shape = tuple(round(n * scale) for n in grey.shape)
         blurred = np.asarray(resize(grey, shape, anti_aliasing=True)) if level else grey
-        latent = blurred if latent is None else np.asarray(resize(latent, shape, order=1))
-        width = max(SMALLEST_KERNEL, int(size * scale) // 2 * 2 + 1)
-        latent, kernel = _refined(blurred, latent, min(width, size))
+        blurred = _tapered(blurred, np.full((width, width), 1 / width**2))
+        for _ in range(ROUNDS):
+            kernel = _kernel(blurred, _salient(_few_gradients(blurred, kernel, weight), width), width)
+            weight = max(weight / L0_DECAY, L0_LEAST)
     return kernel.astype(np.float32)
 
 
-def _refined(blurred: FloatArray, latent: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
-    """Alternate between the kernel and the sharp picture on one level."""
-    tapered = _tapered(blurred, np.full((size, size), 1 / size**2))
-    kernel = np.zeros((size, size))
-    kept = KEPT
-    for _ in range(ROUNDS):
-        gx, gy = _strong_gradients(_shocked(latent), round(kept * np.sqrt(latent.size) * size))
-        kernel = _kernel(tapered, gx, gy, size)
-        latent = _smooth_deconvolution(tapered, kernel)
-        kept *= MORE_KEPT
-    return latent, kernel
+def _differences(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return np.roll(u, -1, 1) - u, np.roll(u, -1, 0) - u
 
 
-def _shocked(latent: FloatArray) -> FloatArray:
-    """Smooth away ringing and turn what slopes are left into steps (Osher and Rudin 1990)."""
-    u = ndimage.gaussian_filter(latent, SHOCK_SIGMA, mode="nearest")
-    for _ in range(SHOCK_STEPS):
-        gy, gx = np.gradient(u)
-        uxx, uyy = np.gradient(gx, axis=1), np.gradient(gy, axis=0)
-        uxy = np.gradient(gx, axis=0)
-        # The second derivative along the gradient: its sign tells the two sides of an edge.
-        bend = gx**2 * uxx + 2 * gx * gy * uxy + gy**2 * uyy
-        u = u - SHOCK_STEP * np.sign(bend) * np.hypot(gx, gy)
+def _few_gradients(blurred: FloatArray, kernel: FloatArray, weight: float) -> FloatArray:
+    """Minimise `sum |h * u - g|^2 + weight (number of gradients)` by half-quadratic splitting."""
+    h, dx, dy = _transfers(kernel, blurred.shape)
+    power, slope = np.abs(h) ** 2, np.abs(dx) ** 2 + np.abs(dy) ** 2
+    observed = np.conj(h) * scipy.fft.rfft2(blurred)
+    u, beta = blurred, 2 * weight
+    while beta < L0_TIGHTEST:
+        gx, gy = _differences(u)
+        whole = gx**2 + gy**2 >= weight / beta
+        gx, gy = gx * whole, gy * whole
+        divergence = np.roll(gx, 1, 1) - gx + np.roll(gy, 1, 0) - gy
+        u = _inverse((observed + beta * scipy.fft.rfft2(divergence)) / (power + beta * slope), blurred.shape)
+        beta *= 2
     return u
 
 
-def _strong_gradients(u: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """Keep the `count` strongest gradients in each of four directions."""
-    gx, gy = (np.roll(u, -1, axis) - u for axis in (1, 0))
-    gx[:, -1], gy[-1] = 0.0, 0.0
+def _salient(u: FloatArray, width: int) -> tuple[FloatArray, FloatArray]:
+    """Keep the strongest gradients, as many as leave enough of them in each of four directions."""
+    gx, gy = _differences(u)
     size = np.hypot(gx, gy)
     direction = np.floor(np.mod(np.arctan2(gy, gx), np.pi) / (np.pi / 4)).astype(int) % 4
+    count = round(KEPT * width * np.sqrt(size.size))
     threshold = np.inf
     for k in range(4):
-        members = size[direction == k]
+        members = np.sort(size[(direction == k) & (size > 0)])
         if len(members):
-            threshold = min(threshold, np.partition(members, -min(count, len(members)))[-min(count, len(members))])
-    strong = size >= threshold
-    return gx * strong, gy * strong
+            threshold = min(threshold, members[-min(count, len(members))])
+    return gx * (size >= threshold), gy * (size >= threshold)
 
 
-def _kernel(blurred: FloatArray, gx: FloatArray, gy: FloatArray, size: int) -> FloatArray:
-    """Least squares: the kernel that takes the gradients `gx`, `gy` to those of `blurred`."""
-    fx, fy = scipy.fft.rfft2(gx), scipy.fft.rfft2(gy)
-    bx, by = (scipy.fft.rfft2(np.roll(blurred, -1, axis) - blurred) for axis in (1, 0))
+def _kernel(blurred: FloatArray, gradients: tuple[FloatArray, FloatArray], size: int) -> FloatArray:
+    """Least squares: the kernel that takes `gradients` to those of `blurred`."""
+    (fx, fy), (bx, by) = (tuple(map(scipy.fft.rfft2, pair)) for pair in (gradients, _differences(blurred)))
     power = np.abs(fx) ** 2 + np.abs(fy) ** 2
     ratio = (np.conj(fx) * bx + np.conj(fy) * by) / (power + KERNEL_WEIGHT * power.mean())
     whole = np.roll(_inverse(ratio, blurred.shape), (size // 2, size // 2), axis=(0, 1))
@@ -216,7 +216,7 @@ def _kernel(blurred: FloatArray, gx: FloatArray, gy: FloatArray, size: int) -> F
     parts, count = ndimage.label(kernel > 0, np.ones((3, 3)))
     if count > 1:
         mass = ndimage.sum_labels(kernel, parts, np.arange(1, count + 1))
-        kernel[np.isin(parts, 1 + np.flatnonzero(mass < 0.1 * mass.max()))] = 0.0
+        kernel[np.isin(parts, 1 + np.flatnonzero(mass < SPECK * mass.max()))] = 0.0
     total = kernel.sum()
     if total <= 0:
         kernel[size // 2, size // 2] = total = 1.0
@@ -228,14 +228,6 @@ def _centred(kernel: FloatArray) -> FloatArray:
     middle = ndimage.center_of_mass(kernel)
     moved = ndimage.shift(kernel, [n // 2 - round(m) for n, m in zip(kernel.shape, middle, strict=True)], order=0)
     return np.asarray(moved / moved.sum())
-
-
-def _smooth_deconvolution(plane: FloatArray, kernel: FloatArray) -> FloatArray:
-    """Deconvolve with a quadratic penalty on gradients: fast, and good enough between rounds."""
-    h, dx, dy = _transfers(kernel, plane.shape)
-    slope = np.abs(dx) ** 2 + np.abs(dy) ** 2
-    filtered = np.conj(h) * scipy.fft.rfft2(plane) / (np.abs(h) ** 2 + PICTURE_WEIGHT * slope + 1e-6)
-    return _inverse(filtered, plane.shape)
 
 
 def kernel_similarity(a: ArrayLike, b: ArrayLike) -> float:
