@@ -30,7 +30,6 @@ METHODS: dict[str, dict[str, Any]] = {
     },
     "rowwise x 1": {"mode": "rowwise", "strips": 1},
     "rowwise x auto": {"mode": "rowwise"},
-    "rowwise x auto, gradient": {"mode": "rowwise", "prior": "gradient"},
 }
 Scores = dict[str, dict[str, tuple[float, float]]]
 

@@ -25,6 +25,8 @@ from .rowblur import RowBlur as RowBlur
 from .rowwise import RowDeconvolver as RowDeconvolver
 from .simulate import Simulation as Simulation
 from .simulate import simulate as simulate
+from .timing import OffsetSearch as OffsetSearch
+from .timing import find_time_offset as find_time_offset
 from .tuning import Tuning as Tuning
 from .wiener import Deconvolver as Deconvolver
 

@@ -27,7 +27,7 @@ PRIOR_REACH = 5.0
 TILE_PICTURES, TILE_PRIOR_PICTURES = 3.3, 7.0
 ROW_PICTURES, ROW_PRIOR_PICTURES = 4.6, 8.0
 # Bytes of the rowwise model for every row, strip and px of the kernel: paths, taps and workspaces.
-ROW_MODEL = 400.0
+ROW_MODEL = 80.0
 # What does not grow with the slab: buffers of threads, libraries' own.
 FIXED = 48 << 20
 LEAST_ROWS = 16

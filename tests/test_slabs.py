@@ -25,8 +25,8 @@ MEMORY = {
     "global": 1_100_000,
     "banded": 1_600_000,
     "banded tv": 3_000_000,
-    "rowwise": 2_500_000,
-    "rowwise tv": 6_000_000,
+    "rowwise": 1_300_000,
+    "rowwise tv": 3_000_000,
 }
 
 
