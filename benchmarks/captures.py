@@ -61,6 +61,8 @@ MOMENTS = [
     ("kodim05", 36.5, 1 / 60),
     ("kodim13", 44.0, 1 / 30),
     ("kodim23", 50.0, 1 / 15),
+    ("kodim07", 13.0, 1 / 12),
+    ("kodim03", 47.0, 1 / 12),
 ]
 
 
@@ -70,7 +72,7 @@ def require_data() -> None:
         sys.exit(f"no recordings at {DATA}: set RSDEBLUR_DATA to their folder")
 
 
-def simulated(count: int | None = None) -> Iterator[Capture]:
+def simulated(count: int | None = None, *, noise: float = NOISE) -> Iterator[Capture]:
     """Simulate 1024x768 captures from Kodak pictures enlarged twice and a real phone's shake."""
     require_data()
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
@@ -80,13 +82,13 @@ def simulated(count: int | None = None) -> Iterator[Capture]:
         sharp = to_linear(_float32(rescale(stored, 2, order=3, channel_axis=-1).clip(0, 1)), "srgb")
         exposure = Exposure(start, duration, log.epoch_ns)
         name = f"{picture} {start:g} s 1/{round(1 / duration)}"
-        yield Capture(name, log, camera, exposure, simulate(sharp, log, camera, exposure, noise=NOISE))
+        yield Capture(name, log, camera, exposure, simulate(sharp, log, camera, exposure, noise=noise))
 
 
-def synthetic() -> Capture:
+def synthetic(*, noise: float = NOISE) -> Capture:
     """Make a small capture that needs no recordings."""
     log, camera, exposure = hand_shake(0.2, seed=3), Camera(256, 192, 280.0, readout=READOUT), Exposure(0.05, 1 / 30)
-    return Capture("synthetic", log, camera, exposure, simulate(scene(240, 304), *(log, camera, exposure), noise=NOISE))
+    return Capture("synthetic", log, camera, exposure, simulate(scene(240, 304), *(log, camera, exposure), noise=noise))
 
 
 def shield_burst() -> tuple[Image, GyroLog, Camera, Exposure]:

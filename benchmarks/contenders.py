@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from benchmarks.captures import Image
 from benchmarks.cases import EXPOSURE, NSR, Case, centred
 from benchmarks.timing import Job
-from rsdeblur import Deconvolver
+from rsdeblur import Deconvolver, PsfBank
 from rsdeblur.pipeline import psfs
 
 # Read when MKL is loaded. Its threads would otherwise stay busy for 0.2 s after each call, on the cores that the next
@@ -132,14 +132,18 @@ def motion(bands: int) -> Callable[[Case, int], Task]:
 
 
 def replan(bands: int) -> Callable[[Case, int], Task]:
-    """From the raw log to filters that are ready, the FFT plans of this size being known."""
+    """From the raw log to filters that are ready, in a solver that is planned already."""
 
     def build(case: Case, threads: int) -> Task:
         log = case.log(bands)
 
+        def bank() -> PsfBank:
+            return psfs(log, case.camera, EXPOSURE, bands=bands, strips=1)
+
+        solver = Deconvolver(bank(), case.shape, nsr=NSR, planning="measure", threads=threads)
+
         def run() -> None:
-            bank = psfs(log, case.camera, EXPOSURE, bands=bands, strips=1)
-            Deconvolver(bank, case.shape, nsr=NSR, planning="measure", threads=threads)
+            solver.replan(bank())
 
         return Task(run)
 

@@ -18,7 +18,7 @@ from rich.progress import track
 
 from benchmarks.captures import Capture, quality, simulated
 from rsdeblur import deblur
-from rsdeblur.pipeline import GEOMETRIES, Geometry
+from rsdeblur.motion import GEOMETRIES, Geometry
 
 LADDER = (0.01, 0.03, 0.1, 0.3)
 METHODS: dict[str, dict[str, Any]] = {
@@ -28,6 +28,8 @@ METHODS: dict[str, dict[str, Any]] = {
         for strips in (1, "auto")
         for bands in (4, 8, 16, "auto")
     },
+    "rowwise x 1": {"mode": "rowwise", "strips": 1},
+    "rowwise x auto": {"mode": "rowwise"},
 }
 Scores = dict[str, dict[str, tuple[float, float]]]
 
@@ -35,11 +37,11 @@ Scores = dict[str, dict[str, tuple[float, float]]]
 def main() -> None:
     """Run the benchmark and print its tables."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--captures", type=int, help="only the first N of the 12 captures")
+    parser.add_argument("--captures", type=int, help="only the first N of the 14 captures")
     parser.add_argument("--markdown", type=Path, help="write the tables as Markdown")
     parser.add_argument("--json", type=Path, help="write all scores")
     options = parser.parse_args()
-    report = run(list(track(simulated(options.captures), "simulating", total=options.captures or 12)))
+    report = run(list(track(simulated(options.captures), "simulating", total=options.captures or 14)))
     if options.markdown:
         options.markdown.write_text(report["markdown"])
     if options.json:

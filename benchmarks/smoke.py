@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from benchmarks import growth, page, peers, quality
+from benchmarks import growth, page, peers, priors, quality, rowwise
 from benchmarks.captures import synthetic
 
 
 def main() -> None:
     """Run each benchmark on small pictures; exits with 1 if a rival gives another picture than we do."""
     print(quality.run([synthetic()])["markdown"])
+    print(rowwise.summary(rowwise.run(peers.QUICK_SIZE, 1, 1)))
+    print(priors.run([synthetic(noise=0.0)])["markdown"])
     beside = peers.run(peers.QUICK_SIZE, peers.QUICK_LARGE, 1, [1])
     grown = growth.run(growth.QUICK, 1, 1)
     for record in (beside, grown):

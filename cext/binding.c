@@ -1,131 +1,68 @@
 /*
- * rsdeblur._cext: checks buffers, releases the GIL, calls the kernels. All Python.h of the package is here.
+ * rsdeblur._cext: checks arguments, releases the GIL, calls the kernels. Only this file, binding_rowwise.c and buffers.c know
+ * Python.
  *
- * The limited API (Python 3.11, set by the build) has the buffer protocol, so NumPy's C API is not needed.
+ * The limited API (Python 3.11, set by the build) has the buffer protocol, so NumPy's C API is not needed. Every function
+ * mirrors its NumPy twin in rsdeblur.kernels.
  */
-#define PY_SSIZE_T_CLEAN
-#include <Python.h>
+#include "buffers.h"
 
-#include <stdbool.h>
-#include <stdint.h>
-#include <string.h>
-
-#include "rsdeblur_kernels.h"
-
-#define COMPLEX64 "Zf"
-#define FLOAT32 "f"
-
-typedef struct {
-    const char *name;
-    const char *format; /* COMPLEX64 or FLOAT32 */
-    int ndim;
-    bool writable;
-} wanted;
-
-static bool fits(const Py_buffer *view, wanted want)
+/* Rows and columns of an array of three dimensions. */
+static rsd_layout layout_of(const Py_buffer *view)
 {
-    const char *type = strcmp(want.format, COMPLEX64) == 0 ? "complex64" : "float32";
-    const Py_ssize_t itemsize = strcmp(want.format, COMPLEX64) == 0 ? 8 : 4;
-    if (view->format == NULL || strcmp(view->format, want.format) != 0 || view->itemsize != itemsize) {
-        PyErr_Format(PyExc_TypeError, "%s must be %s, got a buffer of format '%s'", want.name, type,
-                     view->format == NULL ? "B" : view->format);
-        return false;
-    }
-    if (view->ndim != want.ndim) {
-        PyErr_Format(PyExc_ValueError, "%s must have %d dimensions, got %d", want.name, want.ndim, view->ndim);
-        return false;
-    }
-    if (!PyBuffer_IsContiguous(view, 'C')) {
-        PyErr_Format(PyExc_ValueError, "%s must be C-contiguous", want.name);
-        return false;
-    }
-    if ((uintptr_t)view->buf % sizeof(float) != 0) {
-        PyErr_Format(PyExc_ValueError, "%s must be aligned to %d bytes", want.name, (int)sizeof(float));
-        return false;
-    }
-    if (want.writable && view->readonly) {
-        PyErr_Format(PyExc_ValueError, "%s is changed in place and must be writable", want.name);
-        return false;
-    }
-    return true;
+    return (rsd_layout){(size_t)(view->shape[1] * view->shape[2]), (size_t)view->shape[2]};
 }
 
-/* Fill `view` with a buffer that is as wanted, or set an exception and hold nothing. */
-static bool acquire(PyObject *object, Py_buffer *view, wanted want)
+static PyObject *none_if(bool success)
 {
-    if (PyObject_GetBuffer(object, view, PyBUF_STRIDES | PyBUF_FORMAT) < 0)
-        return false;
-    if (fits(view, want))
-        return true;
-    PyBuffer_Release(view);
-    return false;
+    if (!success)
+        return NULL;
+    Py_RETURN_NONE;
 }
 
-static bool overlap(const Py_buffer *a, const Py_buffer *b)
-{
-    const uintptr_t a0 = (uintptr_t)a->buf, b0 = (uintptr_t)b->buf;
-    return a0 < b0 + (uintptr_t)b->len && b0 < a0 + (uintptr_t)a->len;
-}
-
-/* None on success; otherwise null with an exception set, `refusal` being the binding's own, if any. */
-static PyObject *conclude(const char *refusal, rsd_status status)
-{
-    if (refusal == NULL && status != RSD_OK)
-        refusal = rsd_status_message(status);
-    if (refusal == NULL)
-        Py_RETURN_NONE;
-    PyErr_SetString(PyExc_ValueError, refusal);
-    return NULL;
-}
-
-static PyObject *multiply_views(Py_buffer *spectra, Py_buffer *transfer)
+static bool call_multiply(Py_buffer *spectra, Py_buffer *transfer)
 {
     const Py_ssize_t *shape = spectra->shape;
     const char *refusal = NULL;
     rsd_status status = RSD_OK;
     if (transfer->shape[0] != shape[1] || transfer->shape[1] != shape[2])
         refusal = "transfer must have the shape of one channel of spectra";
-    else if (overlap(spectra, transfer))
+    else if (rsd_overlap(spectra, transfer))
         refusal = "spectra and transfer must not overlap";
     else {
         Py_BEGIN_ALLOW_THREADS
         status = rsd_spectral_multiply(spectra->buf, transfer->buf, (size_t)shape[0], (size_t)(shape[1] * shape[2]));
         Py_END_ALLOW_THREADS
     }
-    return conclude(refusal, status);
+    return rsd_conclude(refusal, status);
 }
 
-static PyObject *multiply(PyObject *module, PyObject *args, PyObject *kwargs)
+static PyObject *multiply(PyObject *module, PyObject *args)
 {
-    static char *names[] = {"spectra", "transfer", NULL};
-    PyObject *spectra_object, *transfer_object, *result = NULL;
-    Py_buffer spectra, transfer;
+    static const rsd_wanted wants[] = {{"spectra", COMPLEX64, 3, true}, {"transfer", COMPLEX64, 2, false}};
+    PyObject *objects[2];
+    Py_buffer views[2];
     (void)module;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OO:multiply", names, &spectra_object, &transfer_object))
+    if (!PyArg_ParseTuple(args, "OO:multiply", &objects[0], &objects[1]) || !rsd_acquire(objects, views, wants, 2))
         return NULL;
-    if (!acquire(spectra_object, &spectra, (wanted){"spectra", COMPLEX64, 3, true}))
-        return NULL;
-    if (acquire(transfer_object, &transfer, (wanted){"transfer", COMPLEX64, 2, false})) {
-        result = multiply_views(&spectra, &transfer);
-        PyBuffer_Release(&transfer);
-    }
-    PyBuffer_Release(&spectra);
-    return result;
+    const bool success = call_multiply(&views[0], &views[1]);
+    rsd_release(views, 2);
+    return none_if(success);
 }
 
-static PyObject *blend_views(Py_buffer *accumulator, Py_buffer *slab, Py_buffer *weights, Py_ssize_t to_position,
-                             Py_ssize_t from_position)
+static bool call_blend(Py_buffer *accumulator, Py_buffer *slab, Py_buffer *weights, Py_ssize_t to_position,
+                       Py_ssize_t from_position)
 {
     const Py_ssize_t n = weights->shape[0], accumulator_length = accumulator->shape[2], slab_length = slab->shape[2];
     const char *refusal = NULL;
     rsd_status status = RSD_OK;
     if (accumulator->shape[0] != slab->shape[0] || accumulator->shape[1] != slab->shape[1])
         refusal = "accumulator and slab must have the same channels and columns";
-    else if (to_position < 0 || n > accumulator_length || to_position > accumulator_length - n)
+    else if (!rsd_within(to_position, n, accumulator_length))
         refusal = "the positions from to_position on must lie within accumulator";
-    else if (from_position < 0 || n > slab_length || from_position > slab_length - n)
+    else if (!rsd_within(from_position, n, slab_length))
         refusal = "the positions from from_position on must lie within slab";
-    else if (overlap(accumulator, slab) || overlap(accumulator, weights))
+    else if (rsd_overlap(accumulator, slab) || rsd_overlap(accumulator, weights))
         refusal = "accumulator must not overlap slab or weights";
     else {
         Py_BEGIN_ALLOW_THREADS
@@ -134,45 +71,234 @@ static PyObject *blend_views(Py_buffer *accumulator, Py_buffer *slab, Py_buffer 
                                  (size_t)accumulator_length, (size_t)slab_length);
         Py_END_ALLOW_THREADS
     }
-    return conclude(refusal, status);
+    return rsd_conclude(refusal, status);
 }
 
-static PyObject *blend(PyObject *module, PyObject *args, PyObject *kwargs)
+static PyObject *blend(PyObject *module, PyObject *args)
 {
-    static char *names[] = {"accumulator", "slab", "weights", "to_position", "from_position", NULL};
-    PyObject *accumulator_object, *slab_object, *weights_object, *result = NULL;
-    Py_buffer accumulator, slab, weights;
+    static const rsd_wanted wants[] = {
+        {"accumulator", COMPLEX64, 3, true}, {"slab", COMPLEX64, 3, false}, {"weights", FLOAT32, 1, false}};
+    PyObject *objects[3];
+    Py_buffer views[3];
     Py_ssize_t to_position, from_position;
     (void)module;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOO$nn:blend", names, &accumulator_object, &slab_object,
-                                     &weights_object, &to_position, &from_position))
+    if (!PyArg_ParseTuple(args, "OOOnn:blend", &objects[0], &objects[1], &objects[2], &to_position, &from_position) ||
+        !rsd_acquire(objects, views, wants, 3))
         return NULL;
-    if (!acquire(accumulator_object, &accumulator, (wanted){"accumulator", COMPLEX64, 3, true}))
-        return NULL;
-    if (acquire(slab_object, &slab, (wanted){"slab", COMPLEX64, 3, false})) {
-        if (acquire(weights_object, &weights, (wanted){"weights", FLOAT32, 1, false})) {
-            result = blend_views(&accumulator, &slab, &weights, to_position, from_position);
-            PyBuffer_Release(&weights);
-        }
-        PyBuffer_Release(&slab);
-    }
-    PyBuffer_Release(&accumulator);
-    return result;
+    const bool success = call_blend(&views[0], &views[1], &views[2], to_position, from_position);
+    rsd_release(views, 3);
+    return none_if(success);
 }
 
-static int add_constants(PyObject *module)
+static bool call_picture_to_lines(Py_buffer *picture, Py_ssize_t top, Py_ssize_t rows, rsd_tile tile, Py_buffer *fade,
+                                  Py_buffer *lines, int *finite)
 {
-    return PyModule_AddStringConstant(module, "SIMD", rsd_simd_level());
+    const Py_ssize_t width = picture->shape[1], channels = picture->shape[2];
+    const char *refusal = NULL;
+    rsd_status status = RSD_OK;
+    tile.length = (size_t)lines->shape[2];
+    tile.fade = fade->buf;
+    tile.taper = (size_t)fade->shape[0];
+    if (lines->shape[0] != channels)
+        refusal = "lines and picture must have the same channels";
+    else if (!rsd_within(top, rows, picture->shape[0]) || !rsd_within(0, rows, lines->shape[1]))
+        refusal = "the rows from top on must lie within picture, and as many within lines";
+    else if (rsd_overlap(lines, picture) || rsd_overlap(lines, fade))
+        refusal = "lines must not overlap picture or fade";
+    else {
+        Py_BEGIN_ALLOW_THREADS
+        status = rsd_picture_to_lines((const float *)picture->buf + top * width * channels, (size_t)rows, (size_t)width,
+                                      (size_t)channels, tile, lines->buf, layout_of(lines), finite);
+        Py_END_ALLOW_THREADS
+    }
+    return rsd_conclude(refusal, status);
 }
 
-PyDoc_STRVAR(multiply_doc, "multiply(spectra, transfer)\n--\n\nSee rsdeblur.kernels.spectral.multiply_numpy.");
-PyDoc_STRVAR(blend_doc, "blend(accumulator, slab, weights, *, to_position, from_position)\n--\n\n"
-                        "See rsdeblur.kernels.spectral.blend_numpy.");
+static PyObject *picture_to_lines(PyObject *module, PyObject *args)
+{
+    static const rsd_wanted wants[] = {
+        {"picture", FLOAT32, 3, false}, {"fade", FLOAT32, 1, false}, {"lines", FLOAT32, 3, true}};
+    PyObject *objects[3];
+    Py_buffer views[3];
+    Py_ssize_t top, rows, start;
+    int periodic, finite = 1;
+    (void)module;
+    if (!PyArg_ParseTuple(args, "OnnnOpO:picture_to_lines", &objects[0], &top, &rows, &start, &objects[1], &periodic,
+                          &objects[2]) ||
+        !rsd_acquire(objects, views, wants, 3))
+        return NULL;
+    const rsd_tile tile = {.start = start, .periodic = periodic};
+    const bool success = call_picture_to_lines(&views[0], top, rows, tile, &views[1], &views[2], &finite);
+    rsd_release(views, 3);
+    return success ? PyBool_FromLong(finite) : NULL;
+}
 
-/* C99 has no other way to store a function with keyword arguments in a PyCFunction. */
+static bool call_lines_to_picture(Py_buffer *lines, Py_ssize_t rows, Py_ssize_t offset, Py_buffer *weights,
+                                  Py_ssize_t first, int add, Py_buffer *picture, Py_ssize_t top)
+{
+    const Py_ssize_t width = picture->shape[1], channels = picture->shape[2], n = weights->shape[0];
+    const char *refusal = NULL;
+    rsd_status status = RSD_OK;
+    if (lines->shape[0] != channels)
+        refusal = "lines and picture must have the same channels";
+    else if (!rsd_within(top, rows, picture->shape[0]) || !rsd_within(0, rows, lines->shape[1]))
+        refusal = "the rows from top on must lie within picture, and as many within lines";
+    else if (!rsd_within(offset, n, lines->shape[2]) || !rsd_within(first, n, width))
+        refusal = "the positions from offset on must lie within lines, and from first on within picture";
+    else if (rsd_overlap(picture, lines) || rsd_overlap(picture, weights))
+        refusal = "picture must not overlap lines or weights";
+    else {
+        Py_BEGIN_ALLOW_THREADS
+        status = rsd_lines_to_picture((const float *)lines->buf + offset, layout_of(lines), (size_t)rows,
+                                      (size_t)channels, weights->buf, (size_t)n, add,
+                                      (float *)picture->buf + (top * width + first) * channels, (size_t)width);
+        Py_END_ALLOW_THREADS
+    }
+    return rsd_conclude(refusal, status);
+}
+
+static PyObject *lines_to_picture(PyObject *module, PyObject *args)
+{
+    static const rsd_wanted wants[] = {
+        {"lines", FLOAT32, 3, false}, {"weights", FLOAT32, 1, false}, {"picture", FLOAT32, 3, true}};
+    PyObject *objects[3];
+    Py_buffer views[3];
+    Py_ssize_t rows, offset, first, top;
+    int add;
+    (void)module;
+    if (!PyArg_ParseTuple(args, "OnnOnpOn:lines_to_picture", &objects[0], &rows, &offset, &objects[1], &first, &add,
+                          &objects[2], &top) ||
+        !rsd_acquire(objects, views, wants, 3))
+        return NULL;
+    const bool success = call_lines_to_picture(&views[0], rows, offset, &views[1], first, add, &views[2], top);
+    rsd_release(views, 3);
+    return none_if(success);
+}
+
+typedef rsd_status transposition(const float *, rsd_layout, float *, rsd_layout, size_t, size_t, size_t);
+
+/* `count` columns of `rows` from `first` on, `height` values each, are the lines of `columns`. */
+static bool call_transposition(transposition *transpose, Py_buffer *from, Py_buffer *to, Py_buffer *rows,
+                               Py_buffer *columns, Py_ssize_t first, Py_ssize_t height)
+{
+    const Py_ssize_t channels = rows->shape[0], count = columns->shape[1];
+    const Py_ssize_t skipped = 2 * first;
+    const char *refusal = NULL;
+    rsd_status status = RSD_OK;
+    if (columns->shape[0] != channels)
+        refusal = "rows and columns must have the same channels";
+    else if (!rsd_within(first, count, rows->shape[2]))
+        refusal = "the columns from first on must lie within rows";
+    else if (!rsd_within(0, height, rows->shape[1]) || !rsd_within(0, height, columns->shape[2]))
+        refusal = "height must lie within rows and columns";
+    else if (rsd_overlap(rows, columns))
+        refusal = "rows and columns must not overlap";
+    else {
+        Py_BEGIN_ALLOW_THREADS
+        status = transpose((const float *)from->buf + (from == rows ? skipped : 0), layout_of(from),
+                           (float *)to->buf + (to == rows ? skipped : 0), layout_of(to), (size_t)channels,
+                           (size_t)height, (size_t)count);
+        Py_END_ALLOW_THREADS
+    }
+    return rsd_conclude(refusal, status);
+}
+
+static PyObject *rows_to_columns(PyObject *module, PyObject *args)
+{
+    static const rsd_wanted wants[] = {{"rows", COMPLEX64, 3, false}, {"columns", COMPLEX64, 3, true}};
+    PyObject *objects[2];
+    Py_buffer views[2];
+    Py_ssize_t first, height;
+    (void)module;
+    if (!PyArg_ParseTuple(args, "OnnO:rows_to_columns", &objects[0], &first, &height, &objects[1]) ||
+        !rsd_acquire(objects, views, wants, 2))
+        return NULL;
+    const bool success =
+        call_transposition(rsd_rows_to_columns, &views[0], &views[1], &views[0], &views[1], first, height);
+    rsd_release(views, 2);
+    return none_if(success);
+}
+
+static PyObject *columns_to_rows(PyObject *module, PyObject *args)
+{
+    static const rsd_wanted wants[] = {{"columns", COMPLEX64, 3, false}, {"rows", COMPLEX64, 3, true}};
+    PyObject *objects[2];
+    Py_buffer views[2];
+    Py_ssize_t first, height;
+    (void)module;
+    if (!PyArg_ParseTuple(args, "OOnn:columns_to_rows", &objects[0], &objects[1], &first, &height) ||
+        !rsd_acquire(objects, views, wants, 2))
+        return NULL;
+    const bool success =
+        call_transposition(rsd_columns_to_rows, &views[0], &views[1], &views[1], &views[0], first, height);
+    rsd_release(views, 2);
+    return none_if(success);
+}
+
+static bool call_cut_lines(Py_buffer *columns, Py_ssize_t height, rsd_tile tile, Py_buffer *fade, Py_buffer *slab)
+{
+    const char *refusal = NULL;
+    rsd_status status = RSD_OK;
+    tile.length = (size_t)slab->shape[2];
+    tile.fade = fade->buf;
+    tile.taper = (size_t)fade->shape[0];
+    if (slab->shape[0] != columns->shape[0] || slab->shape[1] != columns->shape[1])
+        refusal = "slab and columns must have the same channels and columns";
+    else if (!rsd_within(0, height, columns->shape[2]))
+        refusal = "height must lie within columns";
+    else if (rsd_overlap(slab, fade) ||
+             (rsd_overlap(slab, columns) &&
+              (slab->buf != columns->buf || slab->shape[2] != columns->shape[2] || tile.start != 0)))
+        refusal = "slab must not overlap fade, nor columns unless it is the same array and starts at 0";
+    else {
+        Py_BEGIN_ALLOW_THREADS
+        status = rsd_cut_lines(columns->buf, layout_of(columns), (size_t)height, tile, slab->buf, layout_of(slab),
+                               (size_t)slab->shape[0], (size_t)slab->shape[1]);
+        Py_END_ALLOW_THREADS
+    }
+    return rsd_conclude(refusal, status);
+}
+
+static PyObject *cut_lines(PyObject *module, PyObject *args)
+{
+    static const rsd_wanted wants[] = {
+        {"columns", COMPLEX64, 3, false}, {"fade", FLOAT32, 1, false}, {"slab", COMPLEX64, 3, true}};
+    PyObject *objects[3];
+    Py_buffer views[3];
+    Py_ssize_t height, start;
+    int periodic;
+    (void)module;
+    if (!PyArg_ParseTuple(args, "OnnOpO:cut_lines", &objects[0], &height, &start, &objects[1], &periodic, &objects[2]) ||
+        !rsd_acquire(objects, views, wants, 3))
+        return NULL;
+    const rsd_tile tile = {.start = start, .periodic = periodic};
+    const bool success = call_cut_lines(&views[0], height, tile, &views[1], &views[2]);
+    rsd_release(views, 3);
+    return none_if(success);
+}
+
+PyDoc_STRVAR(multiply_doc, "multiply(spectra, transfer, /)\n--\n\n");
+PyDoc_STRVAR(blend_doc, "blend(accumulator, slab, weights, to_position, from_position, /)\n--\n\n");
+PyDoc_STRVAR(picture_to_lines_doc, "picture_to_lines(picture, top, rows, start, fade, periodic, lines, /)\n--\n\n");
+PyDoc_STRVAR(lines_to_picture_doc,
+             "lines_to_picture(lines, rows, offset, weights, first, add, picture, top, /)\n--\n\n");
+PyDoc_STRVAR(rows_to_columns_doc, "rows_to_columns(rows, first, height, columns, /)\n--\n\n");
+PyDoc_STRVAR(columns_to_rows_doc, "columns_to_rows(columns, rows, first, height, /)\n--\n\n");
+PyDoc_STRVAR(cut_lines_doc, "cut_lines(columns, height, start, fade, periodic, slab, /)\n--\n\n");
+PyDoc_STRVAR(rowwise_doc, "See rsdeblur.kernels.rowwise.");
+
 static PyMethodDef methods[] = {
-    {"multiply", (PyCFunction)(void (*)(void))multiply, METH_VARARGS | METH_KEYWORDS, multiply_doc},
-    {"blend", (PyCFunction)(void (*)(void))blend, METH_VARARGS | METH_KEYWORDS, blend_doc},
+    {"multiply", multiply, METH_VARARGS, multiply_doc},
+    {"blend", blend, METH_VARARGS, blend_doc},
+    {"picture_to_lines", picture_to_lines, METH_VARARGS, picture_to_lines_doc},
+    {"lines_to_picture", lines_to_picture, METH_VARARGS, lines_to_picture_doc},
+    {"rows_to_columns", rows_to_columns, METH_VARARGS, rows_to_columns_doc},
+    {"columns_to_rows", columns_to_rows, METH_VARARGS, columns_to_rows_doc},
+    {"cut_lines", cut_lines, METH_VARARGS, cut_lines_doc},
+    {"rowwise_forward", rsd_bind_rowwise_forward, METH_VARARGS, rowwise_doc},
+    {"rowwise_adjoint", rsd_bind_rowwise_adjoint, METH_VARARGS, rowwise_doc},
+    {"rowwise_solve", rsd_bind_rowwise_solve, METH_VARARGS, rowwise_doc},
+    {"rowwise_workspace", rsd_bind_rowwise_workspace, METH_VARARGS, rowwise_doc},
     {NULL, NULL, 0, NULL},
 };
 
@@ -186,7 +312,7 @@ static struct PyModuleDef definition = {
 PyMODINIT_FUNC PyInit__cext(void)
 {
     PyObject *module = PyModule_Create(&definition);
-    if (module != NULL && add_constants(module) < 0) {
+    if (module != NULL && PyModule_AddStringConstant(module, "SIMD", rsd_simd_level()) < 0) {
         Py_DECREF(module);
         return NULL;
     }

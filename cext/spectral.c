@@ -1,14 +1,5 @@
+#include "internal.h"
 #include "rsdeblur_kernels.h"
-
-#include <stdbool.h>
-#include <stdint.h>
-
-/* The build sets RSD_MULTIVERSIONING where the compiler and the C library support it (see meson.build). */
-#ifdef RSD_MULTIVERSIONING
-#define RSD_CLONES __attribute__((target_clones("avx512f", "avx2", "default")))
-#else
-#define RSD_CLONES
-#endif
 
 const char *rsd_status_message(rsd_status status)
 {
@@ -19,6 +10,8 @@ const char *rsd_status_message(rsd_status status)
         return "null pointer for an array that is not empty";
     case RSD_SIZE:
         return "a size overflows, or a stride is shorter than the line it spans";
+    case RSD_MODEL:
+        return "the tables of the rowwise model contradict each other";
     }
     return "unknown status";
 }
@@ -32,12 +25,6 @@ const char *rsd_simd_level(void)
         return "avx2";
 #endif
     return "baseline";
-}
-
-/* Whether an array of a x b floats can be addressed. */
-static bool addressable(size_t a, size_t b)
-{
-    return b == 0 || a <= PTRDIFF_MAX / sizeof(float) / b;
 }
 
 RSD_CLONES
@@ -57,7 +44,7 @@ rsd_status rsd_spectral_multiply(float *spectra, const float *filter, size_t cha
         return RSD_OK;
     if (spectra == NULL || filter == NULL)
         return RSD_NULL;
-    if (n > PTRDIFF_MAX / 2 || !addressable(channels, 2 * n))
+    if (n > PTRDIFF_MAX / 2 || !rsd_addressable(channels, 2 * n))
         return RSD_SIZE;
     for (size_t c = 0; c < channels; c++)
         multiply(spectra + c * 2 * n, filter, n);
@@ -81,7 +68,7 @@ rsd_status rsd_blend_lines(float *accumulator, const float *slab, const float *w
     if (accumulator == NULL || slab == NULL || weights == NULL)
         return RSD_NULL;
     if (n > PTRDIFF_MAX / 2 || accumulator_stride > PTRDIFF_MAX / 2 || slab_stride > PTRDIFF_MAX / 2 ||
-        !addressable(lines, 2 * accumulator_stride) || !addressable(lines, 2 * slab_stride))
+        !rsd_addressable(lines, 2 * accumulator_stride) || !rsd_addressable(lines, 2 * slab_stride))
         return RSD_SIZE;
     if (lines > 1 && (accumulator_stride < n || slab_stride < n))
         return RSD_SIZE;

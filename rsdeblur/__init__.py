@@ -8,7 +8,9 @@ stands above it in this ladder::
     _atomic     files that appear whole or not at all
     kernels     inner loops, C or Numba, each with a NumPy twin; they import only errors
     config      how this installation was built
-    camera      Camera: intrinsics, readout, relation to the IMU
+    axes        how an IMU sits in a camera: orientation strings, presets
+    lens        lens distortion and its inverse
+    camera      Camera: intrinsics, lens, readout, relation to the IMU
     exposure    Exposure: the window of each row
     gyro        GyroLog, OrientationTrack
     translation Translation: where the camera was, and the scene's depth
@@ -18,9 +20,20 @@ stands above it in this ladder::
     tiling      bands and strips, windows that sum to one
     border      what stands beyond the frame
     hybrid      rows and columns: the engine of all modes
-    wiener      Deconvolver: planned once, applied often
+    wiener      filters of tiles; Deconvolver: planned once, applied often
+    lanes       row spectra sorted into blocks of 16 frequencies
+    rowblur     RowBlur: the blur of every row and its adjoint
+    rowcg       the rowwise solve by conjugate gradients
+    rowwise     RowDeconvolver: the exact solve
+    priors      gradient, total variation, hyper-Laplacian, on top of a quadratic solver
+    quadratic   that solver for tiles
+    noise       how noisy a picture is, and how much goes on in it
+    tuning      how strongly to regularise
     transfer    linear light and sRGB
+    stored      pictures as stored, and rows of them as light
     geometry    from the rolling picture to the global-shutter one
+    method      mode, prior and their numbers in one place
+    slabs       large pictures in bounded memory
     pipeline    deblur(): the one call
     timing      the clock offset, found in the picture
     baselines   what others do: opponents for experiments
@@ -31,7 +44,7 @@ stands above it in this ladder::
     report      plots and contact sheets
     cli         the command line
 
-Two branches meet in the middle: `gyro` to `psf` never see an FFT, `fft` to `wiener` never see a gyro.
+Two branches meet in the middle: `gyro` to `psf` never see an FFT, `fft` to `tuning` never see a gyro.
 """
 
 try:

@@ -18,12 +18,17 @@ from .motion import Shot as Shot
 from .pipeline import DeblurResult as DeblurResult
 from .pipeline import deblur as deblur
 from .pipeline import psfs as psfs
+from .priors import restore as restore
 from .psf import PsfBank as PsfBank
+from .quadratic import TileQuadratic as TileQuadratic
+from .rowblur import RowBlur as RowBlur
+from .rowwise import RowDeconvolver as RowDeconvolver
 from .simulate import Simulation as Simulation
 from .simulate import simulate as simulate
 from .timing import OffsetSearch as OffsetSearch
 from .timing import find_time_offset as find_time_offset
 from .translation import Translation as Translation
+from .tuning import Tuning as Tuning
 from .wiener import Deconvolver as Deconvolver
 
 __version__: str

@@ -5,12 +5,52 @@ from numpy.typing import NDArray
 
 SIMD: Final[str]
 
-def multiply(spectra: NDArray[np.complex64], transfer: NDArray[np.complex64]) -> None: ...
+def multiply(spectra: NDArray[np.complex64], transfer: NDArray[np.complex64], /) -> None: ...
 def blend(
     accumulator: NDArray[np.complex64],
     slab: NDArray[np.complex64],
     weights: NDArray[np.float32],
-    *,
     to_position: int,
     from_position: int,
+    /,
 ) -> None: ...
+def picture_to_lines(
+    picture: NDArray[np.float32],
+    top: int,
+    rows: int,
+    start: int,
+    fade: NDArray[np.float32],
+    periodic: bool,
+    lines: NDArray[np.float32],
+    /,
+) -> bool: ...
+def lines_to_picture(
+    lines: NDArray[np.float32],
+    rows: int,
+    offset: int,
+    weights: NDArray[np.float32],
+    first: int,
+    add: bool,
+    picture: NDArray[np.float32],
+    top: int,
+    /,
+) -> None: ...
+def rows_to_columns(
+    rows: NDArray[np.complex64], first: int, height: int, columns: NDArray[np.complex64], /
+) -> None: ...
+def columns_to_rows(
+    columns: NDArray[np.complex64], rows: NDArray[np.complex64], first: int, height: int, /
+) -> None: ...
+def cut_lines(
+    columns: NDArray[np.complex64],
+    height: int,
+    start: int,
+    fade: NDArray[np.float32],
+    periodic: bool,
+    slab: NDArray[np.complex64],
+    /,
+) -> None: ...
+def rowwise_forward(*arguments: NDArray[np.generic]) -> None: ...
+def rowwise_adjoint(*arguments: NDArray[np.generic]) -> None: ...
+def rowwise_solve(*arguments: NDArray[np.generic] | float) -> None: ...
+def rowwise_workspace(*arguments: NDArray[np.generic] | int) -> int: ...

@@ -72,3 +72,25 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...] | None
         raise InputError(f"{name} must be finite, got {array[tuple(bad[0])]} at index {tuple(map(int, bad[0]))}")
     array.setflags(write=False)
     return array
+
+
+def picture(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Return `image` as finite, C-contiguous float32 of the planned `shape`; a copy only if it must be."""
+    array = np.ascontiguousarray(image, dtype=np.float32)
+    if array.shape != shape:
+        raise InputError(f"image must have the planned shape {shape}, got {array.shape}")
+    if not np.isfinite(array).all():
+        raise InputError("image must be finite")
+    return array
+
+
+def output(out: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Return `out`, which must be a writable float32 array of `shape`, or a new one if it is None."""
+    if out is None:
+        return np.empty(shape, dtype=np.float32)
+    if not isinstance(out, np.ndarray) or out.shape != shape or out.dtype != np.float32:
+        got = f"{out.dtype} of shape {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
+        raise InputError(f"out must be a float32 array of shape {shape}, got {got}")
+    if not (out.flags.writeable and out.flags.c_contiguous):
+        raise InputError("out must be writable and C-contiguous")
+    return out

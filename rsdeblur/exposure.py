@@ -19,7 +19,8 @@ class Exposure:
     Parameters
     ----------
     start : float
-        Start of exposure of the first row read, in s relative to `epoch_ns`.
+        The capture's stamp, in s relative to `epoch_ns`: the start of exposure of the first row read, unless the
+        camera's `stamp` says that it marks another moment.
     duration : float
         Exposure time of every row in s, positive.
     epoch_ns : int, default 0
@@ -61,7 +62,8 @@ class Exposure:
             Times in s relative to `epoch_ns`, shaped like `rows`.
         """
         order = camera.reading_order(_validate.real_array("rows", rows))
-        opens: FloatArray = self.start + camera.readout * order / camera.lines
+        first = self.start - camera.stamp_delay(self.duration)
+        opens: FloatArray = first + camera.readout * order / camera.lines
         return opens, opens + self.duration
 
     def span(self, camera: Camera) -> tuple[float, float]:

@@ -77,19 +77,32 @@ def empty(shape: tuple[int, ...], dtype: type[Any]) -> NDArray[Any]:
 
 
 class RowTransform:
-    """Real transform along the last axis: `real` (..., n) <-> `spectrum` (..., n // 2 + 1), both owned here.
+    """Real transform along the last axis: `real` (..., n), owned here, <-> `spectrum` (..., n // 2 + 1).
 
-    The inverse is not scaled and destroys `spectrum`.
+    `spectrum` is owned too unless one is given; :meth:`move` then points to another place of the same layout. The
+    inverse is not scaled and destroys `spectrum`.
     """
 
-    def __init__(self, shape: tuple[int, ...], planning: Planning = "estimate") -> None:
+    def __init__(
+        self, shape: tuple[int, ...], planning: Planning = "estimate", spectrum: Complex | None = None
+    ) -> None:
         self.real: Real = empty(shape, np.float32)
-        self.spectrum: Complex = empty((*shape[:-1], shape[-1] // 2 + 1), np.complex64)
-        self.forward = _plan(self.real, self.spectrum, "FFTW_FORWARD", planning)
-        self.inverse = _plan(self.spectrum, self.real, "FFTW_BACKWARD", planning)
+        self.spectrum: Complex = (
+            empty((*shape[:-1], shape[-1] // 2 + 1), np.complex64) if spectrum is None else spectrum
+        )
+        self._forward = _plan(self.real, self.spectrum, "FFTW_FORWARD", planning)
+        self._inverse = _plan(self.spectrum, self.real, "FFTW_BACKWARD", planning)
+        self.forward: Callable[[], None] = self._forward.execute
+        self.inverse: Callable[[], None] = self._inverse.execute
         # Blocks may be filled in part, and transforms run over all of them.
         self.real[...] = 0
         self.spectrum[...] = 0
+
+    def move(self, spectrum: Complex) -> None:
+        """Transform to and from `spectrum` from now on: same shape, strides and alignment."""
+        self._forward.update_arrays(self.real, spectrum)
+        self._inverse.update_arrays(spectrum, self.real)
+        self.spectrum = spectrum
 
 
 class LineTransform:
@@ -97,17 +110,17 @@ class LineTransform:
 
     def __init__(self, shape: tuple[int, ...], planning: Planning = "estimate") -> None:
         self.data: Complex = empty(shape, np.complex64)
-        self.forward = _plan(self.data, self.data, "FFTW_FORWARD", planning)
-        self.inverse = _plan(self.data, self.data, "FFTW_BACKWARD", planning)
+        self.forward: Callable[[], None] = _plan(self.data, self.data, "FFTW_FORWARD", planning).execute
+        self.inverse: Callable[[], None] = _plan(self.data, self.data, "FFTW_BACKWARD", planning).execute
         self.data[...] = 0
 
 
-def _plan(source: NDArray[Any], target: NDArray[Any], direction: str, planning: Planning) -> Callable[[], None]:
+def _plan(source: NDArray[Any], target: NDArray[Any], direction: str, planning: Planning) -> Any:
     """Return the transform of lines from `source` to `target`, unscaled; it may destroy `source`."""
     _recall()
     # FFTW's planner and its wisdom are one per process.
     with _planner:
-        plan = pyfftw.FFTW(
+        return pyfftw.FFTW(
             source,
             target,
             axes=(-1,),
@@ -115,8 +128,6 @@ def _plan(source: NDArray[Any], target: NDArray[Any], direction: str, planning: 
             flags=(f"FFTW_{planning.upper()}", "FFTW_DESTROY_INPUT"),
             planning_timelimit=PLANNING_TIME,
         )
-    execute: Callable[[], None] = plan.execute
-    return execute
 
 
 _planner = threading.Lock()

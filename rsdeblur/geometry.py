@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from rsdeblur._validate import FloatArray
-from rsdeblur.motion import FIXED_POINT_STEPS, RowPoses, Shot, rays
+from rsdeblur.motion import FIXED_POINT_STEPS, RowPoses, Shot
 
 # Rows mapped at a time: bounds the memory of the float64 coordinates to some MB.
 CHUNK = 64
@@ -38,11 +38,9 @@ def rectify(image: NDArray[np.float32], shot: Shot) -> tuple[NDArray[np.float32]
     out = np.empty_like(image)
     coverage = np.empty((height, width), dtype=np.bool_)
     poses = RowPoses.of(shot)
-    middle = shot.mid(np.array((height - 1) / 2))
-    to_world, centre = shot.track.at(middle).T, shot.position(middle)
     for top in range(0, height, CHUNK):
         rows = slice(top, min(top + CHUNK, height))
-        x, y = _sources(np.arange(rows.start, rows.stop), width, shot, poses, (to_world, centre))
+        x, y = _sources(np.arange(rows.start, rows.stop), width, shot, poses)
         coverage[rows] = (x > -0.5) & (x < width - 0.5) & (y > -0.5) & (y < height - 0.5)
         # The mirrored spline is exact at the border pixels; beyond, hold them.
         coordinates = [y.clip(0, height - 1), x.clip(0, width - 1)]
@@ -53,13 +51,10 @@ def rectify(image: NDArray[np.float32], shot: Shot) -> tuple[NDArray[np.float32]
     return out, coverage
 
 
-def _sources(
-    rows: NDArray[np.intp], width: int, shot: Shot, poses: RowPoses, to_world: tuple[FloatArray, FloatArray]
-) -> tuple[FloatArray, FloatArray]:
+def _sources(rows: NDArray[np.intp], width: int, shot: Shot, poses: RowPoses) -> tuple[FloatArray, FloatArray]:
     """Where in the rolling picture each pixel of the output `rows` is found: x and y, shape (len(rows), width)."""
     points = np.stack(np.meshgrid(np.arange(width), rows), axis=-1).astype(np.float64)
-    turn, centre = to_world
-    world = rays(points, shot.camera) @ turn.T + centre
+    world = shot.points(points) @ shot.track.at(shot.middle) + shot.position(shot.middle)
     q = points
     for _ in range(FIXED_POINT_STEPS):
         q = poses.project(world, q[..., 1])

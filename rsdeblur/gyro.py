@@ -84,7 +84,7 @@ class GyroLog:
         if median > SUSPICIOUS_MEDIAN or peak > SUSPICIOUS_PEAK:
             warnings.warn(
                 f"gyro rates look like degrees per second (median {median:.3g}, peak {peak:.3g}, taken as rad/s); "
-                "if they are, multiply by pi/180",
+                "if they are, multiply by pi/180, or read the log with unit='deg/s' (--unit deg/s)",
                 RsdeblurWarning,
                 stacklevel=4,
             )

@@ -4,15 +4,16 @@ The blur at output pixel p is the gather `g(p) = mean_t u(q(t))` over p's own ex
 `geometry="keep"` the latent picture u is the rolling-shutter one, each of whose rows shows the scene at that row's
 mid-exposure, so q is where the scene point that p sees at time t stands *in that picture*:
 
-    q = K C(mid(q_y)) C(t)^T K^-1 p
+    q = K C(mid(q_y)) C(t)^T K^-1 p,
 
-With a :class:`~rsdeblur.Translation` the scene stands at one depth Z, and what p sees is a point
-(Sindelar and Sroubek 2013, eq. 3):
+K being the camera's projection, its lens distortion included. With a :class:`~rsdeblur.Translation` the scene stands
+at one depth Z, and what p sees is a point (Sindelar and Sroubek 2013, eq. 3):
 
     q = K C(mid(q_y)) (C(t)^T K^-1 p + (P(t) - P(mid(q_y))) / Z)
 
 The reference time depends on the row that q falls on; the fixed point is reached in a few steps because a picture
-moves by far less than a row while a row is read.
+moves by far less than a row while a row is read. With `geometry="rectify"` the latent picture is the one of a global
+shutter at the middle row's mid-exposure, `q = K C(mid) C(t)^T K^-1 p`, and paths hold the skew besides the blur.
 """
 
 from __future__ import annotations
@@ -33,9 +34,16 @@ from rsdeblur.translation import Translation
 
 Motion = Literal["rotation", "small-angle"]
 MOTIONS: tuple[Motion, ...] = ("rotation", "small-angle")
+Geometry = Literal["keep", "rectify"]
+GEOMETRIES: tuple[Geometry, ...] = ("keep", "rectify")
 
 # Time samples per pixel of path. Segments, not dots, are rasterised, so this only has to follow the curve.
 SAMPLES_PER_PIXEL = 4
+
+# Where every row has a path, samples a pixel apart will do: neighbouring rows' differ by more.
+ROW_SAMPLES_PER_PIXEL = 1
+# Rows traced at a time, which bounds the memory of the poses along their paths.
+ROWS_TOGETHER = 64
 
 # Grid on which the blur is probed. One row per millisecond of an ordinary readout, well within a gyro interval; across
 # the picture the blur changes smoothly, whatever the motion.
@@ -76,7 +84,7 @@ class Shot:
         Raises
         ------
         InputError
-            If the camera is read along x.
+            If the camera is read along x, or a translation comes with a lens that sees backwards.
         CoverageError, ClockError, GapError
             See :meth:`rsdeblur.GyroLog.covering`.
         """
@@ -86,16 +94,31 @@ class Shot:
         track = OrientationTrack.from_log(log, camera, opens, closes, exposure.epoch_ns)
         if translation is not None:
             translation = translation.covering(opens, closes, exposure.epoch_ns)
+            corners = np.stack(np.meshgrid([0.0, camera.width - 1], [0.0, camera.height - 1]), axis=-1)
+            if not (camera.rays(corners)[..., 2] > 0).all():
+                raise InputError(
+                    "the lens sees 180 degrees and more, a scene of one depth does not; use no translation"
+                )
         return cls(track, camera, exposure, translation)
 
     def position(self, times: FloatArray) -> FloatArray:
         """Return where the camera is at `times`, in depths of the scene; shape `times.shape + (3,)`."""
         return np.zeros((*times.shape, 3)) if self.translation is None else self.translation.at(times)
 
+    def points(self, pixels: FloatArray) -> FloatArray:
+        """Return what `pixels` (..., 2) see, in camera axes: directions, or points in depths of the scene."""
+        rays = self.camera.rays(pixels)
+        return rays if self.translation is None else rays / rays[..., 2:]
+
     def mid(self, rows: FloatArray) -> FloatArray:
         """Return the mid-exposure times of `rows`."""
         opens, closes = self.exposure.window(rows, self.camera)
         return 0.5 * (opens + closes)
+
+    @property
+    def middle(self) -> FloatArray:
+        """Mid-exposure time of the middle row, to which pictures are rectified."""
+        return self.mid(np.array((self.camera.height - 1) / 2))
 
     def times(self, rows: FloatArray, samples: int) -> FloatArray:
         """Return times spread evenly over each row's window, both ends included; shape (len(rows), samples)."""
@@ -129,6 +152,7 @@ class BlurPaths:
         cols: ArrayLike,
         *,
         motion: Motion = "rotation",
+        geometry: Geometry = "keep",
         samples: int | Literal["auto"] = "auto",
     ) -> BlurPaths:
         """Trace the paths of the pixels at `rows` x `cols`.
@@ -142,6 +166,8 @@ class BlurPaths:
         motion : {"rotation", "small-angle"}
             The full homography path, or Sindelar and Sroubek (2013), eq. 6: small angles about x and y, the same
             over the whole width.
+        geometry : {"keep", "rectify"}
+            The latent picture: rolling like the recorded one, or at the middle row's mid-exposure.
         samples : int or "auto"
             Number of time samples, at least 2; "auto" takes at least 4 per pixel of the longest path.
 
@@ -151,14 +177,15 @@ class BlurPaths:
             If an argument is out of its range.
         """
         _validate.choice("motion", motion, MOTIONS)
+        _validate.choice("geometry", geometry, GEOMETRIES)
         rows, cols = (_validate.real_array(name, grid, (None,)) for name, grid in (("rows", rows), ("cols", cols)))
         trace = _rotation_paths if motion == "rotation" else _small_angle_paths
         if samples == "auto":
             # Two samples per gyro interval follow every bend of the track; then refine by the length found.
             coarse = 2 * len(shot.track.t) + 1
-            length = _lengths(trace(shot, rows, cols, coarse)).max()
+            length = _lengths(trace(shot, rows, cols, coarse, geometry)).max()
             samples = max(coarse, int(np.ceil(SAMPLES_PER_PIXEL * length)) + 1)
-        displacements = trace(shot, rows, cols, _validate.count("samples", samples, minimum=2))
+        displacements = trace(shot, rows, cols, _validate.count("samples", samples, minimum=2), geometry)
         displacements.setflags(write=False)
         return cls(displacements, rows, cols)
 
@@ -168,6 +195,28 @@ class BlurPaths:
         rows = np.linspace(0.0, shot.camera.height - 1, PROBE_ROWS)
         cols = np.linspace(0.0, shot.camera.width - 1, PROBE_COLS)
         return cls.from_shot(shot, rows, cols, motion=motion, samples=2 * len(shot.track.t) + 1)
+
+    @classmethod
+    def every_row(
+        cls,
+        shot: Shot,
+        cols: ArrayLike,
+        *,
+        motion: Motion = "rotation",
+        geometry: Geometry = "keep",
+        within: slice = slice(None),
+    ) -> BlurPaths:
+        """Trace the paths of every row of the picture, or of those `within`, at `cols`; see :meth:`from_shot`."""
+        longest = float(cls.probe(shot, motion=motion).lengths.max())
+        samples = max(2 * len(shot.track.t) + 1, int(np.ceil(ROW_SAMPLES_PER_PIXEL * longest)) + 1)
+        rows = np.arange(float(shot.camera.height))[within]
+        parts = [
+            cls.from_shot(shot, part, cols, motion=motion, geometry=geometry, samples=samples)
+            for part in np.split(rows, range(ROWS_TOGETHER, len(rows), ROWS_TOGETHER))
+        ]
+        displacements = np.concatenate([part.displacements for part in parts])
+        displacements.setflags(write=False)
+        return cls(displacements, rows, parts[0].cols)
 
     @property
     def change_down(self) -> float:
@@ -213,13 +262,15 @@ def _lengths(displacements: FloatArray) -> FloatArray:
     return lengths
 
 
-def _rotation_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
+def _rotation_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry) -> FloatArray:
     camera = shot.camera
     points = np.stack(np.meshgrid(cols, rows), axis=-1)[:, :, None, :]  # (B, S, 1, 2), x before y
-    directions = rays(points, camera)[:, :, 0]
+    seen = shot.points(points)[:, :, 0]
     times = shot.times(rows, samples)
     orientation = shot.track.at(times)  # (B, T, 3, 3)
-    world = np.einsum("btji,bsj->bsti", orientation, directions) + shot.position(times)[:, None]
+    world = np.einsum("btji,bsj->bsti", orientation, seen) + shot.position(times)[:, None]
+    if geometry == "rectify":
+        return points - camera.project((world - shot.position(shot.middle)) @ shot.track.at(shot.middle).T)
     poses = RowPoses.of(shot)
     # Start at the pixel's own row, whose reference orientation is nearly right.
     q = np.broadcast_to(points, (*world.shape[:-1], 2))
@@ -228,10 +279,11 @@ def _rotation_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int
     return points - q
 
 
-def _small_angle_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
-    times, mid = shot.times(rows, samples), shot.mid(rows)
-    angles = shot.track.angles(times) - shot.track.angles(mid)[:, None]
-    moved = shot.position(times) - shot.position(mid)[:, None]
+def _small_angle_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry) -> FloatArray:
+    reference = shot.mid(rows) if geometry == "keep" else np.repeat(shot.middle, len(rows))
+    times = shot.times(rows, samples)
+    angles = shot.track.angles(times) - shot.track.angles(reference)[:, None]
+    moved = shot.position(times) - shot.position(reference)[:, None]
     fx, fy = shot.camera.focal
     # The picture moves by f (-theta_y, +theta_x), and against the camera.
     d = np.stack([-fx * (angles[..., 1] + moved[..., 0]), fy * (angles[..., 0] - moved[..., 1])], axis=-1)
@@ -242,16 +294,17 @@ def _small_angle_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: 
 class RowPoses:
     """Pose of every row at its own mid-exposure, and the projection with it."""
 
-    matrices: FloatArray  # (2 H, 12), K C(mid(y)) [I | -P(mid(y))] from row -H/2 on
+    camera: Camera
+    matrices: FloatArray  # (2 H, 12), C(mid(y)) [I | -P(mid(y))] from row -H/2 on
 
     @classmethod
     def of(cls, shot: Shot) -> RowPoses:
         """Tabulate the poses of all rows of the picture, and of as many beyond it, where paths may reach."""
         rows = np.arange(2.0 * shot.camera.lines) - shot.camera.lines // 2
         mid = shot.mid(rows)
-        turned = shot.camera.matrix @ shot.track.at(mid)
+        turned = shot.track.at(mid)
         moved = -turned @ shot.position(mid)[..., None]
-        return cls(np.concatenate([turned, moved], axis=-1).reshape(-1, 12))
+        return cls(shot.camera, np.concatenate([turned, moved], axis=-1).reshape(-1, 12))
 
     def project(self, world: FloatArray, rows: FloatArray) -> FloatArray:
         """Project points (..., 3), in depths, with the poses of `rows` (..., fractions allowed).
@@ -263,13 +316,4 @@ class RowPoses:
         i = np.minimum(place.astype(np.intp), len(self.matrices) - 2)
         pose = self.matrices[i] + (place - i)[..., None] * (self.matrices[i + 1] - self.matrices[i])
         pose = pose.reshape(*rows.shape, 3, 4)
-        x, y, z = np.einsum("...ij,...j->i...", pose[..., :3], world) + np.moveaxis(pose[..., 3], -1, 0)
-        q: FloatArray = np.stack([x / z, y / z], axis=-1)
-        return q
-
-
-def rays(points: FloatArray, camera: Camera) -> FloatArray:
-    """Directions K^-1 (x, y, 1) of points (..., 2), shape (..., 3)."""
-    (fx, fy), (cx, cy) = camera.focal, camera.principal
-    x, y = (points[..., 0] - cx) / fx, (points[..., 1] - cy) / fy
-    return np.stack([x, y, np.ones_like(x)], axis=-1)
+        return self.camera.project(np.einsum("...ij,...j->...i", pose[..., :3], world) + pose[..., 3])

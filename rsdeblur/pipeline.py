@@ -6,11 +6,10 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from skimage.transform import resize
 
 from rsdeblur import _validate
 from rsdeblur.border import Border
@@ -19,18 +18,19 @@ from rsdeblur.errors import InputError
 from rsdeblur.exposure import Exposure
 from rsdeblur.geometry import rectify
 from rsdeblur.gyro import GyroLog
-from rsdeblur.motion import BlurPaths, Motion, Shot
+from rsdeblur.method import MODES, Method, Mode
+from rsdeblur.motion import GEOMETRIES, BlurPaths, Geometry, Motion, Shot
+from rsdeblur.priors import EXPONENT, PRIORS, Prior, brightness, check_exponent
 from rsdeblur.psf import PsfBank, tile_centres
-from rsdeblur.transfer import Transfer, check_transfer, from_linear, normalized, to_linear
+from rsdeblur.rowwise import SOLVERS, Solver
+from rsdeblur.slabs import plan_slabs
+from rsdeblur.stored import Stored, check_size, result_like
+from rsdeblur.transfer import Transfer, check_transfer, normalized
 from rsdeblur.translation import Translation
-from rsdeblur.wiener import Deconvolver
+from rsdeblur.tuning import KERNELS, Tuning
 
-Mode = Literal["global", "banded"]
-MODES: tuple[Mode, ...] = ("global", "banded")
-Geometry = Literal["keep", "rectify"]
-GEOMETRIES: tuple[Geometry, ...] = ("keep", "rectify")
-PRIORS = ("wiener",)
 Count = int | Literal["auto"]
+Strength = float | Literal["auto"]
 Progress = Callable[[str, float], None]
 
 # Results are interpolated linearly between tiles, so tiles are added until paths interpolated likewise are this close
@@ -40,6 +40,10 @@ PATH_ERROR = 0.1
 # 1 / (pi L sqrt(nsr)) for a path of L px and never more than 1/2, neighbouring bands must still agree in phase. Their
 # paths may differ by this many L sqrt(nsr). (Both numbers: docs/developer/decisions.md.)
 BAND_CHANGE = 0.4
+# Of the PSFs of all rows, rowwise shows this many per strip.
+ROWS_SHOWN = 9
+# Pixels that automatic strengths are derived from.
+MOST_LOOKED_AT = 8_000_000
 # Bounds of the cost where the motion is wild.
 MOST_BANDS = 64
 MOST_STRIPS = 16
@@ -52,12 +56,17 @@ class DeblurResult:
     Parameters
     ----------
     image : ndarray, float32
-        The sharp picture, shaped and coded like the input, nominal range [0, 1]. Integer input is clipped to that
-        range; float input is not.
+        The sharp picture, or `out`: shaped and coded like the input, nominal range [0, 1]. Integer input is clipped to
+        that range; float input is not.
     psfs : PsfBank
-        The PSFs that were undone, where they hold in the picture as stored.
+        The PSFs that were undone, where they hold in the picture as stored; for ``mode="rowwise"`` those of a few rows.
     bands, strips : int
-        How many tiles the picture was split into along the readout axis and across it.
+        How many tiles the picture was split into along the readout axis, every row for ``mode="rowwise"``, and across
+        it.
+    nsr : float
+        Noise-to-signal ratio that was used.
+    weight : float or None
+        Weight of the prior that was used; None for ``prior="wiener"``.
     coverage : ndarray, shape (H, W), bool
         Pixels whose scene point was seen by some row; all true for ``geometry="keep"``.
     timings : dict
@@ -68,6 +77,8 @@ class DeblurResult:
     psfs: PsfBank
     bands: int
     strips: int
+    nsr: float
+    weight: float | None
     coverage: NDArray[np.bool_]
     timings: dict[str, float] = field(default_factory=dict)
 
@@ -81,8 +92,11 @@ def deblur(
     mode: Mode = "banded",
     bands: Count = "auto",
     strips: Count = "auto",
-    prior: str = "wiener",
-    nsr: float = 0.01,
+    prior: Prior = "wiener",
+    weight: Strength = "auto",
+    exponent: float = EXPONENT,
+    nsr: Strength = "auto",
+    solver: Solver = "auto",
     geometry: Geometry = "keep",
     border: Border = "blend",
     motion: Motion = "rotation",
@@ -90,6 +104,8 @@ def deblur(
     transfer: Transfer = "linear",
     normalize: bool = False,
     threads: int | None = None,
+    max_memory: int | None = None,
+    out: NDArray[Any] | None = None,
     progress: Progress | None = None,
 ) -> DeblurResult:
     """Remove camera shake from a rolling-shutter picture.
@@ -101,15 +117,24 @@ def deblur(
         taken as they are. Alpha passes through.
     log, camera, exposure
         The motion, the camera and the time of the exposure.
-    mode : {"banded", "global"}
-        One PSF per tile, or one for the whole picture (Sindelar and Sroubek 2013).
+    mode : {"banded", "global", "rowwise"}
+        One PSF per tile; one for the whole picture (Sindelar and Sroubek 2013); or one per row, solved exactly.
     bands, strips : int or "auto"
         Number of tiles along the readout axis and across it; "auto" bounds how much the blur changes between
-        neighbours. Ignored by "global".
-    prior : {"wiener"}
-        Regularisation.
-    nsr : float, default 0.01
-        Noise-to-signal power ratio Phi: larger is smoother.
+        neighbours. "global" ignores both, "rowwise" ignores `bands`.
+    prior : {"wiener", "gradient", "tv", "hyper-laplacian"}
+        Regularisation: the Wiener filter, or a penalty on the gradient (:mod:`rsdeblur.priors`). The last two keep
+        edges sharp and even parts quiet, and take some twenty times as long to apply.
+    weight : float or "auto"
+        Weight of the penalty on the gradient: larger is smoother. "auto" derives it from the picture's noise and the
+        blur (:mod:`rsdeblur.tuning`).
+    exponent : float, default 2/3
+        Exponent of the hyper-Laplacian, in (0, 1].
+    nsr : float or "auto"
+        Noise-to-signal power ratio Phi: larger is smoother. "auto" expects it from noise and blur for the Wiener
+        filter; for the others, which hardly need it, from the blur's share of the picture.
+    solver : {"auto", "direct", "cg"}
+        How "rowwise" solves, see :class:`rsdeblur.RowDeconvolver`.
     geometry : {"keep", "rectify"}
         Keep the rolling shutter's shape, or resample to the middle row's mid-exposure.
     border : {"blend", "periodic"}
@@ -124,6 +149,11 @@ def deblur(
         Squeeze light that overshoots [0, 1] into it, outliers clipped, at the price of contrast.
     threads : int, optional
         Threads that share the work; default all processors.
+    max_memory : int, optional
+        Bytes that the work may take beside the picture and its result: large pictures are solved slab by slab. The
+        picture and `out` may be memory-mapped files.
+    out : ndarray, float32, uint8 or uint16, shaped like `image`, optional
+        Receives the result; integers are clipped and rounded.
     progress : callable, optional
         Called as ``progress(stage, fraction)``.
 
@@ -139,61 +169,83 @@ def deblur(
         If the log does not describe the exposure.
     """
     _validate.choice("prior", prior, PRIORS)
+    _validate.choice("solver", solver, SOLVERS)
     _validate.choice("geometry", geometry, GEOMETRIES)
     transfer = check_transfer(transfer)
-    nsr = _validate.finite("nsr", nsr, above=0.0)
-    values, clip = picture_values(image)
-    _check_size(values.shape, camera)
-    shot, quarter = _upright_shot(log, camera, exposure, translation)
+    nsr, weight = _strength("nsr", nsr), _strength("weight", weight)
+    check_exponent(exponent)
+    max_memory = None if max_memory is None else _validate.count("max_memory", max_memory)
+    if max_memory is not None and (geometry == "rectify" or normalize):
+        whole = "normalize=True" if normalize else 'geometry="rectify"'
+        raise InputError(f"{whole} needs the whole picture at once: leave out max_memory, or that")
+    quarter = camera.horizontal_readout
+    stored = Stored.of(image, transfer, quarter=quarter)
+    out, upright = result_like(image, out, quarter=quarter)
+    check_size(np.shape(image), camera)
+    shot = _upright_shot(log, camera, exposure, translation)
     clock = _Clock(progress)
+    with clock.stage("tune"):
+        phi, penalty, band_nsr = _strengths(stored, shot, motion, prior, exponent, nsr, weight)
     with clock.stage("psfs"):
-        bank = _bank(shot, mode, bands, strips, motion, nsr)
-    colour, alpha = _split_alpha(np.rot90(values, -1) if quarter else values)
-    light = to_linear(np.ascontiguousarray(colour), transfer)
-    with clock.stage("plan"):
-        solver = Deconvolver(bank, light.shape, nsr=nsr, border=border, threads=threads)
-    with clock.stage("apply"):
-        light = solver.apply(light, progress=clock.within("apply"))
-    coverage = np.ones(light.shape[:2], dtype=np.bool_)
-    if geometry == "rectify":
-        with clock.stage("rectify"):
-            light, coverage = rectify(light, shot)
-    sharp = from_linear(normalized(light) if normalize else light, transfer)
-    if clip:
-        sharp = sharp.clip(0.0, 1.0)
-    if alpha is not None:
-        sharp = np.concatenate([sharp, alpha], axis=2)
+        bank = _bank(shot, mode, bands, strips, motion, band_nsr)
+    method = Method(
+        mode=mode,
+        prior=prior,
+        exponent=exponent,
+        nsr=phi,
+        weight=penalty,
+        peak=1.0 if penalty is None else brightness(Stored(stored.values[::4, ::4], transfer).light(slice(None))),
+        solver=solver,
+        motion=motion,
+        border=border,
+        threads=threads,
+    )
+    after = _After(geometry, normalize)
+    coverage = _solve(stored, shot, bank, method, after, max_memory, upright, clock)
     n_bands, n_strips = bank.kernels.shape[:2]
+    if mode == "rowwise":
+        n_bands = stored.shape[0]
     if quarter:
-        sharp, coverage, bank = np.rot90(sharp), np.rot90(coverage), bank.turned(camera.height)
-    sharp = np.ascontiguousarray(sharp.reshape(np.shape(image)))
-    return DeblurResult(sharp, bank, n_bands, n_strips, np.ascontiguousarray(coverage), clock.timings)
+        coverage, bank = np.rot90(coverage), bank.turned(camera.height)
+    return DeblurResult(out, bank, n_bands, n_strips, phi, penalty, coverage, clock.timings)
 
 
-# The default NSR holds at base sensitivity, ISO 100.
-BASE_NSR, BASE_ISO = 0.01, 100.0
+class _After(NamedTuple):
+    """What is done to a whole picture once it is sharp."""
+
+    geometry: Geometry
+    normalize: bool
 
 
-def nsr_of_iso(iso: float) -> float:
-    """Return the NSR for a sensitivity: the variance of shot noise on the output grows like the gain.
-
-    An option that Sindelar and Sroubek (2013) tried and found of little effect. ISO 100 has 0.01.
-    """
-    return BASE_NSR * _validate.finite("iso", iso, above=0.0) / BASE_ISO
-
-
-def reduced(image: ArrayLike, camera: Camera, side: int) -> tuple[NDArray[np.float32], Camera]:
-    """Return the picture with its longer side reduced to `side` px, values in [0, 1] for integers, and its camera.
-
-    A smaller picture is returned as it is. The published method works on 2048x1536 of a sensor of 3264x2448.
-    """
-    values, _ = picture_values(image)
-    _check_size(values.shape, camera)
-    scale = _validate.count("side", side) / max(values.shape[:2])
-    if scale < 1:
-        camera = camera.scaled(scale)
-        values = resize(values, (camera.height, camera.width), anti_aliasing=True)
-    return values.reshape(*values.shape[:2], *np.shape(image)[2:]).astype(np.float32), camera
+def _solve(
+    stored: Stored,
+    shot: Shot,
+    bank: PsfBank,
+    method: Method,
+    after: _After,
+    max_memory: int | None,
+    out: NDArray[Any],
+    clock: _Clock,
+) -> NDArray[np.bool_]:
+    """Solve slab by slab into `out`, and return what was seen."""
+    slabs, _ = plan_slabs(bank, stored.shape, method, max_memory)
+    coverage: NDArray[np.bool_] = np.broadcast_to(np.True_, stored.shape[:2])
+    for n, slab in enumerate(slabs):
+        light = stored.light(slab.read)
+        with clock.stage("plan"):
+            solve = method.planned(shot, slab.bank, light.shape, slab.read.start)
+        with clock.stage("apply"):
+            light = solve(light, clock.within("apply", n, len(slabs)))
+        if after.geometry == "rectify":
+            with clock.stage("rectify"):
+                light, coverage = rectify(light, shot)
+        if after.normalize:
+            light = normalized(light)
+        kept = slice(slab.given.start - slab.read.start, slab.given.stop - slab.read.start)
+        stored.put(light[kept], slab.given, out)
+        # Before the next slab is planned beside them.
+        del light, solve
+    return coverage
 
 
 def psfs(
@@ -210,12 +262,43 @@ def psfs(
 ) -> PsfBank:
     """Return the PSFs that :func:`deblur` would undo, without a picture.
 
-    Parameters and errors are those of :func:`deblur`; `nsr` counts only for the number of bands.
+    Parameters and errors are those of :func:`deblur`; `nsr` counts only for the number of bands, which without a
+    picture cannot follow from its noise.
     """
     nsr = _validate.finite("nsr", nsr, above=0.0)
-    shot, quarter = _upright_shot(log, camera, exposure, translation)
+    shot = _upright_shot(log, camera, exposure, translation)
     bank = _bank(shot, mode, bands, strips, motion, nsr)
-    return bank.turned(camera.height) if quarter else bank
+    return bank.turned(camera.height) if camera.horizontal_readout else bank
+
+
+def _strength(name: str, value: Strength) -> Strength:
+    return "auto" if value == "auto" else _validate.finite(name, value, above=0.0)
+
+
+def _strengths(
+    stored: Stored,
+    shot: Shot,
+    motion: Motion,
+    prior: Prior,
+    exponent: float,
+    nsr: Strength,
+    weight: Strength,
+) -> tuple[float, float | None, float]:
+    """Return the `nsr`, the weight, and the `nsr` that the number of bands goes by."""
+    if prior == "wiener" and nsr != "auto":
+        return nsr, None, nsr
+    # The middle rows tell enough of a large picture.
+    height, width, _ = stored.shape
+    half = min(height, max(1, MOST_LOOKED_AT // width)) // 2
+    light = stored.light(slice(height // 2 - half, height - height // 2 + half))
+    tuning = Tuning.of(light, _bank(shot, "banded", KERNELS, KERNELS, motion, 1.0))
+    if prior == "wiener":
+        return tuning.wiener_nsr, None, tuning.wiener_nsr
+    return (
+        tuning.border_error if nsr == "auto" else nsr,
+        tuning.weight(prior, exponent) if weight == "auto" else weight,
+        tuning.gradient_nsr,
+    )
 
 
 def _bank(shot: Shot, mode: Mode, bands: Count, strips: Count, motion: Motion, nsr: float) -> PsfBank:
@@ -235,6 +318,8 @@ def _bank(shot: Shot, mode: Mode, bands: Count, strips: Count, motion: Motion, n
     ):
         if mode == "global":
             counts[name] = 1
+        elif mode == "rowwise" and name == "bands":
+            counts[name] = min(ROWS_SHOWN, length)
         elif counts[name] == "auto":
             # A PSF spans 2 reach + 1 px. A tile narrower than half of that filters rows that are mostly not its own.
             most = min(most, max(1, int(length / (reach + 0.5))))
@@ -255,51 +340,11 @@ def _check_reach(paths: BlurPaths, height: int, width: int) -> None:
         )
 
 
-def _upright_shot(
-    log: GyroLog, camera: Camera, exposure: Exposure, translation: Translation | None
-) -> tuple[Shot, bool]:
-    """Return the shot with its readout along y, and whether the picture has to be turned for that."""
-    quarter = camera.horizontal_readout
-    if quarter:
+def _upright_shot(log: GyroLog, camera: Camera, exposure: Exposure, translation: Translation | None) -> Shot:
+    """Return the shot with its readout along y."""
+    if camera.horizontal_readout:
         camera, translation = camera.turned(), translation and translation.turned()
-    return Shot.from_log(log, camera, exposure, translation), quarter
-
-
-def picture_values(image: ArrayLike) -> tuple[NDArray[np.float32], bool]:
-    """Return the picture as finite float32 (H, W, C), and whether it came as integers."""
-    array: NDArray[Any] = np.asarray(image)
-    if array.ndim not in (2, 3) or array.size == 0 or (array.ndim == 3 and array.shape[2] > 4):
-        raise InputError(f"image must have shape (H, W) or (H, W, C) with C from 1 to 4, got {array.shape}")
-    integer = array.dtype in (np.uint8, np.uint16)
-    if not integer and not np.issubdtype(array.dtype, np.floating):
-        raise InputError(f"image must be uint8, uint16 or float, got {array.dtype}")
-    values = array.astype(np.float32)
-    if integer:
-        values /= np.iinfo(array.dtype).max
-    elif not np.isfinite(values).all():
-        raise InputError("image must be finite")
-    return values if values.ndim == 3 else values[:, :, None], integer
-
-
-def _split_alpha(values: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-    if values.shape[2] in (2, 4):
-        return values[:, :, :-1], values[:, :, -1:]
-    return values, None
-
-
-def _check_size(shape: tuple[int, ...], camera: Camera) -> None:
-    height, width = shape[:2]
-    if (height, width) == (camera.height, camera.width):
-        return
-    if (height, width) == (camera.width, camera.height):
-        hint = "it is turned by a quarter; turn the picture or describe the camera as the picture is stored"
-    elif abs(width * camera.height - height * camera.width) <= max(width, camera.width):
-        hint = f"if it was resized, scale the camera (file) too: camera.scaled({width / camera.width:.6g})"
-    else:
-        hint = "if it was cut out, cut the camera (file) too: camera.cropped(left, top, width, height)"
-    raise InputError(
-        f"the picture is {width}x{height} px but the camera's is {camera.width}x{camera.height} px; {hint}"
-    )
+    return Shot.from_log(log, camera, exposure, translation)
 
 
 class _Clock:
@@ -312,13 +357,16 @@ class _Clock:
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         begin = time.perf_counter()
-        self._tell(name, 0.0)
+        if name not in self.timings:
+            self._tell(name, 0.0)
         yield
-        self._tell(name, 1.0)
-        self.timings[name] = time.perf_counter() - begin
+        self.timings[name] = self.timings.get(name, 0.0) + time.perf_counter() - begin
+        if name != "apply":
+            self._tell(name, 1.0)
 
-    def within(self, name: str) -> Callable[[float], None]:
-        return lambda fraction: self._tell(name, fraction)
+    def within(self, name: str, part: int, parts: int) -> Callable[[float], None]:
+        """Return what reports the progress of one of several parts of a stage."""
+        return lambda fraction: self._tell(name, (part + fraction) / parts)
 
     def _tell(self, name: str, fraction: float) -> None:
         if self._progress is not None:

@@ -104,9 +104,8 @@ def simulate(
     left, top = (scene.shape[1] - camera.width) // 2, (scene.shape[0] - camera.height) // 2
     if camera.horizontal_readout:
         corner = scene.shape[0] - camera.height - top, left
-        turned = _simulate(
-            np.rot90(scene, -1), corner, log, camera.turned(), exposure, samples, translation and translation.turned()
-        )
+        moved = translation and translation.turned()
+        turned = _simulate(np.rot90(scene, -1), corner, log, camera.turned(), exposure, samples, moved)
         clean = Simulation(*(np.ascontiguousarray(np.rot90(picture)) for picture in turned))
     else:
         clean = _simulate(scene, (left, top), log, camera, exposure, samples, translation)
@@ -142,6 +141,8 @@ def _simulate(
     shape = (camera.height, camera.width, *scene.shape[2:])
 
     def seen(at: FloatArray) -> NDArray[np.float32]:
+        if camera.distortion_model != "none":
+            return _through_lens(coefficients, path, at, reference, left, top).reshape(shape)
         return average_warps(coefficients, path.warps(at, reference, left, top), camera.width).reshape(shape)
 
     frame = scene[top : top + camera.height, left : left + camera.width]
@@ -149,7 +150,7 @@ def _simulate(
 
 
 class _CameraPath:
-    """Orientation of the camera by brute force: midpoint steps of the interpolated rates."""
+    """Pose of the camera; its orientation by brute force, midpoint steps of the interpolated rates."""
 
     def __init__(
         self,
@@ -173,7 +174,7 @@ class _CameraPath:
             orientation.append(step * orientation[-1])
         self.orientation = Slerp(self.nodes, Rotation.concatenate(orientation))
         self.camera = camera
-        self.places = None if translation is None else translation.covering(t0, t1, epoch_ns)
+        self.places = translation and translation.covering(t0, t1, epoch_ns)
 
     def longest(self, opens: FloatArray, closes: FloatArray) -> float:
         """Bound on the length in px of any pixel's path within any of the windows."""
@@ -189,19 +190,89 @@ class _CameraPath:
         lengths = np.interp(closes, self.nodes, travelled) - np.interp(opens, self.nodes, travelled)
         return float(lengths.max())
 
+    def turns(self, times: FloatArray, reference: float) -> FloatArray:
+        """Matrices, shape `times.shape + (3, 3)`, from directions of the camera at `times` to those at `reference`."""
+        at_reference = self.orientation([reference]).as_matrix()[0]
+        at_times = self.orientation(times.ravel()).as_matrix().reshape(*times.shape, 3, 3)
+        turns: FloatArray = at_reference @ np.swapaxes(at_times, -1, -2)
+        if self.places is None:
+            return turns
+        # Seen from s in reference axes, direction r meets the plane z = 1 at s + r (1 - s_z) / r_z.
+        s = (self.places.at(times) - self.places.at(np.array(reference))) @ at_reference.T
+        meeting = (1.0 - s[..., 2, None, None]) * np.eye(3)
+        meeting[..., 2] += s
+        moved: FloatArray = meeting @ turns
+        return moved
+
     def warps(self, times: FloatArray, reference: float, left: int, top: int) -> FloatArray:
         """Homographies, shape `times.shape + (3, 3)`, from a frame pixel at `times` to the scene at `reference`."""
         k = self.camera.matrix
         to_scene = np.array([[1.0, 0.0, left], [0.0, 1.0, top], [0.0, 0.0, 1.0]]) @ k
-        at_reference = self.orientation([reference]).as_matrix()[0]
-        at_times = self.orientation(times.ravel()).as_matrix().reshape(*times.shape, 3, 3)
-        if self.places is None:
-            warps: FloatArray = to_scene @ at_reference @ np.swapaxes(at_times, -1, -2) @ np.linalg.inv(k)
-            return warps
-        # A point X of the plane z = 1 (in depths) seen from the reference stands at C (C_ref^T X + P_ref - P) later;
-        # as z = 1, the shift is a matrix with a third column only.
-        shift = self.places.at(np.array(reference)) - self.places.at(times)
-        forth = at_times @ at_reference.T
-        forth[..., 2] += np.einsum("...ij,...j->...i", at_times, shift)
-        back: FloatArray = to_scene @ np.linalg.inv(forth) @ np.linalg.inv(k)
-        return back
+        warps: FloatArray = to_scene @ self.turns(times, reference) @ np.linalg.inv(k)
+        return warps
+
+
+def _through_lens(
+    coefficients: NDArray[np.float32], path: _CameraPath, times: FloatArray, reference: float, left: int, top: int
+) -> NDArray[np.float32]:
+    """`average_warps` for a lens that distorts: no homography, so each pixel is followed by itself."""
+    camera = path.camera
+    grid = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
+    directions = _undistorted((grid - np.array(camera.principal)) / np.array(camera.focal), camera)
+    turns = path.turns(times, reference)
+    out = np.empty((camera.height, camera.width, coefficients.shape[2]), dtype=np.float32)
+    for y in range(camera.height):
+        at = _distorted(np.einsum("tij,xj->txi", turns[y], directions[y]), camera) * camera.focal + camera.principal
+        for c in range(out.shape[2]):
+            values = ndimage.map_coordinates(
+                coefficients[..., c], [at[..., 1] + top, at[..., 0] + left], order=3, mode="mirror", prefilter=False
+            )
+            out[y, :, c] = values.mean(axis=0)
+    return out
+
+
+# The lens once more, written from OpenCV's documentation and inverted by other means than in `lens`.
+def _distorted(directions: FloatArray, camera: Camera) -> FloatArray:
+    k = camera.distortion
+    if camera.distortion_model == "fisheye":
+        a, b, c = np.moveaxis(directions, -1, 0)
+        r = np.sqrt(a**2 + b**2)
+        theta = np.arccos(c / np.sqrt(r**2 + c**2))
+        # theta (1 + k1 theta^2 + ...) as a polynomial, the highest power first; where r is 0, so is the result
+        bent = np.polyval([k[3], 0, k[2], 0, k[1], 0, k[0], 0, 1, 0], theta)
+        ratio: FloatArray = bent / np.maximum(r, 1e-300)
+        return directions[..., :2] * ratio[..., None]
+    plane = directions[..., :2] / directions[..., 2:]
+    radial, shift = _brown(plane, k)
+    points: FloatArray = plane * radial + shift
+    return points
+
+
+def _brown(plane: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
+    """Radial factor and tangential shift."""
+    full = np.zeros(8)
+    full[: len(k)] = k
+    k1, k2, p1, p2, k3, k4, k5, k6 = full
+    r2 = (plane**2).sum(axis=-1, keepdims=True)
+    radial = np.polyval([k3, k2, k1, 1], r2) / np.polyval([k6, k5, k4, 1], r2)
+    across = np.array([p2, p1])
+    return radial, 2 * plane * (plane @ across)[..., None] + across * r2
+
+
+def _undistorted(plane: FloatArray, camera: Camera) -> FloatArray:
+    k = camera.distortion
+    if camera.distortion_model == "fisheye":
+        theta = np.linspace(0.0, np.pi, 300_001)
+        bent = np.polyval([k[3], 0, k[2], 0, k[1], 0, k[0], 0, 1, 0], theta)
+        # Up to where the model turns back; beyond, no pixel of the frame lies.
+        end = int(np.argmax(np.append(np.diff(bent) <= 0, True))) + 1
+        radius = np.linalg.norm(plane, axis=-1)
+        angle = np.interp(radius, bent[:end], theta[:end])
+        sideways = plane * (np.sin(angle) / np.maximum(radius, 1e-300))[..., None]
+        return np.concatenate([sideways, np.cos(angle)[..., None]], axis=-1)
+    flat = plane
+    # OpenCV's fixed point; each step shrinks the error by the share of the distortion.
+    for _ in range(300):
+        radial, shift = _brown(flat, k)
+        flat = (plane - shift) / radial
+    return np.concatenate([flat, np.ones_like(flat[..., :1])], axis=-1)

@@ -19,7 +19,7 @@ from rsdeblur.fft import fast_length
 # How much longer a transform may be than needed, as a share, for FFTW's sake. Two whole axes stay within 8 % more
 # pixels; tiles overlap anyway, and a length of 256 in place of 243 is three times as fast.
 WHOLE_EXCESS = 0.038
-TILE_EXCESS = 0.16
+TILE_EXCESS = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +59,7 @@ class Tiling:
     tiles: tuple[Tile, ...]
 
     @classmethod
-    def plan(cls, centres: FloatArray, n: int, kernel: int, margin: int, *, periodic: bool) -> Tiling:
+    def plan(cls, centres: FloatArray, n: int, kernel: int, gap: int, *, periodic: bool) -> Tiling:
         """Cut an axis into tiles.
 
         Parameters
@@ -69,9 +69,9 @@ class Tiling:
         n : int
             Length of the axis, px.
         kernel : int
-            Size of the PSFs along the axis, px: opposite ends are blended over this length.
-        margin : int
-            How far a tile must see beyond the positions it contributes to, px.
+            Size of the PSFs along the axis, px: what a tile of the whole axis is longer than that.
+        gap : int
+            What any other tile is longer than the part it contributes to, px.
         periodic : bool
             Whether the picture repeats; a single tile then has exactly its length.
 
@@ -88,15 +88,15 @@ class Tiling:
             )
         whole = n if periodic else fast_length(n + kernel, excess=WHOLE_EXCESS)
         longest = max(len(support) for support in supports)
-        length = fast_length(longest + 2 * margin + kernel, excess=TILE_EXCESS)
+        length = fast_length(longest + gap, excess=TILE_EXCESS)
         if len(centres) == 1 or length >= whole:
             tiles = tuple(Tile(0, int(s[0]), _part(w, s)) for w, s in zip(weights, supports, strict=True))
             return cls(whole, whole - n, tiles)
         tiles = tuple(
-            Tile(int(s[0]) - (length - kernel - len(s)) // 2, int(s[0]), _part(w, s))
+            Tile(int(s[0]) - (longest - len(s)) // 2, int(s[0]), _part(w, s))
             for w, s in zip(weights, supports, strict=True)
         )
-        return cls(length, kernel, tiles)
+        return cls(length, length - longest, tiles)
 
 
 def hat_weights(centres: FloatArray, n: int) -> FloatArray:

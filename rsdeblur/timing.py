@@ -28,9 +28,9 @@ from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.exposure import Exposure
 from rsdeblur.gyro import GyroLog
 from rsdeblur.motion import BlurPaths, Shot
-from rsdeblur.pipeline import picture_values
 from rsdeblur.psf import PsfBank
-from rsdeblur.transfer import Transfer, check_transfer, to_linear
+from rsdeblur.stored import Stored, check_size
+from rsdeblur.transfer import Transfer, check_transfer
 
 # Side of the tiles whose spectra are compared, px, and how far they overlap. Small ones keep the PSF constant within.
 TILE = 64
@@ -136,12 +136,9 @@ def find_time_offset(
     first, last = (_validate.finite("search", end) for end in search)
     if last - first < 2 * COARSE_STEP:
         raise InputError(f"search must span at least {2 * COARSE_STEP:g} s, got {first:g} to {last:g}")
-    values, _ = picture_values(image)
-    if values.shape[:2] != (camera.height, camera.width):
-        raise InputError(
-            f"the picture is {values.shape[1]}x{values.shape[0]} px but the camera's is {camera.width}x{camera.height}"
-        )
-    light = to_linear(values[:, :, :3] if values.shape[2] > 2 else values[:, :, :1], check_transfer(transfer)).mean(2)
+    stored = Stored.of(image, check_transfer(transfer), quarter=False)
+    check_size(stored.shape, camera)
+    light = stored.light(slice(None)).mean(2)
 
     capture = log, camera, exposure
     whole = np.arange(0, round((last - first) / FINE_STEP) + 1, round(COARSE_STEP / FINE_STEP))

@@ -1,4 +1,4 @@
-"""The Wiener filter, global and banded, in the hybrid domain.
+"""Filters of tiles, global and banded, in the hybrid domain; the Wiener filter.
 
 `global` is the case of one band and one strip, not another code path.
 """
@@ -21,13 +21,135 @@ from rsdeblur.psf import PsfBank
 from rsdeblur.tiling import Tiling
 
 # The inverse filter of a straight PSF of K px at NSR Phi rings with a decay length of K / (2 pi sqrt(Phi)): its poles
-# stand that far off the real axis. A tile sees 0.1 K / sqrt(Phi) beyond its part, some 0.6 decay lengths, and at least
-# half a PSF: a trade of time for quality whose price is in docs/developer/decisions.md.
-DECAY_MARGIN = 0.1
-LEAST_MARGIN = 0.5
+# stand that far off the real axis. A tile is longer than its part by 0.2 K / sqrt(Phi), some 1.3 decay lengths, and at
+# least by 1.5 PSFs; all of that is a fade between its two ends. The price of less is in docs/developer/decisions.md.
+DECAY_GAP = 0.2
+LEAST_GAP = 1.5
 
 
-class Deconvolver:
+class TileFilter:
+    """The tiles of a bank on pictures of one shape, and what applies a filter of each to a picture.
+
+    Parameters
+    ----------
+    bank : PsfBank
+        B x S kernels.
+    shape : (H, W) or (H, W, C)
+        Shape of the pictures to come.
+    gap : float
+        What a tile is longer than its part, in PSFs.
+    border, planning, threads
+        See :class:`Deconvolver`.
+
+    Raises
+    ------
+    InputError
+        As :class:`Deconvolver` does.
+    """
+
+    def __init__(
+        self,
+        bank: PsfBank,
+        shape: tuple[int, ...],
+        *,
+        gap: float,
+        border: Border,
+        planning: Planning,
+        threads: int | None,
+    ) -> None:
+        self.shape = _picture_shape(shape)
+        _validate.choice("border", border, BORDERS)
+        _validate.choice("planning", planning, PLANNINGS)
+        height, width = self.shape[:2]
+        _check_fit(bank, height, width)
+        self._bands, self._strips = (
+            Tiling.plan(centres, n, kernel, int(np.ceil(gap * kernel)), periodic=border == "periodic")
+            for centres, n, kernel in zip((bank.rows, bank.cols), (height, width), bank.size, strict=True)
+        )
+        self._threads = thread_count(threads)
+        self._hybrid = Hybrid(
+            (height, width, self.shape[2] if len(self.shape) == 3 else 1),
+            self._bands,
+            self._strips,
+            border=border,
+            planning=planning,
+            threads=self._threads,
+        )
+        self._planners = [
+            _TransferPlanner(bank.size[0], self._bands.length, self._strips.length)
+            for _ in range(min(self._threads, bank.kernels[..., 0, 0].size))
+        ]
+        self._centres, self._kernel_size = (bank.rows, bank.cols), bank.size
+        self._copy: NDArray[np.float32] | None = None
+        # The inverse transforms are not scaled; every filter takes this factor in.
+        self._scale = 1.0 / (self._bands.length * self._strips.length)
+        self._lock = threading.Lock()
+
+    def _apply(
+        self,
+        filters: Complex,
+        image: ArrayLike,
+        out: NDArray[np.float32] | None,
+        progress: Callable[[float], None] | None,
+    ) -> NDArray[np.float32]:
+        """Filter a picture as :meth:`Deconvolver.apply` does, with `filters` (S, B, padded frequencies, L)."""
+        picture = np.ascontiguousarray(image, dtype=np.float32)
+        if picture.shape != self.shape:
+            raise InputError(f"image must have the planned shape {self.shape}, got {picture.shape}")
+        out = _validate.output(out, self.shape)
+        several = len(self._strips.tiles) > 1
+        if several:
+            # Strips are added up in `out`, so it cannot be read from any more, nor left half done.
+            if not all(np.isfinite(row).all() for row in picture):
+                raise InputError("image must be finite")
+            picture = self._aside(picture) if np.shares_memory(picture, out) else picture
+            out[...] = 0
+        source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))
+        with self._lock:
+            for s, strip in enumerate(self._strips.tiles):
+                if not self._hybrid.transform_rows(source, strip):
+                    raise InputError("image must be finite")
+                self._hybrid.filter_columns(filters[s])
+                self._hybrid.restore_rows(target, strip, add=several)
+                if progress is not None:
+                    progress((s + 1) / len(self._strips.tiles))
+        return out
+
+    def _aside(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return a copy of `picture`, made in memory that is kept for the next time."""
+        if self._copy is None:
+            self._copy = np.empty_like(picture)
+        np.copyto(self._copy, picture)
+        return self._copy
+
+    def _new_filters(self) -> Complex:
+        """Return zeros for a filter of each tile, shape (S, B, padded frequencies, L)."""
+        tiles = (len(self._strips.tiles), len(self._bands.tiles))
+        filters: Complex = np.zeros((*tiles, self._hybrid.padded_frequencies, self._bands.length), np.complex64)
+        return filters
+
+    def _transfer_functions(self, bank: PsfBank, out: Complex) -> None:
+        """Fill `out` with the transfer functions of all tiles."""
+
+        def plan(thread: int, s: int, b: int) -> None:
+            self._planners[thread].plan(bank.kernels[b, s], out[s, b, : self._hybrid.frequencies])
+
+        self._share_tiles(plan, out.shape[:2])
+
+    def _share_tiles(self, job: Callable[[int, int, int], None], tiles: tuple[int, ...]) -> None:
+        """Call `job(thread, s, b)` for every tile, shared out to the threads."""
+        places = list(np.ndindex(*tiles))
+        threads = min(self._threads, len(places))
+
+        def work(thread: int) -> None:
+            for s, b in places[thread::threads]:
+                job(thread, s, b)
+
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(work, range(threads)))
+
+
+class Deconvolver(TileFilter):
     """Wiener deconvolution with a bank of PSFs, planned once and applied often.
 
     Each tile is filtered with
@@ -71,30 +193,42 @@ class Deconvolver:
         planning: Planning = "estimate",
         threads: int | None = None,
     ) -> None:
-        self.shape = _picture_shape(shape)
         self.nsr = _validate.finite("nsr", nsr, above=0.0)
-        _validate.choice("border", border, BORDERS)
-        _validate.choice("planning", planning, PLANNINGS)
-        height, width = self.shape[:2]
-        _check_fit(bank, height, width)
-        reach = max(LEAST_MARGIN, DECAY_MARGIN / self.nsr**0.5)
-        self._bands, self._strips = (
-            Tiling.plan(centres, n, kernel, int(np.ceil(reach * kernel)), periodic=border == "periodic")
-            for centres, n, kernel in zip((bank.rows, bank.cols), (height, width), bank.size, strict=True)
-        )
-        threads = thread_count(threads)
-        self._hybrid = Hybrid(
-            (height, width, self.shape[2] if len(self.shape) == 3 else 1),
-            self._bands,
-            self._strips,
-            border=border,
-            planning=planning,
-            threads=threads,
-        )
-        self._filters = self._plan_filters(bank, threads)
+        gap = max(LEAST_GAP, DECAY_GAP / self.nsr**0.5)
+        super().__init__(bank, shape, gap=gap, border=border, planning=planning, threads=threads)
+        self._filters = self._new_filters()
+        self.replan(bank)
         if planning == "measure":
             remember()
-        self._lock = threading.Lock()
+
+    def replan(self, bank: PsfBank) -> None:
+        """Undo other PSFs from now on, such as those of a video's next frame; plans and buffers stay.
+
+        Parameters
+        ----------
+        bank : PsfBank
+            Kernels at the planned places, no larger than the planned ones.
+
+        Raises
+        ------
+        InputError
+            If the kernels stand elsewhere or are larger.
+        """
+        places = all(map(np.array_equal, (bank.rows, bank.cols), self._centres))
+        if not places or any(new > planned for new, planned in zip(bank.size, self._kernel_size, strict=True)):
+            raise InputError(
+                f"a bank to replan for must have kernels at the planned places and of at most "
+                f"{' x '.join(map(str, self._kernel_size))} px, got {' x '.join(map(str, bank.size))} px"
+                + ("" if places else " elsewhere")
+            )
+        scale = np.float32((1.0 + self.nsr) * self._scale)
+
+        def invert(_: int, s: int, b: int) -> None:
+            _wiener(self._filters[s, b, : self._hybrid.frequencies], np.float32(self.nsr), scale)
+
+        with self._lock:
+            self._transfer_functions(bank, self._filters)
+            self._share_tiles(invert, self._filters.shape[:2])
 
     def apply(
         self,
@@ -124,79 +258,40 @@ class Deconvolver:
         InputError
             If `image` or `out` has another shape or type, or `image` is not finite.
         """
-        picture = np.ascontiguousarray(image, dtype=np.float32)
-        if picture.shape != self.shape:
-            raise InputError(f"image must have the planned shape {self.shape}, got {picture.shape}")
-        if out is None:
-            out = np.empty(self.shape, dtype=np.float32)
-        elif not isinstance(out, np.ndarray) or out.shape != self.shape or out.dtype != np.float32:
-            got = f"{out.dtype} of shape {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
-            raise InputError(f"out must be a float32 array of shape {self.shape}, got {got}")
-        elif not out.flags.writeable:
-            raise InputError("out must be writable")
-        several = len(self._strips.tiles) > 1
-        if several:
-            # Strips are added up in `out`, so it cannot be read from any more, nor left half done.
-            if not np.isfinite(picture).all():
-                raise InputError("image must be finite")
-            picture = picture.copy() if np.shares_memory(picture, out) else picture
-            out[...] = 0
-        source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))
-        with self._lock:
-            for s, strip in enumerate(self._strips.tiles):
-                if not self._hybrid.to_columns(source, strip):
-                    raise InputError("image must be finite")
-                self._hybrid.filter(self._filters[s])
-                self._hybrid.to_picture(target, strip, add=several)
-                if progress is not None:
-                    progress((s + 1) / len(self._strips.tiles))
-        return out
-
-    def _plan_filters(self, bank: PsfBank, threads: int) -> Complex:
-        """Return the filters of all tiles, shape (S, B, K, L)."""
-        bands, strips = bank.kernels.shape[:2]
-        shape = (strips, bands, self._hybrid.padded_frequencies, self._bands.length)
-        filters: Complex = np.zeros(shape, dtype=np.complex64)
-        tiles = list(np.ndindex(bands, strips))
-        threads = min(threads, len(tiles))
-
-        def plan(thread: int) -> None:
-            planner = _FilterPlanner(bank.size[0], self._bands.length, self._strips.length, self.nsr)
-            for b, s in tiles[thread::threads]:
-                planner.plan(bank.kernels[b, s], filters[s, b, : self._hybrid.frequencies])
-
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(plan, range(threads)))
-        return filters
+        return self._apply(self._filters, image, out, progress)
 
 
-class _FilterPlanner:
-    """Turns kernels into filters of columns, with the scaling of the inverse transforms folded in."""
+def _wiener(otf: Complex, nsr: np.float32, scale: np.float32) -> None:
+    """Turn a transfer function into its Wiener filter, in place."""
+    gain = np.square(otf.real)
+    gain += np.square(otf.imag)
+    gain += nsr
+    np.divide(scale, gain, out=gain)
+    np.conjugate(otf, out=otf)
+    otf *= gain
 
-    def __init__(self, kernel_height: int, slab_length: int, row_length: int, nsr: float) -> None:
+
+class _TransferPlanner:
+    """Turns kernels into transfer functions of columns."""
+
+    def __init__(self, kernel_height: int, slab_length: int, row_length: int) -> None:
         self._rows = RowTransform((kernel_height, row_length))
         self._columns = LineTransform((row_length // 2 + 1, slab_length))
-        # The kernel's centre goes to the origin, what precedes it to the end.
-        self._places = (np.arange(kernel_height) - kernel_height // 2) % slab_length
-        self._nsr = np.float32(nsr)
-        self._scale = np.float32((1.0 + nsr) / (slab_length * row_length))
 
     def plan(self, kernel: NDArray[np.float32], out: Complex) -> None:
-        """Fill `out` (K, L) with the filter of `kernel`."""
-        width = kernel.shape[1]
+        """Fill `out` (K, L) with the transfer function of `kernel`."""
+        # The kernel's centre goes to the origin, what precedes it to the end.
+        down, across = (
+            (np.arange(n) - n // 2) % length
+            for n, length in zip(kernel.shape, (self._columns.data.shape[1], self._rows.real.shape[1]), strict=True)
+        )
         self._rows.real[...] = 0
-        self._rows.real[:, (np.arange(width) - width // 2) % self._rows.real.shape[1]] = kernel
+        self._rows.real[: len(down), across] = kernel
         self._rows.forward()
-        otf = self._columns.data
-        otf[...] = 0
-        otf[:, self._places] = self._rows.spectrum.T
+        self._columns.data[...] = 0
+        self._columns.data[:, down] = self._rows.spectrum[: len(down)].T
         self._columns.forward()
-        gain = np.square(otf.real)
-        gain += np.square(otf.imag)
-        gain += self._nsr
-        np.divide(self._scale, gain, out=gain)
-        np.conjugate(otf, out=out)
-        out *= gain
+        out[...] = self._columns.data
 
 
 def _picture_shape(shape: tuple[int, ...]) -> tuple[int, ...]:

@@ -83,3 +83,19 @@ def test_shifted():
 def test_refuses(arguments, message):
     with pytest.raises(InputError, match=message):
         Exposure(*arguments)
+
+
+@pytest.mark.parametrize("direction", ["top-down", "bottom-up", "left-right", "right-left"])
+def test_the_stamp_marks_what_the_camera_says(direction: str) -> None:
+    exposure = Exposure(1.0, 0.04)
+    rows = np.arange(10.0)
+
+    def windows(stamp: str) -> tuple[np.ndarray, np.ndarray]:
+        camera = Camera(10, 10, 50.0, readout=0.02, readout_direction=direction, stamp=stamp)
+        return exposure.window(rows, camera)
+
+    assert windows("start")[0].min() == 1.0
+    # Rounding of a few sums near 1.
+    assert windows("end")[1].max() == pytest.approx(1.0, abs=1e-15)
+    opens, closes = windows("middle")
+    assert (opens + closes).mean() / 2 == pytest.approx(1.0, abs=1e-15)

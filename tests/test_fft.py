@@ -32,6 +32,22 @@ def test_rows_are_numpys_transform_and_come_back(planning):
     np.testing.assert_allclose(rows.real / 30, values, atol=1e-6)
 
 
+def test_rows_move_to_another_place():
+    values = np.random.default_rng(0).random((2, 4, 30)).astype(np.float32)
+    spectra = fft.empty((2, 8, 24), np.complex64)
+    rows = fft.RowTransform((2, 4, 30), "estimate", spectra[:, :4, :16])
+    assert not spectra[:, :4, :16].any()
+    for top in (4, 0):
+        rows.move(spectra[:, top : top + 4, :16])
+        rows.real[...] = values
+        rows.forward()
+    # 30 values of order 1 are summed in float32.
+    np.testing.assert_allclose(spectra[..., :16], np.tile(np.fft.rfft(values), (1, 2, 1)), atol=1e-5)
+    rows.move(spectra[:, 4:, :16])
+    rows.inverse()
+    np.testing.assert_allclose(rows.real / 30, values, atol=1e-6)
+
+
 def test_lines_are_numpys_transform_and_come_back():
     rng = np.random.default_rng(0)
     lines = fft.LineTransform((4, 24))

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from rsdeblur.camera import Camera
-from rsdeblur.errors import FileFormatError
+from rsdeblur.errors import ClockError, FileFormatError
 from rsdeblur.exposure import Exposure
-from rsdeblur.io import read_camera, read_captures
+from rsdeblur.io import read_camera, read_captures, read_gyro
 
 STAMP = 1_766_385_749_427_863_801
 ANDROID = (
@@ -41,7 +43,7 @@ FAULTS = {
     "cut off": ("1 100\n2", 2, "cut off"),
     "nan": ("1 100\n2 nan\n", 2, "not finite"),
     "beyond int64": (f"1 100\n{2**64} 100\n", 2, "beyond the int64 range"),
-    "unknown": ("a b c\n", 1, "unknown capture file format, .*; known formats: mars .*deepgyro"),
+    "unknown": ("a b c\n", 1, "unknown capture file format, .*; known formats: .*mars .*deepgyro"),
     "gyro log": ("1 0.1 0.2 0.3\n", 1, "unknown capture file format"),
 }
 
@@ -88,3 +90,42 @@ def test_read_camera_refuses_what_is_no_camera(tmp_path: Path) -> None:
         read_camera(tmp_path / "phone.toml")
     with pytest.raises(FileFormatError, match=r"none\.toml"):
         read_camera(tmp_path / "none.toml")
+
+
+def test_stamps_alone_need_the_exposure_time(tmp_path: Path) -> None:
+    path = tmp_path / "timestamps.csv"
+    for text in (f"{STAMP}\n{STAMP + 7}\n", f"Frame timestamp[nanosec]\n{STAMP}\n{STAMP + 7}\n"):
+        path.write_text(text)
+        assert read_captures(path, duration=0.1) == [Exposure(0.0, 0.1, STAMP), Exposure(0.0, 0.1, STAMP + 7)]
+        with pytest.raises(FileFormatError, match=r"timestamps\.csv: the file tells when, but not for how long"):
+            read_captures(path)
+
+
+def test_image_info_of_gyrodeblurnet(tmp_path: Path) -> None:
+    path = tmp_path / "image_info.txt"
+    path.write_text(f"{STAMP} 800 33333333 3182.59 3179.30 1458.69 2114.26 0\n")
+    assert read_captures(path) == [Exposure(0.0, 0.033333333, STAMP)]
+
+
+def test_a_jpeg_with_its_own_gyro_data_tells_its_capture(tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0x829A] = 0.0625
+    for block, expected in ((exif, [Exposure(0.0, 0.0625, STAMP)]), (None, None)):
+        path = tmp_path / "a.jpg"
+        Image.new("RGB", (8, 8)).save(path, **({} if block is None else {"exif": block}))
+        header = struct.pack("<16sqIIq", b"GYRODATA", STAMP, 1, 0, 0)
+        path.write_bytes(path.read_bytes() + header.ljust(16384, b"\0"))
+        if expected is None:
+            with pytest.raises(FileFormatError, match="not for how long"):
+                read_captures(path)
+        else:
+            assert read_captures(path) == expected
+
+
+def test_the_stamps_of_opencamera_have_another_clock(data_dir: Path) -> None:
+    """The saved gyro log and frames do not overlap, which must be said and never extrapolated."""
+    folder = data_dir / "formats/opencamera-sensors"
+    exposure = read_captures(folder / "timestamps.csv", duration=0.02)[0]
+    log = read_gyro(folder / "gyro_data.csv")
+    with pytest.raises(ClockError, match="unrelated clocks"):
+        log.covering(exposure.start, exposure.start + 0.02, exposure.epoch_ns)

@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rsdeblur.errors import FileFormatError, RsdeblurWarning
+from rsdeblur.axes import imu_to_camera
+from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io import detect_gyro_format, read_gyro
+from rsdeblur.io.gyro_logs import FORMATS
 
 # A stamp that float64 cannot hold: its neighbours there are 256 ns apart.
 EPOCH = 1_766_385_749_427_863_801
@@ -121,17 +123,28 @@ def test_gcsv(write: Write, first: str, mark: str, columns: str) -> None:
     log = read_gyro(write(f"{header}\n1500,39,86,183{accelerations}\n3500.5,56,-100,202{accelerations}\n"))
     assert log.epoch_ns == 1_500_000
     np.testing.assert_array_equal(log.t, [0, 2_000_500 * 1e-9])
-    np.testing.assert_array_equal(log.omega, np.array([[39, 86, 183], [56, -100, 202]]) * 0.001)
+    # orientation YxZ: Gyroflow's x is the raw y, its y the raw x negated
+    np.testing.assert_array_equal(log.omega, np.array([[86, -39, 183], [-100, -56, 202]]) * 0.001)
 
 
 def test_gcsv_defaults_are_milliseconds_and_radians(write: Write) -> None:
-    log = read_gyro(write("GYROFLOW IMU LOG\nt,gx,gy,gz\n0,1,2,3\n4,1,2,3\n"))
+    with pytest.warns(RsdeblurWarning, match="orientation xzY, is taken"):
+        log = read_gyro(write("GYROFLOW IMU LOG\nt,gx,gy,gz\n0,1,2,3\n4,1,2,3\n"))
     np.testing.assert_array_equal(log.t, [0, 4_000_000 * 1e-9])
-    np.testing.assert_array_equal(log.omega[0], [1, 2, 3])
+    np.testing.assert_array_equal(log.omega[0], [-1, -3, 2])
+
+
+def test_an_orientation_that_is_given_replaces_the_one_of_the_file(write: Write) -> None:
+    path = write("GYROFLOW IMU LOG\norientation,YxZ\ngscale,0.5\nt,gx,gy,gz\n0,1,2,3\n4,1,2,3\n")
+    np.testing.assert_array_equal(read_gyro(path, orientation="xZy").omega[0], [-0.5, 1.5, -1])
+    np.testing.assert_array_equal(read_gyro(write(GOOD), orientation="YxZ").omega[0], [2, -1, 3])
+    with pytest.raises(InputError, match="'XXZ' is no orientation"):
+        read_gyro(path, orientation="XXZ")
 
 
 def test_gcsv_with_a_scale_that_is_no_whole_number_of_nanoseconds(write: Write) -> None:
-    log = read_gyro(write("GYROFLOW IMU LOG\ntscale,0.0000000025\nt,gx,gy,gz\n1,0,0,0\n1000003,0,0,0\n"))
+    keys = "GYROFLOW IMU LOG\ntscale,0.0000000025\norientation,XYZ\n"
+    log = read_gyro(write(f"{keys}t,gx,gy,gz\n1,0,0,0\n1000003,0,0,0\n"))
     # 2.5 ns and 2500007.5 ns, rounded half to even
     assert log.epoch_ns == 2
     np.testing.assert_array_equal(log.t, [0, 2_500_006 * 1e-9])
@@ -146,6 +159,20 @@ def test_detection_looks_at_the_content_and_format_overrides_it(write: Write) ->
 def test_degrees_are_warned_about(write: Write) -> None:
     with pytest.warns(RsdeblurWarning, match="degrees"):
         read_gyro(write("0,100,0,0\n0.01,100,0,0\n"))
+
+
+def test_late_samples_are_sorted_in_and_reported(write: Write) -> None:
+    rows = [f"{i / 100} 0 0 {i / 100}" for i in range(200)]
+    rows[50], rows[51], rows[52] = rows[51], rows[52], rows[50]
+    with pytest.warns(RsdeblurWarning, match="log.txt: 1 samples came late and were sorted in"):
+        log = read_gyro(write("\n".join(rows)))
+    np.testing.assert_array_equal(log.omega[:, 2], np.arange(200) / 100)
+
+
+def test_repeated_samples_are_dropped_and_reported(write: Write) -> None:
+    with pytest.warns(RsdeblurWarning, match="1 repeated samples were dropped"):
+        log = read_gyro(write(GOOD + "0.01,1,2,3\n0.02,1,2,3\n"))
+    np.testing.assert_allclose(log.t, [0, 0.01, 0.02], atol=1e-15)
 
 
 def test_a_long_log_round_trips(write: Write) -> None:
@@ -174,10 +201,10 @@ FAULTS = {
     "endless stamp": (GOOD + f"0.{'1' * 60},1,2,3\n", 3, "is not a finite number"),
     "nan sample": (GOOD + "0.02,1,nan,3\n", 3, "not finite: nan in column 3"),
     "infinite sample": ("0.00,1,2,-inf\n" + GOOD, 1, "not finite: -inf in column 4"),
-    "duplicate": (GOOD + "0.01,4,5,6\n0.02,1,2,3\n", 3, "duplicate stamp 0.01, the same as in line 2"),
-    "out of order": (GOOD + "0.005,1,2,3\n", 3, "0.005 comes after 0.01 of line 2"),
+    "duplicate": (GOOD + "0.01,4,5,6\n0.02,1,2,3\n", 3, "duplicate stamp 10000000 ns with another value"),
+    "set back": (GOOD + "0.02,1,2,3\n-0.5,1,2,3\n", 4, "-500000000 ns comes after 20000000 ns"),
     "reversed": ("0.03,1,2,3\n0.02,1,2,3\n0.01,1,2,3\n", 2, "out of order"),
-    "same nanosecond": (GOOD + "0.0200000000001,1,2,3\n0.0200000000002,1,2,3\n", 4, "duplicate stamp 20000000"),
+    "same nanosecond": (GOOD + "0.0200000000001,1,2,3\n0.0200000000002,1,2,4\n", 4, "duplicate stamp 20000000"),
     "cut off": (GOOD + "0.02,1,2", 3, "cut off: 3 of 4 columns"),
     "cut off within a number": (GOOD + "0.02,1,2,1e-", 3, "'1e-' in column 4 is not a number"),
     "cut off after the gyro": (f"{MARS_HEADER}\n0,1,2,3,4,5,6\n9,1,2,3,4", 3, "cut off: 5 of 7 columns"),
@@ -187,9 +214,9 @@ FAULTS = {
     "astronomic": (GOOD + "1e999999999,1,2,3\n", 3, "beyond the int64 range"),
     "one sample": ("# one\n0.0,1,2,3\n", 2, "at least 2 samples"),
     "unknown": ("a,b\n1,2\n", 1, "unknown gyro log format"),
-    "five columns": ("0,1,2,3,4\n1,1,2,3,4\n", 1, "known formats: mars .*deepgyro .*gcsv .*plain"),
+    "five columns": ("0,1,2,3,4\n1,1,2,3,4\n", 1, "known formats: .*gcsv .*mars .*deepgyro .*plain"),
     "accelerometer header": ("t,ax,ay,az\n" + GOOD, 1, "unknown gyro log format"),
-    "degree header": ("t,wx[deg/s],wy[deg/s],wz[deg/s]\n" + GOOD, 1, "unknown gyro log format"),
+    "unknown unit": ("t,wx[rpm],wy[rpm],wz[rpm]\n" + GOOD, 1, "unknown gyro log format"),
     "deepgyro type": ("4 0 1 2 3\n4 5 1 2 3\nx 9 1 2 3\n", 3, "'x' is not a sensor type"),
     "deepgyro columns": ("4 0 1 2 3\n1 5 1 2 3\n4 9 1 2\n1 5 1 2 3\n", 3, "too few columns: 4 found, at least 5"),
     "gcsv scale": ("GYROFLOW IMU LOG\ngscale,-1\nt,gx,gy,gz\n0,1,2,3\n", 2, "gscale must be a positive number"),
@@ -241,11 +268,13 @@ def test_missing_file_and_folder(tmp_path: Path) -> None:
 
 
 def test_unknown_format_name_lists_the_known_ones(write: Write) -> None:
-    with pytest.raises(FileFormatError, match=r"log\.txt: there is no gyro log format 'eurok'; known formats: mars"):
+    with pytest.raises(
+        FileFormatError, match=r"log\.txt: there is no gyro log format 'eurok'; known formats: gyrodata"
+    ):
         read_gyro(write(table()), format="eurok")
 
 
-@pytest.mark.parametrize("name", ["mars", "deepgyro", "gcsv", "plain"])
+@pytest.mark.parametrize("name", [each.name for each in FORMATS])
 def test_a_forced_format_that_does_not_fit_is_refused(write: Write, name: str) -> None:
     with pytest.raises(FileFormatError, match=r"log\.txt"):
         read_gyro(write("no,gyro\nlog,at\nall,either\n"), format=name)
@@ -279,5 +308,7 @@ def test_the_same_recording_in_two_formats_agrees(data_dir: Path) -> None:
     mars = read_gyro(data_dir / "real/mars-phone-240ms/gyro_accel.csv")
     gcsv = read_gyro(data_dir / "formats/gcsv/movie.gcsv")
     np.testing.assert_array_equal(mars.t, gcsv.t)
-    # the .gcsv keeps whole microradians per second
-    np.testing.assert_allclose(mars.omega, gcsv.omega, atol=0.51e-6)
+    # in camera axes, each from its own; the .gcsv keeps whole microradians per second
+    np.testing.assert_allclose(
+        mars.omega @ imu_to_camera("phone-portrait").T, gcsv.omega @ imu_to_camera("gyroflow").T, atol=0.51e-6
+    )

@@ -1,4 +1,4 @@
-"""Laws of cutting lines, on the Numba kernels and on their NumPy twins.
+"""Laws of moving lines, on the C kernels and on their NumPy twins.
 
 The picture is left alone, and what goes on beyond it meets itself smoothly.
 """
@@ -11,16 +11,26 @@ import numpy as np
 import pytest
 
 from rsdeblur.border import fade
-from rsdeblur.kernels import lines
+from rsdeblur.kernels import lines, native, why_pure
 
 N = 40
 
 
-@pytest.fixture(params=["numba", "numpy"])
+NAMES = ("picture_to_lines", "lines_to_picture", "rows_to_columns", "columns_to_rows", "cut_lines")
+
+needs_native = pytest.mark.skipif(native is None, reason=f"no C extension: {why_pure}")
+
+
+@pytest.fixture(params=[pytest.param("native", marks=needs_native), "numpy"])
 def kernels(request):
-    names = ("picture_to_lines", "cut_slabs", "rows_to_columns", "columns_to_rows", "lines_to_picture")
-    end = "" if request.param == "numba" else "_numpy"
-    return SimpleNamespace(**{name: getattr(lines, name + end) for name in names})
+    if request.param == "native":
+        return native
+    return SimpleNamespace(**{name: getattr(lines, name + "_numpy") for name in NAMES})
+
+
+def complex_noise(*shape):
+    rng = np.random.default_rng(0)
+    return (rng.random(shape) + 1j * rng.random(shape)).astype(np.complex64)
 
 
 @pytest.fixture
@@ -29,7 +39,7 @@ def extended(kernels):
 
     def cut(source, length, start, *, taper=0, border="blend"):
         out = np.full((source.shape[1], 1, length), np.nan, dtype=np.float32)
-        kernels.picture_to_lines(source[None].copy(), 0, 1, start, fade(taper), border == "periodic", out)
+        assert kernels.picture_to_lines(source[None].copy(), 0, 1, start, fade(taper), border == "periodic", out)
         return out[:, 0].T
 
     return cut
@@ -104,33 +114,54 @@ def test_the_taper_ends_where_the_start_begins(extended, noise, length, start):
     assert np.all(np.diff(share, axis=0) > 0)
 
 
-def test_slabs_are_cut_like_rows(kernels, extended, noise):
-    """Columns are complex and many tiles are cut at once; each is what a row would give."""
-    columns = np.full((2, 8, N + 5), np.nan, np.complex64)
-    columns[:, 4:7, :N] = np.stack([noise.T, 2 * noise.T]) * np.complex64(1 - 2j)
-    starts = np.array([-6, 0, 11])
-    slabs = np.empty((4, 2, 3, 30), np.complex64)
-    kernels.cut_slabs(columns, 4, N, starts, fade(8), False, slabs)
-    for slab, start in zip(slabs[:3], starts, strict=True):
-        row = extended(noise, 30, start, taper=8).T * (1 - 2j)
-        # Two roundings of values of order 1.
-        np.testing.assert_allclose(slab, [row, 2 * row], atol=1e-6)
+@pytest.mark.parametrize("start", [-6, 0, 11, 30, 100, -100])
+@pytest.mark.parametrize("border", ["blend", "periodic"])
+def test_columns_are_cut_like_rows(kernels, extended, noise, start, border):
+    columns = np.full((2, 3, N + 5), np.nan, np.complex64)
+    columns[..., :N] = np.stack([noise.T, 2 * noise.T]) * np.complex64(1 - 2j)
+    slab = np.empty((2, 3, 30), np.complex64)
+    kernels.cut_lines(columns, N, start, fade(8), border == "periodic", slab)
+    row = extended(noise, 30, start, taper=8, border=border).T * (1 - 2j)
+    # Two roundings of values of order 1.
+    np.testing.assert_allclose(slab, [row, 2 * row], atol=1e-6)
 
 
-@pytest.mark.parametrize(("shape", "rows"), [((1, 1, 1), 1), ((3, 16, 33), 16), ((2, 16, 8), 7)])
-def test_rows_become_columns_and_come_back(kernels, shape, rows):
-    rng = np.random.default_rng(0)
-    spectra = (rng.random(shape) + 1j * rng.random(shape)).astype(np.complex64)
-    columns = np.full((shape[0], shape[2] + 3, 40), 7, np.complex64)
-    kernels.rows_to_columns(spectra, rows, columns, 5)
-    place = np.s_[:, : shape[2], 5 : 5 + rows]
-    np.testing.assert_array_equal(columns[place], spectra[:, :rows].swapaxes(1, 2))
-    back = np.zeros_like(spectra)
-    kernels.columns_to_rows(columns, 5, back, rows)
-    np.testing.assert_array_equal(back[:, :rows], spectra[:, :rows])
-    np.testing.assert_array_equal(back[:, rows:], 0)
-    columns[place] = 7
-    np.testing.assert_array_equal(columns, 7)
+@pytest.mark.parametrize("border", ["blend", "periodic"])
+def test_columns_are_extended_in_place(kernels, border):
+    columns = complex_noise(2, 3, N + 20)
+    elsewhere = np.empty_like(columns)
+    kernels.cut_lines(columns, N, 0, fade(20), border == "periodic", elsewhere)
+    kernels.cut_lines(columns, N, 0, fade(20), border == "periodic", columns)
+    np.testing.assert_array_equal(columns, elsewhere)
+
+
+@pytest.mark.parametrize(("height", "count"), [(1, 1), (7, 3), (16, 16), (33, 24), (100, 13)])
+def test_rows_become_columns_and_come_back(kernels, height, count):
+    rows = complex_noise(3, height + 2, count + 9)
+    columns = np.full((3, count, height + 3), 7, np.complex64)
+    kernels.rows_to_columns(rows, 5, height, columns)
+    np.testing.assert_array_equal(columns[..., :height], rows[:, :height, 5 : 5 + count].swapaxes(1, 2))
+    np.testing.assert_array_equal(columns[..., height:], 7)
+    back = np.full_like(rows, 7)
+    kernels.columns_to_rows(columns, back, 5, height)
+    place = np.s_[:, :height, 5 : 5 + count]
+    np.testing.assert_array_equal(back[place], rows[place])
+    back[place] = 7
+    np.testing.assert_array_equal(back, 7)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_what_is_not_finite_is_reported_where_it_is_read(kernels, bad, channels):
+    picture = np.zeros((3, 50, channels), np.float32)
+    picture[1, 20, -1] = bad
+    line = np.empty((channels, 1, 10), np.float32)
+    seen = [kernels.picture_to_lines(picture, 1, 1, start, fade(0), False, line) for start in (0, 10, 11, 20, 21)]
+    assert seen == [True, True, False, False, True]
+    assert kernels.picture_to_lines(picture, 0, 1, 15, fade(0), False, line)
+    # Huge but finite, and the smallest there is.
+    picture[1, 20] = [[3e38], [1e-45]][channels == 1]
+    assert kernels.picture_to_lines(picture, 1, 1, 15, fade(0), False, line)
 
 
 @pytest.mark.parametrize("add", [False, True])
@@ -145,3 +176,39 @@ def test_lines_go_back_to_their_place(kernels, noise, add, channels):
     expected[1:3, 4:11] = values + 0.5 if add else values
     # One product and one sum of values of order 1.
     np.testing.assert_allclose(picture, expected, atol=1e-6)
+
+
+@needs_native
+class TestMisuse:
+    """The binding refuses what would make the C code read or write elsewhere."""
+
+    picture, lines = np.zeros((4, 12, 3), np.float32), np.zeros((3, 4, 20), np.float32)
+    rows, columns = np.zeros((3, 9, 30), np.complex64), np.zeros((3, 16, 9), np.complex64)
+    ramp, weights = fade(4), np.ones(5, np.float32)
+
+    @pytest.mark.parametrize(
+        ("name", "args", "message"),
+        [
+            ("picture_to_lines", ("picture", 1, 4, 0, "ramp", False, "lines"), "rows from top on"),
+            ("picture_to_lines", ("picture", -1, 1, 0, "ramp", False, "lines"), "rows from top on"),
+            ("picture_to_lines", ("lines", 0, 1, 0, "ramp", False, "lines"), "same channels"),
+            ("picture_to_lines", ("picture", 0, 1, 2**62, "ramp", False, "lines"), "overflows"),
+            ("lines_to_picture", ("lines", 4, 0, "weights", 8, False, "picture", 0), "first on within picture"),
+            ("lines_to_picture", ("lines", 4, 16, "weights", 0, False, "picture", 0), "offset on must lie within"),
+            ("lines_to_picture", ("lines", 4, 0, "weights", 0, False, "picture", 1), "rows from top on"),
+            ("rows_to_columns", ("rows", 15, 9, "columns"), "columns from first on"),
+            ("rows_to_columns", ("rows", 0, 10, "columns"), "height must lie within"),
+            ("columns_to_rows", ("columns", "rows", -1, 9), "columns from first on"),
+            ("cut_lines", ("columns", 10, 0, "ramp", False, "columns"), "height must lie within"),
+            ("cut_lines", ("columns", 9, 1, "ramp", False, "columns"), "starts at 0"),
+            ("cut_lines", ("rows", 9, 0, "ramp", False, "columns"), "same channels and columns"),
+        ],
+    )
+    def test_what_lies_outside(self, name, args, message):
+        args = [getattr(self, arg) if isinstance(arg, str) else arg for arg in args]
+        with pytest.raises(ValueError, match=message):
+            getattr(native, name)(*args)
+
+    def test_a_taper_longer_than_the_tile(self):
+        with pytest.raises(ValueError, match="overflows"):
+            native.picture_to_lines(self.picture, 0, 1, 0, fade(21), False, self.lines)

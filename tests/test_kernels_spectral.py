@@ -56,7 +56,7 @@ def test_blend_adds_weighted_positions_and_touches_no_other(kernels, n):
     expected = accumulator.astype(np.complex128)
     for i, weight in enumerate(weights):
         expected[..., 4 + i] += float(weight) * slab[..., 2 + i]
-    assert kernels.blend(accumulator, slab, weights, to_position=4, from_position=2) is None
+    assert kernels.blend(accumulator, slab, weights, 4, 2) is None
     np.testing.assert_allclose(accumulator, expected, **TOLERANCE)
 
 
@@ -65,9 +65,9 @@ def test_slabs_with_windows_that_sum_to_one_rebuild_the_picture(kernels):
     picture = complex_noise(rng, 2, 9, 20)
     up = np.linspace(0, 1, 6, dtype=np.float32)
     accumulator = np.zeros_like(picture)
-    kernels.blend(accumulator, picture, np.r_[np.ones(7, np.float32), 1 - up], to_position=0, from_position=0)
+    kernels.blend(accumulator, picture, np.r_[np.ones(7, np.float32), 1 - up], 0, 0)
     lower = picture[..., 7:].copy()
-    kernels.blend(accumulator, lower, np.r_[up, np.ones(7, np.float32)], to_position=7, from_position=0)
+    kernels.blend(accumulator, lower, np.r_[up, np.ones(7, np.float32)], 7, 0)
     np.testing.assert_allclose(accumulator, picture, **TOLERANCE)
 
 
@@ -107,7 +107,7 @@ class TestMisuse:
         with pytest.raises(ValueError, match="spectra and transfer must not overlap"):
             native.multiply(arrays.spectra, arrays.spectra[1])
         with pytest.raises(ValueError, match="accumulator must not overlap"):
-            native.blend(arrays.whole, arrays.whole, arrays.weights, to_position=0, from_position=4)
+            native.blend(arrays.whole, arrays.whole, arrays.weights, 0, 4)
         arrays.spectra.flags.writeable = False
         with pytest.raises(ValueError, match="spectra is changed in place and must be writable"):
             native.multiply(arrays.spectra, arrays.transfer)
@@ -115,29 +115,27 @@ class TestMisuse:
     def test_misaligned(self, arrays):
         weights = memoryview(bytearray(17))[1:].cast("f")
         with pytest.raises(ValueError, match="weights must be aligned to 4 bytes"):
-            native.blend(arrays.whole, arrays.spectra, weights, to_position=0, from_position=0)
+            native.blend(arrays.whole, arrays.spectra, weights, 0, 0)
 
     @pytest.mark.parametrize(
         ("positions", "message"),
         [
-            ({"to_position": -1, "from_position": 0}, "must lie within accumulator"),
-            ({"to_position": 7, "from_position": 0}, "must lie within accumulator"),
-            ({"to_position": 0, "from_position": -1}, "must lie within slab"),
-            ({"to_position": 0, "from_position": 3}, "must lie within slab"),
-            ({"to_position": 2**62, "from_position": 2**62}, "must lie within accumulator"),
+            ((-1, 0), "must lie within accumulator"),
+            ((7, 0), "must lie within accumulator"),
+            ((0, -1), "must lie within slab"),
+            ((0, 3), "must lie within slab"),
+            ((2**62, 2**62), "must lie within accumulator"),
         ],
     )
     def test_blend_positions_out_of_range(self, arrays, positions, message):
         with pytest.raises(ValueError, match=message):
-            native.blend(arrays.whole, arrays.spectra, arrays.weights, **positions)
+            native.blend(arrays.whole, arrays.spectra, arrays.weights, *positions)
 
     def test_blend_checks_every_array(self, arrays):
-        positions = {"to_position": 0, "from_position": 0}
+        positions = (0, 0)
         with pytest.raises(ValueError, match="must have the same channels and columns"):
-            native.blend(arrays.whole[:1].copy(), arrays.spectra, arrays.weights, **positions)
+            native.blend(arrays.whole[:1].copy(), arrays.spectra, arrays.weights, *positions)
         with pytest.raises(TypeError, match="weights must be float32"):
-            native.blend(arrays.whole, arrays.spectra, arrays.weights.astype(float), **positions)
+            native.blend(arrays.whole, arrays.spectra, arrays.weights.astype(float), *positions)
         with pytest.raises(TypeError, match="slab must be complex64"):
-            native.blend(arrays.whole, arrays.spectra.real.copy(), arrays.weights, **positions)
-        with pytest.raises(TypeError, match="positional"):
-            native.blend(arrays.whole, arrays.spectra, arrays.weights, 0, 0)
+            native.blend(arrays.whole, arrays.spectra.real.copy(), arrays.weights, *positions)

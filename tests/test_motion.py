@@ -12,7 +12,7 @@ from rsdeblur.camera import Camera
 from rsdeblur.errors import ClockError, CoverageError, GapError, InputError
 from rsdeblur.exposure import Exposure
 from rsdeblur.gyro import GyroLog
-from rsdeblur.motion import MOTIONS, BlurPaths, RowPoses, Shot, rays
+from rsdeblur.motion import MOTIONS, BlurPaths, RowPoses, Shot
 from rsdeblur.psf import PsfBank, tile_centres
 
 WIDTH, HEIGHT, FOCAL = 96, 64, 110.0
@@ -237,7 +237,7 @@ class TestRowPoses:
     def test_rays_undo_the_projection(self):
         camera = Camera(WIDTH, HEIGHT, (100.0, 120.0), (40.0, 30.0))
         points = np.random.default_rng(0).uniform(0, 60, (4, 5, 2))
-        image = rays(points, camera) @ camera.matrix.T
+        image = camera.rays(points) @ camera.matrix.T
         np.testing.assert_allclose(image, np.concatenate([points, np.ones((4, 5, 1))], axis=-1), atol=1e-12)
 
 
@@ -300,3 +300,32 @@ class TestChange:
 def _paths_with_the_times_of(probe, shot, rows, cols, motion):
     samples = probe.displacements.shape[2]
     return BlurPaths.from_shot(shot, rows, cols, motion=motion, samples=samples).displacements
+
+
+class TestEveryRow:
+    @pytest.mark.parametrize("motion", MOTIONS)
+    def test_is_from_shot_at_all_rows(self, shaky_log, motion):
+        shot = Shot.from_log(shaky_log(), camera_of(), EXPOSURE)
+        paths = BlurPaths.every_row(shot, COLS, motion=motion)
+        np.testing.assert_array_equal(paths.rows, np.arange(HEIGHT))
+        some = BlurPaths.from_shot(shot, paths.rows[[5, 63]], COLS, motion=motion, samples=paths.displacements.shape[2])
+        np.testing.assert_array_equal(paths.displacements[[5, 63]], some.displacements)
+        assert not paths.displacements.flags.writeable
+
+
+class TestRectify:
+    """Paths to the picture of a global shutter."""
+
+    @pytest.mark.parametrize("motion", MOTIONS)
+    def test_is_keep_for_a_global_shutter(self, shaky_log, motion):
+        keep, flat = (
+            paths_of(shaky_log(), camera_of(0.0), motion=motion, geometry=g, samples=21) for g in ("keep", "rectify")
+        )
+        np.testing.assert_allclose(flat.displacements, keep.displacements, atol=1e-9)
+
+    def test_holds_the_skew(self):
+        """Turning evenly about y, a row is off by what has turned since the middle row's mid-exposure."""
+        paths = paths_of(constant(0, 0.5, 0), camera_of(), cols=CENTRE[1], geometry="rectify", samples=5)
+        since = (ROWS[:, None] - 31.5) / HEIGHT * 0.03 + np.linspace(-0.02, 0.02, 5)
+        # The tangent, on a row a third of f off the centre.
+        np.testing.assert_allclose(paths.displacements[:, 0, :, 0], -FOCAL * 0.5 * since, atol=0.01)

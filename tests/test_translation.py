@@ -70,11 +70,12 @@ def quality(image, truth):
     return peak_signal_noise_ratio(truth[inside], image[inside], data_range=1.0)
 
 
+@pytest.mark.parametrize("lens", [("none", ()), ("radtan", (-0.2, 0.05, 0.0, 0.0))])
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("geometry", ["keep", "rectify"])
-def test_what_the_simulator_moves_is_undone(shaky_log, turned, geometry):
+def test_what_the_simulator_moves_is_undone(shaky_log, turned, geometry, lens):
     log, track = shaky_log((0.5, 0.5, 0.5)), sway()
-    camera, sharp = CAMERA, scene(200, 240)
+    camera, sharp = replace(CAMERA, distortion_model=lens[0], distortion=lens[1]), scene(200, 240)
     if turned:
         camera, track, sharp = camera.turned(), track.turned(), np.rot90(sharp, -1)
     pictures = simulate(sharp, log, camera, EXPOSURE, noise=1e-3, translation=track)
@@ -89,6 +90,17 @@ def test_what_the_simulator_moves_is_undone(shaky_log, turned, geometry):
     assert gain(track) > max(gain(None), 0) + 3
 
 
+@pytest.mark.parametrize("geometry", ["keep", "rectify"])
+def test_at_rest_nothing_moves_whatever_the_lens(geometry):
+    camera = replace(CAMERA, distortion_model="radtan", distortion=(-0.2, 0.05, 0.01, 0.0))
+    rest = Translation([0.0, 0.2], np.zeros((2, 3)), DEPTH)
+    for track in (rest, None):
+        shot = Shot.from_log(STILL, camera, EXPOSURE, track)
+        found = BlurPaths.from_shot(shot, [0.0, 60.0], [0.0, 80.0], geometry=geometry).displacements
+        # The lens is inverted by iteration.
+        np.testing.assert_allclose(found, 0, atol=1e-6)
+
+
 def test_what_is_no_track_is_refused():
     with pytest.raises(InputError, match="depth"):
         Translation([0, 1], np.zeros((2, 3)), 0.0)
@@ -98,3 +110,6 @@ def test_what_is_no_track_is_refused():
         Translation([1, 0], np.zeros((2, 3)), 1.0)
     with pytest.raises(CoverageError, match="translation track"):
         paths(STILL, Translation([0.06, 0.2], np.zeros((2, 3)), 1.0))
+    wide = Camera(160, 120, 40.0, distortion_model="fisheye", distortion=(0.0, 0.0, 0.0, 0.0))
+    with pytest.raises(InputError, match="180 degrees"):
+        paths(STILL, Translation([0.0, 0.2], np.zeros((2, 3)), 1.0), wide)

@@ -14,7 +14,7 @@ from benchmarks.captures import DATA, NOISE, Capture, quality, simulated
 from benchmarks.paper.figure import Figure, lines
 from rsdeblur import Camera, Exposure, GyroLog, deblur, psfs, read_gyro
 from rsdeblur.io import read_picture
-from rsdeblur.pipeline import MODES, Mode
+from rsdeblur.method import MODES, Mode
 
 LEVELS = (0.0, 0.007, 0.02, 0.035, 0.05, 0.065, 0.08, 0.1)
 REPETITIONS = 10

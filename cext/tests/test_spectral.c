@@ -1,38 +1,8 @@
-/* Laws of the C kernels; exits with the number of failures. Every array is allocated to its exact size, so that
- * sanitizers and valgrind see any access beyond it. */
-#include "rsdeblur_kernels.h"
-
-#include <math.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-static int failures = 0;
-
-#define CHECK(condition)                                                                                               \
-    do {                                                                                                               \
-        if (!(condition)) {                                                                                            \
-            fprintf(stderr, "%s:%d: failed: %s\n", __FILE__, __LINE__, #condition);                                    \
-            failures++;                                                                                                \
-        }                                                                                                              \
-    } while (0)
+/* Laws of the arithmetic kernels; exits with 1 if any fails. */
+#include "check.h"
 
 /* A few roundings of values in [-2, 2]. */
 #define TOLERANCE 1e-6
-
-/* `n` deterministic floats in [-1, 1). */
-static float *noise(size_t n, unsigned seed)
-{
-    float *values = malloc((n ? n : 1) * sizeof *values);
-    if (values == NULL)
-        abort();
-    for (size_t i = 0; i < n; i++) {
-        seed = seed * 1664525u + 1013904223u;
-        values[i] = (float)(seed >> 8) / 8388608.0f - 1.0f;
-    }
-    return values;
-}
 
 static void test_multiply(size_t channels, size_t n)
 {

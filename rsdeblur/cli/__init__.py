@@ -17,7 +17,7 @@ import click
 
 from rsdeblur.errors import RsdeblurError, RsdeblurWarning
 
-COMMANDS = ("deblur", "compare", "preview", "sync", "psf", "simulate", "info", "demo")
+COMMANDS = ("deblur", "compare", "preview", "sync", "psf", "simulate", "info", "camera", "demo")
 INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from rsdeblur.errors import CoverageError, InputError
+from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from rsdeblur.exposure import Exposure
     from rsdeblur.gyro import GyroLog
     from rsdeblur.io.pictures import Picture
+    from rsdeblur.io.samples import GyroFile
     from rsdeblur.transfer import Transfer
 
 
@@ -45,24 +47,50 @@ def read_inputs(photo: Path, recording: Recording) -> Inputs:
     from rsdeblur.io.pictures import read_picture
 
     # The small files first: a wrong option shows before a large picture is read.
-    log, camera, exposure = read_recording(recording)
+    log, camera, exposure = read_recording(recording, photo)
     return Inputs(read_picture(photo), log, camera, exposure)
 
 
-def read_recording(recording: Recording) -> tuple[GyroLog, Camera, Exposure]:
+def read_recording(recording: Recording, photo: Path | None = None) -> tuple[GyroLog, Camera, Exposure]:
     """Read the log, the camera and the exposure that the options name; see `read_inputs`."""
-    from rsdeblur.io import read_camera, read_gyro
+    from rsdeblur.io import open_gyro, read_camera
 
-    exposure = _exposure(recording)
+    exposure = _exposure(recording, photo)
     camera = read_camera(recording.camera)
     given = {"time_offset": recording.time_offset, "readout": recording.readout}
     changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    return read_gyro(recording.gyro, recording.gyro_format), replace(camera, **changes), exposure
+    file = open_gyro(recording.gyro, recording.gyro_format, unit=recording.unit, orientation=recording.orientation)
+    _doubt_axes(file, camera, recording)
+    return file.log, replace(camera, **changes), exposure
 
 
-def _exposure(recording: Recording) -> Exposure:
+def _doubt_axes(file: GyroFile, camera: Camera, recording: Recording) -> None:
+    """Warn if the camera file cannot mean the axes that the log is known to have."""
+    import numpy as np
+
+    from rsdeblur.axes import imu_to_camera
+
+    matrix = camera.imu_to_camera
+    if file.axes == "sensor":
+        return
+    if np.array_equal(matrix, np.eye(3)):
+        wrong = "imu_to_camera is the identity"
+    elif file.axes == "gyroflow" and np.array_equal(matrix, imu_to_camera("phone-portrait")):
+        wrong = "imu_to_camera is that of a phone's axes"
+    else:
+        return
+    wanted = "phone-portrait or phone-landscape" if file.axes == "phone" else "gyroflow"
+    warnings.warn(
+        f"{recording.camera}: {wrong}, but {recording.gyro} is in {file.axes} axes; imu_to_camera should be {wanted}",
+        RsdeblurWarning,
+        stacklevel=2,
+    )
+
+
+def _exposure(recording: Recording, photo: Path | None) -> Exposure:
     from rsdeblur.exposure import Exposure
     from rsdeblur.io import read_captures
+    from rsdeblur.io.captures import open_captures
 
     if recording.start is not None and recording.start_ns is not None:
         raise _usage("--start and --start-ns exclude each other")
@@ -71,17 +99,31 @@ def _exposure(recording: Recording) -> Exposure:
         start = (0.0, recording.start_ns)
     duration = recording.duration
     if recording.capture is not None:
-        chosen = _chosen(read_captures(recording.capture), recording)
+        if duration is None and None in open_captures(recording.capture).durations:
+            duration = _exif_exposure(photo)
+        chosen = _chosen(read_captures(recording.capture, duration=duration), recording)
         start = start or (chosen.start, chosen.epoch_ns)
         duration = chosen.duration if duration is None else duration
     elif recording.index is not None:
         raise _usage("--index needs --capture")
+    elif duration is None:
+        duration = _exif_exposure(photo)
     if start is None or duration is None:
         raise _usage(
             "the exposure is not given; name it with --capture FILE --index N, "
-            "or with --duration and one of --start-ns and --start"
+            "or with --duration (which EXIF may tell) and one of --start-ns and --start"
         )
     return Exposure(start[0], duration, start[1])
+
+
+def _exif_exposure(photo: Path | None) -> float | None:
+    """Return the exposure time that the picture's EXIF block tells."""
+    if photo is None:
+        return None
+    from rsdeblur.io.exif import Exif
+    from rsdeblur.io.pictures import read_header
+
+    return Exif(read_header(photo)[2]).exposure
 
 
 def _chosen(captures: list[Exposure], recording: Recording) -> Exposure:
@@ -101,8 +143,8 @@ def _usage(message: str) -> click.UsageError:
 
 
 def transfer_of(picture: Picture, given: Transfer | None) -> Transfer:
-    """Return how the picture encodes light: as given, else sRGB for integers and linear for floats."""
-    return given if given is not None else ("srgb" if picture.pixels.dtype.kind == "u" else "linear")
+    """Return how the picture encodes light: as given, else sRGB for integers, linear for floats and raw files."""
+    return given if given is not None else picture.transfer
 
 
 def display_values(values: NDArray[Any], transfer: Transfer) -> NDArray[Any]:

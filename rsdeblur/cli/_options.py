@@ -7,21 +7,22 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import click
 
 if TYPE_CHECKING:
     from rsdeblur.border import Border
-    from rsdeblur.motion import Motion
-    from rsdeblur.pipeline import Count, Geometry
+    from rsdeblur.motion import Geometry, Motion
+    from rsdeblur.pipeline import Count, Strength
+    from rsdeblur.priors import Prior
+    from rsdeblur.rowwise import Solver as RowSolver
     from rsdeblur.transfer import Transfer
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
 
 PATH = click.Path(path_type=Path)
-
 
 # Sindelar and Sroubek (2013) reduce 3264x2448 to 2048x1536.
 PAPER_SIDE = 2048
@@ -42,7 +43,7 @@ class SecondsType(click.ParamType[float]):
             if match is None:
                 raise ValueError(value)
             above, below, unit = match.groups(default="")
-            return float(above) / float(below or 1.0) * {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6}[unit]
+            return float(above) / float(below or 1.0) / {"": 1.0, "s": 1.0, "ms": 1e3, "us": 1e6}[unit]
         except (ValueError, ZeroDivisionError):
             self.fail(f"{value!r} is not a time; write 0.05, 1/20 or 50ms", param, ctx)
 
@@ -55,6 +56,30 @@ class AutoType(click.ParamType[Any]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Count:
         """Return the number, or "auto"."""
         return "auto" if value == "auto" else click.IntRange(min=1).convert(value, param, ctx)
+
+
+class StrengthType(click.ParamType[Any]):
+    """A positive number, or `auto`."""
+
+    name = "X|auto"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Strength:
+        """Return the number, or "auto"."""
+        return "auto" if value == "auto" else click.FloatRange(min=0.0, min_open=True).convert(value, param, ctx)
+
+
+class BytesType(click.ParamType[Any]):
+    """An amount of memory: 500MB, 1GiB."""
+
+    name = "SIZE"
+    units: ClassVar = {"": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 2**10, "mib": 2**20, "gib": 2**30}
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """Return the number of bytes."""
+        found = re.fullmatch(r"(\d+(?:\.\d*)?)\s*([kmg]i?b)?", str(value).strip().lower())
+        if not found:
+            self.fail(f"{value!r} is not an amount of memory like 1GiB or 500MB", param, ctx)
+        return int(float(found[1]) * self.units[found[2] or ""])
 
 
 class TransferType(click.ParamType[Any]):
@@ -101,15 +126,17 @@ class Recording:
     """Where the log, the camera and the exposure come from."""
 
     gyro: Path
-    gyro_format: str | None
     camera: Path
-    capture: Path | None
-    index: int | None
-    start_ns: int | None
-    start: float | None
-    duration: float | None
-    time_offset: float | None
-    readout: float | None
+    gyro_format: str | None = None
+    unit: str | None = None
+    orientation: str | None = None
+    capture: Path | None = None
+    index: int | None = None
+    start_ns: int | None = None
+    start: float | None = None
+    duration: float | None = None
+    time_offset: float | None = None
+    readout: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +152,11 @@ class Blur:
 class Solver:
     """How the blur is undone."""
 
-    nsr: float
+    prior: Prior
+    weight: Strength
+    exponent: float
+    nsr: Strength
+    solver: RowSolver
     geometry: Geometry
     border: Border
     transfer: Transfer | None
@@ -150,12 +181,41 @@ def _gathered(name: str, kind: type, options: Sequence[Decorator]) -> Decorator:
     return decorate
 
 
+_LOG = (
+    click.option("--gyro-format", metavar="NAME", help="Format of the log; recognised by its content if left out."),
+    click.option(
+        "--unit",
+        type=click.Choice(["rad/s", "deg/s", "mrad/s", "mdeg/s"]),
+        help="Unit of the log's rates, if it is not what the file says.",
+    ),
+    click.option(
+        "--orientation",
+        metavar="XYZ",
+        help="Gyroflow's orientation string of the log's axes, like YxZ; replaces the one in the file.",
+    ),
+)
+
+
+def log_options(function: Command) -> Command:
+    """Add the options that say how to read a gyro log."""
+    for option in reversed(_LOG):
+        function = option(function)
+    return function
+
+
 _EXPOSURE = (
     click.option("--capture", type=PATH, metavar="FILE", help="Metadata file that holds the exposure."),
     click.option("--index", type=click.IntRange(min=0), metavar="N", help="Which exposure of --capture, from 0."),
-    click.option("--start-ns", type=int, metavar="NS", help="Start of the first row's exposure, camera clock, in ns."),
+    click.option(
+        "--start-ns",
+        type=int,
+        metavar="NS",
+        help="Stamp of the capture in ns, camera clock: the first row's start, unless the camera file says otherwise.",
+    ),
     click.option("--start", type=SecondsType(), help="The same in seconds on the log's own clock."),
-    click.option("--duration", type=SecondsType(), help="Exposure time of a row: 0.05, 1/20 or 50ms."),
+    click.option(
+        "--duration", type=SecondsType(), help="Exposure time of a row: 0.05, 1/20 or 50ms.  [default: by EXIF]"
+    ),
 )
 _OVERRIDES = (
     click.option("--time-offset", type=SecondsType(), help="Camera time minus gyro time; replaces the camera file's."),
@@ -166,14 +226,20 @@ recording_options = _gathered(
     Recording,
     (
         click.option("--gyro", type=PATH, required=True, metavar="LOG", help="Gyro log."),
-        click.option("--gyro-format", metavar="NAME", help="Format of the log; recognised by its content if left out."),
-        click.option("--camera", type=PATH, required=True, metavar="TOML", help="Camera file."),
+        *_LOG,
+        click.option(
+            "--camera", type=PATH, required=True, metavar="FILE", help="Camera file: ours, Gyroflow's or Kalibr's."
+        ),
         *_EXPOSURE,
         *_OVERRIDES,
     ),
 )
 mode_option = click.option(
-    "--mode", type=click.Choice(["global", "banded"]), default="banded", show_default=True, help="Blur model."
+    "--mode",
+    type=click.Choice(["global", "banded", "rowwise"]),
+    default="banded",
+    show_default=True,
+    help="One PSF for the picture, one per tile, or one per row.",
 )
 blur_options = _gathered(
     "blur",
@@ -210,18 +276,48 @@ transfer_option = click.option(
     metavar="linear|srgb|GAMMA",
     help="How pixel values encode light.  [default: srgb for 8 and 16 bit pictures, linear for float]",
 )
-nsr_option = click.option(
-    "--nsr",
-    type=click.FloatRange(min=0.0, min_open=True),
-    default=0.01,
-    show_default=True,
-    help="Noise-to-signal ratio: higher is smoother.",
-)
 solver_options = _gathered(
     "solver",
     Solver,
     (
-        nsr_option,
+        click.option(
+            "--prior",
+            type=click.Choice(["wiener", "gradient", "tv", "hyper-laplacian"]),
+            default="tv",
+            show_default=True,
+            help="What sharp pictures are taken to be like; wiener is the paper's, and several times faster.",
+        ),
+        click.option(
+            "--weight",
+            type=StrengthType(),
+            metavar="X|auto",
+            default="auto",
+            show_default=True,
+            help="Weight of the prior (not of wiener): higher is smoother.",
+        ),
+        click.option(
+            "--exponent",
+            type=click.FloatRange(min=0.0, min_open=True, max=1.0),
+            metavar="P",
+            default=2 / 3,
+            show_default="2/3",
+            help="Exponent of the hyper-Laplacian.",
+        ),
+        click.option(
+            "--nsr",
+            type=StrengthType(),
+            metavar="X|auto",
+            default="auto",
+            show_default=True,
+            help="Noise-to-signal ratio: higher is smoother.",
+        ),
+        click.option(
+            "--solver",
+            type=click.Choice(["auto", "direct", "cg"]),
+            default="auto",
+            show_default=True,
+            help="How --mode rowwise solves: banded Cholesky, conjugate gradients, or the faster one.",
+        ),
         click.option(
             "--geometry",
             type=click.Choice(["keep", "rectify"]),
@@ -242,6 +338,11 @@ solver_options = _gathered(
         ),
         click.option("--threads", type=click.IntRange(min=1), metavar="N", help="Threads.  [default: all cores]"),
     ),
+)
+max_memory_option = click.option(
+    "--max-memory",
+    type=BytesType(),
+    help="What the work may take beside the picture and its result, like 1GiB; slower where that is little.",
 )
 force_option = click.option("--force", is_flag=True, help="Replace files that exist.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rsdeblur.io.pictures import Picture
-    from rsdeblur.pipeline import Mode
+    from rsdeblur.method import Mode
 
-MODES: tuple[Mode, ...] = ("global", "banded")
+MODES: tuple[Mode, ...] = ("global", "banded", "rowwise")
 SHEET, MAP, REPORT = "side-by-side.png", "psfs.png", "compare.json"
 
 EXAMPLES = """\b
@@ -104,6 +104,8 @@ def compare_modes(
             "bands": result.bands,
             "strips": result.strips,
             "psf_px": [wide, tall],
+            "nsr": result.nsr,
+            "weight": result.weight,
             "seconds": seconds,
             "timings": result.timings,
             "peak_memory_mib": memory,

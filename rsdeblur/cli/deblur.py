@@ -17,10 +17,7 @@ from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
     from rsdeblur.io.pictures import Picture
-    from rsdeblur.pipeline import Mode
-
-# PhotographicSensitivity, in the Exif sub-directory.
-EXIF_IFD, ISO_TAG = 0x8769, 0x8827
+    from rsdeblur.method import Mode
 
 EXAMPLES = """\b
 Examples:
@@ -43,6 +40,7 @@ Examples:
     help="Reduce the picture first: its longer side in px, paper means 2048.  [default: full]",
 )
 @click.option("--nsr-from-iso", is_flag=True, help="Take --nsr from the picture's EXIF sensitivity: 0.01 at ISO 100.")
+@_options.max_memory_option
 @click.option("-o", "--output", type=_options.PATH, required=True, metavar="OUT", help="Picture to write.")
 @_options.force_option
 @_options.json_option
@@ -54,6 +52,7 @@ def command(
     solver: Solver,
     work_size: int | None,
     nsr_from_iso: bool,
+    max_memory: int | None,
     output: Path,
     force: bool,
     as_json: bool,
@@ -64,17 +63,29 @@ def command(
     check_writable(output, force=force)
     picture, log, camera, exposure = read_inputs(photo, recording)
 
-    from rsdeblur.pipeline import deblur, reduced
+    import numpy as np
 
-    pixels = picture.pixels
+    from rsdeblur.pipeline import deblur
+    from rsdeblur.stored import reduced
+
     arguments = asdict(blur) | asdict(solver) | {"transfer": transfer_of(picture, solver.transfer)}
     if nsr_from_iso:
         arguments["nsr"] = _nsr_of(photo, picture)
+    pixels = picture.pixels
     begin = time.perf_counter()
     with progress("deblur") as move, naming(photo, recording):
         if work_size is not None:
             pixels, camera = reduced(pixels, camera, work_size)
-        result = deblur(pixels, log, camera, exposure, mode=mode, progress=move, **arguments)
+        # Straight into what is to be written: a quarter of the memory that float32 would take.
+        out = np.empty(pixels.shape, picture.pixels.dtype)
+        result = deblur(
+            *(pixels, log, camera, exposure),
+            mode=mode,
+            max_memory=max_memory,
+            out=out,
+            progress=move,
+            **arguments,
+        )
     seconds = time.perf_counter() - begin
     write_picture(output, result.image, like=picture, force=force)
     tall, wide = result.psfs.size
@@ -86,26 +97,25 @@ def command(
                 "bands": result.bands,
                 "strips": result.strips,
                 "psf_px": [wide, tall],
-                "nsr": arguments["nsr"],
+                "prior": solver.prior,
+                "nsr": result.nsr,
+                "weight": result.weight,
                 "seconds": seconds,
                 "timings": result.timings,
             }
         )
     else:
-        kernels = f"{result.bands} x {result.strips} PSFs (bands x strips) of {wide} x {tall} px"
-        click.echo(f"{output}: {mode}, {kernels}, {seconds:.2f} s")
+        tiles = "rows" if mode == "rowwise" else "bands"
+        kernels = f"{result.bands} x {result.strips} PSFs ({tiles} x strips) of {wide} x {tall} px"
+        strength = f"NSR {result.nsr:.2g}" if result.weight is None else f"weight {result.weight:.2g}"
+        click.echo(f"{output}: {mode}, {kernels}, {solver.prior}, {strength}, {seconds:.2f} s")
 
 
 def _nsr_of(photo: Path, picture: Picture) -> float:
-    from PIL import Image
+    from rsdeblur.io.exif import Exif
+    from rsdeblur.tuning import nsr_of_iso
 
-    from rsdeblur.pipeline import nsr_of_iso
-
-    exif = Image.Exif()
-    if picture.exif:
-        exif.load(picture.exif)
-    iso = exif.get_ifd(EXIF_IFD).get(ISO_TAG)
-    iso = iso[0] if isinstance(iso, tuple) and iso else iso
-    if not iso:
+    iso = Exif(picture.exif).iso
+    if iso is None:
         raise InputError(f"{photo}: the picture's EXIF block has no ISO sensitivity; give --nsr instead")
     return nsr_of_iso(iso)

@@ -15,6 +15,7 @@ from rsdeblur.cli.compare import compare_modes, output_names, print_report
 
 if TYPE_CHECKING:
     from rsdeblur.gyro import GyroLog
+    from rsdeblur.priors import Prior
 
 EXPOSURE = 0.05  # s
 READOUT = 0.03  # s, a slow phone sensor
@@ -23,6 +24,7 @@ START = 0.25  # s
 LOG = 0.6  # s
 STRENGTH = 0.2  # of a phone shaken on purpose: blur of some thirty px at 1024 px width
 NOISE = 0.01  # standard deviation in linear light: 40 dB
+PRIOR: Prior = "wiener"  # the paper's
 NSR = 0.02
 
 # The scene goes on beyond the frame by this part of its sides, further than the blur reaches.
@@ -65,13 +67,14 @@ def command(size: tuple[int, int], seed: int, output: Path, force: bool, as_json
             move("scene, shake and camera", 0.3)
         _capture(size, seed, output, force=force)
     # From here on the demo is a user with files.
-    recording = Recording(gyro, None, camera, None, None, None, START, EXPOSURE, None, None)
-    solver = Solver(nsr=NSR, geometry="keep", border="blend", transfer=None, normalize=False, threads=None)
+    recording = Recording(gyro, camera, start=START, duration=EXPOSURE)
+    solver = Solver(PRIOR, "auto", 2 / 3, NSR, "auto", "keep", "blend", None, False, None)
     report = compare_modes(
         blurred, recording, Blur("auto", "auto", "rotation"), solver, truth=rolling, output=output, force=force
     )
     again = ["rsdeblur", "deblur", str(blurred), "--gyro", str(gyro), "--camera", str(camera)]
-    again += ["--start", str(START), "--duration", str(EXPOSURE), "--nsr", str(NSR), "-o", str(output / "again.png")]
+    again += ["--start", str(START), "--duration", str(EXPOSURE), "--prior", PRIOR, "--nsr", str(NSR)]
+    again += ["-o", str(output / "again.png")]
     report["command"] = shlex.join(again)
     write_json(output / REPORT, report)
     if as_json:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rsdeblur.camera import Camera
-    from rsdeblur.pipeline import Mode
+    from rsdeblur.method import Mode
 
 EXAMPLES = """\b
 Examples:

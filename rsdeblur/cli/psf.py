@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rsdeblur.camera import Camera
     from rsdeblur.exposure import Exposure
     from rsdeblur.gyro import GyroLog
-    from rsdeblur.pipeline import Mode
+    from rsdeblur.method import Mode
     from rsdeblur.psf import PsfBank
 
 EXAMPLES = """\b
@@ -33,7 +33,13 @@ Examples:
 @_options.recording_options
 @_options.mode_option
 @_options.blur_options
-@_options.nsr_option
+@click.option(
+    "--nsr",
+    type=click.FloatRange(min=0.0, min_open=True),
+    default=0.01,
+    show_default=True,
+    help="Noise-to-signal ratio, which the number of bands follows.",
+)
 @click.option("-o", "--output", type=_options.PATH, metavar="PNG", help="Draw the kernels where they belong.")
 @click.option("--picture", "photo", type=_options.PATH, metavar="PHOTO", help="Show this picture below the kernels.")
 @click.option("--bank", type=_options.PATH, metavar="NPZ", help="Save the kernels and their places.")

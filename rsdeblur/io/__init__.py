@@ -1,18 +1,21 @@
 """Files: gyro logs (`gyro_logs`), captures (`captures`), cameras (`cameras`) and pictures (`pictures`).
 
-Gyro logs and captures are text; `formats` is their registry and `text` reads their numbers and names the line that
-cannot be read.
+`source` opens a file, `formats` is the registry that tells its format, and `text` reads numbers and names the line that
+cannot be read. The readers of gyro logs stand by family in `gyro_tables` (text), `gyroflow`, `gyro_binary` (pictures
+and videos) and `archives`; `samples` makes the log of what they find.
 """
 
-from rsdeblur.io.cameras import read_camera
+from rsdeblur.io.cameras import open_camera, read_camera
 from rsdeblur.io.captures import read_captures
-from rsdeblur.io.gyro_logs import detect_gyro_format, read_gyro
+from rsdeblur.io.gyro_logs import detect_gyro_format, open_gyro, read_gyro
 from rsdeblur.io.pictures import Picture, check_writable, read_picture, write_picture
 
 __all__ = [
     "Picture",
     "check_writable",
     "detect_gyro_format",
+    "open_camera",
+    "open_gyro",
     "read_camera",
     "read_captures",
     "read_gyro",

@@ -5,11 +5,16 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from decimal import Decimal
 
 from rsdeblur.errors import InputError
 from rsdeblur.exposure import Exposure
-from rsdeblur.io.formats import Format, choose
+from rsdeblur.io.exif import Exif
+from rsdeblur.io.formats import Format, choose, text_format
+from rsdeblur.io.gyro_binary import trailer_of
+from rsdeblur.io.pictures import read_header
+from rsdeblur.io.source import Source
 from rsdeblur.io.text import TextFile, cells_of, find_columns, is_number, read_table
 
 WHAT = "capture file"
@@ -18,65 +23,137 @@ MARS_COLUMNS = (
     re.compile(r"timestamp\s*\[nanosec\]"),
     re.compile(r"exposure (time|duration)\s*\[nanosec\]"),
 )
+STAMP_HEADER = re.compile(r"\s*(frame )?timestamp\s*\[(nanosec|ns)\]", re.IGNORECASE)
+# GyroDeblurNet's `t_ns ISO exposure_ns fx fy cx cy s`.
+IMAGE_INFO_CELLS = 8
 
 
-def read_captures(path: str | os.PathLike[str]) -> list[Exposure]:
+@dataclass(frozen=True, slots=True)
+class CaptureFile:
+    """The captures that a file tells of.
+
+    Parameters
+    ----------
+    format : str
+        Name of the file's format.
+    stamps : list of int
+        In ns, exact.
+    durations : list of float or None
+        Exposure times in s; None where the file does not tell them.
+    """
+
+    format: str
+    stamps: list[int]
+    durations: list[float] | list[None]
+
+
+def read_captures(path: str | os.PathLike[str], *, duration: float | None = None) -> list[Exposure]:
     """Read the exposures of a recording, in the order of the file.
 
     Reads MARS logger ``movie_metadata.csv`` (Android and iOS; only the stamp and the exposure time are needed, other
-    cells may be ``null``) and DeepGyro ``images.txt`` (``t_ns exposure_ns``). The format is told from the content.
+    cells may be ``null``), DeepGyro ``images.txt`` (``t_ns exposure_ns``), GyroDeblurNet ``image_info.txt``, files of
+    stamps alone (OpenCamera Sensors ``..._imu_timestamps.csv``, MARS logger ``frame_timestamps.txt``), and JPEG files
+    with a GYRODATA trailer. The format is told from the content.
 
     Parameters
     ----------
     path : path-like
-        The metadata file.
+        The file.
+    duration : float, optional
+        Exposure time in s, where the file does not tell it.
 
     Returns
     -------
     list of Exposure
-        Each with `start` 0 and the capture's stamp, exact, as `epoch_ns`: the stamp is taken as the start of exposure
-        of the first row, which is what Android documents.
+        Each with `start` 0 and the capture's stamp, exact, as `epoch_ns`. What the stamp marks is the camera's
+        `stamp`: by default the start of exposure of the first row, which is what Android documents.
 
     Raises
     ------
     FileFormatError
-        If the file cannot be read, is empty, binary, cut off or of an unknown format; or, naming the line, if a stamp
-        or an exposure time is missing, not a number or not positive.
+        If the file cannot be read, is empty, binary, cut off or of an unknown format; if neither it nor `duration`
+        tells the exposure time; or, naming the line, if a stamp or an exposure time is missing, not a number or not
+        positive.
     """
-    text = TextFile.open(path, WHAT)
-    return choose(FORMATS, text, WHAT).read(text)
-
-
-def _exposures(text: TextFile, rows: list[int], columns: Sequence[int]) -> list[Exposure]:
-    table = read_table(text, rows, columns)
+    file = open_captures(path)
+    if duration is None and None in file.durations:
+        raise Source(path, WHAT).error("the file tells when, but not for how long; give the exposure time (duration)")
     exposures = []
-    for row, stamp, duration in zip(rows, table.nanoseconds(Decimal(1)), table.values[:, 0], strict=True):
-        try:
-            exposures.append(Exposure(0.0, float(duration) / 1e9, int(stamp)))
-        except InputError as error:
-            raise text.error(f"impossible exposure time of {duration:g} ns: {error}", row) from error
+    for stamp, known in zip(file.stamps, file.durations, strict=True):
+        time = duration if known is None else known
+        if time is not None:
+            exposures.append(Exposure(0.0, time, stamp))
     return exposures
+
+
+def open_captures(path: str | os.PathLike[str]) -> CaptureFile:
+    """Read what a file tells of captures, be it without their exposure times; see `read_captures`."""
+    source = Source(path, WHAT)
+    return choose(FORMATS, source).read(source)
+
+
+def _captures(format: str, text: TextFile, rows: list[int], columns: Sequence[int]) -> CaptureFile:
+    table = read_table(text, rows, columns)
+    stamps = table.nanoseconds(Decimal(1)).tolist()
+    if len(columns) == 1:
+        return CaptureFile(format, stamps, [None] * len(stamps))
+    durations = [float(duration) / 1e9 for duration in table.values[:, 0]]
+    for row, duration in zip(rows, durations, strict=True):
+        try:
+            Exposure(0.0, duration)
+        except InputError as error:
+            raise text.error(f"impossible exposure time of {1e9 * duration:g} ns: {error}", row) from error
+    return CaptureFile(format, stamps, durations)
 
 
 def _mars_columns(text: TextFile) -> list[int] | None:
     return find_columns(text.head, MARS_COLUMNS)
 
 
-def _read_mars(text: TextFile) -> list[Exposure]:
-    return _exposures(text, text.rows[1:], _mars_columns(text) or [])
+def _read_mars(text: TextFile) -> CaptureFile:
+    return _captures("mars", text, text.rows[1:], _mars_columns(text) or [])
 
 
-def _sniff_deepgyro(text: TextFile) -> bool:
+def _has_numbers(text: TextFile, count: int) -> bool:
     cells = cells_of(text.head)
-    return len(cells) == 2 and all(map(is_number, cells))
+    return len(cells) == count and all(map(is_number, cells))
 
 
-FORMATS = (
-    Format("mars", "MARS logger movie_metadata.csv", lambda text: _mars_columns(text) is not None, _read_mars),
-    Format(
+def _has_stamp_header(text: TextFile) -> bool:
+    return STAMP_HEADER.match(text.head) is not None
+
+
+def _read_stamps(text: TextFile) -> CaptureFile:
+    return _captures("stamps", text, text.rows[1:] if _has_stamp_header(text) else text.rows, [0])
+
+
+def _read_trailer(source: Source) -> CaptureFile:
+    trailer = trailer_of(source)
+    if trailer is None:
+        raise source.error("not a JPEG with a GYRODATA trailer")
+    exposure = Exif(read_header(source.path)[2]).exposure
+    return CaptureFile("gyrodata", [trailer.capture_ns], [None] if exposure is None else [exposure])
+
+
+FORMATS: tuple[Format[CaptureFile], ...] = (
+    Format("gyrodata", "JPEG with a GYRODATA trailer", lambda source: trailer_of(source) is not None, _read_trailer),
+    text_format("mars", "MARS logger movie_metadata.csv", lambda text: _mars_columns(text) is not None, _read_mars),
+    text_format(
         "deepgyro",
         "DeepGyro images.txt, `t_ns exposure_ns`",
-        _sniff_deepgyro,
-        lambda text: _exposures(text, text.rows, (0, 1)),
+        lambda text: _has_numbers(text, 2),
+        lambda text: _captures("deepgyro", text, text.rows, (0, 1)),
+    ),
+    text_format(
+        "image-info",
+        "GyroDeblurNet image_info.txt",
+        lambda text: _has_numbers(text, IMAGE_INFO_CELLS),
+        lambda text: _captures("image-info", text, text.rows, (0, 2)),
+    ),
+    text_format(
+        "stamps",
+        "one stamp in ns a line",
+        lambda text: _has_numbers(text, 1) or _has_stamp_header(text),
+        _read_stamps,
     ),
 )

@@ -1,4 +1,4 @@
-"""The registry of text formats: which there are, and which one a file is in."""
+"""The registry of formats: which there are, and which one a file is in."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from rsdeblur.errors import FileFormatError
+from rsdeblur.io.source import Source
 from rsdeblur.io.text import TextFile
 
 T = TypeVar("T")
@@ -22,18 +24,33 @@ class Format(Generic[T]):
     title : str
         What it is, for lists and messages.
     sniff : callable
-        Whether the content looks like this format; looks at the first lines only and never raises.
+        Whether the content looks like this format; looks at the start (or the end) only and raises nothing but
+        `FileFormatError`, which means no.
     read : callable
         Reads the file or raises `FileFormatError`.
     """
 
     name: str
     title: str
-    sniff: Callable[[TextFile], bool]
-    read: Callable[[TextFile], T]
+    sniff: Callable[[Source], bool]
+    read: Callable[[Source], T]
+
+    def fits(self, source: Source) -> bool:
+        """Whether the content looks like this format."""
+        try:
+            return self.sniff(source)
+        except FileFormatError:
+            return False
 
 
-def choose(formats: Sequence[Format[T]], text: TextFile, what: str, name: str | None = None) -> Format[T]:
+def text_format(name: str, title: str, sniff: Callable[[TextFile], bool], read: Callable[[TextFile], T]) -> Format[T]:
+    """Return a format of text lines."""
+    return Format(
+        name, title, lambda source: source.looks_like_text and sniff(source.text), lambda source: read(source.text)
+    )
+
+
+def choose(formats: Sequence[Format[T]], source: Source, name: str | None = None) -> Format[T]:
     """Return the format called `name`, or without a name the first one whose `sniff` accepts the content.
 
     Raises
@@ -46,9 +63,11 @@ def choose(formats: Sequence[Format[T]], text: TextFile, what: str, name: str | 
         for each in formats:
             if each.name == name:
                 return each
-        raise text.error(f"there is no {what} format {name!r}; known formats: {known}")
+        raise source.error(f"there is no {source.what} format {name!r}; known formats: {known}")
     for each in formats:
-        if each.sniff(text):
+        if each.fits(source):
             return each
-    found = text.head.strip()[:60]
-    raise text.error(f"unknown {what} format, the content starts with {found!r}; known formats: {known}", text.rows[0])
+    found = source.text.head.strip()[:60]
+    raise source.text.error(
+        f"unknown {source.what} format, the content starts with {found!r}; known formats: {known}", source.text.rows[0]
+    )

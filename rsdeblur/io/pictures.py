@@ -1,7 +1,7 @@
 """Pictures with their bit depth, EXIF block and colour profile.
 
-Reads and writes JPEG, PNG, TIFF and WebP. Pixels are always as stored: the orientation in the EXIF block is not
-applied but carried over unchanged, so viewers still turn the result.
+Reads and writes JPEG, PNG, TIFF and WebP, reads HEIC and raw files. Pixels are always as the sensor saw them: the
+orientation in the EXIF block is not applied but carried over, so viewers still turn the result.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import imagecodecs
 import numpy as np
@@ -25,7 +25,8 @@ from PIL import Image, UnidentifiedImageError
 
 from rsdeblur._atomic import atomic_write, check_target
 from rsdeblur.errors import FileFormatError, InputError, OutputError
-from rsdeblur.io import _tiff
+from rsdeblur.io import _heif, _raw, _tiff
+from rsdeblur.io.source import Source
 
 KINDS = {".jpg": "JPEG", ".jpeg": "JPEG", ".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".webp": "WebP"}
 DEPTHS = {"JPEG": (8,), "PNG": (8, 16), "TIFF": (8, 16, 32), "WebP": (8,)}
@@ -60,18 +61,30 @@ class Picture:
         The EXIF block, from its ``Exif\0\0`` prefix on.
     icc_profile : bytes, optional
         The colour profile.
+    linear : bool, optional
+        Whether the values are proportional to light; by default floats are, and what has the profile of raw files.
     """
 
     pixels: NDArray[Any]
     exif: bytes | None = None
     icc_profile: bytes | None = None
+    linear: bool | None = None
+
+    @property
+    def transfer(self) -> Literal["srgb", "linear"]:
+        """How the values encode light."""
+        linear = self.linear
+        if linear is None:
+            linear = self.pixels.dtype.kind == "f" or self.icc_profile == _raw.linear_profile()
+        return "linear" if linear else "srgb"
 
 
 def read_picture(path: str | os.PathLike[str]) -> Picture:
-    """Read a JPEG, PNG, TIFF or WebP file; the format is told from the content.
+    """Read a JPEG, PNG, TIFF, WebP, HEIC or raw file; the format is told from the content.
 
     Palettes become RGB, bilevel pictures 8-bit grey, and CMYK and other colour spaces RGB (without their profile). Of
-    a file with several pages or frames the first one is read.
+    a file with several pages or frames the first one is read. HEIC (extra ``[heif]``) is turned back to how the sensor
+    saw it. Raw files and DNG (extra ``[raw]``) are developed with the camera's white balance to linear light.
 
     Parameters
     ----------
@@ -86,8 +99,8 @@ def read_picture(path: str | os.PathLike[str]) -> Picture:
     Raises
     ------
     FileFormatError
-        If the file cannot be read, is empty, truncated, damaged or not a picture of these formats, has more than 500
-        megapixels, or samples other than 1 to 8, 16 bit or float.
+        If the file cannot be read, is empty, truncated, damaged or not a picture of these formats, its extra is not
+        installed, or it has more than 500 megapixels or samples other than 1 to 8, 16 bit or float.
     """
     path = Path(path)
     try:
@@ -97,10 +110,10 @@ def read_picture(path: str | os.PathLike[str]) -> Picture:
     if not data:
         raise FileFormatError(f"{path}: not a picture: the file is empty")
     try:
-        picture = _decode(data)
+        picture = _decode(data, path.suffix)
     except UnidentifiedImageError:
-        raise FileFormatError(f"{path}: not a JPEG, PNG, TIFF or WebP picture") from None
-    except (Image.DecompressionBombError, _tiff.Unsupported) as error:
+        raise FileFormatError(f"{path}: not a JPEG, PNG, TIFF, WebP, HEIC or raw picture") from None
+    except (Image.DecompressionBombError, _tiff.Unsupported, _heif.Missing) as error:
         raise FileFormatError(f"{path}: {error}") from error
     except MemoryError as error:
         raise FileFormatError(f"{path}: not enough memory for the picture, or its size is damaged") from error
@@ -110,9 +123,37 @@ def read_picture(path: str | os.PathLike[str]) -> Picture:
     return picture
 
 
+def is_picture(source: Source) -> bool:
+    """Whether the content starts like a picture."""
+    head = source.head
+    return (
+        head.startswith((b"\xff\xd8\xff", PNG_MAGIC, *_tiff.MAGIC, *_raw.MAGIC))
+        or (head[:4], head[8:12]) == (b"RIFF", b"WEBP")
+        or head[4:12] == b"ftypcrx "
+        or _heif.is_heif(head)
+    )
+
+
+def read_header(path: str | os.PathLike[str]) -> tuple[int, int, bytes | None]:
+    """Return width, height and EXIF block of a picture, without decoding it where that is possible.
+
+    Raises
+    ------
+    FileFormatError
+        See `read_picture`.
+    """
+    try:
+        with _size_limit(), Image.open(path, formats=("JPEG", "PNG", "WEBP")) as image:
+            return *image.size, image.info.get("exif")
+    except (*DAMAGE, Image.DecompressionBombError):
+        picture = read_picture(path)
+        height, width = picture.pixels.shape[:2]
+        return width, height, picture.exif
+
+
 def write_picture(
     path: str | os.PathLike[str],
-    image: NDArray[np.floating[Any]],
+    image: NDArray[Any],
     *,
     like: Picture | None = None,
     force: bool = False,
@@ -127,8 +168,8 @@ def write_picture(
     ----------
     path : path-like
         Ends in .jpg, .jpeg, .png, .tif, .tiff or .webp.
-    image : ndarray of float, shape (H, W) or (H, W, C)
-        Values in [0, 1], those outside are clipped; C is 2 (grey and alpha), 3 or 4.
+    image : ndarray of float, uint8 or uint16, shape (H, W) or (H, W, C)
+        Values in [0, 1], those outside are clipped, which integers stand for; C is 2 (grey and alpha), 3 or 4.
     like : Picture, optional
         Gives the bit depth (the next lower one the format has), the EXIF block, and the colour profile if it fits
         the number of channels.
@@ -192,7 +233,12 @@ def _size_limit() -> Iterator[None]:
             Image.MAX_IMAGE_PIXELS = saved
 
 
-def _decode(data: bytes) -> Picture:
+def _decode(data: bytes, suffix: str) -> Picture:
+    if _raw.is_raw(data, suffix):
+        return Picture(*_raw.decode(data, MAX_PIXELS), linear=True)
+    if _heif.is_heif(data):
+        pixels, exif, icc = _heif.decode(data, MAX_PIXELS)
+        return Picture(pixels, exif, _fitting(icc, pixels))
     if data.startswith(_tiff.MAGIC):
         pixels, icc = _tiff.decode(data, MAX_PIXELS)
         return Picture(pixels, _tiff.exif_block(data), _fitting(icc, pixels))
@@ -225,12 +271,12 @@ def _fitting(icc: bytes | None, pixels: NDArray[Any], *, grey: bool = True) -> b
 
 
 def _check_image(image: NDArray[Any]) -> None:
-    if not isinstance(image, np.ndarray) or image.dtype.kind != "f":
+    if not isinstance(image, np.ndarray) or not (image.dtype.kind == "f" or image.dtype in (np.uint8, np.uint16)):
         found = image.dtype if isinstance(image, np.ndarray) else type(image).__name__
-        raise InputError(f"image must be a floating-point array with values in [0, 1], got {found}")
+        raise InputError(f"image must be an array of float in [0, 1], uint8 or uint16, got {found}")
     if image.ndim not in (2, 3) or not image.size or (image.ndim == 3 and image.shape[2] not in (2, 3, 4)):
         raise InputError(f"image must have shape (H, W) or (H, W, C) with C = 2, 3 or 4, got {image.shape}")
-    if not np.isfinite(image).all():
+    if image.dtype.kind == "f" and not np.isfinite(image).all():
         raise InputError(f"image must be finite, got {np.count_nonzero(~np.isfinite(image))} NaN or infinite values")
 
 
@@ -244,7 +290,11 @@ def _depth(path: Path, kind: str, like: Picture | None, bits: int | None) -> int
     return bits
 
 
-def _quantised(image: NDArray[np.floating[Any]], bits: int) -> NDArray[Any]:
+def _quantised(image: NDArray[Any], bits: int) -> NDArray[Any]:
+    if image.dtype.kind == "u":
+        if 8 * image.dtype.itemsize == bits:
+            return image
+        image = image / np.float32(np.iinfo(image.dtype).max)
     # float16 cannot count to 65535.
     clipped: NDArray[Any] = np.clip(image, 0.0, 1.0).astype(np.promote_types(image.dtype, np.float32))
     if bits == 32:

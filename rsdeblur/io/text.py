@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -22,6 +21,9 @@ NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 # Longest stamp kept, in characters; 19 digits, a point and an exponent need 30.
 STAMP_WIDTH = 48
 INT64_LIMIT = 2**63
+# A header stands among the first lines; some apps write a few about the recording above it.
+PREAMBLE = 20
+UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,33 +38,46 @@ class TextFile:
     rows: list[int]
 
     @classmethod
-    def open(cls, path: str | os.PathLike[str], what: str) -> TextFile:
-        """Read the file; `what` says in messages what it should have been.
+    def parse(cls, path: Path, data: bytes, what: str) -> TextFile:
+        """Decode the content of `path`; `what` says in messages what it should have been.
 
         Raises
         ------
         FileFormatError
-            If there is no such file, it is a folder, unreadable, empty or not text.
+            If it is empty or not text.
         """
-        path = Path(path)
         try:
-            text = path.read_text(encoding="utf-8-sig")
+            text = data.decode("utf-16" if data.startswith(UTF16_MARKS) else "utf-8-sig")
         except UnicodeDecodeError:
             text = "\0"
-        except OSError as error:
-            raise FileFormatError(f"{path}: cannot read the {what}: {error.strerror or error}") from error
         if "\0" in text:
             raise FileFormatError(f"{path}: not a {what}: the file is binary, or text of another encoding than UTF-8")
         lines = text.split("\n")
         rows = [row for row, line in enumerate(map(str.lstrip, lines)) if line and line[0] != "#"]
         if not rows:
             raise FileFormatError(f"{path}: not a {what}: the file is empty{' but for comments' * ('#' in text)}")
+        if _decimal_commas(lines[rows[-1]]):
+            lines = [line.replace(",", ".") for line in lines]
         return cls(path, lines, rows)
 
     @property
     def head(self) -> str:
         """The first line that is neither blank nor a comment."""
         return self.lines[self.rows[0]]
+
+    @property
+    def headers(self) -> list[tuple[str, int]]:
+        """Lines that may name the columns, each with the place in `rows` of what follows it.
+
+        These are the first lines that are not all numbers, or, where there are none, the comments above.
+        """
+        named: list[tuple[str, int]] = []
+        for i, row in enumerate(self.rows[:PREAMBLE]):
+            if all(map(is_number, cells_of(self.lines[row]))):
+                break
+            named.append((self.lines[row], i + 1))
+        above = (line.lstrip().removeprefix("#") for line in reversed(self.lines[: self.rows[0]]))
+        return named or [(line, 0) for line in above if line.strip()]
 
     def error(self, message: str, row: int | None = None) -> FileFormatError:
         """Return the error that names the file and the line; `row` counts from 0, the message from 1."""
@@ -82,19 +97,6 @@ class Table:
     rows: list[int]
     stamps: NDArray[Any]
     values: FloatArray
-
-    def check_order(self) -> None:
-        """Raise `FileFormatError` at the first stamp that does not come after the one before it."""
-        (late,) = np.nonzero(self.stamps[1:] <= self.stamps[:-1])
-        if not late.size:
-            return
-        before, after = self.stamps[late[0]], self.stamps[late[0] + 1]
-        line = self.rows[late[0]] + 1
-        if before == after:
-            fault = f"duplicate stamp {after}, the same as in line {line}; keep one of the samples"
-        else:
-            fault = f"stamp out of order: {after} comes after {before} of line {line}; sort the samples by their stamps"
-        raise self.text.error(fault, self.rows[late[0] + 1])
 
     def check_range(self, unit: Decimal) -> None:
         """Raise `FileFormatError` at the first stamp that, `unit` being the ns in its unit, does not fit int64."""
@@ -116,6 +118,13 @@ class Table:
 def separator_of(line: str) -> str | None:
     """Return what parts the cells of `line`: a semicolon, a comma, or None for spaces and tabs."""
     return next((mark for mark in ";," if mark in line), None)
+
+
+def _decimal_commas(line: str) -> bool:
+    """Whether `line` is of numbers like `1,5`, parted by semicolons or tabs, as some apps write in some countries."""
+    mark = ";" if ";" in line else "\t"
+    cells = [cell.strip() for cell in line.split(mark)]
+    return "," in line and len(cells) > 1 and all(is_number(cell.replace(",", ".", 1)) for cell in cells)
 
 
 def cells_of(line: str) -> list[str]:

@@ -28,7 +28,7 @@ def multiply_numpy(spectra: Spectra, transfer: Spectra) -> None:
 
 
 def blend_numpy(
-    accumulator: Spectra, slab: Spectra, weights: NDArray[np.float32], *, to_position: int, from_position: int
+    accumulator: Spectra, slab: Spectra, weights: NDArray[np.float32], to_position: int, from_position: int
 ) -> None:
     """Add weighted lines of a slab to the columns they belong to, in place.
 

@@ -1,0 +1,181 @@
+"""All modes with all priors, and how good automatic strengths are: ``python -m benchmarks.priors [--markdown FILE]``.
+
+The first table deblurs the whole captures, all strengths automatic. The second looks at the middle of every second
+capture, at noise of 30, 40 and 50 dB with the right model, and at 40 and 50 dB with a wrong one: a focal length 1 % too
+long, gyro stamps 2 ms late, rates with white noise of 0.01 rad/s, the picture stored as JPEG of quality 90. There the
+automatic strength is set against fixed ones, of which the best in the mean over the captures counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image as Pillow
+from rich.console import Console
+from rich.progress import track
+
+from benchmarks.captures import Capture, Image, quality, simulated
+from benchmarks.tables import markdown, write
+from rsdeblur import GyroLog, Simulation, deblur
+from rsdeblur.priors import PRIORS, Prior
+from rsdeblur.transfer import from_linear, to_linear
+
+# Another mode is one more entry.
+MODES: dict[str, dict[str, Any]] = {
+    "global": {"mode": "global"},
+    "banded 16": {"mode": "banded", "bands": 16},
+    "rowwise": {"mode": "rowwise"},
+}
+# The fixed strengths: of the NSR for the Wiener filter, of the weight for the others.
+LADDERS: dict[Prior, tuple[float, ...]] = {
+    "wiener": (0.01, 0.03, 0.1, 0.3, 1.0),
+    "gradient": (0.01, 0.03, 0.1, 0.3, 1.0),
+    "tv": (0.001, 0.003, 0.01, 0.03, 0.1),
+    "hyper-laplacian": (0.0003, 0.001, 0.003, 0.01, 0.03),
+}
+# Noise in dB, and whether the model is wrong.
+SITUATIONS = ((30, False), (40, False), (50, False), (40, True), (50, True))
+FOCAL_ERROR, OFFSET_ERROR, RATE_NOISE, JPEG_QUALITY = 0.01, 0.002, 0.01, 90
+# Share of the frame's sides that the second table looks at.
+MIDDLE = 0.5
+
+
+def main() -> None:
+    """Run the benchmark and print its tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--captures", type=int, help="only the first N of the 14 captures")
+    parser.add_argument("--markdown", type=Path, help="write the tables as Markdown")
+    parser.add_argument("--json", type=Path, help="write all scores")
+    options = parser.parse_args()
+    report = run(list(track(simulated(options.captures, noise=0.0), "simulating", total=options.captures or 14)))
+    if options.markdown:
+        write(options.markdown, report["markdown"])
+    if options.json:
+        write(options.json, json.dumps({k: v for k, v in report.items() if k != "markdown"}, indent=1))
+    Console(width=200, highlight=False, markup=False).print(report["markdown"])
+
+
+def run(captures: Sequence[Capture]) -> dict[str, Any]:
+    """Score everything on captures without noise and return scores and tables."""
+    modes = {c.name: modes_scores(c) for c in track(captures, "modes and priors")}
+    strengths = {c.name: strengths_scores(c) for c in track(captures[::2], "strengths")}
+    tables = "\n\n".join([modes_table(modes), strengths_table(strengths), harm_table(strengths)])
+    return {"modes": modes, "strengths": strengths, "markdown": tables}
+
+
+def modes_scores(capture: Capture) -> dict[str, tuple[float, float]]:
+    """PSNR and SSIM of every mode with every prior, at 40 dB."""
+    capture = noisy(capture, 40)
+    scores = {"blurred": quality(capture.pictures.rolling, capture.pictures.blurred)}
+    for name, mode in MODES.items():
+        for prior in PRIORS:
+            image = deblur(capture.pictures.blurred, *capture.shot, prior=prior, threads=1, **mode).image
+            scores[f"{name}, {prior}"] = quality(capture.pictures.rolling, image)
+    return scores
+
+
+def strengths_scores(capture: Capture) -> dict[str, dict[str, float]]:
+    """PSNR of every prior at every strength in every situation."""
+    rows = {}
+    for decibels, wrong in SITUATIONS:
+        part = noisy(middle(capture), decibels)
+        part = with_errors(part) if wrong else part
+        row = {"blurred": quality(part.pictures.rolling, part.pictures.blurred)[0]}
+        for prior, strength in strengths():
+            kwargs: dict[str, Any] = {"prior": prior, "nsr" if prior == "wiener" else "weight": strength}
+            image = deblur(part.pictures.blurred, *part.shot, threads=1, **kwargs).image
+            row[f"{prior} {strength}"] = quality(part.pictures.rolling, image)[0]
+        rows[f"{decibels} dB, {'wrong' if wrong else 'right'} model"] = row
+    return rows
+
+
+def strengths() -> Iterator[tuple[Prior, Any]]:
+    """Every prior with every strength."""
+    for prior, ladder in LADDERS.items():
+        for strength in ("auto", *ladder):
+            yield prior, strength
+
+
+def middle(capture: Capture) -> Capture:
+    """Cut out the middle."""
+    camera = capture.camera
+    width, height = round(camera.width * MIDDLE), round(camera.height * MIDDLE)
+    left, top = (camera.width - width) // 2, (camera.height - height) // 2
+    pictures = Simulation(*(p[top : top + height, left : left + width] for p in capture.pictures))
+    return replace(capture, camera=camera.cropped(left, top, width, height), pictures=pictures)
+
+
+def noisy(capture: Capture, decibels: float) -> Capture:
+    """Add white noise."""
+    clean = capture.pictures.blurred
+    noise = np.random.default_rng(0).normal(0.0, 10 ** (-decibels / 20), clean.shape).astype(np.float32)
+    return replace(capture, pictures=capture.pictures._replace(blurred=clean + noise))
+
+
+def with_errors(capture: Capture) -> Capture:
+    """Give the capture the errors that real recordings suffer from."""
+    log, camera = capture.log, capture.camera
+    noise = np.random.default_rng(0).normal(0.0, RATE_NOISE, log.omega.shape)
+    fx, fy = camera.focal
+    return replace(
+        capture,
+        log=GyroLog(log.t + OFFSET_ERROR, log.omega + noise, log.epoch_ns),
+        camera=replace(camera, focal=(fx * (1 + FOCAL_ERROR), fy * (1 + FOCAL_ERROR))),
+        pictures=capture.pictures._replace(blurred=jpeg(capture.pictures.blurred)),
+    )
+
+
+def jpeg(light: Image) -> Image:
+    """Store as JPEG and read again."""
+    stored = BytesIO()
+    pixels = (from_linear(light.clip(0, 1), "srgb") * 255).round().astype(np.uint8)
+    Pillow.fromarray(pixels).save(stored, "JPEG", quality=JPEG_QUALITY)
+    with Pillow.open(stored) as picture:
+        return to_linear(np.asarray(picture, dtype=np.float32) / np.float32(255), "srgb")
+
+
+def modes_table(scores: dict[str, dict[str, tuple[float, float]]]) -> str:
+    """PSNR, a row per capture, and the means."""
+    names = list(next(iter(scores.values())))
+    rows = [[capture, *(f"{row[name][0]:.2f}" for name in names)] for capture, row in scores.items()]
+    for label, which, form in (("**mean PSNR**", 0, ".2f"), ("**mean SSIM**", 1, ".3f")):
+        means = [np.mean([row[name][which] for row in scores.values()]) for name in names]
+        rows.append([label, *(f"{mean:{form}}" for mean in means)])
+    return "PSNR in dB, strengths automatic, noise 40 dB:\n\n" + markdown(["capture", *names], rows)
+
+
+def strengths_table(scores: dict[str, dict[str, dict[str, float]]]) -> str:
+    """Set the automatic strength, and the best for each capture, against the best fixed one in each situation."""
+    rows = []
+    for situation in next(iter(scores.values())):
+        found = [row[situation] for row in scores.values()]
+        for prior, ladder in LADDERS.items():
+            table = np.array([[row[f"{prior} {strength}"] for strength in ladder] for row in found])
+            best = table.mean(axis=0)
+            auto = np.mean([row[f"{prior} auto"] for row in found])
+            gains = (auto - best.max(), table.max(axis=1).mean() - best.max())
+            cells = [f"{best.max():.2f}", f"{ladder[best.argmax()]:g}", *(f"{gain:+.2f}" for gain in gains)]
+            rows.append([situation, prior, *cells])
+    columns = ["situation", "prior", "best fixed, dB", "at", "auto gains, dB", "best of each capture gains, dB"]
+    return "Automatic against fixed strengths, mean PSNR:\n\n" + markdown(columns, rows)
+
+
+def harm_table(scores: dict[str, dict[str, dict[str, float]]]) -> str:
+    """Tabulate the least gain of the automatic strength over the input among all captures."""
+    rows = []
+    for situation in next(iter(scores.values())):
+        found = [row[situation] for row in scores.values()]
+        least = [min(row[f"{prior} auto"] - row["blurred"] for row in found) for prior in PRIORS]
+        rows.append([situation, *(f"{gain:+.2f}" for gain in least)])
+    return "Least gain over the input among the captures, dB:\n\n" + markdown(["situation", *PRIORS], rows)
+
+
+if __name__ == "__main__":
+    main()

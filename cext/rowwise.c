@@ -1,0 +1,124 @@
+/* The doors of the rowwise kernels: checks, and the choice of the SIMD level. */
+#include "rowwise.h"
+
+#include <stdbool.h>
+
+static size_t block_pairs(const rsd_rowwise_model *model, size_t block)
+{
+    return RSD_BLOCK * (size_t)(model->row_end[block] - model->row_first[block]);
+}
+
+size_t rsd_rowwise_reach(const rsd_rowwise_model *model)
+{
+    size_t reach = 0;
+    for (size_t b = 0; b < model->blocks; b++) {
+        const size_t rows = (size_t)(model->row_end[b] - model->row_first[b]);
+        reach = rows > reach ? rows : reach;
+    }
+    return reach;
+}
+
+size_t rsd_rowwise_window(const rsd_rowwise_model *model)
+{
+    size_t window = 0;
+    for (size_t b = 0; b < model->blocks; b++) {
+        const size_t coupled = b - (size_t)model->coupled[b] + 1;
+        window = coupled > window ? coupled : window;
+    }
+    return window;
+}
+
+/* Whether every index that the kernels will follow stays where it should. */
+static bool valid(const rsd_rowwise_model *model)
+{
+    size_t pairs = 0;
+    for (size_t b = 0; b < model->blocks; b++) {
+        const int32_t first = model->row_first[b], end = model->row_end[b], coupled = model->coupled[b];
+        if (first < 0 || end < first || (size_t)end > model->rows || coupled < 0 || (size_t)coupled > b)
+            return false;
+        pairs += block_pairs(model, b);
+    }
+    if (model->tap_start[0] != 0 || (size_t)model->tap_start[pairs] != model->taps)
+        return false;
+    for (size_t p = 0; p < pairs; p++)
+        if (model->tap_start[p] > model->tap_start[p + 1])
+            return false;
+    for (size_t t = 0; t < model->taps; t++)
+        if (model->tap_shift[t] < 0 || (size_t)model->tap_shift[t] >= model->phases)
+            return false;
+    return true;
+}
+
+size_t rsd_rowwise_workspace(const rsd_rowwise_model *model, int solve)
+{
+    if (model->blocks == 0 || !valid(model))
+        return 0;
+    size_t records = RSD_BLOCK * rsd_rowwise_reach(model);
+    if (solve) {
+        /* A window of columns of A, and the factor, whose rows are that long. */
+        const size_t window = rsd_rowwise_window(model);
+        records = window * (records + model->blocks * RSD_BLOCK * RSD_BLOCK);
+    }
+    return records * RSD_RECORD;
+}
+
+static const rsd_rowwise_kernels *kernels(void)
+{
+#ifdef RSD_MULTIVERSIONING
+    if (__builtin_cpu_supports("avx512f"))
+        return &rsd_rowwise_avx512;
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
+        return &rsd_rowwise_avx2;
+#endif
+    return &rsd_rowwise_baseline;
+}
+
+static rsd_status check(const rsd_rowwise_model *model, const void *table, const void *data, const void *latent,
+                        size_t channels, const void *workspace)
+{
+    if (table == NULL || data == NULL || latent == NULL || workspace == NULL)
+        return RSD_NULL;
+    if (model->rows > PTRDIFF_MAX / sizeof(float) / RSD_RECORD / channels ||
+        model->blocks > PTRDIFF_MAX / sizeof(float) / RSD_RECORD / RSD_BLOCK / channels)
+        return RSD_SIZE;
+    return valid(model) ? RSD_OK : RSD_MODEL;
+}
+
+rsd_status rsd_rowwise_forward(const rsd_rowwise_model *model, const float *table, const float *latent, float *data,
+                               size_t channels, float *workspace)
+{
+    if (channels == 0 || model->rows == 0 || model->blocks == 0)
+        return RSD_OK;
+    const rsd_status status = check(model, table, data, latent, channels, workspace);
+    if (status == RSD_OK)
+        kernels()->forward(model, table, latent, data, channels, workspace);
+    return status;
+}
+
+rsd_status rsd_rowwise_adjoint(const rsd_rowwise_model *model, const float *table, const float *data, float *latent,
+                               size_t channels, float *workspace)
+{
+    if (channels == 0 || model->rows == 0 || model->blocks == 0)
+        return RSD_OK;
+    const rsd_status status = check(model, table, data, latent, channels, workspace);
+    if (status == RSD_OK)
+        kernels()->adjoint(model, table, data, latent, channels, workspace);
+    return status;
+}
+
+rsd_status rsd_rowwise_solve(const rsd_rowwise_model *model, const float *table, const float *ridge, float smooth,
+                             const float *data, float *latent, size_t channels, float *workspace)
+{
+    if (channels == 0 || model->rows == 0 || model->blocks == 0)
+        return RSD_OK;
+    if (ridge == NULL)
+        return RSD_NULL;
+    const rsd_status status = check(model, table, data, latent, channels, workspace);
+    if (status != RSD_OK)
+        return status;
+    for (size_t b = 1; b < model->blocks; b++)
+        if (smooth != 0.0f && (size_t)model->coupled[b] == b)
+            return RSD_MODEL;
+    kernels()->solve(model, table, ridge, smooth, data, latent, channels, workspace);
+    return RSD_OK;
+}

@@ -1,0 +1,191 @@
+"""What a file is and holds, for `info` and `camera show`."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rsdeblur.errors import FileFormatError, RsdeblurWarning
+
+if TYPE_CHECKING:
+    from rsdeblur.camera import Camera
+    from rsdeblur.io.camera_file import CameraFile
+
+# Of a long list, as of exposures or gaps, the text shows this many; JSON shows all.
+SHOWN = 12
+
+AXES = {
+    "phone": "phone: x right, y up, z out of the screen",
+    "gyroflow": "Gyroflow: x up, y left, z back",
+    "sensor": "the sensor's own",
+}
+
+
+def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
+    """Return what the file is and holds; `reading` says how to read a gyro log.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is no gyro log, camera file, capture file or picture.
+    """
+    from rsdeblur.io.cameras import detect_camera_format
+    from rsdeblur.io.captures import WHAT
+    from rsdeblur.io.gyro_logs import detect_gyro_format
+    from rsdeblur.io.pictures import KINDS, is_picture
+    from rsdeblur.io.source import Source
+
+    # A damaged picture shall be told as such.
+    if is_picture(Source(path, WHAT)) or path.suffix.lower() in KINDS:
+        return describe_picture(path)
+    if reading["format"]:
+        return describe_gyro(path, reading)
+    for detect, tell in ((detect_camera_format, describe_camera), (detect_gyro_format, describe_gyro)):
+        try:
+            found = detect(path)
+        except FileFormatError:
+            continue
+        # A project of Gyroflow is a gyro log first, and may hold a camera beside it.
+        if found != "gyroflow" or tell is describe_gyro or _is_lens_profile(path):
+            return tell(path, reading)
+    try:
+        return describe_captures(path)
+    except FileFormatError as error:
+        raise FileFormatError(f"{error}; nor is it a gyro log, a camera file or a picture") from error
+
+
+def _is_lens_profile(path: Path) -> bool:
+    from rsdeblur.io.lens_profiles import is_profile
+    from rsdeblur.io.source import Source
+
+    return is_profile(Source(path, "lens profile").json)
+
+
+def describe_gyro(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
+    """Return what a gyro log holds."""
+    import numpy as np
+
+    from rsdeblur.io import open_gyro
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", RsdeblurWarning)
+        file = open_gyro(path, **reading)
+    log = file.log
+    return {
+        "kind": "gyro log",
+        "format": file.format,
+        "samples": len(log),
+        "rate_hz": log.rate,
+        "epoch_ns": log.epoch_ns,
+        "span_s": list(log.span),
+        "units_in_file": f"{file.time_unit}, {file.rate_unit}",
+        "axes": AXES[file.axes],
+        **file.facts,
+        "gaps_s": log.gaps().tolist(),
+        "rms_rad_s": np.sqrt(np.mean(log.omega**2, axis=0)).tolist(),
+        "peak_rad_s": np.abs(log.omega).max(axis=0).tolist(),
+        "remarks": [str(warning.message) for warning in caught],
+    }
+
+
+def describe_camera(path: Path, reading: dict[str, Any] | None = None) -> dict[str, Any]:
+    """Return what a camera file holds."""
+    from rsdeblur.io import open_camera
+
+    return tell_camera(open_camera(path))
+
+
+def tell_camera(file: CameraFile) -> dict[str, Any]:
+    """Return what is known of a camera."""
+    camera = file.camera
+    return {
+        "kind": "camera",
+        "format": file.format,
+        "size_px": [camera.width, camera.height],
+        "focal_px": list(camera.focal),
+        "principal_px": list(camera.principal),
+        "distortion_model": camera.distortion_model,
+        "distortion": list(camera.distortion),
+        "readout_s": camera.readout,
+        "readout_direction": camera.readout_direction,
+        "imu_to_camera": camera.imu_to_camera.tolist(),
+        "imu_axes": _preset_of(camera),
+        "time_offset_s": camera.time_offset,
+        "stamp": camera.stamp,
+        **file.facts,
+        "remarks": list(file.doubts),
+    }
+
+
+def _preset_of(camera: Camera) -> str | None:
+    import numpy as np
+
+    from rsdeblur.axes import PRESETS, imu_to_camera
+
+    fits = [name for name in PRESETS if np.allclose(camera.imu_to_camera, imu_to_camera(name), atol=1e-9)]
+    return " or ".join(fits) or None
+
+
+def describe_captures(path: Path) -> dict[str, Any]:
+    """Return what a capture file holds."""
+    from rsdeblur.io.captures import open_captures
+
+    file = open_captures(path)
+    exposures = [
+        {"start_ns": stamp} | ({} if duration is None else {"duration_s": duration})
+        for stamp, duration in zip(file.stamps, file.durations, strict=True)
+    ]
+    return {"kind": "captures", "format": file.format, "count": len(exposures), "exposures": exposures}
+
+
+def describe_picture(path: Path) -> dict[str, Any]:
+    """Return what a picture holds, and the gyro data in it."""
+    from rsdeblur.io.exif import MAKE, MODEL, Exif
+    from rsdeblur.io.gyro_binary import trailer_of
+    from rsdeblur.io.pictures import read_picture
+    from rsdeblur.io.source import Source
+
+    picture = read_picture(path)
+    exif = Exif(picture.exif)
+    height, width = picture.pixels.shape[:2]
+    found = {
+        "kind": "picture",
+        "size_px": [width, height],
+        "channels": 1 if picture.pixels.ndim == 2 else picture.pixels.shape[2],
+        "values": f"{picture.pixels.dtype}, {picture.transfer}",
+        "exif_camera": " ".join(filter(None, (exif.text(MAKE), exif.text(MODEL)))) or None,
+        "exif_exposure_s": exif.exposure,
+        "exif_orientation": exif.orientation,
+        "icc_profile": picture.icc_profile is not None,
+    }
+    if trailer_of(Source(path, "picture")) is None:
+        return found
+    gyro = describe_gyro(path, {"format": "gyrodata"})
+    return found | {"gyro": {key: gyro[key] for key in ("samples", "rate_hz", "epoch_ns", "capture_ns")}}
+
+
+def print_entry(entry: dict[str, Any]) -> None:
+    """Print what `describe` returned, for people."""
+    click.echo(f"{entry['file']}: {entry['kind']}")
+    for key, value in entry.items():
+        if key in ("file", "kind", "reason") or value in ([], None):
+            continue
+        if isinstance(value, list) and isinstance(value[0], (dict, list, str)):
+            click.echo(f"  {key}:")
+            for i, item in enumerate(value[:SHOWN]):
+                click.echo(f"    {i}: {_cell(item)}")
+            if len(value) > SHOWN:
+                click.echo(f"    ... {len(value) - SHOWN} more, see --json")
+        else:
+            click.echo(f"  {key}: {_cell(value)}")
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_cell(item)}" for key, item in value.items())
+    if isinstance(value, list):
+        return "  ".join(map(_cell, value))
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,197 @@
+"""`rsdeblur camera`: camera files made, taken over from other programs and shown."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rsdeblur.cli import _options
+from rsdeblur.cli._output import print_json
+
+if TYPE_CHECKING:
+    from rsdeblur.camera import Camera
+    from rsdeblur.io.camera_file import CameraFile
+
+EXAMPLES = """\b
+Examples:
+  rsdeblur camera new --size 4000x3000 --focal35 26 --readout 18ms --imu phone-landscape -o phone.toml
+  rsdeblur camera import profile.json --size 1920x1080 -o gopro.toml
+  rsdeblur camera import camchain-imucam.yaml --name cam1 -o cam1.toml
+  rsdeblur camera import photo.jpg --readout 18ms -o phone.toml
+  rsdeblur camera show phone.toml
+"""
+
+
+class BoxType(click.ParamType[tuple[int, int, int, int]]):
+    """A part of a picture, `WIDTHxHEIGHT+LEFT+TOP`."""
+
+    name = "WxH+X+Y"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int, int, int]:
+        """Return (left, top, width, height)."""
+        match = re.fullmatch(r"(\d+)x(\d+)\+(\d+)\+(\d+)", str(value))
+        if match is None:
+            self.fail(f"{value!r} is no part of a picture; write 1920x1080+960+540", param, ctx)
+        width, height, left, top = map(int, match.groups())
+        return left, top, width, height
+
+
+class NumbersType(click.ParamType[tuple[float, ...]]):
+    """Numbers parted by commas."""
+
+    name = "A,B,..."
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
+        """Return the numbers."""
+        try:
+            return tuple(map(float, str(value).split(",")))
+        except ValueError:
+            self.fail(f"{value!r} are no numbers; write 1.5,2,-3", param, ctx)
+
+
+SETTINGS: tuple[Callable[[Any], Any], ...] = (
+    click.option("--readout", type=_options.SecondsType(), help="Readout time of the picture."),
+    click.option(
+        "--readout-direction",
+        type=click.Choice(["top-down", "bottom-up", "left-right", "right-left"]),
+        help="How the readout runs over the picture as stored.",
+    ),
+    click.option(
+        "--imu",
+        "imu_to_camera",
+        metavar="NAME",
+        help="How the gyro sits: phone-portrait, phone-landscape, gyroflow, or an orientation string like YxZ.",
+    ),
+    click.option("--time-offset", type=_options.SecondsType(), help="Camera time minus gyro time."),
+    click.option(
+        "--stamp",
+        type=click.Choice(["start", "middle", "end"]),
+        help="What the captures' stamps mark: the first row's start of exposure, the middle row's mid-exposure, the "
+        "last row's end.",
+    ),
+)
+
+
+def settings(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options that say what calibrations do not."""
+    for option in reversed(SETTINGS):
+        function = option(function)
+    return function
+
+
+@click.group("camera", epilog=EXAMPLES)
+def command() -> None:
+    """Make camera files, take them over from other programs, and show them."""
+
+
+@command.command("show")
+@click.argument("file", type=_options.PATH)
+@click.option("--name", metavar="CAMERA", help="Which camera of a file with several.")
+@_options.json_option
+def show(file: Path, name: str | None, as_json: bool) -> None:
+    """Say what a camera FILE holds: ours, Gyroflow's, Kalibr's, or a picture's EXIF."""
+    from rsdeblur.io import open_camera
+
+    _tell(file, open_camera(file, name=name), as_json)
+
+
+@command.command("new")
+@click.option("--size", type=_options.SizeType(), required=True, help="Size of the picture as stored, in px.")
+@click.option("--focal", type=NumbersType(), help="Focal length in px, one number or fx,fy.")
+@click.option("--focal35", type=click.FloatRange(min=0, min_open=True), help="Focal length as 35 mm equivalent.")
+@click.option("--principal", type=NumbersType(), help="Principal point cx,cy in px.  [default: the middle]")
+@click.option("--distortion-model", type=click.Choice(["none", "radtan", "fisheye"]), help="Model of the lens.")
+@click.option("--distortion", type=NumbersType(), help="Its coefficients: k1,k2,p1,p2[,k3[,k4,k5,k6]] or k1,k2,k3,k4.")
+@settings
+@click.option("-o", "--output", type=_options.PATH, required=True, metavar="TOML", help="Camera file to write.")
+@_options.force_option
+def new(
+    size: tuple[int, int],
+    focal: tuple[float, ...] | None,
+    focal35: float | None,
+    output: Path,
+    force: bool,
+    **given: Any,
+) -> None:
+    """Make a camera file from numbers."""
+    from rsdeblur.camera import Camera
+    from rsdeblur.io.camera_file import CameraFile
+    from rsdeblur.io.exif import FILM_DIAGONAL
+
+    if (focal is None) == (focal35 is None):
+        raise click.UsageError("give one of --focal and --focal35", ctx=click.get_current_context())
+    width, height = size
+    length: Any = focal[0] if focal and len(focal) == 1 else focal
+    if focal35 is not None:
+        length = focal35 / FILM_DIAGONAL * (width**2 + height**2) ** 0.5
+    camera = Camera(width, height, length, **{key: value for key, value in given.items() if value is not None})
+    _write(camera, output, force=force)
+    _tell(output, CameraFile(camera, "toml"), False)
+
+
+@command.command("import")
+@click.argument("source", type=_options.PATH)
+@click.option("--format", metavar="NAME", help="Format of the file; recognised by its content if left out.")
+@click.option("--name", metavar="CAMERA", help="Which camera of a file with several: cam1.")
+@click.option("--size", type=_options.SizeType(), help="Size of your pictures, if it is another one.")
+@click.option("--fps", type=float, help="Frame rate, where a lens profile has several settings of one size.")
+@click.option("--scale", type=click.FloatRange(min=0, min_open=True), help="Factor by which the picture is resized.")
+@click.option("--crop", type=BoxType(), help="Part of the picture that is kept.")
+@click.option("--turn", type=click.IntRange(1, 3), help="Quarter turns clockwise from that picture to yours.")
+@settings
+@click.option("-o", "--output", type=_options.PATH, required=True, metavar="TOML", help="Camera file to write.")
+@_options.force_option
+def import_(
+    source: Path,
+    format: str | None,
+    name: str | None,
+    size: tuple[int, int] | None,
+    fps: float | None,
+    scale: float | None,
+    crop: tuple[int, int, int, int] | None,
+    turn: int | None,
+    output: Path,
+    force: bool,
+    **given: Any,
+) -> None:
+    """Take a camera over from SOURCE: a lens profile of Gyroflow, a YAML of Kalibr, or a picture's EXIF.
+
+    The picture is scaled, then cropped, then turned; the other options replace what the file says of the result.
+    """
+    from rsdeblur.io import open_camera
+
+    file = open_camera(source, format, size=size, name=name, fps=fps)
+    camera = file.camera
+    if scale is not None:
+        camera = camera.scaled(scale)
+    if crop is not None:
+        camera = camera.cropped(*crop)
+    for _ in range(turn or 0):
+        camera = camera.turned()
+    camera = replace(camera, **{key: value for key, value in given.items() if value is not None})
+    _write(camera, output, force=force)
+    _tell(output, replace(file, camera=camera), False)
+
+
+def _write(camera: Camera, path: Path, *, force: bool) -> None:
+    from rsdeblur._atomic import check_target
+
+    check_target(path, force=force)
+    camera.save(path)
+
+
+def _tell(path: Path, file: CameraFile, as_json: bool) -> None:
+    from rsdeblur.cli._describe import print_entry, tell_camera
+
+    entry = {"file": str(path)} | tell_camera(file)
+    if as_json:
+        print_json(entry)
+    else:
+        print_entry(entry)

@@ -1,0 +1,81 @@
+"""Raw files of cameras and DNG: developed to linear light, without a tone curve, as the sensor saw it."""
+
+from __future__ import annotations
+
+import struct
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from rsdeblur.io import _tiff
+from rsdeblur.io._heif import Missing
+
+# Makers' formats that are TIFF inside, and cannot be told from it by their first bytes.
+TIFF_SUFFIXES = (".cr2", ".nef", ".arw", ".pef", ".srw", ".3fr", ".iiq", ".nrw", ".erf", ".dng")
+MAGIC = (b"FUJIFILMCCD-RAW", b"IIRO", b"IIRS", b"MMOR", b"IIU\0", b"FOVb")
+DNG_VERSION = 50706
+
+
+def is_raw(data: bytes, suffix: str) -> bool:
+    """Whether this is a raw file; `suffix` decides where the content is TIFF."""
+    if data.startswith(MAGIC) or data[4:12] == b"ftypcrx ":
+        return True
+    if not data.startswith(_tiff.MAGIC):
+        return False
+    try:
+        with tifffile.TiffFile(BytesIO(data)) as file:
+            return suffix.lower() in TIFF_SUFFIXES or DNG_VERSION in file.pages.first.tags
+    except (ValueError, TypeError, LookupError, struct.error):
+        return suffix.lower() in TIFF_SUFFIXES
+
+
+def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None, bytes]:
+    """Return pixels, uint16 and linear in sRGB's primaries, the EXIF block and a profile that says so."""
+    try:
+        import rawpy
+    except ModuleNotFoundError:
+        raise Missing("raw files need rawpy; install it with: pip install 'rsdeblur[raw]'") from None
+    try:
+        with rawpy.imread(BytesIO(data)) as raw:
+            if raw.sizes.width * raw.sizes.height > max_pixels:
+                raise ValueError(f"the picture claims {raw.sizes.width}x{raw.sizes.height} pixels; limit {max_pixels}")
+            pixels = raw.postprocess(
+                gamma=(1.0, 1.0), no_auto_bright=True, output_bps=16, use_camera_wb=True, user_flip=0
+            )
+    except rawpy.LibRawError as error:
+        raise ValueError(error.args[0] if error.args else "not a raw file that LibRaw knows") from error
+    exif = _tiff.exif_block(data) if data.startswith(_tiff.MAGIC) else None
+    return np.ascontiguousarray(pixels), exif, linear_profile()
+
+
+def linear_profile() -> bytes:
+    """Return an ICC profile (version 2.1) of sRGB's primaries and linear values."""
+
+    def fixed(*numbers: float) -> bytes:
+        return b"XYZ \0\0\0\0" + b"".join(struct.pack(">i", round(number * 65536)) for number in numbers)
+
+    name = b"linear sRGB"
+    description = b"desc\0\0\0\0" + struct.pack(">I", len(name) + 1) + name + b"\0" * 79
+    # Primaries adapted to D50 (Bradford), as in the profiles of sRGB; an empty curve is the identity.
+    tags = {
+        b"desc": description,
+        b"cprt": b"text\0\0\0\0public domain\0",
+        b"wtpt": fixed(0.9642, 1.0, 0.8249),
+        b"rXYZ": fixed(0.43607, 0.22249, 0.01392),
+        b"gXYZ": fixed(0.38515, 0.71687, 0.09708),
+        b"bXYZ": fixed(0.14307, 0.06061, 0.71410),
+        **dict.fromkeys((b"rTRC", b"gTRC", b"bTRC"), b"curv\0\0\0\0" + struct.pack(">I", 0)),
+    }
+    table, body = struct.pack(">I", len(tags)), b""
+    start = 128 + 4 + 12 * len(tags)
+    for key, value in tags.items():
+        table += key + struct.pack(">II", start + len(body), len(value))
+        body += value + b"\0" * (-len(value) % 4)
+    size = start + len(body)
+    header = struct.pack(">I4sI", size, b"\0" * 4, 0x02100000) + b"mntrRGB XYZ "
+    header = header.ljust(36, b"\0") + b"acsp"
+    header = header.ljust(68, b"\0") + struct.pack(">3i", *(round(v * 65536) for v in (0.9642, 1.0, 0.8249)))
+    return header.ljust(128, b"\0") + table + body

@@ -1,0 +1,80 @@
+"""What a camera file's reader finds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from rsdeblur.camera import Camera
+
+# Sizes of the same shape differ by no more than what whole pixels, or 4096 for 3840, cannot express.
+SAME_SHAPE = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What the caller wants of a camera file.
+
+    Parameters
+    ----------
+    size : (int, int), optional
+        Width and height of the picture, if not that of the file.
+    name : str, optional
+        Which camera of a file that holds several.
+    fps : float, optional
+        Frame rate, where a file has several settings of one size.
+    """
+
+    size: tuple[int, int] | None = None
+    name: str | None = None
+    fps: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFile:
+    """A camera with what its file says about it.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera.
+    format : str
+        Name of the file's format.
+    facts : mapping
+        What else the file says, for reports.
+    doubts : tuple of str
+        What was assumed because the file does not say it.
+    """
+
+    camera: Camera
+    format: str
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    doubts: tuple[str, ...] = ()
+
+    def fitted(self, size: tuple[int, int] | None) -> CameraFile:
+        """Return the camera of a picture of another size.
+
+        One of the same shape is taken as resized, any other as cut out of the middle of the sensor at the same scale,
+        its readout shorter by the rows cut off.
+        """
+        camera = self.camera
+        if size is None or size == (camera.width, camera.height):
+            return self
+        width, height = size
+        if abs(width * camera.height / (height * camera.width) - 1) < SAME_SHAPE:
+            return replace(self, camera=camera.resized(width, height))
+        cx, cy = camera.principal
+        along = width / camera.width if camera.horizontal_readout else height / camera.height
+        cut = replace(
+            camera,
+            width=width,
+            height=height,
+            principal=(cx + (width - camera.width) / 2, cy + (height - camera.height) / 2),
+            readout=camera.readout * along,
+        )
+        doubt = (
+            f"{width}x{height} has another shape than the file's {camera.width}x{camera.height}: taken as cut out of "
+            "its middle, with the same focal length in px; if the camera scales its picture, give the scale"
+        )
+        return replace(self, camera=cut, doubts=(*self.doubts, doubt))

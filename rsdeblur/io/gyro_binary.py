@@ -1,0 +1,149 @@
+"""Gyro data inside pictures and videos: the GYRODATA trailer of a JPEG, and telemetry tracks."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import struct
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rsdeblur.io.formats import Format
+from rsdeblur.io.samples import Samples
+from rsdeblur.io.source import Source
+
+# The trailer is the last 16 KiB of the file: a header, then a ring buffer of samples, the oldest at `oldest`.
+TRAILER_LENGTH = 16384
+TRAILER_MARK = b"GYRODATA\0"
+TRAILER_HEADER = struct.Struct("<16sqIIq")  # name, capture (ns), samples, oldest, shutter command (ns)
+TRAILER_SAMPLE = np.dtype([("ns", "<i8"), ("rates", "<f4", 3), ("extra", "<i4")])
+
+# Four-character codes of GoPro that telemetry-parser does not name: readout time (ms), electronic stabilisation.
+GOPRO_READOUT, GOPRO_STABILISED, GOPRO_STABILISER = "0x53524f54", "0x45495345", "0x45495341"
+
+
+class Trailer(NamedTuple):
+    """The header of a GYRODATA trailer, and the bytes after it."""
+
+    capture_ns: int
+    total: int
+    oldest: int
+    command_ns: int
+    samples: bytes
+
+
+def trailer_of(source: Source) -> Trailer | None:
+    """Return the trailer of a JPEG; None if there is none."""
+    if not source.head.startswith(b"\xff\xd8"):
+        return None
+    end = source.tail(TRAILER_LENGTH)
+    if len(end) < TRAILER_LENGTH or not end.startswith(TRAILER_MARK):
+        return None
+    _, capture, count, oldest, command = TRAILER_HEADER.unpack_from(end)
+    return Trailer(capture, count, oldest, command, end[TRAILER_HEADER.size :])
+
+
+def _read_trailer(source: Source) -> Samples:
+    trailer = trailer_of(source)
+    if trailer is None:
+        raise source.error("not a JPEG with a GYRODATA trailer")
+    room = len(trailer.samples) // TRAILER_SAMPLE.itemsize
+    if not 0 < trailer.total <= room or trailer.oldest > trailer.total:
+        raise source.error(
+            f"the GYRODATA trailer is damaged: it claims {trailer.total} samples from {trailer.oldest} on, "
+            f"and has room for {room}"
+        )
+    ring = np.frombuffer(trailer.samples, TRAILER_SAMPLE, trailer.total)
+    ordered = np.roll(ring, -trailer.oldest)
+    rates = ordered["rates"].astype(np.float64)
+    # A ring that never filled has zeros in its unused places.
+    used = ordered["ns"] > 0
+    if not np.isfinite(rates[used]).all():
+        raise source.error("the GYRODATA trailer is damaged: a rate is not finite")
+    return Samples(
+        ordered["ns"][used].astype(np.int64),
+        rates[used],
+        lambda message, i: source.error(f"sample {i} of the GYRODATA trailer: {message}"),
+        facts={"capture_ns": trailer.capture_ns, "shutter_command_ns": trailer.command_ns},
+    )
+
+
+def _sniff_video(source: Source) -> bool:
+    # MP4 and its kin begin with a box whose name says so; the others are Blackmagic's and RED's.
+    return source.head[4:8] in (b"ftyp", b"moov", b"mdat", b"wide", b"skip", b"free") or source.head[4:6] == b"RE"
+
+
+@contextlib.contextmanager
+def _silence() -> Iterator[None]:
+    """Keep what native code prints about unusual files off the terminal."""
+    with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
+        yield
+
+
+def _read_video(source: Source) -> Samples:
+    try:
+        import telemetry_parser
+    except ModuleNotFoundError:
+        raise source.error(
+            "reading the gyro data of a video needs telemetry-parser; install it with: "
+            "pip install 'rsdeblur[telemetry]'"
+        ) from None
+    try:
+        with _silence():
+            parser = telemetry_parser.Parser(str(source.path))
+            blocks = parser.telemetry(human_readable=False)
+            samples = parser.normalized_imu()
+    except (OSError, ValueError, RuntimeError) as error:
+        raise source.error(f"the video holds no gyro data that telemetry-parser can read: {error}") from error
+    except BaseException as error:
+        # Its native code panics on some damaged files, which arrives as an exception of no ordinary kind.
+        if type(error).__name__ != "PanicException":
+            raise
+        raise source.error(f"the video is damaged: {error}") from error
+    kept = [sample for sample in samples if sample.get("gyro") is not None]
+    if not kept:
+        raise source.error(f"the video of this {parser.camera or 'camera'} has no gyro samples")
+    return _video_samples(source, f"{parser.camera} {parser.model or ''}".strip(), blocks, kept)
+
+
+def _video_samples(
+    source: Source, camera: str, blocks: list[Mapping[str, Any]], kept: list[Mapping[str, Any]]
+) -> Samples:
+    first = blocks[0].get("Default", {}) if blocks else {}
+    facts: dict[str, Any] = {"camera": camera}
+    with contextlib.suppress(TypeError, ValueError, KeyError):
+        facts["readout_s"] = float(first[GOPRO_READOUT]) / 1e3
+    exposures = [seconds for block in blocks for seconds in block.get("Exposure", {}).get("Data", [])]
+    if exposures and all(isinstance(seconds, float) for seconds in exposures):
+        facts["exposures_s"] = [min(exposures), max(exposures)]
+    doubts = []
+    if first.get(GOPRO_STABILISED) == "Y":
+        facts["stabilised"] = first.get(GOPRO_STABILISER, "yes")
+        doubts.append(
+            f"the camera stabilised the video itself ({facts['stabilised']}): its picture does not move as the camera "
+            "did, so its blur cannot be computed from the gyro alone; record without stabilisation"
+        )
+    stamps = np.array([sample["timestamp_ms"] for sample in kept], dtype=np.float64)
+    rates = np.array([sample["gyro"] for sample in kept], dtype=np.float64)
+    if not (np.isfinite(stamps).all() and np.isfinite(rates).all()):
+        raise source.error("the video's gyro data are damaged: a sample is not finite")
+    # telemetry-parser spreads the samples evenly, from zero at the first one, which no frame is tied to.
+    facts["time_zero"] = "the first gyro sample, not the first frame"
+    return Samples(
+        np.round(stamps * 1e6).astype(np.int64),
+        rates,
+        lambda message, i: source.error(f"gyro sample {i}: {message}"),
+        rate_unit="deg/s",
+        axes="gyroflow",
+        time_unit="ms",
+        facts=facts,
+        doubts=doubts,
+    )
+
+
+FORMATS: tuple[Format[Samples], ...] = (
+    Format("gyrodata", "JPEG with a GYRODATA trailer", lambda source: trailer_of(source) is not None, _read_trailer),
+    Format("video", "video with a telemetry track: GoPro, DJI, Sony, Insta360", _sniff_video, _read_video),
+)

@@ -1,0 +1,297 @@
+"""Gyro logs of Gyroflow: `.gcsv` text and `.gyroflow` projects.
+
+Both keep the sensor's raw axes and an orientation string; the string is applied, so the rates of the log are in
+Gyroflow's own frame (x up, y left, z back).
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from collections.abc import Mapping
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rsdeblur._validate import FloatArray
+from rsdeblur.axes import orientation
+from rsdeblur.errors import FileFormatError, InputError
+from rsdeblur.io.formats import Format, text_format
+from rsdeblur.io.samples import Samples, table_samples
+from rsdeblur.io.source import Source
+from rsdeblur.io.text import NUMBER, TextFile, cells_of, read_table
+
+TITLES = ("GYROFLOW IMU LOG", "CAMERA IMU LOG")
+# What Gyroflow takes for a log that does not say how its sensor sits.
+DEFAULT_ORIENTATION = "xzY"
+
+# Gyroflow's numbers and names of the readout's direction, in lower case.
+DIRECTIONS = {
+    "top-down": ("0", "toptobottom"),
+    "bottom-up": ("1", "180", "bottomtotop"),
+    "left-right": ("2", "270", "lefttoright"),
+    "right-left": ("3", "90", "righttoleft"),
+}
+
+BASE91 = b'ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789!#$%&()*+,./:;<=>?@[]^_`{|}~"'
+# A day of samples at 8 kHz, each of 59 bytes or more, fits.
+PAYLOAD_LIMIT = 2**36
+
+
+def readout_of(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `readout_s` and `readout_direction` as far as the keys of Gyroflow in `table` tell them.
+
+    Older files say "bottom to top" by a negative time.
+    """
+    try:
+        readout = float(table["frame_readout_time"]) / 1e3
+    except (KeyError, TypeError, ValueError):
+        return {}
+    if not np.isfinite(readout) or readout == 0:
+        return {}
+    said = str(table.get("frame_readout_direction", "")).lower()
+    direction = next((name for name, words in DIRECTIONS.items() if said in words), "top-down")
+    if readout < 0 and direction == "top-down":
+        direction = "bottom-up"
+    return {"readout_s": abs(readout), "readout_direction": direction}
+
+
+def _sniff_gcsv(text: TextFile) -> bool:
+    return text.lines[0].strip().strip(",;").upper() in TITLES
+
+
+def _read_gcsv(text: TextFile) -> Samples:
+    if not _sniff_gcsv(text):
+        raise text.error(f"no Gyroflow log: the first line must read {' or '.join(TITLES)}", 0)
+    keys: dict[str, tuple[str, int]] = {}
+    for i, row in enumerate(text.rows):
+        line = text.lines[row]
+        names = [cell.lower() for cell in cells_of(line)]
+        if len(names) >= 4 and names[0] in ("t", "time") and {"gx", "gy", "gz"} <= set(names):
+            places = [0, *(names.index(name) for name in ("gx", "gy", "gz"))]
+            return _gcsv_samples(text, text.rows[i + 1 :], places, keys)
+        key, *value = (part.strip() for part in re.split("[,:]", line, maxsplit=1))
+        if value:
+            keys[key.lower()] = (value[0].rstrip(",;").strip(), row)
+    raise text.error("no line `t,gx,gy,gz` that starts the samples of a Gyroflow log")
+
+
+def _gcsv_samples(text: TextFile, rows: list[int], places: list[int], keys: dict[str, tuple[str, int]]) -> Samples:
+    def scale(key: str, default: str) -> Decimal:
+        value, row = keys.get(key, (default, 0))
+        if not NUMBER.fullmatch(value) or not Decimal(value) > 0:
+            raise text.error(f"{key} must be a positive number, got {value!r}", row)
+        return Decimal(value)
+
+    tscale, gscale = scale("tscale", "0.001"), float(scale("gscale", "1"))
+    letters, row = keys.get("orientation", (DEFAULT_ORIENTATION, 0))
+    try:
+        turn = orientation(letters)
+    except InputError as error:
+        raise text.error(str(error), row) from error
+    said = {key: value for key, (value, _) in keys.items()}
+    table = read_table(text, rows, places)
+    named = ("version", "id", "vendor", "videofilename", "lensprofile", "lens_info", "timestamp")
+    facts = {"orientation": letters, **readout_of(said), **{key: said[key] for key in named if key in said}}
+    doubts = [] if "orientation" in keys else [_without_orientation(letters)]
+    return table_samples(
+        table,
+        table.nanoseconds(tscale * 10**9),
+        axes="gyroflow",
+        time_unit=f"{tscale.normalize()} s",
+        scale=gscale,
+        turn=turn,
+        facts=facts,
+        doubts=doubts,
+    )
+
+
+def _without_orientation(letters: str) -> str:
+    return (
+        f"the log does not say how its sensor sits; Gyroflow's default, orientation {letters}, is taken, which is "
+        "right for few loggers"
+    )
+
+
+def _sniff_project(source: Source) -> bool:
+    return source.looks_like_json and is_project(source.json)
+
+
+def is_project(content: Any) -> bool:
+    """Whether this is a project of Gyroflow."""
+    return isinstance(content, dict) and (
+        content.get("title") == "Gyroflow data file" or "gyro_source" in content or "raw_imu" in content
+    )
+
+
+def _read_project(source: Source) -> Samples:
+    project = source.json
+    if not is_project(project):
+        raise source.error("not a Gyroflow project")
+    try:
+        return _project_samples(source, project)
+    except FileFormatError:
+        raise
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, struct.error, OverflowError) as error:
+        raise source.error(f"the gyro data of the project are damaged: {error!r}") from error
+
+
+def _project_samples(source: Source, project: dict[str, Any]) -> Samples:
+    gyro = project.get("gyro_source") or {}
+    metadata = gyro.get("file_metadata") or {}
+    if isinstance(metadata, str):
+        metadata = _cbor(source, _payload(source, metadata))
+    raw = metadata.get("raw_imu") or gyro.get("raw_imu") or project.get("raw_imu")
+    if not raw:
+        origin = gyro.get("filepath") or project.get("videofile") or "the video"
+        raise source.error(f"the project was saved without gyro data; give the file they come from: {origin}")
+    t_ms, rates, unit = _decoded(source, raw)
+    letters = gyro.get("imu_orientation") or metadata.get("imu_orientation")
+    doubts = [] if letters else [_without_orientation(DEFAULT_ORIENTATION)]
+    try:
+        turn = orientation(letters or DEFAULT_ORIENTATION)
+    except InputError as error:
+        raise source.error(str(error)) from error
+    # In Gyroflow's order: bias (deg/s, raw axes, added), orientation, rotation (pitch, roll, yaw in degrees).
+    bias = np.array(gyro.get("gyro_bias") or (0, 0, 0), dtype=np.float64) * (1.0 if unit == "deg/s" else np.pi / 180)
+    pitch, roll, yaw = gyro.get("rotation") or (0, 0, 0)
+    turn = Rotation.from_euler("xyz", (yaw, pitch, roll), degrees=True).as_matrix() @ turn
+    return Samples(
+        np.round(t_ms * 1e6).astype(np.int64),
+        rates + bias,
+        lambda message, i: source.error(f"sample {i}: {message}"),
+        rate_unit=unit,
+        axes="gyroflow",
+        turn=turn,
+        time_unit="ms",
+        facts=_project_facts(project, metadata, letters or DEFAULT_ORIENTATION),
+        doubts=doubts,
+    )
+
+
+def _project_facts(project: dict[str, Any], metadata: Mapping[str, Any], letters: str) -> dict[str, Any]:
+    video = project.get("video_info") or {}
+    facts: dict[str, Any] = {"orientation": letters, "version": project.get("version", "none")}
+    facts |= readout_of(metadata) | readout_of(project.get("stabilization") or {})
+    if metadata.get("detected_source"):
+        facts["camera"] = metadata["detected_source"]
+    if video.get("width") and video.get("height"):
+        facts["video"] = f"{video['width']}x{video['height']}, {video.get('fps', '?')} Hz"
+    if video.get("rotation"):
+        facts["video_rotation_deg"] = video["rotation"]
+    if project.get("offsets"):
+        facts["offsets_ms"] = {f"{int(key) / 1e6:g} s": offset_ms(value) for key, value in project["offsets"].items()}
+    return facts
+
+
+def offset_ms(value: Any) -> float:
+    """Return a clock offset of a project, video minus gyro time; some versions keep it in a list."""
+    return float(value[0] if isinstance(value, list) else value)
+
+
+def _decoded(source: Source, raw: Any) -> tuple[FloatArray, FloatArray, str]:
+    """Return the times in ms, the rates, and the unit of these."""
+    if isinstance(raw, str):
+        data = _payload(source, raw)
+        if _looks_like_bincode(data):
+            times, rates = _bincode(data)
+            return times, rates, "deg/s"
+        raw = _cbor(source, data)
+    if isinstance(raw[0], Mapping):
+        kept = [sample for sample in raw if sample.get("gyro") is not None]
+        times = np.array([sample["timestamp_ms"] for sample in kept], dtype=np.float64)
+        return _finite(times, np.array([sample["gyro"] for sample in kept], dtype=np.float64), "deg/s")
+    # The first versions, written in Python: rows of seconds and rad/s.
+    table = np.array(raw, dtype=np.float64)
+    return _finite(1e3 * table[:, 0], table[:, 1:4], "rad/s")
+
+
+def _finite(times: FloatArray, rates: FloatArray, unit: str) -> tuple[FloatArray, FloatArray, str]:
+    if rates.ndim != 2 or rates.shape[1] != 3 or not np.isfinite(rates).all() or not np.isfinite(times).all():
+        raise ValueError("a sample is not three finite rates with a time")
+    return times, rates, unit
+
+
+def _payload(source: Source, text: str) -> bytes:
+    unpack = zlib.decompressobj()
+    try:
+        data = unpack.decompress(base91_decode(text.encode("ascii")), PAYLOAD_LIMIT)
+    except (UnicodeEncodeError, zlib.error) as error:
+        raise source.error(f"the gyro data of the project are damaged: {error}") from error
+    if not unpack.eof:
+        raise source.error("the gyro data of the project are cut off")
+    return data
+
+
+def base91_decode(text: bytes) -> bytes:
+    """Decode basE91 (Henke): two characters carry 13 or 14 bits."""
+    value_of = dict(zip(BASE91, range(91), strict=True))
+    out = bytearray()
+    first, bits, count = -1, 0, 0
+    for character in text:
+        value = value_of.get(character, -1)
+        if value < 0:
+            continue
+        if first < 0:
+            first = value
+            continue
+        pair = first + 91 * value
+        bits |= pair << count
+        count += 13 if pair & 8191 > 88 else 14
+        while count > 7:
+            out.append(bits & 255)
+            bits >>= 8
+            count -= 8
+        first = -1
+    if first >= 0:
+        out.append((bits | first << count) & 255)
+    return bytes(out)
+
+
+def _looks_like_bincode(data: bytes) -> bool:
+    """Whether the length suits the count at the start, each sample having 11 to 83 bytes."""
+    count = int.from_bytes(data[:8], "little")
+    return 11 * count <= len(data) - 8 <= 83 * count
+
+
+def _bincode(data: bytes) -> tuple[FloatArray, FloatArray]:
+    """Decode samples of a time (f64, ms) and three optional vectors (one tag byte each): gyro, accelerometer, ..."""
+    (count,) = struct.unpack_from("<Q", data)
+    place, times, rates = 8, [], []
+    for _ in range(count):
+        (time,) = struct.unpack_from("<d", data, place)
+        place += 8
+        for sensor in range(3):
+            present = data[place]
+            place += 1
+            if present > 1:
+                raise ValueError(f"byte {place} is no tag")
+            if present:
+                if sensor == 0:
+                    times.append(time)
+                    rates.append(struct.unpack_from("<3d", data, place))
+                place += 24
+    times_ms, omega, _ = _finite(np.array(times), np.array(rates).reshape(-1, 3), "deg/s")
+    return times_ms, omega
+
+
+def _cbor(source: Source, data: bytes) -> Any:
+    try:
+        import cbor2
+    except ModuleNotFoundError:
+        raise source.error(
+            "projects of this version of Gyroflow need cbor2; install it with: pip install 'rsdeblur[gyroflow]'"
+        ) from None
+    try:
+        return cbor2.loads(data)
+    except (cbor2.CBORDecodeError, ValueError) as error:
+        raise source.error(f"the gyro data of the project are damaged: {error}") from error
+
+
+FORMATS: tuple[Format[Samples], ...] = (
+    text_format("gcsv", "Gyroflow .gcsv", _sniff_gcsv, _read_gcsv),
+    Format("gyroflow", "Gyroflow project", _sniff_project, _read_project),
+)

@@ -1,0 +1,169 @@
+"""What a gyro log's reader finds, and the log that is made of it: units, harmless faults repaired, others refused."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import pi
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rsdeblur._validate import FloatArray
+from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
+from rsdeblur.gyro import GyroLog
+from rsdeblur.io.text import Table
+
+# rad/s in each unit of rate a log may use.
+RATE_UNITS = {"rad/s": 1.0, "deg/s": pi / 180, "mrad/s": 1e-3, "mdeg/s": pi / 180e3}
+
+# The frame of the rates: a phone's (x right, y up, z out of the screen, whichever app wrote them), Gyroflow's (x up,
+# y left, z back), or the sensor's own, which only its owner knows.
+Axes = Literal["phone", "gyroflow", "sensor"]
+
+# Samples that arrive late by up to ten intervals, no more than one in a hundred, were sent late; anything else is
+# another recording or a broken clock, which sorting would hide.
+LATE_INTERVALS = 10
+LATE_SHARE = 0.01
+
+# At rest an accelerometer shows gravity, 9.8 m/s^2, in nearly every sample; a gyro does not.
+GRAVITY = (9.3, 10.3)
+
+Fault = Callable[[str, int], FileFormatError]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """What a reader found.
+
+    Parameters
+    ----------
+    ns : ndarray of int64, shape (n,)
+        Stamps.
+    rates : ndarray, shape (n, 3)
+        In `rate_unit`, as they stand in the file.
+    fault : callable
+        Makes the error for a message about sample i.
+    rate_unit : str
+        One of `RATE_UNITS`.
+    axes : {"phone", "gyroflow", "sensor"}
+        The frame of the rates, once turned.
+    turn : ndarray, shape (3, 3), optional
+        Takes the rates in the file to `axes`.
+    time_unit : str
+        The unit of the stamps in the file, for reports.
+    facts : mapping
+        What else the file says, for reports.
+    doubts : sequence of str
+        What makes the log doubtful; each becomes a warning.
+    """
+
+    ns: NDArray[np.int64]
+    rates: FloatArray
+    fault: Fault
+    rate_unit: str = "rad/s"
+    axes: Axes = "phone"
+    turn: FloatArray | None = None
+    time_unit: str = "ns"
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    doubts: Sequence[str] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GyroFile:
+    """A gyro log with what its file says about it.
+
+    Parameters
+    ----------
+    log : GyroLog
+        The samples, in rad/s.
+    format : str
+        Name of the file's format.
+    axes : {"phone", "gyroflow", "sensor"}
+        The frame of the rates: a phone's, Gyroflow's, or one that the file does not name.
+    time_unit, rate_unit : str
+        The units in the file.
+    facts : mapping
+        What else the file says: readout time, device, clock offsets.
+    """
+
+    log: GyroLog
+    format: str
+    axes: Axes
+    time_unit: str
+    rate_unit: str
+    facts: Mapping[str, Any]
+
+
+def table_samples(table: Table, ns: NDArray[np.int64], *, scale: float = 1.0, **found: Any) -> Samples:
+    """Return the samples of a text table, its rates times `scale`; faults name its lines."""
+    return Samples(ns, table.values * scale, lambda message, i: table.text.error(message, table.rows[i]), **found)
+
+
+def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str], FileFormatError]) -> GyroFile:
+    """Make the log: scale the rates, repair what is harmless, refuse what is not.
+
+    Raises
+    ------
+    FileFormatError
+        If there are fewer than two samples, stamps conflict, or the samples are an accelerometer's.
+
+    Warns
+    -----
+    RsdeblurWarning
+        If the reader has doubts, or something was repaired.
+    """
+    if unit is not None and unit not in RATE_UNITS:
+        raise InputError(f"unit must be one of {', '.join(RATE_UNITS)}; got {unit!r}")
+    if not len(samples.ns):
+        raise error("the file holds no samples")
+    unit = unit or samples.rate_unit
+    ns, rates, repairs = _repaired(samples)
+    rates = (rates if samples.turn is None else rates @ samples.turn.T) * RATE_UNITS[unit]
+    magnitude = np.linalg.norm(rates, axis=1)
+    if np.mean((magnitude > GRAVITY[0]) & (magnitude < GRAVITY[1])) > 0.9:
+        raise error(
+            "these are the samples of an accelerometer at rest, 9.8 m/s^2 in all of them, not of a gyro; "
+            "give the gyro's file, or the unit if it is another than rad/s"
+        )
+    # Ordered int64 differ by at most 2**64 - 1: unsigned, the difference cannot overflow.
+    t = (ns.view(np.uint64) - ns[:1].view(np.uint64)).astype(np.float64) * 1e-9
+    try:
+        log = GyroLog(t, rates, int(ns[0]))
+    except InputError as reason:
+        raise samples.fault(str(reason), 0) if len(ns) < 2 else error(str(reason)) from reason
+    for doubt in (*samples.doubts, *repairs):
+        warnings.warn(str(error(doubt)), RsdeblurWarning, stacklevel=3)
+    return GyroFile(log, format, samples.axes, samples.time_unit, unit, samples.facts)
+
+
+def _repaired(samples: Samples) -> tuple[NDArray[np.int64], FloatArray, list[str]]:
+    """Return stamps and rates in order and without repetitions, and what was done."""
+    ns, rates, done = samples.ns, samples.rates, []
+    origin = np.arange(len(ns))
+    (backward,) = np.nonzero(ns[1:] < ns[:-1])
+    if backward.size:
+        # In floats, because differences of arbitrary stamps may overflow.
+        late = np.maximum.accumulate(ns).astype(np.float64) - ns
+        interval = np.median(np.abs(np.diff(ns.astype(np.float64))))
+        if backward.size > max(1, LATE_SHARE * len(ns)) or late.max() > LATE_INTERVALS * interval:
+            i = int(backward[0]) + 1
+            raise samples.fault(
+                f"stamp out of order: {ns[i]} ns comes after {ns[i - 1]} ns; the samples are too disordered to sort "
+                "them safely: they may be of several recordings, or of a clock that was set back",
+                i,
+            )
+        origin = np.argsort(ns, kind="stable")
+        ns, rates = ns[origin], rates[origin]
+        done.append(f"{backward.size} samples came late and were sorted in")
+    (twice,) = np.nonzero(ns[1:] == ns[:-1])
+    if twice.size:
+        differ = twice[(rates[twice] != rates[twice + 1]).any(axis=1)]
+        if differ.size:
+            i = int(origin[differ[0] + 1])
+            raise samples.fault(f"duplicate stamp {samples.ns[i]} ns with another value; keep one of the samples", i)
+        ns, rates = np.delete(ns, twice + 1), np.delete(rates, twice + 1, axis=0)
+        done.append(f"{twice.size} repeated samples were dropped")
+    return ns, rates, done

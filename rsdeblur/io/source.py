@@ -1,0 +1,86 @@
+"""A file whose format is yet to be told: opened once, read as far as somebody looks."""
+
+from __future__ import annotations
+
+import json
+import os
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from rsdeblur.errors import FileFormatError
+from rsdeblur.io.text import TextFile
+
+# Enough to tell any format by its start, and the longest trailer that is looked for.
+HEAD = 4096
+
+
+class Source:
+    """A file, or a member of an archive.
+
+    Parameters
+    ----------
+    path : path-like
+        Where it is, for reading and for messages.
+    what : str
+        What it should be, for messages.
+    content : bytes, optional
+        What it holds, if it is no file of its own.
+
+    Raises
+    ------
+    FileFormatError
+        If it cannot be read.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], what: str, content: bytes | None = None) -> None:
+        self.path, self.what, self._content = Path(path), what, content
+        self.head = self._read(0, HEAD)
+
+    def _read(self, start: int, size: int = -1) -> bytes:
+        if self._content is not None:
+            return self._content[start:][: size if size >= 0 else None]
+        try:
+            with open(self.path, "rb") as file:
+                file.seek(start, os.SEEK_SET if start >= 0 else os.SEEK_END)
+                return file.read(size)
+        except OSError as error:
+            raise FileFormatError(f"{self.path}: cannot read the {self.what}: {error.strerror or error}") from error
+
+    def tail(self, size: int) -> bytes:
+        """Return the last `size` bytes, all of a shorter file."""
+        whole = len(self._content) if self._content is not None else self.path.stat().st_size
+        return self._read(max(whole - size, 0))
+
+    @cached_property
+    def data(self) -> bytes:
+        """The whole content."""
+        return self._read(0)
+
+    @cached_property
+    def text(self) -> TextFile:
+        """The content as lines; raises `FileFormatError` if it is empty or not text."""
+        # A video of gigabytes is not read to learn that it is not text.
+        return TextFile.parse(self.path, self.data if self.looks_like_text else b"\0" * bool(self.head), self.what)
+
+    @property
+    def looks_like_text(self) -> bool:
+        """Whether the content may be text."""
+        return bool(self.head) and (b"\0" not in self.head or self.head[:2] in (b"\xff\xfe", b"\xfe\xff"))
+
+    @property
+    def looks_like_json(self) -> bool:
+        """Whether the content may be JSON."""
+        return self.head.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] in (b"{", b"[")
+
+    @cached_property
+    def json(self) -> Any:
+        """The content as JSON; raises `FileFormatError` if it is not."""
+        try:
+            return json.loads(self.data.decode("utf-8-sig"))
+        except (ValueError, RecursionError) as error:
+            raise self.error(f"not JSON, or cut off: {error}") from error
+
+    def error(self, message: str) -> FileFormatError:
+        """Return the error that names the file."""
+        return FileFormatError(f"{self.path}: {message}")

@@ -1,0 +1,49 @@
+"""Responses of the quadratic solver of tiles: the Numba kernel and its NumPy twin."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+
+@numba.njit(cache=True, nogil=True)
+def responses(otf, across, down, nsr, beta, scale, of_pull, out):
+    """Fill `out` with the filter that acts on the observation, or on the pull.
+
+    With `N = |H|^2 + nsr + beta (across + down)` they are `scale (1 + nsr) conj(H) / N` and `scale beta / N`.
+
+    Parameters
+    ----------
+    otf : ndarray, shape (K, L), complex64
+        Transfer function H of the tile.
+    across, down : ndarray, shape (K,) and (L,), float32
+        Squared magnitudes of the two differences' transfer functions.
+    nsr, beta, scale : float32
+    of_pull : bool
+    out : ndarray, shape (K, L), complex64
+    """
+    kept = np.float32(1.0) + nsr
+    for k in range(otf.shape[0]):
+        for j in range(otf.shape[1]):
+            h = otf[k, j]
+            gain = scale / (h.real * h.real + h.imag * h.imag + nsr + beta * (across[k] + down[j]))
+            if of_pull:
+                out[k, j] = np.complex64(beta * gain)
+            else:
+                out[k, j] = np.complex64(complex(kept * gain * h.real, -kept * gain * h.imag))
+
+
+def responses_numpy(
+    otf: NDArray[np.complex64],
+    across: NDArray[np.float32],
+    down: NDArray[np.float32],
+    nsr: float,
+    beta: float,
+    scale: float,
+    of_pull: bool,
+    out: NDArray[np.complex64],
+) -> None:
+    """Readable twin of :func:`responses`."""
+    normal = np.abs(otf) ** 2 + nsr + beta * (across[:, None] + down)
+    out[...] = scale * (beta if of_pull else (1 + nsr) * otf.conj()) / normal

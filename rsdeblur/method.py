@@ -1,0 +1,112 @@
+"""How a picture, or a slab of its rows, is solved: the mode, the prior and their numbers in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rsdeblur.border import Border
+from rsdeblur.motion import BlurPaths, Motion, Shot
+from rsdeblur.priors import Prior, Quadratic, minimise, restore
+from rsdeblur.psf import PsfBank
+from rsdeblur.quadratic import TileQuadratic
+from rsdeblur.rowwise import RowDeconvolver, Solver
+from rsdeblur.wiener import Deconvolver
+
+Mode = Literal["global", "banded", "rowwise"]
+MODES: tuple[Mode, ...] = ("global", "banded", "rowwise")
+Picture = NDArray[np.float32]
+Told = Callable[[float], None]
+Solve = Callable[[Picture, Told], Picture]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Method:
+    """Everything but the blur that a solution depends on; the names are those of :func:`rsdeblur.deblur`.
+
+    Parameters
+    ----------
+    nsr, weight : float
+        Numbers, no longer "auto"; `weight` is None for the Wiener filter.
+    peak : float
+        Value of the picture's bright parts, see :func:`rsdeblur.priors.brightness`.
+    """
+
+    mode: Mode
+    prior: Prior
+    exponent: float
+    nsr: float
+    weight: float | None
+    peak: float
+    solver: Solver
+    motion: Motion
+    border: Border
+    threads: int | None
+
+    def planned(self, shot: Shot, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:
+        """Plan what turns a blurred picture and a report of progress into the sharp picture.
+
+        Parameters
+        ----------
+        shot : Shot
+            Of the whole picture.
+        bank : PsfBank
+            Placed in the picture to be solved.
+        shape : (H, W, C)
+            Of the picture to be solved: rows of the whole one ...
+        first : int
+            ... from this one on.
+        """
+        if self.mode == "rowwise":
+            return self._rowwise(shot, bank, shape, first)
+        if self.weight is None:
+            filters = Deconvolver(bank, shape, nsr=self.nsr, border=self.border, threads=self.threads)
+            return lambda light, told: filters.apply(light, progress=told)
+        tiles, weight = TileQuadratic(bank, shape, nsr=self.nsr, border=self.border, threads=self.threads), self.weight
+        return lambda light, told: restore(
+            tiles,
+            light,
+            prior=self.prior,
+            weight=weight,
+            exponent=self.exponent,
+            peak=self.peak,
+            threads=self.threads,
+            progress=told,
+        )
+
+    def _rowwise(self, shot: Shot, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:
+        paths = BlurPaths.every_row(shot, bank.cols, motion=self.motion, within=slice(first, first + shape[0]))
+        rows = RowDeconvolver(
+            replace(paths, rows=paths.rows - first),
+            shape,
+            nsr=self.nsr,
+            solver=self.solver,
+            border=self.border,
+            threads=self.threads,
+        )
+        if self.weight is None:
+            return lambda light, told: rows.apply(light, progress=told)
+        weight, strips = self.weight, len(bank.cols)
+
+        def solve(light: Picture, told: Told) -> Picture:
+            done = iter(range(strips))
+
+            def with_prior(term: Quadratic) -> Picture:
+                strip = next(done)
+                return minimise(
+                    term,
+                    prior=self.prior,
+                    weight=weight,
+                    exponent=self.exponent,
+                    peak=self.peak,
+                    threads=self.threads,
+                    progress=lambda fraction: told((strip + fraction) / strips),
+                )
+
+            return rows.apply(light, minimise=with_prior)
+
+        return solve

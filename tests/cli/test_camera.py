@@ -1,0 +1,117 @@
+"""Camera files and what the commands conclude from them: made, imported, shown, doubted."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from click.testing import Result
+from PIL import Image
+
+from rsdeblur import Camera, read_camera
+from rsdeblur.axes import imu_to_camera
+
+if TYPE_CHECKING:
+    from conftest import Files
+
+# Those of the fixture `files`.
+START, DURATION = 0.2, 0.04
+
+Run = Callable[..., Result]
+
+
+def test_new(run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "new.toml"
+    options = ("--readout", "18ms", "--readout-direction", "left-right", "--imu", "YxZ", "--stamp", "middle")
+    lens = ("--distortion-model", "radtan", "--distortion", "-0.1,0.01,0.001,0.002", "--principal", "200,149")
+    result = run("camera", "new", "--size", "400x300", "--focal", "410,411", *options, *lens, "-o", out)
+    assert result.exit_code == 0, result.stderr
+    camera = read_camera(out)
+    assert (camera.focal, camera.principal, camera.readout) == ((410.0, 411.0), (200.0, 149.0), 0.018)
+    assert (camera.readout_direction, camera.stamp) == ("left-right", "middle")
+    assert camera.distortion == (-0.1, 0.01, 0.001, 0.002)
+    np.testing.assert_array_equal(camera.imu_to_camera, imu_to_camera("phone-portrait"))
+    assert "phone-portrait" in result.stdout
+    again = run("camera", "new", "--size", "400x300", "--focal35", "26", "-o", out)
+    assert (again.exit_code, "the file exists" in again.stderr) == (1, True)
+
+
+@pytest.mark.parametrize("focal", [[], ["--focal", "400", "--focal35", "26"], ["--focal", "a"]])
+def test_new_needs_one_focal_length(run: Run, tmp_path: Path, focal: list[str]) -> None:
+    assert run("camera", "new", "--size", "400x300", *focal, "-o", tmp_path / "new.toml").exit_code == 2
+
+
+def test_import_scales_crops_and_turns(run: Run, tmp_path: Path) -> None:
+    source, out = tmp_path / "a.toml", tmp_path / "b.toml"
+    camera = Camera(400, 300, 410.0, readout=0.02, imu_to_camera="phone-landscape")
+    camera.save(source)
+    steps = ("--scale", 0.5, "--crop", "100x80+20+30", "--turn", 1, "--time-offset", "-5ms")
+    result = run("camera", "import", source, *steps, "-o", out)
+    assert result.exit_code == 0, result.stderr
+    expected, found = camera.scaled(0.5).cropped(20, 30, 100, 80).turned(), read_camera(out)
+    assert (found.width, found.height, found.focal) == (80, 100, expected.focal)
+    assert (found.readout, found.readout_direction) == (expected.readout, "right-left")
+    np.testing.assert_allclose(found.imu_to_camera, imu_to_camera("phone-portrait"), atol=1e-15)
+    assert found.time_offset == -0.005
+    assert run("camera", "import", source, "--crop", "all", "-o", out, "--force").exit_code == 2
+
+
+def test_show(run: Run, files: Files, tmp_path: Path) -> None:
+    shown = json.loads(run("camera", "show", files.camera, "--json").stdout)
+    assert (shown["format"], shown["readout_s"]) == ("toml", 0.03)
+    assert "readout_s: 0.03" in run("camera", "show", files.camera).stdout
+    result = run("camera", "show", tmp_path / "none.toml")
+    assert (result.exit_code, "none.toml: cannot read the camera file" in result.stderr) == (1, True)
+
+
+def test_axes_that_cannot_be_are_doubted(run: Run, files: Files, tmp_path: Path) -> None:
+    samples = files.samples()
+    rows = [f"{round(1e9 * t)},{x},{y},{z}" for t, x, y, z in samples.tolist()]
+    files.gyro.write_text("\n".join(["Timestamp[nanosec],gx[rad/s],gy[rad/s],gz[rad/s]", *rows]) + "\n")
+    result = run("deblur", files.photo, *files.recording, "-o", tmp_path / "a.png")
+    assert result.exit_code == 0, result.stderr
+    assert "imu_to_camera is the identity, but" in result.stderr
+    assert "is in phone axes; imu_to_camera should be phone-portrait or phone-landscape" in result.stderr
+    Camera(96, 72, 110.0, readout=0.03, imu_to_camera="phone-portrait").save(files.camera)
+    assert run("deblur", files.photo, *files.recording, "-o", tmp_path / "b.png").stderr == ""
+    turned = run("deblur", files.photo, *files.recording, "--orientation", "XYZ", "-o", tmp_path / "c.png")
+    assert "imu_to_camera is that of a phone's axes" in turned.stderr
+
+
+def test_the_exposure_time_may_come_from_exif(run: Run, files: Files, tmp_path: Path) -> None:
+    with Image.open(files.photo) as image:
+        exif = Image.Exif()
+        exif[0x010F] = "Maker"
+        exif.get_ifd(0x8769)[0x829A] = DURATION
+        image.save(files.photo, exif=exif)
+    given = run("deblur", files.photo, *files.recording, "-o", tmp_path / "given.png")
+    told = run("deblur", files.photo, *files.sources, "--start", START, "-o", tmp_path / "told.png")
+    stamps = tmp_path / "stamps.csv"
+    stamps.write_text(f"{round(1e9 * START)}\n")
+    listed = run("deblur", files.photo, *files.sources, "--capture", stamps, "-o", tmp_path / "listed.png")
+    assert (given.exit_code, told.exit_code, listed.exit_code) == (0, 0, 0), told.stderr + listed.stderr
+    pixels = [np.asarray(Image.open(tmp_path / f"{name}.png")) for name in ("given", "told", "listed")]
+    np.testing.assert_array_equal(pixels[0], pixels[1])
+    np.testing.assert_array_equal(pixels[0], pixels[2])
+
+
+def test_units_are_declared(run: Run, files: Files, tmp_path: Path) -> None:
+    samples = files.samples()
+    expected = run("info", files.gyro, "--json")
+    files.write_gyro(np.column_stack([samples[:, 0], np.degrees(samples[:, 1:])]))
+    found = run("info", files.gyro, "--unit", "deg/s", "--json")
+    rms = [json.loads(result.stdout)[0]["rms_rad_s"] for result in (expected, found)]
+    # Written with six decimals.
+    np.testing.assert_allclose(rms[0], rms[1], atol=1e-6)
+
+
+def test_info_tells_stamps(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "timestamps.csv"
+    path.write_text("195476361410000\n195476395191000\n")
+    (entry,) = json.loads(run("info", path, "--json").stdout)
+    assert (entry["kind"], entry["format"], entry["count"]) == ("captures", "stamps", 2)
+    assert entry["exposures"][1] == {"start_ns": 195476395191000}
