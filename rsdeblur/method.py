@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur.border import Border
+from rsdeblur.border import Border, Extension
+from rsdeblur.extension import extended, extended_shape
 from rsdeblur.motion import BlurPaths, Motion, Shot
 from rsdeblur.priors import Prior, Quadratic, minimise, restore
 from rsdeblur.psf import PsfBank
@@ -34,6 +35,8 @@ class Method:
         Numbers, no longer "auto"; `weight` is None for the Wiener filter.
     peak : float
         Value of the picture's bright parts, see :func:`rsdeblur.priors.brightness`.
+    border, extension
+        See :func:`rsdeblur.border.split`.
     """
 
     mode: Mode
@@ -45,6 +48,7 @@ class Method:
     solver: Solver
     motion: Motion
     border: Border
+    extension: Extension | None
     threads: int | None
 
     def planned(self, shot: Shot, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:
@@ -61,6 +65,8 @@ class Method:
         first : int
             ... from this one on.
         """
+        if self.extension is not None:
+            return self._extended(shot, bank, shape, self.extension)
         if self.mode == "rowwise":
             return self._rowwise(shot, bank, shape, first)
         if self.weight is None:
@@ -77,6 +83,11 @@ class Method:
             threads=self.threads,
             progress=told,
         )
+
+    def _extended(self, shot: Shot, bank: PsfBank, shape: tuple[int, int, int], extension: Extension) -> Solve:
+        height, width, _ = shape
+        solve = replace(self, extension=None).planned(shot, bank, extended_shape(shape, bank, extension))
+        return lambda light, told: solve(extended(light, bank, extension), told)[:height, :width]
 
     def _rowwise(self, shot: Shot, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:
         paths = BlurPaths.every_row(shot, bank.cols, motion=self.motion, within=slice(first, first + shape[0]))

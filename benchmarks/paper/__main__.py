@@ -13,13 +13,14 @@ from rich.console import Console
 
 from benchmarks import machine
 from benchmarks.captures import ROOT, require_data
-from benchmarks.paper import failures, geometry, noise, opponents, rolling, speed
+from benchmarks.paper import borders, failures, geometry, noise, opponents, rolling, speed
 from benchmarks.paper.figure import Figure
 from benchmarks.tables import markdown, write
 
 GROUPS = {
     "geometry": geometry,
     "speed": speed,
+    "borders": borders,
     "opponents": opponents,
     "failures": failures,
     "rolling": rolling,

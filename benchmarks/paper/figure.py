@@ -95,15 +95,17 @@ def lines(
     return draw
 
 
-def pictures(panels: Mapping[str, Any]) -> Draw:
-    """Return what draws grey pictures, values in [0, 1], beside each other."""
+def pictures(panels: Mapping[str, Any], columns: int = 4) -> Draw:
+    """Return what draws grey pictures, values in [0, 1], in a grid."""
 
     def draw(canvas: Any) -> None:
-        for axes, (label, picture) in zip(
-            canvas.subplots(1, len(panels), squeeze=False)[0], panels.items(), strict=True
-        ):
+        rows = -(-len(panels) // columns)
+        canvas.set_size_inches(9, 2.3 * rows)
+        places = canvas.subplots(rows, columns, squeeze=False).ravel()
+        for axes in places:
+            axes.axis("off")
+        for axes, (label, picture) in zip(places, panels.items(), strict=False):
             axes.imshow(picture, cmap="gray", vmin=0, vmax=1, interpolation="none")
             axes.set_title(label, fontsize=7)
-            axes.axis("off")
 
     return draw
