@@ -10,10 +10,11 @@ import time
 from pathlib import Path
 
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from benchmarks import machine
 from benchmarks.captures import ROOT, require_data
-from benchmarks.paper import borders, failures, geometry, noise, opponents, rolling, speed
+from benchmarks.paper import borders, clock, failures, geometry, noise, opponents, options, rolling, speed
 from benchmarks.paper.figure import Figure
 from benchmarks.tables import markdown, write
 
@@ -21,6 +22,8 @@ GROUPS = {
     "geometry": geometry,
     "speed": speed,
     "borders": borders,
+    "options": options,
+    "clock": clock,
     "opponents": opponents,
     "failures": failures,
     "rolling": rolling,
@@ -41,24 +44,34 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="few cases and small pictures; says little")
     parser.add_argument("--only", choices=GROUPS, action="append", help="only this group; no page is written")
     parser.add_argument("--folder", type=Path, default=ROOT / "docs" / "benchmarks", help="where the page goes")
-    options = parser.parse_args()
+    wanted = parser.parse_args()
     require_data()
-    folder = options.folder / "paper"
+    folder = wanted.folder / "paper"
     folder.mkdir(parents=True, exist_ok=True)
     load = machine.load()
-    begin = time.perf_counter()
-    console = Console(stderr=True, highlight=False)
+    begin, processor = time.perf_counter(), time.process_time()
     made: list[Figure] = []
-    for name in options.only or GROUPS:
-        for figure in GROUPS[name].figures(options.quick):
-            figure.write(folder)
-            made.append(figure)
-            console.print(f"{time.perf_counter() - begin:5.0f} s  {figure.name}: {figure.finding}", markup=False)
-    if not options.only:
+    names = wanted.only or list(GROUPS)
+    columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total} groups")
+    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True, highlight=False)) as progress:
+        task = progress.add_task("", total=len(names))
+        for name in names:
+            progress.update(task, description=name)
+            for figure in GROUPS[name].figures(wanted.quick):
+                figure.write(folder)
+                made.append(figure)
+                progress.console.print(
+                    f"{time.perf_counter() - begin:5.0f} s  {figure.name}: {figure.finding}", markup=False
+                )
+            progress.advance(task)
+    if not wanted.only:
         facts = markdown(("machine", ""), list(machine.facts().items()))
-        seconds = f"All of it took {time.perf_counter() - begin:.0f} s."
+        seconds = (
+            f"All of it took {time.perf_counter() - begin:.0f} s, and {time.process_time() - processor:.0f} s of "
+            "processor time."
+        )
         parts = [INTRODUCTION.rstrip(), facts, *machine.busy(load), seconds, *(figure.section() for figure in made)]
-        write(options.folder / "paper.md", "\n\n".join(parts))
+        write(wanted.folder / "paper.md", "\n\n".join(parts))
 
 
 if __name__ == "__main__":

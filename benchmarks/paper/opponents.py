@@ -116,6 +116,7 @@ def methods(
         "blurred": lambda: [blurred],
         WIENER: lambda: [wiener(kernel)],
         BANDED: lambda: [deblur(blurred, *capture, nsr=NSR).image],
+        "Wiener, rowwise": lambda: [deblur(blurred, *capture, nsr=NSR, mode="rowwise").image],
         TV: lambda: [baselines.tv_l1(blurred, kernel, weight=weight) for weight in WEIGHTS],
         "Richardson-Lucy": lambda: [baselines.richardson_lucy(blurred, kernel)],
         "unsupervised Wiener": lambda: [baselines.unsupervised_wiener(blurred, kernel)],
