@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import fft
 
-from rsdeblur import Deconvolver, PsfBank, tuning
-from rsdeblur.tuning import Tuning
+from rsdeblur import Deconvolver, InputError, PsfBank, tuning
+from rsdeblur.tuning import Tuning, nsr_of_iso
 
 SIDE = 256
 
@@ -93,3 +93,10 @@ def test_an_even_picture_gets_numbers(level: float) -> None:
     strengths = [found.wiener_nsr, found.gradient_nsr, *(found.weight(p, 0.5) for p in ("gradient", "tv"))]
     assert np.isfinite(strengths).all()
     assert min(strengths) > 0
+
+
+def test_nsr_grows_with_the_sensitivity():
+    assert nsr_of_iso(100) == pytest.approx(0.01)
+    assert nsr_of_iso(800) == pytest.approx(0.08)
+    with pytest.raises(InputError, match="iso"):
+        nsr_of_iso(0)

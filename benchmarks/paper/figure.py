@@ -43,32 +43,33 @@ class Figure:
     rows: Sequence[Sequence[Cell]]
     draw: Draw
 
-    def write(self, folder: Path) -> None:
-        """Write CSV, JSON and SVG."""
+    def write(self, folder: Path, **facts: Cell) -> None:
+        """Write CSV, JSON and SVG; `facts` about the run go into the JSON."""
         import matplotlib as mpl
         from matplotlib.figure import Figure as Canvas
 
         with (folder / f"{self.name}.csv").open("w", newline="") as file:
             csv.writer(file, lineterminator="\n").writerows([self.columns, *self.rows])
-        record = {"title": self.title, "finding": self.finding, "columns": self.columns, "rows": self.rows}
-        (folder / f"{self.name}.json").write_text(json.dumps(record, indent=1) + "\n")
+        told = {key: getattr(self, key) for key in ("name", "title", "about", "finding", "columns", "rows")}
+        (folder / f"{self.name}.json").write_text(json.dumps(facts | told, indent=1) + "\n")
         # Text as text, and no date: the file changes only when the picture does.
         with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "rsdeblur"}):
             canvas = Canvas(figsize=(9, 3.6), layout="constrained")
             self.draw(canvas)
             canvas.savefig(folder / f"{self.name}.svg", metadata={"Date": None}, dpi=110)
 
-    def section(self) -> str:
-        """Return the figure's part of the page."""
-        table = markdown(self.columns, [[_text(cell) for cell in row] for row in self.rows])
-        parts = (
-            f"## {self.title}",
-            self.about,
-            f"**{self.finding}**",
-            f"![{self.title}](paper/{self.name}.svg)",
-            table,
-        )
-        return "\n\n".join(parts)
+
+def section(record: Mapping[str, Any]) -> str:
+    """Return a figure's part of the page, from its JSON."""
+    table = markdown(record["columns"], [[_text(cell) for cell in row] for row in record["rows"]])
+    parts = (
+        f"## {record['title']}",
+        record["about"],
+        f"**{record['finding']}**",
+        f"![{record['title']}](paper/{record['name']}.svg)",
+        table,
+    )
+    return "\n\n".join(parts)
 
 
 def _text(cell: Cell) -> str:

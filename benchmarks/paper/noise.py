@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from scipy.signal import fftconvolve
 
-from benchmarks.captures import DATA, NOISE, Capture, quality, simulated
+from benchmarks.captures import DATA, NOISE, Capture, quality
 from benchmarks.paper.figure import Figure, lines
-from rsdeblur import Camera, Exposure, GyroLog, deblur, psfs, read_gyro
+from rsdeblur import Camera, Exposure, GyroLog, deblur, psfs, read_gyro, simulate
 from rsdeblur.io import read_picture
 from rsdeblur.method import MODES, Mode
+from rsdeblur.transfer import to_linear
 
 LEVELS = (0.0, 0.007, 0.02, 0.035, 0.05, 0.065, 0.08, 0.1)
 REPETITIONS = 10
@@ -23,8 +24,9 @@ ROLLING_LEVELS = (0.0, 0.007, 0.02, 0.05, 0.1)
 TYPICAL = 0.007  # rad/s rms of a phone's gyroscope, as they state
 START, DURATION = 14.0, 1 / 15
 NSR = 0.01
-# Captures of benchmarks.captures that are shaken at least moderately.
-CHOSEN = (0, 4, 5)
+CAMERA = Camera(640, 448, 704.0, readout=0.03)
+# Captures that are shaken at least moderately: picture, start in the log (s), exposure (s).
+CHOSEN = (("kodim05", 3.0, 1 / 15), ("kodim07", 33.0, 1 / 30), ("kodim01", 40.0, 1 / 15))
 
 # What is wrong by how much: unit, steps.
 ERRORS: dict[str, tuple[str, tuple[float, ...]]] = {
@@ -39,11 +41,17 @@ def figures(quick: bool) -> Iterator[Figure]:
     """Yield figures 8 and 9, the same for captures, and the error budget."""
     repetitions = 2 if quick else REPETITIONS
     yield global_blur(repetitions)
-    captures = [
-        capture for i, capture in enumerate(simulated(CHOSEN[-1] + 1)) if i in (CHOSEN[:1] if quick else CHOSEN)
-    ]
+    captures = [shaken(*chosen) for chosen in (CHOSEN[:1] if quick else CHOSEN)]
     yield rolling_shutter(captures, max(1, repetitions // 5))
     yield budget(captures)
+
+
+def shaken(picture: str, start: float, duration: float) -> Capture:
+    """Simulate a capture under a rolling shutter."""
+    log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
+    exposure = Exposure(start, duration, log.epoch_ns)
+    sharp = to_linear((read_picture(DATA / "sharp" / f"{picture}.png").pixels / 255).astype(np.float32), "srgb")
+    return Capture(picture, log, CAMERA, exposure, simulate(sharp, log, CAMERA, exposure, noise=NOISE))
 
 
 def noisy(log: GyroLog, deviation: float, seed: int) -> GyroLog:
@@ -122,7 +130,7 @@ def rolling_shutter(captures: Sequence[Capture], repetitions: int) -> Figure:
     return Figure(
         "fig8-9-rolling",
         "The same under a rolling shutter",
-        f"{len(captures)} simulated captures of 1024x768 (readout 30 ms, 40 dB), mean of {repetitions} draws. PSNR, "
+        f"{len(captures)} simulated captures of {CAMERA.width}x{CAMERA.height} px (readout 30 ms, 40 dB), mean of {repetitions} draws. PSNR, "
         "dB.",
         "New here: at 0.05 rad/s "
         + ", ".join(f"{mode} loses {db:.2f} dB" for mode, db in loss.items())

@@ -39,12 +39,14 @@ def sensitivity(names: tuple[str, ...]) -> Figure:
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
     shot = log, CAMERA, Exposure(START, DURATION, log.epoch_ns)
     curves: dict[str, list[float]] = {"Phi = 0.01": [], "Phi from ISO": [], "Phi from the picture": []}
+    captures = [simulate(scene(name), *shot) for name in names]
+    grain = np.random.default_rng(0).normal(0.0, NOISE, captures[0].blurred.shape).astype(np.float32)
     for iso in ISO:
         found: dict[str, list[float]] = {way: [] for way in curves}
-        for name in names:
-            capture = simulate(scene(name), *shot, noise=NOISE * (iso / 100) ** 0.5)
+        for capture in captures:
+            noisy = capture.blurred + np.float32((iso / 100) ** 0.5) * grain
             for way, nsr in zip(curves, (0.01, nsr_of_iso(iso), "auto"), strict=True):
-                image = deblur(capture.blurred, *shot, mode="global", motion="small-angle", nsr=nsr).image  # type: ignore[arg-type]  # mypy joins the strengths to object
+                image = deblur(noisy, *shot, mode="global", motion="small-angle", nsr=nsr).image  # type: ignore[arg-type]  # mypy joins the strengths to object
                 found[way].append(quality(capture.rolling, image)[0])
         for way, values in found.items():
             curves[way].append(float(np.mean(values)))
