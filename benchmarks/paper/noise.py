@@ -130,8 +130,8 @@ def rolling_shutter(captures: Sequence[Capture], repetitions: int) -> Figure:
     return Figure(
         "fig8-9-rolling",
         "The same under a rolling shutter",
-        f"{len(captures)} simulated captures of {CAMERA.width}x{CAMERA.height} px (readout 30 ms, 40 dB), mean of {repetitions} draws. PSNR, "
-        "dB.",
+        f"{len(captures)} simulated captures of {CAMERA.width}x{CAMERA.height} px (readout 30 ms, 40 dB), mean of "
+        f"{repetitions} draws. PSNR, dB.",
         "New here: at 0.05 rad/s "
         + ", ".join(f"{mode} loses {db:.2f} dB" for mode, db in loss.items())
         + "; at 0.1 rad/s, beside global, "
