@@ -93,9 +93,8 @@ def smooth(light: Picture, height: int, width: int) -> Picture:
     out = np.empty((height, width, light.shape[2]), dtype=np.float32)
     tall, wide, _ = light.shape
     out[:tall, :wide] = light
-    edges = light.astype(np.float64)
-    below = _between(edges[-1], edges[0], height - tall)
-    right = _between(edges[:, -1], edges[:, 0], width - wide)
+    below = _between(light[-1], light[0], height - tall)
+    right = _between(light[:, -1], light[:, 0], width - wide)
     out[tall:, :wide] = below
     out[:tall, wide:] = right.swapaxes(0, 1)
     # The corner's four sides: across from the last column of `below` to its first, down likewise.
@@ -106,7 +105,7 @@ def smooth(light: Picture, height: int, width: int) -> Picture:
     return out
 
 
-def _between(start: NDArray[np.float64], end: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+def _between(start: Picture, end: Picture, count: int) -> NDArray[np.float64]:
     """Return `count` lines, shape (count, n, C), that lead harmonically from `start` to `end` (n, C)."""
     ring = np.zeros((count + 2, *start.shape))
     ring[0], ring[-1] = start, end
