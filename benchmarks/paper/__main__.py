@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -65,12 +66,12 @@ def main() -> None:
 
 def run(name: str, folder: Path, *, quick: bool) -> Iterator[str]:
     """Make the figures of a group, and tell what they found."""
-    begin, processor = time.perf_counter(), time.process_time()
+    begin, processor = time.perf_counter(), processor_time()
     for place, figure in enumerate(GROUPS[name].figures(quick)):
-        seconds, busy = time.perf_counter() - begin, time.process_time() - processor
+        seconds, busy = time.perf_counter() - begin, processor_time() - processor
         figure.write(folder, group=name, place=place, seconds=round(seconds, 1), processor_seconds=round(busy, 1))
         yield f"{seconds:5.0f} s  {figure.name}: {figure.finding}"
-        begin, processor = time.perf_counter(), time.process_time()
+        begin, processor = time.perf_counter(), processor_time()
 
 
 def page(folder: Path, load: float) -> str:

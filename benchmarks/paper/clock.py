@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,10 +27,11 @@ from rsdeblur import (
     read_gyro,
     simulate,
 )
+from rsdeblur.fft import thread_count
 from rsdeblur.io import read_picture
 from rsdeblur.transfer import to_linear
 
-PICTURES = ("kodim01", "kodim03", "kodim05", "kodim07", "kodim13", "kodim19", "kodim20", "kodim23")
+PICTURES = ("kodim01", "kodim03", "kodim05", "kodim07", "kodim13", "kodim20", "kodim23")
 DURATIONS = (1 / 60, 1 / 30, 1 / 15)
 CAMERA = Camera(640, 448, 700.0, readout=0.03)
 NOISE = 0.01
@@ -55,12 +60,16 @@ def figures(quick: bool) -> Iterator[Figure]:
     """Yield the accuracy of the automatic search."""
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
     rng = np.random.default_rng(5)
-    count = 4 if quick else 24
+    count = 4 if quick else 16
     moments, offsets = rng.uniform(2.0, 54.0, count), np.linspace(-LARGEST, LARGEST, count)
-    trials = [
-        trial(log, PICTURES[k % len(PICTURES)], moments[k], DURATIONS[k % 3], float(offsets[k])) for k in range(count)
-    ]
-    yield accuracy(trials, [uniform(rates) for rates in (UNIFORM[:1] if quick else UNIFORM)], [*real()])
+    names = [PICTURES[k % len(PICTURES)] for k in range(count)]
+    durations = [DURATIONS[k % len(DURATIONS)] for k in range(count)]
+    # A search keeps one processor busy.
+    with ProcessPoolExecutor(thread_count(None), mp_context=get_context("spawn")) as pool:
+        trials = [*pool.map(partial(trial, log), names, moments, durations, offsets)]
+        even = [*pool.map(uniform, UNIFORM[:1] if quick else UNIFORM)]
+        pictures = [*real(pool)]
+    yield accuracy(trials, even, pictures)
 
 
 def trial(log: GyroLog, picture: str, start: float, duration: float, offset: float) -> Trial:
@@ -81,24 +90,24 @@ def uniform(rates: tuple[float, float, float]) -> OffsetSearch:
     return find_time_offset(blurred, log, CAMERA, exposure, search=SEARCH)
 
 
-def real() -> Iterator[tuple[str, OffsetSearch]]:
-    """Search in the real pictures, whose camera files hold offsets from elsewhere; answers are relative to those."""
+def real(pool: Executor) -> Iterator[tuple[str, OffsetSearch]]:
+    """Search in the real pictures, around the offsets of their camera files."""
     folder, camera = DATA / "real" / "mars-phone-240ms", read_camera(ROOT / "docs/cameras/mars-phone-240ms.toml")
     log, captures = read_gyro(folder / "gyro_accel.csv"), read_captures(folder / "movie_metadata.csv")
-    for index in (2, 4):
-        yield f"mars-phone-240ms, frame {index}", found(folder / f"frame{index}.jpg", log, camera, captures[index])
+    jobs = {
+        f"mars-phone-240ms, frame {index}": (folder / f"frame{index}.jpg", log, camera, captures[index])
+        for index in (2, 4)
+    }
     folder, camera = DATA / "real" / "shield-burst", read_camera(ROOT / "docs/cameras/shield-burst.toml")
     log, captures = read_gyro(folder / "imu.txt"), read_captures(folder / "images" / "images.txt")
-    yield "shield-burst, 0004", found(folder / "images" / "0004.jpg", log, camera, captures[3])
+    jobs["shield-burst, 0004"] = folder / "images" / "0004.jpg", log, camera, captures[3]
+    yield from zip(jobs, pool.map(found, *zip(*jobs.values(), strict=True)), strict=True)
 
 
-def found(photo: Any, log: GyroLog, camera: Camera, exposure: Exposure) -> OffsetSearch:
-    """Search around the offset of the camera file, and return it as if that were 0."""
-    pixels = read_picture(photo).pixels
-    search = find_time_offset(
-        pixels, log.shifted(camera.time_offset), camera.delayed(-camera.time_offset), exposure, transfer="srgb"
-    )
-    return search
+def found(photo: Path, log: GyroLog, camera: Camera, exposure: Exposure) -> OffsetSearch:
+    """Search as if the camera file's offset were 0, so that the answer is the difference."""
+    pixels, known = read_picture(photo).pixels, camera.time_offset
+    return find_time_offset(pixels, log.shifted(known), camera.delayed(-known), exposure, transfer="srgb")
 
 
 def accuracy(trials: list[Trial], even: list[OffsetSearch], pictures: list[tuple[str, OffsetSearch]]) -> Figure:
