@@ -74,6 +74,11 @@ def run(name: str, folder: Path, *, quick: bool) -> Iterator[str]:
         begin, processor = time.perf_counter(), processor_time()
 
 
+def processor_time() -> float:
+    """Return the processor time of this process and of those that it has waited for, s."""
+    return sum(os.times()[:4])
+
+
 def page(folder: Path, load: float) -> str:
     """Return the page of all figures that are in the folder."""
     records = [json.loads(file.read_text()) for file in folder.glob("*.json")]
