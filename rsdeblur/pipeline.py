@@ -16,6 +16,7 @@ from rsdeblur.border import Border
 from rsdeblur.camera import Camera
 from rsdeblur.errors import InputError
 from rsdeblur.exposure import Exposure
+from rsdeblur.fft import PLANNINGS, Planning
 from rsdeblur.geometry import rectify
 from rsdeblur.gyro import GyroLog
 from rsdeblur.method import MODES, Method, Mode
@@ -103,6 +104,7 @@ def deblur(
     translation: Translation | None = None,
     transfer: Transfer = "linear",
     normalize: bool = False,
+    planning: Planning = "estimate",
     threads: int | None = None,
     max_memory: int | None = None,
     out: NDArray[Any] | None = None,
@@ -147,6 +149,9 @@ def deblur(
         How stored values code light; a number is a gamma. The result is coded the same way.
     normalize : bool, default False
         Squeeze light that overshoots [0, 1] into it, outliers clipped, at the price of contrast.
+    planning : {"estimate", "measure"}
+        How FFTW plans: at once, or by trying out, up to a second per plan; what it finds is kept for later runs,
+        whatever they ask for.
     threads : int, optional
         Threads that share the work; default all processors.
     max_memory : int, optional
@@ -170,6 +175,7 @@ def deblur(
     """
     _validate.choice("prior", prior, PRIORS)
     _validate.choice("solver", solver, SOLVERS)
+    _validate.choice("planning", planning, PLANNINGS)
     _validate.choice("geometry", geometry, GEOMETRIES)
     transfer = check_transfer(transfer)
     nsr, weight = _strength("nsr", nsr), _strength("weight", weight)
@@ -198,6 +204,7 @@ def deblur(
         solver=solver,
         motion=motion,
         border=border,
+        planning=planning,
         threads=threads,
     )
     after = _After(geometry, normalize)
