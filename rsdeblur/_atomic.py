@@ -33,7 +33,7 @@ def check_target(path: str | os.PathLike[str], *, force: bool) -> None:
 
 @contextmanager
 def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """Open a temporary file beside `path`; on success it replaces `path`, on any failure it vanishes.
+    """Open a temporary file beside `path` for writing and reading; on success it replaces `path`, else it vanishes.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
             raise OutputError(f"{target}: cannot write the file: a folder has this name")
         handle, name = tempfile.mkstemp(prefix=f".{target.name[:100]}.", suffix=".part", dir=target.parent)
         temporary = Path(name)
-        with os.fdopen(handle, "wb") as file:
+        with open(name, "w+b", opener=lambda *_: handle) as file:
             yield file
             file.flush()
             os.fsync(file.fileno())

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, signal
+from scipy import fft
 
 from rsdeblur.border import Extension
 from rsdeblur.fft import fast_length
@@ -69,7 +69,7 @@ def tapered(light: Picture, kernel: NDArray[np.floating]) -> Picture:
     shares = []
     for axis, n in ((1, height), (0, width)):
         profile = kernel.sum(axis=axis, dtype=np.float64)
-        overlap = signal.correlate(profile, profile)[len(profile) - 1 :]
+        overlap = np.correlate(profile, profile, "full")[len(profile) - 1 :]
         reach = min(len(overlap), n)
         share = np.ones(n)
         share[:reach] -= overlap[:reach] / overlap[0]

@@ -16,6 +16,7 @@ from rsdeblur.border import BORDERS, EXTENSIONS, Border, Extension, split
 from rsdeblur.camera import Camera
 from rsdeblur.errors import InputError
 from rsdeblur.exposure import Exposure
+from rsdeblur.fft import PLANNINGS, Planning
 from rsdeblur.geometry import rectify
 from rsdeblur.gyro import GyroLog
 from rsdeblur.method import MODES, Method, Mode
@@ -103,6 +104,7 @@ def deblur(
     translation: Translation | None = None,
     transfer: Transfer = "linear",
     normalize: bool = False,
+    planning: Planning = "estimate",
     threads: int | None = None,
     max_memory: int | None = None,
     out: NDArray[Any] | None = None,
@@ -149,6 +151,9 @@ def deblur(
         How stored values code light; a number is a gamma. The result is coded the same way.
     normalize : bool, default False
         Squeeze light that overshoots [0, 1] into it, outliers clipped, at the price of contrast.
+    planning : {"estimate", "measure"}
+        How FFTW plans: at once, or by trying out, up to a second per plan; what it finds is kept for later runs,
+        whatever they ask for.
     threads : int, optional
         Threads that share the work; default all processors.
     max_memory : int, optional
@@ -172,6 +177,7 @@ def deblur(
     """
     _validate.choice("prior", prior, PRIORS)
     _validate.choice("solver", solver, SOLVERS)
+    _validate.choice("planning", planning, PLANNINGS)
     _validate.choice("geometry", geometry, GEOMETRIES)
     transfer = check_transfer(transfer)
     nsr, weight = _strength("nsr", nsr), _strength("weight", weight)
@@ -206,6 +212,7 @@ def deblur(
         motion=motion,
         border=solved_as,
         extension=extension,
+        planning=planning,
         threads=threads,
     )
     after = _After(geometry, normalize)

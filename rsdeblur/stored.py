@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image
 
 from rsdeblur import _validate
 from rsdeblur.camera import Camera
@@ -156,6 +155,8 @@ def reduced(image: ArrayLike, camera: Camera, side: int) -> tuple[NDArray[np.flo
     check_size(values.shape, camera)
     scale = _validate.count("side", side) / max(values.shape[:2])
     if scale < 1:
+        from PIL import Image
+
         camera = camera.scaled(scale)
         planes = [Image.fromarray(np.ascontiguousarray(plane)) for plane in np.moveaxis(values, -1, 0)]
         # No overshoots, and no aliases: each new pixel weighs all that it covers.

@@ -47,7 +47,7 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None, by
             )
     except rawpy.LibRawError as error:
         raise ValueError(error.args[0] if error.args else "not a raw file that LibRaw knows") from error
-    exif = _tiff.exif_block(data) if data.startswith(_tiff.MAGIC) else None
+    exif = _tiff.exif_block(BytesIO(data)) if data.startswith(_tiff.MAGIC) else None
     return np.ascontiguousarray(pixels), exif, linear_profile()
 
 
