@@ -26,9 +26,9 @@ LUMA = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
 # distribution); a band whose input has less than about twice that shows no edges.
 STEEP = 99.0
 EDGES = 5.0
-# The input is even where its roughness over one PSF stays below one and a half steps of 8 bits, or this many times its
-# noise.
-EVEN = 0.006
+# The input is even where its roughness over one PSF stays below one and a half steps of 8 bits. A noisy one may be
+# rougher, but texture may pass for noise: so this many times the noise, and never more than a bound.
+EVEN, MOST_EVEN = 0.006, 0.02
 EVEN_NOISE = 1.5
 # Share of a band that must be even before ringing is measured there.
 FEWEST_EVEN = 0.01
@@ -129,7 +129,7 @@ def _steepness(half: Grey) -> tuple[float, float]:
 def _ringing(halves: dict[str, Grey], parts: list[slice], window: list[int], noise: float) -> Figures:
     rough = {label: _roughness(half, window) for label, half in halves.items()}
     blurred = next(iter(rough.values()))
-    even = uniform_filter(blurred, window, mode="nearest") < max(EVEN, EVEN_NOISE * noise) ** 2
+    even = uniform_filter(blurred, window, mode="nearest") < np.clip(EVEN_NOISE * noise, EVEN, MOST_EVEN) ** 2
     enough = [even[part].mean() >= FEWEST_EVEN for part in parts]
     return {
         label: tuple(

@@ -430,7 +430,7 @@
   }
 
   function axisBelow(drawing, x, domain, y, top, title) {
-    for (const tick of ticks(...domain, clamp((x(domain[1]) - x(domain[0])) / 80, 3, 10))) {
+    for (const tick of ticks(...domain, clamp((x(domain[1]) - x(domain[0])) / 60, 3, 10))) {
       drawing.append(svg("line", { class: "grid", x1: x(tick), x2: x(tick), y1: top, y2: y }));
       drawing.append(svg("text", { x: x(tick), y: y + 16, "text-anchor": "middle" }, tick));
     }
