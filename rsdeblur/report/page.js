@@ -65,6 +65,8 @@
     canvas.width = Math.round(w * devicePixelRatio);
     canvas.height = Math.round(stage.clientHeight * devicePixelRatio);
     settle();
+    // A new size empties the canvas, which must not be seen.
+    draw();
   }
 
   // Left edge of the pane that a place on the stage lies in.
