@@ -238,7 +238,7 @@ def test_a_line_shows_its_window_and_its_place(show, direction) -> None:
     assert tab.locator("#rates .chosen-line").count() == 1
     place = (0.3, 40.5 / 120) if direction == "top-down" else (40.5 / 160, 0.3)
     assert pixel(tab, *place) != close_to(RED)
-    bottom = tab.locator("#rates .zoomable")
+    bottom = tab.locator("#rates .touchable")
     bottom.scroll_into_view_if_needed()
     box = bottom.bounding_box()
     tab.mouse.click(box["x"] + 50, box["y"] + box["height"] - 1)

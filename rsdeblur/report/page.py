@@ -24,6 +24,7 @@ from rsdeblur.report.embed import MotionPlot, bank_data, motion_data, picture_ur
 from rsdeblur.report.findings import Finding
 
 LEVELS = {"warning": "Warning", "note": "Note", "good": "Good"}
+PARTS = ("page.html", "page.css", "page_shared.js", "page_viewer.js", "page_plots.js")
 STAGES = ("tune", "psfs", "plan", "apply", "rectify")
 TIMES, NONE = "\N{MULTIPLICATION SIGN}", "\N{EN DASH}"
 
@@ -105,8 +106,8 @@ def render(page: Page) -> str:
     uris, scale = picture_uris(page.pictures, page.icc_profile)
     width, height = page.size
     folder = files("rsdeblur.report")
-    template, style, script = (folder.joinpath(f"page.{kind}").read_text("utf-8") for kind in ("html", "css", "js"))
-    style, script = style.strip(), script.strip()
+    template, style, *scripts = (folder.joinpath(name).read_text("utf-8") for name in PARTS)
+    script = "\n".join(scripts)
     data = {
         "size": [width, height],
         "scale": scale,
