@@ -141,10 +141,12 @@ function drawBands(holder, title, figures) {
   axisBelow(drawing, x, domain, bottom, top, title);
   drawing.append(svg("text", { class: "title", x: LEFT, y: 14 }, `${title}, by ${lineWord}`));
   Object.values(figures).forEach((series, i) => {
-    const points = series.map((value, k) => [value, y((bands.edges[k] + bands.edges[k + 1]) / 2)]);
-    const known = points.filter(([value]) => value !== null).map(([value, place]) => [x(value), place]);
-    drawing.append(svg("path", { class: `s${i % SERIES}`, d: path(known) }));
-    for (const point of known) drawing.append(svg("path", { class: `s${i % SERIES} mark`, d: MARKS[i % SERIES](...point) }));
+    const at = (k) => [x(series[k]), y((bands.edges[k] + bands.edges[k + 1]) / 2)];
+    const known = [...series.keys()].filter((k) => series[k] !== null);
+    // Where a band is unknown the line is broken.
+    const line = known.map((k) => (k && series[k - 1] !== null ? path([at(k - 1), at(k)]) : "")).join("");
+    drawing.append(svg("path", { class: `s${i % SERIES}`, d: line }));
+    for (const point of known.map(at)) drawing.append(svg("path", { class: `s${i % SERIES} mark`, d: MARKS[i % SERIES](...point) }));
   });
   holder.replaceChildren(drawing);
 }
