@@ -30,12 +30,14 @@ def finite(name: str, value: float, *, minimum: float | None = None, above: floa
     return number
 
 
-def count(name: str, value: Any, *, minimum: int = 1) -> int:
-    """Return `value` as an int; it must be a whole number of at least `minimum`."""
+def count(name: str, value: Any, *, minimum: int = 1, maximum: int | None = None) -> int:
+    """Return `value` as an int; it must be a whole number of at least `minimum` and at most `maximum`."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
         raise InputError(f"{name} must be a whole number, got {value!r}")
     if value < minimum:
         raise InputError(f"{name} must be at least {minimum}, got {value}")
+    if maximum is not None and value > maximum:
+        raise InputError(f"{name} must be at most {maximum}, got a number of {int(value).bit_length()} bits")
     return int(value)
 
 

@@ -6,7 +6,6 @@ import os
 import tomllib
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
-from pathlib import Path
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from rsdeblur import _validate, axes, lens
 from rsdeblur._atomic import atomic_write
+from rsdeblur._regular import read_file
 from rsdeblur._validate import FloatArray
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.lens import Distortion
@@ -26,6 +26,9 @@ READOUT_DIRECTIONS: tuple[ReadoutDirection, ...] = ("top-down", "bottom-up", "le
 # that has passed by then. Android stamps the start, Gyroflow the middle row's mid-exposure.
 Stamp = Literal["start", "middle", "end"]
 STAMPS: dict[Stamp, float] = {"start": 0.0, "middle": 0.5, "end": 1.0}
+
+# PNG ends there, and no other format that is read goes further.
+MOST_PIXELS = 2**31 - 1
 
 # A rotation typed with four decimals is orthonormal to 1e-4; anything worse is not a rotation.
 ROTATION_TOLERANCE = 1e-3
@@ -100,8 +103,8 @@ class Camera:
         def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
 
-        put("width", _validate.count("width", width))
-        put("height", _validate.count("height", height))
+        put("width", _validate.count("width", width, maximum=MOST_PIXELS))
+        put("height", _validate.count("height", height, maximum=MOST_PIXELS))
         put("focal", _focal(focal))
         if principal is None:
             principal = ((self.width - 1) / 2, (self.height - 1) / 2)
@@ -284,10 +287,9 @@ class Camera:
             value is impossible.
         """
         try:
-            table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        except OSError as error:
-            raise FileFormatError(f"{path}: cannot read the camera file: {error.strerror or error}") from error
-        except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            # An integer of thousands of digits is a ValueError too.
+            table = tomllib.loads(read_file(path, "camera file").decode())
+        except (ValueError, RecursionError) as error:
             raise FileFormatError(f"{path}: not a TOML camera file: {error}") from error
         known = [f.name for f in fields(cls)]
         for key in table:

@@ -24,6 +24,8 @@ MAGIC = (b"II*\0", b"MM\0*", *BIG_MAGIC)
 # Tags of an EXIF block's first directory that describe the picture rather than how its samples are stored.
 TEXT_TAGS = (270, 271, 272, 305, 306, 315, 316, 33432)  # description, maker, model, software, time, artist, ...
 ORIENTATION = 274
+# Of a pixel: four samples of 32 bits.
+SAMPLE_BYTES = 16
 EXIF_TABLE, GPS_TABLE = 34665, 34853
 
 
@@ -38,8 +40,13 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None]:
         # page.size counts samples, those of further planes of a volume included.
         if max(page.imagewidth * page.imagelength, page.size // 4) > max_pixels:
             raise Unsupported(f"the picture claims {page.imagewidth}x{page.imagelength} pixels; limit {max_pixels}")
+        if page.nbytes > SAMPLE_BYTES * max_pixels:
+            raise Unsupported(f"the picture claims {page.nbytes} bytes; limit {SAMPLE_BYTES * max_pixels}")
         if max(np.add(page.dataoffsets, page.databytecounts)) > len(data):
             raise EOFError("the file ends within the samples")
+        # Parts that share their bytes would make more pixels of a small file than its size is believed for.
+        if sum(page.databytecounts) > len(data):
+            raise ValueError("parts of the picture overlap in the file")
         samples = page.asarray()
         pixels = _plain(page, np.moveaxis(samples, 0, -1) if page.axes.startswith("S") else samples)
         if pixels is None or pixels.ndim > 3 or (pixels.ndim == 3 and pixels.shape[2] not in (2, 3, 4)):
@@ -110,37 +117,44 @@ def encode(pixels: NDArray[Any], exif: bytes | None, icc: bytes | None) -> bytes
         iccprofile=icc,
         extratags=tags,
     )
-    for table, entries in tables.items():
-        _append(buffer, table, entries)
+    for table, directory in tables.items():
+        _append(buffer, table, directory)
     return buffer.getvalue()
 
 
-def _tags_of(exif: bytes) -> tuple[dict[int, dict[int, Any]], list[tuple[int, str, int, Any, bool]]]:
+def _tags_of(exif: bytes) -> tuple[dict[int, ImageFileDirectory_v2], list[tuple[int, str, int, Any, bool]]]:
     """Return the sub-tables of an EXIF block, and what goes into the file's first directory, as tifffile wants it."""
     block = Image.Exif()
     try:
         block.load(exif)
-        tables = {table: block.get_ifd(table) for table in (EXIF_TABLE, GPS_TABLE) if block.get_ifd(table)}
-    except (SyntaxError, ValueError, TypeError, LookupError, struct.error) as error:
+        tables = {table: _directory(table, block) for table in (EXIF_TABLE, GPS_TABLE) if block.get_ifd(table)}
+        orientation = block.get(ORIENTATION)
+    except (SyntaxError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, struct.error) as error:
         warnings.warn(f"the EXIF block is damaged and not carried over: {error}", RsdeblurWarning, stacklevel=2)
         return {}, []
     tags: list[tuple[int, str, int, Any, bool]] = [
         (tag, "s", 0, str(block[tag]).encode(), True) for tag in TEXT_TAGS if tag in block
     ]
-    if ORIENTATION in block:
-        tags.append((ORIENTATION, "H", 1, block[ORIENTATION], True))
+    if orientation in range(1, 9):
+        tags.append((ORIENTATION, "H", 1, orientation, True))
     # tifffile does not write pointers to EXIF tables: the tag below each one holds its place, in the right order.
     return tables, tags + [(table - 1, "I", 1, 0, True) for table in tables]
 
 
-def _append(buffer: BytesIO, table: int, entries: dict[int, Any]) -> None:
+def _directory(table: int, block: Image.Exif) -> ImageFileDirectory_v2:
+    directory = ImageFileDirectory_v2(group=table)
+    for tag, value in block.get_ifd(table).items():
+        directory[tag] = value
+    # What cannot be written is found out here, where it can still be left out.
+    directory.tobytes()
+    return directory
+
+
+def _append(buffer: BytesIO, table: int, directory: ImageFileDirectory_v2) -> None:
     """Write the EXIF table at the end of the file and point its placeholder there."""
     buffer.seek(0)
     with tifffile.TiffFile(buffer) as file:
         placeholder = file.pages.first.tags[table - 1].offset
-    directory = ImageFileDirectory_v2(group=table)
-    for tag, value in entries.items():
-        directory[tag] = value
     start = buffer.seek(0, 2)
     start += buffer.write(b"\0" * (start % 2))
     buffer.write(directory.tobytes(start))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rsdeblur._validate import FloatArray
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.gyro import GyroLog
-from rsdeblur.io.text import Table
+from rsdeblur.io.text import INT64_LIMIT, Table
 
 # rad/s in each unit of rate a log may use.
 RATE_UNITS = {"rad/s": 1.0, "deg/s": pi / 180, "mrad/s": 1e-3, "mdeg/s": pi / 180e3}
@@ -100,6 +100,16 @@ class GyroFile:
 def table_samples(table: Table, ns: NDArray[np.int64], *, scale: float = 1.0, **found: Any) -> Samples:
     """Return the samples of a text table, its rates times `scale`; faults name its lines."""
     return Samples(ns, table.values * scale, lambda message, i: table.text.error(message, table.rows[i]), **found)
+
+
+def nanoseconds(milliseconds: FloatArray, fault: Fault) -> NDArray[np.int64]:
+    """Return stamps, finite and in ms, as integers; the first that does not fit makes the error of its sample."""
+    # One short of the limit, so that rounding stays inside.
+    (beyond,) = np.nonzero(np.abs(milliseconds) >= (INT64_LIMIT - 1024) / 1e6)
+    if beyond.size:
+        i = int(beyond[0])
+        raise fault(f"stamp {milliseconds[i]:g} ms is beyond the int64 range of nanoseconds (292 years)", i)
+    return np.round(milliseconds * 1e6).astype(np.int64)
 
 
 def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str], FileFormatError]) -> GyroFile:
