@@ -19,12 +19,12 @@ def open_file(path: str | os.PathLike[str], what: str) -> BinaryIO:
         If there is none, it must not be read, or it is a folder, a pipe or a device.
     """
     try:
-        file = open(path, "rb", opener=_open_at_once)
+        file = open(path, "rb", opener=_open_at_once)  # noqa: SIM115 (the caller closes it)
     except (OSError, ValueError) as error:
         raise _unreadable(path, what, error) from error
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
-        raise FileFormatError(f"{path}: cannot read the {what}: this is a pipe or a device; save the data as a file first")
+        raise FileFormatError(f"{path}: cannot read the {what}: it is a pipe or a device; save what it gives first")
     return file
 
 

@@ -56,8 +56,10 @@ def choice(name: str, value: object, allowed: Collection[str]) -> str:
     return value
 
 
-def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...] | None = None) -> FloatArray:
-    """Return a read-only, finite float64 copy of `value`; `None` in `shape` stands for any length."""
+def real_array(
+    name: str, value: ArrayLike, shape: tuple[int | None, ...] | None = None, *, most: float | None = None
+) -> FloatArray:
+    """Return a read-only float64 copy of `value`, finite and no larger than `most`; None in `shape` is any length."""
     try:
         if np.iscomplexobj(value):
             raise TypeError("it is complex")
@@ -72,6 +74,8 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...] | None
     bad = np.argwhere(~np.isfinite(array))
     if bad.size:
         raise InputError(f"{name} must be finite, got {array[tuple(bad[0])]} at index {tuple(map(int, bad[0]))}")
+    if most is not None and array.size and np.abs(array).max() > most:
+        raise InputError(f"{name} must not be beyond {most:g}, got {array.flat[np.abs(array).argmax()]:g}")
     array.setflags(write=False)
     return array
 

@@ -6,7 +6,6 @@ door refused. Each message says what was wanted, what came and what to do.
 
 from __future__ import annotations
 
-
 # Characters. The longest of our own, which lists all formats, has 1000; a path may have 4096.
 LONGEST_MESSAGE = 8000
 

@@ -220,7 +220,7 @@ FAULTS = {
     "unknown unit": ("t,wx[rpm],wy[rpm],wz[rpm]\n" + GOOD, 1, "unknown gyro log format"),
     "deepgyro type": ("4 0 1 2 3\n4 5 1 2 3\nx 9 1 2 3\n", 3, "'x' is not a sensor type"),
     "deepgyro columns": ("4 0 1 2 3\n1 5 1 2 3\n4 9 1 2\n1 5 1 2 3\n", 3, "too few columns: 4 found, at least 5"),
-    "gcsv scale": ("GYROFLOW IMU LOG\ngscale,-1\nt,gx,gy,gz\n0,1,2,3\n", 2, "gscale must be a number from 1e-12 to 1e12"),
+    "gcsv scale": ("GYROFLOW IMU LOG\ngscale,-1\nt,gx,gy,gz\n0,1,2,3\n", 2, "gscale must be a number from 1e-12"),
     "gcsv small scale": ("GYROFLOW IMU LOG\ntscale,1e-9999\nt,gx,gy,gz\n0,1,2,3\n", 2, "from 1e-12 to 1e12"),
     "gcsv scale no number": ("GYROFLOW IMU LOG\ntscale,fast\nt,gx,gy,gz\n0,1,2,3\n", 2, "got 'fast'"),
     "gcsv cell": (GCSV + "t,gx,gy,gz\n0,1,2,3\n1,1,,3\n", 5, "'' in column 3"),

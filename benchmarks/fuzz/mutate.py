@@ -25,7 +25,7 @@ WORDS = (
     *(b"\x1c", b"\x1a", b"\xed\xa0\x80", b"\xf0\x9f\x98\x80", b"[", b"]", b"{", b"}", b"{}", b"[]", b"&a", b"*a"),
     *(b"<<: *a", b"!!python/object/apply:os.system [id]", b"!!binary", b"\\u0000", b"\\ud800", b"=", b"'''", b'"""'),
 )
-INTEGERS = (0, 1, 2, 3, 7, 8, 16, 32, 127, 128, 255, 256, 32767, 32768, 65535, 65536, 2**24, 2**31 - 1, 2**31, 2**32 - 1)
+INTEGERS = (0, 1, 2, 3, 7, 8, 16, 32, 127, 128, 255, 256, 32767, 32768, 65535, 65536, 2**24, 2**31 - 1, 2**31, 2**63)
 
 Mutation = Callable[[bytearray, random.Random, Sequence[bytes]], bytes]
 
@@ -156,7 +156,7 @@ def _integer(data: bytearray, rng: random.Random, others: Sequence[bytes]) -> by
 
 
 def _float(data: bytearray, rng: random.Random, others: Sequence[bytes]) -> bytes:
-    kind = rng.choice("<f <d >f >d".split())
+    kind = rng.choice(["<f", "<d", ">f", ">d"])
     value = rng.choice((float("nan"), float("inf"), -float("inf"), 1e-310 if kind[1] == "d" else 1e-40, 3e38, -0.0))
     place = _place(data, rng)
     packed = struct.pack(kind, value)
@@ -165,5 +165,5 @@ def _float(data: bytearray, rng: random.Random, others: Sequence[bytes]) -> byte
 
 
 ANYWHERE: tuple[Mutation, ...] = (_flip, _truncate, _cut, _repeat, _splice)
-IN_TEXT: tuple[Mutation, ...] = (_number, _number, _number, _word, _word, _swap_numbers, _lines, _lines, _columns, _nest)
+IN_TEXT: tuple[Mutation, ...] = (*3 * (_number,), _word, _word, _swap_numbers, _lines, _lines, _columns, _nest)
 IN_BINARY: tuple[Mutation, ...] = (_integer, _integer, _integer, _flip, _float)

@@ -330,7 +330,7 @@ def tiffs() -> list[bytes]:
         tiff(grey, compression="lzw"),
         tiff(picture((12, 20, 3), "float32"), photometric="rgb", byteorder=">"),
         tiff(picture((32, 48), "uint8"), tile=(16, 16), compression="zstd"),
-        tiff(rgb, photometric="rgb", planarconfig="separate", bigtiff=True),
+        tiff(np.moveaxis(rgb, -1, 0), photometric="rgb", planarconfig="separate", bigtiff=True),
         tiff(rgb[..., 0], photometric="palette", colormap=np.zeros((3, 256), np.uint16)),
         encoded("TIFF", rgb, exif=exif()),
         tiff(picture((16, 16, 3), "uint8"), photometric="ycbcr", compression="jpeg"),

@@ -5,6 +5,7 @@ Pillow holds neither 16-bit colour nor float colour, and turns a TIFF by its ori
 
 from __future__ import annotations
 
+import logging
 import struct
 import warnings
 from io import BytesIO
@@ -17,6 +18,9 @@ from PIL import Image
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from rsdeblur.errors import RsdeblurWarning
+
+# Of a damaged file it tells a tale that nobody asked for; what matters is raised.
+logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 BIG_MAGIC = (b"II+\0", b"MM\0+")
 MAGIC = (b"II*\0", b"MM\0*", *BIG_MAGIC)
@@ -44,6 +48,8 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None]:
             raise Unsupported(f"the picture claims {page.nbytes} bytes; limit {SAMPLE_BYTES * max_pixels}")
         if max(np.add(page.dataoffsets, page.databytecounts)) > len(data):
             raise EOFError("the file ends within the samples")
+        if np.prod(page.chunked) > len(data):
+            raise ValueError(f"it claims {np.prod(page.chunked)} parts, more than the file has bytes")
         # Parts that share their bytes would make more pixels of a small file than its size is believed for.
         if sum(page.databytecounts) > len(data):
             raise ValueError("parts of the picture overlap in the file")

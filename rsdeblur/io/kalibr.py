@@ -32,7 +32,7 @@ def sniff(source: Source) -> bool:
     """Whether this is such a file."""
     if not source.looks_like_text or source.looks_like_json:
         return False
-    keys = r"^\s*(-\s*)?(cam\d+|cameras|camera_model|T_cam_imu)\s*:"
+    keys = r"^[ \t]*(-[ \t]*)?(cam\d+|cameras|camera_model|T_cam_imu)\s*:"
     return re.search(keys, "\n".join(source.text.lines), re.MULTILINE) is not None
 
 

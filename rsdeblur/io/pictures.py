@@ -48,7 +48,7 @@ EXIF_PREFIX = b"Exif\0\0"
 # What decoders are known to raise on damaged files.
 DAMAGE = (
     *(OSError, EOFError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, struct.error, zlib.error),
-    SyntaxError,  # Pillow
+    *(SyntaxError, AssertionError),  # Pillow
     RuntimeError,  # imagecodecs
 )
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rsdeblur._validate import FloatArray
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
-from rsdeblur.gyro import GyroLog
+from rsdeblur.gyro import LARGEST_RATE, GyroLog
 from rsdeblur.io.text import INT64_LIMIT, Table
 
 # rad/s in each unit of rate a log may use.
@@ -129,6 +129,10 @@ def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str
         raise InputError(f"unit must be one of {', '.join(RATE_UNITS)}; got {unit!r}")
     if not len(samples.ns):
         raise error("the file holds no samples")
+    (beyond,) = np.nonzero((np.abs(samples.rates) > LARGEST_RATE).any(axis=1))
+    if beyond.size:
+        i = int(beyond[0])
+        raise samples.fault(f"impossible rates: {samples.rates[i].tolist()} {unit or samples.rate_unit}", i)
     unit = unit or samples.rate_unit
     ns, rates, repairs = _repaired(samples)
     rates = (rates if samples.turn is None else rates @ samples.turn.T) * RATE_UNITS[unit]
