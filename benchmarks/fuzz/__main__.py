@@ -17,6 +17,7 @@ import tempfile
 import time
 import traceback
 import warnings
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from multiprocessing import get_context
 from multiprocessing.sharedctypes import RawArray
@@ -110,6 +111,7 @@ def run(name: str, count: int, found: Path) -> dict[str, Any]:
             break
     return {
         "target": name,
+        "reader": TARGETS[name].reader,
         "inputs": int(shared[DONE]),
         "read": int(shared[READ]),
         "slowest_s": round(shared[SLOWEST], 3),
@@ -138,7 +140,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the fuzzer; returns 1 if something broke the law."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.fuzz", description=__doc__)
     parser.add_argument("targets", nargs="*", metavar="TARGET", help=f"of {', '.join(TARGETS)}; default all")
-    parser.add_argument("--count", type=int, default=1000, help="inputs of each target")
+    parser.add_argument("--count", type=int, default=1000, help="inputs of each reader, shared by its targets")
     parser.add_argument("--only", type=int, metavar="N", help="write input N of the one target and stop")
     parser.add_argument("--save", type=Path, default=Path("fuzz-findings"), help="folder of findings and figures")
     options = parser.parse_args(arguments)
@@ -146,12 +148,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.buffer.write(hostile(options.targets[0], options.only))
         return 0
     options.save.mkdir(parents=True, exist_ok=True)
-    print("target                 inputs     read  slowest    MiB found    s", flush=True)
+    print(f"{'target':20} {'inputs':>8} {'read':>8} {'slowest':>8} {'MiB':>6} {'found':>5} {'s':>6}", flush=True)
     problems = 0
+    shares = Counter(target.reader for target in TARGETS.values())
     for name in options.targets or TARGETS:
         found = options.save / f"{name}.jsonl"
         found.unlink(missing_ok=True)
-        record = run(name, options.count, found)
+        record = run(name, -(-options.count // shares[TARGETS[name].reader]), found)
         (options.save / f"{name}.json").write_text(json.dumps(record, indent=2) + "\n")
         problems += record["problems"]
         print(_row(record), flush=True)

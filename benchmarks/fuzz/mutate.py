@@ -8,7 +8,7 @@ import struct
 from collections.abc import Callable, Sequence
 
 # No mutation lets a file grow beyond this, so that slowness is the reader's and not the file's.
-LONGEST = 200_000
+LONGEST = 60_000
 
 NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
 NUMBERS = (

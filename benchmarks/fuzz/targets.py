@@ -45,6 +45,11 @@ class Target:
     text: bool = False
     pack: Callable[[bytes], bytes] | None = None
 
+    @property
+    def reader(self) -> str:
+        """Which of the package's doors reads it."""
+        return READERS[self.read]
+
     def spoilt(self, rng: random.Random) -> bytes:
         """Return one hostile file."""
         contents = _seeds(self)
@@ -84,6 +89,9 @@ def _picture(path: Path) -> None:
 
 def _bank(path: Path) -> None:
     PsfBank.load(path)
+
+
+READERS = {_gyro: "gyro logs", _camera: "cameras", _captures: "captures", _picture: "pictures", _bank: "PSF banks"}
 
 
 def _text(read: Callable[[Path], None], files: Sequence[bytes], name: str) -> Target:
