@@ -91,7 +91,13 @@ def _bank(path: Path) -> None:
     PsfBank.load(path)
 
 
-READERS = {_gyro: "gyro logs", _camera: "cameras", _captures: "captures", _picture: "pictures", _bank: "PSF banks"}
+READERS: dict[Callable[[Path], None], str] = {
+    _gyro: "gyro logs",
+    _camera: "cameras",
+    _captures: "captures",
+    _picture: "pictures",
+    _bank: "PSF banks",
+}
 
 
 def _text(read: Callable[[Path], None], files: Sequence[bytes], name: str) -> Target:
