@@ -212,9 +212,7 @@ def test_paths_scale_with_the_camera(capture: Capture, times: int) -> None:
 @given(captures(), modes, st.sampled_from(PRIORS))
 def test_runs_and_threads_give_the_same_bits(capture: Capture, mode: str, prior: str) -> None:
     image = capture.noise(channels=3)
-    first, again, alone = (
-        solved(capture, image, mode=mode, prior=prior, threads=threads) for threads in (3, 3, 1)
-    )
+    first, again, alone = (solved(capture, image, mode=mode, prior=prior, threads=threads) for threads in (3, 3, 1))
     np.testing.assert_array_equal(first, again)
     np.testing.assert_array_equal(first, alone)
 
@@ -309,5 +307,3 @@ def test_a_panorama() -> None:
     log = GyroLog(np.arange(40) * 0.005, np.full((40, 3), 0.02))
     sharp = deblur(even, log, Camera(width, height, 3000.0, readout=0.01), Exposure(0.05, 0.02), nsr=0.01).image
     np.testing.assert_allclose(sharp, even, atol=1e-4)
-
-
