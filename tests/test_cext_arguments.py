@@ -77,7 +77,7 @@ def read_only(array: Array) -> Array:
 
 WRONG: dict[str, Callable[[Array], Any]] = {
     "wider": lambda a: a.astype({"f": np.float64, "c": np.complex128, "i": np.int64}[a.dtype.kind]),
-    "narrower": lambda a: a.real.copy() if a.dtype.kind == "c" else a.astype({"f": np.float16, "i": np.int16}[a.dtype.kind]),
+    "narrower": lambda a: a.real.copy() if a.dtype.kind == "c" else a.astype(f"{a.dtype.kind}2"),
     "of another kind": lambda a: a.view(np.int32 if a.dtype.kind == "f" else np.float32),
     "unsigned or bytes": lambda a: a.view(np.uint32 if a.dtype.kind == "i" else np.uint8),
     "of other byte order": lambda a: a.astype(a.dtype.newbyteorder(">")),
