@@ -118,7 +118,9 @@ def interrupts(count: int) -> dict[str, int]:
     for _ in range(count):
         with tempfile.TemporaryDirectory() as folder:
             command = [sys.executable, "-P", "-c", "from rsdeblur.cli import main; main()", "demo", "--size", "640x480"]
-            process = subprocess.Popen([*command, "-o", folder, "--force"], stderr=subprocess.PIPE, text=True)
+            process = subprocess.Popen(
+                [*command, "-o", folder, "--force"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+            )
             time.sleep(rng.uniform(0.3, 6.0))
             process.send_signal(signal.SIGINT)
             message = process.communicate()[1]
