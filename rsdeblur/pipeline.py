@@ -342,7 +342,7 @@ def _check_reach(paths: BlurPaths, height: int, width: int) -> None:
     down, across = paths.extent
     if 2 * down + 1 > height or 2 * across + 1 > width:
         raise InputError(
-            f"the blur reaches {across:.0f} px sideways and {down:.0f} px up and down from its centre, more than "
+            f"the blur reaches {across:.3g} px sideways and {down:.3g} px up and down from its centre, more than "
             f"the picture of {width}x{height} px can hold; are the rates in rad/s, the focal length in px, times in s?"
         )
 
