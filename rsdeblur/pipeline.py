@@ -184,6 +184,8 @@ def deblur(
     check_size(np.shape(image), camera)
     shot = _upright_shot(log, camera, exposure, translation)
     clock = _Clock(progress)
+    if mode == "banded" and bands == strips == 1:
+        mode = "global"
     with clock.stage("tune"):
         phi, penalty, band_nsr = _strengths(stored, shot, mode, motion, prior, exponent, nsr, weight)
     with clock.stage("psfs"):

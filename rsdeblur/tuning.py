@@ -12,8 +12,8 @@ noise:
 
 The expected squared error of a filter is a sum over frequencies, and the strengths of the Wiener filter and of the
 gradient prior are those with the least of it. One filter for the whole picture meets other PSFs than its own; what it
-makes of them counts too. The weights of the sparse priors follow from the gradient prior's with the powers of brightness
-that their exponents demand.
+makes of them counts too. The weights of the sparse priors follow from the gradient prior's, with the powers of
+brightness that their exponents demand.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from rsdeblur.noise import gradient_energy, noise_level
 from rsdeblur.priors import Prior
 from rsdeblur.psf import PsfBank
 
-# All constants: docs/benchmarks/priors.md. Results are judged as stored, where shadows count more than bright light, and
-# so does noise that is even in light: by this factor.
-SHADOW_NOISE = 5.0
+# All constants: docs/benchmarks/priors.md. Results are judged as stored, where shadows count more than bright light and
+# so does noise that is even in light; and pictures hold less of the finest detail than a lens leaves. Both together:
+FINE_NOISE = 5.0
 # Softness of a sharp picture: the lens, the pixels' area and demosaicing, standard deviation in px.
 LENS = 0.75
 # Error of the paths: px, whatever the blur (interpolation between tiles, linear interpolation in kernels), and as a
@@ -128,7 +128,7 @@ class Tuning:
         """Return the strength whose filter `conj(H) / (|H|^2 + penalty)`, times what keeps a mean, errs least."""
         of = self.spectra
         path_error_2 = PATH_ERROR**2 + (PATH_ERROR_SHARE * self.radius) ** 2
-        noise = SHADOW_NOISE * self.noise**2 / self.energy
+        noise = FINE_NOISE * self.noise**2 / self.energy
         noise = noise + (path_error_2 * of.gradient + self.border_error) * of.signal
 
         def error(strength: float) -> float:

@@ -27,7 +27,7 @@ def no_lens(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def as_modelled(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures and blurs of these tests are as the equations say."""
-    for name, value in (("SHADOW_NOISE", 1.0), ("PATH_ERROR", 0.0), ("PATH_ERROR_SHARE", 0.0)):
+    for name, value in (("FINE_NOISE", 1.0), ("PATH_ERROR", 0.0), ("PATH_ERROR_SHARE", 0.0)):
         monkeypatch.setattr(tuning, name, value)
 
 
