@@ -190,8 +190,10 @@ def deblur(
     check_size(np.shape(image), camera)
     shot = _upright_shot(log, camera, exposure, translation)
     clock = _Clock(progress)
+    if mode == "banded" and bands == strips == 1:
+        mode = "global"
     with clock.stage("tune"):
-        phi, penalty, band_nsr = _strengths(stored, shot, motion, prior, exponent, nsr, weight)
+        phi, penalty, band_nsr = _strengths(stored, shot, mode, motion, prior, exponent, nsr, weight)
     with clock.stage("psfs"):
         bank = _bank(shot, mode, bands, strips, motion, band_nsr)
     method = Method(
@@ -285,6 +287,7 @@ def _strength(name: str, value: Strength) -> Strength:
 def _strengths(
     stored: Stored,
     shot: Shot,
+    mode: Mode,
     motion: Motion,
     prior: Prior,
     exponent: float,
@@ -298,7 +301,8 @@ def _strengths(
     height, width, _ = stored.shape
     half = min(height, max(1, MOST_LOOKED_AT // width)) // 2
     light = stored.light(slice(height // 2 - half, height - height // 2 + half))
-    tuning = Tuning.of(light, _bank(shot, "banded", KERNELS, KERNELS, motion, 1.0))
+    bank = _bank(shot, "banded", KERNELS, KERNELS, motion, 1.0)
+    tuning = Tuning.of(light, bank, one_filter=mode == "global", continued=mode != "rowwise")
     if prior == "wiener":
         return tuning.wiener_nsr, None, tuning.wiener_nsr
     return (
