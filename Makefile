@@ -5,7 +5,7 @@ BIN = $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet
 CBUILD = build/c
 
-.PHONY: demo test lint test-c clean
+.PHONY: demo test lint test-c docs clean
 
 demo: $(BIN)/python
 	$(PIP) .
@@ -30,8 +30,13 @@ test-c: $(BIN)/python
 	if command -v valgrind; then \
 	  $(MESON) test -C $(CBUILD)/plain --wrap 'valgrind --quiet --leak-check=full --error-exitcode=1'; fi
 
+# The documentation site, in site/.
+docs: $(BIN)/python
+	$(PIP) '.[docs]'
+	$(BIN)/python -P -m sphinx -W --keep-going -n -q -b html docs site
+
 clean:
-	rm -rf $(VENV) build dist demo-output .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) build dist site docs/generated demo-output .mypy_cache .pytest_cache .ruff_cache
 
 $(BIN)/python:
 	$(PYTHON) -c 'import sys; sys.exit("rsdeblur needs Python 3.11 or newer" if sys.version_info < (3, 11) else 0)'

@@ -1,13 +1,10 @@
 """The documentation site: `make docs`. Pages are Markdown that reads well on a code host too."""
 
-import os
 import sys
 from pathlib import Path
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_ext"))
-# Help texts are wrapped to the terminal that asks; here there is none.
-os.environ["COLUMNS"] = "100"
 
 import rsdeblur  # noqa: E402
 
@@ -16,7 +13,14 @@ author = "rsdeblur developers"
 project_copyright = "rsdeblur developers, BSD 3-Clause"
 version = release = rsdeblur.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "numpydoc", "generated"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "numpydoc",
+    "sphinx-mathjax-offline",  # formulas without a network
+    "generated",
+]
 exclude_patterns = ["_*", "**/data"]
 nitpicky = True
 suppress_warnings = ["myst.header"]  # tables made by benchmarks start below their page's levels
@@ -24,12 +28,9 @@ suppress_warnings = ["myst.header"]  # tables made by benchmarks start below the
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 
-autosummary_ignore_module_all = False  # `rsdeblur` itself holds nothing but imported names
 autodoc_typehints = "none"  # numpydoc's sections say more than annotations
-autodoc_class_signature = "separated"
 default_role = "code"  # numpydoc writes names in single backticks
-numpydoc_show_class_members = False  # the template lists them
-templates_path = ["_templates"]
+numpydoc_show_class_members = False  # `:members:` lists them
 
 html_theme = "pydata_sphinx_theme"
 html_title = "rsdeblur"

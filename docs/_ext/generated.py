@@ -33,10 +33,10 @@ def heading(text: str, line: str) -> str:
     return f"{text}\n{line * len(text)}\n"
 
 
-def commands(command: click.Command, name: str, parent: click.Context | None = None) -> Iterator[tuple[str, str]]:
-    """Yield the name and the help of a command and of those below it."""
-    context = click.Context(command, info_name=name, parent=parent, max_content_width=100)
-    yield context.command_path, command.get_help(context)
+def commands(command: click.Command, name: str, parent: click.Context | None = None) -> Iterator[click.Context]:
+    """Yield the context of a command and of those below it."""
+    context = click.Context(command, info_name=name, parent=parent, **command.context_settings)
+    yield context
     if isinstance(command, click.Group):
         for child in command.list_commands(context):
             below = command.get_command(context, child)
@@ -44,13 +44,35 @@ def commands(command: click.Command, name: str, parent: click.Context | None = N
                 yield from commands(below, child, context)
 
 
+def literal(text: str) -> str:
+    """Return text as it stands."""
+    return ".. code-block:: text\n\n" + "".join(f"   {line}".rstrip() + "\n" for line in text.splitlines())
+
+
+def command_section(context: click.Context) -> str:
+    """Return what a command's `--help` prints, as a section."""
+    command = context.command
+    said = inspect.cleandoc(command.help or "").replace("\b\n", "")
+    parts = [heading(context.command_path, "-"), literal(command.get_usage(context).removeprefix("Usage: "))]
+    parts.append(re.sub(r"([*|`\\])", r"\\\1", said) + "\n")
+    for parameter in command.get_params(context):
+        record = parameter.get_help_record(context)
+        if record is not None and record[1]:
+            text = re.sub(r"([*|`\\])", r"\\\1", record[1])
+            parts.append(f"``{record[0]}``\n   {text}\n")
+    if isinstance(command, click.Group):
+        for child in command.list_commands(context):
+            below = command.get_command(context, child)
+            assert below is not None
+            parts.append(f"``{child}``\n   {below.get_short_help_str(200)}\n")
+    examples = inspect.cleandoc(command.epilog or "").replace("\b", "").strip()
+    return "\n".join([*parts, literal(examples)] if examples else parts)
+
+
 def command_page() -> str:
-    """Return the page of all commands, each as its `--help` prints it."""
-    parts = [heading("Every command and option", "="), "What ``rsdeblur COMMAND --help`` prints.\n"]
-    for path, text in commands(main, "rsdeblur"):
-        body = "".join(f"   {line}".rstrip() + "\n" for line in text.splitlines())
-        parts += [heading(path, "-"), f".. code-block:: text\n\n{body}"]
-    return "\n".join(parts)
+    """Return the page of all commands."""
+    parts = [heading("Every command and option", "="), "What ``rsdeblur COMMAND --help`` tells.\n"]
+    return "\n".join(parts + [command_section(context) for context in commands(main, "rsdeblur")])
 
 
 def ladder() -> dict[str, str]:
@@ -86,11 +108,10 @@ def package_page() -> str:
         if name != "__version__":
             home = getattr(rsdeblur, name).__module__.split(".")[1]
             names.setdefault(home, []).append(name)
-    parts = [heading("rsdeblur", "="), "In the order in which data flow; each name is imported when it is first used.\n"]
-    parts.append(".. currentmodule:: rsdeblur\n")
+    parts = [heading("rsdeblur", "="), "In the order in which data flow.\n", ".. currentmodule:: rsdeblur\n"]
     for module, said in ladder().items():
         if module in names:
-            parts += [heading(said, "-"), entries("rsdeblur", names[module])]
+            parts += [heading(said[0].upper() + said[1:], "-"), entries("rsdeblur", names[module])]
     return "\n".join(parts)
 
 
@@ -111,11 +132,12 @@ def equations(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines
 
 def link(app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: Element) -> Element | None:
     """Link a short name in a docstring to the one public name that ends so; leave inner names as they stand."""
-    domain = env.get_domain("py")
-    ending = "." + node.get("reftarget", "").rpartition(".")[2]
-    found = [entry for entry in domain.get_objects() if entry[0].endswith(ending)] if node.get("refdomain") == "py" else []
+    if node.get("refdomain") != "py":
+        return None
+    ending = "." + node["reftarget"].rpartition(".")[2]
+    found = [entry for entry in env.get_domain("py").get_objects() if entry[0].endswith(ending)]
     if not found:
-        return shown if node.get("refdomain") == "py" else None
+        return shown
     name, _, _, page, anchor, _ = min(found, key=lambda entry: len(entry[0]))
     return make_refnode(app.builder, node["refdoc"], page, anchor, shown, name)
 
@@ -123,9 +145,9 @@ def link(app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: Element)
 def write_pages(app: Sphinx) -> None:
     """Write the pages that are not as they were, so that an unchanged one is not built again."""
     folder = Path(app.srcdir) / "generated"
-    folder.mkdir(exist_ok=True)
-    pages = {"commands": command_page(), "rsdeblur": package_page()}
-    pages |= {name: module_page(name) for name in MODULES}
+    (folder / "names").mkdir(parents=True, exist_ok=True)
+    pages = {"commands": command_page(), "names/rsdeblur": package_page()}
+    pages |= {f"names/{name}": module_page(name) for name in MODULES}
     for name, text in pages.items():
         path = folder / f"{name}.rst"
         if not path.exists() or path.read_text(encoding="utf-8") != text:
