@@ -116,7 +116,7 @@ def tell_camera(file: CameraFile) -> dict[str, Any]:
         "time_offset_s": camera.time_offset,
         "stamp": camera.stamp,
         **file.facts,
-        "remarks": list(file.doubts),
+        "remarks": [doubt.text for doubt in file.doubts],
     }
 
 
