@@ -43,7 +43,7 @@ def test_the_commands_of_the_walkthrough_work(tmp_path: Path, monkeypatch: pytes
     # What an earlier page ran already is not run again.
     for command in dict.fromkeys(command for page in WALKTHROUGH for command in commands(DOCS / page)):
         # A quarter of the picture is as good and takes a fraction of the time.
-        words = shlex.split(command.replace("--size 640x480", "--size 320x240"))
+        words = shlex.split(command.replace("\\\n", "").replace("--size 640x480", "--size 320x240"))
         if words[0] == "rsdeblur":
             result = CliRunner().invoke(main, words[1:], catch_exceptions=False)
             assert result.exit_code == 0, f"{command}: {result.stderr}"
