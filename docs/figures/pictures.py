@@ -28,7 +28,7 @@ DETAIL = (300, 190)  # px, width and height of what is shown
 ENLARGED = 1.4
 
 
-def strip(name: str, pictures: Mapping[str, np.ndarray], corner: tuple[int, int], columns: int = 4) -> None:
+def strip(name: str, pictures: Mapping[str, np.ndarray], corner: tuple[int, int], columns: int = 2) -> None:
     """Write the same detail of several pictures in linear light, with captions, `columns` beside each other."""
     width, height = (round(ENLARGED * side) for side in DETAIL)
     rows = -(-len(pictures) // columns)
