@@ -214,7 +214,10 @@ def _sniff_opencamera(text: TextFile) -> bool:
     grid = _grid(text, 4)
     if grid is None or len(grid) < 2:
         return False
-    return _increasing(grid[:, 3]) and not _increasing(grid[:, 0]) and bool((grid[:, 3] == np.rint(grid[:, 3])).all())
+    # The first column may rise for a while too; but only stamps in ns are whole numbers that far apart.
+    stamps = grid[:, 3]
+    spaced = SPACING[0] <= np.median(np.diff(stamps)) <= SPACING[1]
+    return _increasing(stamps) and bool(spaced and (stamps == np.rint(stamps)).all())
 
 
 def _read_opencamera(text: TextFile) -> Samples:
@@ -254,6 +257,9 @@ def _plain_columns(text: TextFile) -> Columns | None:
     named = named_columns(text)
     if named is not None:
         return named
+    bare = named_columns(text, BARE_AXES)
+    if bare is not None and (bare.rate_unit or "gyr" in text.path.stem.lower()):
+        return bare
     if all(map(is_number, cells_of(text.head))):
         if len(cells_of(text.head)) == 4:
             return Columns((0, 1, 2, 3))
