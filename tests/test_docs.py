@@ -86,3 +86,10 @@ def test_options_are_those_of_the_commands(page: Path) -> None:
 @pytest.mark.parametrize("name", sorted(set(rsdeblur.__all__) - {"__version__"}))
 def test_the_tour_mentions_every_public_name(name: str) -> None:
     assert re.search(rf"\b{name}\b", (DOCS / "api.md").read_text(encoding="utf-8")), "describe it in docs/api.md"
+
+
+def test_the_tables_of_formats_name_every_sample(data_dir: Path) -> None:
+    text = (DOCS / "formats.md").read_text(encoding="utf-8")
+    folder = data_dir / "formats"
+    files = [path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()]
+    assert [name for name in files if name not in text and not name.endswith("LICENSE")] == []

@@ -95,6 +95,10 @@ class TestLensProfile:
         assert open_camera(write(profile())).camera.principal == (199.5, 149.5)
         assert open_camera(write(profile(asymmetrical=True))).camera.principal == (190.0, 160.0)
 
+    def test_other_opencv_models_are_told_by_name(self, write: Write) -> None:
+        camera = open_camera(write(profile(distortion_model="opencv_standard"))).camera
+        assert (camera.distortion_model, camera.distortion) == ("radtan", (0.05, -0.02, 0.01, -0.003))
+
     def test_crop_divides_the_focal_length(self, write: Write) -> None:
         assert open_camera(write(profile(crop=1.25))).camera.focal == (168.0, 168.8)
 
@@ -232,8 +236,9 @@ class TestKalibr:
     def test_variants(self, write: Write, text: str) -> None:
         self.check(write(text))
 
-    def test_a_swapped_resolution_is_found_by_the_principal_point(self, write: Write) -> None:
-        text = CHAIN.replace("[400, 300]", "[300, 400]").replace("190.0, 140.0", "340.0, 140.0")
+    @pytest.mark.parametrize("point", ["340.0, 140.0", "190.0, 145.0"], ids=["outside", "off the middle"])
+    def test_a_swapped_resolution_is_found_by_the_principal_point(self, write: Write, point: str) -> None:
+        text = CHAIN.replace("[400, 300]", "[300, 400]").replace("190.0, 140.0", point)
         file = open_camera(write(text))
         assert (file.camera.width, file.camera.height) == (400, 300)
         assert "swapped to 400x300" in file.doubts[0].text

@@ -34,15 +34,19 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
     """
     from rsdeblur.io.cameras import detect_camera_format
     from rsdeblur.io.captures import WHAT
+    from rsdeblur.io.clocks import is_clocks
     from rsdeblur.io.gyro_logs import detect_gyro_format
     from rsdeblur.io.pictures import KINDS, is_picture
     from rsdeblur.io.source import Source
 
+    source = Source(path, WHAT)
     # A damaged picture shall be told as such.
-    if is_picture(Source(path, WHAT)) or path.suffix.lower() in KINDS:
+    if is_picture(source) or path.suffix.lower() in KINDS:
         return describe_picture(path)
     if reading["format"]:
         return describe_gyro(path, reading)
+    if is_clocks(source):
+        return describe_clocks(path)
     for detect, tell in ((detect_camera_format, describe_camera), (detect_gyro_format, describe_gyro)):
         try:
             found = detect(path)
@@ -88,6 +92,19 @@ def describe_gyro(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
         "rms_rad_s": np.sqrt(np.mean(log.omega**2, axis=0)).tolist(),
         "peak_rad_s": np.abs(log.omega).max(axis=0).tolist(),
         "remarks": [str(warning.message) for warning in caught],
+    }
+
+
+def describe_clocks(path: Path) -> dict[str, Any]:
+    """Return how the clocks of a session go."""
+    from rsdeblur.io.clocks import read_clocks
+
+    clocks = read_clocks(path)
+    return {
+        "kind": "clocks of a session",
+        "camera_clock": clocks.source,
+        "differences_ns": list(clocks.differences),
+        "time_offset_s": clocks.time_offset,
     }
 
 

@@ -14,6 +14,8 @@ from rsdeblur.io.camera_file import CameraFile, Doubt, Request
 from rsdeblur.io.source import Source
 from rsdeblur.lens import Distortion
 
+# Hardly any lens has its principal point that far off the middle, as a share of the picture's side.
+OFF_CENTRE = 0.1
 MODELS: dict[str, Distortion] = {
     "radtan": "radtan",
     "radial-tangential": "radtan",
@@ -113,7 +115,8 @@ def _camera(source: Source, entry: dict[str, Any], doubts: list[Doubt]) -> Camer
         raise source.error(f"the distortion model {kind!r} is not supported, only {', '.join(MODELS)}")
     fx, fy, cx, cy = _numbers(entry["intrinsics"])
     width, height = (int(size) for size in _numbers(entry["resolution"]))
-    if (cx >= width or cy >= height) and cx < height and cy < width:
+    given, swapped = _decentred(cx / width, cy / height), _decentred(cx / height, cy / width)
+    if given >= 0.5 > swapped or (given > OFF_CENTRE and swapped < given / 2):
         width, height = height, width
         doubts.append(Doubt("", f"the resolution was swapped to {width}x{height}, where the principal point fits"))
     delay = float(entry.get("line_delay") or 0.0)
@@ -133,6 +136,11 @@ def _camera(source: Source, entry: dict[str, Any], doubts: list[Doubt]) -> Camer
         distortion_model=MODELS[kind],
         distortion=() if MODELS[kind] == "none" else _numbers(coefficients),
     )
+
+
+def _decentred(x: float, y: float) -> float:
+    """How far from the middle a point is, given as shares of the sides."""
+    return max(abs(x - 0.5), abs(y - 0.5))
 
 
 def _imu_to_camera(entry: dict[str, Any], doubts: list[Doubt]) -> FloatArray:

@@ -70,7 +70,8 @@ def _profile(source: Source, profile: dict[str, Any], request: Request) -> Camer
     global_shutter = bool(profile.get("global_shutter"))
     # Gyroflow takes four zeros as no distortion, though they would be an equidistant lens.
     k = tuple(float(value) for value in params.get("distortion_coeffs") or ())
-    model: Distortion = "none" if not any(k) else "radtan" if old else "fisheye"
+    standard = old or profile.get("distortion_model") == "opencv_standard"
+    model: Distortion = "none" if not any(k) else "radtan" if standard else "fisheye"
     camera = Camera(
         width,
         height,
