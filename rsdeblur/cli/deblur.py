@@ -13,8 +13,10 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, read_inputs, transfer_of
 from rsdeblur.cli._options import Blur, Recording, Solver
 from rsdeblur.cli._output import print_json, progress
+from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
+    from rsdeblur.io.pictures import Picture
     from rsdeblur.method import Mode
 
 EXAMPLES = """\b
@@ -31,6 +33,13 @@ Examples:
 @_options.mode_option
 @_options.blur_options
 @_options.solver_options
+@click.option(
+    "--work-size",
+    type=_options.WorkSizeType(),
+    metavar="paper|full|N",
+    help="Reduce the picture first: its longer side in px, paper means 2048.  [default: full]",
+)
+@click.option("--nsr-from-iso", is_flag=True, help="Take --nsr from the picture's EXIF sensitivity: 0.01 at ISO 100.")
 @_options.max_memory_option
 @click.option("-o", "--output", type=_options.PATH, required=True, metavar="OUT", help="Picture to write.")
 @_options.force_option
@@ -41,6 +50,8 @@ def command(
     mode: Mode,
     blur: Blur,
     solver: Solver,
+    work_size: int | None,
+    nsr_from_iso: bool,
     max_memory: int | None,
     output: Path,
     force: bool,
@@ -55,14 +66,20 @@ def command(
     import numpy as np
 
     from rsdeblur.pipeline import deblur
+    from rsdeblur.stored import reduced
 
     arguments = asdict(blur) | asdict(solver) | {"transfer": transfer_of(picture, solver.transfer)}
-    # Straight into what is to be written: a quarter of the memory that float32 would take.
-    out = np.empty_like(picture.pixels, subok=False)
+    if nsr_from_iso:
+        arguments["nsr"] = _nsr_of(photo, picture)
+    pixels = picture.pixels
     begin = time.perf_counter()
     with progress("deblur") as move, naming(photo, recording):
+        if work_size is not None:
+            pixels, camera = reduced(pixels, camera, work_size)
+        # Straight into what is to be written: a quarter of the memory that float32 would take.
+        out = np.empty(pixels.shape, picture.pixels.dtype)
         result = deblur(
-            *(picture.pixels, log, camera, exposure),
+            *(pixels, log, camera, exposure),
             mode=mode,
             max_memory=max_memory,
             out=out,
@@ -92,3 +109,13 @@ def command(
         kernels = f"{result.bands} x {result.strips} PSFs ({tiles} x strips) of {wide} x {tall} px"
         strength = f"NSR {result.nsr:.2g}" if result.weight is None else f"weight {result.weight:.2g}"
         click.echo(f"{output}: {mode}, {kernels}, {solver.prior}, {strength}, {seconds:.2f} s")
+
+
+def _nsr_of(photo: Path, picture: Picture) -> float:
+    from rsdeblur.io.exif import Exif
+    from rsdeblur.tuning import nsr_of_iso
+
+    iso = Exif(picture.exif).iso
+    if iso is None:
+        raise InputError(f"{photo}: the picture's EXIF block has no ISO sensitivity; give --nsr instead")
+    return nsr_of_iso(iso)
