@@ -77,6 +77,8 @@ TABLES = {
                   "gyroRotationZ(rad/s)\n", "2020-01-01,{s},{x},{y},{z}", "plain", "sensor"),
     "seven columns": ("", "{t} {x} {y} {z} 0.1 -9.7 1.1", "plain", "sensor"),
     "seven columns, accelerometer first": ("", "{t} 0.1 -9.7 1.1 {x} {y} {z}", "plain", "sensor"),
+    "seconds elapsed alone": ("seconds_elapsed,GYRO Z (rad/s),GYRO Y (rad/s),GYRO X (rad/s)\n", "{s},{z},{y},{x}",
+                              "plain", "sensor"),
     "a bar": ("", "{t}|{x}|{y}|{z}", "plain", "sensor"),
     "a separator at the end": ("", "{t},{x},{y},{z},", "plain", "sensor"),
     "quoted cells": ("time,seconds_elapsed,z,y,x\n", '"{t}","0.1","{z}","{y}","{x}"', "sensorlogger", "phone"),

@@ -48,6 +48,8 @@ UNIT_OF = {
 TIME = re.compile(
     "(sensor|event|sampling|elapsed|gyro)?(t|ts|time|timestamp|stamp)(sincereboot)?|zeit|temps|tiempo|tempo"
 )
+# Sensor Logger's second clock, for tables that keep no other.
+ELAPSED = re.compile("(seconds|time)elapsed|elapsed(seconds|time)?")
 GYRO = (
     "w|omega|g|gyr|gyro|gyroscope|gyroskop|giroscopio|gyrorotation|(motion)?rotationrate"
     "|(field)?angular(velocity|rate)|angvel|wrss"
@@ -103,16 +105,19 @@ def named_columns(text: TextFile, rates: Sequence[re.Pattern[str]] = RATES) -> C
     """Return the columns that a line of names tells; None if there is none, or it names no gyro."""
     for line, start in text.headers:
         cells = [_Cell.of(cell) for cell in cells_of(line)]
-        found = []
-        for want, units in zip((TIME, *rates), (TIME_SPELLINGS, *3 * (RATE_SPELLINGS,)), strict=True):
+
+        def place(want: re.Pattern[str], units: dict[str, str], cells: Sequence[_Cell] = cells) -> int:
             fits = (
                 k
                 for k, cell in enumerate(cells)
                 if want.fullmatch(cell.name) and not cell.unknown and (cell.unit is None or cell.unit in units)
             )
-            found.append(next(fits, -1))
-        t, x, y, z = found
-        if min(found) >= 0:
+            return next(fits, -1)
+
+        t = place(TIME, TIME_SPELLINGS)
+        t = t if t >= 0 else place(ELAPSED, TIME_SPELLINGS)
+        x, y, z = (place(rate, RATE_SPELLINGS) for rate in rates)
+        if min(t, x, y, z) >= 0:
             return Columns((t, x, y, z), cells[t].unit, cells[x].unit, start, tuple(cell.name for cell in cells))
     return None
 
