@@ -5,6 +5,7 @@ stands above it in this ladder::
 
     errors      what the package raises
     _validate   checks at the public doors
+    _regular    reading files that are no pipes or devices
     _atomic     files that appear whole or not at all
     kernels     inner loops, C or Numba, each with a NumPy twin; they import only errors
     config      how this installation was built

@@ -197,8 +197,10 @@ def deblur(
     check_size(np.shape(image), camera)
     shot = _upright_shot(log, camera, exposure, translation)
     clock = _Clock(progress)
+    if mode == "banded" and bands == strips == 1:
+        mode = "global"
     with clock.stage("tune"):
-        phi, penalty, band_nsr = _strengths(stored, shot, motion, prior, exponent, nsr, weight)
+        phi, penalty, band_nsr = _strengths(stored, shot, mode, motion, prior, exponent, nsr, weight)
     with clock.stage("psfs"):
         bank = _bank(shot, mode, bands, strips, motion, band_nsr)
     method = Method(
@@ -293,6 +295,7 @@ def _strength(name: str, value: Strength) -> Strength:
 def _strengths(
     stored: Stored,
     shot: Shot,
+    mode: Mode,
     motion: Motion,
     prior: Prior,
     exponent: float,
@@ -306,7 +309,8 @@ def _strengths(
     height, width, _ = stored.shape
     half = min(height, max(1, MOST_LOOKED_AT // width)) // 2
     light = stored.light(slice(height // 2 - half, height - height // 2 + half))
-    tuning = Tuning.of(light, _bank(shot, "banded", KERNELS, KERNELS, motion, 1.0))
+    bank = _bank(shot, "banded", KERNELS, KERNELS, motion, 1.0)
+    tuning = Tuning.of(light, bank, one_filter=mode == "global", continued=mode != "rowwise")
     if prior == "wiener":
         return tuning.wiener_nsr, None, tuning.wiener_nsr
     return (
@@ -350,7 +354,7 @@ def _check_reach(paths: BlurPaths, height: int, width: int) -> None:
     down, across = paths.extent
     if 2 * down + 1 > height or 2 * across + 1 > width:
         raise InputError(
-            f"the blur reaches {across:.0f} px sideways and {down:.0f} px up and down from its centre, more than "
+            f"the blur reaches {across:.3g} px sideways and {down:.3g} px up and down from its centre, more than "
             f"the picture of {width}x{height} px can hold; are the rates in rad/s, the focal length in px, times in s?"
         )
 

@@ -71,7 +71,7 @@ def command(size: tuple[int, int], seed: int, output: Path, force: bool, as_json
     solver = Solver(PRIOR, "auto", 2 / 3, NSR, "auto", "keep", "blend", None, False, "estimate", None)
     report = compare_modes(
         blurred, recording, Blur("auto", "auto", "rotation"), solver, truth=rolling, output=output, force=force
-    )
+    ).report
     again = ["rsdeblur", "deblur", str(blurred), "--gyro", str(gyro), "--camera", str(camera)]
     again += ["--start", str(START), "--duration", str(EXPOSURE), "--prior", PRIOR, "--nsr", str(NSR)]
     again += ["-o", str(output / "again.png")]

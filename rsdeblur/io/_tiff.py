@@ -5,6 +5,7 @@ Pillow holds neither 16-bit colour nor float colour, and turns a TIFF by its ori
 
 from __future__ import annotations
 
+import logging
 import struct
 import sys
 import warnings
@@ -21,6 +22,9 @@ from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from rsdeblur.errors import RsdeblurWarning
 
+# Of a damaged file it tells a tale that nobody asked for; what matters is raised.
+logging.getLogger("tifffile").addHandler(logging.NullHandler())
+
 BIG_MAGIC = (b"II+\0", b"MM\0+")
 MAGIC = (b"II*\0", b"MM\0*", *BIG_MAGIC)
 
@@ -29,6 +33,8 @@ TEXT_TAGS = (270, 271, 272, 305, 306, 315, 316, 33432)  # description, maker, mo
 ORIENTATION = 274
 NATIVE = "<" if sys.byteorder == "little" else ">"
 Tag = tuple[int, str, int, Any, bool]
+# Of a pixel: four samples of 32 bits.
+SAMPLE_BYTES = 16
 EXIF_TABLE, GPS_TABLE = 34665, 34853
 
 
@@ -47,8 +53,15 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None]:
         # page.size counts samples, those of further planes of a volume included.
         if max(page.imagewidth * page.imagelength, page.size // 4) > max_pixels:
             raise Unsupported(f"the picture claims {page.imagewidth}x{page.imagelength} pixels; limit {max_pixels}")
+        if page.nbytes > SAMPLE_BYTES * max_pixels:
+            raise Unsupported(f"the picture claims {page.nbytes} bytes; limit {SAMPLE_BYTES * max_pixels}")
         if max(np.add(page.dataoffsets, page.databytecounts)) > len(data):
             raise EOFError("the file ends within the samples")
+        if np.prod(page.chunked) > len(data):
+            raise ValueError(f"it claims {np.prod(page.chunked)} parts, more than the file has bytes")
+        # Parts that share their bytes would make more pixels of a small file than its size is believed for.
+        if sum(page.databytecounts) > len(data):
+            raise ValueError("parts of the picture overlap in the file")
         samples = page.asarray()
         pixels = _plain(page, np.moveaxis(samples, 0, -1) if page.axes.startswith("S") else samples)
         if pixels is None or pixels.ndim > 3 or (pixels.ndim == 3 and pixels.shape[2] not in (2, 3, 4)):
@@ -152,34 +165,41 @@ def _tables(file: BinaryIO, exif: bytes | None) -> Iterator[list[Tag]]:
     """Return what goes from an EXIF block into the file's first directory, and append the block's tables at the end."""
     tables, tags = _tags_of(exif) if exif else ({}, [])
     yield tags
-    for table, entries in tables.items():
-        _append(file, table, entries)
+    for table, directory in tables.items():
+        _append(file, table, directory)
 
 
-def _tags_of(exif: bytes) -> tuple[dict[int, dict[int, Any]], list[Tag]]:
+def _tags_of(exif: bytes) -> tuple[dict[int, ImageFileDirectory_v2], list[Tag]]:
     """Return the sub-tables of an EXIF block, and what goes into the file's first directory, as tifffile wants it."""
     block = Image.Exif()
     try:
         block.load(exif)
-        tables = {table: block.get_ifd(table) for table in (EXIF_TABLE, GPS_TABLE) if block.get_ifd(table)}
-    except (SyntaxError, ValueError, TypeError, LookupError, struct.error) as error:
+        tables = {table: _directory(table, block) for table in (EXIF_TABLE, GPS_TABLE) if block.get_ifd(table)}
+        orientation = block.get(ORIENTATION)
+    except (SyntaxError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, struct.error) as error:
         warnings.warn(f"the EXIF block is damaged and not carried over: {error}", RsdeblurWarning, stacklevel=2)
         return {}, []
     tags: list[Tag] = [(tag, "s", 0, str(block[tag]).encode(), True) for tag in TEXT_TAGS if tag in block]
-    if ORIENTATION in block:
-        tags.append((ORIENTATION, "H", 1, block[ORIENTATION], True))
+    if orientation in range(1, 9):
+        tags.append((ORIENTATION, "H", 1, orientation, True))
     # tifffile does not write pointers to EXIF tables: the tag below each one holds its place, in the right order.
     return tables, tags + [(table - 1, "I", 1, 0, True) for table in tables]
 
 
-def _append(buffer: BinaryIO, table: int, entries: dict[int, Any]) -> None:
+def _directory(table: int, block: Image.Exif) -> ImageFileDirectory_v2:
+    directory = ImageFileDirectory_v2(group=table)
+    for tag, value in block.get_ifd(table).items():
+        directory[tag] = value
+    # What cannot be written is found out here, where it can still be left out.
+    directory.tobytes()
+    return directory
+
+
+def _append(buffer: BinaryIO, table: int, directory: ImageFileDirectory_v2) -> None:
     """Write the EXIF table at the end of the file and point its placeholder there."""
     buffer.seek(0)
     with tifffile.TiffFile(buffer) as file:
         placeholder = file.pages.first.tags[table - 1].offset
-    directory = ImageFileDirectory_v2(group=table)
-    for tag, value in entries.items():
-        directory[tag] = value
     start = buffer.seek(0, 2)
     start += buffer.write(b"\0" * (start % 2))
     buffer.write(directory.tobytes(start))

@@ -9,7 +9,6 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
-from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -24,29 +23,28 @@ SUFFIXES = (".npy", ".tif", ".tiff")
 Mapped = tuple[NDArray[Any], bytes | None, bytes | None]
 
 
-def map_picture(path: Path, max_pixels: int) -> Mapped | None:
-    """Return read-only samples in their file, EXIF block and colour profile; None if samples must be decoded.
+def map_picture(file: BinaryIO, max_pixels: int) -> Mapped | None:
+    """Return read-only samples where they lie in `file`, EXIF block and colour profile; None if they must be decoded.
 
     Raises
     ------
     ValueError, OSError
         If the file is damaged or too large.
     """
-    with path.open("rb") as file:
-        head = file.read(len(NPY_MAGIC))
-        file.seek(0)
-        size = os.fstat(file.fileno()).st_size
-        if head == NPY_MAGIC:
-            return np.memmap(file, mode="r", **npy_place(file, size, max_pixels)), None, None
-        if not head.startswith(_tiff.MAGIC):
-            return None
-        with tifffile.TiffFile(file) as tiff:
-            page = tiff.pages.first
-            place, icc = _tiff.place(page, size), page.iccprofile
-        if place is None:
-            return None
-        file.seek(0)
-        return np.memmap(file, mode="r", **place), _tiff.exif_block(file), icc
+    head = file.read(len(NPY_MAGIC))
+    file.seek(0)
+    size = os.fstat(file.fileno()).st_size
+    if head == NPY_MAGIC:
+        return np.memmap(file, mode="r", **npy_place(file, size, max_pixels)), None, None
+    if not head.startswith(_tiff.MAGIC):
+        return None
+    with tifffile.TiffFile(file) as tiff:
+        page = tiff.pages.first
+        place, icc = _tiff.place(page, size), page.iccprofile
+    if place is None:
+        return None
+    file.seek(0)
+    return np.memmap(file, mode="r", **place), _tiff.exif_block(file), icc
 
 
 def npy_place(file: BinaryIO, size: int, max_pixels: int) -> dict[str, Any]:

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from rsdeblur._atomic import atomic_write, check_target
-from rsdeblur.errors import FileFormatError, InputError, OutputError
+from rsdeblur._regular import open_file, read_file
+from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
 from rsdeblur.io import _heif, _raw, _tiff, mapped
 from rsdeblur.io.source import Source
 
@@ -41,16 +42,21 @@ DEPTHS = {"JPEG": (8,), "PNG": (8, 16), "TIFF": (8, 16, 32), "WebP": (8,), "NumP
 
 # The largest phone sensors have 200 megapixels, the largest stitched camera files 400.
 MAX_PIXELS = 500_000_000
+# A few bytes may claim any size. That of a phone's picture is believed; a larger one must have no more pixels per byte
+# than an even picture has as JPEG (85), WebP of the lossy kind (260) or PNG of 8 bits (340 in colour, 1000 in grey).
+BELIEVED_PIXELS = 64_000_000
+PIXELS_PER_BYTE = 1000
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 PNG_DEPTH = 24  # Offset of the bit depth: IHDR is always the first chunk.
 PNG_HEADER = 33  # Length of the magic number and IHDR; colour profile and EXIF may follow.
+JPEG_SEGMENT = 65_533  # The longest EXIF block of a JPEG.
 EXIF_PREFIX = b"Exif\0\0"
 
 # What decoders are known to raise on damaged files.
 DAMAGE = (
     *(OSError, EOFError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, struct.error, zlib.error),
-    SyntaxError,  # Pillow
+    *(SyntaxError, AssertionError),  # Pillow
     RuntimeError,  # imagecodecs
 )
 
@@ -114,18 +120,18 @@ def read_picture(path: str | os.PathLike[str], *, in_place: bool = False) -> Pic
         installed, or it has more than 500 megapixels or samples other than 1 to 8, 16 bit or float.
     """
     path = Path(path)
-    with _decoding(path):
-        if in_place and (found := mapped.map_picture(path, MAX_PIXELS)):
-            pixels, exif, icc = found
-            return Picture(pixels, exif, _fitting(icc, pixels))
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise FileFormatError(f"{path}: cannot read the picture: {error.strerror or error}") from error
+    if in_place:
+        with open_file(path, "picture") as file, _decoding(path):
+            if found := mapped.map_picture(file, MAX_PIXELS):
+                pixels, exif, icc = found
+                return Picture(pixels, exif, _fitting(icc, pixels))
+    data = read_file(path, "picture")
     if not data:
         raise FileFormatError(f"{path}: not a picture: the file is empty")
     with _decoding(path):
         picture = _decode(data, path.suffix)
+    if not picture.pixels.size:
+        raise FileFormatError(f"{path}: the picture has no pixels")
     picture.pixels.setflags(write=False)
     return picture
 
@@ -166,8 +172,14 @@ def read_header(path: str | os.PathLike[str]) -> tuple[int, int, bytes | None]:
         See `read_picture`.
     """
     try:
-        with _size_limit(), Image.open(path, formats=("JPEG", "PNG", "WEBP")) as image:
+        with (
+            open_file(path, "picture") as file,
+            _size_limit(),
+            Image.open(file, formats=("JPEG", "PNG", "WEBP")) as image,
+        ):
             return *image.size, image.info.get("exif")
+    except FileFormatError:
+        raise
     except (*DAMAGE, Image.DecompressionBombError):
         picture = read_picture(path)
         height, width = picture.pixels.shape[:2]
@@ -278,13 +290,13 @@ def check_writable(path: str | os.PathLike[str], *, force: bool) -> None:
 
 
 @contextmanager
-def _size_limit() -> Iterator[None]:
-    """Move Pillow's guard against decompression bombs from 179 megapixels to `MAX_PIXELS`."""
+def _size_limit(pixels: int = MAX_PIXELS) -> Iterator[None]:
+    """Move Pillow's guard against decompression bombs from 179 megapixels to `pixels`."""
     with _limit_lock, warnings.catch_warnings():
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)
         saved = Image.MAX_IMAGE_PIXELS
         # Pillow refuses what is above twice this.
-        Image.MAX_IMAGE_PIXELS = MAX_PIXELS // 2
+        Image.MAX_IMAGE_PIXELS = pixels // 2
         try:
             yield
         finally:
@@ -292,17 +304,18 @@ def _size_limit() -> Iterator[None]:
 
 
 def _decode(data: bytes, suffix: str) -> Picture:
+    limit = min(MAX_PIXELS, max(BELIEVED_PIXELS, PIXELS_PER_BYTE * len(data)))
     if _raw.is_raw(data, suffix):
-        return Picture(*_raw.decode(data, MAX_PIXELS), linear=True)
+        return Picture(*_raw.decode(data, limit), linear=True)
     if _heif.is_heif(data):
-        pixels, exif, icc = _heif.decode(data, MAX_PIXELS)
+        pixels, exif, icc = _heif.decode(data, limit)
         return Picture(pixels, exif, _fitting(icc, pixels))
     if data.startswith(_tiff.MAGIC):
-        pixels, icc = _tiff.decode(data, MAX_PIXELS)
+        pixels, icc = _tiff.decode(data, limit)
         return Picture(pixels, _tiff.exif_block(BytesIO(data)), _fitting(icc, pixels))
     if data.startswith(mapped.NPY_MAGIC):
         return Picture(mapped.decode_npy(data, MAX_PIXELS))
-    with _size_limit():
+    with _size_limit(limit):
         image = Image.open(BytesIO(data), formats=("JPEG", "PNG", "WEBP"))
     with image:
         image.load()
@@ -377,6 +390,9 @@ def _encode(kind: str, pixels: NDArray[Any], exif: bytes | None, icc: bytes | No
     if kind == "WebP":
         # The fastest lossless method; the slower ones save 3 % for 3 times the time.
         options = {"lossless": True, "exact": True, "method": 0}
+    if exif and kind == "JPEG" and len(exif) > JPEG_SEGMENT:
+        warnings.warn(f"the EXIF block of {len(exif)} bytes is too long for JPEG and left out", RsdeblurWarning, 3)
+        exif = None
     if exif:
         options["exif"] = exif
     if icc:
