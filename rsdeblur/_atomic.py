@@ -6,10 +6,15 @@ import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from glob import escape
 from pathlib import Path
 from typing import BinaryIO
 
 from rsdeblur.errors import OutputError
+
+UNFINISHED = ".part"
+# Characters of the target's name in the temporary one: names have bounds.
+LONGEST = 100
 
 
 def check_target(path: str | os.PathLike[str], *, force: bool) -> None:
@@ -31,6 +36,13 @@ def check_target(path: str | os.PathLike[str], *, force: bool) -> None:
         raise OutputError(f"{target}: cannot write the file: the folder {target.parent} is not writable")
 
 
+def remove_unfinished(path: str | os.PathLike[str]) -> None:
+    """Remove what `atomic_write` left of `path` in a process that was killed."""
+    target = Path(path)
+    for part in target.parent.glob(f".{escape(target.name[:LONGEST])}.*{UNFINISHED}"):
+        part.unlink(missing_ok=True)
+
+
 @contextmanager
 def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """Open a temporary file beside `path`; on success it replaces `path`, on any failure it vanishes.
@@ -45,7 +57,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     try:
         if target.is_dir():
             raise OutputError(f"{target}: cannot write the file: a folder has this name")
-        handle, name = tempfile.mkstemp(prefix=f".{target.name[:100]}.", suffix=".part", dir=target.parent)
+        handle, name = tempfile.mkstemp(prefix=f".{target.name[:LONGEST]}.", suffix=UNFINISHED, dir=target.parent)
         temporary = Path(name)
         with os.fdopen(handle, "wb") as file:
             yield file

@@ -173,7 +173,7 @@ def deblur(
     quarter = camera.horizontal_readout
     stored = Stored.of(image, transfer, quarter=quarter)
     out, upright = result_like(image, out, quarter=quarter)
-    _check_size(np.shape(image), camera)
+    check_size(np.shape(image), camera)
     shot = _upright_shot(log, camera, exposure)
     clock = _Clock(progress)
     with clock.stage("tune"):
@@ -326,7 +326,14 @@ def _upright_shot(log: GyroLog, camera: Camera, exposure: Exposure) -> Shot:
     return Shot.from_log(log, camera.turned() if camera.horizontal_readout else camera, exposure)
 
 
-def _check_size(shape: tuple[int, ...], camera: Camera) -> None:
+def check_size(shape: tuple[int, ...], camera: Camera) -> None:
+    """Refuse a picture of `shape` (H, W) or (H, W, C) that is not the camera's.
+
+    Raises
+    ------
+    InputError
+        If the sizes differ; the message says how they may be related.
+    """
     height, width = shape[:2]
     if (height, width) == (camera.height, camera.width):
         return

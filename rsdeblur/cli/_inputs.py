@@ -139,7 +139,8 @@ def _chosen(captures: list[Exposure], recording: Recording) -> Exposure:
 
 
 def _usage(message: str) -> click.UsageError:
-    return click.UsageError(message, ctx=click.get_current_context())
+    # In a batch's worker there is no context.
+    return click.UsageError(message, ctx=click.get_current_context(silent=True))
 
 
 def transfer_of(picture: Picture, given: Transfer | None) -> Transfer:

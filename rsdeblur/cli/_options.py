@@ -125,6 +125,21 @@ class Recording:
 
 
 @dataclass(frozen=True, slots=True)
+class Defaults:
+    """What holds for the items of a batch that say nothing else; the names are those of `Recording`."""
+
+    gyro: Path | None
+    camera: Path | None
+    gyro_format: str | None
+    unit: str | None
+    orientation: str | None
+    capture: Path | None
+    duration: float | None
+    time_offset: float | None
+    readout: float | None
+
+
+@dataclass(frozen=True, slots=True)
 class Blur:
     """How the blur is computed."""
 
@@ -215,6 +230,18 @@ recording_options = _gathered(
             "--camera", type=PATH, required=True, metavar="FILE", help="Camera file: ours, Gyroflow's or Kalibr's."
         ),
         *_EXPOSURE,
+        *_OVERRIDES,
+    ),
+)
+defaults_options = _gathered(
+    "defaults",
+    Defaults,
+    (
+        click.option("--gyro", type=PATH, metavar="LOG", help="Gyro log of items that name none."),
+        *_LOG,
+        click.option("--camera", type=PATH, metavar="FILE", help="Camera file of items that name none."),
+        click.option("--capture", type=PATH, metavar="FILE", help="Metadata file, likewise."),
+        click.option("--duration", type=SecondsType(), help="Exposure time, likewise.  [default: by EXIF]"),
         *_OVERRIDES,
     ),
 )
@@ -326,4 +353,5 @@ max_memory_option = click.option(
     help="What the work may take beside the picture and its result, like 1GiB; slower where that is little.",
 )
 force_option = click.option("--force", is_flag=True, help="Replace files that exist.")
+dry_run_option = click.option("--dry-run", is_flag=True, help="Read and check all inputs, and write nothing.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")

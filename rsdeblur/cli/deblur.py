@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import time
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import naming, read_inputs, transfer_of
 from rsdeblur.cli._options import Blur, Recording, Solver
 from rsdeblur.cli._output import print_json, progress
+from rsdeblur.cli._photo import PhotoJob, deblur_photo
 
 if TYPE_CHECKING:
     from rsdeblur.method import Mode
@@ -34,6 +32,7 @@ Examples:
 @_options.max_memory_option
 @click.option("-o", "--output", type=_options.PATH, required=True, metavar="OUT", help="Picture to write.")
 @_options.force_option
+@_options.dry_run_option
 @_options.json_option
 def command(
     photo: Path,
@@ -44,51 +43,35 @@ def command(
     max_memory: int | None,
     output: Path,
     force: bool,
+    dry_run: bool,
     as_json: bool,
 ) -> None:
     """Deblur PHOTO; EXIF, colour profile and bit depth are kept."""
-    from rsdeblur.io.pictures import check_writable, write_picture
-
-    check_writable(output, force=force)
-    picture, log, camera, exposure = read_inputs(photo, recording)
-
-    import numpy as np
-
-    from rsdeblur.pipeline import deblur
-
-    arguments = asdict(blur) | asdict(solver) | {"transfer": transfer_of(picture, solver.transfer)}
-    # Straight into what is to be written: a quarter of the memory that float32 would take.
-    out = np.empty_like(picture.pixels, subok=False)
-    begin = time.perf_counter()
-    with progress("deblur") as move, naming(photo, recording):
-        result = deblur(
-            *(picture.pixels, log, camera, exposure),
-            mode=mode,
-            max_memory=max_memory,
-            out=out,
-            progress=move,
-            **arguments,
-        )
-    seconds = time.perf_counter() - begin
-    write_picture(output, result.image, like=picture, force=force)
-    tall, wide = result.psfs.size
+    job = PhotoJob(
+        photo=photo,
+        recording=recording,
+        mode=mode,
+        blur=blur,
+        solver=solver,
+        max_memory=max_memory,
+        output=output,
+        force=force,
+        dry_run=dry_run,
+    )
+    with progress("deblur") as move:
+        facts = deblur_photo(job, move)
     if as_json:
-        print_json(
-            {
-                "output": str(output),
-                "mode": mode,
-                "bands": result.bands,
-                "strips": result.strips,
-                "psf_px": [wide, tall],
-                "prior": solver.prior,
-                "nsr": result.nsr,
-                "weight": result.weight,
-                "seconds": seconds,
-                "timings": result.timings,
-            }
+        print_json(facts)
+        return
+    wide, tall = facts["psf_px"]
+    if dry_run:
+        size = "{} x {}".format(*facts["size_px"])
+        click.echo(
+            f"{photo}: {size} px, all inputs fit; would write {output} ({mode}, PSFs of up to {wide} x {tall} px, "
+            f"{solver.prior})"
         )
-    else:
-        tiles = "rows" if mode == "rowwise" else "bands"
-        kernels = f"{result.bands} x {result.strips} PSFs ({tiles} x strips) of {wide} x {tall} px"
-        strength = f"NSR {result.nsr:.2g}" if result.weight is None else f"weight {result.weight:.2g}"
-        click.echo(f"{output}: {mode}, {kernels}, {solver.prior}, {strength}, {seconds:.2f} s")
+        return
+    tiles = "rows" if mode == "rowwise" else "bands"
+    kernels = f"{facts['bands']} x {facts['strips']} PSFs ({tiles} x strips) of {wide} x {tall} px"
+    strength = f"NSR {facts['nsr']:.2g}" if facts["weight"] is None else f"weight {facts['weight']:.2g}"
+    click.echo(f"{output}: {mode}, {kernels}, {solver.prior}, {strength}, {facts['seconds']:.2f} s")

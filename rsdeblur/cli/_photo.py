@@ -1,0 +1,106 @@
+"""One photo, from its files to the written result: what `deblur` does once and `batch` for every item."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of
+from rsdeblur.cli._options import Blur, Recording, Solver
+from rsdeblur.cli._output import prepare_folder
+
+if TYPE_CHECKING:
+    from rsdeblur.cli._output import Progress
+    from rsdeblur.method import Mode
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PhotoJob:
+    """What to deblur, how, and where to."""
+
+    photo: Path
+    recording: Recording
+    mode: Mode
+    blur: Blur
+    solver: Solver
+    max_memory: int | None
+    output: Path
+    force: bool = False
+    dry_run: bool = False
+    make_folder: bool = False
+
+
+def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
+    """Deblur and write one photo, or only read and check its files, and return the facts.
+
+    Raises
+    ------
+    RsdeblurError
+        If a file is refused or the result cannot be written.
+    click.UsageError
+        If the options do not give the exposure.
+    """
+    from rsdeblur.io.pictures import check_writable, write_picture
+
+    if job.make_folder and not job.dry_run:
+        prepare_folder(job.output.parent, [], force=job.force)
+    if not job.make_folder or job.output.parent.is_dir():
+        check_writable(job.output, force=job.force)
+    inputs = read_inputs(job.photo, job.recording)
+    if job.dry_run:
+        return _foreseen(job, inputs)
+    picture, log, camera, exposure = inputs
+
+    import numpy as np
+
+    from rsdeblur.pipeline import deblur
+
+    arguments = asdict(job.blur) | asdict(job.solver) | {"transfer": transfer_of(picture, job.solver.transfer)}
+    # Straight into what is to be written: a quarter of the memory that float32 would take.
+    out = np.empty_like(picture.pixels, subok=False)
+    begin = time.perf_counter()
+    with naming(job.photo, job.recording):
+        result = deblur(
+            *(picture.pixels, log, camera, exposure),
+            mode=job.mode,
+            max_memory=job.max_memory,
+            out=out,
+            progress=move,
+            **arguments,
+        )
+    seconds = time.perf_counter() - begin
+    write_picture(job.output, result.image, like=picture, force=job.force)
+    tall, wide = result.psfs.size
+    return {
+        "output": str(job.output),
+        "mode": job.mode,
+        "bands": result.bands,
+        "strips": result.strips,
+        "psf_px": [wide, tall],
+        "prior": job.solver.prior,
+        "nsr": result.nsr,
+        "weight": result.weight,
+        "seconds": seconds,
+        "timings": result.timings,
+    }
+
+
+def _foreseen(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:
+    """Check what can be checked without solving, and return what is known then."""
+    from rsdeblur.pipeline import check_size, psfs
+
+    picture, log, camera, exposure = inputs
+    with naming(job.photo, job.recording):
+        check_size(picture.pixels.shape, camera)
+        bank = psfs(log, camera, exposure, mode=job.mode, **asdict(job.blur))
+    height, width = picture.pixels.shape[:2]
+    return {
+        "output": str(job.output),
+        "dry_run": True,
+        "mode": job.mode,
+        "psf_px": [bank.size[1], bank.size[0]],
+        "prior": job.solver.prior,
+        "size_px": [width, height],
+    }
