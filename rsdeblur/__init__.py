@@ -13,6 +13,7 @@ stands above it in this ladder::
     camera      Camera: intrinsics, lens, readout, relation to the IMU
     exposure    Exposure: the window of each row
     gyro        GyroLog, OrientationTrack
+    translation Translation: where the camera was, and the scene's depth
     motion      BlurPaths: displacement paths on a grid of rows and strips
     psf         PsfBank: kernels drawn from paths, or given
     fft         the only importer of pyFFTW: transforms, measured plans kept on disk

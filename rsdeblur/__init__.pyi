@@ -27,6 +27,7 @@ from .simulate import Simulation as Simulation
 from .simulate import simulate as simulate
 from .timing import OffsetSearch as OffsetSearch
 from .timing import find_time_offset as find_time_offset
+from .translation import Translation as Translation
 from .tuning import Tuning as Tuning
 from .wiener import Deconvolver as Deconvolver
 

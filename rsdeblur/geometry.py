@@ -38,10 +38,9 @@ def rectify(image: NDArray[np.float32], shot: Shot) -> tuple[NDArray[np.float32]
     out = np.empty_like(image)
     coverage = np.empty((height, width), dtype=np.bool_)
     poses = RowPoses.of(shot)
-    to_world = shot.track.at(shot.middle).T
     for top in range(0, height, CHUNK):
         rows = slice(top, min(top + CHUNK, height))
-        x, y = _sources(np.arange(rows.start, rows.stop), width, shot, poses, to_world)
+        x, y = _sources(np.arange(rows.start, rows.stop), width, shot, poses)
         coverage[rows] = (x > -0.5) & (x < width - 0.5) & (y > -0.5) & (y < height - 0.5)
         # The mirrored spline is exact at the border pixels; beyond, hold them.
         coordinates = [y.clip(0, height - 1), x.clip(0, width - 1)]
@@ -52,12 +51,10 @@ def rectify(image: NDArray[np.float32], shot: Shot) -> tuple[NDArray[np.float32]
     return out, coverage
 
 
-def _sources(
-    rows: NDArray[np.intp], width: int, shot: Shot, poses: RowPoses, to_world: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _sources(rows: NDArray[np.intp], width: int, shot: Shot, poses: RowPoses) -> tuple[FloatArray, FloatArray]:
     """Where in the rolling picture each pixel of the output `rows` is found: x and y, shape (len(rows), width)."""
     points = np.stack(np.meshgrid(np.arange(width), rows), axis=-1).astype(np.float64)
-    world = shot.camera.rays(points) @ to_world.T
+    world = shot.points(points) @ shot.track.at(shot.middle) + shot.position(shot.middle)
     q = points
     for _ in range(FIXED_POINT_STEPS):
         q = poses.project(world, q[..., 1])

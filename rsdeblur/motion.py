@@ -6,7 +6,10 @@ mid-exposure, so q is where the scene point that p sees at time t stands *in tha
 
     q = K C(mid(q_y)) C(t)^T K^-1 p,
 
-K being the camera's projection, its lens distortion included.
+K being the camera's projection, its lens distortion included. With a :class:`~rsdeblur.Translation` the scene stands
+at one depth Z, and what p sees is a point (Sindelar and Sroubek 2013, eq. 3):
+
+    q = K C(mid(q_y)) (C(t)^T K^-1 p + (P(t) - P(mid(q_y))) / Z)
 
 The reference time depends on the row that q falls on; the fixed point is reached in a few steps because a picture
 moves by far less than a row while a row is read. With `geometry="rectify"` the latent picture is the one of a global
@@ -27,6 +30,7 @@ from rsdeblur.camera import Camera
 from rsdeblur.errors import InputError
 from rsdeblur.exposure import Exposure
 from rsdeblur.gyro import GyroLog, OrientationTrack
+from rsdeblur.translation import Translation
 
 Motion = Literal["rotation", "small-angle"]
 MOTIONS: tuple[Motion, ...] = ("rotation", "small-angle")
@@ -64,27 +68,47 @@ class Shot:
         Read top-down or bottom-up; a camera with horizontal readout is :meth:`~rsdeblur.Camera.turned` first.
     exposure : Exposure
         When the rows are exposed.
+    translation : Translation, optional
+        Where the camera was, on the exposure's epoch; without it only rotation counts.
     """
 
     track: OrientationTrack
     camera: Camera
     exposure: Exposure
+    translation: Translation | None = None
 
     @classmethod
-    def from_log(cls, log: GyroLog, camera: Camera, exposure: Exposure) -> Shot:
+    def from_log(cls, log: GyroLog, camera: Camera, exposure: Exposure, translation: Translation | None = None) -> Shot:
         """Integrate the part of `log` that the exposure needs.
 
         Raises
         ------
         InputError
-            If the camera is read along x.
+            If the camera is read along x, or a translation comes with a lens that sees backwards.
         CoverageError, ClockError, GapError
             See :meth:`rsdeblur.GyroLog.covering`.
         """
         if camera.horizontal_readout and camera.readout > 0:
             raise InputError(f"the camera is read {camera.readout_direction}; trace paths with camera.turned()")
         opens, closes = exposure.span(camera)
-        return cls(OrientationTrack.from_log(log, camera, opens, closes, exposure.epoch_ns), camera, exposure)
+        track = OrientationTrack.from_log(log, camera, opens, closes, exposure.epoch_ns)
+        if translation is not None:
+            translation = translation.covering(opens, closes, exposure.epoch_ns)
+            corners = np.stack(np.meshgrid([0.0, camera.width - 1], [0.0, camera.height - 1]), axis=-1)
+            if not (camera.rays(corners)[..., 2] > 0).all():
+                raise InputError(
+                    "the lens sees 180 degrees and more, a scene of one depth does not; use no translation"
+                )
+        return cls(track, camera, exposure, translation)
+
+    def position(self, times: FloatArray) -> FloatArray:
+        """Return where the camera is at `times`, in depths of the scene; shape `times.shape + (3,)`."""
+        return np.zeros((*times.shape, 3)) if self.translation is None else self.translation.at(times)
+
+    def points(self, pixels: FloatArray) -> FloatArray:
+        """Return what `pixels` (..., 2) see, in camera axes: directions, or points in depths of the scene."""
+        rays = self.camera.rays(pixels)
+        return rays if self.translation is None else rays / rays[..., 2:]
 
     def mid(self, rows: FloatArray) -> FloatArray:
         """Return the mid-exposure times of `rows`."""
@@ -241,13 +265,12 @@ def _lengths(displacements: FloatArray) -> FloatArray:
 def _rotation_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry) -> FloatArray:
     camera = shot.camera
     points = np.stack(np.meshgrid(cols, rows), axis=-1)[:, :, None, :]  # (B, S, 1, 2), x before y
-    directions = camera.rays(points)[:, :, 0]
-    orientation = shot.track.at(shot.times(rows, samples))  # (B, T, 3, 3)
-    world = np.einsum("btji,bsj->bsti", orientation, directions)
+    seen = shot.points(points)[:, :, 0]
+    times = shot.times(rows, samples)
+    orientation = shot.track.at(times)  # (B, T, 3, 3)
+    world = np.einsum("btji,bsj->bsti", orientation, seen) + shot.position(times)[:, None]
     if geometry == "rectify":
-        seen = world @ (camera.matrix @ shot.track.at(shot.middle)).T
-        skewed: FloatArray = points - seen[..., :2] / seen[..., 2:]
-        return skewed
+        return points - camera.project((world - shot.position(shot.middle)) @ shot.track.at(shot.middle).T)
     poses = RowPoses.of(shot)
     # Start at the pixel's own row, whose reference orientation is nearly right.
     q = np.broadcast_to(points, (*world.shape[:-1], 2))
@@ -258,33 +281,39 @@ def _rotation_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int
 
 def _small_angle_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry) -> FloatArray:
     reference = shot.mid(rows) if geometry == "keep" else np.repeat(shot.middle, len(rows))
-    angles = shot.track.angles(shot.times(rows, samples)) - shot.track.angles(reference)[:, None]
+    times = shot.times(rows, samples)
+    angles = shot.track.angles(times) - shot.track.angles(reference)[:, None]
+    moved = shot.position(times) - shot.position(reference)[:, None]
     fx, fy = shot.camera.focal
-    # The picture moves by f (-theta_y, +theta_x).
-    d = np.stack([-fx * angles[..., 1], fy * angles[..., 0]], axis=-1)
+    # The picture moves by f (-theta_y, +theta_x), and against the camera.
+    d = np.stack([-fx * (angles[..., 1] + moved[..., 0]), fy * (angles[..., 0] - moved[..., 1])], axis=-1)
     return np.repeat(d[:, None], len(cols), axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RowPoses:
-    """Orientation of every row at its own mid-exposure, and the projection with it."""
+    """Pose of every row at its own mid-exposure, and the projection with it."""
 
     camera: Camera
-    rotations: FloatArray  # (2 H, 9), C(mid(y)) from row -H/2 on
+    matrices: FloatArray  # (2 H, 12), C(mid(y)) [I | -P(mid(y))] from row -H/2 on
 
     @classmethod
     def of(cls, shot: Shot) -> RowPoses:
         """Tabulate the poses of all rows of the picture, and of as many beyond it, where paths may reach."""
         rows = np.arange(2.0 * shot.camera.lines) - shot.camera.lines // 2
-        return cls(shot.camera, shot.track.at(shot.mid(rows)).reshape(-1, 9))
+        mid = shot.mid(rows)
+        turned = shot.track.at(mid)
+        moved = -turned @ shot.position(mid)[..., None]
+        return cls(shot.camera, np.concatenate([turned, moved], axis=-1).reshape(-1, 12))
 
     def project(self, world: FloatArray, rows: FloatArray) -> FloatArray:
-        """Project directions (..., 3) with the poses of `rows` (..., fractions allowed).
+        """Project points (..., 3), in depths, with the poses of `rows` (..., fractions allowed).
 
         Linear between rows, which turn against each other by 1e-4 rad in a picture of thousands of rows.
         """
-        half = len(self.rotations) // 4
-        place = np.clip(rows + half, 0.0, len(self.rotations) - 1.0)
-        i = np.minimum(place.astype(np.intp), len(self.rotations) - 2)
-        pose = self.rotations[i] + (place - i)[..., None] * (self.rotations[i + 1] - self.rotations[i])
-        return self.camera.project(np.einsum("...ij,...j->...i", pose.reshape(*rows.shape, 3, 3), world))
+        half = len(self.matrices) // 4
+        place = np.clip(rows + half, 0.0, len(self.matrices) - 1.0)
+        i = np.minimum(place.astype(np.intp), len(self.matrices) - 2)
+        pose = self.matrices[i] + (place - i)[..., None] * (self.matrices[i + 1] - self.matrices[i])
+        pose = pose.reshape(*rows.shape, 3, 4)
+        return self.camera.project(np.einsum("...ij,...j->...i", pose[..., :3], world) + pose[..., 3])

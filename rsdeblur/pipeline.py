@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,8 +24,9 @@ from rsdeblur.priors import EXPONENT, PRIORS, Prior, brightness, check_exponent
 from rsdeblur.psf import PsfBank, tile_centres
 from rsdeblur.rowwise import SOLVERS, Solver
 from rsdeblur.slabs import plan_slabs
-from rsdeblur.stored import Stored, result_like
-from rsdeblur.transfer import Transfer, check_transfer
+from rsdeblur.stored import Stored, check_size, result_like
+from rsdeblur.transfer import Transfer, check_transfer, normalized
+from rsdeblur.translation import Translation
 from rsdeblur.tuning import KERNELS, Tuning
 
 Count = int | Literal["auto"]
@@ -99,7 +100,9 @@ def deblur(
     geometry: Geometry = "keep",
     border: Border = "blend",
     motion: Motion = "rotation",
+    translation: Translation | None = None,
     transfer: Transfer = "linear",
+    normalize: bool = False,
     threads: int | None = None,
     max_memory: int | None = None,
     out: NDArray[Any] | None = None,
@@ -138,8 +141,12 @@ def deblur(
         See :class:`rsdeblur.Deconvolver`.
     motion : {"rotation", "small-angle"}
         The full homography path, or the paper's eq. 6.
+    translation : Translation, optional
+        Where the camera was and how far away the scene is (eq. 3 in full); without it only rotation counts.
     transfer : {"linear", "srgb"} or float
         How stored values code light; a number is a gamma. The result is coded the same way.
+    normalize : bool, default False
+        Squeeze light that overshoots [0, 1] into it, outliers clipped, at the price of contrast.
     threads : int, optional
         Threads that share the work; default all processors.
     max_memory : int, optional
@@ -168,13 +175,14 @@ def deblur(
     nsr, weight = _strength("nsr", nsr), _strength("weight", weight)
     check_exponent(exponent)
     max_memory = None if max_memory is None else _validate.count("max_memory", max_memory)
-    if geometry == "rectify" and max_memory is not None:
-        raise InputError('geometry="rectify" resamples the whole picture: leave out max_memory, or use "keep"')
+    if max_memory is not None and (geometry == "rectify" or normalize):
+        whole = "normalize=True" if normalize else 'geometry="rectify"'
+        raise InputError(f"{whole} needs the whole picture at once: leave out max_memory, or that")
     quarter = camera.horizontal_readout
     stored = Stored.of(image, transfer, quarter=quarter)
     out, upright = result_like(image, out, quarter=quarter)
     check_size(np.shape(image), camera)
-    shot = _upright_shot(log, camera, exposure)
+    shot = _upright_shot(log, camera, exposure, translation)
     clock = _Clock(progress)
     with clock.stage("tune"):
         phi, penalty, band_nsr = _strengths(stored, shot, motion, prior, exponent, nsr, weight)
@@ -192,7 +200,8 @@ def deblur(
         border=border,
         threads=threads,
     )
-    coverage = _solve(stored, shot, bank, method, geometry, max_memory, upright, clock)
+    after = _After(geometry, normalize)
+    coverage = _solve(stored, shot, bank, method, after, max_memory, upright, clock)
     n_bands, n_strips = bank.kernels.shape[:2]
     if mode == "rowwise":
         n_bands = stored.shape[0]
@@ -201,12 +210,19 @@ def deblur(
     return DeblurResult(out, bank, n_bands, n_strips, phi, penalty, coverage, clock.timings)
 
 
+class _After(NamedTuple):
+    """What is done to a whole picture once it is sharp."""
+
+    geometry: Geometry
+    normalize: bool
+
+
 def _solve(
     stored: Stored,
     shot: Shot,
     bank: PsfBank,
     method: Method,
-    geometry: Geometry,
+    after: _After,
     max_memory: int | None,
     out: NDArray[Any],
     clock: _Clock,
@@ -220,9 +236,11 @@ def _solve(
             solve = method.planned(shot, slab.bank, light.shape, slab.read.start)
         with clock.stage("apply"):
             light = solve(light, clock.within("apply", n, len(slabs)))
-        if geometry == "rectify":
+        if after.geometry == "rectify":
             with clock.stage("rectify"):
                 light, coverage = rectify(light, shot)
+        if after.normalize:
+            light = normalized(light)
         kept = slice(slab.given.start - slab.read.start, slab.given.stop - slab.read.start)
         stored.put(light[kept], slab.given, out)
         # Before the next slab is planned beside them.
@@ -240,6 +258,7 @@ def psfs(
     strips: Count = "auto",
     nsr: float = 0.01,
     motion: Motion = "rotation",
+    translation: Translation | None = None,
 ) -> PsfBank:
     """Return the PSFs that :func:`deblur` would undo, without a picture.
 
@@ -247,7 +266,7 @@ def psfs(
     picture cannot follow from its noise.
     """
     nsr = _validate.finite("nsr", nsr, above=0.0)
-    shot = _upright_shot(log, camera, exposure)
+    shot = _upright_shot(log, camera, exposure, translation)
     bank = _bank(shot, mode, bands, strips, motion, nsr)
     return bank.turned(camera.height) if camera.horizontal_readout else bank
 
@@ -321,31 +340,11 @@ def _check_reach(paths: BlurPaths, height: int, width: int) -> None:
         )
 
 
-def _upright_shot(log: GyroLog, camera: Camera, exposure: Exposure) -> Shot:
+def _upright_shot(log: GyroLog, camera: Camera, exposure: Exposure, translation: Translation | None) -> Shot:
     """Return the shot with its readout along y."""
-    return Shot.from_log(log, camera.turned() if camera.horizontal_readout else camera, exposure)
-
-
-def check_size(shape: tuple[int, ...], camera: Camera) -> None:
-    """Refuse a picture of `shape` (H, W) or (H, W, C) that is not the camera's.
-
-    Raises
-    ------
-    InputError
-        If the sizes differ; the message says how they may be related.
-    """
-    height, width = shape[:2]
-    if (height, width) == (camera.height, camera.width):
-        return
-    if (height, width) == (camera.width, camera.height):
-        hint = "it is turned by a quarter; turn the picture or describe the camera as the picture is stored"
-    elif abs(width * camera.height - height * camera.width) <= max(width, camera.width):
-        hint = f"if it was resized, scale the camera (file) too: camera.scaled({width / camera.width:.6g})"
-    else:
-        hint = "if it was cut out, cut the camera (file) too: camera.cropped(left, top, width, height)"
-    raise InputError(
-        f"the picture is {width}x{height} px but the camera's is {camera.width}x{camera.height} px; {hint}"
-    )
+    if camera.horizontal_readout:
+        camera, translation = camera.turned(), translation and translation.turned()
+    return Shot.from_log(log, camera, exposure, translation)
 
 
 class _Clock:

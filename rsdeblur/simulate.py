@@ -20,6 +20,7 @@ from rsdeblur.errors import InputError
 from rsdeblur.exposure import Exposure
 from rsdeblur.gyro import GyroLog
 from rsdeblur.kernels.warp import average_warps
+from rsdeblur.translation import Translation
 
 # Steps of the orientation integral per second. At 10 rad/s and 1000 rad/s^2 the midpoint rule over 50 us errs by
 # less than 1e-7 rad over 0.1 s, far below a hundredth of a pixel.
@@ -56,6 +57,7 @@ def simulate(
     noise: float = 0.0,
     seed: int = 0,
     samples: int | Literal["auto"] = "auto",
+    translation: Translation | None = None,
 ) -> Simulation:
     """Blur a sharp picture as a rolling-shutter camera with this motion would.
 
@@ -73,6 +75,9 @@ def simulate(
         Seed of the noise.
     samples : int or "auto"
         Warps per row; "auto" takes at least 2 per pixel of the longest path.
+    translation : Translation, optional
+        Moves the camera before the scene, which is then a plane at that depth, upright to the optical axis at the
+        middle row's mid-exposure.
 
     Returns
     -------
@@ -99,10 +104,11 @@ def simulate(
     left, top = (scene.shape[1] - camera.width) // 2, (scene.shape[0] - camera.height) // 2
     if camera.horizontal_readout:
         corner = scene.shape[0] - camera.height - top, left
-        turned = _simulate(np.rot90(scene, -1), corner, log, camera.turned(), exposure, samples)
+        moved = translation and translation.turned()
+        turned = _simulate(np.rot90(scene, -1), corner, log, camera.turned(), exposure, samples, moved)
         clean = Simulation(*(np.ascontiguousarray(np.rot90(picture)) for picture in turned))
     else:
-        clean = _simulate(scene, (left, top), log, camera, exposure, samples)
+        clean = _simulate(scene, (left, top), log, camera, exposure, samples, translation)
     grain = np.random.default_rng(seed).normal(0.0, noise, clean.blurred.shape)
     return clean._replace(blurred=clean.blurred + grain.astype(np.float32))
 
@@ -114,12 +120,13 @@ def _simulate(
     camera: Camera,
     exposure: Exposure,
     samples: int | Literal["auto"],
+    translation: Translation | None,
 ) -> Simulation:
     left, top = corner
     opens, closes = exposure.window(np.arange(camera.height), camera)
     middle = 0.5 * (opens + closes)
     reference = float(np.interp((camera.height - 1) / 2, np.arange(camera.height), middle))
-    path = _CameraPath(log, camera, float(opens.min()), float(closes.max()), exposure.epoch_ns)
+    path = _CameraPath(log, camera, float(opens.min()), float(closes.max()), exposure.epoch_ns, translation)
     if samples == "auto":
         slices = max(16, int(np.ceil(SAMPLES_PER_PIXEL * path.longest(opens, closes))))
     else:
@@ -143,9 +150,17 @@ def _simulate(
 
 
 class _CameraPath:
-    """Orientation of the camera by brute force: midpoint steps of the interpolated rates."""
+    """Pose of the camera; its orientation by brute force, midpoint steps of the interpolated rates."""
 
-    def __init__(self, log: GyroLog, camera: Camera, t0: float, t1: float, epoch_ns: int) -> None:
+    def __init__(
+        self,
+        log: GyroLog,
+        camera: Camera,
+        t0: float,
+        t1: float,
+        epoch_ns: int,
+        translation: Translation | None = None,
+    ) -> None:
         samples = log.covering(t0 - camera.time_offset, t1 - camera.time_offset, epoch_ns)
         t = samples.t + camera.time_offset
         omega = samples.omega @ camera.imu_to_camera.T
@@ -159,6 +174,7 @@ class _CameraPath:
             orientation.append(step * orientation[-1])
         self.orientation = Slerp(self.nodes, Rotation.concatenate(orientation))
         self.camera = camera
+        self.places = translation and translation.covering(t0, t1, epoch_ns)
 
     def longest(self, opens: FloatArray, closes: FloatArray) -> float:
         """Bound on the length in px of any pixel's path within any of the windows."""
@@ -167,16 +183,26 @@ class _CameraPath:
         # At a distance r from the principal point perspective magnifies f by 1 + (r/f)^2.
         tilt, roll = np.hypot(self.rates[:, 0], self.rates[:, 1]), np.abs(self.rates[:, 2])
         speed = focal * (1.0 + (radius / min(self.camera.focal)) ** 2) * tilt + radius * roll
-        travelled = np.concatenate([[0.0], np.cumsum(speed * np.diff(self.nodes))])
+        steps = speed * np.diff(self.nodes)
+        if self.places is not None:
+            steps = steps + 2 * focal * np.linalg.norm(np.diff(self.places.at(self.nodes), axis=0), axis=1)
+        travelled = np.concatenate([[0.0], np.cumsum(steps)])
         lengths = np.interp(closes, self.nodes, travelled) - np.interp(opens, self.nodes, travelled)
         return float(lengths.max())
 
     def turns(self, times: FloatArray, reference: float) -> FloatArray:
-        """Rotations, shape `times.shape + (3, 3)`, of directions from the camera at `times` to it at `reference`."""
+        """Matrices, shape `times.shape + (3, 3)`, from directions of the camera at `times` to those at `reference`."""
         at_reference = self.orientation([reference]).as_matrix()[0]
         at_times = self.orientation(times.ravel()).as_matrix().reshape(*times.shape, 3, 3)
         turns: FloatArray = at_reference @ np.swapaxes(at_times, -1, -2)
-        return turns
+        if self.places is None:
+            return turns
+        # Seen from s in reference axes, direction r meets the plane z = 1 at s + r (1 - s_z) / r_z.
+        s = (self.places.at(times) - self.places.at(np.array(reference))) @ at_reference.T
+        meeting = (1.0 - s[..., 2, None, None]) * np.eye(3)
+        meeting[..., 2] += s
+        moved: FloatArray = meeting @ turns
+        return moved
 
     def warps(self, times: FloatArray, reference: float, left: int, top: int) -> FloatArray:
         """Homographies, shape `times.shape + (3, 3)`, from a frame pixel at `times` to the scene at `reference`."""

@@ -8,7 +8,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from skimage.transform import resize
 
+from rsdeblur import _validate
+from rsdeblur.camera import Camera
 from rsdeblur.errors import InputError
 from rsdeblur.transfer import Transfer, from_linear, to_linear
 
@@ -106,6 +109,56 @@ def result_like(image: ArrayLike, out: NDArray[Any] | None, *, quarter: bool) ->
     elif np.may_share_memory(out, np.asarray(image)):
         raise InputError("out must not overlap image")
     return out, _upright(out, quarter)
+
+
+def check_size(shape: tuple[int, ...], camera: Camera) -> None:
+    """Raise `InputError` unless a picture of this shape is the camera's."""
+    height, width = shape[:2]
+    if (height, width) == (camera.height, camera.width):
+        return
+    if (height, width) == (camera.width, camera.height):
+        hint = "it is turned by a quarter; turn the picture or describe the camera as the picture is stored"
+    elif abs(width * camera.height - height * camera.width) <= max(width, camera.width):
+        hint = f"if it was resized, scale the camera (file) too: camera.scaled({width / camera.width:.6g})"
+    else:
+        hint = "if it was cut out, cut the camera (file) too: camera.cropped(left, top, width, height)"
+    raise InputError(
+        f"the picture is {width}x{height} px but the camera's is {camera.width}x{camera.height} px; {hint}"
+    )
+
+
+def reduced(image: ArrayLike, camera: Camera, side: int) -> tuple[NDArray[np.float32], Camera]:
+    """Reduce a picture until its longer side has `side` px, and the camera with it.
+
+    Sindelar and Sroubek (2013) work on 2048x1536 of a sensor of 3264x2448.
+
+    Parameters
+    ----------
+    image : array_like, shape (H, W) or (H, W, C)
+        As for :func:`rsdeblur.deblur`.
+    camera : Camera
+        Of that size.
+    side : int
+        Longer side in px; a smaller picture keeps its size.
+
+    Returns
+    -------
+    image : ndarray, float32
+        Values as they were stored, integers scaled to [0, 1].
+    camera : Camera
+
+    Raises
+    ------
+    InputError
+        If it is not a picture, or not the camera's.
+    """
+    values = _as_float(Stored.of(image, "linear", quarter=False).values)
+    check_size(values.shape, camera)
+    scale = _validate.count("side", side) / max(values.shape[:2])
+    if scale < 1:
+        camera = camera.scaled(scale)
+        values = resize(values, (camera.height, camera.width), anti_aliasing=True)
+    return values.reshape(*values.shape[:2], *np.shape(image)[2:]), camera
 
 
 def _upright(array: NDArray[Any], quarter: bool) -> NDArray[Any]:

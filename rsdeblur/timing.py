@@ -29,7 +29,7 @@ from rsdeblur.exposure import Exposure
 from rsdeblur.gyro import GyroLog
 from rsdeblur.motion import BlurPaths, Shot
 from rsdeblur.psf import PsfBank
-from rsdeblur.stored import Stored
+from rsdeblur.stored import Stored, check_size
 from rsdeblur.transfer import Transfer, check_transfer
 
 # Side of the tiles whose spectra are compared, px, and how far they overlap. Small ones keep the PSF constant within.
@@ -137,9 +137,7 @@ def find_time_offset(
     if last - first < 2 * COARSE_STEP:
         raise InputError(f"search must span at least {2 * COARSE_STEP:g} s, got {first:g} to {last:g}")
     stored = Stored.of(image, check_transfer(transfer), quarter=False)
-    height, width, _ = stored.shape
-    if (height, width) != (camera.height, camera.width):
-        raise InputError(f"the picture is {width}x{height} px but the camera's is {camera.width}x{camera.height}")
+    check_size(stored.shape, camera)
     light = stored.light(slice(None)).mean(2)
 
     capture = log, camera, exposure

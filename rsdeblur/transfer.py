@@ -56,3 +56,19 @@ def from_linear(light: NDArray[np.float32], transfer: Transfer) -> NDArray[np.fl
     else:
         values = magnitude ** (1.0 / transfer)
     return np.copysign(values, light).astype(np.float32)
+
+
+# Share of the values at either end that counts as outliers.
+OUTLIERS = 1e-3
+
+
+def normalized(light: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Squeeze overshooting light into [0, 1]: outliers are clipped, the rest is scaled, contrast shrinks.
+
+    The optional last step of Sindelar and Sroubek (2013): it helps where large blurs of bright scenes ring beyond the
+    range. Light that stays inside, outliers apart, is only clipped.
+    """
+    low, high = np.quantile(light, [OUTLIERS, 1.0 - OUTLIERS])
+    low, high = min(float(low), 0.0), max(float(high), 1.0)
+    squeezed: NDArray[np.float32] = ((light - np.float32(low)) / np.float32(high - low)).clip(0.0, 1.0)
+    return squeezed

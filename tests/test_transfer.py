@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rsdeblur.errors import InputError
-from rsdeblur.transfer import SRGB_LINEAR_END, SRGB_STORED_END, check_transfer, from_linear, to_linear
+from rsdeblur.transfer import SRGB_LINEAR_END, SRGB_STORED_END, check_transfer, from_linear, normalized, to_linear
 
 CURVES = ["linear", "srgb", 2.2, 0.5, 1.0]
 
@@ -89,3 +89,15 @@ def test_accepts(transfer):
 def test_refuses(transfer, message):
     with pytest.raises(InputError, match=message):
         check_transfer(transfer)
+
+
+def test_normalized_light_fills_the_range_only_if_it_overshoots():
+    light = np.linspace(-0.5, 2.0, 10001, dtype=np.float32)
+    squeezed = normalized(light)
+    assert (squeezed.min(), squeezed.max()) == (0.0, 1.0)
+    # All but the outliers are scaled alike: 0.1 % at either end are clipped.
+    inside = (squeezed > 0) & (squeezed < 1)
+    assert np.count_nonzero(~inside) == pytest.approx(20, abs=4)
+    assert np.ptp(np.diff(squeezed[inside])) < 1e-5
+    tame = light[(light > 0.1) & (light < 0.9)]
+    np.testing.assert_array_equal(normalized(tame), tame)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from rsdeblur import Deconvolver, InputError, PsfBank
+from rsdeblur import Deconvolver, InputError, PsfBank, fft
 from rsdeblur.scene import scene
 
 H, W = 90, 122
@@ -188,3 +189,30 @@ def test_replanning_is_planning_anew(picture: np.ndarray) -> None:
         solver.replan(PsfBank.for_picture(random_kernels(2, 2, 11, 7), picture.shape))
     with pytest.raises(InputError, match="elsewhere"):
         solver.replan(PsfBank.for_picture(random_kernels(3, 2, 9, 7), picture.shape))
+
+
+def test_seven_transforms_for_rgb(monkeypatch):
+    """One transform of the PSF and two per channel, counted in lines: a 2-D real one has H rows and W/2 + 1 columns."""
+    lines = {np.float32: 0, np.complex64: 0}
+
+    def counting(source, target, direction, planning, plan=fft._plan):
+        transform = plan(source, target, direction, planning)
+        real = np.float32 if np.float32 in (source.dtype, target.dtype) else np.complex64
+
+        def execute():
+            lines[real] += source.size // source.shape[-1]
+            transform.execute()
+
+        return SimpleNamespace(execute=execute, update_arrays=transform.update_arrays)
+
+    monkeypatch.setattr(fft, "_plan", counting)
+    height, width = 192, 256
+    kernel = np.full((9, 17), 1 / 153)
+    bank = PsfBank.for_picture(kernel, (height, width))
+    solver = Deconvolver(bank, (height, width, 3), border="periodic", threads=1)
+    solver.apply(np.zeros((height, width, 3), dtype=np.float32))
+    columns = width // 2 + 1
+    # Of the PSF's rows only those that are not empty are transformed.
+    assert lines[np.float32] == 6 * height + 9
+    # Columns go in blocks of 16, the last one filled up.
+    assert 7 * columns <= lines[np.complex64] <= 6 * (columns + 15) + columns

@@ -24,6 +24,9 @@ Decorator = Callable[[Command], Command]
 
 PATH = click.Path(path_type=Path)
 
+# Sindelar and Sroubek (2013) reduce 3264x2448 to 2048x1536.
+PAPER_SIDE = 2048
+
 
 class SecondsType(click.ParamType[float]):
     """A time: `0.05`, `1/20` or `50ms`."""
@@ -93,6 +96,18 @@ class TransferType(click.ParamType[Any]):
         return float(click.FloatRange(min=0.0, min_open=True).convert(value, param, ctx))
 
 
+class WorkSizeType(click.ParamType[Any]):
+    """The longer side to work on: `paper` (2048), `full` or a number of px."""
+
+    name = "paper|full|N"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | None:
+        """Return the number, or None for the full size."""
+        if value in (None, "full"):
+            return None
+        return PAPER_SIDE if value == "paper" else int(click.IntRange(min=16).convert(value, param, ctx))
+
+
 class SizeType(click.ParamType[tuple[int, int]]):
     """A picture's size, `WIDTHxHEIGHT`."""
 
@@ -160,6 +175,7 @@ class Solver:
     geometry: Geometry
     border: Border
     transfer: Transfer | None
+    normalize: bool
     threads: int | None
 
 
@@ -344,8 +360,20 @@ solver_options = _gathered(
             help="Continue the picture beyond its frame and blend opposite borders, or take it as repeating.",
         ),
         transfer_option,
+        click.option(
+            "--normalize", is_flag=True, help="Squeeze what overshoots into the range, at the price of contrast."
+        ),
         click.option("--threads", type=click.IntRange(min=1), metavar="N", help="Threads.  [default: all cores]"),
     ),
+)
+work_size_option = click.option(
+    "--work-size",
+    type=WorkSizeType(),
+    metavar="paper|full|N",
+    help="Reduce the picture first: its longer side in px, paper means 2048.  [default: full]",
+)
+nsr_from_iso_option = click.option(
+    "--nsr-from-iso", is_flag=True, help="Take --nsr from the picture's EXIF sensitivity: 0.01 at ISO 100."
 )
 max_memory_option = click.option(
     "--max-memory",

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of
 from rsdeblur.cli._options import Blur, Recording, Solver
 from rsdeblur.cli._output import prepare_folder
+from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
     from rsdeblur.cli._output import Progress
+    from rsdeblur.io.pictures import Picture
     from rsdeblur.method import Mode
 
 
@@ -25,6 +27,8 @@ class PhotoJob:
     mode: Mode
     blur: Blur
     solver: Solver
+    work_size: int | None
+    nsr_from_iso: bool
     max_memory: int | None
     output: Path
     force: bool = False
@@ -56,14 +60,20 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     import numpy as np
 
     from rsdeblur.pipeline import deblur
+    from rsdeblur.stored import reduced
 
     arguments = asdict(job.blur) | asdict(job.solver) | {"transfer": transfer_of(picture, job.solver.transfer)}
-    # Straight into what is to be written: a quarter of the memory that float32 would take.
-    out = np.empty_like(picture.pixels, subok=False)
+    if job.nsr_from_iso:
+        arguments["nsr"] = _nsr_of(job.photo, picture)
+    pixels = picture.pixels
     begin = time.perf_counter()
     with naming(job.photo, job.recording):
+        if job.work_size is not None:
+            pixels, camera = reduced(pixels, camera, job.work_size)
+        # Straight into what is to be written: a quarter of the memory that float32 would take.
+        out = np.empty(pixels.shape, picture.pixels.dtype)
         result = deblur(
-            *(picture.pixels, log, camera, exposure),
+            *(pixels, log, camera, exposure),
             mode=job.mode,
             max_memory=job.max_memory,
             out=out,
@@ -89,18 +99,32 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
 
 def _foreseen(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:
     """Check what can be checked without solving, and return what is known then."""
-    from rsdeblur.pipeline import check_size, psfs
+    from rsdeblur.pipeline import psfs
+    from rsdeblur.stored import check_size, reduced
 
     picture, log, camera, exposure = inputs
     with naming(job.photo, job.recording):
         check_size(picture.pixels.shape, camera)
+        if job.nsr_from_iso:
+            _nsr_of(job.photo, picture)
+        if job.work_size is not None:
+            camera = reduced(picture.pixels, camera, job.work_size)[1]
         bank = psfs(log, camera, exposure, mode=job.mode, **asdict(job.blur))
-    height, width = picture.pixels.shape[:2]
     return {
         "output": str(job.output),
         "dry_run": True,
         "mode": job.mode,
         "psf_px": [bank.size[1], bank.size[0]],
         "prior": job.solver.prior,
-        "size_px": [width, height],
+        "size_px": [camera.width, camera.height],
     }
+
+
+def _nsr_of(photo: Path, picture: Picture) -> float:
+    from rsdeblur.io.exif import Exif
+    from rsdeblur.tuning import nsr_of_iso
+
+    iso = Exif(picture.exif).iso
+    if iso is None:
+        raise InputError(f"{photo}: the picture's EXIF block has no ISO sensitivity; give --nsr instead")
+    return nsr_of_iso(iso)

@@ -50,6 +50,8 @@ Examples:
 @_options.mode_option
 @_options.blur_options
 @_options.solver_options
+@_options.work_size_option
+@_options.nsr_from_iso_option
 @_options.max_memory_option
 @jobs_option
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the work (they see the files).")
@@ -64,6 +66,8 @@ def command(
     mode: Mode,
     blur: Blur,
     solver: Solver,
+    work_size: int | None,
+    nsr_from_iso: bool,
     max_memory: int | None,
     jobs: int | None,
     scheduler: str | None,
@@ -89,7 +93,14 @@ def command(
     if not items:
         raise InputError(f"{source}: there is nothing to do: no photo is listed")
     jobs, threads = shared_threads(jobs, solver.threads, alone=scheduler is None)
-    common = {"mode": mode, "blur": blur, "solver": replace(solver, threads=threads), "max_memory": max_memory}
+    common = {
+        "mode": mode,
+        "blur": blur,
+        "solver": replace(solver, threads=threads),
+        "work_size": work_size,
+        "nsr_from_iso": nsr_from_iso,
+        "max_memory": max_memory,
+    }
     records = Records(output / RECORDS)
     if not dry_run:
         prepare_folder(output, [TABLE, REPORT], force=force or records.folder.is_dir())

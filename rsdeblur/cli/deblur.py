@@ -29,6 +29,8 @@ Examples:
 @_options.mode_option
 @_options.blur_options
 @_options.solver_options
+@_options.work_size_option
+@_options.nsr_from_iso_option
 @_options.max_memory_option
 @click.option("-o", "--output", type=_options.PATH, required=True, metavar="OUT", help="Picture to write.")
 @_options.force_option
@@ -40,6 +42,8 @@ def command(
     mode: Mode,
     blur: Blur,
     solver: Solver,
+    work_size: int | None,
+    nsr_from_iso: bool,
     max_memory: int | None,
     output: Path,
     force: bool,
@@ -53,6 +57,8 @@ def command(
         mode=mode,
         blur=blur,
         solver=solver,
+        work_size=work_size,
+        nsr_from_iso=nsr_from_iso,
         max_memory=max_memory,
         output=output,
         force=force,

@@ -12,7 +12,7 @@ from rsdeblur.errors import InputError
 
 CAMERA_IFD = 0x8769
 MAKE, MODEL, ORIENTATION = 0x010F, 0x0110, 0x0112
-EXPOSURE_TIME, FOCAL_LENGTH, FOCAL_LENGTH_35 = 0x829A, 0x920A, 0xA405
+EXPOSURE_TIME, SENSITIVITY, FOCAL_LENGTH, FOCAL_LENGTH_35 = 0x829A, 0x8827, 0x920A, 0xA405
 PLANE_RESOLUTION, PLANE_UNIT, PIXELS_ACROSS, ZOOM = 0xA20E, 0xA210, 0xA002, 0xA404
 
 # Millimetres in the units of the focal plane's resolution: inch (also if none is said), cm, mm, um.
@@ -54,6 +54,11 @@ class Exif:
     def exposure(self) -> float | None:
         """Exposure time in s."""
         return self.number(EXPOSURE_TIME)
+
+    @property
+    def iso(self) -> float | None:
+        """Sensitivity."""
+        return self.number(SENSITIVITY)
 
     @property
     def orientation(self) -> int:

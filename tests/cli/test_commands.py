@@ -224,3 +224,35 @@ def test_sync_refuses_to_guess(run, files):
     assert "cannot tell the time offset" in result.stderr
     assert json.loads(result.stdout)["time_offset_s"] is None
     assert files.camera.read_text() == before
+
+
+def test_deblur_at_the_work_size(run, files, tmp_path):
+    out = tmp_path / "small.png"
+    assert run("deblur", files.photo, *files.recording, "--work-size", 48, "-o", out).exit_code == 0
+    assert read_picture(out).pixels.shape == (36, 48, 3)
+    for size in ("full", "paper"):  # the picture is smaller than the paper's
+        assert run("deblur", files.photo, *files.recording, "--work-size", size, "-o", out, "--force").exit_code == 0
+        assert read_picture(out).pixels.shape == (HEIGHT, WIDTH, 3)
+
+
+def test_deblur_takes_the_nsr_from_iso(run, files, tmp_path):
+    out = tmp_path / "sharp.png"
+    arguments = ("deblur", files.photo, *files.recording, "--nsr-from-iso", "-o", out, "--json")
+    assert "no ISO sensitivity" in run(*arguments).stderr
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0x8827] = 400
+    with Image.open(files.photo) as image:
+        image.load()
+        image.save(files.photo, exif=exif.tobytes())
+    result = run(*arguments)
+    assert result.exit_code == 0, result.stderr
+    assert json.loads(result.stdout)["nsr"] == pytest.approx(0.04)
+
+
+def test_deblur_normalizes(run, files, tmp_path):
+    plain, squeezed = tmp_path / "plain.png", tmp_path / "squeezed.png"
+    arguments = "deblur", files.photo, *files.recording, "--prior", "wiener", "--nsr", 0.01
+    assert run(*arguments, "-o", plain).exit_code == 0
+    assert run(*arguments, "--normalize", "-o", squeezed).exit_code == 0
+    # A noise picture overshoots; squeezed, hardly anything is clipped to white.
+    assert (read_picture(squeezed).pixels == 255).mean() < (read_picture(plain).pixels == 255).mean()
