@@ -43,6 +43,7 @@ stands above it in this ladder::
     io          gyro logs, camera files, pictures
     workers     tasks in processes of their own, or on a cluster
     records     what of a long run is done
+    video       videos, frame by frame
     report      plots and contact sheets
     cli         the command line
 

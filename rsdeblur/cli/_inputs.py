@@ -53,15 +53,20 @@ def read_inputs(photo: Path, recording: Recording) -> Inputs:
 
 def read_recording(recording: Recording, photo: Path | None = None) -> tuple[GyroLog, Camera, Exposure]:
     """Read the log, the camera and the exposure that the options name; see `read_inputs`."""
+    exposure = _exposure(recording, photo)
+    return *read_device(recording), exposure
+
+
+def read_device(recording: Recording) -> tuple[GyroLog, Camera]:
+    """Read the log and the camera that the options name; see `read_inputs`."""
     from rsdeblur.io import open_gyro, read_camera
 
-    exposure = _exposure(recording, photo)
     camera = read_camera(recording.camera)
     given = {"time_offset": recording.time_offset, "readout": recording.readout}
     changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     file = open_gyro(recording.gyro, recording.gyro_format, unit=recording.unit, orientation=recording.orientation)
     _doubt_axes(file, camera, recording)
-    return file.log, replace(camera, **changes), exposure
+    return file.log, replace(camera, **changes)
 
 
 def _doubt_axes(file: GyroFile, camera: Camera, recording: Recording) -> None:

@@ -185,7 +185,8 @@ def _gathered(name: str, kind: type, options: Sequence[Decorator]) -> Decorator:
     def decorate(function: Command) -> Command:
         @wraps(function)
         def call(**arguments: Any) -> Any:
-            group = kind(**{field.name: arguments.pop(field.name) for field in fields(kind)})
+            names = [field.name for field in fields(kind) if field.name in arguments]
+            group = kind(**{name: arguments.pop(name) for name in names})
             return function(**arguments, **{name: group})
 
         decorated: Command = call
@@ -246,6 +247,22 @@ recording_options = _gathered(
             "--camera", type=PATH, required=True, metavar="FILE", help="Camera file: ours, Gyroflow's or Kalibr's."
         ),
         *_EXPOSURE,
+        *_OVERRIDES,
+    ),
+)
+clip_options = _gathered(
+    "recording",
+    Recording,
+    (
+        click.option("--gyro", type=PATH, required=True, metavar="LOG", help="Gyro log; the video itself may hold it."),
+        *_LOG,
+        click.option(
+            "--camera", type=PATH, required=True, metavar="FILE", help="Camera file: ours, Gyroflow's or Kalibr's."
+        ),
+        click.option("--capture", type=PATH, metavar="FILE", help="Metadata file with a line for each frame."),
+        click.option("--start-ns", type=int, metavar="NS", help="Stamp of the first frame in ns, camera clock."),
+        click.option("--start", type=SecondsType(), help="The same in seconds on the log's own clock.  [default: 0]"),
+        click.option("--duration", type=SecondsType(), help="Exposure time of a row; replaces that of --capture."),
         *_OVERRIDES,
     ),
 )

@@ -93,7 +93,7 @@ def open_session(
         gyro,
         capture,
         cameras[0] if len(cameras) == 1 else None,
-        _matched(photos, file.stamps, _encoded(capture), numbered_from),
+        _matched(photos, file.stamps, encoded_stamps(capture), numbered_from),
     )
 
 
@@ -130,10 +130,19 @@ def _captures(folder: Path, files: list[Path]) -> tuple[Path, CaptureFile]:
     return min(found, key=lambda pair: (None in pair[1].durations, "timestamps" not in pair[0].name.lower()))
 
 
-def _encoded(capture: Path) -> list[int] | None:
-    """Return the stamps of the encoded frames, which may be fewer than the captures."""
+def encoded_stamps(capture: Path) -> list[int] | None:
+    """Return the stamps in ns of a MARS logger video's frames, which may be fewer than the captures; None without."""
     path = capture.with_name("frame_timestamps.txt")
     return open_captures(path).stamps if path.is_file() and path != capture else None
+
+
+def nearest_captures(stamps: list[int], times: Iterable[int]) -> list[int]:
+    """Return the place of the nearest of increasing `stamps` for each of `times`, all in ns."""
+    # Counted from the first one, float64 holds them exactly.
+    captures, wanted = (np.array([t - stamps[0] for t in given], dtype=np.float64) for given in (stamps, times))
+    middles = 0.5 * (captures[1:] + captures[:-1])
+    places: list[int] = np.searchsorted(middles, wanted).tolist()
+    return places
 
 
 def _matched(

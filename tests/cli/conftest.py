@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from PIL import Image
 
+from rsdeblur import workers
 from rsdeblur.camera import Camera
 from rsdeblur.cli import main
 
@@ -73,3 +74,14 @@ def run_command(*arguments: object) -> Result:
 def run() -> Callable[..., Result]:
     """Return the function that runs the command line."""
     return run_command
+
+
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Do the work in this process, which need not start."""
+
+    def run(work: Any, tasks: Any, **_: object) -> Iterator[Any]:
+        for task in tasks:
+            yield task, workers._attempt(work, task)
+
+    monkeypatch.setattr(workers, "run", run)

@@ -19,7 +19,6 @@ import pytest
 from click.testing import Result
 from PIL import Image
 
-from rsdeblur import workers
 from rsdeblur.cli.batch import SOME_FAILED
 
 if TYPE_CHECKING:
@@ -46,17 +45,6 @@ def manifest(files: Files) -> Path:
     ]
     path.write_text("\ufeff" + "\n".join(lines) + "\n", encoding="utf-8")
     return path
-
-
-@pytest.fixture
-def here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Do the work in this process, which need not start."""
-
-    def run(work: Any, tasks: Any, **_: object) -> Iterator[Any]:
-        for task in tasks:
-            yield task, workers._attempt(work, task)
-
-    monkeypatch.setattr(workers, "run", run)
 
 
 def entries(run: Run, *arguments: object, code: int = 0) -> list[dict[str, Any]]:
