@@ -78,6 +78,9 @@ def progress(title: str) -> Iterator[Progress | None]:
         task = bar.add_task(title, total=None)
 
         def move(stage: str, fraction: float) -> None:
+            # The next stage has its own times.
+            if fraction < bar.tasks[0].completed:
+                bar.reset(task)
             bar.update(task, description=f"{title}: {stage}", total=1.0, completed=fraction)
 
         yield move

@@ -61,6 +61,7 @@ def join(clip: Clip, segments: Sequence[Path], output: Path) -> list[str]:
             container = stack.enter_context(av.open(file, "w", format=container_of(output)))
             container.metadata.update(source.metadata)
             pictures = _picture_stream(container, clip, head.streams.video[0])
+            pictures.metadata.update(_without_encoder(source.streams.video[0].metadata))
             sounds = {stream: container.add_stream_from_template(stream) for stream in source.streams.audio}
             for old, new in sounds.items():
                 new.metadata.update(old.metadata)
@@ -71,6 +72,10 @@ def join(clip: Clip, segments: Sequence[Path], output: Path) -> list[str]:
             return left
     except (av.error.FFmpegError, ValueError) as error:
         raise OutputError(f"{output}: cannot write the video: {getattr(error, 'strerror', error)}") from error
+
+
+def _without_encoder(metadata: dict[str, str]) -> dict[str, str]:
+    return {key: value for key, value in metadata.items() if key != "encoder"}
 
 
 def _picture_stream(container: Any, clip: Clip, template: Any) -> Any:

@@ -46,7 +46,7 @@ class Movie(NamedTuple):
 
     def arguments(self, *more: object) -> list[object]:
         """Options that every call needs."""
-        sources = ["--gyro", self.gyro, "--camera", self.camera, "--segment", 4, "--jobs", 1]
+        sources = ["--gyro", self.gyro, "--camera", self.camera, "--segment", 4, "--jobs", 1, "--crf", 4]
         return ["video", self.path, *sources, *more]
 
     @property
@@ -64,7 +64,7 @@ def movie(tmp_path_factory: pytest.TempPathFactory) -> Movie:
     sharp = scene(HEIGHT + 40, WIDTH + 40, seed=1)
     taken = [simulate(sharp, log, camera, Exposure(START + float(t * TICK), DURATION)) for t in STAMPS]
     blurred, truth = (
-        [from_linear(shot.clip(0, 1), "srgb") for shot in part] for part in list(zip(*taken, strict=True))[::2]
+        [from_linear(getattr(shot, name).clip(0, 1), "srgb") for shot in taken] for name in ("blurred", "rolling")
     )
     files = Movie(folder / "clip.mp4", folder / "gyro.csv", folder / "camera.toml", truth)
     camera.save(files.camera)
@@ -150,20 +150,20 @@ def test_frames_get_sharper_and_all_else_is_kept(
     assert len(after.sound) > 10
     gain = likeness(after.pictures, movie.truth) - likeness(before.pictures, movie.truth)
     if "rectify" not in method:  # whose truth is another one
-        # 1.0 to 2.6 dB in the mean where written; least for a single frame -0.2.
+        # 1.1 to 1.2 dB when this was written: half of the colour is not there in 4:2:0.
         assert gain.mean() > 0.7
     assert not (tmp_path / "sharp.mp4.parts").exists()
 
 
 def test_windows_follow_the_frames_own_stamps(run: Run, here: None, movie: Movie, tmp_path: Path) -> None:
-    # The same video with its exposures 15 ms off: no better than before.
+    # Half an exposure off, no better than before: 1.1 dB above and 0.6 dB below it when this was written.
     before = likeness(seen(movie.path).pictures, movie.truth).mean()
     right, wrong = tmp_path / "right.mp4", tmp_path / "wrong.mp4"
     for path, start in ((right, START), (wrong, START + 0.015)):
-        options = ("--start", start, "--duration", DURATION, "--nsr", 0.02)
+        options = ("--start", start, "--duration", DURATION)
         assert run(*movie.arguments(*options, "-o", path)).exit_code == 0
     assert likeness(seen(right).pictures, movie.truth).mean() > before + 0.7
-    assert likeness(seen(wrong).pictures, movie.truth).mean() < before + 0.3
+    assert likeness(seen(wrong).pictures, movie.truth).mean() < before
 
 
 def test_captures_tell_each_frame(run: Run, here: None, movie: Movie, tmp_path: Path) -> None:
@@ -192,7 +192,7 @@ def test_colours_stay(run: Run, here: None, movie: Movie, tmp_path: Path, tagged
     write(path, [smooth.astype(np.float32)] * FRAMES, tagged=tagged, pixels=pixels)
     np.savetxt(still, np.column_stack([np.arange(0, 1, 0.005), np.zeros((200, 3))]), "%.6f", ",")
     calm = movie._replace(path=path, gyro=still)
-    result = run(*calm.arguments(*movie.stamped, "--crf", 4, "-o", tmp_path / "out.mp4"))
+    result = run(*calm.arguments(*movie.stamped, "-o", tmp_path / "out.mp4"))
     assert result.exit_code == 0, result.output
     before, after = seen(path), seen(tmp_path / "out.mp4")
     assert after.kept == before.kept
