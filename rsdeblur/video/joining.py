@@ -79,7 +79,8 @@ def _without_encoder(metadata: dict[str, str]) -> dict[str, str]:
 
 
 def _picture_stream(container: Any, clip: Clip, template: Any) -> Any:
-    stream = container.add_stream_from_template(template)
+    # Opaque: as for sound, no encoder is made, which some decoders' names do not lead to.
+    stream = container.add_stream_from_template(template, opaque=True)
     stream.time_base = clip.time_base
     if clip.matrix is not None:
         stream.set_display_matrix(clip.matrix)

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rsdeblur._validate import FloatArray
 from rsdeblur.camera import Camera
 from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.exposure import Exposure
 from rsdeblur.gyro import GyroLog
 from rsdeblur.method import Method, Mode
-from rsdeblur.motion import BlurPaths, Geometry, Shot
-from rsdeblur.pipeline import deblur, psfs
+from rsdeblur.motion import BlurPaths, Geometry, Motion, Shot
+from rsdeblur.pipeline import DeblurResult, deblur
 from rsdeblur.priors import brightness
 from rsdeblur.psf import PsfBank
 from rsdeblur.stored import Stored, check_size
@@ -104,7 +105,37 @@ def plan_clip(
     """
     check_size((clip.height, clip.width), camera)
     told = progress or (lambda stage, fraction: None)
-    motion = settings["motion"]
+    found, faults = _measure(clip, log, camera, exposures, settings["motion"], told)
+    down, across = found[:, 1:3].max(axis=0)
+    size = (2 * (int(down) + 1 + SPARE) + 1, 2 * (int(across) + 1 + SPARE) + 1)
+    good = found[:, 0].astype(int)
+    looked = good[np.unique(np.linspace(0, len(good) - 1, LOOKED_AT).astype(int))].tolist()
+
+    def alone(i: int, mode: Mode) -> tuple[DeblurResult, float]:
+        told(f"look at frame {i}", 1.0)
+        (frame,) = frames(clip, i, i + 1)
+        return _alone(values_of(frame), log, camera, exposures[i], mode, transfer, settings)
+
+    # Strengths do not depend on the mode, and one PSF is the fastest.
+    strengths = [(result.nsr, result.weight, peak) for result, peak in (alone(i, "global") for i in looked)]
+    nsr, weight, peak = (None if row[0] is None else float(np.median(row)) for row in zip(*strengths, strict=True))
+    assert nsr is not None  # the weight alone may be None
+    assert peak is not None
+    # The most tiles that any of the frames with the fastest change needs; a row's strips are those of its band.
+    extremes = sorted(set(good[found[:, 3:].argmax(axis=0)].tolist()))
+    grids = [alone(i, "banded" if mode == "rowwise" else mode)[0].psfs for i in extremes]
+    rows, cols = (max((getattr(bank, axis) for bank in grids), key=len) for axis in ("rows", "cols"))
+    if camera.horizontal_readout:
+        rows, cols = cols, (camera.height - 1 - rows)[::-1]
+    own = {name: settings[name] for name in ("prior", "exponent", "solver", "motion", "border", "threads")}
+    method = Method(mode=mode, nsr=nsr, weight=weight, peak=peak, **own)
+    return Plan(method, tuple(rows.tolist()), tuple(cols.tolist()), size, geometry, transfer), faults
+
+
+def _measure(
+    clip: Clip, log: GyroLog, camera: Camera, exposures: Sequence[Exposure], motion: Motion, told: Progress
+) -> tuple[FloatArray, list[str | None]]:
+    """Return number, extent along y and x, and what tiles depend on, of each frame that can be deblurred; and faults."""
     measures, faults = [], list[str | None]()
     refused: CoverageError | InputError | None = None
     for i, exposure in enumerate(exposures):
@@ -121,30 +152,7 @@ def plan_clip(
         measures.append((i, *probe.extent, probe.change_down, probe.curvature_down, probe.curvature_across))
     if not measures:
         raise refused or InputError(f"{clip.path}: there are no frames to deblur")
-    found = np.array(measures)
-    down, across = found[:, 1:3].max(axis=0)
-    size = (2 * (int(down) + 1 + SPARE) + 1, 2 * (int(across) + 1 + SPARE) + 1)
-    good = found[:, 0].astype(int)
-    looked = good[np.unique(np.linspace(0, len(good) - 1, LOOKED_AT).astype(int))].tolist()
-    strengths = [_strengths(clip, i, log, camera, exposures[i], transfer, settings, told) for i in looked]
-    nsr, weight, peak = (None if row[0] is None else float(np.median(row)) for row in zip(*strengths, strict=True))
-    assert nsr is not None  # the weight alone may be None
-    assert peak is not None
-    # The most tiles that any of the frames with the fastest change needs.
-    grids = [
-        psfs(log, camera, exposures[good[i]], mode=mode, nsr=nsr, motion=motion, **_counts(settings))
-        for i in sorted(set(found[:, 3:].argmax(axis=0).tolist()))
-    ]
-    rows, cols = (max((getattr(bank, axis) for bank in grids), key=len) for axis in ("rows", "cols"))
-    if camera.horizontal_readout:
-        rows, cols = cols, (camera.height - 1 - rows)[::-1]
-    own = {name: settings[name] for name in ("prior", "exponent", "solver", "motion", "border", "threads")}
-    method = Method(mode=mode, nsr=nsr, weight=weight, peak=peak, **own)
-    return Plan(method, tuple(rows.tolist()), tuple(cols.tolist()), size, geometry, transfer), faults
-
-
-def _counts(settings: dict[str, Any]) -> dict[str, Any]:
-    return {name: settings[name] for name in ("bands", "strips")}
+    return np.array(measures), faults
 
 
 def _check_reach(probe: BlurPaths, camera: Camera) -> None:
@@ -155,21 +163,15 @@ def _check_reach(probe: BlurPaths, camera: Camera) -> None:
         raise InputError(f"the blur of {across} x {down} px is larger than the picture")
 
 
-def _strengths(
-    clip: Clip,
-    i: int,
+def _alone(
+    values: NDArray[np.uint16],
     log: GyroLog,
     camera: Camera,
     exposure: Exposure,
+    mode: Mode,
     transfer: Transfer,
     settings: dict[str, Any],
-    told: Progress,
-) -> tuple[float, float | None, float]:
-    """Return `nsr`, weight and peak of one frame, as `deblur` finds them."""
-    told(f"strength by frame {i}", 1.0)
-    (frame,) = frames(clip, i, i + 1)
-    values: NDArray[np.uint16] = values_of(frame)
-    # Strengths do not depend on the mode, and one PSF is the fastest.
-    found = deblur(values, log, camera, exposure, mode="global", transfer=transfer, **settings)
+) -> tuple[DeblurResult, float]:
+    """Deblur a frame as a photo, and return its brightness too."""
     peak = brightness(Stored(values[::4, ::4], transfer).light(slice(None)))
-    return found.nsr, found.weight, peak
+    return deblur(values, log, camera, exposure, mode=mode, transfer=transfer, **settings), peak

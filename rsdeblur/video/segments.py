@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -152,6 +153,8 @@ def encode_segment(segment: Segment) -> dict[str, Any]:
 
 
 def _stream(container: Any, clip: Clip, encoding: Encoding) -> Any:
+    # SVT-AV1 talks on stderr; errors only.
+    os.environ.setdefault("SVT_LOG", "1")
     options = {"crf": str(encoding.crf)} | OPTIONS.get(encoding.codec, {})
     stream = container.add_stream(encoding.codec, rate=clip.rate, options=options)
     stream.width, stream.height, stream.pix_fmt = clip.width, clip.height, encoding.pixels
