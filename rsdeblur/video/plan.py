@@ -135,7 +135,7 @@ def plan_clip(
 def _measure(
     clip: Clip, log: GyroLog, camera: Camera, exposures: Sequence[Exposure], motion: Motion, told: Progress
 ) -> tuple[FloatArray, list[str | None]]:
-    """Return number, extent along y and x, and what tiles depend on, of each frame that can be deblurred; and faults."""
+    """Return number, extent along y and x and what tiles depend on, of frames that can be deblurred, and all faults."""
     measures, faults = [], list[str | None]()
     refused: CoverageError | InputError | None = None
     for i, exposure in enumerate(exposures):

@@ -241,6 +241,20 @@ def test_horizontal_readout_is_the_turned_problem(movie: Movie) -> None:
         assert peak_signal_noise_ratio(alone, frame / 65535, data_range=1.0) > 30
 
 
+def wait(process: subprocess.Popen[str], for_what: Callable[[], object]) -> None:
+    while not for_what():
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.002)
+
+
+def kill_worker(parent: int) -> bool:
+    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
+    workers = [pid for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    os.kill(int(workers[0]), signal.SIGKILL)
+    return len(workers) == 1
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc to find the worker")
 def test_an_interrupted_video_goes_on_to_the_same_file(run: Run, movie: Movie, tmp_path: Path) -> None:
     whole, again = tmp_path / "whole.mp4", tmp_path / "again.mp4"
     assert run(*movie.arguments(*movie.stamped, "-o", whole)).exit_code == 0
@@ -250,9 +264,10 @@ def test_an_interrupted_video_goes_on_to_the_same_file(run: Run, movie: Movie, t
     with subprocess.Popen(
         [*command, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as process:
-        while not list(parts.glob("*.mkv")):
-            assert process.poll() is None, process.communicate()
-            time.sleep(0.002)
+        wait(process, lambda: list(parts.glob(".*.part")))
+        # Out of memory, say: its segment is done once more.
+        killed = kill_worker(process.pid)
+        wait(process, lambda: list(parts.glob("*.mkv")))
         os.killpg(process.pid, signal.SIGINT)
         _, stderr = process.communicate()
     # It may have been faster than the signal.
@@ -263,6 +278,7 @@ def test_an_interrupted_video_goes_on_to_the_same_file(run: Run, movie: Movie, t
         made = {path: path.stat().st_mtime_ns for path in parts.glob("*.mkv")}
         assert run(*movie.arguments(*movie.stamped, "-o", again)).exit_code == 0
         assert made
+    assert killed
     assert again.read_bytes() == whole.read_bytes()
     assert not parts.exists()
 
