@@ -170,6 +170,9 @@ def _serve(pipe: Connection, work: Callable[[Any], Any]) -> None:
             return
         try:
             signal.signal(signal.SIGINT, _interrupt_once)
+            # No second task comes before the answer: the parent has gone, and its interrupt may have come too early.
+            if pipe.poll():
+                return
             answer = _attempt(work, task)
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             pipe.send(answer)

@@ -24,7 +24,7 @@ COLUMNS: dict[str, Callable[[str], Any]] = {
 }
 FILES = ("gyro", "camera", "capture")
 # Results of other pictures, HEIC and raw, are written as PNG.
-WRITABLE = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp")
+WRITABLE = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".npy")
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,18 +46,17 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     click.UsageError
         If the options do not give the exposure.
     """
-    from rsdeblur.io.pictures import check_writable, write_picture
+    from rsdeblur.io.pictures import check_writable, picture_to_fill
 
     if job.make_folder and not job.dry_run:
         prepare_folder(job.output.parent, [], force=job.force)
     if not job.make_folder or job.output.parent.is_dir():
         check_writable(job.output, force=job.force)
-    inputs = read_inputs(job.photo, job.recording)
+    in_place = job.max_memory is not None
+    inputs = read_inputs(job.photo, job.recording, in_place=in_place)
     if job.dry_run:
         return _foreseen(job, inputs)
     picture, log, camera, exposure = inputs
-
-    import numpy as np
 
     from rsdeblur.pipeline import deblur
     from rsdeblur.stored import reduced
@@ -67,11 +66,14 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         arguments["nsr"] = _nsr_of(job.photo, picture)
     pixels = picture.pixels
     begin = time.perf_counter()
-    with naming(job.photo, job.recording):
-        if job.work_size is not None:
+    if job.work_size is not None:
+        with naming(job.photo, job.recording):
             pixels, camera = reduced(pixels, camera, job.work_size)
-        # Straight into what is to be written: a quarter of the memory that float32 would take.
-        out = np.empty(pixels.shape, picture.pixels.dtype)
+    # Straight into what is to be written: a quarter of the memory that float32 would take.
+    with (
+        picture_to_fill(job.output, pixels.shape, like=picture, force=job.force, in_place=in_place) as out,
+        naming(job.photo, job.recording),
+    ):
         result = deblur(
             *(pixels, log, camera, exposure),
             mode=job.mode,
@@ -81,7 +83,6 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
             **arguments,
         )
     seconds = time.perf_counter() - begin
-    write_picture(job.output, result.image, like=picture, force=job.force)
     tall, wide = result.psfs.size
     return {
         "output": str(job.output),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from rsdeblur.exposure import Exposure
 from rsdeblur.gyro import GyroLog
 from rsdeblur.method import Method, Mode
 from rsdeblur.motion import BlurPaths, Geometry, Motion, Shot
-from rsdeblur.pipeline import DeblurResult, deblur
+from rsdeblur.pipeline import deblur
 from rsdeblur.priors import brightness
 from rsdeblur.psf import PsfBank
 from rsdeblur.stored import Stored, check_size
@@ -86,7 +86,8 @@ def plan_clip(
     clip, log, camera, exposures
         The video, the motion, the camera and the exposure of each frame.
     mode, transfer, geometry, **settings
-        Those of :func:`rsdeblur.deblur`: bands, strips, prior, weight, exponent, nsr, solver, border, motion, threads.
+        Those of :func:`rsdeblur.deblur`: bands, strips, prior, weight, exponent, nsr, solver, border, motion, planning,
+        threads.
     progress : callable, optional
         Called as ``progress(stage, fraction)``.
 
@@ -109,25 +110,20 @@ def plan_clip(
     down, across = found[:, 1:3].max(axis=0)
     size = (2 * (int(down) + 1 + SPARE) + 1, 2 * (int(across) + 1 + SPARE) + 1)
     good = found[:, 0].astype(int)
-    looked = good[np.unique(np.linspace(0, len(good) - 1, LOOKED_AT).astype(int))].tolist()
-
-    def alone(i: int, mode: Mode) -> tuple[DeblurResult, float]:
+    # Frames spread over the video tell the strengths, and those with the fastest change how many tiles are needed.
+    spread = good[np.unique(np.linspace(0, len(good) - 1, LOOKED_AT).astype(int))]
+    looked = []
+    for i in sorted({*spread.tolist(), *good[found[:, 3:].argmax(axis=0)].tolist()}):
         told(f"look at frame {i}", 1.0)
         (frame,) = frames(clip, i, i + 1)
-        return _alone(values_of(frame), log, camera, exposures[i], mode, transfer, settings)
-
-    # Strengths do not depend on the mode, and one PSF is the fastest.
-    strengths = [(result.nsr, result.weight, peak) for result, peak in (alone(i, "global") for i in looked)]
-    nsr, weight, peak = (None if row[0] is None else float(np.median(row)) for row in zip(*strengths, strict=True))
-    assert nsr is not None  # the weight alone may be None
-    assert peak is not None
-    # The most tiles that any of the frames with the fastest change needs; a row's strips are those of its band.
-    extremes = sorted(set(good[found[:, 3:].argmax(axis=0)].tolist()))
-    grids = [alone(i, "banded" if mode == "rowwise" else mode)[0].psfs for i in extremes]
-    rows, cols = (max((getattr(bank, axis) for bank in grids), key=len) for axis in ("rows", "cols"))
+        looked.append(_alone(values_of(frame), log, camera, exposures[i], mode, transfer, settings))
+    nsr, peak = (float(np.median([getattr(look, name) for look in looked])) for name in ("nsr", "peak"))
+    weights = [look.weight for look in looked if look.weight is not None]
+    weight = float(np.median(weights)) if weights else None
+    rows, cols = (max((getattr(look.psfs, axis) for look in looked), key=len) for axis in ("rows", "cols"))
     if camera.horizontal_readout:
         rows, cols = cols, (camera.height - 1 - rows)[::-1]
-    own = {name: settings[name] for name in ("prior", "exponent", "solver", "motion", "border", "threads")}
+    own = {name: settings[name] for name in ("prior", "exponent", "solver", "motion", "border", "planning", "threads")}
     method = Method(mode=mode, nsr=nsr, weight=weight, peak=peak, **own)
     return Plan(method, tuple(rows.tolist()), tuple(cols.tolist()), size, geometry, transfer), faults
 
@@ -163,6 +159,13 @@ def _check_reach(probe: BlurPaths, camera: Camera) -> None:
         raise InputError(f"the blur of {across} x {down} px is larger than the picture")
 
 
+class _Look(NamedTuple):
+    nsr: float
+    weight: float | None
+    peak: float
+    psfs: PsfBank
+
+
 def _alone(
     values: NDArray[np.uint16],
     log: GyroLog,
@@ -171,7 +174,8 @@ def _alone(
     mode: Mode,
     transfer: Transfer,
     settings: dict[str, Any],
-) -> tuple[DeblurResult, float]:
-    """Deblur a frame as a photo, and return its brightness too."""
+) -> _Look:
+    """Deblur a frame as a photo, and return what was chosen for it."""
+    result = deblur(values, log, camera, exposure, mode=mode, transfer=transfer, **settings)
     peak = brightness(Stored(values[::4, ::4], transfer).light(slice(None)))
-    return deblur(values, log, camera, exposure, mode=mode, transfer=transfer, **settings), peak
+    return _Look(result.nsr, result.weight, peak, result.psfs)

@@ -7,22 +7,17 @@ import json
 import os
 import shutil
 import signal
-import subprocess
-import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from click.testing import Result
-from PIL import Image
 
 from rsdeblur.cli.batch import SOME_FAILED
 
 if TYPE_CHECKING:
-    from conftest import Files
+    from conftest import Files, Processes
 
     Run = Callable[..., Result]
 
@@ -193,80 +188,36 @@ def test_no_log_named(run: Run, files: Files, manifest: Path, tmp_path: Path) ->
     assert "give it in the column gyro or by --gyro" in found[0]["error"]
 
 
-@contextmanager
-def held_up(files: Files, out: Path) -> Iterator[tuple[subprocess.Popen[str], Path]]:
-    """Run a batch of one photo that is a pipe: its worker waits until somebody writes the picture."""
-    photo = files.photo.with_name("pipe.png")
-    os.mkfifo(photo)
-    path = files.photo.with_name("m.csv")
-    path.write_text("photo,start,duration\npipe.png,0.2,0.04\n")
-    command = [sys.executable, "-P", "-c", "from rsdeblur.cli import main; main()", "batch", str(path)]
-    process = subprocess.Popen(
-        [*command, *files.sources, *FAST, "-o", str(out)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    try:
-        yield process, photo
-    finally:
-        process.kill()
-        process.communicate()
-
-
-def reading_worker(parent: subprocess.Popen[str], photo: Path) -> int:
-    """Wait until a worker opens the pipe, and return its id."""
-    while True:
-        assert parent.poll() is None, parent.communicate()
-        try:
-            # Opening it for writing succeeds once a reader is there; the reader then waits for what is written.
-            handle = os.open(photo, os.O_WRONLY | os.O_NONBLOCK)
-        except OSError:
-            time.sleep(0.01)
-            continue
-        children = Path(f"/proc/{parent.pid}/task/{parent.pid}/children").read_text().split()
-        (worker,) = [pid for pid in map(int, children) if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-        os.set_blocking(handle, True)
-        reading_worker.handle = handle  # type: ignore[attr-defined]  # kept open, or the reader sees the end
-        return worker
-
-
-needs_proc = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc to find the worker")
-
-
-@needs_proc
-def test_a_killed_worker_is_retried(files: Files, tmp_path: Path) -> None:
-    with held_up(files, tmp_path / "out") as (process, photo):
-        first = reading_worker(process, photo)
-        (tmp_path / "out" / ".pipe.png.abc.part").touch()
-        os.kill(first, signal.SIGKILL)
-        os.close(reading_worker.handle)  # type: ignore[attr-defined]
-        while Path(f"/proc/{first}").exists():
-            time.sleep(0.01)
-        second = reading_worker(process, photo)
-        assert second != first
-        with os.fdopen(reading_worker.handle, "wb") as file:  # type: ignore[attr-defined]
-            file.write(files.photo.read_bytes())
+def test_a_killed_worker_is_retried(processes: Processes, files: Files, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / ".photo.png.0123456789abcdef.part").touch()
+    path = tmp_path / "m.csv"
+    path.write_text("photo,start,duration\nphoto.png,0.2,0.04\n")
+    with processes.started("batch", path, *files.sources, *FAST, "-o", out) as process:
+        processes.kill_worker(process)
         stdout, stderr = process.communicate()
     assert process.returncode == 0, stderr
     assert "1 done" in stdout
-    assert not list((tmp_path / "out").glob(".*.part"))
-    with Image.open(tmp_path / "out" / "pipe.png") as picture:
-        assert picture.size == (96, 72)
+    assert sorted(item.name for item in out.iterdir()) == [".rsdeblur-batch", "batch.csv", "batch.json", "photo.png"]
 
 
-@needs_proc
-def test_interrupt_leaves_nothing_unfinished(files: Files, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    with held_up(files, out) as (process, photo):
-        reading_worker(process, photo)
+def test_interrupt_leaves_nothing_unfinished(
+    run: Run, here: None, processes: Processes, files: Files, tmp_path: Path
+) -> None:
+    out, path = tmp_path / "out", tmp_path / "m.csv"
+    path.write_text("photo,start,duration,output\n" + "".join(f"photo.png,0.2,0.04,{i}.png\n" for i in range(200)))
+    with processes.started("batch", path, *files.sources, *FAST, "-o", out) as process:
+        processes.until(process, lambda: list(out.glob("*.png")))
         os.killpg(process.pid, signal.SIGINT)
         _, stderr = process.communicate()
-        os.close(reading_worker.handle)  # type: ignore[attr-defined]
     assert process.returncode == 130
     assert stderr == "rsdeblur: interrupted; no unfinished file is left\n"
-    assert [path.name for path in out.iterdir()] == [".rsdeblur-batch"]
+    assert {item.suffix for item in out.iterdir()} == {".png", ""}
+    assert ".rsdeblur-batch" in {item.name for item in out.iterdir()}
+    again = states(entries(run, path, *files.sources, "-o", out))
+    assert again.startswith("skipped")
+    assert again.endswith("done")
 
 
 def test_on_a_cluster(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:

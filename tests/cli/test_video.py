@@ -5,13 +5,10 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -23,6 +20,9 @@ from rsdeblur import Camera, Exposure, simulate
 from rsdeblur.scene import scene
 from rsdeblur.shake import hand_shake
 from rsdeblur.transfer import from_linear
+
+if TYPE_CHECKING:
+    from conftest import Processes
 
 av = pytest.importorskip("av", reason="the extra [video] is not installed")
 
@@ -229,7 +229,14 @@ def test_horizontal_readout_is_the_turned_problem(movie: Movie) -> None:
     camera = Camera(WIDTH, HEIGHT, 1.1 * WIDTH, readout=0.02, readout_direction="right-left")
     exposures = [Exposure(START + t, DURATION) for t in clip.times]
     settings: dict[str, Any] = {"bands": 6, "strips": 2, "prior": "wiener", "nsr": 0.02, "weight": "auto"}
-    settings |= {"exponent": 2 / 3, "solver": "auto", "border": "blend", "motion": "rotation", "threads": 1}
+    settings |= {
+        "exponent": 2 / 3,
+        "solver": "auto",
+        "border": "blend",
+        "motion": "rotation",
+        "planning": "estimate",
+        "threads": 1,
+    }
     plan, faults = plan_clip(clip, log, camera, exposures, mode="banded", transfer="srgb", **settings)
     assert faults == [None] * FRAMES
     assert (len(plan.rows), len(plan.cols)) == (6, 2)
@@ -241,33 +248,17 @@ def test_horizontal_readout_is_the_turned_problem(movie: Movie) -> None:
         assert peak_signal_noise_ratio(alone, frame / 65535, data_range=1.0) > 30
 
 
-def wait(process: subprocess.Popen[str], for_what: Callable[[], object]) -> None:
-    while not for_what():
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.002)
-
-
-def kill_worker(parent: int) -> bool:
-    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
-    workers = [pid for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-    os.kill(int(workers[0]), signal.SIGKILL)
-    return len(workers) == 1
-
-
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc to find the worker")
-def test_an_interrupted_video_goes_on_to_the_same_file(run: Run, movie: Movie, tmp_path: Path) -> None:
+def test_an_interrupted_video_goes_on_to_the_same_file(
+    run: Run, processes: Processes, movie: Movie, tmp_path: Path
+) -> None:
     whole, again = tmp_path / "whole.mp4", tmp_path / "again.mp4"
     assert run(*movie.arguments(*movie.stamped, "-o", whole)).exit_code == 0
-    command = [sys.executable, "-P", "-c", "from rsdeblur.cli import main; main()"]
-    arguments = [str(word) for word in movie.arguments(*movie.stamped, "-o", again)]
     parts = tmp_path / "again.mp4.parts"
-    with subprocess.Popen(
-        [*command, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    ) as process:
-        wait(process, lambda: list(parts.glob(".*.part")))
+    with processes.started(*movie.arguments(*movie.stamped, "-o", again)) as process:
+        processes.until(process, lambda: list(parts.glob(".*.part")))
         # Out of memory, say: its segment is done once more.
-        killed = kill_worker(process.pid)
-        wait(process, lambda: list(parts.glob("*.mkv")))
+        processes.kill_worker(process)
+        processes.until(process, lambda: list(parts.glob("*.mkv")))
         os.killpg(process.pid, signal.SIGINT)
         _, stderr = process.communicate()
     # It may have been faster than the signal.
@@ -278,7 +269,6 @@ def test_an_interrupted_video_goes_on_to_the_same_file(run: Run, movie: Movie, t
         made = {path: path.stat().st_mtime_ns for path in parts.glob("*.mkv")}
         assert run(*movie.arguments(*movie.stamped, "-o", again)).exit_code == 0
         assert made
-    assert killed
     assert again.read_bytes() == whole.read_bytes()
     assert not parts.exists()
 
