@@ -100,7 +100,7 @@ def detect_camera_format(path: str | os.PathLike[str]) -> str:
 def _sniff_toml(source: Source) -> bool:
     if source.path.suffix.lower() == ".toml":
         return True
-    keys = re.compile(r"^\s*(width|height|focal)\s*=", re.MULTILINE)
+    keys = re.compile(r"^[ \t]*(width|height|focal)[ \t]*=", re.MULTILINE)
     return source.looks_like_text and keys.search("\n".join(source.text.lines)) is not None
 
 

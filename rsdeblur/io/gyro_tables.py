@@ -59,6 +59,9 @@ RATES = tuple(re.compile(rf"({GYRO}){axis}(axis)?|{axis}({GYRO})") for axis in "
 # Android's numbers of sensor types: the gyro, and the one whose bias the phone does not remove.
 GYRO_TYPE, UNCALIBRATED_TYPE = "4", "16"
 
+# No name of a column is longer, and the patterns take time in proportion to its square.
+CELL_WIDTH = 100
+
 BIASED = {"bias": "not removed by the phone"}
 
 # Rows that tell the layout of a table without names.
@@ -92,6 +95,8 @@ class _Cell:
 
     @classmethod
     def of(cls, text: str) -> _Cell:
+        if len(text) > CELL_WIDTH:
+            return cls("", None, True)
         text = text.lower()
         match = re.fullmatch(r"(.*?)\s*[\[(](.*?)[\])]", text)
         if match is None:

@@ -25,6 +25,8 @@ MODELS: dict[str, Distortion] = {
     "kannala_brandt4": "fisheye",
     "none": "none",
 }
+# Calibrations have a few thousand characters and a few hundred values.
+LONGEST, MOST_VALUES = 100_000, 10_000
 CAMERA_NAME = re.compile(r"cam\d+")
 
 
@@ -32,7 +34,7 @@ def sniff(source: Source) -> bool:
     """Whether this is such a file."""
     if not source.looks_like_text or source.looks_like_json:
         return False
-    keys = r"^\s*(-\s*)?(cam\d+|cameras|camera_model|T_cam_imu)\s*:"
+    keys = r"^[ \t]*(-[ \t]*)?(cam\d+|cameras|camera_model|T_cam_imu)\s*:"
     return re.search(keys, "\n".join(source.text.lines), re.MULTILINE) is not None
 
 
@@ -44,22 +46,24 @@ def read(source: Source, request: Request) -> CameraFile:
     FileFormatError
         If the file is no such YAML, has no such camera, or one of a model that is not supported.
     """
-    cameras = _cameras(source, _load(source))
-    name = request.name or next(iter(cameras))
-    if name not in cameras:
-        raise source.error(f"there is no camera {name!r} in the file, only {', '.join(cameras)}")
-    doubts: list[Doubt] = []
-    if request.name is None and len(cameras) > 1:
-        doubts.append(Doubt("", f"the file has {len(cameras)} cameras ({', '.join(cameras)}); {name} is taken"))
+    content = _load(source)
+    name = request.name or "the file"
     try:
+        cameras = _cameras(source, content)
+        name = request.name or next(iter(cameras))
+        if name not in cameras:
+            raise source.error(f"there is no camera {name!r} in the file, only {', '.join(cameras)}")
+        doubts: list[Doubt] = []
+        if request.name is None and len(cameras) > 1:
+            doubts.append(Doubt("", f"the file has {len(cameras)} cameras ({', '.join(cameras)}); {name} is taken"))
         camera = _camera(source, cameras[name], doubts)
+        return CameraFile(camera, "kalibr", {"camera": name}, tuple(doubts)).fitted(request.size)
     except FileFormatError:
         raise
     except InputError as error:
         raise source.error(f"{name}: {error}") from error
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError) as error:
         raise source.error(f"{name} is damaged or incomplete: {error!r}") from error
-    return CameraFile(camera, "kalibr", {"camera": name}, tuple(doubts)).fitted(request.size)
 
 
 def _load(source: Source) -> Any:
@@ -70,8 +74,29 @@ def _load(source: Source) -> Any:
     # OpenCV's header is no YAML directive, and its matrices have a tag of their own.
     lines = [line for line in source.text.lines if not line.startswith("%")]
     text = re.sub(r"!!opencv-matrix", "", "\n".join(lines))
+    if len(text) > LONGEST:
+        raise source.error(f"a camera's YAML has no {len(text)} characters; give the file of the calibration's results")
+
+    class Loader(yaml.SafeLoader):
+        """Counts what aliases stand for: a few lines of them may mean more than fits into memory."""
+
+        def __init__(self, text: str) -> None:
+            super().__init__(text)
+            self.values, self.sizes = 0, dict[yaml.Node | None, int]()
+
+        def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+            known, before = self.check_event(yaml.AliasEvent), self.values
+            node = super().compose_node(parent, index)
+            # One that is not counted yet is within itself.
+            self.values += self.sizes.get(node, MOST_VALUES) if known else 1
+            if self.values > MOST_VALUES:
+                raise yaml.YAMLError(f"it stands for more than {MOST_VALUES} values, counting those of aliases")
+            if not known:
+                self.sizes[node] = self.values - before
+            return node
+
     try:
-        return yaml.safe_load(text)
+        return yaml.load(text, Loader)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         raise source.error(f"not YAML: {' '.join(str(error).split())}") from error
 

@@ -50,7 +50,7 @@ def read(source: Source, request: Request) -> CameraFile:
         raise
     except InputError as error:
         raise source.error(str(error)) from error
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError) as error:
         raise source.error(f"the lens profile is damaged: {error!r}") from error
 
 

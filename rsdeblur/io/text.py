@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +16,18 @@ from numpy.typing import NDArray
 from rsdeblur._validate import FloatArray
 from rsdeblur.errors import FileFormatError
 
-NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
+NUMBER = re.compile(r"\s*[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
 NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 
 # Longest stamp kept, in characters; 19 digits, a point and an exponent need 30.
 STAMP_WIDTH = 48
+# Sign and zeros included; Decimal has its limits too.
+EXPONENT_WIDTH = 10
 INT64_LIMIT = 2**63
 # A header stands among the first lines; some apps write a few about the recording above it.
 PREAMBLE = 20
+# A longer line names no columns: that of a ROS topic with all its covariances has 1500 characters.
+HEADER_WIDTH = 4096
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 
 
@@ -73,11 +78,11 @@ class TextFile:
         """
         named: list[tuple[str, int]] = []
         for i, row in enumerate(self.rows[:PREAMBLE]):
-            if all(map(is_number, cells_of(self.lines[row]))):
+            if len(self.lines[row]) > HEADER_WIDTH or all(map(is_number, cells_of(self.lines[row]))):
                 break
             named.append((self.lines[row].lstrip("% "), i + 1))
         above = (line.lstrip().removeprefix("#") for line in reversed(self.lines[: self.rows[0]]))
-        return named or [(line, 0) for line in above if line.strip()]
+        return named or [(line, 0) for line in islice(above, PREAMBLE) if line.strip() and len(line) <= HEADER_WIDTH]
 
     def error(self, message: str, row: int | None = None) -> FileFormatError:
         """Return the error that names the file and the line; `row` counts from 0, the message from 1."""
@@ -191,7 +196,8 @@ def read_table(text: TextFile, rows: list[int], columns: Sequence[int]) -> Table
 
 def _decimals(text: TextFile, rows: list[int], stamps: list[str]) -> NDArray[Any]:
     for row, stamp in zip(rows, stamps, strict=True):
-        if not NUMBER.fullmatch(stamp) or len(stamp) == STAMP_WIDTH:
+        exponent = stamp.lower().partition("e")[2]
+        if not NUMBER.fullmatch(stamp) or len(stamp) == STAMP_WIDTH or len(exponent) > EXPONENT_WIDTH:
             raise text.error(f"the stamp {stamp!r} is not a finite number", row)
     return np.array([Decimal(stamp) for stamp in stamps], dtype=object)
 
