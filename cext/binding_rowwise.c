@@ -140,6 +140,8 @@ PyObject *rsd_bind_rowwise_solve(PyObject *module, PyObject *args)
         refusal = check_own(views, &model, 1);
     if (refusal == NULL && views[RIDGE].shape[0] != RSD_LANES)
         refusal = "ridge must have 16 values";
+    if (refusal == NULL && (rsd_overlap(&views[RIDGE], &views[LATENT]) || rsd_overlap(&views[RIDGE], &views[WORKSPACE])))
+        refusal = "ridge must not overlap latent or workspace";
     if (refusal == NULL) {
         Py_BEGIN_ALLOW_THREADS
         status = rsd_rowwise_solve(&model, views[TABLE].buf, views[RIDGE].buf, smooth, views[DATA].buf, views[LATENT].buf,

@@ -5,6 +5,7 @@ stands above it in this ladder::
 
     errors      what the package raises
     _validate   checks at the public doors
+    _regular    reading files that are no pipes or devices
     _atomic     files that appear whole or not at all
     kernels     inner loops, C or Numba, each with a NumPy twin; they import only errors
     config      how this installation was built
@@ -43,6 +44,7 @@ stands above it in this ladder::
     io          gyro logs, camera files, pictures
     report      plots and contact sheets
     cli         the command line
+    __main__    python -m rsdeblur
 
 Two branches meet in the middle: `gyro` to `psf` never see an FFT, `fft` to `tuning` never see a gyro.
 """

@@ -30,12 +30,14 @@ def finite(name: str, value: float, *, minimum: float | None = None, above: floa
     return number
 
 
-def count(name: str, value: Any, *, minimum: int = 1) -> int:
-    """Return `value` as an int; it must be a whole number of at least `minimum`."""
+def count(name: str, value: Any, *, minimum: int = 1, maximum: int | None = None) -> int:
+    """Return `value` as an int; it must be a whole number of at least `minimum` and at most `maximum`."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
         raise InputError(f"{name} must be a whole number, got {value!r}")
     if value < minimum:
         raise InputError(f"{name} must be at least {minimum}, got {value}")
+    if maximum is not None and value > maximum:
+        raise InputError(f"{name} must be at most {maximum}, got a number of {int(value).bit_length()} bits")
     return int(value)
 
 
@@ -54,8 +56,10 @@ def choice(name: str, value: object, allowed: Collection[str]) -> str:
     return value
 
 
-def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...] | None = None) -> FloatArray:
-    """Return a read-only, finite float64 copy of `value`; `None` in `shape` stands for any length."""
+def real_array(
+    name: str, value: ArrayLike, shape: tuple[int | None, ...] | None = None, *, most: float | None = None
+) -> FloatArray:
+    """Return a read-only float64 copy of `value`, finite and no larger than `most`; None in `shape` is any length."""
     try:
         if np.iscomplexobj(value):
             raise TypeError("it is complex")
@@ -70,6 +74,8 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...] | None
     bad = np.argwhere(~np.isfinite(array))
     if bad.size:
         raise InputError(f"{name} must be finite, got {array[tuple(bad[0])]} at index {tuple(map(int, bad[0]))}")
+    if most is not None and array.size and np.abs(array).max() > most:
+        raise InputError(f"{name} must not be beyond {most:g}, got {array.flat[np.abs(array).argmax()]:g}")
     array.setflags(write=False)
     return array
 

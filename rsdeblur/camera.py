@@ -6,7 +6,6 @@ import os
 import tomllib
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
-from pathlib import Path
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from rsdeblur import _validate, axes, lens
 from rsdeblur._atomic import atomic_write
+from rsdeblur._regular import read_file
 from rsdeblur._validate import FloatArray
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.lens import Distortion
@@ -26,6 +26,12 @@ READOUT_DIRECTIONS: tuple[ReadoutDirection, ...] = ("top-down", "bottom-up", "le
 # that has passed by then. Android stamps the start, Gyroflow the middle row's mid-exposure.
 Stamp = Literal["start", "middle", "end"]
 STAMPS: dict[Stamp, float] = {"start": 0.0, "middle": 0.5, "end": 1.0}
+
+# PNG ends there, and no other format that is read goes further.
+MOST_PIXELS = 2**31 - 1
+
+# Of anything in px, and of coefficients: no lens is near it, and its eighth power is still a number.
+LARGEST = 1e12
 
 # A rotation typed with four decimals is orthonormal to 1e-4; anything worse is not a rotation.
 ROTATION_TOLERANCE = 1e-3
@@ -100,12 +106,12 @@ class Camera:
         def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
 
-        put("width", _validate.count("width", width))
-        put("height", _validate.count("height", height))
+        put("width", _validate.count("width", width, maximum=MOST_PIXELS))
+        put("height", _validate.count("height", height, maximum=MOST_PIXELS))
         put("focal", _focal(focal))
         if principal is None:
             principal = ((self.width - 1) / 2, (self.height - 1) / 2)
-        put("principal", tuple(map(float, _validate.real_array("principal", principal, (2,)))))
+        put("principal", tuple(map(float, _validate.real_array("principal", principal, (2,), most=LARGEST))))
         put("readout", _validate.finite("readout", readout, minimum=0.0))
         put("readout_direction", _validate.choice("readout_direction", readout_direction, READOUT_DIRECTIONS))
         put("imu_to_camera", _rotation(np.eye(3) if imu_to_camera is None else imu_to_camera))
@@ -284,10 +290,9 @@ class Camera:
             value is impossible.
         """
         try:
-            table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        except OSError as error:
-            raise FileFormatError(f"{path}: cannot read the camera file: {error.strerror or error}") from error
-        except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            # An integer of thousands of digits is a ValueError too.
+            table = tomllib.loads(read_file(path, "camera file").decode())
+        except (ValueError, RecursionError) as error:
             raise FileFormatError(f"{path}: not a TOML camera file: {error}") from error
         known = [f.name for f in fields(cls)]
         for key in table:
@@ -306,14 +311,14 @@ class Camera:
 
 def _focal(value: Any) -> tuple[float, float]:
     pair: Any = (value, value) if isinstance(value, (int, float, np.number)) else value
-    fx, fy = _validate.real_array("focal", pair, (2,))
-    if min(fx, fy) <= 0:
+    fx, fy = _validate.real_array("focal", pair, (2,), most=LARGEST)
+    if min(fx, fy) < 1 / LARGEST:
         raise InputError(f"focal must be positive px, got ({fx:g}, {fy:g})")
     return float(fx), float(fy)
 
 
 def _coefficients(model: Distortion, value: ArrayLike) -> tuple[float, ...]:
-    k = _validate.real_array("distortion", value, (None,))
+    k = _validate.real_array("distortion", value, (None,), most=LARGEST)
     if len(k) not in lens.COEFFICIENTS[model]:
         wanted = " or ".join(map(str, lens.COEFFICIENTS[model]))
         raise InputError(f"distortion of the model {model!r} must have {wanted} coefficients, got {len(k)}")
@@ -322,7 +327,7 @@ def _coefficients(model: Distortion, value: ArrayLike) -> tuple[float, ...]:
 
 def _rotation(value: ArrayLike | str) -> FloatArray:
     given = axes.imu_to_camera(value) if isinstance(value, str) else value
-    matrix = _validate.real_array("imu_to_camera", given, (3, 3))
+    matrix = _validate.real_array("imu_to_camera", given, (3, 3), most=LARGEST)
     if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_TOLERANCE:
         raise InputError(
             f"imu_to_camera must be a rotation: its rows must be perpendicular unit vectors, got {matrix.tolist()}"

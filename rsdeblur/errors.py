@@ -6,6 +6,9 @@ door refused. Each message says what was wanted, what came and what to do.
 
 from __future__ import annotations
 
+# Characters. The longest of our own, which lists all formats, has 1000; a path may have 4096.
+LONGEST_MESSAGE = 8000
+
 
 class RsdeblurError(Exception):
     """Base of all errors raised by rsdeblur."""
@@ -17,6 +20,10 @@ class InputError(RsdeblurError, ValueError):
 
 class FileFormatError(RsdeblurError, ValueError):
     """A file is empty, truncated, of another kind, or holds an impossible value; names the file and the line."""
+
+    def __init__(self, message: str) -> None:
+        # Part of a message may be what stands in the file.
+        super().__init__(message if len(message) <= LONGEST_MESSAGE else message[:LONGEST_MESSAGE] + "...")
 
 
 class OutputError(RsdeblurError, OSError):

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 SUSPICIOUS_PEAK = 35.0
 SUSPICIOUS_MEDIAN = 5.0
 
+# rad/s. Whatever the unit was, no gyro gives larger numbers; squares of these still fit.
+LARGEST_RATE = 1e12
+
 # A log further than this from the exposure (s) is not late or early: its clock has another origin.
 UNRELATED_CLOCK = 60.0
 
@@ -63,6 +66,10 @@ class GyroLog:
         omega = _validate.real_array("omega", self.omega, (None, 3))
         if len(t) != len(omega):
             raise InputError(f"t and omega must have the same length, got {len(t)} and {len(omega)}")
+        beyond = np.argwhere(np.abs(omega) > LARGEST_RATE)
+        if beyond.size:
+            i, axis = map(int, beyond[0])
+            raise InputError(f"omega must be rates in rad/s, got {omega[i, axis]:g} about {'xyz'[axis]} in sample {i}")
         if len(t) < 2:
             raise InputError(f"a gyro log needs at least 2 samples, got {len(t)}")
         step = np.diff(t)

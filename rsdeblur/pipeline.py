@@ -16,6 +16,7 @@ from rsdeblur.border import Border
 from rsdeblur.camera import Camera
 from rsdeblur.errors import InputError
 from rsdeblur.exposure import Exposure
+from rsdeblur.fft import PLANNINGS, Planning
 from rsdeblur.geometry import rectify
 from rsdeblur.gyro import GyroLog
 from rsdeblur.method import MODES, Method, Mode
@@ -103,6 +104,7 @@ def deblur(
     translation: Translation | None = None,
     transfer: Transfer = "linear",
     normalize: bool = False,
+    planning: Planning = "estimate",
     threads: int | None = None,
     max_memory: int | None = None,
     out: NDArray[Any] | None = None,
@@ -147,6 +149,9 @@ def deblur(
         How stored values code light; a number is a gamma. The result is coded the same way.
     normalize : bool, default False
         Squeeze light that overshoots [0, 1] into it, outliers clipped, at the price of contrast.
+    planning : {"estimate", "measure"}
+        How FFTW plans: at once, or by trying out, up to a second per plan; what it finds is kept for later runs,
+        whatever they ask for.
     threads : int, optional
         Threads that share the work; default all processors.
     max_memory : int, optional
@@ -170,6 +175,7 @@ def deblur(
     """
     _validate.choice("prior", prior, PRIORS)
     _validate.choice("solver", solver, SOLVERS)
+    _validate.choice("planning", planning, PLANNINGS)
     _validate.choice("geometry", geometry, GEOMETRIES)
     transfer = check_transfer(transfer)
     nsr, weight = _strength("nsr", nsr), _strength("weight", weight)
@@ -200,6 +206,7 @@ def deblur(
         solver=solver,
         motion=motion,
         border=border,
+        planning=planning,
         threads=threads,
     )
     after = _After(geometry, normalize)
@@ -339,7 +346,7 @@ def _check_reach(paths: BlurPaths, height: int, width: int) -> None:
     down, across = paths.extent
     if 2 * down + 1 > height or 2 * across + 1 > width:
         raise InputError(
-            f"the blur reaches {across:.0f} px sideways and {down:.0f} px up and down from its centre, more than "
+            f"the blur reaches {across:.3g} px sideways and {down:.3g} px up and down from its centre, more than "
             f"the picture of {width}x{height} px can hold; are the rates in rad/s, the focal length in px, times in s?"
         )
 

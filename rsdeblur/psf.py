@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur import _validate
 from rsdeblur._atomic import atomic_write
+from rsdeblur._regular import open_file
 from rsdeblur._validate import FloatArray
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.kernels.raster import rasterize
@@ -117,11 +118,12 @@ class PsfBank:
         FileFormatError
             If the file cannot be read or does not hold a valid bank.
         """
-        try:
-            with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
-                return cls(archive["kernels"], archive["rows"], archive["cols"])
-        except Exception as error:  # zipfile, zlib and NumPy's header parser raise a dozen kinds on damaged files
-            raise FileFormatError(f"{path}: not a PSF bank: {error}") from error
+        with open_file(path, "PSF bank") as file:
+            try:
+                with np.load(file, allow_pickle=False) as archive:
+                    return cls(archive["kernels"], archive["rows"], archive["cols"])
+            except Exception as error:  # zipfile, zlib and NumPy's header parser raise a dozen kinds on damaged files
+                raise FileFormatError(f"{path}: not a PSF bank: {error}") from error
 
 
 def tile_centres(tiles: int, length: int) -> FloatArray:

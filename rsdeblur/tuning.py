@@ -128,8 +128,7 @@ class Tuning:
         """Return the strength whose filter `conj(H) / (|H|^2 + penalty)`, times what keeps a mean, errs least."""
         of = self.spectra
         path_error_2 = PATH_ERROR**2 + (PATH_ERROR_SHARE * self.radius) ** 2
-        noise = FINE_NOISE * self.noise**2 / self.energy
-        noise = noise + (path_error_2 * of.gradient + self.border_error) * of.signal
+        noise = FINE_NOISE * self.noise**2 / self.energy + (path_error_2 * of.gradient + self.border_error) * of.signal
 
         def error(strength: float) -> float:
             added = np.broadcast_to(penalty(strength), of.undone.shape)

@@ -212,6 +212,7 @@ FAULTS = {
     "beyond int64": (f"0,1,2,3\n{2**63},1,2,3\n{2**64},1,2,3", 2, "beyond the int64 range"),
     "seconds beyond int64": ("0,1,2,3\n0.01,1,2,3\n0.02,1,2,3\n9.3e9,1,2,3\n", 4, "beyond the int64 range"),
     "astronomic": (GOOD + "1e999999999,1,2,3\n", 3, "beyond the int64 range"),
+    "more than astronomic": (GOOD + "1e-99999999999999999999,1,2,3\n", 3, "is not a finite number"),
     "one sample": ("# one\n0.0,1,2,3\n", 2, "at least 2 samples"),
     "unknown": ("a,b\n1,2\n", 1, "unknown gyro log format"),
     "five columns": ("0,1,2,3,4\n1,1,2,3,4\n", 1, "known formats: .*gcsv .*mars .*deepgyro .*plain"),
@@ -219,7 +220,8 @@ FAULTS = {
     "unknown unit": ("t,wx[rpm],wy[rpm],wz[rpm]\n" + GOOD, 1, "unknown gyro log format"),
     "deepgyro type": ("4 0 1 2 3\n4 5 1 2 3\nx 9 1 2 3\n", 3, "'x' is not a sensor type"),
     "deepgyro columns": ("4 0 1 2 3\n1 5 1 2 3\n4 9 1 2\n1 5 1 2 3\n", 3, "too few columns: 4 found, at least 5"),
-    "gcsv scale": ("GYROFLOW IMU LOG\ngscale,-1\nt,gx,gy,gz\n0,1,2,3\n", 2, "gscale must be a positive number"),
+    "gcsv scale": ("GYROFLOW IMU LOG\ngscale,-1\nt,gx,gy,gz\n0,1,2,3\n", 2, "gscale must be a number from 1e-12"),
+    "gcsv small scale": ("GYROFLOW IMU LOG\ntscale,1e-9999\nt,gx,gy,gz\n0,1,2,3\n", 2, "from 1e-12 to 1e12"),
     "gcsv scale no number": ("GYROFLOW IMU LOG\ntscale,fast\nt,gx,gy,gz\n0,1,2,3\n", 2, "got 'fast'"),
     "gcsv cell": (GCSV + "t,gx,gy,gz\n0,1,2,3\n1,1,,3\n", 5, "'' in column 3"),
 }

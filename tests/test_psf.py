@@ -187,11 +187,14 @@ class TestFile:
         np.save(tmp_path / "array.npy", bank.kernels)
         np.savez(tmp_path / "lacks.npz", kernels=bank.kernels, rows=bank.rows)
         np.savez(tmp_path / "unlike.npz", kernels=bank.kernels, rows=bank.rows, cols=bank.rows)
-        names = ("text.npz", "empty.npz", "array.npy", "lacks.npz", "unlike.npz", "none.npz", "")
+        names = ("text.npz", "empty.npz", "array.npy", "lacks.npz", "unlike.npz")
         for path in (tmp_path / name for name in names):
             with pytest.raises(FileFormatError, match="not a PSF bank: ") as caught:
                 PsfBank.load(path)
             assert str(caught.value).startswith(f"{path}: ")
+        for path in (tmp_path / "none.npz", tmp_path):
+            with pytest.raises(FileFormatError, match="cannot read the PSF bank: "):
+                PsfBank.load(path)
 
     def test_damaged_and_truncated_files_are_named(self, tmp_path):
         path = tmp_path / "bank.npz"

@@ -60,7 +60,9 @@ def _refuse(ctx: click.Context, message: str) -> NoReturn:
 
 
 def _one_line(message: object) -> str:
-    return " ".join(str(message).split())
+    line = " ".join(str(message).split())
+    # Names of files may hold what moves the cursor, or what is no text at all.
+    return "".join(character if character.isprintable() else ascii(character)[1:-1] for character in line)
 
 
 @contextmanager

@@ -39,16 +39,20 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None, by
     except ModuleNotFoundError:
         raise Missing("raw files need rawpy; install it with: pip install 'rsdeblur[raw]'") from None
     try:
-        with rawpy.imread(BytesIO(data)) as raw:
-            if raw.sizes.width * raw.sizes.height > max_pixels:
-                raise ValueError(f"the picture claims {raw.sizes.width}x{raw.sizes.height} pixels; limit {max_pixels}")
+        with rawpy.RawPy() as raw:
+            raw.open_buffer(BytesIO(data))
+            width, height = raw.sizes.raw_width, raw.sizes.raw_height
+            if width * height > max_pixels:
+                raise ValueError(f"the picture claims {width}x{height} pixels; limit {max_pixels}")
+            raw.unpack()
             pixels = raw.postprocess(
                 gamma=(1.0, 1.0), no_auto_bright=True, output_bps=16, use_camera_wb=True, user_flip=0
             )
     except rawpy.LibRawError as error:
         raise ValueError(error.args[0] if error.args else "not a raw file that LibRaw knows") from error
-    exif = _tiff.exif_block(data) if data.startswith(_tiff.MAGIC) else None
-    return np.ascontiguousarray(pixels), exif, linear_profile()
+    exif = _tiff.exif_block(BytesIO(data)) if data.startswith(_tiff.MAGIC) else None
+    # Of a sensor without colours the one channel has an axis of its own.
+    return np.ascontiguousarray(pixels.squeeze(axis=2) if pixels.shape[2] == 1 else pixels), exif, linear_profile()
 
 
 def linear_profile() -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import zipfile
 import zlib
 from io import BytesIO
@@ -10,12 +11,19 @@ from typing import Any
 
 import numpy as np
 
+from rsdeblur.errors import FileFormatError
 from rsdeblur.io.formats import Format
 from rsdeblur.io.samples import Samples
-from rsdeblur.io.source import Source
+from rsdeblur.io.source import Source, unpacked_limit
 
-# A day of text at 8 kHz; a member that claims more is a bomb.
-MEMBER_LIMIT = 2**33
+SUFFIXES = (".csv", ".json", ".txt", ".gcsv", ".tsv")
+
+
+# What `zipfile` raises on damaged or encrypted archives.
+DAMAGE = (
+    *(zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError, OSError),
+    *(ValueError, LookupError, struct.error),
+)
 
 
 def members_of(source: Source) -> list[Source]:
@@ -30,19 +38,33 @@ def members_of(source: Source) -> list[Source]:
         return [source]
     try:
         with zipfile.ZipFile(BytesIO(source.data)) as archive:
-            entries = [entry for entry in archive.infolist() if not entry.is_dir() and "__MACOSX" not in entry.filename]
-            if any(entry.file_size > MEMBER_LIMIT for entry in entries):
-                raise source.error("a file of the archive claims more than 8 GB")
-            members = [
-                Source(source.path / entry.filename, source.what, archive.read(entry))
-                for entry in sorted(entries, key=lambda entry: _preference(entry.filename))
-                if Path(entry.filename).suffix.lower() in (".csv", ".json", ".txt", ".gcsv", ".tsv")
+            entries = [
+                entry
+                for entry in archive.infolist()
+                if entry.filename.lower().endswith(SUFFIXES) and "__MACOSX" not in entry.filename
             ]
-    except (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError, OSError) as error:
+            claimed, limit = sum(entry.file_size for entry in entries), unpacked_limit(len(source.data))
+            if claimed > limit:
+                raise source.error(f"the archive claims to hold {claimed} bytes of text, more than {limit}; extract it")
+            entries.sort(key=lambda entry: _preference(entry.filename))
+            members = [_member(source, archive, entry) for entry in entries]
+    except FileFormatError:
+        raise
+    except DAMAGE as error:
         raise source.error(f"the archive is damaged or encrypted: {error}") from error
     if not members:
         raise source.error(f"the archive holds no {source.what}")
     return members
+
+
+def _member(source: Source, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> Source:
+    if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise source.error(f"{entry.filename!r} is packed by a method other than deflate; extract it")
+    with archive.open(entry) as file:
+        # No more than it claims, be there more or not.
+        content = file.read(entry.file_size)
+    # Not joined as paths: an absolute name would name another file.
+    return Source(f"{source.path}/{entry.filename}", source.what, content)
 
 
 def _preference(name: str) -> tuple[bool, bool, str]:

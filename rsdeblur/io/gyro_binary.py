@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rsdeblur.errors import FileFormatError
 from rsdeblur.io.formats import Format
-from rsdeblur.io.samples import Samples
+from rsdeblur.io.samples import Samples, nanoseconds
 from rsdeblur.io.source import Source
 
 # The trailer is the last 16 KiB of the file: a header, then a ring buffer of samples, the oldest at `oldest`.
@@ -131,10 +132,14 @@ def _video_samples(
         raise source.error("the video's gyro data are damaged: a sample is not finite")
     # telemetry-parser spreads the samples evenly, from zero at the first one, which no frame is tied to.
     facts["time_zero"] = "the first gyro sample, not the first frame"
+
+    def fault(message: str, i: int) -> FileFormatError:
+        return source.error(f"gyro sample {i}: {message}")
+
     return Samples(
-        np.round(stamps * 1e6).astype(np.int64),
+        nanoseconds(stamps, fault),
         rates,
-        lambda message, i: source.error(f"gyro sample {i}: {message}"),
+        fault,
         rate_unit="deg/s",
         axes="gyroflow",
         time_unit="ms",

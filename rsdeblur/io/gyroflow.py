@@ -14,14 +14,13 @@ from decimal import Decimal
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from rsdeblur._validate import FloatArray
 from rsdeblur.axes import orientation
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io.formats import Format, text_format
-from rsdeblur.io.samples import Samples, table_samples
-from rsdeblur.io.source import Source
+from rsdeblur.io.samples import Samples, nanoseconds, table_samples
+from rsdeblur.io.source import Source, unpacked_limit
 from rsdeblur.io.text import NUMBER, TextFile, cells_of, read_table
 
 TITLES = ("GYROFLOW IMU LOG", "CAMERA IMU LOG")
@@ -36,9 +35,10 @@ DIRECTIONS = {
     "right-left": ("3", "90", "righttoleft"),
 }
 
+# From picoseconds to centuries in s, and likewise for rates.
+SMALLEST_SCALE = 1e-12
+
 BASE91 = b'ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789!#$%&()*+,./:;<=>?@[]^_`{|}~"'
-# A day of samples at 8 kHz, each of 59 bytes or more, fits.
-PAYLOAD_LIMIT = 2**36
 
 
 def readout_of(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -82,8 +82,8 @@ def _read_gcsv(text: TextFile) -> Samples:
 def _gcsv_samples(text: TextFile, rows: list[int], places: list[int], keys: dict[str, tuple[str, int]]) -> Samples:
     def scale(key: str, default: str) -> Decimal:
         value, row = keys.get(key, (default, 0))
-        if not NUMBER.fullmatch(value) or not Decimal(value) > 0:
-            raise text.error(f"{key} must be a positive number, got {value!r}", row)
+        if not NUMBER.fullmatch(value) or not SMALLEST_SCALE <= float(value) <= 1 / SMALLEST_SCALE:
+            raise text.error(f"{key} must be a number from 1e-12 to 1e12, got {value!r}", row)
         return Decimal(value)
 
     tscale, gscale = scale("tscale", "0.001"), float(scale("gscale", "1"))
@@ -135,7 +135,7 @@ def _read_project(source: Source) -> Samples:
         return _project_samples(source, project)
     except FileFormatError:
         raise
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError, struct.error, OverflowError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, struct.error, ArithmeticError) as error:
         raise source.error(f"the gyro data of the project are damaged: {error!r}") from error
 
 
@@ -157,12 +157,18 @@ def _project_samples(source: Source, project: dict[str, Any]) -> Samples:
         raise source.error(str(error)) from error
     # In Gyroflow's order: bias (deg/s, raw axes, added), orientation, rotation (pitch, roll, yaw in degrees).
     bias = np.array(gyro.get("gyro_bias") or (0, 0, 0), dtype=np.float64) * (1.0 if unit == "deg/s" else np.pi / 180)
+    from scipy.spatial.transform import Rotation  # a quarter of a second that other formats need not wait
+
     pitch, roll, yaw = gyro.get("rotation") or (0, 0, 0)
     turn = Rotation.from_euler("xyz", (yaw, pitch, roll), degrees=True).as_matrix() @ turn
+
+    def fault(message: str, i: int) -> FileFormatError:
+        return source.error(f"sample {i}: {message}")
+
     return Samples(
-        np.round(t_ms * 1e6).astype(np.int64),
+        nanoseconds(t_ms, fault),
         rates + bias,
-        lambda message, i: source.error(f"sample {i}: {message}"),
+        fault,
         rate_unit=unit,
         axes="gyroflow",
         turn=turn,
@@ -217,12 +223,14 @@ def _finite(times: FloatArray, rates: FloatArray, unit: str) -> tuple[FloatArray
 
 def _payload(source: Source, text: str) -> bytes:
     unpack = zlib.decompressobj()
+    limit = unpacked_limit(len(text))
     try:
-        data = unpack.decompress(base91_decode(text.encode("ascii")), PAYLOAD_LIMIT)
+        data = unpack.decompress(base91_decode(text.encode("ascii")), limit)
     except (UnicodeEncodeError, zlib.error) as error:
         raise source.error(f"the gyro data of the project are damaged: {error}") from error
     if not unpack.eof:
-        raise source.error("the gyro data of the project are cut off")
+        reason = f"unpack to more than {limit} bytes" if len(data) == limit else "are cut off"
+        raise source.error(f"the gyro data of the project {reason}; save the project again")
     return data
 
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from rsdeblur._validate import FloatArray
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
-from rsdeblur.gyro import GyroLog
-from rsdeblur.io.text import Table
+from rsdeblur.gyro import LARGEST_RATE, GyroLog
+from rsdeblur.io.text import INT64_LIMIT, Table
 
 # rad/s in each unit of rate a log may use.
 RATE_UNITS = {"rad/s": 1.0, "deg/s": pi / 180, "mrad/s": 1e-3, "mdeg/s": pi / 180e3}
@@ -102,6 +102,16 @@ def table_samples(table: Table, ns: NDArray[np.int64], *, scale: float = 1.0, **
     return Samples(ns, table.values * scale, lambda message, i: table.text.error(message, table.rows[i]), **found)
 
 
+def nanoseconds(milliseconds: FloatArray, fault: Fault) -> NDArray[np.int64]:
+    """Return stamps, finite and in ms, as integers; the first that does not fit makes the error of its sample."""
+    # One short of the limit, so that rounding stays inside.
+    (beyond,) = np.nonzero(np.abs(milliseconds) >= (INT64_LIMIT - 1024) / 1e6)
+    if beyond.size:
+        i = int(beyond[0])
+        raise fault(f"stamp {milliseconds[i]:g} ms is beyond the int64 range of nanoseconds (292 years)", i)
+    return np.round(milliseconds * 1e6).astype(np.int64)
+
+
 def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str], FileFormatError]) -> GyroFile:
     """Make the log: scale the rates, repair what is harmless, refuse what is not.
 
@@ -119,6 +129,10 @@ def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str
         raise InputError(f"unit must be one of {', '.join(RATE_UNITS)}; got {unit!r}")
     if not len(samples.ns):
         raise error("the file holds no samples")
+    (beyond,) = np.nonzero((np.abs(samples.rates) > LARGEST_RATE).any(axis=1))
+    if beyond.size:
+        i = int(beyond[0])
+        raise samples.fault(f"impossible rates: {samples.rates[i].tolist()} {unit or samples.rate_unit}", i)
     unit = unit or samples.rate_unit
     ns, rates, repairs = _repaired(samples)
     rates = (rates if samples.turn is None else rates @ samples.turn.T) * RATE_UNITS[unit]

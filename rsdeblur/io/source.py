@@ -8,11 +8,20 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from rsdeblur._regular import open_file, read_file
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.text import TextFile
 
 # Enough to tell any format by its start, and the longest trailer that is looked for.
 HEAD = 4096
+# Numbers pack to a third or a tenth of their size, those of a phone that lies still to less. What claims to unpack to
+# more than this many times itself is a bomb, unless it is small.
+UNPACKED, SMALL = 100, 2**26
+
+
+def unpacked_limit(packed: int) -> int:
+    """Return how many bytes `packed` bytes may unpack to."""
+    return max(UNPACKED * packed, SMALL)
 
 
 class Source:
@@ -40,16 +49,14 @@ class Source:
     def _read(self, start: int, size: int = -1) -> bytes:
         if self._content is not None:
             return self._content[start:][: size if size >= 0 else None]
-        try:
-            with open(self.path, "rb") as file:
-                file.seek(start, os.SEEK_SET if start >= 0 else os.SEEK_END)
-                return file.read(size)
-        except OSError as error:
-            raise FileFormatError(f"{self.path}: cannot read the {self.what}: {error.strerror or error}") from error
+        return read_file(self.path, self.what, start, size)
 
     def tail(self, size: int) -> bytes:
         """Return the last `size` bytes, all of a shorter file."""
-        whole = len(self._content) if self._content is not None else self.path.stat().st_size
+        if self._content is not None:
+            return self._content[-size:]
+        with open_file(self.path, self.what) as file:
+            whole = os.fstat(file.fileno()).st_size
         return self._read(max(whole - size, 0))
 
     @cached_property

@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +16,18 @@ from numpy.typing import NDArray
 from rsdeblur._validate import FloatArray
 from rsdeblur.errors import FileFormatError
 
-NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
+NUMBER = re.compile(r"\s*[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
 NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 
 # Longest stamp kept, in characters; 19 digits, a point and an exponent need 30.
 STAMP_WIDTH = 48
+# Sign and zeros included; Decimal has its limits too.
+EXPONENT_WIDTH = 10
 INT64_LIMIT = 2**63
 # A header stands among the first lines; some apps write a few about the recording above it.
 PREAMBLE = 20
+# A longer line names no columns: that of a ROS topic with all its covariances has 1500 characters.
+HEADER_WIDTH = 4096
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 
 
@@ -73,11 +78,11 @@ class TextFile:
         """
         named: list[tuple[str, int]] = []
         for i, row in enumerate(self.rows[:PREAMBLE]):
-            if all(map(is_number, cells_of(self.lines[row]))):
+            if len(self.lines[row]) > HEADER_WIDTH or all(map(is_number, cells_of(self.lines[row]))):
                 break
-            named.append((self.lines[row], i + 1))
+            named.append((self.lines[row].lstrip("% "), i + 1))
         above = (line.lstrip().removeprefix("#") for line in reversed(self.lines[: self.rows[0]]))
-        return named or [(line, 0) for line in above if line.strip()]
+        return named or [(line, 0) for line in islice(above, PREAMBLE) if line.strip() and len(line) <= HEADER_WIDTH]
 
     def error(self, message: str, row: int | None = None) -> FileFormatError:
         """Return the error that names the file and the line; `row` counts from 0, the message from 1."""
@@ -116,8 +121,8 @@ class Table:
 
 
 def separator_of(line: str) -> str | None:
-    """Return what parts the cells of `line`: a semicolon, a comma, or None for spaces and tabs."""
-    return next((mark for mark in ";," if mark in line), None)
+    """Return what parts the cells of `line`: a semicolon, a comma, a bar, or None for spaces and tabs."""
+    return next((mark for mark in ";,|" if mark in line), None)
 
 
 def _decimal_commas(line: str) -> bool:
@@ -128,8 +133,12 @@ def _decimal_commas(line: str) -> bool:
 
 
 def cells_of(line: str) -> list[str]:
-    """Return the cells of `line` without the spaces and quotes around them."""
-    return [cell.strip().strip('"').strip() for cell in line.split(separator_of(line))]
+    """Return the cells of `line` without the spaces and quotes around them, nor what a separator at its end adds."""
+    separator = separator_of(line)
+    if separator is None and "\t" in line and not all(map(is_number, line.split())):
+        separator = "\t"  # names have spaces in them
+    cells = [cell.strip().strip('"').strip() for cell in line.split(separator)]
+    return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
 
 
 def find_columns(header: str, wanted: Sequence[re.Pattern[str]]) -> list[int] | None:
@@ -161,7 +170,7 @@ def read_table(text: TextFile, rows: list[int], columns: Sequence[int]) -> Table
     def parse(some: list[int], stamp: str) -> NDArray[Any]:
         dtype = np.dtype([("stamp", stamp), ("values", "f8", (len(columns) - 1,))])
         lines = [text.lines[row] for row in some]
-        return np.loadtxt(lines, dtype, delimiter=separator, comments=None, usecols=columns, ndmin=1)
+        return np.loadtxt(lines, dtype, delimiter=separator, comments=None, quotechar='"', usecols=columns, ndmin=1)
 
     def parse_exact(some: list[int]) -> NDArray[Any]:
         return parse(some, f"S{STAMP_WIDTH}")
@@ -187,7 +196,8 @@ def read_table(text: TextFile, rows: list[int], columns: Sequence[int]) -> Table
 
 def _decimals(text: TextFile, rows: list[int], stamps: list[str]) -> NDArray[Any]:
     for row, stamp in zip(rows, stamps, strict=True):
-        if not NUMBER.fullmatch(stamp) or len(stamp) == STAMP_WIDTH:
+        exponent = stamp.lower().partition("e")[2]
+        if not NUMBER.fullmatch(stamp) or len(stamp) == STAMP_WIDTH or len(exponent) > EXPONENT_WIDTH:
             raise text.error(f"the stamp {stamp!r} is not a finite number", row)
     return np.array([Decimal(stamp) for stamp in stamps], dtype=object)
 

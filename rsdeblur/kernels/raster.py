@@ -11,12 +11,14 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from rsdeblur.kernels._jit import njit
+
 # Two-point Gauss-Legendre nodes on [0, 1].
 GAUSS_LOW = 0.5 - 0.5 / 3.0**0.5
 GAUSS_HIGH = 0.5 + 0.5 / 3.0**0.5
 
 
-@numba.njit(cache=True, inline="always")
+@njit(inline="always")
 def _splat(kernel, x, y, weight):
     i, j = int(np.floor(y)), int(np.floor(x))
     fy, fx = y - i, x - j
@@ -26,7 +28,7 @@ def _splat(kernel, x, y, weight):
     kernel[i + 1, j + 1] += weight * fy * fx
 
 
-@numba.njit(cache=True, inline="always")
+@njit(inline="always")
 def _next_crossing(position, velocity):
     """Time until a coordinate meets the next integer; infinite when it does not move."""
     if velocity > 0.0:
@@ -36,7 +38,7 @@ def _next_crossing(position, velocity):
     return np.inf
 
 
-@numba.njit(cache=True)
+@njit()
 def _trace(kernel, path, centre_x, centre_y):
     segments = path.shape[0] - 1
     for k in range(segments):
@@ -54,12 +56,16 @@ def _trace(kernel, path, centre_x, centre_y):
             t += step
 
 
-@numba.njit(cache=True, parallel=True)
+@njit(parallel=True)
 def _rasterize(paths, kernels):
     for n in numba.prange(paths.shape[0]):
         kernel = np.zeros(kernels.shape[1:], dtype=np.float64)
         _trace(kernel, paths[n], kernels.shape[2] // 2, kernels.shape[1] // 2)
-        kernels[n] = kernel / kernel.sum()
+        total = kernel.sum()
+        # Cell by cell: an assignment of arrays takes Numba four seconds more to compile, for its error message.
+        for i in range(kernel.shape[0]):
+            for j in range(kernel.shape[1]):
+                kernels[n, i, j] = kernel[i, j] / total
 
 
 def rasterize(paths: NDArray[np.float64], half_height: int, half_width: int) -> NDArray[np.float32]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from rsdeblur.kernels._jit import njit
 
-@numba.njit(cache=True, nogil=True)
+
+@njit(nogil=True)
 def responses(otf, across, down, nsr, beta, scale, of_pull, out):
     """Fill `out` with the filter that acts on the observation, or on the pull.
 

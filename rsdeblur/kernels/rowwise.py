@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import solveh_banded
 
 from rsdeblur.kernels import native
+from rsdeblur.kernels._jit import njit
 
 Real = NDArray[np.float32]
 Complex = NDArray[np.complex64]
@@ -57,7 +57,7 @@ def phase_table(block: int, first_shift: int, shifts: int, length: int) -> Real:
     return np.stack([phases.real, phases.imag], axis=1).astype(np.float32)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def spectra_to_lanes(spectra: Any, rows: Any, lanes: Any, top: Any) -> None:
     """Put the first `rows` of `spectra` (C, R, K) into rows `top` on of `lanes`."""
     channels, _, frequencies = spectra.shape
@@ -71,7 +71,7 @@ def spectra_to_lanes(spectra: Any, rows: Any, lanes: Any, top: Any) -> None:
                     lanes[b, c, top + r, 1, i] = spectra[c, r, first + i].imag
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def lanes_to_spectra(lanes: Any, top: Any, spectra: Any, rows: Any) -> None:
     """Inverse of :func:`spectra_to_lanes`."""
     channels, _, frequencies = spectra.shape

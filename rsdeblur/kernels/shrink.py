@@ -6,14 +6,15 @@ pixel's gradient, over both directions and all channels, is one vector; it is sh
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from rsdeblur.kernels._jit import njit
 
 Real = NDArray[np.float32]
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _kept(squared, threshold, table):
     """Share that is kept of a gradient whose squared magnitude is given."""
     if squared <= threshold * threshold:
@@ -23,7 +24,7 @@ def _kept(squared, threshold, table):
     return table[i] + (place - np.float32(i)) * (table[i + 1] - table[i])
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def shrunk_pull(picture, top, rows, threshold, table, periodic, out):
     """Fill `rows` rows of `out` from `top` on with `D^T w`: w is the gradient D of `picture`, shrunk.
 

@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from rsdeblur.kernels._jit import njit
 
-@numba.njit(cache=True, inline="always")
+
+@njit(inline="always")
 def _spline_weights(f, out):
     g = 1.0 - f
     out[0] = g * g * g / 6.0
@@ -21,7 +23,7 @@ def _spline_weights(f, out):
     out[3] = f * f * f / 6.0
 
 
-@numba.njit(cache=True, inline="always")
+@njit(inline="always")
 def _mirror(i, n):
     if n == 1:
         return 0
@@ -30,7 +32,7 @@ def _mirror(i, n):
     return period - i if i >= n else i
 
 
-@numba.njit(cache=True, parallel=True, fastmath=True)
+@njit(parallel=True, fastmath=True)
 def _average_warps(coefficients, warps, out):
     height, width, channels = coefficients.shape
     samples = warps.shape[1]

@@ -1,0 +1,200 @@
+"""Faults while files are written, kept and planned: ``python -m benchmarks.faults [--kills N]``.
+
+Processes are killed, interrupted, deprived of disk and given damaged caches; what is left on disk must be the old file
+or the new one, and the next run must work.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rsdeblur import Camera, Deconvolver, PsfBank, fft
+from rsdeblur._atomic import atomic_write
+from rsdeblur.errors import OutputError
+from rsdeblur.io import read_picture, write_picture
+
+SIDE = 200
+
+
+def _picture(name: str) -> tuple[Callable[[Path, int], None], Callable[[Path], Any]]:
+    pictures = [np.random.default_rng(i).integers(0, 256, (SIDE, SIDE, 3), np.uint8) for i in range(2)]
+    return lambda path, i: write_picture(path, pictures[i], force=True), lambda path: read_picture(path).pixels
+
+
+def _wisdom(path: Path, which: int) -> None:
+    with atomic_write(path) as file:
+        file.write(bytes([which]) * 50_000)
+
+
+WRITERS: dict[str, tuple[Callable[[Path, int], None], Callable[[Path], Any]]] = {
+    **{name: _picture(name) for name in ("a.jpg", "a.png", "a.tif", "a.webp")},
+    "camera.toml": (lambda path, i: Camera(640 + i, 480, 500.0).save(path), Camera.load),
+    "bank.npz": (
+        lambda path, i: PsfBank(np.full((2, 1, 3, 3), 1 / 9), np.arange(2.0) + i, np.zeros(1)).save(path),
+        PsfBank.load,
+    ),
+    "fftw.wisdom": (_wisdom, lambda path: path.read_bytes()),
+}
+
+
+def _write_for_ever(write: Callable[[Path, int], None], path: Path, ready: Any) -> None:
+    which = 0
+    while True:
+        write(path, which)
+        ready.set()
+        which = 1 - which
+
+
+def kills(name: str, count: int) -> dict[str, int]:
+    """Kill a process that writes one file again and again, at random moments; return what was found how often."""
+    write, read = WRITERS[name]
+    found = {"the old or the new file": 0, "another file": 0, "temporary files left": 0}
+    rng = random.Random(name)
+    context = get_context("fork")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        whole = []
+        for which in range(2):
+            write(path, which)
+            whole.append(path.read_bytes())
+        for _ in range(count):
+            ready = context.Event()
+            process = context.Process(target=_write_for_ever, args=(write, path, ready))
+            process.start()
+            ready.wait()
+            time.sleep(rng.uniform(0, 0.03))
+            process.kill()
+            process.join()
+            read(path)
+            found["the old or the new file" if path.read_bytes() in whole else "another file"] += 1
+            rest = [other for other in path.parent.iterdir() if other != path]
+            found["temporary files left"] += len(rest)
+            for other in rest:
+                other.unlink()
+    return found
+
+
+def full_disk(name: str, count: int) -> dict[str, int]:
+    """Write where only part of the file fits; return what happened how often."""
+    write, _ = WRITERS[name]
+    found = {"refused, the old file whole": 0, "else": 0}
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        write(path, 0)
+        old, size = path.read_bytes(), path.stat().st_size
+        for i in range(count):
+            resource.setrlimit(resource.RLIMIT_FSIZE, (size * i // count, limits[1]))
+            try:
+                write(path, 1)
+                refused = False
+            except OutputError as error:
+                refused = str(path) in str(error)
+            finally:
+                resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+            as_before = path.read_bytes() == old and [path] == list(path.parent.iterdir())
+            found["refused, the old file whole" if refused and as_before else "else"] += 1
+    return found
+
+
+def interrupts(count: int) -> dict[str, int]:
+    """Interrupt `rsdeblur demo` at random moments; return how often it ended how."""
+    found: dict[str, int] = {}
+    rng = random.Random(0)
+    for _ in range(count):
+        with tempfile.TemporaryDirectory() as folder:
+            command = [sys.executable, "-P", "-c", "from rsdeblur.cli import main; main()", "demo", "--size", "640x480"]
+            process = subprocess.Popen(
+                [*command, "-o", folder, "--force"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+            )
+            time.sleep(rng.uniform(0.3, 6.0))
+            process.send_signal(signal.SIGINT)
+            message = process.communicate()[1]
+            left = list(Path(folder).rglob("*.part"))
+            how = f"exit {process.returncode}" + ", traceback" * ("Traceback" in message)
+            how += ", temporary left" * bool(left)
+            found[how] = found.get(how, 0) + 1
+    return found
+
+
+def damaged_wisdom(count: int) -> dict[str, int]:
+    """Plan with wisdom that is spoilt in random places, each time in a process of its own."""
+    found: dict[str, int] = {}
+    rng = random.Random(0)
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["XDG_CACHE_HOME"] = folder
+        _plan("measure")
+        file = fft.wisdom_file()
+        good = file.read_bytes()
+        for _ in range(count):
+            data = bytearray(good)
+            for _ in range(rng.choice((1, 3, 30))):
+                data[rng.randrange(len(data))] = rng.choice((rng.randrange(256), ord(")"), ord("("), ord("9"), 0))
+            file.write_bytes(data[: rng.choice((len(data), rng.randrange(len(data))))])
+            process = get_context("fork").Process(target=_plan_anew)
+            process.start()
+            process.join()
+            found[f"exit {process.exitcode}"] = found.get(f"exit {process.exitcode}", 0) + 1
+    return found
+
+
+def _plan(planning: fft.Planning) -> None:
+    image = np.random.default_rng(0).random((60, 70), dtype=np.float32)
+    bank = PsfBank.for_picture(np.eye(5)[2:3].T @ np.eye(5)[2:3], image.shape)
+    sharp = Deconvolver(bank, image.shape, nsr=1e-6, planning=planning, threads=1).apply(image)
+    np.testing.assert_allclose(sharp, image, atol=1e-4)
+
+
+def _plan_anew() -> None:
+    # The parent has recalled its wisdom already.
+    fft._recall.cache_clear()
+    _plan("estimate")
+
+
+def two_planners(count: int) -> dict[str, int]:
+    """Let two processes measure plans and keep them at once, from nothing; return how the pairs ended."""
+    found: dict[str, int] = {}
+    for _ in range(count):
+        with tempfile.TemporaryDirectory() as folder:
+            os.environ["XDG_CACHE_HOME"] = folder
+            pair = [get_context("spawn").Process(target=_plan, args=("measure",)) for _ in range(2)]
+            for process in pair:
+                process.start()
+            for process in pair:
+                process.join()
+            codes = sorted(process.exitcode or 0 for process in pair)
+            files = [path.suffix for path in Path(folder).rglob("*") if path.is_file()]
+            how = f"exits {codes}, files {files}"
+            found[how] = found.get(how, 0) + 1
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run everything and print a line for each."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.faults", description=__doc__)
+    parser.add_argument("--kills", type=int, default=200, help="kills for each kind of file; the others in proportion")
+    count = parser.parse_args(arguments).kills
+    for name in WRITERS:
+        print(f"{name}: killed {count} times: {kills(name, count)}", flush=True)
+        print(f"{name}: disk full {count // 10} times: {full_disk(name, count // 10)}", flush=True)
+    print(f"damaged wisdom, {5 * count} files: {damaged_wisdom(5 * count)}", flush=True)
+    print(f"two planners at once, {count // 20} pairs: {two_planners(count // 20)}", flush=True)
+    print(f"interrupted {count // 10} times: {interrupts(count // 10)}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,146 @@
+"""What is fuzzed: the readers, files to spoil, and what must hold of whatever is read."""
+
+from __future__ import annotations
+
+import json
+import random
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.fuzz import seeds
+from benchmarks.fuzz.mutate import mutated
+from rsdeblur.cli._describe import describe_camera, describe_captures, describe_gyro, describe_picture
+from rsdeblur.io import read_picture, write_picture
+from rsdeblur.psf import PsfBank
+
+AS_IS: dict[str, None] = dict.fromkeys(("format", "unit", "orientation"))
+WRITTEN = (".jpg", ".png", ".tif", ".webp")
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """One reader and one format.
+
+    Parameters
+    ----------
+    read : callable
+        Reads a file and checks what it got; may raise nothing but `RsdeblurError`.
+    seeds : callable
+        Makes valid files, or what `pack` makes files of.
+    name : str
+        The file's name.
+    text : bool
+        Whether numbers, words and lines are worth spoiling.
+    pack : callable, optional
+        Makes a file of the spoilt content, for formats whose check sums or compression random damage does not pass.
+    """
+
+    read: Callable[[Path], None]
+    seeds: Callable[[], Sequence[bytes]]
+    name: str = "file.bin"
+    text: bool = False
+    pack: Callable[[bytes], bytes] | None = None
+
+    @property
+    def reader(self) -> str:
+        """Which of the package's doors reads it."""
+        return READERS[self.read]
+
+    def spoilt(self, rng: random.Random) -> bytes:
+        """Return one hostile file."""
+        contents = _seeds(self)
+        content = rng.choice(contents)
+        if self.pack is None:
+            return mutated(content, rng, contents, text=self.text)
+        content = mutated(content, rng, contents, text=self.text) if rng.random() < 0.9 else content
+        file = self.pack(content)
+        return mutated(file, rng, [file], text=False) if rng.random() < 0.15 else file
+
+
+@cache
+def _seeds(target: Target) -> Sequence[bytes]:
+    return target.seeds()
+
+
+def _gyro(path: Path) -> None:
+    json.dumps(describe_gyro(path, AS_IS))
+
+
+def _camera(path: Path) -> None:
+    json.dumps(describe_camera(path))
+
+
+def _captures(path: Path) -> None:
+    json.dumps(describe_captures(path))
+
+
+def _picture(path: Path) -> None:
+    picture = read_picture(path)
+    json.dumps(describe_picture(path))
+    # What was read must be fit to be written, with what was carried over of its EXIF block and profile.
+    extension = WRITTEN[path.stat().st_size % len(WRITTEN)]
+    if np.isfinite(picture.pixels).all():
+        write_picture(path.with_name(f"again{extension}"), picture.pixels, like=picture, force=True)
+
+
+def _bank(path: Path) -> None:
+    PsfBank.load(path)
+
+
+READERS: dict[Callable[[Path], None], str] = {
+    _gyro: "gyro logs",
+    _camera: "cameras",
+    _captures: "captures",
+    _picture: "pictures",
+    _bank: "PSF banks",
+}
+
+
+def _text(read: Callable[[Path], None], files: Sequence[bytes], name: str) -> Target:
+    return Target(read, lambda: files, name, text=True)
+
+
+TARGETS: dict[str, Target] = {
+    **{name: _text(_gyro, files, "log.csv") for name, files in seeds.GYRO_TABLES.items()},
+    "sensorlogger-json": Target(_gyro, lambda: [seeds.sensorlogger_json()], "log.json", text=True),
+    "gyrodata": Target(_gyro, lambda: [seeds.trailer()], "a.jpg"),
+    "zip": Target(_gyro, lambda: [seeds.GYRO_TABLES["sensorlogger"][0]], "a.zip", text=True, pack=seeds.archive),
+    "zip-file": Target(_gyro, lambda: [seeds.archive(seeds.GYRO_TABLES["sensorlogger"][0])], "a.zip"),
+    "gyroflow": Target(
+        _gyro,
+        lambda: [
+            seeds.project({"raw_imu": [[0.005 * i, *rate] for i, rate in enumerate(seeds.RATES.tolist())]}),
+            seeds.project({"raw_imu": [{"timestamp_ms": 5 * i, "gyro": [1, 2, 3.5]} for i in range(9)]}),
+            seeds.packed_project(seeds.cbor(), "file_metadata"),
+        ],
+        "a.gyroflow",
+        text=True,
+    ),
+    "gyroflow-cbor": Target(
+        _gyro, lambda: [seeds.cbor()], "a.gyroflow", pack=partial(seeds.packed_project, key="file_metadata")
+    ),
+    "gyroflow-bincode": Target(
+        _gyro, lambda: [seeds.bincode()], "a.gyroflow", pack=partial(seeds.packed_project, key="raw_imu")
+    ),
+    "toml": _text(_camera, seeds.CAMERA_TOML, "camera.toml"),
+    "kalibr": _text(_camera, seeds.KALIBR, "camera.yaml"),
+    "gyroflow-lens": Target(
+        _camera, lambda: [json.dumps(seeds.PROFILE).encode(), seeds.project({})], "lens.json", text=True
+    ),
+    "exif": Target(_camera, lambda: [seeds.exif()], "a.jpg", pack=seeds.jpeg),
+    **{name: _text(_captures, files, "captures.csv") for name, files in seeds.CAPTURES.items()},
+    "gyrodata-captures": Target(_captures, lambda: [seeds.trailer()], "a.jpg"),
+    "jpeg": Target(_picture, seeds.jpegs, "a.jpg"),
+    "jpeg-exif": Target(_picture, lambda: [seeds.exif()], "a.jpg", pack=seeds.jpeg),
+    "png": Target(_picture, seeds.pngs, "a.png"),
+    "png-mended": Target(_picture, seeds.pngs, "a.png", pack=seeds.mended_png),
+    "webp": Target(_picture, seeds.webps, "a.webp"),
+    "tiff": Target(_picture, seeds.tiffs, "a.tif"),
+    "heic": Target(_picture, lambda: [seeds.heic()], "a.heic"),
+    "dng": Target(_picture, lambda: [seeds.dng()], "a.dng"),
+    "psf-bank": Target(_bank, lambda: [seeds.bank()], "bank.npz"),
+}

@@ -1,0 +1,198 @@
+"""Faults: a full disk, a killed process, an interruption, a damaged cache; no file is lost and no half of one stays.
+
+A short run of `benchmarks.faults`, which counts how things end.
+"""
+
+from __future__ import annotations
+
+import errno
+import importlib
+import importlib.util
+import os
+import signal
+import stat
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rsdeblur import Camera
+from rsdeblur._atomic import atomic_write, check_target
+from rsdeblur.errors import OutputError
+from rsdeblur.io import write_picture
+
+# Not part of the installed package; last, so that the bare source folder does not hide the installation.
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+faults = importlib.import_module("benchmarks.faults")
+
+KILLS = 6
+
+
+@pytest.mark.parametrize("name", faults.WRITERS)
+def test_a_killed_process_leaves_the_old_file_or_the_new_one(name: str) -> None:
+    found = faults.kills(name, KILLS)
+    assert (found["the old or the new file"], found["another file"]) == (KILLS, 0)
+
+
+@pytest.mark.parametrize("name", faults.WRITERS)
+def test_a_full_disk_is_said_and_costs_nothing(name: str) -> None:
+    assert faults.full_disk(name, 5) == {"refused, the old file whole": 5, "else": 0}
+
+
+@pytest.mark.parametrize("call", ["fsync", "replace"])
+def test_a_disk_that_is_full_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str) -> None:
+    def fail(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    path = tmp_path / "camera.toml"
+    path.write_text("old")
+    monkeypatch.setattr(os, call, fail)
+    with pytest.raises(OutputError, match=r"camera\.toml: cannot write the file: No space left on device"):
+        Camera(3, 3, 5.0).save(path)
+    assert [(path, path.read_text())] == [(path, "old") for path in tmp_path.iterdir()]
+
+
+def test_damaged_wisdom_is_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", "")
+    assert faults.damaged_wisdom(8) == {"exit 0": 8}
+
+
+def test_two_processes_plan_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", "")
+    assert faults.two_planners(1) == {"exits [0, 0], files ['.wisdom']": 1}
+
+
+def test_an_interrupted_command_cleans_up(tmp_path: Path) -> None:
+    """Interrupted while it writes: exit 130, one line, no temporary file."""
+    # A write that takes for ever, which says when it has begun.
+    code = (
+        "import time, rsdeblur.cli, rsdeblur._atomic as atomic\n"
+        "def slow(*_):\n    print('writing', flush=True)\n    time.sleep(60)\n"
+        "atomic.os.fsync = slow\n"
+        "rsdeblur.cli.main()\n"
+    )
+    target = tmp_path / "camera.toml"
+    arguments = ["camera", "new", "--size", "640x480", "--focal", "500", "-o", str(target)]
+    with subprocess.Popen(
+        [sys.executable, "-c", code, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "writing\n", process.communicate()
+        process.send_signal(signal.SIGINT)
+        _, message = process.communicate(timeout=30)
+    assert (process.returncode, message) == (130, "rsdeblur: interrupted; no unfinished file is left\n")
+    assert not list(tmp_path.iterdir())
+
+
+class TestPlaces:
+    """What is no file is never replaced by one."""
+
+    @pytest.mark.parametrize("kind", ["pipe", "folder", "loop"])
+    def test_refused(self, tmp_path: Path, kind: str) -> None:
+        path = tmp_path / "a.png"
+        {"pipe": os.mkfifo, "folder": os.mkdir, "loop": lambda path: os.symlink(path, path)}[kind](path)
+        mode = path.lstat().st_mode
+        for write in (
+            lambda: check_target(path, force=True),
+            lambda: write_picture(path, np.zeros((3, 3)), force=True),
+            lambda: Camera(3, 3, 5.0).save(path),
+        ):
+            with pytest.raises(OutputError, match=r"a\.png: cannot write the file: "):
+                write()
+        assert path.lstat().st_mode == mode
+        assert list(tmp_path.iterdir()) == [path]
+
+    def test_a_device_is_not_replaced(self) -> None:
+        with pytest.raises(OutputError, match="/dev/null: cannot write the file: it is a pipe or a device"):
+            Camera(3, 3, 5.0).save("/dev/null")
+        assert stat.S_ISCHR(Path("/dev/null").stat().st_mode)
+
+    @pytest.mark.parametrize("name", ["a\0b.png", "a\ud800b.png", "x" * 256 + ".png"])
+    def test_names_that_no_file_can_have(self, tmp_path: Path, name: str) -> None:
+        with pytest.raises(OutputError, match="cannot write the file"):
+            write_picture(tmp_path / name, np.zeros((3, 3)))
+
+    @pytest.mark.parametrize("name", ["a\nb.png", "\udcff.png", "-.png", "😀" * 62 + ".png", "x" * 251 + ".png"])
+    def test_odd_names(self, tmp_path: Path, name: str) -> None:
+        write_picture(tmp_path / name, np.zeros((3, 3)))
+        assert [path.name for path in tmp_path.iterdir()] == [name]
+
+    def test_a_link_stays_one(self, tmp_path: Path) -> None:
+        (tmp_path / "there").mkdir()
+        file, link = tmp_path / "there" / "camera.toml", tmp_path / "link.toml"
+        link.symlink_to(file)
+        for camera in (Camera(3, 3, 5.0), Camera(4, 3, 5.0)):
+            camera.save(link)
+            assert link.is_symlink()
+            assert Camera.load(file).width == camera.width
+        with pytest.raises(OutputError, match="the file exists"):
+            check_target(link, force=False)
+
+    @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+    def test_a_folder_that_must_not_be_written(self, tmp_path: Path) -> None:
+        tmp_path.chmod(0o500)
+        for write in (lambda: check_target(tmp_path / "a", force=True), lambda: Camera(3, 3, 5.0).save(tmp_path / "a")):
+            with pytest.raises(OutputError, match="cannot write the file"):
+                write()
+
+    def test_a_new_file_has_the_common_mode(self, tmp_path: Path) -> None:
+        with atomic_write(tmp_path / "a") as file:
+            file.write(b"a")
+        (tmp_path / "b").write_bytes(b"b")
+        assert (tmp_path / "a").stat().st_mode == (tmp_path / "b").stat().st_mode
+
+
+class TestNumbaCache:
+    """Numba itself raises for ever what unpickling a damaged file raises, and what a full disk does."""
+
+    SOURCE = "from rsdeblur.kernels._jit import njit\n\n\n@njit()\ndef double(x):\n    return 2 * x\n"
+
+    def kernel(self, folder: Path, run: int) -> ModuleType:
+        """Import the same source anew, as the next process would."""
+        spec = importlib.util.spec_from_file_location(f"kernel_{run}", folder / "kernel.py")
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module
+
+    @pytest.mark.parametrize("extension", ["nbi", "nbc"])
+    @pytest.mark.parametrize("content", [b"", b"\x80\x04\x95", b"garbage"])
+    def test_damaged(self, tmp_path: Path, extension: str, content: bytes) -> None:
+        (tmp_path / "kernel.py").write_text(self.SOURCE)
+        assert self.kernel(tmp_path, 0).double(2) == 4
+        files = list((tmp_path / "__pycache__").glob(f"*.{extension}"))
+        assert files
+        for file in files:
+            file.write_bytes(content)
+        again = self.kernel(tmp_path, 1)
+        assert again.double(3) == 6
+        # It was compiled anew, and kept.
+        assert all(file.read_bytes() != content for file in files)
+        assert self.kernel(tmp_path, 2).double.stats.cache_hits == {}
+        hit = self.kernel(tmp_path, 3).double
+        assert hit(4) == 8
+        assert sum(hit.stats.cache_hits.values()) == 1
+
+    def test_full(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        def fail(*_: Any) -> None:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        (tmp_path / "kernel.py").write_text(self.SOURCE)
+        module = self.kernel(tmp_path, 0)
+        monkeypatch.setattr(os, "replace", fail)
+        assert module.double(2) == 4
+
+    def test_nowhere(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        from rsdeblur.kernels import _jit
+
+        def fail(*_: Any) -> None:
+            raise RuntimeError("cannot cache function: no locator available")
+
+        (tmp_path / "kernel.py").write_text(self.SOURCE)
+        monkeypatch.setattr(_jit, "_Cache", fail)
+        assert self.kernel(tmp_path, 0).double(2) == 4

@@ -1,0 +1,366 @@
+"""Hostile files: whatever stands in them, a reader reads them or refuses them in one message that names the file.
+
+A short run of `benchmarks.fuzz`, and by name what long runs of it found.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import struct
+import sys
+import warnings
+import zipfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from rsdeblur import Camera
+from rsdeblur.errors import FileFormatError, RsdeblurError
+from rsdeblur.io import open_camera, open_gyro, read_captures, read_gyro, read_picture, write_picture
+from rsdeblur.psf import PsfBank
+
+# Not part of the installed package; last, so that the bare source folder does not hide the installation.
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+fuzz = importlib.import_module("benchmarks.fuzz.__main__")
+targets = importlib.import_module("benchmarks.fuzz.targets")
+seeds = importlib.import_module("benchmarks.fuzz.seeds")
+
+READERS: dict[str, Callable[[Path], Any]] = {
+    "gyro": open_gyro,
+    "camera": open_camera,
+    "toml": Camera.load,
+    "captures": read_captures,
+    "picture": read_picture,
+    "bank": PsfBank.load,
+}
+# Seeds in the fuzzer's order; each takes a millisecond or a few.
+INPUTS = 25
+
+
+@pytest.fixture(params=READERS.values(), ids=READERS)
+def read(request: pytest.FixtureRequest) -> Callable[[Path], Any]:
+    return request.param
+
+
+def refuses(read: Callable[[Path], Any], path: Path) -> bool:
+    """Return whether a file is refused, which must be said of it or of what was to be written beside it."""
+    error = None
+    try:
+        read(path)
+    except RsdeblurError as caught:
+        error = caught
+    assert error is None or str(path.parent) in str(error)
+    return error is not None
+
+
+def refusal(read: Callable[[Path], Any], path: Path) -> str:
+    with pytest.raises(RsdeblurError) as caught:
+        read(path)
+    assert str(path) in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", targets.TARGETS)
+def test_spoilt_files_are_read_or_refused(name: str, tmp_path: Path) -> None:
+    target = targets.TARGETS[name]
+    path = tmp_path / target.name
+    refused = 0
+    with warnings.catch_warnings():
+        # Libraries say what they think of files; a number that is no number must not come of them.
+        warnings.simplefilter("ignore")
+        warnings.filterwarnings("error", category=RuntimeWarning, module="rsdeblur")
+        for content in target.seeds():
+            path.write_bytes(target.pack(content) if target.pack else content)
+            target.read(path)
+        for number in range(INPUTS):
+            path.write_bytes(fuzz.hostile(name, number))
+            refused += refuses(target.read, path)
+    # The mutations do something; a picture is worth reading without its EXIF block.
+    assert refused or name == "jpeg-exif"
+
+
+@settings(derandomize=True, deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(content=st.binary(max_size=200) | st.text(max_size=200).map(lambda text: text.encode("utf-8", "replace")))
+def test_any_bytes_are_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(content)
+    for read in READERS.values():
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            refuses(read, path)
+
+
+def set_tag(data: bytearray, tag: int, value: int) -> None:
+    """Replace a number in the directory of a TIFF."""
+    place = data.index(struct.pack("<HHI", tag, 4, 1)) + 8
+    data[place : place + 4] = struct.pack("<I", value)
+
+
+class TestPlaces:
+    """What is no file is refused at once, and never waited for."""
+
+    def test_pipe(self, read: Callable[[Path], Any], tmp_path: Path) -> None:
+        os.mkfifo(tmp_path / "pipe")
+        assert "a pipe or a device" in refusal(read, tmp_path / "pipe")
+
+    def test_endless_device(self, read: Callable[[Path], Any]) -> None:
+        assert "a pipe or a device" in refusal(read, Path("/dev/zero"))
+
+    def test_folder(self, read: Callable[[Path], Any], tmp_path: Path) -> None:
+        assert "Is a directory" in refusal(read, tmp_path)
+
+    def test_link_to_nothing_or_to_itself(self, read: Callable[[Path], Any], tmp_path: Path) -> None:
+        (tmp_path / "nothing").symlink_to("nowhere")
+        (tmp_path / "loop").symlink_to("loop")
+        assert "No such file" in refusal(read, tmp_path / "nothing")
+        assert "Too many levels" in refusal(read, tmp_path / "loop")
+
+    @pytest.mark.parametrize("name", ["a\0b", "a\ud800b"])
+    def test_names_that_no_file_has(self, read: Callable[[Path], Any], tmp_path: Path, name: str) -> None:
+        assert "cannot read" in refusal(read, tmp_path / name)
+
+    @pytest.mark.parametrize("name", ["a\nb.csv", "a b'\".csv", "-rf.csv", "\udcff.csv", "é😀.csv", "x" * 250 + ".csv"])
+    def test_odd_names(self, tmp_path: Path, name: str) -> None:
+        path = tmp_path / name
+        path.write_bytes(seeds.GYRO_TABLES["plain"][0])
+        assert len(read_gyro(path)) == len(seeds.RATES)
+        path.write_bytes(b"nothing")
+        refusal(read_gyro, path)
+
+    def test_link_to_a_file(self, tmp_path: Path) -> None:
+        (tmp_path / "log.csv").write_bytes(seeds.GYRO_TABLES["plain"][0])
+        (tmp_path / "link").symlink_to("log.csv")
+        assert len(read_gyro(tmp_path / "link")) == len(seeds.RATES)
+
+
+class TestText:
+    @pytest.mark.parametrize("mark", ["[", "(", " ", "1", "[]", "a,", "1e", "\t"])
+    def test_long_lines_take_no_long_time(self, tmp_path: Path, mark: str) -> None:
+        # Patterns that backtrack would take hours.
+        path = tmp_path / "log.csv"
+        path.write_text(f"t,gx,gy,gz\n0,{mark * 100_000}x,2,3\n" + f"{mark * 100_000}x\n" * 3)
+        refusal(open_gyro, path)
+        refusal(open_camera, path)
+
+    def test_many_blank_lines_take_no_long_time(self, tmp_path: Path) -> None:
+        (tmp_path / "camera").write_text("a: 1" + "\n" * 100_000)
+        refusal(open_camera, tmp_path / "camera")
+
+    def test_rates_that_overflow(self, tmp_path: Path) -> None:
+        path = tmp_path / "log.csv"
+        path.write_text("0,1,2,3\n0.01,1,2,1e200\n0.02,1,2,3\n")
+        assert "line 2: impossible rates" in refusal(open_gyro, path)
+
+    @pytest.mark.parametrize("time", ["1e300", "9.3e12", "-9.3e12"])
+    def test_stamps_of_projects_beyond_int64(self, tmp_path: Path, time: str) -> None:
+        path = tmp_path / "a.gyroflow"
+        samples = [{"timestamp_ms": 0, "gyro": [1, 2, 3]}, {"timestamp_ms": float(time), "gyro": [1, 2, 3]}]
+        path.write_text(json.dumps({"raw_imu": samples}))
+        assert "sample 1: stamp" in refusal(open_gyro, path)
+
+    def test_messages_have_an_end(self, tmp_path: Path) -> None:
+        path = tmp_path / "camera.toml"
+        path.write_text(f"width = {list(range(10_000))}\nheight = 3\nfocal = 4\n")
+        assert len(refusal(Camera.load, path)) < 10_000
+
+
+class TestNumbersOfCameras:
+    @pytest.mark.parametrize(
+        "line",
+        [
+            "width = 1" + "0" * 400,
+            "width = " + "9" * 5000,
+            "focal = 1e300",
+            "focal = 5e-324",
+            "principal = [1e308, -1e308]",
+            "readout = " + "[" * 5000,
+            "imu_to_camera = [[1e200, 0, 0], [0, 1e200, 0], [0, 0, 1e200]]",
+            'distortion_model = "fisheye"\ndistortion = [1e308, 1e308, 1e308, 1e308]',
+            'distortion_model = "radtan"\ndistortion = [1e-308, 1e12, -1e12, 5e-324]',
+        ],
+        ids=lambda line: line[:25],
+    )
+    def test_refused(self, tmp_path: Path, line: str) -> None:
+        path = tmp_path / "camera.toml"
+        key = line.split()[0]
+        whole = {"width": "width = 640", "height": "height = 480", "focal": "focal = 500"}
+        path.write_text("\n".join([line, *(text for name, text in whole.items() if name != key)]))
+        refusal(Camera.load, path)
+
+
+class TestYaml:
+    CAMERA = "cam0: {camera_model: pinhole, intrinsics: %s, resolution: [640, 480], distortion_model: none}\n"
+
+    @pytest.mark.parametrize("levels", [12, 60])
+    def test_billion_laughs(self, tmp_path: Path, levels: int) -> None:
+        path = tmp_path / "camera.yaml"
+        laughs = "a0: &a0 [1, 2, 3, 4]\n" + "".join(
+            f"a{i + 1}: &a{i + 1} [{', '.join([f'*a{i}'] * 9)}]\n" for i in range(levels)
+        )
+        path.write_text(laughs + self.CAMERA % f"*a{levels}")
+        assert "stands for more than 10000 values" in refusal(open_camera, path)
+
+    def test_merged_laughs(self, tmp_path: Path) -> None:
+        path = tmp_path / "camera.yaml"
+        laughs = "a0: &a0 {k: 1}\n" + "".join(
+            f"a{i + 1}: &a{i + 1} {{<<: [{', '.join([f'*a{i}'] * 9)}]}}\n" for i in range(12)
+        )
+        path.write_text(laughs + self.CAMERA % "[1, 2, 3, 4]")
+        assert "stands for more than 10000 values" in refusal(open_camera, path)
+
+    def test_what_holds_itself(self, tmp_path: Path) -> None:
+        path = tmp_path / "camera.yaml"
+        path.write_text(self.CAMERA % "&a [*a, 1, 2, 3]")
+        assert "stands for more than 10000 values" in refusal(open_camera, path)
+
+    def test_an_alias_is_read(self, tmp_path: Path) -> None:
+        path = tmp_path / "camera.yaml"
+        path.write_text("k: &k [500, 500, 320, 240]\n" + self.CAMERA % "*k")
+        assert open_camera(path).camera.focal == (500.0, 500.0)
+
+    def test_nothing_is_built_or_called(self, tmp_path: Path) -> None:
+        path = tmp_path / "camera.yaml"
+        path.write_text(self.CAMERA % f"!!python/object/apply:os.mkdir [{tmp_path / 'made'}]")
+        assert "could not determine a constructor" in refusal(open_camera, path)
+        assert not (tmp_path / "made").exists()
+
+    @pytest.mark.parametrize("text", ["[" * 2000, "{a: " * 2000, "- " * 2000, "a: 1\n" * 50_000])
+    def test_deep_or_long(self, tmp_path: Path, text: str) -> None:
+        path = tmp_path / "camera.yaml"
+        path.write_text("cam0: " + text)
+        refusal(open_camera, path)
+
+
+@pytest.mark.parametrize("nest", ["[", '{"a":'])
+def test_deep_json(tmp_path: Path, nest: str) -> None:
+    path = tmp_path / "a.gyroflow"
+    path.write_text('{"raw_imu": ' + nest * 100_000)
+    for read in (open_gyro, open_camera):
+        refusal(read, path)
+
+
+class TestBombs:
+    """What unpacks to far more than it is, is refused before it is unpacked."""
+
+    def test_zip(self, tmp_path: Path) -> None:
+        path = tmp_path / "a.zip"
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("gyro.csv", bytes(70_000_000))
+        assert "claims to hold 70000000 bytes" in refusal(open_gyro, path)
+
+    def test_zip_that_claims_little(self, tmp_path: Path) -> None:
+        path = tmp_path / "a.zip"
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("gyro.csv", bytes(70_000_000))
+        path.write_bytes(path.read_bytes().replace(struct.pack("<I", 70_000_000), struct.pack("<I", 100)))
+        refusal(open_gyro, path)
+
+    @pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+    def test_zip_of_denser_methods(self, tmp_path: Path, method: int) -> None:
+        path = tmp_path / "a.zip"
+        with zipfile.ZipFile(path, "w", method) as archive:
+            archive.writestr("gyro.csv", b"0 1 2 3\n")
+        assert "other than deflate" in refusal(open_gyro, path)
+
+    def test_zip_whose_names_lead_elsewhere(self, tmp_path: Path) -> None:
+        (tmp_path / "secret.csv").write_bytes(seeds.GYRO_TABLES["plain"][0])
+        path = tmp_path / "a.zip"
+        for name in (f"{tmp_path}/secret.csv", "../secret.csv"):
+            with zipfile.ZipFile(path, "w") as archive:
+                archive.writestr(name, b"\0\0\0\x18ftypmp42")
+            assert "a.zip" in refusal(open_gyro, path)
+
+    def test_project(self, tmp_path: Path) -> None:
+        path = tmp_path / "a.gyroflow"
+        payload = seeds.base91(zlib.compress(bytes(70_000_000)))
+        path.write_text(json.dumps({"title": "Gyroflow data file", "gyro_source": {"raw_imu": payload}}))
+        assert "unpack to more than" in refusal(open_gyro, path)
+
+    def test_pictures_of_few_bytes_and_many_pixels(self, tmp_path: Path) -> None:
+        path = tmp_path / "a"
+        header = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sIIBBBBB", 13, b"IHDR", 20_000, 20_000, 8, 2, 0, 0, 0)
+        path.write_bytes(header + struct.pack(">I", zlib.crc32(header[12:])) + b"\0\0\0\0IEND\xae\x42\x60\x82")
+        assert "exceeds limit" in refusal(read_picture, path)
+        tifffile.imwrite(path, np.zeros((10, 10), np.uint8))
+        data = bytearray(path.read_bytes())
+        for tag in (256, 257):
+            set_tag(data, tag, 20_000)
+        path.write_bytes(data)
+        assert "claims 20000x20000 pixels" in refusal(read_picture, path)
+
+    def test_even_pictures_are_no_bombs(self, tmp_path: Path) -> None:
+        for name in ("a.png", "a.webp", "a.tif", "a.jpg"):
+            write_picture(tmp_path / name, np.zeros((1200, 1600), np.uint8))
+            assert read_picture(tmp_path / name).pixels.shape[:2] == (1200, 1600)
+
+    def test_tiff_whose_parts_share_their_bytes(self, tmp_path: Path) -> None:
+        path = tmp_path / "a.tif"
+        tifffile.imwrite(path, np.zeros((64, 64), np.uint8), rowsperstrip=8)
+        with tifffile.TiffFile(path, mode="r+b") as file:
+            tag = file.pages.first.tags["StripOffsets"]
+            tag.overwrite([tag.value[0]] * len(tag.value))
+            tag = file.pages.first.tags["StripByteCounts"]
+            tag.overwrite([512] * len(tag.value))
+        data = path.read_bytes()
+        path.write_bytes(data[: len(data) - 3000])
+        assert "a.tif: the picture is truncated or damaged" in refusal(read_picture, path)
+
+    def test_tiff_of_a_hundred_million_parts(self, tmp_path: Path) -> None:
+        path = tmp_path / "a.tif"
+        tifffile.imwrite(path, np.zeros((3, 2), np.uint16), rowsperstrip=1)
+        data = bytearray(path.read_bytes())
+        set_tag(data, 257, 25_000_000)
+        path.write_bytes(data)
+        assert "more than the file has bytes" in refusal(read_picture, path)
+
+
+class TestDamagedPictures:
+    def test_tiff_without_pixels(self, tmp_path: Path) -> None:
+        path = tmp_path / "a.tif"
+        tifffile.imwrite(path, np.zeros((3, 2), np.uint8))
+        data = bytearray(path.read_bytes())
+        set_tag(data, 257, 0)
+        path.write_bytes(data)
+        refusal(read_picture, path)
+
+    def test_png_without_its_palette(self, tmp_path: Path) -> None:
+        path = tmp_path / "a.png"
+        Image.new("P", (4, 4)).save(path)
+        data = path.read_bytes()
+        start = data.index(b"PLTE") - 4
+        length = struct.unpack(">I", data[start : start + 4])[0]
+        path.write_bytes(data[:start] + data[start + 12 + length :])
+        assert "truncated or damaged" in refusal(read_picture, path)
+
+    def test_a_damaged_block_does_not_cost_the_picture(self, tmp_path: Path) -> None:
+        # A date that is none: a TIFF is written from the block's entries, and must not be lost for one of them.
+        exif = bytearray(seeds.exif())
+        place = exif.index(struct.pack("<H", 36867)) if exif[6:8] == b"II" else exif.index(struct.pack(">H", 36867))
+        exif[place + 3] = 250
+        (tmp_path / "a.jpg").write_bytes(seeds.jpeg(bytes(exif)))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            picture = read_picture(tmp_path / "a.jpg")
+            write_picture(tmp_path / "a.tif", picture.pixels, like=picture)
+            np.testing.assert_array_equal(read_picture(tmp_path / "a.tif").pixels, picture.pixels)
+
+    def test_the_tale_of_a_damaged_tiff_is_not_told(self, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+        path = tmp_path / "a.tif"
+        path.write_bytes(b"II*\0\x08\0\0\0\x02\0" + b"\x01\x63" * 30)
+        refusal(read_picture, path)
+        assert capfd.readouterr().err == ""
+
+
+def test_errors_are_files_errors(read: Callable[[Path], Any], tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError):
+        read(tmp_path / "none")

@@ -1,0 +1,309 @@
+"""Laws over random cameras, logs, exposures, sizes and modes: what a deblurred picture must obey whatever they are.
+
+Every test takes its cases from hypothesis, the same ones each time.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from rsdeblur import Camera, Exposure, GyroLog, InputError, deblur
+from rsdeblur.camera import READOUT_DIRECTIONS
+from rsdeblur.method import MODES
+from rsdeblur.motion import BlurPaths, Shot
+from rsdeblur.pipeline import psfs
+from rsdeblur.priors import PRIORS
+
+EPOCH = 1_766_385_749_427_863_801
+MIRRORED = {"left-right": "right-left", "right-left": "left-right", "top-down": "bottom-up", "bottom-up": "top-down"}
+
+few = settings(derandomize=True, deadline=None, max_examples=12)
+several = settings(derandomize=True, deadline=None, max_examples=30)
+
+
+@dataclass(frozen=True)
+class Capture:
+    """What a picture is deblurred with."""
+
+    log: GyroLog
+    camera: Camera
+    exposure: Exposure
+
+    @property
+    def parts(self) -> tuple[GyroLog, Camera, Exposure]:
+        return self.log, self.camera, self.exposure
+
+    def noise(self, seed: int = 0, channels: int = 1) -> np.ndarray[Any, Any]:
+        shape = (self.camera.height, self.camera.width, channels)
+        return np.random.default_rng(seed).random(shape, dtype=np.float32)
+
+
+@st.composite
+def captures(draw: st.DrawFn, directions: tuple[str, ...] = READOUT_DIRECTIONS) -> Capture:
+    """Any camera, held in any way, with a few px of blur in pictures of odd, even and prime sizes."""
+    width, height = draw(st.integers(24, 60)), draw(st.integers(24, 60))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    model = draw(st.sampled_from(["none", "radtan", "fisheye"]))
+    bent = {"none": (), "radtan": (-0.05, 0.01, 0.002, -0.001), "fisheye": (0.03, 0.01, -0.01, 0.001)}[model]
+    camera = Camera(
+        width,
+        height,
+        draw(st.floats(40, 90)) * np.array([1.0, draw(st.floats(0.9, 1.1))]),
+        (width / 2 + draw(st.floats(-4, 4)), height / 2 + draw(st.floats(-4, 4))),
+        readout=draw(st.sampled_from([0.0, 0.01, 0.03])),
+        readout_direction=draw(st.sampled_from(directions)),
+        imu_to_camera=Rotation.random(rng=rng).as_matrix(),
+        time_offset=draw(st.floats(-0.02, 0.02)),
+        distortion_model=model,
+        distortion=bent,
+        stamp=draw(st.sampled_from(["start", "middle", "end"])),
+    )
+    t = np.cumsum(rng.uniform(0.003, 0.006, 60))
+    waves = rng.normal(0, 0.8, (3, 3, 1)) * np.sin(rng.uniform(5, 60, (3, 3, 1)) * t + rng.uniform(0, 6, (3, 3, 1)))
+    return Capture(GyroLog(t, waves.sum(axis=0).T, EPOCH), camera, Exposure(0.13, draw(st.floats(0.005, 0.05)), EPOCH))
+
+
+modes = st.sampled_from(MODES)
+# What does not depend on the picture, and hence is linear in it.
+LINEAR: dict[str, dict[str, Any]] = {
+    "wiener": {"prior": "wiener", "nsr": 0.02},
+    "gradient": {"prior": "gradient", "nsr": 0.002, "weight": 0.01},
+}
+
+
+def solved(capture: Capture, image: np.ndarray[Any, Any], **options: Any) -> np.ndarray[Any, Any]:
+    return deblur(image, *capture.parts, bands=3, strips=2, **options).image
+
+
+@several
+@given(captures())
+def test_psfs_keep_energy(capture: Capture) -> None:
+    kernels = psfs(*capture.parts, strips=2).kernels
+    assert (kernels >= 0).all()
+    # float32 sums of some hundred weights
+    np.testing.assert_allclose(kernels.sum(axis=(2, 3)), 1, atol=1e-6)
+
+
+@few
+@given(captures(), modes, st.sampled_from(PRIORS), st.floats(0.05, 1))
+def test_an_even_picture_stays_as_it_is(capture: Capture, mode: str, prior: str, level: float) -> None:
+    image = np.full((capture.camera.height, capture.camera.width), level, np.float32)
+    # float32 transforms, and rowwise solves whose condition number is up to 1 / nsr
+    np.testing.assert_allclose(solved(capture, image, mode=mode, prior=prior, nsr=0.01), image, rtol=1e-4)
+
+
+@few
+@given(captures())
+def test_the_mean_is_kept_where_the_picture_repeats(capture: Capture) -> None:
+    image = capture.noise()
+    sharp = deblur(image, *capture.parts, mode="global", nsr=0.02, border="periodic").image
+    assert abs(float(sharp.mean(dtype=np.float64) - image.mean(dtype=np.float64))) < 1e-6
+
+
+@few
+@given(captures(), modes, st.sampled_from(sorted(LINEAR)), st.floats(-2, 2))
+def test_linear_in_the_picture(capture: Capture, mode: str, prior: str, factor: float) -> None:
+    one, other = capture.noise(1), capture.noise(2)
+    options = {"mode": mode, **LINEAR[prior]}
+    together = solved(capture, one + np.float32(factor) * other, **options)
+    apart = solved(capture, one, **options) + np.float32(factor) * solved(capture, other, **options)
+    # The filter's gain, up to 1 / (2 sqrt(nsr)) = 11 for the smallest nsr, on float32's 1e-7 of values up to 3.
+    np.testing.assert_allclose(together, apart, atol=1e-4)
+
+
+@few
+@given(captures(), modes, st.integers(-(2**40), 2**40))
+def test_a_later_epoch_changes_nothing(capture: Capture, mode: str, later: int) -> None:
+    log, camera, exposure = capture.parts
+    moved = Capture(
+        GyroLog(log.t, log.omega, EPOCH + later), camera, replace(exposure, epoch_ns=exposure.epoch_ns + later)
+    )
+    image = capture.noise()
+    options: dict[str, Any] = {"mode": mode, "nsr": 0.02}
+    np.testing.assert_array_equal(solved(moved, image, **options), solved(capture, image, **options))
+
+
+@several
+@given(captures(), st.floats(-50, 50))
+def test_stamps_and_offsets_move_together(capture: Capture, dt: float) -> None:
+    log, camera, exposure = capture.parts
+    kernels = psfs(*capture.parts, bands=3, strips=2).kernels
+    # The gyro's clock, and what is known of it; and both clocks. Times of 50 s have steps of 7e-15 s.
+    for moved in (
+        (log.shifted(dt), camera.delayed(-dt), exposure),
+        (log, camera.delayed(dt), exposure.shifted(dt)),
+        (log.shifted(dt), camera, exposure.shifted(dt)),
+    ):
+        np.testing.assert_allclose(psfs(*moved, bands=3, strips=2).kernels, kernels, atol=1e-6)
+
+
+def mirrored(capture: Capture, axis: int) -> Capture:
+    """Return the capture of the picture mirrored along `axis`: 0 is upside down."""
+    camera = capture.camera
+    along_x = axis == 1
+    (cx, cy), k = camera.principal, list(camera.distortion)
+    if camera.distortion_model == "radtan":
+        # Decentring: p1 goes with y, p2 with x.
+        k[3 if along_x else 2] *= -1
+    turns = camera.horizontal_readout == along_x
+    direction = MIRRORED[camera.readout_direction] if turns else camera.readout_direction
+    # Rates are axial: mirrored in x, only the one about x keeps its sign.
+    signs = np.diag([1.0, -1.0, -1.0] if along_x else [-1.0, 1.0, -1.0])
+    mirror = replace(
+        camera,
+        principal=(camera.width - 1 - cx, cy) if along_x else (cx, camera.height - 1 - cy),
+        readout_direction=direction,
+        imu_to_camera=signs @ camera.imu_to_camera,
+        distortion=tuple(k),
+    )
+    return replace(capture, camera=mirror)
+
+
+@several
+@given(captures(), st.sampled_from([0, 1]))
+def test_psfs_of_a_mirrored_camera_are_mirrored(capture: Capture, axis: int) -> None:
+    kernels = psfs(*capture.parts, bands=3, strips=2).kernels
+    mirror = psfs(*mirrored(capture, axis).parts, bands=3, strips=2).kernels
+    # Paths differ by rounding in float64; a weight follows its path's place with a slope of 1 per px.
+    np.testing.assert_allclose(np.flip(mirror, (axis, axis + 2)), kernels, atol=1e-6)
+
+
+@few
+@given(captures(), st.sampled_from([0, 1]))
+def test_a_mirrored_picture_is_deblurred_into_its_mirror_image(capture: Capture, axis: int) -> None:
+    image = capture.noise()
+    options = {"mode": "global", "nsr": 0.02, "border": "periodic"}
+    sharp = deblur(image, *capture.parts, **options).image
+    mirror = deblur(np.flip(image, axis), *mirrored(capture, axis).parts, **options).image
+    # As in test_linear_in_the_picture: a gain of 3.5 on float32's roundings.
+    np.testing.assert_allclose(np.flip(mirror, axis), sharp, atol=1e-4)
+
+
+@several
+@given(captures(("top-down", "bottom-up")), st.integers(2, 7))
+def test_paths_scale_with_the_camera(capture: Capture, times: int) -> None:
+    # Without readout, because rows of another picture are read at other moments.
+    log, camera, exposure = capture.log, replace(capture.camera, readout=0.0), capture.exposure
+    large = camera.resized(times * camera.width, times * camera.height)
+    rows, cols = np.array([0.0, camera.height / 2]), np.array([3.0, camera.width - 1.0])
+    paths = BlurPaths.from_shot(Shot.from_log(log, camera, exposure), rows, cols)
+    scaled = BlurPaths.from_shot(
+        Shot.from_log(log, large, exposure), (rows + 0.5) * times - 0.5, (cols + 0.5) * times - 0.5
+    )
+    # Longer paths have more samples; ends and lengths are theirs whatever the samples.
+    for place in (0, -1):
+        np.testing.assert_allclose(
+            scaled.displacements[:, :, place], times * paths.displacements[:, :, place], atol=1e-6 * times
+        )
+
+
+@few
+@given(captures(), modes, st.sampled_from(PRIORS))
+def test_runs_and_threads_give_the_same_bits(capture: Capture, mode: str, prior: str) -> None:
+    image = capture.noise(channels=3)
+    first, again, alone = (solved(capture, image, mode=mode, prior=prior, threads=threads) for threads in (3, 3, 1))
+    np.testing.assert_array_equal(first, again)
+    np.testing.assert_array_equal(first, alone)
+
+
+CASES = """
+import sys
+import numpy as np
+from rsdeblur import Camera, Exposure, deblur
+from rsdeblur.shake import hand_shake
+image = np.random.default_rng(0).random((47, 53, 3), dtype=np.float32)
+log, camera = hand_shake(0.2, strength=0.5, seed=3), Camera(53, 47, 60.0, readout=0.03)
+np.savez(sys.argv[1], **{
+    f"{mode} {prior}": deblur(image, log, camera, Exposure(0.05, 0.02), mode=mode, prior=prior, nsr=0.02,
+                              weight=0.01, bands=3, strips=2).image
+    for mode in ("global", "banded", "rowwise") for prior in ("wiener", "tv")
+})
+"""
+
+
+def test_c_and_numpy_agree(tmp_path: Path) -> None:
+    """The SIMD levels of the C code are held to double precision in its own tests; here, all of it to the twins."""
+    found = []
+    for pure in ("0", "1"):
+        path = tmp_path / f"{pure}.npz"
+        environment = {**os.environ, "RSDEBLUR_PURE": pure}
+        subprocess.run([sys.executable, "-c", CASES, str(path)], check=True, env=environment)
+        with np.load(path) as archive:
+            found.append(dict(archive))
+    for name, image in found[0].items():
+        # 1e-4 is a fortieth of a level of 8 bits; measured 2e-6 and, where shrinking has thresholds, 3e-5.
+        np.testing.assert_allclose(found[1][name], image, atol=1e-4, err_msg=name)
+
+
+SIZES = [(1, 1), (1, 2), (2, 1), (1, 31), (31, 1), (2, 2), (3, 3), (5, 4), (13, 17), (31, 29), (64, 3), (3, 64)]
+
+
+@several
+@given(
+    st.sampled_from(SIZES), modes, st.sampled_from(PRIORS), st.sampled_from(["uint8", "uint16", "float32"]), st.data()
+)
+@example((1, 1), "banded", "wiener", "uint8", None)
+def test_any_size_is_deblurred_or_refused(
+    size: tuple[int, int], mode: str, prior: str, dtype: str, data: st.DataObject | None
+) -> None:
+    """A still camera's picture comes back; a shaken one's is finite, and even where it was even."""
+    height, width = size
+    speed, even = (0.0, False) if data is None else (data.draw(st.sampled_from([0.0, 0.3])), data.draw(st.booleans()))
+    t = np.arange(40) * 0.005
+    log = GyroLog(t, np.full((40, 3), speed) * min(size) / 5)
+    noise = np.random.default_rng(0).random((height, width, 3)).astype(np.float32)
+    stored = np.full_like(noise, 0.4) if even else noise
+    if dtype != "float32":
+        stored = (stored * np.iinfo(dtype).max).astype(dtype)
+    full = 1 if dtype == "float32" else np.iinfo(dtype).max
+    given = (stored, log, Camera(width, height, 60.0, readout=0.02), Exposure(0.05, 0.02))
+    options: dict[str, Any] = {"mode": mode, "prior": prior, "nsr": 0.01}
+    if min(size) < 3:
+        # The smallest PSF does not fit.
+        with pytest.raises(InputError, match="picture"):
+            deblur(*given, **options)
+        return
+    sharp = deblur(*given, **options).image
+    assert sharp.shape == stored.shape
+    assert np.isfinite(sharp).all()
+    if even or (speed == 0 and prior == "wiener"):
+        np.testing.assert_allclose(sharp, stored / np.float32(full), atol=1e-4)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_psf_as_large_as_the_picture(mode: str, axis: int) -> None:
+    """The longest blur that fits is worked on, one that is longer by a px to both sides is refused."""
+    side, focal, exposure = 41, 600.0, Exposure(0.05, 0.02)
+    image = np.random.default_rng(0).random((side, side), dtype=np.float32)
+
+    def log(reach: float) -> GyroLog:
+        # A constant rate blurs evenly to both sides of the middle.
+        rates = np.zeros((40, 3))
+        rates[:, axis] = 2 * np.arctan(reach / focal) / exposure.duration
+        return GyroLog(np.arange(40) * 0.005, rates)
+
+    result = deblur(image, log(19.5), Camera(side, side, focal), exposure, mode=mode, nsr=0.05)
+    assert result.psfs.size[axis] == side
+    assert np.isfinite(result.image).all()
+    with pytest.raises(InputError, match=r"the blur reaches .* more than the picture of 41x41 px can hold"):
+        deblur(image, log(20.5), Camera(side, side, focal), exposure, mode=mode, nsr=0.05)
+
+
+def test_a_panorama() -> None:
+    width, height = 20_000, 30
+    even = np.full((height, width), 0.25, np.float32)
+    log = GyroLog(np.arange(40) * 0.005, np.full((40, 3), 0.02))
+    sharp = deblur(even, log, Camera(width, height, 3000.0, readout=0.01), Exposure(0.05, 0.02), nsr=0.01).image
+    np.testing.assert_allclose(sharp, even, atol=1e-4)
