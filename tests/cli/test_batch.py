@@ -206,10 +206,10 @@ def test_interrupt_leaves_nothing_unfinished(
     run: Run, here: None, processes: Processes, files: Files, tmp_path: Path
 ) -> None:
     out, path = tmp_path / "out", tmp_path / "m.csv"
-    path.write_text("photo,start,duration,output\n" + "".join(f"photo.png,0.2,0.04,{i}.png\n" for i in range(60)))
+    path.write_text("photo,start,duration,output\n" + "".join(f"photo.png,0.2,0.04,{i}.png\n" for i in range(200)))
     with processes.started("batch", path, *files.sources, *FAST, "-o", out) as process:
-        # The first one's record is written by then.
-        processes.until(process, lambda: len(list(out.glob("*.png"))) > 1)
+        # A picture stands there before its record does; whoever makes the fourth has finished another one.
+        processes.until(process, lambda: len(list(out.glob("*.png"))) > 3)
         os.killpg(process.pid, signal.SIGINT)
         _, stderr = process.communicate()
     assert process.returncode == 130
@@ -217,7 +217,7 @@ def test_interrupt_leaves_nothing_unfinished(
     assert {item.suffix for item in out.iterdir()} == {".png", ""}
     assert ".rsdeblur-batch" in {item.name for item in out.iterdir()}
     again = states(entries(run, path, *files.sources, "-o", out))
-    assert again.startswith("skipped")
+    assert "skipped" in again
     assert again.endswith("done")
 
 

@@ -36,6 +36,10 @@ BT709 = 1
 STAMPS = [3000 * i + 700 * (i % 3) for i in range(FRAMES)]
 
 
+# The scene is sharp to the pixel; automatic strengths expect a lens.
+STRENGTHS = ("--nsr", 0.1, "--weight", 0.01)
+
+
 class Movie(NamedTuple):
     """Files of a short video, and the sharp frames."""
 
@@ -59,7 +63,7 @@ class Movie(NamedTuple):
 def movie(tmp_path_factory: pytest.TempPathFactory) -> Movie:
     """Film a scene with a shaking rolling-shutter camera held upright, with sound."""
     folder = tmp_path_factory.mktemp("movie")
-    log = hand_shake(0.6, strength=0.9, seed=3)
+    log = hand_shake(0.6, strength=0.3, seed=3)
     camera = Camera(WIDTH, HEIGHT, 1.1 * WIDTH, readout=0.02)
     sharp = scene(HEIGHT + 40, WIDTH + 40, seed=1)
     taken = [simulate(sharp, log, camera, Exposure(START + float(t * TICK), DURATION)) for t in STAMPS]
@@ -69,8 +73,7 @@ def movie(tmp_path_factory: pytest.TempPathFactory) -> Movie:
     files = Movie(folder / "clip.mp4", folder / "gyro.csv", folder / "camera.toml", truth)
     camera.save(files.camera)
     np.savetxt(files.gyro, np.column_stack([log.t, log.omega]), "%.9f", ",", header="t,wx,wy,wz", comments="")
-    # All of the colour: what 4:2:0 leaves out cannot be told from a wrong blur.
-    write(files.path, blurred, pixels="yuv444p")
+    write(files.path, blurred)
     return files
 
 
@@ -141,7 +144,7 @@ def likeness(pictures: list[NDArray[Any]], truth: list[NDArray[np.float32]]) -> 
 def test_frames_get_sharper_and_all_else_is_kept(
     run: Run, here: None, movie: Movie, tmp_path: Path, method: tuple[str, ...]
 ) -> None:
-    result = run(*movie.arguments(*movie.stamped, *method, "-o", tmp_path / "sharp.mp4"))
+    result = run(*movie.arguments(*movie.stamped, *STRENGTHS, *method, "-o", tmp_path / "sharp.mp4"))
     assert result.exit_code == 0, result.output
     before, after = seen(movie.path), seen(tmp_path / "sharp.mp4")
     assert after.kept == before.kept
@@ -151,19 +154,19 @@ def test_frames_get_sharper_and_all_else_is_kept(
     assert len(after.sound) > 10
     gain = likeness(after.pictures, movie.truth) - likeness(before.pictures, movie.truth)
     if "rectify" not in method:  # whose truth is another one
-        # 3.0 to 3.4 dB when this was written.
-        assert gain.mean() > 1.5
+        # 1.2 to 1.3 dB when this was written: half of the colour is not there in 4:2:0.
+        assert gain.mean() > 0.8
     assert not (tmp_path / "sharp.mp4.parts").exists()
 
 
 def test_windows_follow_the_frames_own_stamps(run: Run, here: None, movie: Movie, tmp_path: Path) -> None:
-    # Half an exposure off, no better than before: 3.0 dB above and 2.3 dB below it when this was written.
+    # Half an exposure off, no better than before: 1.1 dB above and 0.6 dB below it when this was written.
     before = likeness(seen(movie.path).pictures, movie.truth).mean()
     right, wrong = tmp_path / "right.mp4", tmp_path / "wrong.mp4"
     for path, start in ((right, START), (wrong, START + 0.015)):
         options = ("--start", start, "--duration", DURATION)
-        assert run(*movie.arguments(*options, "-o", path)).exit_code == 0
-    assert likeness(seen(right).pictures, movie.truth).mean() > before + 1.5
+        assert run(*movie.arguments(*options, *STRENGTHS, "-o", path)).exit_code == 0
+    assert likeness(seen(right).pictures, movie.truth).mean() > before + 0.8
     assert likeness(seen(wrong).pictures, movie.truth).mean() < before
 
 
@@ -177,8 +180,8 @@ def test_captures_tell_each_frame(run: Run, here: None, movie: Movie, tmp_path: 
     assert run(*movie.arguments("--capture", captures, "-o", tmp_path / "a.mp4")).exit_code == 0
     assert run(*movie.arguments(*movie.stamped, "-o", tmp_path / "b.mp4")).exit_code == 0
     a, b = (seen(tmp_path / name).pictures for name in ("a.mp4", "b.mp4"))
-    # Stamps are rounded to ns, which the encoder makes 0.35 steps of 8 bits of.
-    assert np.abs(np.array(a) - np.array(b)).mean() < 1 / 255
+    # Stamps are rounded to ns: nothing that 8 bits would show twice.
+    assert np.abs(np.array(a) - np.array(b)).mean() < 1e-3
     (tmp_path / "frame_timestamps.txt").write_text("\n".join(encoded[:-1]) + "\n")
     result = run(*movie.arguments("--capture", captures, "-o", tmp_path / "c.mp4"))
     assert result.exit_code == 1
