@@ -114,11 +114,13 @@ def _in_processes(
                     idle.append(worker)
                 yield task, answer
     finally:
-        workers = [*idle, *(worker for worker, _, _ in busy.values())]
-        for worker in workers:
-            worker.interrupt()
-        for worker in workers:
-            worker.end()
+        # A second Ctrl-C must not stop the tidying up after the first.
+        with _deaf_to_interrupts():
+            workers = [*idle, *(worker for worker, _, _ in busy.values())]
+            for worker in workers:
+                worker.interrupt()
+            for worker in workers:
+                worker.end()
 
 
 class _Worker:
@@ -188,7 +190,7 @@ def _interrupt_once(*_: object) -> None:
 
 @contextmanager
 def _deaf_to_interrupts() -> Iterator[None]:
-    """Let processes started inside ignore interrupts until they have their own handler."""
+    """Ignore interrupts; processes started inside do so until they have their own handler."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
