@@ -15,6 +15,16 @@ from numpy.typing import NDArray
 
 Border = Literal["blend", "periodic"]
 BORDERS: tuple[Border, ...] = ("blend", "periodic")
+# Rivals, made before a periodic solve (`rsdeblur.extension`).
+Extension = Literal["reflect", "edge-taper", "smooth"]
+EXTENSIONS: tuple[Extension, ...] = ("reflect", "edge-taper", "smooth")
+
+
+def split(border: Border | Extension) -> tuple[Border, Extension | None]:
+    """Return the border that the solver has to know, and the rival that the picture is made periodic by, if any."""
+    if border == "blend" or border == "periodic":
+        return border, None
+    return "periodic", border
 
 
 def fade(n: int) -> NDArray[np.float32]:

@@ -9,8 +9,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur.border import Border
+from rsdeblur.border import Border, Extension
 from rsdeblur.errors import InputError
+from rsdeblur.extension import extended, extended_shape
 from rsdeblur.fft import Planning
 from rsdeblur.motion import BlurPaths, Motion, Shot
 from rsdeblur.priors import Prior, Quadratic, minimise, restore
@@ -36,6 +37,8 @@ class Method:
         Numbers, no longer "auto"; `weight` is None for the Wiener filter.
     peak : float
         Value of the picture's bright parts, see :func:`rsdeblur.priors.brightness`.
+    border, extension
+        See :func:`rsdeblur.border.split`.
     """
 
     mode: Mode
@@ -47,6 +50,7 @@ class Method:
     solver: Solver
     motion: Motion
     border: Border
+    extension: Extension | None = None
     planning: Planning
     threads: int | None
 
@@ -68,6 +72,8 @@ class Method:
         first : int
             ... from this one on.
         """
+        if self.extension is not None:
+            return self._extended(shot, bank, shape, self.extension)
         if self.mode == "rowwise":
             return self._rowwise(shot, bank, shape, first)
         return self.tiles(bank, shape)
@@ -78,6 +84,11 @@ class Method:
             raise InputError('mode="rowwise" has no tiles')
         kind = Deconvolver if self.weight is None else TileQuadratic
         return TileSolve(self, kind(bank, shape, **self._engine))
+
+    def _extended(self, shot: Shot, bank: PsfBank, shape: tuple[int, int, int], extension: Extension) -> Solve:
+        height, width, _ = shape
+        solve = replace(self, extension=None).planned(shot, bank, extended_shape(shape, bank, extension))
+        return lambda light, told: solve(extended(light, bank, extension), told)[:height, :width]
 
     def _rowwise(self, shot: Shot, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:
         paths = BlurPaths.every_row(shot, bank.cols, motion=self.motion, within=slice(first, first + shape[0]))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur import _validate
-from rsdeblur.border import Border
+from rsdeblur.border import BORDERS, EXTENSIONS, Border, Extension, split
 from rsdeblur.camera import Camera
 from rsdeblur.errors import InputError
 from rsdeblur.exposure import Exposure
@@ -99,7 +99,7 @@ def deblur(
     nsr: Strength = "auto",
     solver: Solver = "auto",
     geometry: Geometry = "keep",
-    border: Border = "blend",
+    border: Border | Extension = "blend",
     motion: Motion = "rotation",
     translation: Translation | None = None,
     transfer: Transfer = "linear",
@@ -139,8 +139,10 @@ def deblur(
         How "rowwise" solves, see :class:`rsdeblur.RowDeconvolver`.
     geometry : {"keep", "rectify"}
         Keep the rolling shutter's shape, or resample to the middle row's mid-exposure.
-    border : {"blend", "periodic"}
-        See :class:`rsdeblur.Deconvolver`.
+    border : {"blend", "periodic", "reflect", "edge-taper", "smooth"}
+        How the picture goes on beyond its frame: see :class:`rsdeblur.Deconvolver` for the first two. The others are
+        rivals for comparison: mirrored without a blend; tapered into itself blurred; or filled in without a Laplacian,
+        in the manner of Liu and Jia (2008). "rowwise" takes the first two only.
     motion : {"rotation", "small-angle"}
         The full homography path, or the paper's eq. 6.
     translation : Translation, optional
@@ -181,9 +183,14 @@ def deblur(
     nsr, weight = _strength("nsr", nsr), _strength("weight", weight)
     check_exponent(exponent)
     max_memory = None if max_memory is None else _validate.count("max_memory", max_memory)
-    if max_memory is not None and (geometry == "rectify" or normalize):
-        whole = "normalize=True" if normalize else 'geometry="rectify"'
-        raise InputError(f"{whole} needs the whole picture at once: leave out max_memory, or that")
+    _validate.choice("border", border, (*BORDERS, *EXTENSIONS))
+    solved_as, extension = split(border)
+    if mode == "rowwise" and extension:
+        raise InputError(f'mode="rowwise" has rows beyond the frame as unknowns: it takes no border="{extension}"')
+    whole = {'geometry="rectify"': geometry == "rectify", "normalize=True": normalize, f'border="{border}"': extension}
+    if max_memory is not None and any(whole.values()):
+        name = next(name for name, asked in whole.items() if asked)
+        raise InputError(f"{name} needs the whole picture at once: leave out max_memory, or that")
     quarter = camera.horizontal_readout
     stored = Stored.of(image, transfer, quarter=quarter)
     out, upright = result_like(image, out, quarter=quarter)
@@ -205,7 +212,8 @@ def deblur(
         peak=1.0 if penalty is None else brightness(Stored(stored.values[::4, ::4], transfer).light(slice(None))),
         solver=solver,
         motion=motion,
-        border=border,
+        border=solved_as,
+        extension=extension,
         planning=planning,
         threads=threads,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -106,3 +107,31 @@ def test_psfs_fill_the_box(module, bands):
     used = np.abs(bank.kernels).sum(axis=(0, 1))
     assert max(used.sum(axis=1)[[1, -2]]) > 0
     assert max(used.sum(axis=0)[[1, -2]]) > 0
+
+
+def test_figures_of_several_runs_make_one_page(module, tmp_path, monkeypatch):
+    """Each run writes some groups' figures; the page shows all, in the order of the groups."""
+    pytest.importorskip("matplotlib")
+    paper, figure = module("paper.__main__"), module("paper.figure")
+
+    def made(name):
+        curves = {"a": [1.0, 2.0]}
+        return figure.Figure(
+            name,
+            f"Title of {name}",
+            "What was done.",
+            "Holds: 1.",
+            ("x", "a"),
+            [(0.0, 1.0), ("b", 2.0)],
+            figure.lines([0.0, 1.0], curves, "x", "y"),
+        )
+
+    groups = {name: SimpleNamespace(figures=lambda quick, name=name: iter([made(name)])) for name in ("first", "last")}
+    monkeypatch.setattr(paper, "GROUPS", groups)
+    for name in ("last", "first"):
+        assert "Holds: 1." in next(paper.run(name, tmp_path, quick=True))
+    page = paper.page(tmp_path, load=0.0)
+    assert page.index("## Title of first") < page.index("## Title of last")
+    assert "| b | 2 |" in page
+    assert (tmp_path / "first.csv").read_text() == "x,a\n0.0,1.0\nb,2.0\n"
+    assert "<svg" in (tmp_path / "last.svg").read_text()

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy import fft
 
-from rsdeblur import Deconvolver, PsfBank, tuning
+from rsdeblur import Deconvolver, InputError, PsfBank, tuning
 from rsdeblur.priors import restore
 from rsdeblur.quadratic import TileQuadratic
-from rsdeblur.tuning import Tuning
+from rsdeblur.tuning import Tuning, nsr_of_iso
 
 SIDE = 256
 
@@ -144,3 +144,10 @@ def test_an_even_picture_gets_numbers(level: float) -> None:
     strengths = [found.wiener_nsr, found.gradient_nsr, *(found.weight(p, 0.5) for p in ("gradient", "tv"))]
     assert np.isfinite(strengths).all()
     assert min(strengths) > 0
+
+
+def test_nsr_grows_with_the_sensitivity():
+    assert nsr_of_iso(100) == pytest.approx(0.01)
+    assert nsr_of_iso(800) == pytest.approx(0.08)
+    with pytest.raises(InputError, match="iso"):
+        nsr_of_iso(0)

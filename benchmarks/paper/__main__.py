@@ -6,20 +6,27 @@
 from __future__ import annotations
 
 import argparse
+import json
+import os
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from benchmarks import machine
 from benchmarks.captures import ROOT, require_data
-from benchmarks.paper import failures, geometry, noise, opponents, rolling, speed
-from benchmarks.paper.figure import Figure
+from benchmarks.paper import borders, clock, failures, geometry, noise, opponents, options, rolling, speed
+from benchmarks.paper.figure import section
 from benchmarks.tables import markdown, write
 
 GROUPS = {
     "geometry": geometry,
     "speed": speed,
+    "borders": borders,
+    "options": options,
+    "clock": clock,
     "opponents": opponents,
     "failures": failures,
     "rolling": rolling,
@@ -38,26 +45,48 @@ def main() -> None:
     """Run all groups, or some, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="few cases and small pictures; says little")
-    parser.add_argument("--only", choices=GROUPS, action="append", help="only this group; no page is written")
+    parser.add_argument("--only", choices=GROUPS, action="append", help="only this group; the others' figures stay")
     parser.add_argument("--folder", type=Path, default=ROOT / "docs" / "benchmarks", help="where the page goes")
-    options = parser.parse_args()
+    wanted = parser.parse_args()
     require_data()
-    folder = options.folder / "paper"
+    folder = wanted.folder / "paper"
     folder.mkdir(parents=True, exist_ok=True)
     load = machine.load()
-    begin = time.perf_counter()
-    console = Console(stderr=True, highlight=False)
-    made: list[Figure] = []
-    for name in options.only or GROUPS:
-        for figure in GROUPS[name].figures(options.quick):
-            figure.write(folder)
-            made.append(figure)
-            console.print(f"{time.perf_counter() - begin:5.0f} s  {figure.name}: {figure.finding}", markup=False)
-    if not options.only:
-        facts = markdown(("machine", ""), list(machine.facts().items()))
-        seconds = f"All of it took {time.perf_counter() - begin:.0f} s."
-        parts = [INTRODUCTION.rstrip(), facts, *machine.busy(load), seconds, *(figure.section() for figure in made)]
-        write(options.folder / "paper.md", "\n\n".join(parts))
+    names = wanted.only or list(GROUPS)
+    columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total} groups")
+    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True, highlight=False)) as progress:
+        task = progress.add_task("", total=len(names))
+        for name in names:
+            progress.update(task, description=name)
+            for told in run(name, folder, quick=wanted.quick):
+                progress.console.print(told, markup=False)
+            progress.advance(task)
+    write(wanted.folder / "paper.md", page(folder, load))
+
+
+def run(name: str, folder: Path, *, quick: bool) -> Iterator[str]:
+    """Make the figures of a group, and tell what they found."""
+    begin, processor = time.perf_counter(), processor_time()
+    for place, figure in enumerate(GROUPS[name].figures(quick)):
+        seconds, busy = time.perf_counter() - begin, processor_time() - processor
+        figure.write(folder, group=name, place=place, seconds=round(seconds, 1), processor_seconds=round(busy, 1))
+        yield f"{seconds:5.0f} s  {figure.name}: {figure.finding}"
+        begin, processor = time.perf_counter(), processor_time()
+
+
+def processor_time() -> float:
+    """Return the processor time of this process and of those that it has waited for, s."""
+    return sum(os.times()[:4])
+
+
+def page(folder: Path, load: float) -> str:
+    """Return the page of all figures that are in the folder."""
+    records = [json.loads(file.read_text()) for file in folder.glob("*.json")]
+    records.sort(key=lambda record: (list(GROUPS).index(record["group"]), record["place"]))
+    seconds, busy = (sum(record[key] for record in records) for key in ("seconds", "processor_seconds"))
+    facts = markdown(("machine", ""), list(machine.facts().items()))
+    times = f"All figures together took {seconds:.0f} s, and {busy:.0f} s of processor time."
+    return "\n\n".join([INTRODUCTION.rstrip(), facts, *machine.busy(load), times, *map(section, records)])
 
 
 if __name__ == "__main__":

@@ -43,32 +43,33 @@ class Figure:
     rows: Sequence[Sequence[Cell]]
     draw: Draw
 
-    def write(self, folder: Path) -> None:
-        """Write CSV, JSON and SVG."""
+    def write(self, folder: Path, **facts: Cell) -> None:
+        """Write CSV, JSON and SVG; `facts` about the run go into the JSON."""
         import matplotlib as mpl
         from matplotlib.figure import Figure as Canvas
 
         with (folder / f"{self.name}.csv").open("w", newline="") as file:
             csv.writer(file, lineterminator="\n").writerows([self.columns, *self.rows])
-        record = {"title": self.title, "finding": self.finding, "columns": self.columns, "rows": self.rows}
-        (folder / f"{self.name}.json").write_text(json.dumps(record, indent=1) + "\n")
+        told = {key: getattr(self, key) for key in ("name", "title", "about", "finding", "columns", "rows")}
+        (folder / f"{self.name}.json").write_text(json.dumps(facts | told, indent=1) + "\n")
         # Text as text, and no date: the file changes only when the picture does.
         with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "rsdeblur"}):
             canvas = Canvas(figsize=(9, 3.6), layout="constrained")
             self.draw(canvas)
             canvas.savefig(folder / f"{self.name}.svg", metadata={"Date": None}, dpi=110)
 
-    def section(self) -> str:
-        """Return the figure's part of the page."""
-        table = markdown(self.columns, [[_text(cell) for cell in row] for row in self.rows])
-        parts = (
-            f"## {self.title}",
-            self.about,
-            f"**{self.finding}**",
-            f"![{self.title}](paper/{self.name}.svg)",
-            table,
-        )
-        return "\n\n".join(parts)
+
+def section(record: Mapping[str, Any]) -> str:
+    """Return a figure's part of the page, from its JSON."""
+    table = markdown(record["columns"], [[_text(cell) for cell in row] for row in record["rows"]])
+    parts = (
+        f"## {record['title']}",
+        record["about"],
+        f"**{record['finding']}**",
+        f"![{record['title']}](paper/{record['name']}.svg)",
+        table,
+    )
+    return "\n\n".join(parts)
 
 
 def _text(cell: Cell) -> str:
@@ -95,15 +96,17 @@ def lines(
     return draw
 
 
-def pictures(panels: Mapping[str, Any]) -> Draw:
-    """Return what draws grey pictures, values in [0, 1], beside each other."""
+def pictures(panels: Mapping[str, Any], columns: int = 4) -> Draw:
+    """Return what draws grey pictures, values in [0, 1], in a grid."""
 
     def draw(canvas: Any) -> None:
-        for axes, (label, picture) in zip(
-            canvas.subplots(1, len(panels), squeeze=False)[0], panels.items(), strict=True
-        ):
+        rows = -(-len(panels) // columns)
+        canvas.set_size_inches(9, 2.3 * rows)
+        places = canvas.subplots(rows, columns, squeeze=False).ravel()
+        for axes in places:
+            axes.axis("off")
+        for axes, (label, picture) in zip(places, panels.items(), strict=False):
             axes.imshow(picture, cmap="gray", vmin=0, vmax=1, interpolation="none")
             axes.set_title(label, fontsize=7)
-            axes.axis("off")
 
     return draw

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import click
 
 if TYPE_CHECKING:
-    from rsdeblur.border import Border
+    from rsdeblur.border import Border, Extension
     from rsdeblur.fft import Planning
     from rsdeblur.motion import Geometry, Motion
     from rsdeblur.pipeline import Count, Strength
@@ -174,7 +174,7 @@ class Solver:
     nsr: Strength
     solver: RowSolver
     geometry: Geometry
-    border: Border
+    border: Border | Extension
     transfer: Transfer | None
     normalize: bool
     planning: Planning
@@ -373,10 +373,10 @@ solver_options = _gathered(
         ),
         click.option(
             "--border",
-            type=click.Choice(["blend", "periodic"]),
+            type=click.Choice(["blend", "periodic", "reflect", "edge-taper", "smooth"]),
             default="blend",
             show_default=True,
-            help="Continue the picture beyond its frame and blend opposite borders, or take it as repeating.",
+            help="Beyond the frame: blend opposite borders, take the picture as repeating, or one of three rivals.",
         ),
         transfer_option,
         click.option(

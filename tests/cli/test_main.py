@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from typing import get_args
 
 import click
 import pytest
@@ -44,7 +43,7 @@ def test_choices_are_those_of_the_library() -> None:
     assert set(choices["mode"]) == set(pipeline.MODES) == set(compare.MODES)
     assert set(choices["geometry"]) == set(pipeline.GEOMETRIES)
     assert set(choices["motion"]) == set(motion.MOTIONS)
-    assert set(choices["border"]) == set(get_args(border.Border))
+    assert choices["border"] == (*border.BORDERS, *border.EXTENSIONS)
 
 
 def test_wrong_usage_exits_with_2() -> None:
