@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ import numpy as np
 
 from benchmarks.fuzz import seeds
 from benchmarks.fuzz.mutate import mutated
+from benchmarks.fuzz.video import excerpt
 from rsdeblur.cli._describe import describe_camera, describe_captures, describe_gyro, describe_picture
 from rsdeblur.io import read_picture, write_picture
 from rsdeblur.psf import PsfBank
@@ -144,3 +146,8 @@ TARGETS: dict[str, Target] = {
     "dng": Target(_picture, lambda: [seeds.dng()], "a.dng"),
     "psf-bank": Target(_bank, lambda: [seeds.bank()], "bank.npz"),
 }
+# Cut out of a real recording, which is not part of the repository.
+DATA = Path(os.environ.get("RSDEBLUR_DATA", Path(__file__).resolve().parents[3] / "shared/data"))
+RECORDING = DATA / "formats/gopro/max-heromode.mp4"
+if RECORDING.is_file():
+    TARGETS["video"] = Target(_gyro, lambda: [excerpt(RECORDING)], "video.mp4")
