@@ -94,7 +94,7 @@ def _log(case: Case, bands: int, strips: int) -> GyroLog:
     return shaken
 
 
-def centred(kernel: Image, size: tuple[int, int]) -> Image:
+def centred(kernel: Image, size: tuple[int, ...]) -> Image:
     """Place a kernel in an array of `size` with its centre at (0, 0), wrapped around."""
     out = np.zeros(size, dtype=np.float32)
     out[: kernel.shape[0], : kernel.shape[1]] = kernel

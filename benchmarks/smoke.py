@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks import growth, page, peers, priors, quality, rowwise
+from benchmarks import growth, page, peers, priors, quality, rowwise, tiles
 from benchmarks.captures import synthetic
 
 
@@ -11,6 +11,7 @@ def main() -> None:
     print(quality.run([synthetic()])["markdown"])
     print(rowwise.summary(rowwise.run(peers.QUICK_SIZE, 1, 1)))
     print(priors.run([synthetic(noise=0.0)])["markdown"])
+    print(tiles.run([synthetic(noise=0.0)], tiles.TILES[:2]))
     beside = peers.run(peers.QUICK_SIZE, peers.QUICK_LARGE, 1, [1])
     grown = growth.run(growth.QUICK, 1, 1)
     for record in (beside, grown):

@@ -44,6 +44,7 @@ stands above it in this ladder::
     io          gyro logs, camera files, pictures
     report      plots and contact sheets
     cli         the command line
+    __main__    python -m rsdeblur
 
 Two branches meet in the middle: `gyro` to `psf` never see an FFT, `fft` to `tuning` never see a gyro.
 """

@@ -36,7 +36,7 @@ def check_target(path: str | os.PathLike[str], *, force: bool) -> None:
 
 @contextmanager
 def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """Open a temporary file beside `path`; on success it replaces `path`, on any failure it vanishes.
+    """Open a temporary file beside `path` for writing and reading; on success it replaces `path`, else it vanishes.
 
     A symbolic link stays one: the file that it leads to is replaced.
 
@@ -49,7 +49,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     # A name of its own, which its maker takes away; made in the common way, so that it has the mode of any new file.
     temporary = target.with_name(f".{target.name[:PREFIX]}.{secrets.token_hex(8)}.part")
     try:
-        with open(temporary, "xb") as file:
+        with open(temporary, "x+b") as file:
             yield file
             file.flush()
             os.fsync(file.fileno())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from rsdeblur._validate import FloatArray
 from rsdeblur.motion import FIXED_POINT_STEPS, RowPoses, Shot
@@ -33,6 +32,8 @@ def rectify(image: NDArray[np.float32], shot: Shot) -> tuple[NDArray[np.float32]
     coverage : ndarray, shape (H, W), bool
         Whether some row saw what the pixel shows.
     """
+    from scipy import ndimage  # a fifth of a second that the rolling geometry need not wait
+
     height, width, channels = image.shape
     splines = [ndimage.spline_filter(image[..., c], 3, output=np.float32, mode="mirror") for c in range(channels)]
     out = np.empty_like(image)

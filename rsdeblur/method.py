@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.border import Border
+from rsdeblur.fft import Planning
 from rsdeblur.motion import BlurPaths, Motion, Shot
 from rsdeblur.priors import Prior, Quadratic, minimise, restore
 from rsdeblur.psf import PsfBank
@@ -45,7 +46,12 @@ class Method:
     solver: Solver
     motion: Motion
     border: Border
+    planning: Planning
     threads: int | None
+
+    @property
+    def _engine(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in ("nsr", "border", "planning", "threads")}
 
     def planned(self, shot: Shot, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:
         """Plan what turns a blurred picture and a report of progress into the sharp picture.
@@ -64,9 +70,9 @@ class Method:
         if self.mode == "rowwise":
             return self._rowwise(shot, bank, shape, first)
         if self.weight is None:
-            filters = Deconvolver(bank, shape, nsr=self.nsr, border=self.border, threads=self.threads)
+            filters = Deconvolver(bank, shape, **self._engine)
             return lambda light, told: filters.apply(light, progress=told)
-        tiles, weight = TileQuadratic(bank, shape, nsr=self.nsr, border=self.border, threads=self.threads), self.weight
+        tiles, weight = TileQuadratic(bank, shape, **self._engine), self.weight
         return lambda light, told: restore(
             tiles,
             light,
@@ -80,14 +86,7 @@ class Method:
 
     def _rowwise(self, shot: Shot, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:
         paths = BlurPaths.every_row(shot, bank.cols, motion=self.motion, within=slice(first, first + shape[0]))
-        rows = RowDeconvolver(
-            replace(paths, rows=paths.rows - first),
-            shape,
-            nsr=self.nsr,
-            solver=self.solver,
-            border=self.border,
-            threads=self.threads,
-        )
+        rows = RowDeconvolver(replace(paths, rows=paths.rows - first), shape, solver=self.solver, **self._engine)
         if self.weight is None:
             return lambda light, told: rows.apply(light, progress=told)
         weight, strips = self.weight, len(bank.cols)

@@ -16,6 +16,7 @@ from rsdeblur.border import Border
 from rsdeblur.camera import Camera
 from rsdeblur.errors import InputError
 from rsdeblur.exposure import Exposure
+from rsdeblur.fft import PLANNINGS, Planning
 from rsdeblur.geometry import rectify
 from rsdeblur.gyro import GyroLog
 from rsdeblur.method import MODES, Method, Mode
@@ -103,6 +104,7 @@ def deblur(
     translation: Translation | None = None,
     transfer: Transfer = "linear",
     normalize: bool = False,
+    planning: Planning = "estimate",
     threads: int | None = None,
     max_memory: int | None = None,
     out: NDArray[Any] | None = None,
@@ -147,6 +149,9 @@ def deblur(
         How stored values code light; a number is a gamma. The result is coded the same way.
     normalize : bool, default False
         Squeeze light that overshoots [0, 1] into it, outliers clipped, at the price of contrast.
+    planning : {"estimate", "measure"}
+        How FFTW plans: at once, or by trying out, up to a second per plan; what it finds is kept for later runs,
+        whatever they ask for.
     threads : int, optional
         Threads that share the work; default all processors.
     max_memory : int, optional
@@ -170,6 +175,7 @@ def deblur(
     """
     _validate.choice("prior", prior, PRIORS)
     _validate.choice("solver", solver, SOLVERS)
+    _validate.choice("planning", planning, PLANNINGS)
     _validate.choice("geometry", geometry, GEOMETRIES)
     transfer = check_transfer(transfer)
     nsr, weight = _strength("nsr", nsr), _strength("weight", weight)
@@ -184,8 +190,10 @@ def deblur(
     check_size(np.shape(image), camera)
     shot = _upright_shot(log, camera, exposure, translation)
     clock = _Clock(progress)
+    if mode == "banded" and bands == strips == 1:
+        mode = "global"
     with clock.stage("tune"):
-        phi, penalty, band_nsr = _strengths(stored, shot, motion, prior, exponent, nsr, weight)
+        phi, penalty, band_nsr = _strengths(stored, shot, mode, motion, prior, exponent, nsr, weight)
     with clock.stage("psfs"):
         bank = _bank(shot, mode, bands, strips, motion, band_nsr)
     method = Method(
@@ -198,6 +206,7 @@ def deblur(
         solver=solver,
         motion=motion,
         border=border,
+        planning=planning,
         threads=threads,
     )
     after = _After(geometry, normalize)
@@ -278,6 +287,7 @@ def _strength(name: str, value: Strength) -> Strength:
 def _strengths(
     stored: Stored,
     shot: Shot,
+    mode: Mode,
     motion: Motion,
     prior: Prior,
     exponent: float,
@@ -291,7 +301,8 @@ def _strengths(
     height, width, _ = stored.shape
     half = min(height, max(1, MOST_LOOKED_AT // width)) // 2
     light = stored.light(slice(height // 2 - half, height - height // 2 + half))
-    tuning = Tuning.of(light, _bank(shot, "banded", KERNELS, KERNELS, motion, 1.0))
+    bank = _bank(shot, "banded", KERNELS, KERNELS, motion, 1.0)
+    tuning = Tuning.of(light, bank, one_filter=mode == "global", continued=mode != "rowwise")
     if prior == "wiener":
         return tuning.wiener_nsr, None, tuning.wiener_nsr
     return (

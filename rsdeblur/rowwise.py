@@ -42,8 +42,8 @@ EDGE_FADE = 16
 # Smoothed so, frequencies with less than this left need no expectation.
 LEAST_EXPECTED = 1e-3
 
-# The normal matrix has elements up to 1; in float32 nothing smaller than this can be told from zero.
-LEAST_RIDGE = np.float32(1e-7)
+# The normal matrix has elements up to 1, and float32 rounds them by 6e-8, many of them on the way through the factor.
+LEAST_RIDGE = np.float32(1e-6)
 
 
 class RowDeconvolver:
@@ -60,7 +60,7 @@ class RowDeconvolver:
     shape : (H, W) or (H, W, C)
         Shape of the pictures to come.
     nsr : float, default 0.01
-        Noise-to-signal power ratio Phi, positive; less than 1e-7 counts as 1e-7, which is as far as float32 goes.
+        Noise-to-signal power ratio Phi, positive; less than 1e-6 counts as 1e-6, which is as far as float32 goes.
     solver : {"auto", "direct", "cg"}
         Banded Cholesky; conjugate gradients with a banded Wiener filter as preconditioner, to a relative residual of
         1e-3; or whichever is predicted to be faster.

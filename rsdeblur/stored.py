@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from skimage.transform import resize
 
 from rsdeblur import _validate
 from rsdeblur.camera import Camera
@@ -156,6 +155,8 @@ def reduced(image: ArrayLike, camera: Camera, side: int) -> tuple[NDArray[np.flo
     check_size(values.shape, camera)
     scale = _validate.count("side", side) / max(values.shape[:2])
     if scale < 1:
+        from skimage.transform import resize  # half a second that others need not wait
+
         camera = camera.scaled(scale)
         values = resize(values, (camera.height, camera.width), anti_aliasing=True)
     return values.reshape(*values.shape[:2], *np.shape(image)[2:]), camera

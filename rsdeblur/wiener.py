@@ -84,6 +84,8 @@ class TileFilter:
         # The inverse transforms are not scaled; every filter takes this factor in.
         self._scale = 1.0 / (self._bands.length * self._strips.length)
         self._lock = threading.Lock()
+        if planning == "measure":
+            remember()
 
     def _apply(
         self,
@@ -198,8 +200,6 @@ class Deconvolver(TileFilter):
         super().__init__(bank, shape, gap=gap, border=border, planning=planning, threads=threads)
         self._filters = self._new_filters()
         self.replan(bank)
-        if planning == "measure":
-            remember()
 
     def replan(self, bank: PsfBank) -> None:
         """Undo other PSFs from now on, such as those of a video's next frame; plans and buffers stay.

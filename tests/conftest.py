@@ -5,9 +5,14 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from rsdeblur.camera import Camera
+from rsdeblur.exposure import Exposure
 from rsdeblur.gyro import GyroLog
+from rsdeblur.psf import PsfBank
+from rsdeblur.report import MotionPlot, Page, band_figures, findings
 from rsdeblur.shake import hand_shake
 
 # Tests start Python processes from the repository root, where the bare source folder must not shadow the installation.
@@ -37,5 +42,39 @@ def shaky_log():
     def build(axes: tuple[float, float, float] = (1.0, 1.0, 1.0), *, seed: int = 0) -> GyroLog:
         log = hand_shake(0.4, seed=seed)
         return GyroLog(log.t, log.omega * axes)
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def report_page(shaky_log):
+    """Builder of a small report: a red input, a green and a blue result of 160x120 px, read in 30 ms from 0.1 s on."""
+
+    def build(*, photo: str = "photo.png", remark: str = "", direction: str = "top-down") -> Page:
+        log, camera = shaky_log(), Camera(160, 120, 180.0, readout=0.03, readout_direction=direction)
+        exposure = Exposure(0.1, 0.04)
+        pictures = {name: np.zeros((120, 160, 3), np.float32) for name in ("input", "global", "banded")}
+        for channel, picture in enumerate(pictures.values()):
+            picture[..., channel] = 0.6
+        bar = np.zeros((5, 9))
+        bar[2] = 1 / 9
+        banks = {
+            "global": PsfBank.for_picture(bar, (120, 160)),
+            "banded": PsfBank.for_picture(np.tile(bar, (3, 2, 1, 1)), (120, 160)),
+        }
+        mode = {"bands": 3, "strips": 2, "psf_px": [9, 5], "nsr": 0.01, "weight": None, "seconds": 1.25}
+        mode |= {"timings": {"plan": 0.25, "apply": 1.0}, "peak_memory_mib": None}
+        return Page(
+            photo=photo,
+            pictures=pictures,
+            banks=banks,
+            motion=MotionPlot.of(log, camera, exposure),
+            bands=band_figures(pictures, (5, 9), across=camera.horizontal_readout),
+            modes=dict.fromkeys(banks, mode),
+            settings={"Recording": {"gyro": photo}},
+            findings=findings(
+                np.zeros((120, 160), np.uint8), log, camera, exposure, psf=(5, 9), remarks=[remark] if remark else []
+            ),
+        )
 
     return build

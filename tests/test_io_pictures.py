@@ -145,6 +145,12 @@ def test_values_are_clipped_and_rounded(tmp_path: Path, dtype: type) -> None:
     np.testing.assert_array_equal(read_picture(tmp_path / "picture.png").pixels, [[0, 0, 16384, 65535, 65535]])
 
 
+def test_float_pictures_keep_what_is_brighter_than_white(tmp_path: Path) -> None:
+    image = np.array([[-1.0, 0.25, 7.0]], np.float32)
+    write_picture(tmp_path / "picture.tif", image, bits=32)
+    np.testing.assert_array_equal(read_picture(tmp_path / "picture.tif").pixels, image)
+
+
 @pytest.mark.parametrize(("channels", "left"), [(2, (4, 4)), (4, (4, 4, 3))])
 def test_jpeg_drops_alpha_and_keeps_colours(tmp_path: Path, channels: int, left: tuple[int, ...]) -> None:
     image = np.full((4, 4, channels), 0.8)
@@ -243,8 +249,8 @@ def png_of_size(width: int, height: int, rows: bytes) -> bytes:
 NOISE = Image.fromarray(random_pixels("uint8", 64, 64, 3))
 DAMAGED = {
     "empty": (b"", "the file is empty"),
-    "table": (b"t,wx,wy,wz\n0,1,2,3\n", "not a JPEG, PNG, TIFF, WebP, HEIC or raw picture"),
-    "GIF": (encoded(OPENED, "GIF"), "not a JPEG, PNG, TIFF, WebP, HEIC or raw picture"),
+    "table": (b"t,wx,wy,wz\n0,1,2,3\n", "not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture"),
+    "GIF": (encoded(OPENED, "GIF"), "not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture"),
     "half a JPEG": (encoded(NOISE, "JPEG")[:2000], "truncated"),
     "half a PNG": (encoded(NOISE, "PNG")[:6000], "truncated"),
     "PNG header": (encoded(NOISE, "PNG")[:20], "truncated"),

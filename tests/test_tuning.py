@@ -7,6 +7,8 @@ import pytest
 from scipy import fft
 
 from rsdeblur import Deconvolver, PsfBank, tuning
+from rsdeblur.priors import restore
+from rsdeblur.quadratic import TileQuadratic
 from rsdeblur.tuning import Tuning
 
 SIDE = 256
@@ -15,6 +17,18 @@ SIDE = 256
 def kernel(size: tuple[int, int] = (9, 15), seed: int = 1) -> np.ndarray:
     values = np.random.default_rng(seed).random(size).astype(np.float32) ** 8
     return values / values.sum()
+
+
+@pytest.fixture(autouse=True)
+def no_lens(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tuning, "LENS", 0.0)
+
+
+@pytest.fixture
+def as_modelled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures and blurs of these tests are as the equations say."""
+    for name, value in (("FINE_NOISE", 1.0), ("PATH_ERROR", 0.0), ("PATH_ERROR_SHARE", 0.0)):
+        monkeypatch.setattr(tuning, name, value)
 
 
 @pytest.fixture(scope="module")
@@ -44,12 +58,9 @@ def test_energy_of_the_sharp_picture_is_found(sharp: np.ndarray, size: tuple[int
     assert found.energy == pytest.approx(0.01, rel=0.15)
 
 
+@pytest.mark.usefixtures("as_modelled")
 @pytest.mark.parametrize("noise", [0.01, 0.03])
-def test_nsr_is_the_best_one(sharp: np.ndarray, noise: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    # This picture and this blur are as the equations say.
-    monkeypatch.setattr(tuning, "FINE_NOISE", 1.0)
-    monkeypatch.setattr(tuning, "PATH_ERROR", 0.0)
-    monkeypatch.setattr(tuning, "PATH_ERROR_SHARE", 0.0)
+def test_nsr_is_the_best_one(sharp: np.ndarray, noise: float) -> None:
     bank = PsfBank.for_picture(kernel(), sharp.shape)
     picture = blurred(sharp, kernel(), noise)
 
@@ -59,6 +70,46 @@ def test_nsr_is_the_best_one(sharp: np.ndarray, noise: float, monkeypatch: pytes
 
     found = Tuning.of(picture, bank).wiener_nsr
     assert error(found) < 1.02 * min(error(nsr) for nsr in np.geomspace(1e-3, 3, 15))
+
+
+@pytest.mark.usefixtures("as_modelled")
+@pytest.mark.parametrize("noise", [0.01, 0.03])
+def test_weight_is_the_best_one(sharp: np.ndarray, noise: float) -> None:
+    bank = PsfBank.for_picture(kernel(), sharp.shape)
+    picture = blurred(sharp, kernel(), noise)
+
+    def error(weight: float) -> float:
+        tiles = TileQuadratic(bank, picture.shape, nsr=1e-6, border="periodic")
+        return float(np.sqrt(np.mean((restore(tiles, picture, prior="gradient", weight=weight) - sharp) ** 2)))
+
+    found = Tuning.of(picture, bank).gradient_weight
+    assert error(found) < 1.02 * min(error(weight) for weight in np.geomspace(1e-3, 3, 15))
+
+
+@pytest.mark.usefixtures("as_modelled")
+def test_one_filter_for_other_psfs_is_regularised_for_them(sharp: np.ndarray) -> None:
+    kernels = np.stack([kernel(seed=seed) for seed in (1, 2, 3)])[:, None]
+    bank = PsfBank.for_picture(kernels, sharp.shape)
+    # The top and the bottom third are blurred by PSFs that the filter does not know.
+    parts = np.array_split(np.arange(SIDE), 3)
+    picture = np.concatenate([blurred(sharp, k[0], 0.003)[rows] for k, rows in zip(kernels, parts, strict=True)])
+
+    def error(nsr: float) -> float:
+        middle = PsfBank.for_picture(kernels[1], sharp.shape)
+        result = Deconvolver(middle, picture.shape, nsr=nsr, border="periodic").apply(picture)
+        return float(np.sqrt(np.mean((result - sharp) ** 2)))
+
+    each, one = Tuning.of(picture, bank), Tuning.of(picture, bank, one_filter=True)
+    assert one.gradient_weight > each.gradient_weight
+    assert error(one.wiener_nsr) < 1.05 * min(error(nsr) for nsr in np.geomspace(1e-3, 3, 15))
+    assert error(one.wiener_nsr) < error(each.wiener_nsr)
+
+
+def test_unknown_rows_leave_the_sideways_share_of_the_border(sharp: np.ndarray) -> None:
+    psf = np.full((91, 9), 1 / 819, dtype=np.float32)
+    picture, bank = blurred(sharp, psf, 0.003), PsfBank.for_picture(psf, sharp.shape)
+    assert Tuning.of(picture, bank).border_error == pytest.approx((91 / SIDE) ** 2 / 4)
+    assert Tuning.of(picture, bank, continued=False).border_error == pytest.approx((9 / SIDE) ** 2 / 4)
 
 
 def test_strengths_follow_the_noise_and_the_blur(sharp: np.ndarray) -> None:

@@ -34,8 +34,8 @@ class Inputs(NamedTuple):
     exposure: Exposure
 
 
-def read_inputs(photo: Path, recording: Recording) -> Inputs:
-    """Read the picture and what belongs to it.
+def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False) -> Inputs:
+    """Read the picture, or leave it `in_place`, and what belongs to it.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def read_inputs(photo: Path, recording: Recording) -> Inputs:
 
     # The small files first: a wrong option shows before a large picture is read.
     log, camera, exposure = read_recording(recording, photo)
-    return Inputs(read_picture(photo), log, camera, exposure)
+    return Inputs(read_picture(photo, in_place=in_place), log, camera, exposure)
 
 
 def read_recording(recording: Recording, photo: Path | None = None) -> tuple[GyroLog, Camera, Exposure]:

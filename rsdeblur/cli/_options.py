@@ -13,6 +13,7 @@ import click
 
 if TYPE_CHECKING:
     from rsdeblur.border import Border
+    from rsdeblur.fft import Planning
     from rsdeblur.motion import Geometry, Motion
     from rsdeblur.pipeline import Count, Strength
     from rsdeblur.priors import Prior
@@ -161,6 +162,7 @@ class Solver:
     border: Border
     transfer: Transfer | None
     normalize: bool
+    planning: Planning
     threads: int | None
 
 
@@ -335,6 +337,13 @@ solver_options = _gathered(
         transfer_option,
         click.option(
             "--normalize", is_flag=True, help="Squeeze what overshoots into the range, at the price of contrast."
+        ),
+        click.option(
+            "--planning",
+            type=click.Choice(["estimate", "measure"]),
+            default="estimate",
+            show_default=True,
+            help="Plan transforms at once, or try some out for seconds, once, and keep what is found for later runs.",
         ),
         click.option("--threads", type=click.IntRange(min=1), metavar="N", help="Threads.  [default: all cores]"),
     ),

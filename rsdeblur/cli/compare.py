@@ -13,13 +13,15 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of, unit_range
 from rsdeblur.cli._options import Blur, Recording, Solver
 from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, write_json
-from rsdeblur.errors import InputError
+from rsdeblur.cli._report import Compared, overheard, report_page
+from rsdeblur.errors import InputError, OutputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rsdeblur.io.pictures import Picture
     from rsdeblur.method import Mode
+    from rsdeblur.psf import PsfBank
 
 MODES: tuple[Mode, ...] = ("global", "banded", "rowwise")
 SHEET, MAP, REPORT = "side-by-side.png", "psfs.png", "compare.json"
@@ -29,6 +31,8 @@ Examples:
   rsdeblur compare photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4 -o out
   rsdeblur compare blurred.png --gyro gyro.csv --camera camera.toml --start 0.1 --duration 1/20 \\
       --truth rolling.png -o out
+  rsdeblur compare photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4 -o out \\
+      --report report.html
 """
 
 
@@ -39,6 +43,9 @@ Examples:
 @_options.solver_options
 @click.option("--truth", type=_options.PATH, metavar="FILE", help="The sharp picture, to measure PSNR and SSIM.")
 @click.option("-o", "--output", type=_options.PATH, required=True, metavar="DIR", help="Folder to write to.")
+@click.option(
+    "--report", type=_options.PATH, metavar="HTML", help="Also write a page to look at the results in a browser."
+)
 @_options.force_option
 @_options.json_option
 def command(
@@ -48,6 +55,7 @@ def command(
     solver: Solver,
     truth: Path | None,
     output: Path,
+    report: Path | None,
     force: bool,
     as_json: bool,
 ) -> None:
@@ -55,14 +63,42 @@ def command(
 
     Writes to DIR the picture of each mode, side-by-side.png with details enlarged, psfs.png with the kernels where
     they belong in the picture, and compare.json with times, memory and, given the truth, PSNR and SSIM.
+
+    --report writes one page that needs no network: any two pictures under a slider, the kernels over them, the
+    gyroscope's rates with the window of each row, figures band by band, all settings, and what to be wary of.
     """
     prepare_folder(output, [*output_names(photo), REPORT], force=force)
-    report = compare_modes(photo, recording, blur, solver, truth=truth, output=output, force=force)
-    write_json(output / REPORT, report)
+    if report is not None:
+        check_page(report, force=force)
+    with overheard() as remarks:
+        compared = compare_modes(photo, recording, blur, solver, truth=truth, output=output, force=force)
+    if report is not None:
+        from rsdeblur.report import write_page
+
+        write_page(report, report_page(compared, recording, blur, solver, remarks))
+        compared.report["report"] = str(report)
+    write_json(output / REPORT, compared.report)
     if as_json:
-        print_json(report)
+        print_json(compared.report)
     else:
-        print_report(report)
+        print_report(compared.report)
+        if report is not None:
+            click.echo(f"\nOpen {report} in a browser.")
+
+
+def check_page(path: Path, *, force: bool) -> None:
+    """Check before the work that the report's page may be written.
+
+    Raises
+    ------
+    OutputError
+        If it is not named like a page, or cannot be written, or exists and `force` is not set.
+    """
+    from rsdeblur._atomic import check_target
+
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise OutputError(f"{path}: the report is a page of HTML; name it like report.html")
+    check_target(path, force=force)
 
 
 def output_names(photo: Path) -> list[str]:
@@ -73,8 +109,8 @@ def output_names(photo: Path) -> list[str]:
 
 def compare_modes(
     photo: Path, recording: Recording, blur: Blur, solver: Solver, *, truth: Path | None, output: Path, force: bool
-) -> dict[str, Any]:
-    """Deblur `photo` in every mode, write the pictures into the folder `output` and return the report."""
+) -> Compared:
+    """Deblur `photo` in every mode, write the pictures into the folder `output` and return what came out."""
     inputs = read_inputs(photo, recording)
     picture = inputs.picture
     transfer = transfer_of(picture, solver.transfer)
@@ -85,6 +121,7 @@ def compare_modes(
     from rsdeblur.pipeline import deblur
 
     shown = {"input": display_values(unit_range(picture.pixels), transfer)}
+    banks: dict[Mode, PsfBank] = {}
     report: dict[str, Any] = {"photo": str(photo), "size_px": list(picture.pixels.shape[1::-1])}
     if target is not None:
         report |= {"truth": str(truth), "blurred": likeness(shown["input"], target)}
@@ -98,7 +135,7 @@ def compare_modes(
         seconds, memory = time.perf_counter() - begin, peak_memory_mib()
         write_picture(output / name, result.image, like=picture, force=force)
         tall, wide = result.psfs.size
-        values = display_values(result.image, transfer)
+        shown[mode], banks[mode] = display_values(result.image, transfer), result.psfs
         report["modes"][mode] = {
             "output": str(output / name),
             "bands": result.bands,
@@ -109,10 +146,11 @@ def compare_modes(
             "seconds": seconds,
             "timings": result.timings,
             "peak_memory_mib": memory,
-        } | ({} if target is None else likeness(values, target))
-        shown[f"{mode}, {result.bands} x {result.strips} PSFs" if mode != "global" else "global, one PSF"] = values
-    _draw(output, shown, result.psfs, target, force=force)
-    return report
+        } | ({} if target is None else likeness(shown[mode], target))
+    if target is not None:
+        shown["truth"] = target
+    _draw(output, shown, banks, report["modes"], force=force)
+    return Compared(report, inputs, shown, banks, 1.0 - float(result.coverage.mean()), transfer)
 
 
 def _read_truth(truth: Path, photo: Path, picture: Picture, solver: Solver) -> NDArray[Any]:
@@ -127,13 +165,20 @@ def _read_truth(truth: Path, photo: Path, picture: Picture, solver: Solver) -> N
     return display_values(unit_range(sharp.pixels), transfer_of(sharp, solver.transfer))
 
 
-def _draw(output: Path, shown: dict[str, NDArray[Any]], psfs: Any, target: NDArray[Any] | None, *, force: bool) -> None:
+def _draw(
+    output: Path, shown: dict[str, NDArray[Any]], banks: dict[Mode, PsfBank], modes: dict[str, Any], *, force: bool
+) -> None:
     from rsdeblur.io.pictures import write_picture
     from rsdeblur.report import psf_map, side_by_side
 
-    panels = shown if target is None else shown | {"truth": target}
+    labels = {
+        mode: "global, one PSF" if mode == "global" else f"{mode}, {found['bands']} x {found['strips']} PSFs"
+        for mode, found in modes.items()
+    }
+    panels = {labels.get(name, name): values for name, values in shown.items()}
     write_picture(output / SHEET, side_by_side(panels), force=force)
-    write_picture(output / MAP, psf_map(psfs, shown["input"].shape, picture=shown["input"]), force=force)
+    drawing = psf_map(banks[MODES[-1]], shown["input"].shape, picture=shown["input"])
+    write_picture(output / MAP, drawing, force=force)
 
 
 def print_report(report: dict[str, Any]) -> None:

@@ -58,12 +58,10 @@ def command(
     as_json: bool,
 ) -> None:
     """Deblur PHOTO; EXIF, colour profile and bit depth are kept."""
-    from rsdeblur.io.pictures import check_writable, write_picture
+    from rsdeblur.io.pictures import check_writable, picture_to_fill
 
     check_writable(output, force=force)
-    picture, log, camera, exposure = read_inputs(photo, recording)
-
-    import numpy as np
+    picture, log, camera, exposure = read_inputs(photo, recording, in_place=max_memory is not None)
 
     from rsdeblur.pipeline import deblur
     from rsdeblur.stored import reduced
@@ -73,11 +71,15 @@ def command(
         arguments["nsr"] = _nsr_of(photo, picture)
     pixels = picture.pixels
     begin = time.perf_counter()
-    with progress("deblur") as move, naming(photo, recording):
-        if work_size is not None:
+    if work_size is not None:
+        with naming(photo, recording):
             pixels, camera = reduced(pixels, camera, work_size)
-        # Straight into what is to be written: a quarter of the memory that float32 would take.
-        out = np.empty(pixels.shape, picture.pixels.dtype)
+    # Straight into what is to be written: a quarter of the memory that float32 would take.
+    with (
+        picture_to_fill(output, pixels.shape, like=picture, force=force, in_place=max_memory is not None) as out,
+        progress("deblur") as move,
+        naming(photo, recording),
+    ):
         result = deblur(
             *(pixels, log, camera, exposure),
             mode=mode,
@@ -87,7 +89,6 @@ def command(
             **arguments,
         )
     seconds = time.perf_counter() - begin
-    write_picture(output, result.image, like=picture, force=force)
     tall, wide = result.psfs.size
     if as_json:
         print_json(

@@ -50,7 +50,7 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None, by
             )
     except rawpy.LibRawError as error:
         raise ValueError(error.args[0] if error.args else "not a raw file that LibRaw knows") from error
-    exif = _tiff.exif_block(data) if data.startswith(_tiff.MAGIC) else None
+    exif = _tiff.exif_block(BytesIO(data)) if data.startswith(_tiff.MAGIC) else None
     # Of a sensor without colours the one channel has an axis of its own.
     return np.ascontiguousarray(pixels.squeeze(axis=2) if pixels.shape[2] == 1 else pixels), exif, linear_profile()
 

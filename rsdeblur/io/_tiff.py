@@ -7,9 +7,12 @@ from __future__ import annotations
 
 import logging
 import struct
+import sys
 import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from io import BytesIO
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import tifffile
@@ -28,9 +31,15 @@ MAGIC = (b"II*\0", b"MM\0*", *BIG_MAGIC)
 # Tags of an EXIF block's first directory that describe the picture rather than how its samples are stored.
 TEXT_TAGS = (270, 271, 272, 305, 306, 315, 316, 33432)  # description, maker, model, software, time, artist, ...
 ORIENTATION = 274
+NATIVE = "<" if sys.byteorder == "little" else ">"
+Tag = tuple[int, str, int, Any, bool]
 # Of a pixel: four samples of 32 bits.
 SAMPLE_BYTES = 16
 EXIF_TABLE, GPS_TABLE = 34665, 34853
+
+
+# Samples of a classic TIFF, whose offsets have 32 bits, less room for its tags.
+CLASSIC_BYTES = 2**32 - 2**24
 
 
 class Unsupported(ValueError):
@@ -63,6 +72,19 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None]:
         return np.ascontiguousarray(pixels), page.iccprofile
 
 
+def place(page: tifffile.TiffPage, file_size: int) -> dict[str, Any] | None:
+    """Return where grey or RGB samples that need no decoding lie: offset, dtype and shape; None if they do not."""
+    kind = tifffile.PHOTOMETRIC(page.photometric)
+    plain = page.is_memmappable and page.axes in ("YX", "YXS") and kind in (kind.MINISBLACK, kind.RGB)
+    # Whole bytes, in this machine's order.
+    if not plain or page.dtype not in (np.uint8, np.uint16, np.float32) or page.bitspersample % 8:
+        return None
+    if page.parent.byteorder != NATIVE and page.dtype != np.uint8:
+        return None
+    offset = page.dataoffsets[0]
+    return {"offset": offset, "dtype": page.dtype, "shape": page.shape} if offset + page.nbytes <= file_size else None
+
+
 def _plain(page: tifffile.TiffPage, pixels: NDArray[Any]) -> NDArray[Any] | None:
     """Return `pixels` as grey or RGB in uint8, uint16 or float32; None if that is not known how."""
     bits, kind = page.bitspersample, tifffile.PHOTOMETRIC(page.photometric)
@@ -86,13 +108,14 @@ def _plain(page: tifffile.TiffPage, pixels: NDArray[Any]) -> NDArray[Any] | None
     return None
 
 
-def exif_block(data: bytes) -> bytes | None:
+def exif_block(file: BinaryIO) -> bytes | None:
     """Return the descriptive tags of a TIFF file as an EXIF block; None if there are none, or in a BigTIFF."""
     # EXIF blocks are classic TIFF, and Pillow reads them as nothing else.
-    if data.startswith(BIG_MAGIC):
+    if file.read(4) in BIG_MAGIC:
         return None
+    file.seek(0)
     found = Image.Exif()
-    found.load_from_fp(BytesIO(data))
+    found.load_from_fp(file)
     block = Image.Exif()
     for tag in (*TEXT_TAGS, ORIENTATION):
         if tag in found:
@@ -105,30 +128,48 @@ def exif_block(data: bytes) -> bytes | None:
 
 def encode(pixels: NDArray[Any], exif: bytes | None, icc: bytes | None) -> bytes:
     """Return a deflated TIFF file of `pixels`, shape (H, W) or (H, W, C)."""
-    channels = 1 if pixels.ndim == 2 else pixels.shape[2]
-    tables, tags = _tags_of(exif) if exif else ({}, [])
     buffer = BytesIO()
-    tifffile.imwrite(
-        buffer,
-        pixels,
-        byteorder="<",
-        bigtiff=False,
-        photometric="rgb" if channels > 2 else "minisblack",
-        planarconfig="contig" if channels > 1 else None,
-        extrasamples=["unassalpha"] if channels in (2, 4) else None,
-        compression="zlib",
-        predictor=True,
-        metadata=None,
-        software=False,
-        iccprofile=icc,
-        extratags=tags,
-    )
-    for table, directory in tables.items():
-        _append(buffer, table, directory)
+    with _tables(buffer, exif) as tags, tifffile.TiffWriter(buffer, bigtiff=False, byteorder="<") as file:
+        file.write(pixels, compression="zlib", predictor=True, **_layout(pixels.shape, icc, tags))
     return buffer.getvalue()
 
 
-def _tags_of(exif: bytes) -> tuple[dict[int, ImageFileDirectory_v2], list[tuple[int, str, int, Any, bool]]]:
+def write_empty(
+    file: BinaryIO, shape: tuple[int, ...], dtype: np.dtype[Any], exif: bytes | None, icc: bytes | None
+) -> int:
+    """Write a TIFF of plain zeros into an empty file and return where its samples begin."""
+    big = int(np.prod(shape)) * dtype.itemsize > CLASSIC_BYTES
+    if big and exif:
+        warnings.warn("the EXIF block is not carried over: the file is a BigTIFF", RsdeblurWarning, stacklevel=2)
+    with _tables(file, None if big else exif) as tags, tifffile.TiffWriter(file, bigtiff=big) as tiff:
+        found = tiff.write(None, shape=shape, dtype=dtype, returnoffset=True, **_layout(shape, icc, tags))
+    assert found is not None
+    return found[0]
+
+
+def _layout(shape: tuple[int, ...], icc: bytes | None, tags: Sequence[Tag]) -> dict[str, Any]:
+    channels = 1 if len(shape) == 2 else shape[2]
+    return {
+        "photometric": "rgb" if channels > 2 else "minisblack",
+        "planarconfig": "contig" if channels > 1 else None,
+        "extrasamples": ["unassalpha"] if channels in (2, 4) else None,
+        "metadata": None,
+        "software": False,
+        "iccprofile": icc,
+        "extratags": tags,
+    }
+
+
+@contextmanager
+def _tables(file: BinaryIO, exif: bytes | None) -> Iterator[list[Tag]]:
+    """Return what goes from an EXIF block into the file's first directory, and append the block's tables at the end."""
+    tables, tags = _tags_of(exif) if exif else ({}, [])
+    yield tags
+    for table, directory in tables.items():
+        _append(file, table, directory)
+
+
+def _tags_of(exif: bytes) -> tuple[dict[int, ImageFileDirectory_v2], list[Tag]]:
     """Return the sub-tables of an EXIF block, and what goes into the file's first directory, as tifffile wants it."""
     block = Image.Exif()
     try:
@@ -138,9 +179,7 @@ def _tags_of(exif: bytes) -> tuple[dict[int, ImageFileDirectory_v2], list[tuple[
     except (SyntaxError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, struct.error) as error:
         warnings.warn(f"the EXIF block is damaged and not carried over: {error}", RsdeblurWarning, stacklevel=2)
         return {}, []
-    tags: list[tuple[int, str, int, Any, bool]] = [
-        (tag, "s", 0, str(block[tag]).encode(), True) for tag in TEXT_TAGS if tag in block
-    ]
+    tags: list[Tag] = [(tag, "s", 0, str(block[tag]).encode(), True) for tag in TEXT_TAGS if tag in block]
     if orientation in range(1, 9):
         tags.append((ORIENTATION, "H", 1, orientation, True))
     # tifffile does not write pointers to EXIF tables: the tag below each one holds its place, in the right order.
@@ -156,7 +195,7 @@ def _directory(table: int, block: Image.Exif) -> ImageFileDirectory_v2:
     return directory
 
 
-def _append(buffer: BytesIO, table: int, directory: ImageFileDirectory_v2) -> None:
+def _append(buffer: BinaryIO, table: int, directory: ImageFileDirectory_v2) -> None:
     """Write the EXIF table at the end of the file and point its placeholder there."""
     buffer.seek(0)
     with tifffile.TiffFile(buffer) as file:

@@ -14,7 +14,6 @@ from decimal import Decimal
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from rsdeblur._validate import FloatArray
 from rsdeblur.axes import orientation
@@ -158,6 +157,8 @@ def _project_samples(source: Source, project: dict[str, Any]) -> Samples:
         raise source.error(str(error)) from error
     # In Gyroflow's order: bias (deg/s, raw axes, added), orientation, rotation (pitch, roll, yaw in degrees).
     bias = np.array(gyro.get("gyro_bias") or (0, 0, 0), dtype=np.float64) * (1.0 if unit == "deg/s" else np.pi / 180)
+    from scipy.spatial.transform import Rotation  # a quarter of a second that other formats need not wait
+
     pitch, roll, yaw = gyro.get("rotation") or (0, 0, 0)
     turn = Rotation.from_euler("xyz", (yaw, pitch, roll), degrees=True).as_matrix() @ turn
 

@@ -1,7 +1,7 @@
 """Pictures with their bit depth, EXIF block and colour profile.
 
-Reads and writes JPEG, PNG, TIFF and WebP, reads HEIC and raw files. Pixels are always as the sensor saw them: the
-orientation in the EXIF block is not applied but carried over, so viewers still turn the result.
+Reads and writes JPEG, PNG, TIFF, WebP and NumPy files, reads HEIC and raw files. Pixels are always as the sensor saw
+them: the orientation in the EXIF block is not applied but carried over, so viewers still turn the result.
 """
 
 from __future__ import annotations
@@ -26,11 +26,19 @@ from PIL import Image, UnidentifiedImageError
 from rsdeblur._atomic import atomic_write, check_target
 from rsdeblur._regular import open_file, read_file
 from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
-from rsdeblur.io import _heif, _raw, _tiff
+from rsdeblur.io import _heif, _raw, _tiff, mapped
 from rsdeblur.io.source import Source
 
-KINDS = {".jpg": "JPEG", ".jpeg": "JPEG", ".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".webp": "WebP"}
-DEPTHS = {"JPEG": (8,), "PNG": (8, 16), "TIFF": (8, 16, 32), "WebP": (8,)}
+KINDS = {
+    ".jpg": "JPEG",
+    ".jpeg": "JPEG",
+    ".png": "PNG",
+    ".tif": "TIFF",
+    ".tiff": "TIFF",
+    ".webp": "WebP",
+    ".npy": "NumPy",
+}
+DEPTHS = {"JPEG": (8,), "PNG": (8, 16), "TIFF": (8, 16, 32), "WebP": (8,), "NumPy": (8, 16, 32)}
 
 # The largest phone sensors have 200 megapixels, the largest stitched camera files 400.
 MAX_PIXELS = 500_000_000
@@ -85,8 +93,8 @@ class Picture:
         return "linear" if linear else "srgb"
 
 
-def read_picture(path: str | os.PathLike[str]) -> Picture:
-    """Read a JPEG, PNG, TIFF, WebP, HEIC or raw file; the format is told from the content.
+def read_picture(path: str | os.PathLike[str], *, in_place: bool = False) -> Picture:
+    """Read a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw file; the format is told from the content.
 
     Palettes become RGB, bilevel pictures 8-bit grey, and CMYK and other colour spaces RGB (without their profile). Of
     a file with several pages or frames the first one is read. HEIC (extra ``[heif]``) is turned back to how the sensor
@@ -96,6 +104,9 @@ def read_picture(path: str | os.PathLike[str]) -> Picture:
     ----------
     path : path-like
         The picture.
+    in_place : bool, default False
+        Map the pixels of a NumPy file or an uncompressed TIFF into memory instead of reading them. The file must stay
+        as it is while they are used.
 
     Returns
     -------
@@ -109,23 +120,35 @@ def read_picture(path: str | os.PathLike[str]) -> Picture:
         installed, or it has more than 500 megapixels or samples other than 1 to 8, 16 bit or float.
     """
     path = Path(path)
+    if in_place:
+        with open_file(path, "picture") as file, _decoding(path):
+            if found := mapped.map_picture(file, MAX_PIXELS):
+                pixels, exif, icc = found
+                return Picture(pixels, exif, _fitting(icc, pixels))
     data = read_file(path, "picture")
     if not data:
         raise FileFormatError(f"{path}: not a picture: the file is empty")
-    try:
+    with _decoding(path):
         picture = _decode(data, path.suffix)
+    if not picture.pixels.size:
+        raise FileFormatError(f"{path}: the picture has no pixels")
+    picture.pixels.setflags(write=False)
+    return picture
+
+
+@contextmanager
+def _decoding(path: Path) -> Iterator[None]:
+    """Name the file in what decoders raise."""
+    try:
+        yield
     except UnidentifiedImageError:
-        raise FileFormatError(f"{path}: not a JPEG, PNG, TIFF, WebP, HEIC or raw picture") from None
+        raise FileFormatError(f"{path}: not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture") from None
     except (Image.DecompressionBombError, _tiff.Unsupported, _heif.Missing) as error:
         raise FileFormatError(f"{path}: {error}") from error
     except MemoryError as error:
         raise FileFormatError(f"{path}: not enough memory for the picture, or its size is damaged") from error
     except DAMAGE as error:
         raise FileFormatError(f"{path}: the picture is truncated or damaged: {error}") from error
-    if not picture.pixels.size:
-        raise FileFormatError(f"{path}: the picture has no pixels")
-    picture.pixels.setflags(write=False)
-    return picture
 
 
 def is_picture(source: Source) -> bool:
@@ -135,6 +158,7 @@ def is_picture(source: Source) -> bool:
         head.startswith((b"\xff\xd8\xff", PNG_MAGIC, *_tiff.MAGIC, *_raw.MAGIC))
         or (head[:4], head[8:12]) == (b"RIFF", b"WEBP")
         or head[4:12] == b"ftypcrx "
+        or head.startswith(mapped.NPY_MAGIC)
         or _heif.is_heif(head)
     )
 
@@ -178,16 +202,17 @@ def write_picture(
     Parameters
     ----------
     path : path-like
-        Ends in .jpg, .jpeg, .png, .tif, .tiff or .webp.
+        Ends in .jpg, .jpeg, .png, .tif, .tiff, .webp or .npy, which keeps neither EXIF nor profile.
     image : ndarray of float, uint8 or uint16, shape (H, W) or (H, W, C)
-        Values in [0, 1], those outside are clipped, which integers stand for; C is 2 (grey and alpha), 3 or 4.
+        Values in [0, 1], which integers stand for; those outside are clipped, but kept in float32. C is 2 (grey and
+        alpha), 3 or 4.
     like : Picture, optional
         Gives the bit depth (the next lower one the format has), the EXIF block, and the colour profile if it fits
         the number of channels.
     force : bool, default False
         Replace an existing file.
     bits : {8, 16, 32}, optional
-        Bit depth instead of that of `like`; 32 is float32, TIFF only. Without either, 8.
+        Bit depth instead of that of `like`; 32 is float32, TIFF and NumPy only. Without either, 8.
 
     Raises
     ------
@@ -213,6 +238,40 @@ def write_picture(
         raise OutputError(f"{path}: cannot write {width}x{height} pixels as {kind}: {error}") from error
     with atomic_write(path) as file:
         file.write(data)
+
+
+@contextmanager
+def picture_to_fill(
+    path: str | os.PathLike[str], shape: tuple[int, ...], *, like: Picture, force: bool = False, in_place: bool = False
+) -> Iterator[NDArray[Any]]:
+    """Give an array for the pixels of a picture that is written when the block ends well.
+
+    Parameters
+    ----------
+    path, like, force
+        See `write_picture`.
+    shape : (H, W) or (H, W, C)
+        The array has the type of `like`.
+    in_place : bool, default False
+        Map the array to the file instead of holding it in memory; TIFF, then not compressed, and NumPy files only.
+
+    Raises
+    ------
+    InputError, OutputError
+        See `write_picture`.
+    """
+    path = Path(path)
+    check_writable(path, force=force)
+    if not in_place or path.suffix.lower() not in mapped.SUFFIXES:
+        pixels = np.empty(shape, like.pixels.dtype)
+        yield pixels
+        write_picture(path, pixels, like=like, force=force)
+        return
+    with (
+        atomic_write(path) as file,
+        mapped.mapped_samples(file, path.suffix.lower(), shape, like.pixels.dtype, like.exif, like.icc_profile) as out,
+    ):
+        yield out
 
 
 def check_writable(path: str | os.PathLike[str], *, force: bool) -> None:
@@ -253,7 +312,9 @@ def _decode(data: bytes, suffix: str) -> Picture:
         return Picture(pixels, exif, _fitting(icc, pixels))
     if data.startswith(_tiff.MAGIC):
         pixels, icc = _tiff.decode(data, limit)
-        return Picture(pixels, _tiff.exif_block(data), _fitting(icc, pixels))
+        return Picture(pixels, _tiff.exif_block(BytesIO(data)), _fitting(icc, pixels))
+    if data.startswith(mapped.NPY_MAGIC):
+        return Picture(mapped.decode_npy(data, MAX_PIXELS))
     with _size_limit(limit):
         image = Image.open(BytesIO(data), formats=("JPEG", "PNG", "WEBP"))
     with image:
@@ -307,10 +368,10 @@ def _quantised(image: NDArray[Any], bits: int) -> NDArray[Any]:
         if 8 * image.dtype.itemsize == bits:
             return image
         image = image / np.float32(np.iinfo(image.dtype).max)
+    if bits == 32:
+        return image.astype(np.float32)
     # float16 cannot count to 65535.
     clipped: NDArray[Any] = np.clip(image, 0.0, 1.0).astype(np.promote_types(image.dtype, np.float32))
-    if bits == 32:
-        return clipped.astype(np.float32)
     clipped *= 2**bits - 1
     levels: NDArray[Any] = np.rint(clipped, out=clipped).astype(np.uint8 if bits == 8 else np.uint16)
     return levels
@@ -321,6 +382,10 @@ def _encode(kind: str, pixels: NDArray[Any], exif: bytes | None, icc: bytes | No
         return _tiff.encode(pixels, exif, icc)
     if kind == "PNG":
         return _encode_png(pixels, exif, icc)
+    if kind == "NumPy":
+        buffer = BytesIO()
+        np.save(buffer, pixels, allow_pickle=False)
+        return buffer.getvalue()
     options: dict[str, Any] = {"quality": 95, "subsampling": 0}
     if kind == "WebP":
         # The fastest lossless method; the slower ones save 3 % for 3 times the time.

@@ -61,7 +61,11 @@ def _rasterize(paths, kernels):
     for n in numba.prange(paths.shape[0]):
         kernel = np.zeros(kernels.shape[1:], dtype=np.float64)
         _trace(kernel, paths[n], kernels.shape[2] // 2, kernels.shape[1] // 2)
-        kernels[n] = kernel / kernel.sum()
+        total = kernel.sum()
+        # Cell by cell: an assignment of arrays takes Numba four seconds more to compile, for its error message.
+        for i in range(kernel.shape[0]):
+            for j in range(kernel.shape[1]):
+                kernels[n, i, j] = kernel[i, j] / total
 
 
 def rasterize(paths: NDArray[np.float64], half_height: int, half_width: int) -> NDArray[np.float32]:

@@ -61,7 +61,7 @@ def psf_map(bank: PsfBank, shape: tuple[int, ...], *, picture: NDArray[np.floati
     if picture is not None:
         grey = rgb8("picture", picture).convert("L").convert("RGB")
         canvas = grey.resize(size, Image.Resampling.BICUBIC).point(lambda value: value * DIM)
-    kernels = _visible_part(np.asarray(bank.kernels, dtype=np.float64))
+    kernels = visible_part(np.asarray(bank.kernels, dtype=np.float64))
     y, x = (np.asarray(bank.rows) + 0.5) * scale, (np.asarray(bank.cols) + 0.5) * scale
     every, across = (
         _stride(places, max(SMALLEST_CELL, MAGNIFIED * scale * side))
@@ -76,7 +76,7 @@ def psf_map(bank: PsfBank, shape: tuple[int, ...], *, picture: NDArray[np.floati
     return _finished(drawing, y, x, _caption(bank, zoom / scale, every, across))
 
 
-def _visible_part(kernels: FloatArray) -> FloatArray:
+def visible_part(kernels: FloatArray) -> FloatArray:
     """Cut all kernels alike to what can be seen, keeping their origin in the middle."""
     seen = (kernels > VISIBLE * kernels.max(axis=(2, 3), keepdims=True)).any(axis=(0, 1))
     middle = np.array(seen.shape) // 2

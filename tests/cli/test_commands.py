@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 from collections.abc import Callable
 from pathlib import Path
@@ -114,6 +115,24 @@ def test_compare_writes_everything(run: Run, files: Files, tmp_path: Path) -> No
         assert found["peak_memory_mib"] is None or found["peak_memory_mib"] > 10.0
         assert mode in result.stdout
     assert (report["modes"]["global"]["bands"], report["modes"]["global"]["strips"]) == (1, 1)
+
+
+def test_compare_writes_a_report(run: Run, files: Files, tmp_path: Path) -> None:
+    page = tmp_path / "report.html"
+    # Rates as if in degrees: accepted with a warning, which the report repeats.
+    files.write_gyro(files.samples() * [1, 6, 6, 6])
+    result = run("compare", files.photo, *files.recording, "--truth", files.photo, "-o", tmp_path, "--report", page)
+    assert result.exit_code == 0, result.stderr
+    assert f"Open {page}" in result.stdout
+    assert json.loads((tmp_path / "compare.json").read_text())["report"] == str(page)
+    text = page.read_text("utf-8")
+    assert "degrees per second" in result.stderr
+    assert text.count("gyro rates look like degrees per second") == 1
+    for label in ("input", "global", "banded", "rowwise", "truth"):
+        assert f'data-label="{label}"' in text
+    assert str(files.gyro) in text
+    assert "hyper-laplacian" not in text
+    assert re.search(r"<dt>prior</dt><dd>tv</dd>", text)
 
 
 def test_psf_draws_and_saves(run: Run, files: Files, tmp_path: Path) -> None:

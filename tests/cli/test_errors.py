@@ -203,6 +203,11 @@ def test_nothing_is_overwritten_without_force(run: Run, files: Files, tmp_path: 
     # The photo is missing, so a refusal that names the output came before any reading.
     refused(run("deblur", tmp_path / "none.png", *files.recording, "-o", out), out, "--force")
     refused(run("psf", "--picture", tmp_path / "none.png", *files.recording, "--bank", out), out, "--force")
+    folder = tmp_path / "out"
+    page = ["compare", tmp_path / "none.png", *files.recording, "-o", folder, "--report"]
+    (tmp_path / "r.html").write_bytes(b"precious")
+    refused(run(*page, tmp_path / "r.html"), tmp_path / "r.html", "--force")
+    refused(run(*page, tmp_path / "r.pdf"), tmp_path / "r.pdf", "page of HTML")
     assert out.read_bytes() == b"precious"
     assert run("deblur", files.photo, *files.recording, "--force", "-o", out).exit_code == 0
     assert out.read_bytes() != b"precious"

@@ -1,0 +1,132 @@
+"""From what `compare` did to the report's page."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rsdeblur.errors import RsdeblurWarning
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from rsdeblur.cli._inputs import Inputs
+    from rsdeblur.cli._options import Blur, Recording, Solver
+    from rsdeblur.method import Mode
+    from rsdeblur.psf import PsfBank
+    from rsdeblur.report import Page
+    from rsdeblur.transfer import Transfer
+
+
+class Compared(NamedTuple):
+    """What came out of a comparison.
+
+    `shown` are display values by label, the input first; `unseen` is the share of the results that no row saw.
+    """
+
+    report: dict[str, Any]
+    inputs: Inputs
+    shown: dict[str, NDArray[Any]]
+    banks: Mapping[Mode, PsfBank]
+    unseen: float
+    transfer: Transfer
+
+
+@contextmanager
+def overheard() -> Iterator[list[str]]:
+    """Collect the text of the package's warnings, which are shown as ever."""
+    heard: list[str] = []
+    show = warnings.showwarning
+
+    def listen(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        if issubclass(category, RsdeblurWarning) and str(message) not in heard:
+            heard.append(str(message))
+        show(message, category, *place, **more)
+
+    warnings.showwarning = listen
+    try:
+        yield heard
+    finally:
+        warnings.showwarning = show
+
+
+def report_page(compared: Compared, recording: Recording, blur: Blur, solver: Solver, remarks: Sequence[str]) -> Page:
+    """Fill the page of a comparison."""
+    from rsdeblur.report import MotionPlot, Page, band_figures, findings
+
+    report, (picture, log, camera, exposure), shown, banks, unseen, transfer = compared
+    tall, wide = (max(sides) for sides in zip(*(bank.size for bank in banks.values()), strict=True))
+    psf = tall, wide
+    return Page(
+        photo=Path(report["photo"]).name,
+        pictures=shown,
+        banks={str(mode): bank for mode, bank in banks.items()},
+        motion=MotionPlot.of(log, camera, exposure),
+        bands=band_figures(shown, psf, across=camera.horizontal_readout),
+        modes=report["modes"],
+        settings=_settings(compared, recording, blur, solver),
+        findings=findings(picture.pixels, log, camera, exposure, psf=psf, unseen=unseen, remarks=remarks),
+        blurred=report.get("blurred"),
+        # Linear light is encoded as sRGB for display; stored values keep their profile.
+        icc_profile=None if transfer == "linear" or picture.pixels.ndim == 2 else picture.icc_profile,
+    )
+
+
+def _settings(compared: Compared, recording: Recording, blur: Blur, solver: Solver) -> dict[str, dict[str, str]]:
+    from rsdeblur.config import show_config
+    from rsdeblur.io.exif import Exif
+
+    report, (picture, log, camera, exposure), *_, transfer = compared
+    exif = Exif(picture.exif)
+    about_picture = {
+        "photo": report["photo"],
+        "truth": report.get("truth"),
+        "stored as": f"{picture.pixels.dtype}, {picture.pixels.shape[2] if picture.pixels.ndim == 3 else 1} channels",
+        "transfer": transfer,
+        "EXIF orientation": None if exif.orientation == 1 else f"{exif.orientation}, not applied: as the sensor saw it",
+        "report made": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+    }
+    about_log = {
+        "samples": len(log),
+        "rate, Hz": log.rate,
+        "span, s": log.span,
+        "origin, ns": log.epoch_ns,
+    }
+    times = {"start, s": exposure.start, "duration, s": exposure.duration, "origin, ns": exposure.epoch_ns}
+    names = ("width", "height", "focal", "principal", "readout", "readout_direction", "imu_to_camera", "time_offset")
+    lens = ("distortion_model", "distortion", "stamp")
+    tables: dict[str, Mapping[str, Any]] = {
+        "Picture": about_picture,
+        "Recording": asdict(recording),
+        "Blur and solver": asdict(blur) | asdict(solver) | {"transfer": transfer},
+        "Exposure": times,
+        "Gyro log": about_log,
+        "Camera": {name: getattr(camera, name) for name in (*names, *lens)},
+        "Software": show_config(mode="dict"),
+    }
+    return {
+        title: {_label(name): text for name, value in rows.items() if (text := _text(value))}
+        for title, rows in tables.items()
+    }
+
+
+def _label(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _text(value: Any) -> str:
+    """Return a value for people; nothing for what is not given."""
+    import numpy as np
+
+    if value is None:
+        return ""
+    if isinstance(value, np.ndarray):
+        return "; ".join(" ".join(f"{cell:.6g}" for cell in row) for row in value)
+    if isinstance(value, tuple):
+        return ", ".join(map(_text, value))
+    return f"{value:.9g}" if isinstance(value, float) else str(value)

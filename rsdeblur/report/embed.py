@@ -1,0 +1,163 @@
+"""What the report's page holds as data: pictures and kernels as data URIs, the motion as numbers, safe JSON."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from rsdeblur._validate import FloatArray
+from rsdeblur.camera import Camera
+from rsdeblur.exposure import Exposure
+from rsdeblur.gyro import GyroLog
+from rsdeblur.psf import PsfBank
+from rsdeblur.report._draw import rgb8
+from rsdeblur.report.psf_map import visible_part
+
+# All pictures together, bytes; base64 adds a third.
+BUDGET = 9 * 2**20
+# A phone's browser decodes four bytes per pixel, for every picture.
+MOST_PIXELS = 8_000_000
+QUALITY = 92
+# Kernels embedded per mode, along and across the picture: more would not have room on it.
+MOST_KERNELS = 17, 11
+# Times of the plot before and after the exposure, as a share of it and in s.
+AROUND, LEAST_AROUND = 0.5, 0.02
+MOST_SAMPLES = 4000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionPlot:
+    """The gyroscope's rates around an exposure, and when each row was exposed.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Sample times in s after the first row opens, camera time.
+    rates : ndarray, shape (n, 3)
+        Rates about the camera's x, y and z axes, rad/s.
+    every : int
+        Which of the log's samples are kept: every one, every second...
+    axis : {"y", "x"}
+        Picture axis that the readout runs along.
+    opens : (float, float)
+        When the first and the last line along that axis open, s.
+    lines : int
+        Number of lines.
+    duration : float
+        Exposure time of a line, s.
+    """
+
+    t: FloatArray
+    rates: FloatArray
+    every: int
+    axis: str
+    opens: tuple[float, float]
+    lines: int
+    duration: float
+
+    @classmethod
+    def of(cls, log: GyroLog, camera: Camera, exposure: Exposure) -> MotionPlot:
+        """Cut the neighbourhood of the exposure out of the log, and turn it into the camera's axes."""
+        start, end = exposure.span(camera)
+        # Stamps are subtracted as integers; only the difference becomes a float.
+        t = log.t + (log.epoch_ns - exposure.epoch_ns) * 1e-9 + camera.time_offset - start
+        around = max(AROUND * (end - start), LEAST_AROUND)
+        near = np.flatnonzero((t >= -around) & (t <= end - start + around))
+        every = math.ceil(max(len(near), 1) / MOST_SAMPLES)
+        near = near[::every]
+        opens, _ = exposure.window(np.array([0.0, camera.lines - 1.0]), camera)
+        return cls(
+            t=t[near],
+            rates=log.omega[near] @ camera.imu_to_camera.T,
+            every=every,
+            axis="x" if camera.horizontal_readout else "y",
+            opens=(float(opens[0] - start), float(opens[1] - start)),
+            lines=camera.lines,
+            duration=exposure.duration,
+        )
+
+
+def motion_data(plot: MotionPlot) -> dict[str, Any]:
+    """Return the plot for the page, times in ms."""
+    return {
+        "t": np.round(1e3 * plot.t, 4).tolist(),
+        "rates": np.round(plot.rates.T, 6).tolist(),
+        "every": plot.every,
+        "axis": plot.axis,
+        "opens": [round(1e3 * time, 4) for time in plot.opens],
+        "lines": plot.lines,
+        "duration": round(1e3 * plot.duration, 4),
+    }
+
+
+def picture_uris(pictures: Mapping[str, NDArray[np.floating]], icc_profile: bytes | None) -> tuple[list[str], float]:
+    """Encode pictures of one size as JPEG, reduced alike until all fit the budget.
+
+    Returns
+    -------
+    uris : list of str
+        Data URIs.
+    scale : float
+        Size of the encoded pictures, as a share of the original; at most 1.
+    """
+    images = [rgb8(label, picture) for label, picture in pictures.items()]
+    width, height = images[0].size
+    scale = min(1.0, math.sqrt(MOST_PIXELS / (width * height)))
+    while True:
+        size = max(round(width * scale), 1), max(round(height * scale), 1)
+        encoded = [_jpeg(image, size, icc_profile) for image in images]
+        total = sum(map(len, encoded))
+        if total <= BUDGET or max(size) == 1:
+            return [_uri("image/jpeg", data) for data in encoded], scale
+        # Smaller pictures need somewhat more bytes per pixel.
+        scale *= 0.95 * math.sqrt(BUDGET / total)
+
+
+def bank_data(bank: PsfBank) -> dict[str, Any]:
+    """Return an evenly chosen part of the kernels as one grey picture, each brightened to its own peak."""
+    kernels = visible_part(np.asarray(bank.kernels, dtype=np.float64))
+    rows, cols = (_spread(n, most) for n, most in zip(kernels.shape[:2], MOST_KERNELS, strict=True))
+    chosen = kernels[np.ix_(rows, cols)]
+    tall, wide = chosen.shape[2:]
+    # The root shows faint parts of a trail too.
+    shown = np.sqrt(np.clip(chosen / chosen.max(axis=(2, 3), keepdims=True), 0.0, 1.0))
+    atlas = shown.transpose(0, 2, 1, 3).reshape(len(rows) * tall, len(cols) * wide)
+    buffer = BytesIO()
+    Image.fromarray(np.round(255.0 * atlas).astype(np.uint8)).save(buffer, "PNG", optimize=True)
+    return {
+        "rows": np.round(bank.rows[rows], 2).tolist(),
+        "cols": np.round(bank.cols[cols], 2).tolist(),
+        "kernel": [wide, tall],
+        "of": list(bank.kernels.shape[:2]),
+        "atlas": _uri("image/png", buffer.getvalue()),
+    }
+
+
+def script_json(payload: Any) -> str:
+    """Return JSON that can stand in a script element: no text in it can end the element or open a comment."""
+    text = json.dumps(payload, separators=(",", ":"), allow_nan=False)
+    return text.replace("&", r"\u0026").replace("<", r"\u003c").replace(">", r"\u003e")
+
+
+def _spread(count: int, most: int) -> NDArray[np.intp]:
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
+
+
+def _jpeg(image: Image.Image, size: tuple[int, int], icc_profile: bytes | None) -> bytes:
+    resized = image if size == image.size else image.resize(size, Image.Resampling.LANCZOS)
+    buffer = BytesIO()
+    resized.save(buffer, "JPEG", quality=QUALITY, subsampling=0, icc_profile=icc_profile or b"")
+    return buffer.getvalue()
+
+
+def _uri(kind: str, data: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(data).decode()}"

@@ -1,0 +1,154 @@
+"""What to know before trusting a result: the log's coverage and gaps, saturation, motion too large."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rsdeblur.camera import Camera
+from rsdeblur.exposure import Exposure
+from rsdeblur.gyro import GyroLog
+
+# A log that ends this soon after the exposure leaves no room for a wrong time offset, s.
+NARROW_MARGIN = 0.02
+# Samples per exposure below which the motion between them is guessed. A hand's tremor reaches 12 Hz.
+FEW_SAMPLES = 4
+SLOW_RATE = 50.0  # Hz
+# Share of clipped pixels that shows.
+MUCH_CLIPPED = 1e-3
+# A float picture has no largest value of its own.
+FLOAT_WHITE = 1.0
+# A rate at the gyro's limit: its largest magnitude, this often in a row, and beyond what a slow sensor resolves, rad/s.
+STUCK, FAST = 3, 4.0
+# Share of a side that a PSF may span: beyond it many frequencies are lost, and borders concern much of the picture.
+LARGE_BLUR = 1 / 16
+# px below which deblurring gains nothing.
+SMALL_BLUR = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing checked.
+
+    Parameters
+    ----------
+    level : {"good", "note", "warning"}
+        Whether it limits the result.
+    subject : str
+        What was looked at, a word or two.
+    text : str
+        What was found, a sentence.
+    """
+
+    level: Literal["good", "note", "warning"]
+    subject: str
+    text: str
+
+
+def findings(
+    pixels: NDArray[Any],
+    log: GyroLog,
+    camera: Camera,
+    exposure: Exposure,
+    *,
+    psf: tuple[int, int],
+    unseen: float = 0.0,
+    remarks: Sequence[str] = (),
+) -> tuple[Finding, ...]:
+    """Check a capture that was deblurred; warnings come first.
+
+    Parameters
+    ----------
+    pixels : ndarray, shape (H, W) or (H, W, C)
+        The blurred picture as stored.
+    log, camera, exposure
+        The motion, the camera and the time of the exposure.
+    psf : (int, int)
+        Height and width of the largest PSF, px.
+    unseen : float, default 0.0
+        Share of the result that no row saw.
+    remarks : sequence of str
+        Warnings that were given on the way.
+    """
+    opens, closes = (time - camera.time_offset for time in exposure.span(camera))
+    based = log.t + (log.epoch_ns - exposure.epoch_ns) * 1e-9
+    found = [Finding("warning", "Remark", remark) for remark in remarks]
+    found += [_coverage(based, opens, closes), _gaps(log, based, opens, closes), _sampling(log, exposure)]
+    found += [_gyro_range(log, based, opens, closes), _saturation(pixels), _size(psf, pixels.shape)]
+    if unseen > 0:
+        text = f"{unseen:.1%} of the straightened picture was seen by no row and is filled from its neighbours."
+        found.append(Finding("note", "Unseen parts", text))
+    order = ("warning", "note", "good")
+    return tuple(sorted(found, key=lambda finding: order.index(finding.level)))
+
+
+def _coverage(t: NDArray[np.float64], opens: float, closes: float) -> Finding:
+    before, after = opens - t[0], t[-1] - closes
+    text = f"The log starts {_time(before)} before the first row opens and ends {_time(after)} after the last closes."
+    if min(before, after) < NARROW_MARGIN:
+        return Finding("note", "Coverage", text + " That leaves little room for another time offset.")
+    return Finding("good", "Coverage", text)
+
+
+def _gaps(log: GyroLog, t: NDArray[np.float64], opens: float, closes: float) -> Finding:
+    holes = log.gaps()
+    if not len(holes):
+        return Finding("good", "Gaps", "The log has no gaps.")
+    # Inside the exposure a gap is refused.
+    away = holes + (t[0] - log.t[0])
+    nearest = float(np.maximum(away[:, 0] - closes, opens - away[:, 1]).min())
+    longest = float(np.diff(holes, axis=1).max())
+    text = f"{len(holes)} in the log, none in the exposure; the nearest is {_time(nearest)} away."
+    return Finding("note", "Gaps", f"{text} The longest lasts {_time(longest)}.")
+
+
+def _sampling(log: GyroLog, exposure: Exposure) -> Finding:
+    per_row = exposure.duration * log.rate
+    text = f"{log.rate:.4g} samples per second, {per_row:.3g} per row's exposure of {_time(exposure.duration)}."
+    if per_row < FEW_SAMPLES and log.rate < SLOW_RATE:
+        return Finding("warning", "Sampling", text + " The motion between samples is a straight guess.")
+    return Finding("good", "Sampling", text)
+
+
+def _gyro_range(log: GyroLog, t: NDArray[np.float64], opens: float, closes: float) -> Finding:
+    inside = np.abs(log.omega[(t >= opens) & (t <= closes)])
+    # The limit is that of the whole log: a sensor stuck there repeats it.
+    limit = np.abs(log.omega).max(axis=0)
+    for axis in range(3):
+        at = np.concatenate([[0], inside[:, axis] == limit[axis], [0]]).astype(int)
+        runs = np.flatnonzero(np.diff(at) < 0) - np.flatnonzero(np.diff(at) > 0)
+        if limit[axis] > FAST and runs.max(initial=0) >= STUCK:
+            text = f"The rate about {'xyz'[axis]} stays at {limit[axis]:.3g} rad/s, probably the gyroscope's limit."
+            return Finding("warning", "Gyro saturation", text)
+    peak = float(np.linalg.norm(inside, axis=1).max(initial=0.0))
+    return Finding("good", "Gyro saturation", f"The fastest rate during the exposure is {peak:.3g} rad/s.")
+
+
+def _saturation(pixels: NDArray[Any]) -> Finding:
+    colours = pixels if pixels.ndim == 2 else pixels[..., : 3 if pixels.shape[2] >= 3 else 1]
+    white = np.iinfo(pixels.dtype).max if pixels.dtype.kind == "u" else FLOAT_WHITE
+    clipped = colours >= white
+    share = float(np.mean(clipped if clipped.ndim == 2 else clipped.any(axis=2)))
+    text = f"{share:.2%} of the pixels are clipped at white."
+    if share > MUCH_CLIPPED:
+        return Finding("warning", "Saturation", text + " Their light is unknown: expect waves around highlights.")
+    return Finding("good", "Saturation", text)
+
+
+def _size(psf: tuple[int, int], shape: tuple[int, ...]) -> Finding:
+    tall, wide = psf
+    text = f"The largest PSF is {wide} x {tall} px in a picture of {shape[1]} x {shape[0]} px."
+    if max(tall / shape[0], wide / shape[1]) > LARGE_BLUR:
+        more = " The motion is too large for a faithful result: whole frequencies are lost and borders reach far."
+        return Finding("warning", "Motion", text + more)
+    if max(psf) <= SMALL_BLUR:
+        return Finding("note", "Motion", text + " There is hardly any blur to remove.")
+    return Finding("good", "Motion", text)
+
+
+def _time(seconds: float) -> str:
+    return f"{1e3 * seconds:.3g} ms" if abs(seconds) < 1 else f"{seconds:.3g} s"

@@ -1,0 +1,218 @@
+"""The report: one page of HTML that holds all it shows, for a browser without network."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
+from itertools import pairwise
+from string import Template
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rsdeblur._atomic import atomic_write
+from rsdeblur.errors import InputError
+from rsdeblur.psf import PsfBank
+from rsdeblur.report.bands import BandFigures
+from rsdeblur.report.embed import MotionPlot, bank_data, motion_data, picture_uris, script_json
+from rsdeblur.report.findings import Finding
+
+LEVELS = {"warning": "Warning", "note": "Note", "good": "Good"}
+PARTS = ("page.html", "page.css", "page_shared.js", "page_viewer.js", "page_plots.js")
+STAGES = ("tune", "psfs", "plan", "apply", "rectify")
+TIMES, NONE = "\N{MULTIPLICATION SIGN}", "\N{EN DASH}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Page:
+    """What a report holds.
+
+    Parameters
+    ----------
+    photo : str
+        Name of the picture.
+    pictures : mapping of str to ndarray
+        Display values in [0, 1], all of one size; the keys are the labels, the blurred input is the first.
+    banks : mapping of str to PsfBank
+        The kernels of each mode.
+    motion : MotionPlot
+        The rates around the exposure, and the windows of the rows.
+    bands : BandFigures
+        Sharpness and ringing of the pictures.
+    modes : mapping of str to mapping
+        What `rsdeblur compare` tells of each mode.
+    settings : mapping of str to mapping of str to str
+        Tables of names and values, each with its title.
+    findings : sequence of Finding
+        What was checked, warnings first.
+    blurred : mapping, optional
+        `psnr_db` and `ssim` of the input, where the truth is known.
+    icc_profile : bytes, optional
+        Colour profile of the pictures.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two pictures, or their sizes differ.
+    """
+
+    photo: str
+    pictures: Mapping[str, NDArray[np.floating]]
+    banks: Mapping[str, PsfBank]
+    motion: MotionPlot
+    bands: BandFigures
+    modes: Mapping[str, Mapping[str, Any]]
+    settings: Mapping[str, Mapping[str, str]]
+    findings: Sequence[Finding]
+    blurred: Mapping[str, float | None] | None = None
+    icc_profile: bytes | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.pictures) < 2:
+            raise InputError(f"a report compares at least two pictures, got {len(self.pictures)}")
+        sizes = {picture.shape[:2] for picture in self.pictures.values()}
+        if len(sizes) > 1:
+            raise InputError(f"all pictures of a report must have one size, got {sorted(sizes)}")
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the pictures, px."""
+        height, width = next(iter(self.pictures.values())).shape[:2]
+        return width, height
+
+
+def write_page(path: str | os.PathLike[str], page: Page) -> None:
+    """Write `page` as one file of HTML, which appears whole or not at all; an existing file is replaced.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    text = render(page)
+    with atomic_write(path) as file:
+        # A name that is no valid Unicode must not cost the report.
+        file.write(text.encode("utf-8", "replace"))
+
+
+def render(page: Page) -> str:
+    """Return the page's HTML. Everything that came from outside is escaped; scripts other than ours are forbidden."""
+    uris, scale = picture_uris(page.pictures, page.icc_profile)
+    width, height = page.size
+    folder = files("rsdeblur.report")
+    template, style, *scripts = (folder.joinpath(name).read_text("utf-8") for name in PARTS)
+    script = "\n".join(scripts)
+    data = {
+        "size": [width, height],
+        "scale": scale,
+        "banks": {label: bank_data(bank) for label, bank in page.banks.items()},
+        "motion": motion_data(page.motion),
+        "bands": {"edges": page.bands.edges, "sharpness": page.bands.sharpness, "ringing": page.bands.ringing},
+    }
+    return Template(template).substitute(
+        title=escape(page.photo),
+        policy=f"default-src 'none'; img-src data:; style-src {_hash(style)}; script-src {_hash(script)}",
+        style=style,
+        script=script,
+        summary=_summary(page.findings),
+        size=f"{width} {TIMES} {height} px",
+        scale=_scale(scale, width, height),
+        pictures="\n".join(_figure(label, uri) for label, uri in zip(page.pictures, uris, strict=True)),
+        modes=_modes(page),
+        bands=_bands(page.bands, page.motion.axis),
+        findings="\n".join(map(_finding, page.findings)),
+        settings="\n".join(_settings(title, rows) for title, rows in page.settings.items()),
+        data=script_json(data),
+    )
+
+
+def _hash(text: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def _scale(scale: float, width: int, height: int) -> str:
+    if scale == 1.0:
+        return "Pictures are embedded as JPEG at full size."
+    size = f"{round(width * scale)} {TIMES} {round(height * scale)} px"
+    return f"Pictures are embedded as JPEG, reduced to {scale:.1%} ({size}); the files that compare wrote are whole."
+
+
+def _summary(findings: Sequence[Finding]) -> str:
+    count = sum(finding.level == "warning" for finding in findings)
+    return "no warnings" if not count else f"{count} warning{'s' * (count > 1)}"
+
+
+def _finding(finding: Finding) -> str:
+    badge = f'<span class="badge">{LEVELS[finding.level]}</span>'
+    text = f"<span><strong>{escape(finding.subject)}.</strong> {escape(finding.text)}</span>"
+    return f'<li class="{finding.level}">{badge}{text}</li>'
+
+
+def _figure(label: str, uri: str) -> str:
+    name = escape(label)
+    return f'<figure><img src="{uri}" alt="{name}" data-label="{name}"><figcaption>{name}</figcaption></figure>'
+
+
+def _modes(page: Page) -> str:
+    judged = page.blurred is not None
+    stages = [stage for stage in STAGES if any(stage in found["timings"] for found in page.modes.values())]
+    header = ["mode", "PSFs", "PSF px", "NSR", "weight", "time s", *(f"{stage} s" for stage in stages), "peak MiB"]
+    header += ["PSNR dB", "SSIM"] * judged
+    rows = []
+    if page.blurred is not None:
+        rows.append([next(iter(page.pictures)), *[""] * (len(header) - 3), *_likeness(page.blurred)])
+    for mode, found in page.modes.items():
+        memory = found["peak_memory_mib"]
+        rows.append(
+            [
+                mode,
+                f"{found['bands']} {TIMES} {found['strips']}",
+                f" {TIMES} ".join(map(str, found["psf_px"])),
+                f"{found['nsr']:.3g}",
+                NONE if found["weight"] is None else f"{found['weight']:.3g}",
+                f"{found['seconds']:.2f}",
+                *(f"{found['timings'].get(stage, 0.0):.2f}" for stage in stages),
+                NONE if memory is None else f"{memory:.0f}",
+                *(_likeness(found) if judged else []),
+            ]
+        )
+    return _table("Modes, strengths, times and memory", header, rows)
+
+
+def _likeness(found: Mapping[str, Any]) -> list[str]:
+    return ["∞" if found["psnr_db"] is None else f"{found['psnr_db']:.2f}", f"{found['ssim']:.3f}"]
+
+
+def _bands(bands: BandFigures, axis: str) -> str:
+    lines = "rows" if axis == "y" else "columns"
+    labels = [f"{a} to {b - 1}" for a, b in pairwise(bands.edges)]
+    tables = []
+    for title, figures in ((f"Sharpness, {TIMES} the input's", bands.sharpness), ("Ringing, %", bands.ringing)):
+        rows = [
+            [label, *(NONE if values[i] is None else f"{values[i]:.2f}" for values in figures.values())]
+            for i, label in enumerate(labels)
+        ]
+        tables.append(_table(title, [lines, *figures], rows))
+    return "\n".join(tables)
+
+
+def _settings(title: str, rows: Mapping[str, str]) -> str:
+    items = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in rows.items())
+    return f"<section><h3>{escape(title)}</h3><dl>{items}</dl></section>"
+
+
+def _table(caption: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    head = "".join(f'<th scope="col">{escape(cell)}</th>' for cell in header)
+    body = "".join(
+        f'<tr><th scope="row">{escape(first)}</th>{"".join(f"<td>{escape(cell)}</td>" for cell in rest)}</tr>'
+        for first, *rest in rows
+    )
+    table = f"<table><caption>{escape(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    # Wide tables scroll by themselves, also by keyboard.
+    return f'<div class="wide" tabindex="0" role="region" aria-label="{escape(caption)}">{table}</div>'

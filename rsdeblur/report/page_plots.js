@@ -1,0 +1,171 @@
+// The motion, and figures band by band.
+
+function svg(name, attributes, text) {
+  const element = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+  if (text !== undefined) element.textContent = text;
+  return element;
+}
+
+// Round numbers that divide a range into about `count` parts.
+function ticks(low, high, count) {
+  const raw = Math.max(high - low, 1e-12) / count;
+  const power = 10 ** Math.floor(Math.log10(raw));
+  const unit = [1, 2, 5, 10].find((factor) => factor * power >= raw) * power;
+  const found = [];
+  for (let i = Math.ceil(low / unit - 1e-9); i * unit <= high + 1e-9 * unit; i++) found.push(+(i * unit).toPrecision(12));
+  return found;
+}
+
+const scale = (from, to) => (value) => to[0] + ((value - from[0]) * (to[1] - to[0])) / (from[1] - from[0]);
+const path = (points) => points.map(([x, y], i) => `${i ? "L" : "M"}${x.toFixed(2)} ${y.toFixed(2)}`).join("");
+
+// Series differ by dashes or marks too, not by colour alone.
+const DASHES = ["none", "7 3", "2 3"];
+const MARKS = [
+  (x, y) => `M${x - 4} ${y}a4 4 0 1 0 8 0a4 4 0 1 0 -8 0`,
+  (x, y) => `M${x - 4} ${y - 4}h8v8h-8Z`,
+  (x, y) => `M${x} ${y - 5}L${x + 5} ${y + 4}H${x - 5}Z`,
+  (x, y) => `M${x} ${y - 5.5}L${x + 5.5} ${y}L${x} ${y + 5.5}L${x - 5.5} ${y}Z`,
+  (x, y) => `M${x - 5} ${y + 3.5}L${x} ${y - 5}L${x + 5} ${y + 3.5}L${x} ${y + 1}Z`,
+];
+
+function addLegend(list, names, draw) {
+  names.forEach((name, i) => {
+    const item = document.createElement("li");
+    const sample = svg("svg", { width: 30, height: 14, "aria-hidden": "true" });
+    sample.append(...draw(i));
+    item.append(sample, name);
+    list.append(item);
+  });
+}
+
+function axisBelow(drawing, x, domain, y, top, title) {
+  for (const tick of ticks(...domain, clamp((x(domain[1]) - x(domain[0])) / 60, 3, 10))) {
+    drawing.append(svg("line", { class: "grid", x1: x(tick), x2: x(tick), y1: top, y2: y }));
+    drawing.append(svg("text", { x: x(tick), y: y + 16, "text-anchor": "middle" }, tick));
+  }
+  drawing.append(svg("text", { x: x(domain[1]), y: y + 33, "text-anchor": "end" }, title));
+}
+
+function axisBeside(drawing, y, values, left, right) {
+  for (const tick of values) {
+    drawing.append(svg("line", { class: "grid", x1: left, x2: right, y1: y(tick), y2: y(tick) }));
+    drawing.append(svg("text", { x: left - 7, y: y(tick) + 4, "text-anchor": "end" }, tick));
+  }
+}
+
+const LEFT = 52;
+const RATES = [24, 214];
+const WINDOWS = [254, 370];
+
+function drawMotion() {
+  const holder = find("rates");
+  const wide = Math.max(holder.clientWidth, 260);
+  const drawing = svg("svg", { width: wide, height: WINDOWS[1] + 40 });
+  const end = Math.max(...motion.opens) + motion.duration;
+  const times = [motion.t[0] ?? 0, motion.t.at(-1) ?? end];
+  const domain = [Math.min(times[0], 0), Math.max(times[1], end)];
+  const x = scale(domain, [LEFT, wide - 10]);
+  const all = motion.rates.flat();
+  const least = all.reduce((a, b) => Math.min(a, b), 0);
+  const most = all.reduce((a, b) => Math.max(a, b), 0);
+  const margin = 0.06 * Math.max(most - least, 1e-3);
+  const rate = scale([least - margin, most + margin], [RATES[1], RATES[0]]);
+  const line = scale([0, Math.max(motion.lines - 1, 1)], WINDOWS);
+
+  drawing.append(svg("rect", { class: "exposed", x: x(0), y: RATES[0], width: x(end) - x(0), height: RATES[1] - RATES[0] }));
+  axisBeside(drawing, rate, ticks(least - margin, most + margin, 5), LEFT, wide - 10);
+  axisBeside(drawing, line, ticks(0, motion.lines - 1, 4), LEFT, wide - 10);
+  axisBelow(drawing, x, domain, WINDOWS[1], RATES[0], "time since the first line opens, ms");
+  drawing.append(svg("text", { class: "title", x: LEFT, y: 14 }, "rate, rad/s"));
+  drawing.append(svg("text", { class: "title", x: LEFT, y: WINDOWS[0] - 10 }, `exposed ${lineWord}s`));
+  motion.rates.forEach((values, i) => {
+    const points = values.map((value, k) => [x(motion.t[k]), rate(value)]);
+    drawing.append(svg("path", { class: `s${i + 1}`, "stroke-dasharray": DASHES[i], d: path(points) }));
+  });
+  const last = motion.lines - 1;
+  const corners = [[0, 0], [0, motion.duration], [last, motion.duration], [last, 0]];
+  drawing.append(svg("path", { class: "windows", d: `${path(corners.map(([n, dt]) => [x(opensAt(n) + dt), line(n)]))}Z` }));
+  if (marked !== null) {
+    const [open, close] = [x(opensAt(marked)), x(opensAt(marked) + motion.duration)];
+    drawing.append(svg("rect", { class: "chosen", x: open, y: RATES[0], width: close - open, height: RATES[1] - RATES[0] }));
+    drawing.append(svg("line", { class: "chosen-line", x1: open, x2: close, y1: line(marked), y2: line(marked) }));
+  }
+  const [top, bottom] = WINDOWS;
+  const field = { x: LEFT, y: top, width: wide - 10 - LEFT, height: bottom - top, fill: "transparent" };
+  drawing.append(svg("rect", { class: "touchable", ...field }));
+  holder.replaceChildren(drawing);
+}
+
+function mark(line) {
+  marked = clamp(Math.round(line), 0, motion.lines - 1);
+  find("line").value = marked;
+  find("line-note").value = `${lineWord} ${marked}: ${windowText(marked)}`;
+  drawMotion();
+  changed();
+}
+
+function startMotion() {
+  find("motion").hidden = false;
+  find("line").max = motion.lines - 1;
+  find("line-name").textContent = lineWord === "row" ? "Row" : "Column";
+  find("line").addEventListener("input", (event) => mark(+event.target.value));
+  find("line-note").value = `choose a ${lineWord} to see its window here and the ${lineWord} in the pictures`;
+  const holder = find("rates");
+  const follow = (event) => {
+    if (event.buttons && event.target.classList.contains("touchable")) {
+      const y = event.clientY - holder.getBoundingClientRect().top;
+      mark(scale(WINDOWS, [0, motion.lines - 1])(y));
+    }
+  };
+  holder.addEventListener("pointerdown", follow);
+  holder.addEventListener("pointermove", follow);
+  addLegend(find("rates-legend"), ["about x", "about y", "about z"], (i) => [
+    svg("path", { class: `s${i + 1}`, "stroke-dasharray": DASHES[i], d: "M0 7H30" }),
+  ]);
+  new ResizeObserver(drawMotion).observe(holder);
+}
+
+const SERIES = 5;
+
+function drawBands(holder, title, figures) {
+  const wide = Math.max(holder.clientWidth, 240);
+  const [top, bottom] = [28, 260];
+  const drawing = svg("svg", { width: wide, height: bottom + 40 });
+  const values = Object.values(figures).flat().filter((value) => value !== null);
+  const domain = [0, 1.08 * values.reduce((a, b) => Math.max(a, b), 1e-3)];
+  const x = scale(domain, [LEFT, wide - 12]);
+  const y = scale([bands.edges[0], bands.edges.at(-1)], [top, bottom]);
+  axisBeside(drawing, y, ticks(bands.edges[0], bands.edges.at(-1), 5), LEFT, wide - 12);
+  axisBelow(drawing, x, domain, bottom, top, title);
+  drawing.append(svg("text", { class: "title", x: LEFT, y: 14 }, `${title}, by ${lineWord}`));
+  Object.values(figures).forEach((series, i) => {
+    const at = (k) => [x(series[k]), y((bands.edges[k] + bands.edges[k + 1]) / 2)];
+    const known = [...series.keys()].filter((k) => series[k] !== null);
+    // Where a band is unknown the line is broken.
+    const line = known.map((k) => (k && series[k - 1] !== null ? path([at(k - 1), at(k)]) : "")).join("");
+    drawing.append(svg("path", { class: `s${i % SERIES}`, d: line }));
+    for (const point of known.map(at)) drawing.append(svg("path", { class: `s${i % SERIES} mark`, d: MARKS[i % SERIES](...point) }));
+  });
+  holder.replaceChildren(drawing);
+}
+
+function startBands() {
+  find("bands").hidden = false;
+  addLegend(find("bands-legend"), Object.keys(bands.sharpness), (i) => [
+    svg("path", { class: `s${i % SERIES}`, d: "M0 7H30" }),
+    svg("path", { class: `s${i % SERIES} mark`, d: MARKS[i % SERIES](15, 7) }),
+  ]);
+  for (const [title, figures] of [["sharpness, × the input's", bands.sharpness], ["ringing, %", bands.ringing]]) {
+    const holder = document.createElement("div");
+    holder.className = "plot";
+    holder.setAttribute("role", "img");
+    holder.setAttribute("aria-label", `Chart of ${title} by ${lineWord}; the figures follow as tables`);
+    find("bands-charts").append(holder);
+    new ResizeObserver(() => drawBands(holder, title, figures)).observe(holder);
+  }
+}
+
+startMotion();
+startBands();
