@@ -44,8 +44,8 @@ def _outcome(size: tuple[int, int], mode: Any, prior: Any, blur: float | None, k
     height, width = size
     focal = 10.0 * max(size)
     rate = 0.0 if blur is None else blur * min(size) / focal / EXPOSURE.duration
-    rates = np.full((40, 3), rate) * np.array([1.0, -1.0, 0.3])
-    log = GyroLog(np.arange(40) * 0.005, rates)
+    rates = np.tile([rate, -rate, 0.3 * rate], (40, 1))
+    log = GyroLog(0.005 * np.arange(40.0), rates)
     stored = _picture(kind, size)
     try:
         sharp = deblur(

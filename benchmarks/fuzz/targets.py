@@ -89,6 +89,12 @@ def _picture(path: Path) -> None:
         write_picture(path.with_name(f"again{extension}"), picture.pixels, like=picture, force=True)
 
 
+def _mapped(path: Path) -> None:
+    picture = read_picture(path, in_place=True)
+    # What is mapped is only read when it is looked at.
+    picture.pixels.sum()
+
+
 def _bank(path: Path) -> None:
     PsfBank.load(path)
 
@@ -98,6 +104,7 @@ READERS: dict[Callable[[Path], None], str] = {
     _camera: "cameras",
     _captures: "captures",
     _picture: "pictures",
+    _mapped: "pictures",
     _bank: "PSF banks",
 }
 
@@ -142,6 +149,8 @@ TARGETS: dict[str, Target] = {
     "png-mended": Target(_picture, seeds.pngs, "a.png", pack=seeds.mended_png),
     "webp": Target(_picture, seeds.webps, "a.webp"),
     "tiff": Target(_picture, seeds.tiffs, "a.tif"),
+    "npy": Target(_picture, seeds.npys, "a.npy"),
+    "mapped": Target(_mapped, lambda: [*seeds.npys(), *seeds.tiffs()], "a.npy"),
     "heic": Target(_picture, lambda: [seeds.heic()], "a.heic"),
     "dng": Target(_picture, lambda: [seeds.dng()], "a.dng"),
     "psf-bank": Target(_bank, lambda: [seeds.bank()], "bank.npz"),

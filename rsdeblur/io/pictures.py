@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any, Literal
 
 import imagecodecs
@@ -58,6 +59,7 @@ DAMAGE = (
     *(OSError, EOFError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, struct.error, zlib.error),
     *(SyntaxError, AssertionError),  # Pillow
     RuntimeError,  # imagecodecs
+    TokenError,  # NumPy, of the header of its files
 )
 
 _limit_lock = threading.Lock()
