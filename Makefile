@@ -5,7 +5,7 @@ BIN = $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet
 CBUILD = build/c
 
-.PHONY: demo test lint test-c clean
+.PHONY: demo test lint test-c docs dist clean
 
 demo: $(BIN)/python
 	$(PIP) .
@@ -30,8 +30,23 @@ test-c: $(BIN)/python
 	if command -v valgrind; then \
 	  $(MESON) test -C $(CBUILD)/plain --wrap 'valgrind --quiet --leak-check=full --error-exitcode=1'; fi
 
+# The documentation site, in site/.
+docs: $(BIN)/python
+	$(PIP) '.[docs]'
+	$(BIN)/python -P -m sphinx -W --keep-going -n -q -b html docs site
+
+# The source distribution, the wheel made of it, and that wheel in an empty environment without any compiler.
+dist: $(BIN)/python
+	$(PIP) build
+	rm -rf dist build/empty
+	$(BIN)/python -m build -o dist
+	$(PYTHON) -m venv build/empty
+	build/empty/bin/python -m pip install --quiet --only-binary :all: dist/*.whl
+	env -i PATH="$(abspath build/empty/bin)" CC=/bin/false HOME="$(abspath build/empty)" \
+	  rsdeblur demo --size 320x240 -o "$(abspath build/empty/demo)"
+
 clean:
-	rm -rf $(VENV) build dist demo-output .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) build dist site docs/generated demo-output .mypy_cache .pytest_cache .ruff_cache
 
 $(BIN)/python:
 	$(PYTHON) -c 'import sys; sys.exit("rsdeblur needs Python 3.11 or newer" if sys.version_info < (3, 11) else 0)'

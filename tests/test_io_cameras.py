@@ -89,11 +89,15 @@ class TestLensProfile:
         assert (camera.distortion_model, camera.distortion) == ("fisheye", (0.05, -0.02, 0.01, -0.003))
         assert (camera.readout, camera.readout_direction, camera.stamp) == (0.015, "top-down", "middle")
         np.testing.assert_array_equal(camera.imu_to_camera, imu_to_camera("gyroflow"))
-        assert any("submitted by a user" in doubt for doubt in file.doubts)
+        assert any("submitted by a user" in doubt.text for doubt in file.doubts)
 
     def test_the_principal_point_counts_for_asymmetrical_lenses_only(self, write: Write) -> None:
         assert open_camera(write(profile())).camera.principal == (199.5, 149.5)
         assert open_camera(write(profile(asymmetrical=True))).camera.principal == (190.0, 160.0)
+
+    def test_other_opencv_models_are_told_by_name(self, write: Write) -> None:
+        camera = open_camera(write(profile(distortion_model="opencv_standard"))).camera
+        assert (camera.distortion_model, camera.distortion) == ("radtan", (0.05, -0.02, 0.01, -0.003))
 
     def test_crop_divides_the_focal_length(self, write: Write) -> None:
         assert open_camera(write(profile(crop=1.25))).camera.focal == (168.0, 168.8)
@@ -111,10 +115,10 @@ class TestLensProfile:
     def test_readout(self, write: Write, time: float | None, said: str | None, readout: float, direction: str) -> None:
         file = open_camera(write(profile(frame_readout_time=time, frame_readout_direction=said)))
         assert (file.camera.readout, file.camera.readout_direction) == (readout, direction)
-        assert any("does not tell the readout" in doubt for doubt in file.doubts) == (time is None)
+        assert any("does not tell the readout" in doubt.text for doubt in file.doubts) == (time is None)
 
     def test_an_implausible_readout_is_doubted(self, write: Write) -> None:
-        assert "implausible" in open_camera(write(profile(frame_readout_time=0.41))).doubts[0]
+        assert "implausible" in open_camera(write(profile(frame_readout_time=0.41))).doubts[0].text
         assert open_camera(write(profile(frame_readout_time=None, global_shutter=True))).doubts == ()
 
     def test_a_size_of_the_same_shape_scales(self, write: Write) -> None:
@@ -126,7 +130,7 @@ class TestLensProfile:
         file = open_camera(write(profile()), size=(400, 200))
         assert (file.camera.height, file.camera.focal, file.camera.principal) == (200, (210.0, 211.0), (199.5, 99.5))
         assert file.camera.readout == pytest.approx(0.01)
-        assert "another shape" in file.doubts[-1]
+        assert "another shape" in file.doubts[-1].text
 
     def test_settings_of_that_size_replace_those_of_the_profile(self, write: Write) -> None:
         settings = [
@@ -151,7 +155,7 @@ class TestLensProfile:
         # It turns back at 1.075 focal lengths; the picture's sides are at 0.95, its corners at 1.18.
         k = [0.2637886549359052, -0.3408966786255753, 1.079728890594674, -0.9412173670690532]
         file = open_camera(write(profile(fisheye_params=profile()["fisheye_params"] | {"distortion_coeffs": k})))
-        assert "does not reach the picture's corners" in file.doubts[-1]
+        assert "does not reach the picture's corners" in file.doubts[-1].text
         corners = np.array([[0.0, 0.0], [399.0, 299.0]])
         np.testing.assert_allclose(file.camera.project(file.camera.rays(corners)), corners, atol=1e-9)
 
@@ -182,7 +186,7 @@ class TestLensProfile:
         file = open_camera(write(project))
         assert (file.camera.width, file.camera.readout) == (200, 0.012)
         assert file.camera.time_offset == pytest.approx(-0.025)
-        assert any("drift by 10.0 ms" in doubt for doubt in file.doubts)
+        assert any("drift by 10.0 ms" in doubt.text for doubt in file.doubts)
         with pytest.raises(FileFormatError, match="holds no calibration"):
             open_camera(write(project | {"calibration_data": {}}))
 
@@ -232,11 +236,12 @@ class TestKalibr:
     def test_variants(self, write: Write, text: str) -> None:
         self.check(write(text))
 
-    def test_a_swapped_resolution_is_found_by_the_principal_point(self, write: Write) -> None:
-        text = CHAIN.replace("[400, 300]", "[300, 400]").replace("190.0, 140.0", "340.0, 140.0")
+    @pytest.mark.parametrize("point", ["340.0, 140.0", "190.0, 145.0"], ids=["outside", "off the middle"])
+    def test_a_swapped_resolution_is_found_by_the_principal_point(self, write: Write, point: str) -> None:
+        text = CHAIN.replace("[400, 300]", "[300, 400]").replace("190.0, 140.0", point)
         file = open_camera(write(text))
         assert (file.camera.width, file.camera.height) == (400, 300)
-        assert "swapped to 400x300" in file.doubts[0]
+        assert "swapped to 400x300" in file.doubts[0].text
 
     def test_maplab(self, write: Write) -> None:
         text = f"""label: rig
@@ -267,12 +272,12 @@ distortion_coefficients: [-0.05, 0.001, 0.001, -0.002]
 """
         file = open_camera(write(text))
         np.testing.assert_allclose(file.camera.imu_to_camera, np.array(MATRIX)[:3, :3], atol=1e-15)
-        assert "global shutter" in file.doubts[0]
+        assert "global shutter" in file.doubts[0].text
 
     def test_one_of_several(self, write: Write) -> None:
         path = write(CHAIN + CHAIN.replace("cam0", "cam1").replace("210.0", "220.0"))
         assert open_camera(path, name="cam1").camera.focal[0] == 220.0
-        assert "2 cameras (cam0, cam1); cam0 is taken" in open_camera(path).doubts[0]
+        assert "2 cameras (cam0, cam1); cam0 is taken" in open_camera(path).doubts[0].text
         with pytest.raises(FileFormatError, match="no camera 'cam7' in the file, only cam0, cam1"):
             open_camera(path, name="cam7")
 
@@ -315,7 +320,7 @@ class TestExif:
         with pytest.warns(RsdeblurWarning) as warned:
             camera = read_camera(path)
         assert camera.focal[0] == pytest.approx(26 / 43.267 * 500)
-        assert len(warned) == 2
+        assert len(warned) == 3  # focal length, readout, axes
         np.testing.assert_array_equal(camera.imu_to_camera, imu_to_camera("phone-landscape"))
 
     def test_focal_plane(self, tmp_path: Path) -> None:
@@ -326,7 +331,7 @@ class TestExif:
     def test_portrait_and_zoom(self, tmp_path: Path) -> None:
         file = open_camera(photo(tmp_path / "a.jpg", (300, 400), f35=52, zoom=2.0))
         np.testing.assert_array_equal(file.camera.imu_to_camera, imu_to_camera("phone-portrait"))
-        assert "zoomed 2 times" in file.doubts[-1]
+        assert "zoomed 2 times" in file.doubts[-1].text
 
     @pytest.mark.parametrize(
         ("tags", "message"),

@@ -77,6 +77,16 @@ TABLES = {
                   "gyroRotationZ(rad/s)\n", "2020-01-01,{s},{x},{y},{z}", "plain", "sensor"),
     "seven columns": ("", "{t} {x} {y} {z} 0.1 -9.7 1.1", "plain", "sensor"),
     "seven columns, accelerometer first": ("", "{t} 0.1 -9.7 1.1 {x} {y} {z}", "plain", "sensor"),
+    "seconds elapsed alone": ("seconds_elapsed,GYRO Z (rad/s),GYRO Y (rad/s),GYRO X (rad/s)\n", "{s},{z},{y},{x}",
+                              "plain", "sensor"),
+    "a bar": ("", "{t}|{x}|{y}|{z}", "plain", "sensor"),
+    "a separator at the end": ("", "{t},{x},{y},{z},", "plain", "sensor"),
+    "quoted cells": ("time,seconds_elapsed,z,y,x\n", '"{t}","0.1","{z}","{y}","{x}"', "sensorlogger", "phone"),
+    "spaces between tabs": ('"Time (s)"\t"Gyroscope x (rad/s)"\t"Gyroscope y (rad/s)"\t"Gyroscope z (rad/s)"\n',
+                            "{s}\t{x}\t{y}\t{z}", "phyphox", "phone"),
+    "header behind a per cent sign": ("% t wx wy wz\n", "{t} {x} {y} {z}", "plain", "sensor"),
+    "bare axes of a unit that only a gyro has": ("Time (s),X (rad/s),Y (rad/s),Z (rad/s)\n", "{s},{x},{y},{z}",
+                                                 "plain", "sensor"),
     "lines above the header": ("Recorded with an app\nDevice: phone\nts;gyro x;gyro y;gyro z\n", "{t};{x};{y};{z}",
                                "plain", "sensor"),
 }  # fmt: skip
@@ -85,6 +95,12 @@ TABLES = {
 @pytest.mark.parametrize(("header", "pattern", "format", "axes"), TABLES.values(), ids=TABLES)
 def test_tables(write: Write, header: str, pattern: str, format: str, axes: str) -> None:
     assert_holds_the_samples(write(header + rows(pattern)), format, axes)
+
+
+def test_opencamera_while_the_camera_turns_faster_and_faster(write: Write) -> None:
+    ramp = "".join(f"{0.01 * i},0.1,0.2,{EPOCH + i * STEP}\n" for i in range(100))
+    file = open_gyro(write(ramp))
+    assert (file.format, file.log.epoch_ns, file.log.omega[99, 0]) == ("opencamera", EPOCH, 0.99)
 
 
 @pytest.mark.parametrize("unit", ["deg/s", "°/s", "dps", "degrees/s"])

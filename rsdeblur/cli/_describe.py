@@ -34,15 +34,19 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
     """
     from rsdeblur.io.cameras import detect_camera_format
     from rsdeblur.io.captures import WHAT
+    from rsdeblur.io.clocks import is_clocks
     from rsdeblur.io.gyro_logs import detect_gyro_format
     from rsdeblur.io.pictures import KINDS, is_picture
     from rsdeblur.io.source import Source
 
+    source = Source(path, WHAT)
     # A damaged picture shall be told as such.
-    if is_picture(Source(path, WHAT)) or path.suffix.lower() in KINDS:
+    if is_picture(source) or path.suffix.lower() in KINDS:
         return describe_picture(path)
     if reading["format"]:
         return describe_gyro(path, reading)
+    if is_clocks(source):
+        return describe_clocks(path)
     for detect, tell in ((detect_camera_format, describe_camera), (detect_gyro_format, describe_gyro)):
         try:
             found = detect(path)
@@ -91,6 +95,19 @@ def describe_gyro(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
     }
 
 
+def describe_clocks(path: Path) -> dict[str, Any]:
+    """Return how the clocks of a session go."""
+    from rsdeblur.io.clocks import read_clocks
+
+    clocks = read_clocks(path)
+    return {
+        "kind": "clocks of a session",
+        "camera_clock": clocks.source,
+        "differences_ns": list(clocks.differences),
+        "time_offset_s": clocks.time_offset,
+    }
+
+
 def describe_camera(path: Path, reading: dict[str, Any] | None = None) -> dict[str, Any]:
     """Return what a camera file holds."""
     from rsdeblur.io import open_camera
@@ -116,7 +133,7 @@ def tell_camera(file: CameraFile) -> dict[str, Any]:
         "time_offset_s": camera.time_offset,
         "stamp": camera.stamp,
         **file.facts,
-        "remarks": list(file.doubts),
+        "remarks": [doubt.text for doubt in file.doubts],
     }
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -53,15 +52,14 @@ def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False) ->
 
 def read_recording(recording: Recording, photo: Path | None = None) -> tuple[GyroLog, Camera, Exposure]:
     """Read the log, the camera and the exposure that the options name; see `read_inputs`."""
-    from rsdeblur.io import open_gyro, read_camera
+    from rsdeblur.io import open_camera, open_gyro
 
     exposure = _exposure(recording, photo)
-    camera = read_camera(recording.camera)
-    given = {"time_offset": recording.time_offset, "readout": recording.readout}
-    changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    told = open_camera(recording.camera).told(time_offset=recording.time_offset, readout=recording.readout)
+    camera = told.warn(recording.camera)
     file = open_gyro(recording.gyro, recording.gyro_format, unit=recording.unit, orientation=recording.orientation)
     _doubt_axes(file, camera, recording)
-    return file.log, replace(camera, **changes), exposure
+    return file.log, camera, exposure
 
 
 def _doubt_axes(file: GyroFile, camera: Camera, recording: Recording) -> None:

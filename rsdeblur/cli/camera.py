@@ -175,9 +175,9 @@ def import_(
         camera = camera.cropped(*crop)
     for _ in range(turn or 0):
         camera = camera.turned()
-    camera = replace(camera, **{key: value for key, value in given.items() if value is not None})
-    _write(camera, output, force=force)
-    _tell(output, replace(file, camera=camera), False)
+    file = replace(file, camera=camera).told(**given)
+    _write(file.camera, output, force=force)
+    _tell(output, file, False)
 
 
 def _write(camera: Camera, path: Path, *, force: bool) -> None:

@@ -7,10 +7,12 @@ and videos) and `archives`; `samples` makes the log of what they find.
 
 from rsdeblur.io.cameras import open_camera, read_camera
 from rsdeblur.io.captures import read_captures
+from rsdeblur.io.clocks import Clocks, read_clocks
 from rsdeblur.io.gyro_logs import detect_gyro_format, open_gyro, read_gyro
 from rsdeblur.io.pictures import Picture, check_writable, read_picture, write_picture
 
 __all__ = [
+    "Clocks",
     "Picture",
     "check_writable",
     "detect_gyro_format",
@@ -18,6 +20,7 @@ __all__ = [
     "open_gyro",
     "read_camera",
     "read_captures",
+    "read_clocks",
     "read_gyro",
     "read_picture",
     "write_picture",

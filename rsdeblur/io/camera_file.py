@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from rsdeblur.camera import Camera
+from rsdeblur.errors import RsdeblurWarning
 
 # Sizes of the same shape differ by no more than what whole pixels, or 4096 for 3840, cannot express.
 SAME_SHAPE = 0.01
@@ -31,6 +33,14 @@ class Request:
     fps: float | None = None
 
 
+class Doubt(NamedTuple):
+    """Something that was assumed because a file does not say it."""
+
+    about: str
+    """Key of the camera that would settle it; empty if none would."""
+    text: str
+
+
 @dataclass(frozen=True, slots=True)
 class CameraFile:
     """A camera with what its file says about it.
@@ -43,14 +53,26 @@ class CameraFile:
         Name of the file's format.
     facts : mapping
         What else the file says, for reports.
-    doubts : tuple of str
+    doubts : tuple of Doubt
         What was assumed because the file does not say it.
     """
 
     camera: Camera
     format: str
     facts: Mapping[str, Any] = field(default_factory=dict)
-    doubts: tuple[str, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
+
+    def told(self, **given: Any) -> CameraFile:
+        """Return the file with keys of its camera replaced, None keeping one, and what was doubted of them settled."""
+        given = {key: value for key, value in given.items() if value is not None}
+        doubts = tuple(doubt for doubt in self.doubts if doubt.about not in given)
+        return replace(self, camera=replace(self.camera, **given), doubts=doubts)
+
+    def warn(self, path: object, *, stacklevel: int = 2) -> Camera:
+        """Return the camera, with a warning for each doubt."""
+        for doubt in self.doubts:
+            warnings.warn(f"{path}: {doubt.text}", RsdeblurWarning, stacklevel=stacklevel + 1)
+        return self.camera
 
     def fitted(self, size: tuple[int, int] | None) -> CameraFile:
         """Return the camera of a picture of another size.
@@ -73,8 +95,9 @@ class CameraFile:
             principal=(cx + (width - camera.width) / 2, cy + (height - camera.height) / 2),
             readout=camera.readout * along,
         )
-        doubt = (
+        doubt = Doubt(
+            "focal",
             f"{width}x{height} has another shape than the file's {camera.width}x{camera.height}: taken as cut out of "
-            "its middle, with the same focal length in px; if the camera scales its picture, give the scale"
+            "its middle, with the same focal length in px; if the camera scales its picture, give the scale",
         )
         return replace(self, camera=cut, doubts=(*self.doubts, doubt))

@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import os
 import re
-import warnings
 from functools import partial
 from typing import Any
 
 from rsdeblur.camera import Camera
-from rsdeblur.errors import InputError, RsdeblurWarning
+from rsdeblur.errors import InputError
 from rsdeblur.io import kalibr, lens_profiles
-from rsdeblur.io.camera_file import CameraFile, Request
+from rsdeblur.io.camera_file import CameraFile, Doubt, Request
 from rsdeblur.io.exif import MAKE, MODEL, ZOOM, Exif
 from rsdeblur.io.formats import Format, choose
 from rsdeblur.io.pictures import is_picture, read_header
@@ -69,10 +68,7 @@ def read_camera(
     RsdeblurWarning
         For each thing that was assumed because the file does not say it.
     """
-    file = open_camera(path, format, size=size, name=name, fps=fps)
-    for doubt in file.doubts:
-        warnings.warn(f"{path}: {doubt}", RsdeblurWarning, stacklevel=2)
-    return file.camera
+    return open_camera(path, format, size=size, name=name, fps=fps).warn(path)
 
 
 def open_camera(
@@ -122,12 +118,17 @@ def _read_exif(source: Source, request: Request) -> CameraFile:
     axes = "phone-landscape" if width >= height else "phone-portrait"
     camera = Camera(width, height, focal, imu_to_camera=axes)
     doubts = [
-        f"the focal length of {focal:.0f} px is estimated from EXIF ({origin}), within some percent at best",
-        f"EXIF tells neither the readout time (0 is taken) nor how the gyro sits ({axes} is taken); give both",
+        Doubt(
+            "focal",
+            f"the focal length of {focal:.0f} px is estimated from EXIF ({origin}), within some percent at best",
+        ),
+        Doubt("readout", "EXIF does not tell the readout time, and 0 is taken; give it if the shutter rolls"),
+        Doubt("imu_to_camera", f"EXIF does not tell how the gyro sits, and {axes} is taken"),
     ]
     zoom = exif.number(ZOOM)
     if zoom and zoom > 1:
-        doubts.append(f"the picture was zoomed {zoom:.3g} times; the 35 mm equivalent may or may not include it")
+        text = f"the picture was zoomed {zoom:.3g} times; the 35 mm equivalent may or may not include it"
+        doubts.append(Doubt("focal", text))
     facts: dict[str, Any] = {"make": exif.text(MAKE), "model": exif.text(MODEL), "orientation": exif.orientation}
     facts["exposure_s"] = exif.exposure
     file = CameraFile(camera, "exif", {key: value for key, value in facts.items() if value}, tuple(doubts))

@@ -39,12 +39,12 @@ class CaptureFile:
     stamps : list of int
         In ns, exact.
     durations : list of float or None
-        Exposure times in s; None where the file does not tell them.
+        Exposure times in s; None where the file does not tell it.
     """
 
     format: str
     stamps: list[int]
-    durations: list[float] | list[None]
+    durations: Sequence[float | None]
 
 
 def read_captures(path: str | os.PathLike[str], *, duration: float | None = None) -> list[Exposure]:
@@ -93,17 +93,19 @@ def open_captures(path: str | os.PathLike[str]) -> CaptureFile:
 
 
 def _captures(format: str, text: TextFile, rows: list[int], columns: Sequence[int]) -> CaptureFile:
-    table = read_table(text, rows, columns)
-    stamps = table.nanoseconds(Decimal(1)).tolist()
+    stamps = read_table(text, rows, columns[:1]).nanoseconds(Decimal(1)).tolist()
     if len(columns) == 1:
         return CaptureFile(format, stamps, [None] * len(stamps))
-    durations = [float(duration) / 1e9 for duration in table.values[:, 0]]
-    for row, duration in zip(rows, durations, strict=True):
+    # Phones that do not tell an exposure time leave `null`.
+    told = [row for row in rows if cells_of(text.lines[row])[columns[1] :][:1] != ["null"]]
+    values = read_table(text, told, columns).values[:, 0] if told else ()
+    durations = {row: float(value) / 1e9 for row, value in zip(told, values, strict=True)}
+    for row, duration in durations.items():
         try:
             Exposure(0.0, duration)
         except InputError as error:
             raise text.error(f"impossible exposure time of {1e9 * duration:g} ns: {error}", row) from error
-    return CaptureFile(format, stamps, durations)
+    return CaptureFile(format, stamps, [durations.get(row) for row in rows])
 
 
 def _mars_columns(text: TextFile) -> list[int] | None:

@@ -48,6 +48,8 @@ UNIT_OF = {
 TIME = re.compile(
     "(sensor|event|sampling|elapsed|gyro)?(t|ts|time|timestamp|stamp)(sincereboot)?|zeit|temps|tiempo|tempo"
 )
+# Sensor Logger's second clock, for tables that keep no other.
+ELAPSED = re.compile("(seconds|time)elapsed|elapsed(seconds|time)?")
 GYRO = (
     "w|omega|g|gyr|gyro|gyroscope|gyroskop|giroscopio|gyrorotation|(motion)?rotationrate"
     "|(field)?angular(velocity|rate)|angvel|wrss"
@@ -108,16 +110,19 @@ def named_columns(text: TextFile, rates: Sequence[re.Pattern[str]] = RATES) -> C
     """Return the columns that a line of names tells; None if there is none, or it names no gyro."""
     for line, start in text.headers:
         cells = [_Cell.of(cell) for cell in cells_of(line)]
-        found = []
-        for want, units in zip((TIME, *rates), (TIME_SPELLINGS, *3 * (RATE_SPELLINGS,)), strict=True):
+
+        def place(want: re.Pattern[str], units: dict[str, str], cells: Sequence[_Cell] = cells) -> int:
             fits = (
                 k
                 for k, cell in enumerate(cells)
                 if want.fullmatch(cell.name) and not cell.unknown and (cell.unit is None or cell.unit in units)
             )
-            found.append(next(fits, -1))
-        t, x, y, z = found
-        if min(found) >= 0:
+            return next(fits, -1)
+
+        t = place(TIME, TIME_SPELLINGS)
+        t = t if t >= 0 else place(ELAPSED, TIME_SPELLINGS)
+        x, y, z = (place(rate, RATE_SPELLINGS) for rate in rates)
+        if min(t, x, y, z) >= 0:
             return Columns((t, x, y, z), cells[t].unit, cells[x].unit, start, tuple(cell.name for cell in cells))
     return None
 
@@ -219,7 +224,10 @@ def _sniff_opencamera(text: TextFile) -> bool:
     grid = _grid(text, 4)
     if grid is None or len(grid) < 2:
         return False
-    return _increasing(grid[:, 3]) and not _increasing(grid[:, 0]) and bool((grid[:, 3] == np.rint(grid[:, 3])).all())
+    # The first column may rise for a while too; but only stamps in ns are whole numbers that far apart.
+    stamps = grid[:, 3]
+    spaced = SPACING[0] <= np.median(np.diff(stamps)) <= SPACING[1]
+    return _increasing(stamps) and bool(spaced and (stamps == np.rint(stamps)).all())
 
 
 def _read_opencamera(text: TextFile) -> Samples:
@@ -259,6 +267,9 @@ def _plain_columns(text: TextFile) -> Columns | None:
     named = named_columns(text)
     if named is not None:
         return named
+    bare = named_columns(text, BARE_AXES)
+    if bare is not None and (bare.rate_unit or "gyr" in text.path.stem.lower()):
+        return bare
     if all(map(is_number, cells_of(text.head))):
         if len(cells_of(text.head)) == 4:
             return Columns((0, 1, 2, 3))

@@ -10,10 +10,12 @@ import numpy as np
 from rsdeblur._validate import FloatArray
 from rsdeblur.camera import Camera
 from rsdeblur.errors import FileFormatError, InputError
-from rsdeblur.io.camera_file import CameraFile, Request
+from rsdeblur.io.camera_file import CameraFile, Doubt, Request
 from rsdeblur.io.source import Source
 from rsdeblur.lens import Distortion
 
+# Hardly any lens has its principal point that far off the middle, as a share of the picture's side.
+OFF_CENTRE = 0.1
 MODELS: dict[str, Distortion] = {
     "radtan": "radtan",
     "radial-tangential": "radtan",
@@ -51,9 +53,9 @@ def read(source: Source, request: Request) -> CameraFile:
         name = request.name or next(iter(cameras))
         if name not in cameras:
             raise source.error(f"there is no camera {name!r} in the file, only {', '.join(cameras)}")
-        doubts = []
+        doubts: list[Doubt] = []
         if request.name is None and len(cameras) > 1:
-            doubts.append(f"the file has {len(cameras)} cameras ({', '.join(cameras)}); {name} is taken")
+            doubts.append(Doubt("", f"the file has {len(cameras)} cameras ({', '.join(cameras)}); {name} is taken"))
         camera = _camera(source, cameras[name], doubts)
         return CameraFile(camera, "kalibr", {"camera": name}, tuple(doubts)).fitted(request.size)
     except FileFormatError:
@@ -129,7 +131,7 @@ def _of_maplab(entry: dict[str, Any]) -> dict[str, Any]:
     return renamed | ({"T_BS": entry["T_B_C"]} if "T_B_C" in entry else {})
 
 
-def _camera(source: Source, entry: dict[str, Any], doubts: list[str]) -> Camera:
+def _camera(source: Source, entry: dict[str, Any], doubts: list[Doubt]) -> Camera:
     model = str(entry.get("camera_model", "pinhole"))
     if not model.startswith("pinhole"):
         raise source.error(f"the camera model {model!r} is not supported, only pinhole; calibrate with pinhole-equi")
@@ -138,12 +140,14 @@ def _camera(source: Source, entry: dict[str, Any], doubts: list[str]) -> Camera:
         raise source.error(f"the distortion model {kind!r} is not supported, only {', '.join(MODELS)}")
     fx, fy, cx, cy = _numbers(entry["intrinsics"])
     width, height = (int(size) for size in _numbers(entry["resolution"]))
-    if (cx >= width or cy >= height) and cx < height and cy < width:
+    given, swapped = _decentred(cx / width, cy / height), _decentred(cx / height, cy / width)
+    if given >= 0.5 > swapped or (given > OFF_CENTRE and swapped < given / 2):
         width, height = height, width
-        doubts.append(f"the resolution was swapped to {width}x{height}, where the principal point fits")
+        doubts.append(Doubt("", f"the resolution was swapped to {width}x{height}, where the principal point fits"))
     delay = float(entry.get("line_delay") or 0.0)
     if delay == 0:
-        doubts.append("the file has no line_delay, so a global shutter is taken; give the readout if the shutter rolls")
+        text = "the file has no line_delay, so a global shutter is taken; give the readout if the shutter rolls"
+        doubts.append(Doubt("readout", text))
     coefficients = entry.get("distortion_coeffs", entry.get("distortion_coefficients", []))
     return Camera(
         width,
@@ -159,14 +163,20 @@ def _camera(source: Source, entry: dict[str, Any], doubts: list[str]) -> Camera:
     )
 
 
-def _imu_to_camera(entry: dict[str, Any], doubts: list[str]) -> FloatArray:
+def _decentred(x: float, y: float) -> float:
+    """How far from the middle a point is, given as shares of the sides."""
+    return max(abs(x - 0.5), abs(y - 0.5))
+
+
+def _imu_to_camera(entry: dict[str, Any], doubts: list[Doubt]) -> FloatArray:
     """Rotation part of the transformation, which files give either way round."""
     if "T_cam_imu" in entry:
         return _rotation(entry["T_cam_imu"])
     for inverse in ("T_imu_cam", "T_ic", "T_BS"):
         if inverse in entry:
             return _rotation(entry[inverse]).T
-    doubts.append("the file does not say how the IMU sits (no T_cam_imu): its axes are taken as the camera's")
+    text = "the file does not say how the IMU sits (no T_cam_imu): its axes are taken as the camera's"
+    doubts.append(Doubt("imu_to_camera", text))
     return np.eye(3)
 
 

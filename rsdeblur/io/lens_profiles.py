@@ -10,7 +10,7 @@ import numpy as np
 from rsdeblur import lens
 from rsdeblur.camera import Camera
 from rsdeblur.errors import FileFormatError, InputError
-from rsdeblur.io.camera_file import CameraFile, Request
+from rsdeblur.io.camera_file import CameraFile, Doubt, Request
 from rsdeblur.io.gyroflow import is_project, offset_ms, readout_of
 from rsdeblur.io.source import Source
 from rsdeblur.lens import Distortion
@@ -70,7 +70,8 @@ def _profile(source: Source, profile: dict[str, Any], request: Request) -> Camer
     global_shutter = bool(profile.get("global_shutter"))
     # Gyroflow takes four zeros as no distortion, though they would be an equidistant lens.
     k = tuple(float(value) for value in params.get("distortion_coeffs") or ())
-    model: Distortion = "none" if not any(k) else "radtan" if old else "fisheye"
+    standard = old or profile.get("distortion_model") == "opencv_standard"
+    model: Distortion = "none" if not any(k) else "radtan" if standard else "fisheye"
     camera = Camera(
         width,
         height,
@@ -89,19 +90,21 @@ def _profile(source: Source, profile: dict[str, Any], request: Request) -> Camer
     doubts = _readout_doubts(camera.readout, global_shutter)
     corner = float(np.hypot(width / 2 / camera.focal[0], height / 2 / camera.focal[1]))
     if model == "fisheye" and corner > lens.reach(k):
-        doubts += ("the calibration does not reach the picture's corners, where the lens model is continued",)
+        text = "the calibration does not reach the picture's corners, where the lens model is continued"
+        doubts += (Doubt("distortion", text),)
     return CameraFile(camera, "gyroflow-lens", facts, doubts).fitted(request.size)
 
 
-def _readout_doubts(readout: float, global_shutter: bool) -> tuple[str, ...]:
+def _readout_doubts(readout: float, global_shutter: bool) -> tuple[Doubt, ...]:
     if global_shutter:
         return ()
-    if readout == 0:
-        return ("the profile does not tell the readout time, and 0 is taken; give it if the shutter rolls",)
     low, high = PLAUSIBLE_READOUT
-    if not low <= readout <= high:
-        return (f"the readout time of {1e3 * readout:.3g} ms is implausible; users submit these, so measure it",)
-    return (f"the readout time of {1e3 * readout:.3g} ms was submitted by a user; treat it as a first guess",)
+    text = f"the readout time of {1e3 * readout:.3g} ms was submitted by a user; treat it as a first guess"
+    if readout == 0:
+        text = "the profile does not tell the readout time, and 0 is taken; give it if the shutter rolls"
+    elif not low <= readout <= high:
+        text = f"the readout time of {1e3 * readout:.3g} ms is implausible; users submit these, so measure it"
+    return (Doubt("readout", text),)
 
 
 def _refuse_unmodelled(source: Source, profile: Mapping[str, Any]) -> None:
@@ -158,8 +161,9 @@ def _project(source: Source, project: dict[str, Any], request: Request) -> Camer
     offsets = [offset_ms(value) / 1e3 for value in (project.get("offsets") or {}).values()]
     doubts = file.doubts
     if offsets and max(offsets) - min(offsets) > 1e-3:
-        doubts += (f"the clocks drift by {1e3 * (max(offsets) - min(offsets)):.1f} ms; their mean offset is taken",)
+        text = f"the clocks drift by {1e3 * (max(offsets) - min(offsets)):.1f} ms; their mean offset is taken"
+        doubts += (Doubt("time_offset", text),)
     if video.get("rotation"):
-        doubts += (f"the project turns the video by {video['rotation']:g} degrees, which is not applied",)
+        doubts += (Doubt("", f"the project turns the video by {video['rotation']:g} degrees, which is not applied"),)
     camera = file.camera.delayed(float(np.mean(offsets)) if offsets else 0.0)
     return CameraFile(camera, "gyroflow-project", file.facts, doubts)

@@ -80,7 +80,7 @@ class TextFile:
         for i, row in enumerate(self.rows[:PREAMBLE]):
             if len(self.lines[row]) > HEADER_WIDTH or all(map(is_number, cells_of(self.lines[row]))):
                 break
-            named.append((self.lines[row], i + 1))
+            named.append((self.lines[row].lstrip("% "), i + 1))
         above = (line.lstrip().removeprefix("#") for line in reversed(self.lines[: self.rows[0]]))
         return named or [(line, 0) for line in islice(above, PREAMBLE) if line.strip() and len(line) <= HEADER_WIDTH]
 
@@ -121,8 +121,8 @@ class Table:
 
 
 def separator_of(line: str) -> str | None:
-    """Return what parts the cells of `line`: a semicolon, a comma, or None for spaces and tabs."""
-    return next((mark for mark in ";," if mark in line), None)
+    """Return what parts the cells of `line`: a semicolon, a comma, a bar, or None for spaces and tabs."""
+    return next((mark for mark in ";,|" if mark in line), None)
 
 
 def _decimal_commas(line: str) -> bool:
@@ -133,8 +133,12 @@ def _decimal_commas(line: str) -> bool:
 
 
 def cells_of(line: str) -> list[str]:
-    """Return the cells of `line` without the spaces and quotes around them."""
-    return [cell.strip().strip('"').strip() for cell in line.split(separator_of(line))]
+    """Return the cells of `line` without the spaces and quotes around them, nor what a separator at its end adds."""
+    separator = separator_of(line)
+    if separator is None and "\t" in line and not all(map(is_number, line.split())):
+        separator = "\t"  # names have spaces in them
+    cells = [cell.strip().strip('"').strip() for cell in line.split(separator)]
+    return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
 
 
 def find_columns(header: str, wanted: Sequence[re.Pattern[str]]) -> list[int] | None:
@@ -166,7 +170,7 @@ def read_table(text: TextFile, rows: list[int], columns: Sequence[int]) -> Table
     def parse(some: list[int], stamp: str) -> NDArray[Any]:
         dtype = np.dtype([("stamp", stamp), ("values", "f8", (len(columns) - 1,))])
         lines = [text.lines[row] for row in some]
-        return np.loadtxt(lines, dtype, delimiter=separator, comments=None, usecols=columns, ndmin=1)
+        return np.loadtxt(lines, dtype, delimiter=separator, comments=None, quotechar='"', usecols=columns, ndmin=1)
 
     def parse_exact(some: list[int]) -> NDArray[Any]:
         return parse(some, f"S{STAMP_WIDTH}")

@@ -60,6 +60,18 @@ def test_import_scales_crops_and_turns(run: Run, tmp_path: Path) -> None:
     assert run("camera", "import", source, "--crop", "all", "-o", out, "--force").exit_code == 2
 
 
+def test_what_is_given_is_no_longer_doubted(run: Run, files: Files, tmp_path: Path) -> None:
+    profile = tmp_path / "profile.json"
+    lens = {"camera_matrix": [[110, 0, 48], [0, 110, 36], [0, 0, 1]], "distortion_coeffs": [0, 0, 0, 0]}
+    profile.write_text(json.dumps({"calib_dimension": {"w": 96, "h": 72}, "fisheye_params": lens}))
+    doubt = "does not tell the readout time"
+    assert doubt in run("camera", "import", profile, "-o", tmp_path / "a.toml").stdout
+    assert doubt not in run("camera", "import", profile, "--readout", "20ms", "-o", tmp_path / "b.toml").stdout
+    recording = ["--gyro", files.gyro, "--camera", profile, "--start", START, "--duration", DURATION]
+    assert doubt in run("psf", *recording, "-o", tmp_path / "a.png").stderr
+    assert doubt not in run("psf", *recording, "--readout", "20ms", "-o", tmp_path / "b.png").stderr
+
+
 def test_show(run: Run, files: Files, tmp_path: Path) -> None:
     shown = json.loads(run("camera", "show", files.camera, "--json").stdout)
     assert (shown["format"], shown["readout_s"]) == ("toml", 0.03)

@@ -1,0 +1,162 @@
+"""Pages made when the site is built: every command from its own help, every public name from its docstring.
+
+They are written to `generated/`, which is not committed, so no page can fall behind the code.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterable, Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import click
+from docutils.nodes import Element
+from sphinx.addnodes import pending_xref
+from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
+from sphinx.util.nodes import make_refnode
+
+import rsdeblur
+from rsdeblur.cli import main
+
+# Modules for users, beside the names of `rsdeblur` itself, in the order of the package's ladder.
+MODULES = (
+    "axes", "priors", "transfer", "geometry", "baselines", "scene", "shake", "io", "report",
+)  # fmt: skip
+
+
+def heading(text: str, line: str) -> str:
+    """Return a reST heading."""
+    return f"{text}\n{line * len(text)}\n"
+
+
+def commands(command: click.Command, name: str, parent: click.Context | None = None) -> Iterator[click.Context]:
+    """Yield the context of a command and of those below it."""
+    context = click.Context(command, info_name=name, parent=parent, **command.context_settings)
+    yield context
+    if isinstance(command, click.Group):
+        for child in command.list_commands(context):
+            below = command.get_command(context, child)
+            if below is not None:
+                yield from commands(below, child, context)
+
+
+def literal(text: str) -> str:
+    """Return text as it stands."""
+    return ".. code-block:: text\n\n" + "".join(f"   {line}".rstrip() + "\n" for line in text.splitlines())
+
+
+def command_section(context: click.Context) -> str:
+    """Return what a command's `--help` prints, as a section."""
+    command = context.command
+    said = inspect.cleandoc(command.help or "").replace("\b\n", "")
+    parts = [heading(context.command_path, "-"), literal(command.get_usage(context).removeprefix("Usage: "))]
+    parts.append(re.sub(r"([*|`\\])", r"\\\1", said) + "\n")
+    for parameter in command.get_params(context):
+        record = parameter.get_help_record(context)
+        if record is not None and record[1]:
+            text = re.sub(r"([*|`\\])", r"\\\1", record[1])
+            parts.append(f"``{record[0]}``\n   {text}\n")
+    if isinstance(command, click.Group):
+        for child in command.list_commands(context):
+            below = command.get_command(context, child)
+            assert below is not None
+            parts.append(f"``{child}``\n   {below.get_short_help_str(200)}\n")
+    examples = inspect.cleandoc(command.epilog or "").replace("\b", "").strip()
+    return "\n".join([*parts, literal(examples)] if examples else parts)
+
+
+def command_page() -> str:
+    """Return the page of all commands."""
+    parts = [heading("Every command and option", "="), "What ``rsdeblur COMMAND --help`` tells.\n"]
+    return "\n".join(parts + [command_section(context) for context in commands(main, "rsdeblur")])
+
+
+def ladder() -> dict[str, str]:
+    """Return what the package's docstring says of each module, in its order."""
+    return dict(re.findall(r"^    (\w+) +(\S.*)$", rsdeblur.__doc__ or "", re.MULTILINE))
+
+
+def entries(module: str, names: Iterable[str]) -> str:
+    """Return a table of names of a module, and each with its docstring."""
+    parts = [".. autosummary::\n   :nosignatures:\n\n" + "".join(f"   {name}\n" for name in names)]
+    for name in names:
+        thing = getattr(import_module(module), name)
+        if not inspect.isclass(thing):
+            parts.append(f".. autofunction:: {name}\n")
+        elif issubclass(thing, BaseException):
+            parts.append(f".. autoexception:: {name}\n")
+        else:
+            parts.append(f".. autoclass:: {name}\n   :members:\n")
+    return "\n".join(parts)
+
+
+def public(module: Any) -> list[str]:
+    """Return the functions and classes that a module gives and `rsdeblur` does not, in the order of its text."""
+    own = [name for name, thing in vars(module).items() if getattr(thing, "__module__", None) == module.__name__]
+    names = getattr(module, "__all__", [name for name in own if name[0] != "_" and callable(getattr(module, name))])
+    return [name for name in names if name not in rsdeblur.__all__]
+
+
+def package_page() -> str:
+    """Return the page of the names that `import rsdeblur` gives, in the order of the ladder."""
+    names: dict[str, list[str]] = {}
+    for name in rsdeblur.__all__:
+        if name != "__version__":
+            home = getattr(rsdeblur, name).__module__.split(".")[1]
+            names.setdefault(home, []).append(name)
+    parts = [heading("rsdeblur", "="), "In the order in which data flow.\n", ".. currentmodule:: rsdeblur\n"]
+    for module, said in ladder().items():
+        if module in names:
+            parts += [heading(said[0].upper() + said[1:], "-"), entries("rsdeblur", names[module])]
+    return "\n".join(parts)
+
+
+def module_page(name: str) -> str:
+    """Return the page of one module."""
+    module = import_module(f"rsdeblur.{name}")
+    title = heading(module.__name__, "=")
+    return "\n".join((title, f".. automodule:: {module.__name__}\n", entries(module.__name__, public(module))))
+
+
+def equations(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    """Make indented paragraphs before a docstring's first section literal: in this package they are equations."""
+    end = next((i for i, line in enumerate(lines) if line.startswith("---")), len(lines))
+    for i in range(end - 1, 1, -1):
+        if lines[i].startswith("    ") and not lines[i - 1] and not lines[i - 2].startswith(" "):
+            lines[i:i] = ["::", ""]
+
+
+def link(app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: Element) -> Element | None:
+    """Link a short name in a docstring to the one public name that ends so; leave inner names as they stand."""
+    if node.get("refdomain") != "py":
+        return None
+    ending = "." + node["reftarget"].rpartition(".")[2]
+    found = [entry for entry in env.get_domain("py").get_objects() if entry[0].endswith(ending)]
+    if not found:
+        return shown
+    name, _, _, page, anchor, _ = min(found, key=lambda entry: len(entry[0]))
+    return make_refnode(app.builder, node["refdoc"], page, anchor, shown, name)
+
+
+def write_pages(app: Sphinx) -> None:
+    """Write the pages that are not as they were, so that an unchanged one is not built again."""
+    folder = Path(app.srcdir) / "generated"
+    (folder / "names").mkdir(parents=True, exist_ok=True)
+    pages = {"commands": command_page(), "names/rsdeblur": package_page()}
+    pages |= {f"names/{name}": module_page(name) for name in MODULES}
+    for name, text in pages.items():
+        path = folder / f"{name}.rst"
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Register with Sphinx."""
+    app.connect("builder-inited", write_pages)
+    app.connect("autodoc-process-docstring", equations, priority=400)  # before numpydoc takes the sections apart
+    app.connect("missing-reference", link)
+    return {"parallel_read_safe": True}

@@ -1,0 +1,47 @@
+"""The documentation site: `make docs`. Pages are Markdown that reads well on a code host too."""
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE / "_ext"))
+
+import rsdeblur  # noqa: E402
+
+project = "rsdeblur"
+author = "rsdeblur developers"
+project_copyright = "rsdeblur developers, BSD 3-Clause"
+version = release = rsdeblur.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "numpydoc",
+    "sphinx-mathjax-offline",  # formulas without a network
+    "generated",
+]
+exclude_patterns = ["_*", "**/data"]
+nitpicky = True
+suppress_warnings = ["myst.header"]  # tables made by benchmarks start below their page's levels
+
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 3
+
+autodoc_typehints = "none"  # numpydoc's sections say more than annotations
+default_role = "code"  # numpydoc writes names in single backticks
+numpydoc_show_class_members = False  # `:members:` lists them
+
+html_theme = "pydata_sphinx_theme"
+html_title = "rsdeblur"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_sourcelink = False
+html_theme_options = {
+    "show_toc_level": 2,
+    "navigation_with_keys": True,
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "secondary_sidebar_items": ["page-toc"],
+    "icon_links": [],
+}

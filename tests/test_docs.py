@@ -1,0 +1,95 @@
+"""The documentation: commands run as they stand, links lead somewhere, and no public name is forgotten."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+import rsdeblur
+from rsdeblur.cli import main
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+PAGES = sorted(page for page in [*ROOT.glob("*.md"), *DOCS.rglob("*.md")] if "generated" not in page.parts)
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+# Pages whose commands need nothing but what `rsdeblur demo` writes.
+WALKTHROUGH = ("tutorials/first-photo.md", "good-data.md")
+
+
+def name_of(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+def commands(page: Path) -> list[str]:
+    """Return the commands in the shell blocks of a page."""
+    text = page.read_text(encoding="utf-8")
+    blocks = "".join(content for language, content in BLOCK.findall(text) if language == "sh")
+    return re.findall(r"^(?!#)((?:.*\\\n)*.+)$", blocks, re.MULTILINE)
+
+
+def slug(heading: str) -> str:
+    """Return a heading's anchor, as code hosts and the site make it."""
+    return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+
+
+def test_the_commands_of_the_walkthrough_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    # What an earlier page ran already is not run again.
+    for command in dict.fromkeys(command for page in WALKTHROUGH for command in commands(DOCS / page)):
+        # A quarter of the picture is as good and takes a fraction of the time.
+        words = shlex.split(command.replace("\\\n", "").replace("--size 640x480", "--size 320x240"))
+        if words[0] == "rsdeblur":
+            result = CliRunner().invoke(main, words[1:], catch_exceptions=False)
+            assert result.exit_code == 0, f"{command}: {result.stderr}"
+        else:
+            subprocess.run(command, shell=True, check=True)
+    written = {file.name for file in tmp_path.glob("shot/*")}
+    assert {"mine.png", "sheet.png", "map.png", "kernels.png", "narrow.png"} <= written
+    assert rsdeblur.read_camera(tmp_path / "phone.toml").readout == 0.0056
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_lead_somewhere(page: Path) -> None:
+    text = BLOCK.sub("", page.read_text(encoding="utf-8"))
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        if re.match(r"[a-z]+:", link):
+            continue
+        target, _, anchor = link.partition("#")
+        file = (page.parent / target) if target else page
+        assert file.exists(), link
+        if anchor:
+            headings = re.findall(r"^#+ (.*)$", BLOCK.sub("", file.read_text(encoding="utf-8")), re.MULTILINE)
+            assert anchor in map(slug, headings), link
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_options_are_those_of_the_commands(page: Path) -> None:
+    for line in commands(page):
+        if not line.startswith("rsdeblur "):
+            continue
+        words = line.replace("\\\n", " ").split()[1:]
+        command, context = main, click.Context(main)
+        while isinstance(command, click.Group):
+            found = command.get_command(context, words.pop(0))
+            assert found is not None, line
+            command = found
+        known = {option for parameter in command.params for option in parameter.opts}
+        assert {word.split("=")[0] for word in words if re.match("--?[a-z]", word)} <= known, line
+
+
+@pytest.mark.parametrize("name", sorted(set(rsdeblur.__all__) - {"__version__"}))
+def test_the_tour_mentions_every_public_name(name: str) -> None:
+    assert re.search(rf"\b{name}\b", (DOCS / "api.md").read_text(encoding="utf-8")), "describe it in docs/api.md"
+
+
+def test_the_tables_of_formats_name_every_sample(data_dir: Path) -> None:
+    text = (DOCS / "formats.md").read_text(encoding="utf-8")
+    folder = data_dir / "formats"
+    files = [path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()]
+    assert [name for name in files if name not in text and not name.endswith("LICENSE")] == []
