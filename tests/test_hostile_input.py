@@ -303,6 +303,20 @@ class TestBombs:
             write_picture(tmp_path / name, np.zeros((1200, 1600), np.uint8))
             assert read_picture(tmp_path / name).pixels.shape[:2] == (1200, 1600)
 
+    @pytest.mark.parametrize(("scans", "allowed"), [(90, True), (100, False), (20_000, False)])
+    def test_jpeg_of_many_scans(self, tmp_path: Path, scans: int, allowed: bool) -> None:
+        # With 50 bytes each, a file of a MB would have a picture of 64 megapixels worked on for minutes.
+        path = tmp_path / "a.jpg"
+        Image.new("L", (64, 64)).save(path, progressive=True)
+        data = path.read_bytes()
+        last = data.rindex(b"\xff\xda")
+        scan = data[last : data.rindex(b"\xff\xd9")]
+        path.write_bytes(data[:last] + scan * scans + data[last:])
+        if allowed:
+            assert read_picture(path).pixels.shape == (64, 64)
+        else:
+            assert "more than 100 scans" in refusal(read_picture, path)
+
     def test_tiff_whose_parts_share_their_bytes(self, tmp_path: Path) -> None:
         path = tmp_path / "a.tif"
         tifffile.imwrite(path, np.zeros((64, 64), np.uint8), rowsperstrip=8)
