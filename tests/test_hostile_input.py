@@ -198,6 +198,13 @@ class TestNumbersOfCameras:
         refusal(Camera.load, path)
 
 
+@pytest.mark.parametrize("crop", [5e-324, 1e300, float("inf")])
+def test_crops_of_lens_profiles(tmp_path: Path, crop: float) -> None:
+    path = tmp_path / "lens.json"
+    path.write_text(json.dumps(seeds.PROFILE | {"crop": crop}))
+    assert "the profile's crop is" in refusal(open_camera, path)
+
+
 class TestYaml:
     CAMERA = "cam0: {camera_model: pinhole, intrinsics: %s, resolution: [640, 480], distortion_model: none}\n"
 
