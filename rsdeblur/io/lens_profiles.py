@@ -16,9 +16,9 @@ from rsdeblur.io.source import Source
 from rsdeblur.lens import Distortion
 
 # Readouts of the public database reach from 0.01 to 100 ms; those of real sensors are in between.
+PLAUSIBLE_READOUT = (0.002, 0.050)
 # A factor of the focal length.
 SMALLEST_CROP = 1e-3
-PLAUSIBLE_READOUT = (0.002, 0.050)
 
 
 def sniff(source: Source) -> bool:
