@@ -34,6 +34,7 @@ numpydoc_show_class_members = False  # `:members:` lists them
 
 html_theme = "pydata_sphinx_theme"
 html_title = "rsdeblur"
+html_context = {"default_mode": "auto"}
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False

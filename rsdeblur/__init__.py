@@ -42,6 +42,9 @@ stands above it in this ladder::
     scene       a sharp test picture
     shake       a hand-shake log
     io          gyro logs, camera files, pictures
+    workers     tasks in processes of their own, or on a cluster
+    records     what of a long run is done
+    video       videos, frame by frame
     report      plots and contact sheets
     cli         the command line
     __main__    python -m rsdeblur

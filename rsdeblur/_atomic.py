@@ -7,6 +7,7 @@ import secrets
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
+from glob import escape
 from pathlib import Path
 from typing import BinaryIO
 
@@ -14,6 +15,7 @@ from rsdeblur.errors import OutputError
 
 # Characters of the file's name that the temporary one repeats: of 4 bytes each, with the rest they fit into 255.
 PREFIX = 50
+UNFINISHED = ".part"
 
 
 def check_target(path: str | os.PathLike[str], *, force: bool) -> None:
@@ -47,7 +49,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """
     target = _target(path)
     # A name of its own, which its maker takes away; made in the common way, so that it has the mode of any new file.
-    temporary = target.with_name(f".{target.name[:PREFIX]}.{secrets.token_hex(8)}.part")
+    temporary = target.with_name(f".{target.name[:PREFIX]}.{secrets.token_hex(8)}{UNFINISHED}")
     try:
         with open(temporary, "x+b") as file:
             yield file
@@ -60,6 +62,13 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         raise OutputError(f"{path}: cannot write the file: {error.strerror or error}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def remove_unfinished(path: str | os.PathLike[str]) -> None:
+    """Remove what `atomic_write` left of `path` in a process that was killed."""
+    target = _target(path)
+    for part in target.parent.glob(f".{escape(target.name[:PREFIX])}.*{UNFINISHED}"):
+        part.unlink(missing_ok=True)
 
 
 def _target(path: str | os.PathLike[str]) -> Path:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.border import Border
+from rsdeblur.errors import InputError
 from rsdeblur.fft import Planning
 from rsdeblur.motion import BlurPaths, Motion, Shot
 from rsdeblur.priors import Prior, Quadratic, minimise, restore
@@ -69,20 +70,14 @@ class Method:
         """
         if self.mode == "rowwise":
             return self._rowwise(shot, bank, shape, first)
-        if self.weight is None:
-            filters = Deconvolver(bank, shape, **self._engine)
-            return lambda light, told: filters.apply(light, progress=told)
-        tiles, weight = TileQuadratic(bank, shape, **self._engine), self.weight
-        return lambda light, told: restore(
-            tiles,
-            light,
-            prior=self.prior,
-            weight=weight,
-            exponent=self.exponent,
-            peak=self.peak,
-            threads=self.threads,
-            progress=told,
-        )
+        return self.tiles(bank, shape)
+
+    def tiles(self, bank: PsfBank, shape: tuple[int, int, int]) -> TileSolve:
+        """Plan the same for a mode of tiles, so that it can be re-planned."""
+        if self.mode == "rowwise":
+            raise InputError('mode="rowwise" has no tiles')
+        kind = Deconvolver if self.weight is None else TileQuadratic
+        return TileSolve(self, kind(bank, shape, **self._engine))
 
     def _rowwise(self, shot: Shot, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:
         paths = BlurPaths.every_row(shot, bank.cols, motion=self.motion, within=slice(first, first + shape[0]))
@@ -109,3 +104,31 @@ class Method:
             return rows.apply(light, minimise=with_prior)
 
         return solve
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TileSolve:
+    """Tiles planned for pictures of one shape, which take other PSFs at the same places without new plans."""
+
+    method: Method
+    filters: Deconvolver | TileQuadratic
+
+    def replan(self, bank: PsfBank) -> None:
+        """Undo other PSFs from now on; see :meth:`rsdeblur.Deconvolver.replan`."""
+        self.filters.replan(bank)
+
+    def __call__(self, light: Picture, told: Told) -> Picture:
+        """Turn a blurred picture into the sharp one."""
+        if isinstance(self.filters, Deconvolver):
+            return self.filters.apply(light, progress=told)
+        assert self.method.weight is not None
+        return restore(
+            self.filters,
+            light,
+            prior=self.method.prior,
+            weight=self.method.weight,
+            exponent=self.method.exponent,
+            peak=self.method.peak,
+            threads=self.method.threads,
+            progress=told,
+        )

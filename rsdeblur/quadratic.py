@@ -54,7 +54,7 @@ class TileQuadratic(TileFilter):
         self.nsr = _validate.finite("nsr", nsr, minimum=0.0)
         self.periodic = border == "periodic"
         self._transfer, self._filters = self._new_filters(), self._new_filters()
-        self._transfer_functions(bank, self._transfer)
+        self.replan(bank)
         # |exp(i w) - 1|^2 = 4 sin^2(w / 2)
         self._across, self._down = (
             (4 * np.sin(np.pi * np.arange(count) / length) ** 2).astype(np.float32)
@@ -63,6 +63,9 @@ class TileQuadratic(TileFilter):
                 (self._bands.length, self._bands.length),
             )
         )
+
+    def _take(self, bank: PsfBank) -> None:
+        self._transfer_functions(bank, self._transfer)
 
     def prepare(self, image: ArrayLike) -> None:
         """Take the observation, of the planned shape, linear light."""

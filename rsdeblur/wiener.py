@@ -87,6 +87,33 @@ class TileFilter:
         if planning == "measure":
             remember()
 
+    def replan(self, bank: PsfBank) -> None:
+        """Undo other PSFs from now on, such as those of a video's next frame; plans and buffers stay.
+
+        Parameters
+        ----------
+        bank : PsfBank
+            Kernels at the planned places, no larger than the planned ones.
+
+        Raises
+        ------
+        InputError
+            If the kernels stand elsewhere or are larger.
+        """
+        places = all(map(np.array_equal, (bank.rows, bank.cols), self._centres))
+        if not places or any(new > planned for new, planned in zip(bank.size, self._kernel_size, strict=True)):
+            raise InputError(
+                f"a bank to replan for must have kernels at the planned places and of at most "
+                f"{' x '.join(map(str, self._kernel_size))} px, got {' x '.join(map(str, bank.size))} px"
+                + ("" if places else " elsewhere")
+            )
+        with self._lock:
+            self._take(bank)
+
+    def _take(self, bank: PsfBank) -> None:
+        """Make the filters, or what they are made of, for `bank`."""
+        raise NotImplementedError
+
     def _apply(
         self,
         filters: Complex,
@@ -201,34 +228,14 @@ class Deconvolver(TileFilter):
         self._filters = self._new_filters()
         self.replan(bank)
 
-    def replan(self, bank: PsfBank) -> None:
-        """Undo other PSFs from now on, such as those of a video's next frame; plans and buffers stay.
-
-        Parameters
-        ----------
-        bank : PsfBank
-            Kernels at the planned places, no larger than the planned ones.
-
-        Raises
-        ------
-        InputError
-            If the kernels stand elsewhere or are larger.
-        """
-        places = all(map(np.array_equal, (bank.rows, bank.cols), self._centres))
-        if not places or any(new > planned for new, planned in zip(bank.size, self._kernel_size, strict=True)):
-            raise InputError(
-                f"a bank to replan for must have kernels at the planned places and of at most "
-                f"{' x '.join(map(str, self._kernel_size))} px, got {' x '.join(map(str, bank.size))} px"
-                + ("" if places else " elsewhere")
-            )
+    def _take(self, bank: PsfBank) -> None:
         scale = np.float32((1.0 + self.nsr) * self._scale)
 
         def invert(_: int, s: int, b: int) -> None:
             _wiener(self._filters[s, b, : self._hybrid.frequencies], np.float32(self.nsr), scale)
 
-        with self._lock:
-            self._transfer_functions(bank, self._filters)
-            self._share_tiles(invert, self._filters.shape[:2])
+        self._transfer_functions(bank, self._filters)
+        self._share_tiles(invert, self._filters.shape[:2])
 
     def apply(
         self,

@@ -17,7 +17,10 @@ import click
 
 from rsdeblur.errors import RsdeblurError, RsdeblurWarning
 
-COMMANDS = ("deblur", "compare", "preview", "sync", "psf", "simulate", "info", "camera", "demo")
+COMMANDS = (
+    *("deblur", "compare", "batch", "video", "preview", "sync", "psf", "simulate", "info", "camera", "demo"),
+    "completion",
+)
 INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 
 
@@ -99,5 +102,5 @@ def main() -> None:
     Each row of a rolling-shutter picture has its own exposure window, so its own blur; rsdeblur computes the blur from
     the log and undoes it.
 
-    Exit codes: 0 done, 1 input refused, 2 wrong usage, 130 interrupted.
+    Exit codes: 0 done, 1 input refused, 2 wrong usage, 3 some photos of a batch failed, 130 interrupted.
     """

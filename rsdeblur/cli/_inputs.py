@@ -52,14 +52,19 @@ def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False) ->
 
 def read_recording(recording: Recording, photo: Path | None = None) -> tuple[GyroLog, Camera, Exposure]:
     """Read the log, the camera and the exposure that the options name; see `read_inputs`."""
+    exposure = _exposure(recording, photo)
+    return *read_device(recording), exposure
+
+
+def read_device(recording: Recording) -> tuple[GyroLog, Camera]:
+    """Read the log and the camera that the options name; see `read_inputs`."""
     from rsdeblur.io import open_camera, open_gyro
 
-    exposure = _exposure(recording, photo)
     told = open_camera(recording.camera).told(time_offset=recording.time_offset, readout=recording.readout)
     camera = told.warn(recording.camera)
     file = open_gyro(recording.gyro, recording.gyro_format, unit=recording.unit, orientation=recording.orientation)
     _doubt_axes(file, camera, recording)
-    return file.log, camera, exposure
+    return file.log, camera
 
 
 def _doubt_axes(file: GyroFile, camera: Camera, recording: Recording) -> None:
@@ -137,7 +142,8 @@ def _chosen(captures: list[Exposure], recording: Recording) -> Exposure:
 
 
 def _usage(message: str) -> click.UsageError:
-    return click.UsageError(message, ctx=click.get_current_context())
+    # In a batch's worker there is no context.
+    return click.UsageError(message, ctx=click.get_current_context(silent=True))
 
 
 def transfer_of(picture: Picture, given: Transfer | None) -> Transfer:

@@ -141,6 +141,21 @@ class Recording:
 
 
 @dataclass(frozen=True, slots=True)
+class Defaults:
+    """What holds for the items of a batch that say nothing else; the names are those of `Recording`."""
+
+    gyro: Path | None
+    camera: Path | None
+    gyro_format: str | None
+    unit: str | None
+    orientation: str | None
+    capture: Path | None
+    duration: float | None
+    time_offset: float | None
+    readout: float | None
+
+
+@dataclass(frozen=True, slots=True)
 class Blur:
     """How the blur is computed."""
 
@@ -172,7 +187,8 @@ def _gathered(name: str, kind: type, options: Sequence[Decorator]) -> Decorator:
     def decorate(function: Command) -> Command:
         @wraps(function)
         def call(**arguments: Any) -> Any:
-            group = kind(**{field.name: arguments.pop(field.name) for field in fields(kind)})
+            names = [field.name for field in fields(kind) if field.name in arguments]
+            group = kind(**{name: arguments.pop(name) for name in names})
             return function(**arguments, **{name: group})
 
         decorated: Command = call
@@ -233,6 +249,34 @@ recording_options = _gathered(
             "--camera", type=PATH, required=True, metavar="FILE", help="Camera file: ours, Gyroflow's or Kalibr's."
         ),
         *_EXPOSURE,
+        *_OVERRIDES,
+    ),
+)
+clip_options = _gathered(
+    "recording",
+    Recording,
+    (
+        click.option("--gyro", type=PATH, required=True, metavar="LOG", help="Gyro log; the video itself may hold it."),
+        *_LOG,
+        click.option(
+            "--camera", type=PATH, required=True, metavar="FILE", help="Camera file: ours, Gyroflow's or Kalibr's."
+        ),
+        click.option("--capture", type=PATH, metavar="FILE", help="Metadata file with a line for each frame."),
+        click.option("--start-ns", type=int, metavar="NS", help="Stamp of the first frame in ns, camera clock."),
+        click.option("--start", type=SecondsType(), help="The same in seconds on the log's own clock.  [default: 0]"),
+        click.option("--duration", type=SecondsType(), help="Exposure time of a row; replaces that of --capture."),
+        *_OVERRIDES,
+    ),
+)
+defaults_options = _gathered(
+    "defaults",
+    Defaults,
+    (
+        click.option("--gyro", type=PATH, metavar="LOG", help="Gyro log of items that name none."),
+        *_LOG,
+        click.option("--camera", type=PATH, metavar="FILE", help="Camera file of items that name none."),
+        click.option("--capture", type=PATH, metavar="FILE", help="Metadata file, likewise."),
+        click.option("--duration", type=SecondsType(), help="Exposure time, likewise.  [default: by EXIF]"),
         *_OVERRIDES,
     ),
 )
@@ -348,10 +392,20 @@ solver_options = _gathered(
         click.option("--threads", type=click.IntRange(min=1), metavar="N", help="Threads.  [default: all cores]"),
     ),
 )
+work_size_option = click.option(
+    "--work-size",
+    type=WorkSizeType(),
+    metavar="paper|full|N",
+    help="Reduce the picture first: its longer side in px, paper means 2048.  [default: full]",
+)
+nsr_from_iso_option = click.option(
+    "--nsr-from-iso", is_flag=True, help="Take --nsr from the picture's EXIF sensitivity: 0.01 at ISO 100."
+)
 max_memory_option = click.option(
     "--max-memory",
     type=BytesType(),
     help="What the work may take beside the picture and its result, like 1GiB; slower where that is little.",
 )
 force_option = click.option("--force", is_flag=True, help="Replace files that exist.")
+dry_run_option = click.option("--dry-run", is_flag=True, help="Read and check all inputs, and write nothing.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")

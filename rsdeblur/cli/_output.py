@@ -63,18 +63,24 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
 @contextmanager
 def progress(title: str) -> Iterator[Progress | None]:
-    """Show a progress bar on a terminal; yields the callable that moves it, or None in a pipe."""
+    """Show a progress bar on a terminal; yields the callable that moves it, or None in a pipe.
+
+    Until it is moved, it only shows that work goes on.
+    """
     if not sys.stderr.isatty():
         yield None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(title, total=1.0)
+        task = bar.add_task(title, total=None)
 
         def move(stage: str, fraction: float) -> None:
-            bar.update(task, description=f"{title}: {stage}", completed=fraction)
+            # The next stage has its own times.
+            if fraction < bar.tasks[0].completed:
+                bar.reset(task)
+            bar.update(task, description=f"{title}: {stage}", total=1.0, completed=fraction)
 
         yield move

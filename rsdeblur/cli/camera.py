@@ -112,12 +112,14 @@ def show(file: Path, name: str | None, as_json: bool) -> None:
 @settings
 @click.option("-o", "--output", type=_options.PATH, required=True, metavar="TOML", help="Camera file to write.")
 @_options.force_option
+@_options.json_option
 def new(
     size: tuple[int, int],
     focal: tuple[float, ...] | None,
     focal35: float | None,
     output: Path,
     force: bool,
+    as_json: bool,
     **given: Any,
 ) -> None:
     """Make a camera file from numbers."""
@@ -133,7 +135,7 @@ def new(
         length = focal35 / FILM_DIAGONAL * (width**2 + height**2) ** 0.5
     camera = Camera(width, height, length, **{key: value for key, value in given.items() if value is not None})
     _write(camera, output, force=force)
-    _tell(output, CameraFile(camera, "toml"), False)
+    _tell(output, CameraFile(camera, "toml"), as_json)
 
 
 @command.command("import")
@@ -148,6 +150,7 @@ def new(
 @settings
 @click.option("-o", "--output", type=_options.PATH, required=True, metavar="TOML", help="Camera file to write.")
 @_options.force_option
+@_options.json_option
 def import_(
     source: Path,
     format: str | None,
@@ -159,6 +162,7 @@ def import_(
     turn: int | None,
     output: Path,
     force: bool,
+    as_json: bool,
     **given: Any,
 ) -> None:
     """Take a camera over from SOURCE: a lens profile of Gyroflow, a YAML of Kalibr, or a picture's EXIF.
@@ -177,7 +181,7 @@ def import_(
         camera = camera.turned()
     file = replace(file, camera=camera).told(**given)
     _write(file.camera, output, force=force)
-    _tell(output, file, False)
+    _tell(output, file, as_json)
 
 
 def _write(camera: Camera, path: Path, *, force: bool) -> None:

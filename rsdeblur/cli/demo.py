@@ -62,9 +62,7 @@ def command(size: tuple[int, int], seed: int, output: Path, force: bool, as_json
     gyro, camera = output / "gyro.csv", output / "camera.toml"
     own = (output / "sharp.png", blurred, rolling, gyro, camera)
     prepare_folder(output, [*(path.name for path in own), *output_names(blurred), REPORT], force=force)
-    with progress("simulate") as move:
-        if move:
-            move("scene, shake and camera", 0.3)
+    with progress("simulate"):
         _capture(size, seed, output, force=force)
     # From here on the demo is a user with files.
     recording = Recording(gyro, camera, start=START, duration=EXPOSURE)

@@ -11,7 +11,7 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, naming, read_inputs, read_recording, transfer_of, unit_range
 from rsdeblur.cli._options import Blur, Recording
-from rsdeblur.cli._output import print_json
+from rsdeblur.cli._output import print_json, progress
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -74,7 +74,7 @@ def command(
     from rsdeblur.pipeline import psfs
     from rsdeblur.report import psf_map
 
-    with naming(photo, recording):
+    with progress("psf"), naming(photo, recording):
         found = psfs(log, camera, exposure, mode=mode, nsr=nsr, **asdict(blur))
         if output is not None:
             drawing = psf_map(found, (camera.height, camera.width), picture=picture)

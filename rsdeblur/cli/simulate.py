@@ -10,7 +10,7 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, read_inputs, transfer_of, unit_range
 from rsdeblur.cli._options import Recording
-from rsdeblur.cli._output import prepare_folder, print_json
+from rsdeblur.cli._output import prepare_folder, print_json, progress
 
 if TYPE_CHECKING:
     from rsdeblur.transfer import Transfer
@@ -69,7 +69,7 @@ def command(
     # PNG is looked at, so light is encoded for it.
     written: Transfer = "srgb" if encoding == "linear" else encoding
     light = to_linear(unit_range(picture.pixels), encoding)
-    with naming(sharp, recording):
+    with progress("simulate"), naming(sharp, recording):
         pictures = simulate(light, log, camera, exposure, noise=noise, seed=seed)
     for path, values in zip(paths, pictures, strict=True):
         write_picture(path, from_linear(values.clip(0.0, 1.0), written), bits=int(bits), force=force)

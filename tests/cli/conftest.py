@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from PIL import Image
 
+from rsdeblur import workers
 from rsdeblur.camera import Camera
 from rsdeblur.cli import main
 
@@ -73,3 +80,61 @@ def run_command(*arguments: object) -> Result:
 def run() -> Callable[..., Result]:
     """Return the function that runs the command line."""
     return run_command
+
+
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Do the work in this process, which need not start."""
+
+    def run(work: Any, tasks: Any, **_: object) -> Iterator[Any]:
+        for task in tasks:
+            yield task, workers._attempt(work, task)
+
+    monkeypatch.setattr(workers, "run", run)
+
+
+@contextmanager
+def started(*arguments: object) -> Iterator[subprocess.Popen[str]]:
+    """Run a command in a process group of its own."""
+    command = [sys.executable, "-P", "-m", "rsdeblur", *map(str, arguments)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, **pipes, text=True, start_new_session=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def until(process: subprocess.Popen[str], found: Callable[[], object]) -> None:
+    """Wait for what `found` finds while the process runs."""
+    while not found():
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.002)
+
+
+def kill_worker(process: subprocess.Popen[str]) -> None:
+    """Wait for the only worker of a command, and kill it."""
+
+    def workers() -> list[int]:
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        # Not the helper that multiprocessing starts too.
+        return [int(pid) for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+
+    until(process, workers)
+    os.kill(workers()[0], signal.SIGKILL)
+
+
+class Processes(NamedTuple):
+    """The three functions above."""
+
+    started: Callable[..., Any] = started
+    until: Callable[..., None] = until
+    kill_worker: Callable[..., None] = kill_worker
+
+
+@pytest.fixture
+def processes() -> Processes:
+    """Commands in processes of their own, whose workers can be killed."""
+    if not Path("/proc/self/task").exists():
+        pytest.skip("needs /proc to find the workers")
+    return Processes()

@@ -1,0 +1,29 @@
+"""How commands that work in several processes share the processors out."""
+
+from __future__ import annotations
+
+import click
+
+# Threads of a process where nothing else is asked for: reading and writing a file uses one.
+THREADS = 2
+
+jobs_option = click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Processes; --threads counts for each of them.  [default: half as many as cores]",
+)
+
+
+def shared_threads(jobs: int | None, threads: int | None, *, alone: bool = True) -> tuple[int, int]:
+    """Return the number of processes and of threads in each, as given or sharing the cores out.
+
+    Workers of a cluster, which are not `alone` on their machine, take one thread each if nothing is said.
+    """
+    from rsdeblur.fft import thread_count
+
+    if not alone:
+        return jobs or 1, threads or 1
+    cores = thread_count(None)
+    jobs = jobs or max(1, cores // (threads or THREADS))
+    return jobs, threads or max(1, cores // jobs)

@@ -1,0 +1,260 @@
+"""`rsdeblur batch`: many photos, in processes of their own."""
+
+from __future__ import annotations
+
+import csv
+import io
+import time
+import warnings
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rsdeblur.cli import _options
+from rsdeblur.cli._items import Item, read_items
+from rsdeblur.cli._jobs import jobs_option, shared_threads
+from rsdeblur.cli._options import Blur, Defaults, Solver
+from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, write_json
+from rsdeblur.cli._photo import PhotoJob, deblur_photo
+from rsdeblur.errors import InputError, RsdeblurWarning
+
+if TYPE_CHECKING:
+    from rsdeblur.method import Mode
+    from rsdeblur.records import Records
+
+TABLE, REPORT, RECORDS = "batch.csv", "batch.json", ".rsdeblur-batch"
+SOME_FAILED = 3
+
+EXAMPLES = """\b
+Examples:
+  rsdeblur batch manifest.csv -o sharp
+  rsdeblur batch manifest.csv --gyro gyro.csv --camera phone.toml --capture frames.csv --jobs 4 -o sharp
+  rsdeblur batch mars_session/ --camera phone.toml -o sharp --dry-run
+  rsdeblur batch manifest.csv -o sharp --scheduler tcp://cluster:8786
+"""
+
+
+@click.command("batch", epilog=EXAMPLES)
+@click.argument("source", type=_options.PATH, metavar="MANIFEST|FOLDER")
+@_options.defaults_options
+@click.option(
+    "--numbered-from",
+    type=click.IntRange(0, 1),
+    help="FOLDER: the number that the first frame has in the photos' names.  [default: told by the names]",
+)
+@_options.mode_option
+@_options.blur_options
+@_options.solver_options
+@_options.work_size_option
+@_options.nsr_from_iso_option
+@_options.max_memory_option
+@jobs_option
+@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the work (they see the files).")
+@click.option("-o", "--output", type=_options.PATH, required=True, metavar="DIR", help="Folder to write to.")
+@click.option("--force", is_flag=True, help="Do finished items again, and replace files that exist.")
+@_options.dry_run_option
+@_options.json_option
+def command(
+    source: Path,
+    defaults: Defaults,
+    numbered_from: int | None,
+    mode: Mode,
+    blur: Blur,
+    solver: Solver,
+    work_size: int | None,
+    nsr_from_iso: bool,
+    max_memory: int | None,
+    jobs: int | None,
+    scheduler: str | None,
+    output: Path,
+    force: bool,
+    dry_run: bool,
+    as_json: bool,
+) -> None:
+    """Deblur all photos of a manifest or a logger's folder; a photo that fails does not stop the others.
+
+    MANIFEST is a CSV file with a line for each photo; its first line names the columns: photo, and as needed output,
+    gyro, camera, capture, index, start_ns, start, duration, time_offset, readout, gyro_format, unit, orientation. They
+    mean what the options of `deblur` mean; options given here stand in for empty cells. FOLDER is a session of MARS
+    logger or OpenCamera Sensors with photos or frames in it.
+
+    Started again, it does what is not done yet. Writes batch.csv and batch.json beside the photos. Exit code 3: some
+    failed.
+    """
+    from rsdeblur.records import Records
+
+    begin = time.perf_counter()
+    items = read_items(source, defaults, output, numbered_from=numbered_from)
+    if not items:
+        raise InputError(f"{source}: there is nothing to do: no photo is listed")
+    jobs, threads = shared_threads(jobs, solver.threads, alone=scheduler is None)
+    common = {
+        "mode": mode,
+        "blur": blur,
+        "solver": replace(solver, threads=threads),
+        "work_size": work_size,
+        "nsr_from_iso": nsr_from_iso,
+        "max_memory": max_memory,
+    }
+    records = Records(output / RECORDS)
+    if not dry_run:
+        prepare_folder(output, [TABLE, REPORT], force=force or records.folder.is_dir())
+        records.open()
+    batch = _Batch(output, common, records, force=force, dry_run=dry_run)
+    entries = batch.run(items, jobs, scheduler)
+    counts = Counter(entry["state"] for entry in entries)
+    report = {"items": entries, "counts": dict(counts), "seconds": time.perf_counter() - begin}
+    if not dry_run:
+        _write_table(output / TABLE, entries)
+        write_json(output / REPORT, report)
+    if as_json:
+        print_json(report)
+    else:
+        _print(report)
+    for entry in entries:
+        if "error" in entry:
+            click.echo(f"rsdeblur: error: {entry['error']}", err=True)
+    if counts["failed"]:
+        click.get_current_context().exit(SOME_FAILED)
+
+
+class _Batch:
+    """The items on their way through the workers."""
+
+    def __init__(self, output: Path, common: dict[str, Any], records: Records, *, force: bool, dry_run: bool) -> None:
+        self._output, self._common, self._records = output, common, records
+        self._force, self._dry_run = force, dry_run
+        self._under_way: dict[int, PhotoJob] = {}
+
+    def run(self, items: list[Item], jobs: int, scheduler: str | None) -> list[dict[str, Any]]:
+        """Do what is not done yet and return an entry for each item."""
+        from rsdeblur.workers import Failure, run
+
+        entries: list[dict[str, Any]] = [self._entry(item) for item in items]
+        failed = sum("error" in entry for entry in entries)
+        tasks = self._tasks(items, entries)
+        with progress("batch") as move, closing(run(work, tasks, jobs=jobs, scheduler=scheduler, lost=_tidy)) as done:
+            try:
+                for (i, job), answer in done:
+                    del self._under_way[i]
+                    if isinstance(answer, Failure):
+                        entries[i] |= {"state": "failed", "error": _naming(job.photo, answer.message)}
+                        failed += 1
+                    else:
+                        self._finish(items[i], job, entries[i], answer)
+                    if move is not None:
+                        finished = sum("state" in entry for entry in entries)
+                        move(f"{finished} of {len(items)}, {failed} failed", finished / len(items))
+            finally:
+                # First the workers, then what those that had to be killed left.
+                done.close()
+                for i, job in self._under_way.items():
+                    _tidy((i, job))
+        return entries
+
+    def _entry(self, item: Item) -> dict[str, Any]:
+        """Return what is known of an item beforehand."""
+        entry: dict[str, Any] = {"photo": str(item.photo)}
+        if item.fault is not None:
+            return entry | {"state": "failed", "error": item.fault}
+        entry["output"] = str(self._output / item.output)
+        job = self._job(item)
+        facts = None if self._force else self._records.facts(str(item.output), _mark(job))
+        if facts is not None and job.output.is_file():
+            return entry | {"state": "skipped"} | facts
+        return entry
+
+    def _job(self, item: Item) -> PhotoJob:
+        assert item.recording is not None
+        return PhotoJob(
+            photo=item.photo,
+            recording=item.recording,
+            output=self._output / item.output,
+            force=self._force,
+            dry_run=self._dry_run,
+            make_folder=True,
+            **self._common,
+        )
+
+    def _tasks(self, items: list[Item], entries: list[dict[str, Any]]) -> Iterator[tuple[int, PhotoJob]]:
+        """Claim and yield the jobs to do."""
+        for i, item in enumerate(items):
+            if "state" in entries[i]:
+                continue
+            job = self._job(item)
+            mark = _mark(job)
+            # What an interrupted run left under this name is this batch's own.
+            job = replace(job, force=self._force or self._records.claimed(str(item.output), mark))
+            if not self._dry_run and (job.force or not job.output.exists()):
+                self._records.claim(str(item.output), mark)
+            self._under_way[i] = job
+            yield i, job
+
+    def _finish(self, item: Item, job: PhotoJob, entry: dict[str, Any], facts: dict[str, Any]) -> None:
+        for message in facts.pop("warnings"):
+            warnings.warn(_naming(job.photo, message), RsdeblurWarning, stacklevel=2)
+        entry |= {"state": "checked" if self._dry_run else "done"} | facts
+        if not self._dry_run:
+            self._records.finish(str(item.output), _mark(job), facts)
+
+
+def work(task: tuple[int, PhotoJob]) -> dict[str, Any]:
+    """Do one item, in a worker."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", RsdeblurWarning)
+        try:
+            facts = deblur_photo(task[1])
+        except click.ClickException as error:
+            raise InputError(error.format_message()) from error
+    said = [str(warning.message) for warning in caught if issubclass(warning.category, RsdeblurWarning)]
+    return facts | {"warnings": said}
+
+
+def _tidy(task: tuple[int, PhotoJob]) -> None:
+    from rsdeblur._atomic import remove_unfinished
+
+    remove_unfinished(task[1].output)
+
+
+def _mark(job: PhotoJob) -> str:
+    from rsdeblur.records import fingerprint
+
+    recording = job.recording
+    files = [path for path in (job.photo, recording.gyro, recording.camera, recording.capture) if path is not None]
+    # Any number of threads gives the same bits.
+    same = replace(job, force=False, dry_run=False, solver=replace(job.solver, threads=None))
+    return fingerprint(same, files)
+
+
+def _naming(photo: Path, message: str) -> str:
+    return message if str(photo) in message else f"{photo}: {message}"
+
+
+def _write_table(path: Path, entries: list[dict[str, Any]]) -> None:
+    from rsdeblur._atomic import atomic_write
+
+    columns = ("photo", "output", "state", "mode", "bands", "strips", "psf_px", "prior", "nsr", "weight", "seconds")
+    text = io.StringIO()
+    table = csv.DictWriter(text, (*columns, "error"), extrasaction="ignore", lineterminator="\n")
+    table.writeheader()
+    for entry in entries:
+        table.writerow(entry | ({"psf_px": "{}x{}".format(*entry["psf_px"])} if "psf_px" in entry else {}))
+    with atomic_write(path) as file:
+        file.write(text.getvalue().encode())
+
+
+def _print(report: dict[str, Any]) -> None:
+    rows = []
+    for entry in report["items"]:
+        tiles = f"{entry['bands']} x {entry['strips']}" if "bands" in entry else ""
+        size = "{} x {}".format(*entry["psf_px"]) if "psf_px" in entry else ""
+        seconds = f"{entry['seconds']:.2f}" if "seconds" in entry else ""
+        rows.append([entry["photo"], entry["state"], tiles, size, seconds])
+    print_table(["photo", "state", "bands x strips", "PSF px", "time s"], rows)
+    counts = ", ".join(f"{count} {state}" for state, count in report["counts"].items())
+    click.echo(f"{counts}; {report['seconds']:.1f} s")

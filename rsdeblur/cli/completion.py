@@ -1,0 +1,24 @@
+"""`rsdeblur completion`: what makes a shell complete commands, options and file names."""
+
+from __future__ import annotations
+
+import click
+from click.shell_completion import get_completion_class
+
+EXAMPLES = """\b
+Examples:
+  rsdeblur completion bash > ~/.local/share/bash-completion/completions/rsdeblur
+  rsdeblur completion zsh > ~/.zfunc/_rsdeblur
+  rsdeblur completion fish > ~/.config/fish/completions/rsdeblur.fish
+"""
+
+
+@click.command("completion", epilog=EXAMPLES)
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def command(shell: str) -> None:
+    """Print the script that makes SHELL complete rsdeblur's commands, options, choices and file names."""
+    from rsdeblur.cli import main
+
+    kind = get_completion_class(shell)
+    assert kind is not None  # click has all three
+    click.echo(kind(main, {}, "rsdeblur", "_RSDEBLUR_COMPLETE").source())

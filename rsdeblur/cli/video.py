@@ -1,0 +1,196 @@
+"""`rsdeblur video`: every frame of a video."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rsdeblur.cli import _options
+from rsdeblur.cli._inputs import naming, read_device
+from rsdeblur.cli._jobs import jobs_option, shared_threads
+from rsdeblur.cli._options import Blur, Recording, Solver
+from rsdeblur.cli._output import print_json, progress
+from rsdeblur.errors import RsdeblurWarning
+
+if TYPE_CHECKING:
+    from rsdeblur.exposure import Exposure
+    from rsdeblur.method import Mode
+    from rsdeblur.transfer import Transfer
+    from rsdeblur.video.clip import Clip
+    from rsdeblur.video.plan import Plan
+    from rsdeblur.video.segments import Encoding
+
+# FFmpeg's numbers of transfer characteristics.
+LINEAR, HDR = 8, (16, 18)
+
+EXAMPLES = """\b
+Examples:
+  rsdeblur video movie.mp4 --gyro gyro_accel.csv --camera phone.toml --capture movie_metadata.csv -o sharp.mp4
+  rsdeblur video clip.mov --gyro clip.gcsv --camera cam.toml --duration 1/50 --prior tv -o sharp.mov
+  rsdeblur video hero.mp4 --gyro hero.mp4 --camera gopro.toml --duration 1/60 --start 12ms --dry-run -o sharp.mp4
+"""
+
+
+@click.command("video", epilog=EXAMPLES, context_settings={"default_map": {"prior": "wiener"}})
+@click.argument("source", type=_options.PATH, metavar="VIDEO")
+@_options.clip_options
+@_options.mode_option
+@_options.blur_options
+@_options.solver_options
+@click.option("--codec", metavar="NAME", help="FFmpeg's encoder, like libx265.  [default: as in VIDEO]")
+@click.option("--crf", type=click.IntRange(0, 63), default=17, show_default=True, help="Lower is better and larger.")
+@click.option(
+    "--segment", type=click.IntRange(min=1), default=32, show_default=True, help="Frames that are encoded together."
+)
+@jobs_option
+@click.option("-o", "--output", type=_options.PATH, required=True, metavar="OUT", help="Video: .mp4 .mov .mkv .webm.")
+@_options.force_option
+@_options.dry_run_option
+@_options.json_option
+def command(
+    source: Path,
+    recording: Recording,
+    mode: Mode,
+    blur: Blur,
+    solver: Solver,
+    codec: str | None,
+    crf: int,
+    segment: int,
+    jobs: int | None,
+    output: Path,
+    force: bool,
+    dry_run: bool,
+    as_json: bool,
+) -> None:
+    """Deblur every frame of VIDEO with its own exposure window; sound, timing, rotation and colour tags are kept.
+
+    When a frame was exposed is told by --capture, or by the video's own stamps, counted from --start. Frames that the
+    log does not describe are kept as they are. Interrupted, it goes on where it stopped when started again.
+    """
+    from rsdeblur.video.clip import open_clip
+    from rsdeblur.video.plan import plan_clip
+    from rsdeblur.video.run import check_output, deblur_video
+    from rsdeblur.video.segments import Encoding
+
+    begin = time.perf_counter()
+    if solver.normalize:
+        raise click.UsageError("--normalize would make a video flicker", ctx=click.get_current_context())
+    check_output(output, force=force)
+    jobs, threads = shared_threads(jobs, solver.threads)
+    log, camera = read_device(recording)
+    settings: dict[str, Any] = asdict(blur) | asdict(solver) | {"threads": threads}
+    del settings["normalize"]
+    with progress("video") as move, naming(source, recording):
+        clip = open_clip(source)
+        exposures = _exposures(clip, recording)
+        settings["transfer"] = _transfer(clip, solver.transfer)
+        encoding = Encoding.like(clip, codec=codec, crf=crf)
+        plan, faults = plan_clip(clip, log, camera, exposures, mode=mode, progress=move, **settings)
+        facts = _facts(clip, plan, encoding, output) | {"kept": sum(fault is not None for fault in faults)}
+        _warn(source, faults)
+        if not dry_run:
+            with _telling_of_parts(output):
+                result = deblur_video(
+                    *(clip, log, camera, exposures, plan, faults, output),
+                    encoding=encoding,
+                    segment=segment,
+                    jobs=jobs,
+                    force=force,
+                    progress=move,
+                )
+            facts |= asdict(result) | {"seconds": time.perf_counter() - begin}
+    if as_json:
+        print_json(facts | {"dry_run": dry_run})
+    else:
+        _print(source, output, facts, dry_run)
+
+
+@contextmanager
+def _telling_of_parts(output: Path) -> Iterator[None]:
+    from rsdeblur.video.run import parts_folder
+
+    try:
+        yield
+    except BaseException:
+        folder = parts_folder(output)
+        if any(folder.glob("*.mkv")):
+            click.echo(f"rsdeblur: finished parts are in {folder}; the same command goes on from there", err=True)
+        raise
+
+
+def _exposures(clip: Clip, recording: Recording) -> list[Exposure]:
+    from rsdeblur.video.times import exposures_from_captures, exposures_from_stamps
+
+    given = [name for name in ("capture", "start", "start_ns") if getattr(recording, name) is not None]
+    if len(given) > 1:
+        options = " and ".join("--" + name.replace("_", "-") for name in given)
+        raise click.UsageError(f"{options} exclude each other", ctx=click.get_current_context())
+    if recording.capture is not None:
+        return exposures_from_captures(clip, recording.capture, duration=recording.duration)
+    if recording.duration is None:
+        raise click.UsageError(
+            "the exposure time is not given; use --duration, or --capture FILE", ctx=click.get_current_context()
+        )
+    start = recording.start or 0.0
+    return exposures_from_stamps(clip, recording.duration, start=start, epoch_ns=recording.start_ns or 0)
+
+
+def _transfer(clip: Clip, given: Transfer | None) -> Transfer:
+    if given is not None:
+        return given
+    if clip.colours.transfer in HDR:
+        warnings.warn(
+            f"{clip.path}: is HDR (HLG or PQ), whose light is taken as if sRGB; --transfer GAMMA may fit better",
+            RsdeblurWarning,
+            stacklevel=2,
+        )
+    return "linear" if clip.colours.transfer == LINEAR else "srgb"
+
+
+def _facts(clip: Clip, plan: Plan, encoding: Encoding, output: Path) -> dict[str, Any]:
+    tall, wide = plan.size
+    return {
+        "output": str(output),
+        "frames": len(clip),
+        "span_s": clip.times[-1],
+        "size_px": [clip.width, clip.height],
+        "mode": plan.method.mode,
+        "bands": len(plan.rows),
+        "strips": len(plan.cols),
+        "psf_px": [wide, tall],
+        "prior": plan.method.prior,
+        "nsr": plan.method.nsr,
+        "weight": plan.method.weight,
+        "codec": encoding.codec,
+        "pixels": encoding.pixels,
+    }
+
+
+def _warn(source: Path, faults: list[str | None]) -> None:
+    kept = [(i, fault) for i, fault in enumerate(faults) if fault is not None]
+    if kept:
+        warnings.warn(
+            f"{source}: {len(kept)} of {len(faults)} frames are kept as they are; frame {kept[0][0]}: {kept[0][1]}",
+            RsdeblurWarning,
+            stacklevel=2,
+        )
+
+
+def _print(source: Path, output: Path, facts: dict[str, Any], dry_run: bool) -> None:
+    wide, tall = facts["psf_px"]
+    tiles = f"{facts['bands']} x {facts['strips']} PSFs of up to {wide} x {tall} px"
+    how = f"{facts['mode']}, {tiles}, {facts['prior']}, {facts['codec']}"
+    if dry_run:
+        click.echo(f"{source}: {facts['frames']} frames, {facts['span_s']:.2f} s, all inputs fit; would write {output}")
+        click.echo(f"  {how}")
+        return
+    resumed = f", {facts['resumed']} of {facts['segments']} segments from before" if facts["resumed"] else ""
+    dropped = f"; left out: {', '.join(facts['dropped'])}" if facts["dropped"] else ""
+    click.echo(f"{output}: {facts['frames']} frames, {how}, {facts['seconds']:.1f} s{resumed}{dropped}")

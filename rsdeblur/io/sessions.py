@@ -1,0 +1,182 @@
+"""Folders that loggers write: which file is the log, which one tells the exposures, which exposure a photo is."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rsdeblur._validate import FloatArray
+from rsdeblur.errors import FileFormatError
+from rsdeblur.io.captures import CaptureFile, open_captures
+from rsdeblur.io.gyro_logs import detect_gyro_format
+from rsdeblur.io.pictures import KINDS
+
+# Accelerometer and magnetometer are logged in the same format, so the name has to tell.
+LOG_NAMES = ("gyro", "imu")
+TABLES = (".csv", ".txt")
+PHOTOS = (*KINDS, ".heic", ".dng")
+# A number in a photo's name from here on is a stamp in ns, a smaller one counts frames.
+LEAST_STAMP = 10**9
+# A photo may stand this part of the interval between captures from its stamp: MARS logger cuts stamps to us.
+NEAR = 0.5
+LONE_INTERVAL = 1e8  # ns, where there is one capture only
+
+
+@dataclass(frozen=True, slots=True)
+class SessionPhoto:
+    """A photo of a session: its exposure's place in the capture file, or why that is unknown."""
+
+    path: Path
+    index: int | None
+    fault: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """What a logger's folder holds.
+
+    Parameters
+    ----------
+    gyro, capture : Path
+        The gyro log and the file that tells the exposures, or at least when they were.
+    camera : Path or None
+        The only camera file in the folder.
+    photos : list of SessionPhoto
+        By name.
+    """
+
+    gyro: Path
+    capture: Path
+    camera: Path | None
+    photos: list[SessionPhoto]
+
+
+def open_session(
+    folder: str | os.PathLike[str], *, numbered_from: int | None = None, without: Path | None = None
+) -> Session:
+    """Find what belongs together in a folder of MARS logger, OpenCamera Sensors or DeepGyro.
+
+    Photos stand in the folder or in folders in it. Where the name of a photo ends in a stamp in ns, as OpenCamera
+    Sensors writes it, the nearest capture is taken. Where it ends in the number of a frame, that is a line of the list
+    of encoded frames (MARS logger's ``frame_timestamps.txt``), if there is one, or else of the captures.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session.
+    numbered_from : int, optional
+        Number of the first frame. Left out, a photo numbered 0 or like the last frame tells.
+    without : Path, optional
+        A folder in it that is passed over, such as for results.
+
+    Raises
+    ------
+    FileFormatError
+        If there is no gyro log, no capture file or no photo.
+    """
+    folder = Path(folder)
+    files = [path for path in sorted([*folder.glob("*"), *folder.glob("*/*")]) if path.is_file()]
+    if without is not None:
+        files = [path for path in files if without not in path.parents]
+    gyro = _gyro_log(folder, files)
+    capture, file = _captures(folder, [path for path in files if path != gyro])
+    photos = [path for path in files if path.suffix.lower() in PHOTOS]
+    if not photos:
+        raise FileFormatError(f"{folder}: no photo in the folder; save frames of the video there as pictures")
+    cameras = [path for path in files if path.suffix.lower() == ".toml"]
+    return Session(
+        gyro,
+        capture,
+        cameras[0] if len(cameras) == 1 else None,
+        _matched(photos, file.stamps, encoded_stamps(capture), numbered_from),
+    )
+
+
+def _gyro_log(folder: Path, files: list[Path]) -> Path:
+    for word in LOG_NAMES:
+        for path in files:
+            if word in path.name.lower() and path.suffix.lower() in TABLES and _is_log(path):
+                return path
+    raise FileFormatError(f"{folder}: no gyro log in the folder (a .csv or .txt named like gyro or imu)")
+
+
+def _is_log(path: Path) -> bool:
+    try:
+        return bool(detect_gyro_format(path))
+    except FileFormatError:
+        return False
+
+
+def _told_captures(path: Path) -> CaptureFile | None:
+    try:
+        return open_captures(path)
+    except FileFormatError:
+        return None
+
+
+def _captures(folder: Path, files: list[Path]) -> tuple[Path, CaptureFile]:
+    tables = [path for path in files if path.suffix.lower() in TABLES]
+    found = [(path, file) for path in tables if (file := _told_captures(path)) is not None]
+    if not found:
+        raise FileFormatError(
+            f"{folder}: no capture file in the folder (movie_metadata.csv, ..._timestamps.csv or images.txt)"
+        )
+    # The one that tells exposure times; else the one named after its stamps, as flashes are logged like frames.
+    return min(found, key=lambda pair: (None in pair[1].durations, "timestamps" not in pair[0].name.lower()))
+
+
+def encoded_stamps(capture: Path) -> list[int] | None:
+    """Return the stamps in ns of a MARS logger video's frames, which may be fewer than the captures; None without."""
+    path = capture.with_name("frame_timestamps.txt")
+    return open_captures(path).stamps if path.is_file() and path != capture else None
+
+
+def nearest_captures(stamps: list[int], times: Iterable[int]) -> list[int]:
+    """Return the place of the nearest of increasing `stamps` for each of `times`, all in ns."""
+    # Counted from the first one, float64 holds them exactly.
+    captures, wanted = (np.array([t - stamps[0] for t in given], dtype=np.float64) for given in (stamps, times))
+    middles = 0.5 * (captures[1:] + captures[:-1])
+    places: list[int] = np.searchsorted(middles, wanted).tolist()
+    return places
+
+
+def _matched(
+    photos: Iterable[Path], stamps: list[int], encoded: list[int] | None, numbered_from: int | None
+) -> list[SessionPhoto]:
+    # Counted from the first one, float64 holds them exactly.
+    origin = stamps[0]
+    captures = np.array([stamp - origin for stamp in stamps], dtype=np.float64)
+    frames = stamps if encoded is None else encoded
+    numbers = {path: int(digits[-1]) for path in photos if (digits := re.findall(r"\d+", path.stem))}
+    counted = {number for number in numbers.values() if number < LEAST_STAMP}
+    if numbered_from is None:
+        numbered_from = 0 if 0 in counted else 1 if len(frames) in counted else None
+    matched = []
+    for path in photos:
+        number = numbers.get(path)
+        if number is None:
+            matched.append(SessionPhoto(path, None, "its name has neither a stamp nor a frame's number"))
+        elif number >= LEAST_STAMP:
+            matched.append(_nearest(path, number - origin, captures))
+        elif numbered_from is None:
+            matched.append(SessionPhoto(path, None, "is the first frame number 0 or 1? say --numbered-from 0 or 1"))
+        elif not 0 <= number - numbered_from < len(frames):
+            last = numbered_from + len(frames) - 1
+            matched.append(SessionPhoto(path, None, f"there is no frame {number}, they are {numbered_from} to {last}"))
+        else:
+            matched.append(_nearest(path, frames[number - numbered_from] - origin, captures))
+    return matched
+
+
+def _nearest(path: Path, time: int, captures: FloatArray) -> SessionPhoto:
+    away = np.abs(captures - time)
+    index = int(away.argmin())
+    interval = float(np.median(np.diff(captures))) if len(captures) > 1 else LONE_INTERVAL
+    if away[index] > NEAR * interval:
+        return SessionPhoto(path, None, f"the nearest capture is {1e-6 * away[index]:.1f} ms from it")
+    return SessionPhoto(path, index)

@@ -1,0 +1,125 @@
+"""Segments and sound put together without encoding anything again."""
+
+from __future__ import annotations
+
+import heapq
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from rsdeblur._atomic import atomic_write
+from rsdeblur.errors import InputError, OutputError
+from rsdeblur.video._av import av
+from rsdeblur.video.clip import Clip, opened
+
+CONTAINERS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"}
+
+
+def container_of(path: str | os.PathLike[str]) -> str:
+    """Return FFmpeg's name of the container that a file's extension names.
+
+    Raises
+    ------
+    OutputError
+        If it names none of ours.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in CONTAINERS:
+        raise OutputError(f"{path}: unknown video extension {suffix!r}; use one of {', '.join(CONTAINERS)}")
+    return CONTAINERS[suffix]
+
+
+def join(clip: Clip, segments: Sequence[Path], output: Path) -> list[str]:
+    """Write the video from its segments, with the sound, the stamps and the tags of the clip.
+
+    Parameters
+    ----------
+    clip : Clip
+        The original.
+    segments : sequence of Path
+        Its frames, a packet for each.
+    output : Path
+        Replaced atomically.
+
+    Returns
+    -------
+    list of str
+        Kinds of streams that the new file does not have: all but pictures and sound.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written, or its container does not take the streams.
+    """
+    try:
+        with ExitStack() as stack:
+            source = stack.enter_context(opened(clip.path))
+            head = stack.enter_context(av.open(os.fspath(segments[0])))
+            file = stack.enter_context(atomic_write(output))
+            container = stack.enter_context(av.open(file, "w", format=container_of(output)))
+            container.metadata.update(source.metadata)
+            pictures = _picture_stream(container, clip, head.streams.video[0])
+            pictures.metadata.update(_without_encoder(source.streams.video[0].metadata))
+            sounds = {stream: container.add_stream_from_template(stream) for stream in source.streams.audio}
+            for old, new in sounds.items():
+                new.metadata.update(old.metadata)
+            for packet in heapq.merge(_pictures(clip, segments, pictures), _sound(source, sounds), key=_time):
+                container.mux(packet)
+            left = [stream.type for stream in source.streams if stream.type != "audio"]
+            left.remove("video")
+            return left
+    except (av.error.FFmpegError, ValueError) as error:
+        raise OutputError(f"{output}: cannot write the video: {getattr(error, 'strerror', error)}") from error
+
+
+def _without_encoder(metadata: dict[str, str]) -> dict[str, str]:
+    return {key: value for key, value in metadata.items() if key != "encoder"}
+
+
+def _picture_stream(container: Any, clip: Clip, template: Any) -> Any:
+    # Opaque: as for sound, no encoder is made, which some decoders' names do not lead to.
+    stream = container.add_stream_from_template(template, opaque=True)
+    stream.time_base = clip.time_base
+    if clip.matrix is not None:
+        stream.set_display_matrix(clip.matrix)
+    if template.codec_context.name == "hevc" and container.format.name in ("mp4", "mov"):
+        # Apple's players know no other tag.
+        stream.codec_context.codec_tag = "hvc1"
+    return stream
+
+
+def _time(packet: Any) -> float:
+    return float(packet.dts * packet.time_base)
+
+
+def _pictures(clip: Clip, segments: Sequence[Path], stream: Any) -> Iterator[Any]:
+    """Yield the packets of all frames, stamped as in the clip."""
+    stamps = iter([*clip.stamps, clip.end])
+    here = next(stamps)
+    for path in segments:
+        with opened(path) as container:
+            for packet in container.demux(container.streams.video[0]):
+                if not packet.size:
+                    continue
+                following = next(stamps, None)
+                if following is None:
+                    raise InputError(f"{path}: the segments hold more frames than {clip.path}")
+                packet.pts = packet.dts = here
+                packet.time_base = clip.time_base
+                packet.duration = following - here
+                packet.stream = stream
+                here = following
+                yield packet
+    if next(stamps, None) is not None:
+        raise InputError(f"{clip.path}: the segments hold fewer frames")
+
+
+def _sound(source: Any, streams: dict[Any, Any]) -> Iterator[Any]:
+    if not streams:
+        return
+    for packet in source.demux(*streams):
+        if packet.dts is not None and packet.size:
+            packet.stream = streams[packet.stream]
+            yield packet

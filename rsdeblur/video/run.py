@@ -1,0 +1,165 @@
+"""A video from end to end: plan, segments in processes of their own, joining."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rsdeblur import workers
+from rsdeblur._atomic import check_target, remove_unfinished
+from rsdeblur.camera import Camera
+from rsdeblur.errors import OutputError, RsdeblurError
+from rsdeblur.exposure import Exposure
+from rsdeblur.gyro import GyroLog
+from rsdeblur.records import Records, fingerprint
+from rsdeblur.video.clip import Clip
+from rsdeblur.video.joining import container_of, join
+from rsdeblur.video.plan import Plan
+from rsdeblur.video.segments import Encoding, Segment, encode_segment
+
+SEGMENT = 32
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class VideoResult:
+    """What `deblur_video` did.
+
+    Parameters
+    ----------
+    frames, kept : int
+        Frames of the video, and how many of them were kept as they are.
+    segments, resumed : int
+        How many parts it was encoded in, and how many of them an earlier run had left.
+    dropped : list of str
+        Kinds of streams that were not taken over.
+    """
+
+    frames: int
+    kept: int
+    segments: int
+    resumed: int
+    dropped: list[str]
+
+
+def parts_folder(output: Path) -> Path:
+    """Return where segments are kept until the video is finished."""
+    return output.with_name(f"{output.name}.parts")
+
+
+def check_output(output: Path, *, force: bool) -> None:
+    """Check cheaply that a video may be written.
+
+    Raises
+    ------
+    OutputError
+        If it may not, or its extension is unknown.
+    """
+    container_of(output)
+    check_target(output, force=force)
+
+
+def deblur_video(
+    clip: Clip,
+    log: GyroLog,
+    camera: Camera,
+    exposures: Sequence[Exposure],
+    plan: Plan,
+    faults: Sequence[str | None],
+    output: Path,
+    *,
+    encoding: Encoding,
+    segment: int = SEGMENT,
+    jobs: int = 1,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> VideoResult:
+    """Deblur a video as planned; sound, stamps, rotation and colour tags are kept.
+
+    Finished segments stand in a folder beside `output` until it is complete: interrupted, it goes on from there.
+
+    Parameters
+    ----------
+    clip, log, camera, exposures
+        The video, the motion, the camera and the exposure of each frame.
+    plan, faults
+        See :func:`rsdeblur.video.plan.plan_clip`; frames with a fault are kept as they are.
+    output : Path
+        Video to write; its extension chooses the container.
+    encoding : Encoding
+        See :meth:`Encoding.like`.
+    segment : int
+        Frames in a segment.
+    jobs : int
+        Processes.
+    force : bool
+        Whether `output` may be replaced.
+    progress : callable, optional
+        Called as ``progress(stage, fraction)``.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    RsdeblurError
+        If a segment fails twice.
+    """
+    check_output(output, force=force)
+    parts = Records(parts_folder(output))
+    try:
+        parts.open()
+    except OSError as error:
+        raise OutputError(f"{parts.folder}: cannot make the folder: {error.strerror}") from error
+    told = progress or (lambda stage, fraction: None)
+    mark = _mark(clip, log, camera, exposures, plan, encoding, segment)
+    starts = range(0, len(clip), segment)
+    paths = [parts.folder / f"{first:07d}.mkv" for first in starts]
+    done = [parts.facts(path.name, mark) is not None and path.is_file() for path in paths]
+    resumed = sum(done)
+
+    def tasks() -> Iterator[Segment]:
+        for first, path, ready in zip(starts, paths, done, strict=True):
+            stop = min(first + segment, len(clip))
+            wanted = [None if faults[i] else exposures[i] for i in range(first, stop)]
+            if not ready:
+                yield Segment(clip, first, stop, wanted, log, camera, plan, encoding, path)
+
+    finished = resumed
+    told(f"{min(finished * segment, len(clip))} of {len(clip)} frames", finished / len(paths))
+    try:
+        with closing(workers.run(encode_segment, tasks(), jobs=jobs, lost=_tidy)) as answers:
+            for task, answer in answers:
+                if isinstance(answer, workers.Failure):
+                    raise RsdeblurError(f"frames {task.first} to {task.stop - 1}: {answer.message}")
+                parts.finish(task.output.name, mark, answer)
+                finished += 1
+                told(f"{min(finished * segment, len(clip))} of {len(clip)} frames", finished / len(paths))
+    finally:
+        for path in paths:
+            remove_unfinished(path)
+    dropped = join(clip, paths, output)
+    shutil.rmtree(parts.folder)
+    kept = sum(fault is not None for fault in faults)
+    return VideoResult(len(clip), kept, len(paths), resumed, dropped)
+
+
+def _tidy(segment: Segment) -> None:
+    remove_unfinished(segment.output)
+
+
+def _mark(
+    clip: Clip,
+    log: GyroLog,
+    camera: Camera,
+    exposures: Sequence[Exposure],
+    plan: Plan,
+    encoding: Encoding,
+    segment: int,
+) -> str:
+    """Return what all that the segments' bits depend on makes of them."""
+    settings: list[Any] = [clip, log.epoch_ns, log.t.tobytes(), log.omega.tobytes(), repr(camera), camera.imu_to_camera]
+    return fingerprint([*settings, list(exposures), plan, encoding, segment], [clip.path])

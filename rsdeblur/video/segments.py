@@ -1,0 +1,202 @@
+"""A few frames of a video, deblurred and encoded into a file of their own."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rsdeblur._atomic import atomic_write
+from rsdeblur.camera import Camera
+from rsdeblur.errors import InputError, OutputError
+from rsdeblur.exposure import Exposure
+from rsdeblur.geometry import rectify
+from rsdeblur.gyro import GyroLog
+from rsdeblur.method import TileSolve
+from rsdeblur.motion import BlurPaths, Shot
+from rsdeblur.psf import PsfBank
+from rsdeblur.stored import Stored, result_like
+from rsdeblur.video._av import av
+from rsdeblur.video.clip import Clip, frames
+from rsdeblur.video.pixels import frame_of, values_of
+from rsdeblur.video.plan import Plan, upright_shot
+
+# Encoders for what decoders are called.
+ENCODERS = {
+    "h264": "libx264",
+    "hevc": "libx265",
+    "vp9": "libvpx-vp9",
+    "libvpx-vp9": "libvpx-vp9",
+    "av1": "libsvtav1",
+    "libdav1d": "libsvtav1",
+    "prores": "prores_ks",
+}
+# A segment goes on in any player's stream: no frame refers to a later one, so packets come in the order of frames.
+OPTIONS = {
+    "libx264": {"preset": "medium"},
+    "libx265": {"preset": "medium", "x265-params": "log-level=none"},
+    "libvpx-vp9": {"b": "0", "deadline": "good", "cpu-used": "3", "auto-alt-ref": "0", "lag-in-frames": "0"},
+    "libsvtav1": {"preset": "8", "svtav1-params": "pred-struct=1"},
+}
+FALLBACK = "libx264"
+CONTAINER = "matroska"
+
+
+@dataclass(frozen=True, slots=True)
+class Encoding:
+    """How frames are encoded.
+
+    Parameters
+    ----------
+    codec : str
+        FFmpeg's name of the encoder.
+    pixels : str
+        Pixel format.
+    crf : int
+        Constant rate factor: lower is better and larger.
+    """
+
+    codec: str
+    pixels: str
+    crf: int
+
+    @classmethod
+    def like(cls, clip: Clip, *, codec: str | None = None, crf: int = 17) -> Encoding:
+        """Return the encoding of the clip, or one with another `codec` and the same pixels if it has them.
+
+        Raises
+        ------
+        InputError
+            If there is no such encoder of pictures.
+        """
+        name = codec or ENCODERS.get(clip.codec, clip.codec)
+        found = _encoder(name) or (_encoder(FALLBACK) if codec is None else None)
+        if found is None:
+            raise InputError(f"FFmpeg has no video encoder called {name!r}; try libx264 or libx265")
+        # Full range is a tag, not a format of its own.
+        wanted = clip.pixels.replace("yuvj", "yuv")
+        allowed = [kind.name for kind in found.video_formats or ()] or [wanted]
+        deep = "10" in wanted or "12" in wanted
+        for pixels in (wanted, "yuv420p10le" if deep else "yuv420p", allowed[0]):
+            if pixels in allowed:
+                return cls(found.name, pixels, crf)
+        raise AssertionError("unreachable: the first allowed format is allowed")
+
+
+def _encoder(name: str) -> Any:
+    try:
+        found = av.Codec(name, "w")
+    except av.codec.codec.UnknownCodecError:
+        return None
+    return found if found.type == "video" else None
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """Frames `first` to before `stop` of a video, and all that is needed to deblur them.
+
+    Parameters
+    ----------
+    exposures : sequence of Exposure or None
+        One for each of the frames; None for a frame that is kept as it is.
+    log : GyroLog
+        At least the part that the exposures need.
+    """
+
+    clip: Clip
+    first: int
+    stop: int
+    exposures: Sequence[Exposure | None]
+    log: GyroLog
+    camera: Camera
+    plan: Plan
+    encoding: Encoding
+    output: Path
+
+
+def encode_segment(segment: Segment) -> dict[str, Any]:
+    """Deblur and encode the frames of a segment; its file appears whole or not at all.
+
+    Returns
+    -------
+    dict
+        "frames": how many were written.
+
+    Raises
+    ------
+    FileFormatError, OutputError
+        If a frame cannot be decoded, or the file not written.
+    """
+    clip, plan = segment.clip, segment.plan
+    shown = zip(frames(clip, segment.first, segment.stop), segment.exposures, strict=True)
+    try:
+        with atomic_write(segment.output) as file, av.open(file, "w", format=CONTAINER) as container:
+            stream = _stream(container, clip, segment.encoding)
+            for frame, exposure in shown:
+                if exposure is None:
+                    sharp = frame.reformat(format=segment.encoding.pixels)
+                    sharp.pict_type = 0  # the encoder's own choice
+                else:
+                    values = deblur_frame(values_of(frame), segment.log, segment.camera, exposure, plan)
+                    sharp = frame_of(values, frame, segment.encoding.pixels)
+                container.mux(stream.encode(sharp))
+            container.mux(stream.encode())
+    except av.error.FFmpegError as error:
+        raise OutputError(f"{segment.output}: cannot encode the video: {error.strerror}") from error
+    return {"frames": segment.stop - segment.first}
+
+
+def _stream(container: Any, clip: Clip, encoding: Encoding) -> Any:
+    # SVT-AV1 talks on stderr; errors only.
+    os.environ.setdefault("SVT_LOG", "1")
+    options = {"crf": str(encoding.crf)} | OPTIONS.get(encoding.codec, {})
+    stream = container.add_stream(encoding.codec, rate=clip.rate, options=options)
+    stream.width, stream.height, stream.pix_fmt = clip.width, clip.height, encoding.pixels
+    context = stream.codec_context
+    context.time_base = clip.time_base
+    context.max_b_frames = 0
+    # An encoder's bits may depend on how many threads it has; an interrupted video shall go on with the same.
+    context.thread_count = 1
+    context.color_range, context.colorspace, context.color_primaries, context.color_trc = clip.colours
+    return stream
+
+
+def deblur_frame(
+    values: NDArray[np.uint16], log: GyroLog, camera: Camera, exposure: Exposure, plan: Plan
+) -> NDArray[np.uint16]:
+    """Return a frame, RGB of shape (H, W, 3), deblurred as planned."""
+    shot = upright_shot(log, camera, exposure)
+    quarter = camera.horizontal_readout
+    stored = Stored.of(values, plan.transfer, quarter=quarter)
+    out, upright = result_like(values, np.empty_like(values), quarter=quarter)
+    light = _solved(stored.light(slice(None)), shot, plan)
+    if plan.geometry == "rectify":
+        light, _ = rectify(light, shot)
+    stored.put(light, slice(0, len(light)), upright)
+    return out
+
+
+def _solved(light: NDArray[np.float32], shot: Shot, plan: Plan) -> NDArray[np.float32]:
+    paths = BlurPaths.from_shot(shot, plan.rows, plan.cols, motion=plan.method.motion)
+    bank = PsfBank.from_paths(paths)
+    if plan.method.mode == "rowwise" or any(new > most for new, most in zip(bank.size, plan.size, strict=True)):
+        return plan.method.planned(shot, bank, light.shape)(light, _silent)
+    tiles = _tiles(plan, light.shape)
+    tiles.replan(bank)
+    return tiles(light, _silent)
+
+
+@lru_cache(maxsize=1)
+def _tiles(plan: Plan, shape: tuple[int, int, int]) -> TileSolve:
+    """Plan once for all frames that a process gets."""
+    return plan.method.tiles(plan.largest(), shape)
+
+
+def _silent(_: float) -> None:
+    pass

@@ -1,0 +1,302 @@
+"""`rsdeblur batch`: good and bad items, resuming, killed workers, interrupts, clusters, session folders."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import shutil
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from click.testing import Result
+
+from rsdeblur.cli.batch import SOME_FAILED
+
+if TYPE_CHECKING:
+    from conftest import Files, Processes
+
+    Run = Callable[..., Result]
+
+FAST = ("--mode", "global", "--prior", "wiener", "--nsr", "0.01", "--jobs", "1")
+
+
+@pytest.fixture
+def manifest(files: Files) -> Path:
+    """Three good photos, a missing one and one at a time beyond the log; spreadsheet spelling."""
+    folder = files.photo.parent
+    shutil.copy(files.photo, folder / "other.png")
+    path = folder / "manifest.csv"
+    lines = [
+        "Photo; capture; index; start; duration; output",
+        "photo.png; frames.csv; 0;;;",
+        "photo.png; frames.csv; 1;;; second.tif",
+        "other.png;; ; 200ms; 1/25;",
+        "missing.png; frames.csv; 0;;;",
+        "photo.png; frames.csv; 2;;; late.png",
+    ]
+    path.write_text("\ufeff" + "\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def entries(run: Run, *arguments: object, code: int = 0) -> list[dict[str, Any]]:
+    """Run a batch and return what it tells of each item."""
+    result = run("batch", *arguments, *FAST, "--json")
+    assert result.exit_code == code, result.output
+    items: list[dict[str, Any]] = json.loads(result.stdout)["items"]
+    return items
+
+
+def states(items: list[dict[str, Any]]) -> str:
+    return " ".join(item["state"] for item in items)
+
+
+def test_failures_are_listed_and_stop_nothing(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    result = run("batch", manifest, *files.sources, *FAST, "-o", out)
+    assert result.exit_code == SOME_FAILED
+    errors = result.stderr.splitlines()
+    assert [line.startswith("rsdeblur: error: ") for line in errors] == [True, True]
+    assert "missing.png: cannot read the picture" in errors[0]
+    assert "does not cover the exposure" in errors[1]
+    assert "3 done, 2 failed" in result.stdout
+    with open(out / "batch.csv", newline="") as file:
+        table = list(csv.DictReader(file))
+    assert [row["state"] for row in table] == ["done", "done", "done", "failed", "failed"]
+    assert [row["state"] for row in table] == states(json.loads((out / "batch.json").read_text())["items"]).split()
+    assert {path.name for path in out.iterdir() if path.suffix in (".png", ".tif")} == {
+        "photo.png",
+        "second.tif",
+        "other.png",
+    }
+
+
+@pytest.mark.usefixtures("here")
+def test_an_item_is_what_deblur_makes_of_it(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
+    run("batch", manifest, *files.sources, *FAST, "-o", tmp_path / "out")
+    one = run("deblur", files.photo, *files.recording, *FAST[:-2], "-o", tmp_path / "one.png")
+    assert one.exit_code == 0
+    assert (tmp_path / "out" / "other.png").read_bytes() == (tmp_path / "one.png").read_bytes()
+
+
+@pytest.mark.usefixtures("here")
+def test_finished_items_are_skipped(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    call = (manifest, *files.sources, "-o", out)
+    entries(run, *call, code=SOME_FAILED)
+    shutil.copy(files.photo, tmp_path / "missing.png")
+    (out / "other.png").unlink()
+    stamp = (out / "photo.png").stat().st_mtime_ns
+    assert states(entries(run, *call, code=SOME_FAILED)) == "skipped skipped done done failed"
+    assert (out / "photo.png").stat().st_mtime_ns == stamp
+    assert states(entries(run, *call, "--force", code=SOME_FAILED)) == "done done done done failed"
+
+
+@pytest.mark.usefixtures("here")
+def test_results_of_other_settings_are_not_replaced(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
+    call = (manifest, *files.sources, "-o", tmp_path / "out")
+    entries(run, *call, code=SOME_FAILED)
+    again = entries(run, *call, "--geometry", "rectify", code=SOME_FAILED)
+    assert states(again[:3]) == "failed failed failed"
+    assert "the file exists; use force (--force)" in again[0]["error"]
+
+
+@pytest.mark.usefixtures("here")
+def test_a_result_without_its_record_is_made_again(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
+    # As after an interrupt between the picture and the record: the item is claimed, but not finished.
+    out = tmp_path / "out"
+    call = (manifest, *files.sources, "-o", out)
+    entries(run, *call, code=SOME_FAILED)
+    for path in (out / ".rsdeblur-batch").iterdir():
+        record = json.loads(path.read_text())
+        record.pop("facts", None)
+        path.write_text(json.dumps(record))
+    assert states(entries(run, *call, code=SOME_FAILED)) == "done done done failed failed"
+    # A file of somebody else stays.
+    shutil.rmtree(out / ".rsdeblur-batch")
+    (out / "batch.csv").unlink()
+    (out / "batch.json").unlink()
+    assert states(entries(run, *call, code=SOME_FAILED)[:3]) == "failed failed failed"
+
+
+@pytest.mark.usefixtures("here")
+def test_dry_run_writes_nothing(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
+    before = sorted(tmp_path.rglob("*"))
+    found = entries(run, manifest, *files.sources, "-o", tmp_path / "out", "--dry-run", code=SOME_FAILED)
+    assert states(found) == "checked checked checked failed failed"
+    assert found[0]["size_px"] == [96, 72]
+    result = run("deblur", files.photo, *files.recording, "-o", tmp_path / "one.png", "--dry-run")
+    assert result.exit_code == 0
+    assert f"would write {tmp_path / 'one.png'}" in result.stdout
+    result = run("deblur", files.photo, *files.sources, "--start", "9", "--duration", "1", "-o", "x.png", "--dry-run")
+    assert result.exit_code == 1
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        ("", "manifest is empty"),
+        ("photo,foo\na.png,1", "line 1: unknown column 'foo'"),
+        ("index\n1", "line 1: no column photo"),
+        ("photo\n", "nothing to do"),
+        (b"photo\n\xff.png", "no UTF-8 text"),
+    ],
+)
+def test_bad_manifests(run: Run, tmp_path: Path, lines: str | bytes, said: str) -> None:
+    path = tmp_path / "m.csv"
+    path.write_bytes(lines if isinstance(lines, bytes) else lines.encode())
+    result = run("batch", path, "-o", tmp_path / "out")
+    assert result.exit_code == 1
+    assert said in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ("photo.png,x,1", "line 2: index: 'x' is not a whole number"),
+        ("photo.png,1,soon", "line 2: start: 'soon' is not a time"),
+        (",1,1", "line 2: no photo"),
+        ("photo.png,1", "line 2: 2 cells, but the first line names 3 columns"),
+        ("photo.png,,", "photo.png: the exposure is not given"),
+    ],
+)
+@pytest.mark.usefixtures("here")
+def test_bad_rows(run: Run, files: Files, tmp_path: Path, row: str, said: str) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text(f"photo,index,start\n{row}\n")
+    (item,) = entries(run, path, *files.sources, "-o", tmp_path / "out", code=SOME_FAILED)
+    assert said in item["error"]
+
+
+@pytest.mark.usefixtures("here")
+def test_two_items_may_not_write_one_file(run: Run, files: Files, tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text("photo,start,duration\nphoto.png,0.2,0.04\nphoto.png,0.3,0.04\n")
+    first, second = entries(run, path, *files.sources, "-o", tmp_path / "out", code=SOME_FAILED)
+    assert first["state"] == "done"
+    assert "name another output" in second["error"]
+
+
+@pytest.mark.usefixtures("here")
+def test_no_log_named(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
+    found = entries(run, manifest, "--camera", files.camera, "-o", tmp_path / "out", code=SOME_FAILED)
+    assert "give it in the column gyro or by --gyro" in found[0]["error"]
+
+
+def test_a_killed_worker_is_retried(processes: Processes, files: Files, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / ".photo.png.0123456789abcdef.part").touch()
+    path = tmp_path / "m.csv"
+    path.write_text("photo,start,duration\nphoto.png,0.2,0.04\n")
+    with processes.started("batch", path, *files.sources, *FAST, "-o", out) as process:
+        processes.kill_worker(process)
+        stdout, stderr = process.communicate()
+    assert process.returncode == 0, stderr
+    assert "1 done" in stdout
+    assert sorted(item.name for item in out.iterdir()) == [".rsdeblur-batch", "batch.csv", "batch.json", "photo.png"]
+
+
+def test_interrupt_leaves_nothing_unfinished(
+    run: Run, here: None, processes: Processes, files: Files, tmp_path: Path
+) -> None:
+    out, path = tmp_path / "out", tmp_path / "m.csv"
+    path.write_text("photo,start,duration,output\n" + "".join(f"photo.png,0.2,0.04,{i}.png\n" for i in range(200)))
+    with processes.started("batch", path, *files.sources, *FAST, "-o", out) as process:
+        # A picture stands there before its record does; whoever makes the fourth has finished another one.
+        processes.until(process, lambda: len(list(out.glob("*.png"))) > 3)
+        os.killpg(process.pid, signal.SIGINT)
+        _, stderr = process.communicate()
+    assert process.returncode == 130
+    assert stderr == "rsdeblur: interrupted; no unfinished file is left\n"
+    assert {item.suffix for item in out.iterdir()} == {".png", ""}
+    assert ".rsdeblur-batch" in {item.name for item in out.iterdir()}
+    again = states(entries(run, path, *files.sources, "-o", out))
+    assert "skipped" in again
+    assert again.endswith("done")
+
+
+def test_on_a_cluster(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed", reason="the extra [dask] is not installed")
+    with distributed.LocalCluster(1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+        call = (manifest, *files.sources, "-o", tmp_path / "out", "--scheduler", cluster.scheduler_address)
+        assert states(entries(run, *call, code=SOME_FAILED)) == "done done done failed failed"
+    result = run("batch", manifest, *files.sources, "-o", tmp_path / "new", "--scheduler", "nonsense://x")
+    assert result.exit_code == 1
+    assert "no Dask scheduler answers at nonsense://x" in result.stderr
+
+
+@pytest.mark.usefixtures("here")
+def test_mars_session(run: Run, files: Files, tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    (folder / "frames").mkdir(parents=True)
+    since = 10**12
+    lines = [f"{round(1e9 * s[0]) + since},{s[1]},{s[2]},{s[3]},0,0,9.8" for s in files.samples()]
+    head = "Timestamp[nanosec],gx[rad/s],gy[rad/s],gz[rad/s],ax[m/s^2],ay[m/s^2],az[m/s^2]"
+    (folder / "gyro_accel.csv").write_text("\n".join([head, *lines]) + "\n")
+    captures = [line.split(",") for line in files.captures.read_text().splitlines()]
+    for row in captures[1:]:
+        row[0] = str(int(row[0]) + since)
+    (folder / "movie_metadata.csv").write_text("".join(",".join(row) + "\n" for row in captures))
+    # The first capture was not encoded, and stamps are cut to microseconds.
+    (folder / "frame_timestamps.txt").write_text("Frame timestamp[nanosec]\n1000299999000\n1004999999000\n")
+    for name in ("frame0.png", "frame7.png", "1000200000000.png", "cover.png", "998000000000.png"):
+        shutil.copy(files.photo, folder / "frames" / name)
+    found = entries(run, folder, "--camera", files.camera, "-o", folder / "out", code=SOME_FAILED)
+    assert [Path(item["photo"]).name for item in found] == sorted(path.name for path in (folder / "frames").iterdir())
+    assert states(found) == "done failed failed done failed"
+    assert "the nearest capture is 2200.0 ms from it" in found[1]["error"]
+    assert "neither a stamp nor a frame's number" in found[2]["error"]
+    assert "there is no frame 7, they are 0 to 1" in found[4]["error"]
+    assert (folder / "out" / "frames" / "frame0.png").is_file()
+
+
+@pytest.mark.usefixtures("here")
+def test_opencamera_session(run: Run, files: Files, tmp_path: Path) -> None:
+    folder = tmp_path / "20260101_120000"
+    folder.mkdir()
+    rows = "".join(f"{s[1]},{s[2]},{s[3]},{round(1e9 * s[0]) + 10**15}\n" for s in files.samples())
+    for sensor in ("gyro", "accel"):
+        (folder / f"VID_20260101_120000{sensor}.csv").write_text(rows)
+    stamps = [10**15 + 200_000_000, 10**15 + 233_000_000]
+    (folder / "VID_20260101_120000_imu_timestamps.csv").write_text("".join(f"{stamp}\n" for stamp in stamps))
+    (folder / "VID_20260101_120000_flash.csv").write_text(f"{stamps[0]}\n")
+    shutil.copy(files.photo, folder / f"{stamps[0]}.png")
+    shutil.copy(files.camera, folder / "camera.toml")
+    (item,) = entries(run, folder, "--duration", "40ms", "-o", tmp_path / "out")
+    one = run("deblur", files.photo, *files.recording, *FAST[:-2], "-o", tmp_path / "one.png")
+    assert one.exit_code == 0
+    assert Path(item["output"]).read_bytes() == (tmp_path / "one.png").read_bytes()
+    # The exposure time is nowhere in the folder.
+    (item,) = entries(run, folder, "-o", tmp_path / "out2", code=SOME_FAILED)
+    assert "give the exposure time" in item["error"]
+
+
+@pytest.mark.usefixtures("here")
+def test_ambiguous_numbers_are_asked_for(run: Run, files: Files, tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    folder.mkdir()
+    shutil.copy(files.gyro, folder / "gyro.csv")
+    shutil.copy(files.captures, folder / "frames.csv")
+    shutil.copy(files.photo, folder / "2.png")
+    call = (folder, "--camera", files.camera, "-o", tmp_path / "out")
+    (item,) = entries(run, *call, code=SOME_FAILED)
+    assert "say --numbered-from 0 or 1" in item["error"]
+    assert states(entries(run, *call, "--numbered-from", "1")) == "done"
+    for name, said in (("2.png", "no photo"), ("frames.csv", "no capture file"), ("gyro.csv", "no gyro log")):
+        (folder / name).unlink()
+        result = run("batch", *call)
+        assert result.exit_code == 1
+        assert said in result.stderr
+
+
+def test_completion(run: Run) -> None:
+    for shell in ("bash", "zsh", "fish"):
+        result = run("completion", shell)
+        assert result.exit_code == 0
+        assert "_RSDEBLUR_COMPLETE" in result.stdout
