@@ -27,6 +27,7 @@ from PIL import Image
 from rsdeblur import Camera
 from rsdeblur.errors import FileFormatError, RsdeblurError
 from rsdeblur.io import open_camera, open_gyro, read_captures, read_gyro, read_picture, write_picture
+from rsdeblur.io.exif import Exif
 from rsdeblur.psf import PsfBank
 
 # Not part of the installed package; last, so that the bare source folder does not hide the installation.
@@ -203,6 +204,13 @@ def test_crops_of_lens_profiles(tmp_path: Path, crop: float) -> None:
     path = tmp_path / "lens.json"
     path.write_text(json.dumps(seeds.PROFILE | {"crop": crop}))
     assert "the profile's crop is" in refusal(open_camera, path)
+
+
+def test_focal_lengths_of_exif_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.jpg"
+    path.write_bytes(seeds.jpeg())
+    monkeypatch.setattr(Exif, "focal_px", lambda *_: (1e-320, "a denormal"))
+    assert "focal must be positive" in refusal(open_camera, path)
 
 
 class TestYaml:
