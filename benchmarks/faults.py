@@ -111,6 +111,11 @@ def full_disk(name: str, count: int) -> dict[str, int]:
     return found
 
 
+def heed_interrupts() -> None:
+    """Undo that a shell's background jobs ignore them."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def interrupts(count: int) -> dict[str, int]:
     """Interrupt `rsdeblur demo` at random moments; return how often it ended how."""
     found: dict[str, int] = {}
@@ -119,7 +124,11 @@ def interrupts(count: int) -> dict[str, int]:
         with tempfile.TemporaryDirectory() as folder:
             command = [sys.executable, "-P", "-c", "from rsdeblur.cli import main; main()", "demo", "--size", "640x480"]
             process = subprocess.Popen(
-                [*command, "-o", folder, "--force"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+                [*command, "-o", folder, "--force"],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                text=True,
+                preexec_fn=heed_interrupts,
             )
             time.sleep(rng.uniform(0.3, 6.0))
             process.send_signal(signal.SIGINT)
@@ -128,6 +137,8 @@ def interrupts(count: int) -> dict[str, int]:
             how = f"exit {process.returncode}" + ", traceback" * ("Traceback" in message)
             how += ", temporary left" * bool(left)
             found[how] = found.get(how, 0) + 1
+            if process.returncode not in (0, 130):
+                print(how, message[-500:])
     return found
 
 

@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 
 from rsdeblur import _validate
 from rsdeblur._atomic import atomic_write
-from rsdeblur.errors import OutputError, RsdeblurWarning
+from rsdeblur._regular import read_file
+from rsdeblur.errors import FileFormatError, OutputError, RsdeblurWarning
 
 Complex = NDArray[np.complex64]
 Real = NDArray[np.float32]
@@ -151,13 +152,18 @@ def _recall() -> None:
 
 
 def _read_wisdom() -> None:
-    # FFTW refuses what is damaged or of another build, and then knows as much as before.
     try:
-        single = wisdom_file().read_bytes()
-    except OSError:
+        seal, _, single = read_file(wisdom_file(), "wisdom").partition(b"\n")
+    except FileFormatError:
         return
-    with _planner:
-        pyfftw.import_wisdom((b"", single, b""))
+    # FFTW refuses what is of another build, and then knows as much as before; what is damaged may make it abort.
+    if seal == _seal(single):
+        with _planner:
+            pyfftw.import_wisdom((b"", single, b""))
+
+
+def _seal(wisdom: bytes) -> bytes:
+    return hashlib.sha256(wisdom).hexdigest().encode()
 
 
 def remember() -> None:
@@ -172,12 +178,13 @@ def remember() -> None:
     _read_wisdom()
     with _planner:
         single = pyfftw.export_wisdom()[1]
+    sealed = _seal(single) + b"\n" + single
     try:
-        if file.exists() and file.read_bytes() == single:
+        if file.exists() and file.read_bytes() == sealed:
             return
         file.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(file) as out:
-            out.write(single)
+            out.write(sealed)
     except (OSError, OutputError) as error:
         _warn_not_kept(str(error))
 

@@ -22,6 +22,8 @@ STEPS = 30
 TOLERANCE = 1e-13
 # Below this slope of theta_d(theta) the fisheye's polynomial is about to turn back.
 FLAT = 0.1
+# What such a coefficient adds to the slope at 180 degrees is below 1e-8.
+NEGLIGIBLE = 1e-12
 
 
 def project(directions: FloatArray, model: Distortion, k: tuple[float, ...]) -> FloatArray:
@@ -57,7 +59,8 @@ def rays(points: FloatArray, model: Distortion, k: tuple[float, ...]) -> FloatAr
 def _fold(k: tuple[float, ...]) -> float:
     """Return the angle where the fisheye's polynomial gets nearly flat, before it turns back; infinity if nowhere."""
     slope = [1.0 - FLAT, *((2 * i + 3) * value for i, value in enumerate(k))]
-    squares = np.polynomial.Polynomial(slope).roots()
+    # Coefficients that bend nothing would be divided by.
+    squares = np.polynomial.Polynomial(slope).trim(NEGLIGIBLE).roots()
     real = squares.real[(np.abs(squares.imag) < 1e-9) & (squares.real > 0)]
     return float(np.sqrt(real.min())) if real.size else float("inf")
 

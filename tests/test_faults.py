@@ -77,9 +77,9 @@ def test_an_interrupted_command_cleans_up(tmp_path: Path) -> None:
     )
     target = tmp_path / "camera.toml"
     arguments = ["camera", "new", "--size", "640x480", "--focal", "500", "-o", str(target)]
-    with subprocess.Popen(
-        [sys.executable, "-c", code, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
+    command = [sys.executable, "-c", code, *arguments]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, text=True, preexec_fn=faults.heed_interrupts, **pipes) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "writing\n", process.communicate()
         process.send_signal(signal.SIGINT)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -70,6 +71,25 @@ def test_measured_plans_are_kept_and_damage_is_harmless(cache_dir):
     fft.remember()
     assert kept.read_bytes() == good
     assert [path.name for path in cache_dir.iterdir()] == [kept.name]
+
+
+def test_what_was_changed_is_not_given_to_fftw(cache_dir, monkeypatch):
+    # It asserts, and aborts the process, where plans contradict themselves.
+    fft.LineTransform((3, 48), "measure")
+    fft.remember()
+    (kept,) = cache_dir.iterdir()
+    given = []
+    monkeypatch.setattr(fft.pyfftw, "import_wisdom", given.append)
+    fft._read_wisdom()
+    assert len(given) == 1
+    good = kept.read_bytes()
+    for place in range(0, len(good), 50):
+        kept.write_bytes(good[:place] + bytes([good[place] ^ 1]) + good[place + 1 :])
+        fft._read_wisdom()
+    kept.unlink()
+    os.mkfifo(kept)
+    fft._read_wisdom()
+    assert len(given) == 1
 
 
 def test_a_cache_that_cannot_be_written_costs_one_warning(cache_dir):

@@ -27,6 +27,7 @@ from PIL import Image
 from rsdeblur import Camera
 from rsdeblur.errors import FileFormatError, RsdeblurError
 from rsdeblur.io import open_camera, open_gyro, read_captures, read_gyro, read_picture, write_picture
+from rsdeblur.io.exif import Exif
 from rsdeblur.psf import PsfBank
 
 # Not part of the installed package; last, so that the bare source folder does not hide the installation.
@@ -198,6 +199,20 @@ class TestNumbersOfCameras:
         refusal(Camera.load, path)
 
 
+@pytest.mark.parametrize("crop", [5e-324, 1e300, float("inf")])
+def test_crops_of_lens_profiles(tmp_path: Path, crop: float) -> None:
+    path = tmp_path / "lens.json"
+    path.write_text(json.dumps(seeds.PROFILE | {"crop": crop}))
+    assert "the profile's crop is" in refusal(open_camera, path)
+
+
+def test_focal_lengths_of_exif_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.jpg"
+    path.write_bytes(seeds.jpeg())
+    monkeypatch.setattr(Exif, "focal_px", lambda *_: (1e-320, "a denormal"))
+    assert "focal must be positive" in refusal(open_camera, path)
+
+
 class TestYaml:
     CAMERA = "cam0: {camera_model: pinhole, intrinsics: %s, resolution: [640, 480], distortion_model: none}\n"
 
@@ -302,6 +317,20 @@ class TestBombs:
         for name in ("a.png", "a.webp", "a.tif", "a.jpg"):
             write_picture(tmp_path / name, np.zeros((1200, 1600), np.uint8))
             assert read_picture(tmp_path / name).pixels.shape[:2] == (1200, 1600)
+
+    @pytest.mark.parametrize(("scans", "allowed"), [(90, True), (100, False), (20_000, False)])
+    def test_jpeg_of_many_scans(self, tmp_path: Path, scans: int, allowed: bool) -> None:
+        # With 50 bytes each, a file of a MB would have a picture of 64 megapixels worked on for minutes.
+        path = tmp_path / "a.jpg"
+        Image.new("L", (64, 64)).save(path, progressive=True)
+        data = path.read_bytes()
+        last = data.rindex(b"\xff\xda")
+        scan = data[last : data.rindex(b"\xff\xd9")]
+        path.write_bytes(data[:last] + scan * scans + data[last:])
+        if allowed:
+            assert read_picture(path).pixels.shape == (64, 64)
+        else:
+            assert "more than 100 scans" in refusal(read_picture, path)
 
     def test_tiff_whose_parts_share_their_bytes(self, tmp_path: Path) -> None:
         path = tmp_path / "a.tif"

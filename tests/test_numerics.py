@@ -242,8 +242,8 @@ def test_c_and_numpy_agree(tmp_path: Path) -> None:
         with np.load(path) as archive:
             found.append(dict(archive))
     for name, image in found[0].items():
-        # 1e-4 is a fortieth of a level of 8 bits; measured 2e-6 and, where shrinking has thresholds, 3e-5.
-        np.testing.assert_allclose(found[1][name], image, atol=1e-4, err_msg=name)
+        # Measured: the same bits in global and banded, 4e-7 and 1e-6 (total variation) in rowwise.
+        np.testing.assert_allclose(found[1][name], image, atol=1e-5, err_msg=name)
 
 
 SIZES = [(1, 1), (1, 2), (2, 1), (1, 31), (31, 1), (2, 2), (3, 3), (5, 4), (13, 17), (31, 29), (64, 3), (3, 64)]

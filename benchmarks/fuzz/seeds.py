@@ -339,6 +339,16 @@ def tiffs() -> list[bytes]:
     ]
 
 
+def npys() -> list[bytes]:
+    """Return pictures in NumPy's own format."""
+    files = []
+    for shape, dtype in (((12, 20), "uint8"), ((12, 20, 3), "uint16"), ((12, 20, 4), "float32")):
+        buffer = BytesIO()
+        np.save(buffer, picture(shape, dtype))
+        files.append(buffer.getvalue())
+    return files
+
+
 def dng() -> bytes:
     """Return the smallest DNG: a mosaic and the camera's colours."""
     xyz = (32406, -15372, -4986, -9689, 18758, 415, 557, -2040, 10570)

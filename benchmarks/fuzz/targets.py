@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ import numpy as np
 
 from benchmarks.fuzz import seeds
 from benchmarks.fuzz.mutate import mutated
+from benchmarks.fuzz.video import excerpt
 from rsdeblur.cli._describe import describe_camera, describe_captures, describe_gyro, describe_picture
 from rsdeblur.io import read_picture, write_picture
 from rsdeblur.psf import PsfBank
@@ -87,6 +89,12 @@ def _picture(path: Path) -> None:
         write_picture(path.with_name(f"again{extension}"), picture.pixels, like=picture, force=True)
 
 
+def _mapped(path: Path) -> None:
+    picture = read_picture(path, in_place=True)
+    # What is mapped is only read when it is looked at.
+    picture.pixels.sum()
+
+
 def _bank(path: Path) -> None:
     PsfBank.load(path)
 
@@ -96,6 +104,7 @@ READERS: dict[Callable[[Path], None], str] = {
     _camera: "cameras",
     _captures: "captures",
     _picture: "pictures",
+    _mapped: "pictures",
     _bank: "PSF banks",
 }
 
@@ -140,7 +149,14 @@ TARGETS: dict[str, Target] = {
     "png-mended": Target(_picture, seeds.pngs, "a.png", pack=seeds.mended_png),
     "webp": Target(_picture, seeds.webps, "a.webp"),
     "tiff": Target(_picture, seeds.tiffs, "a.tif"),
+    "npy": Target(_picture, seeds.npys, "a.npy"),
+    "mapped": Target(_mapped, lambda: [*seeds.npys(), *seeds.tiffs()], "a.npy"),
     "heic": Target(_picture, lambda: [seeds.heic()], "a.heic"),
     "dng": Target(_picture, lambda: [seeds.dng()], "a.dng"),
     "psf-bank": Target(_bank, lambda: [seeds.bank()], "bank.npz"),
 }
+# Cut out of a real recording, which is not part of the repository.
+DATA = Path(os.environ.get("RSDEBLUR_DATA", Path(__file__).resolve().parents[3] / "shared/data"))
+RECORDING = DATA / "formats/gopro/max-heromode.mp4"
+if RECORDING.is_file():
+    TARGETS["video"] = Target(_gyro, lambda: [excerpt(RECORDING)], "video.mp4")

@@ -111,12 +111,12 @@ def _read_toml(source: Source, request: Request) -> CameraFile:
 def _read_exif(source: Source, request: Request) -> CameraFile:
     width, height, block = read_header(source.path)
     exif = Exif(block)
+    axes = "phone-landscape" if width >= height else "phone-portrait"
     try:
         focal, origin = exif.focal_px(width, height)
+        camera = Camera(width, height, focal, imu_to_camera=axes)
     except InputError as error:
         raise source.error(f"{error}; calibrate the camera, or give its focal length: rsdeblur camera new") from error
-    axes = "phone-landscape" if width >= height else "phone-portrait"
-    camera = Camera(width, height, focal, imu_to_camera=axes)
     doubts = [
         Doubt(
             "focal",

@@ -17,6 +17,8 @@ from rsdeblur.lens import Distortion
 
 # Readouts of the public database reach from 0.01 to 100 ms; those of real sensors are in between.
 PLAUSIBLE_READOUT = (0.002, 0.050)
+# A factor of the focal length.
+SMALLEST_CROP = 1e-3
 
 
 def sniff(source: Source) -> bool:
@@ -65,6 +67,8 @@ def _profile(source: Source, profile: dict[str, Any], request: Request) -> Camer
     setting = _setting(source, profile, request)
     _refuse_unmodelled(source, profile | setting)
     crop = float((profile | setting).get("crop") or 1.0)
+    if not SMALLEST_CROP <= crop <= 1 / SMALLEST_CROP:
+        raise source.error(f"the profile's crop is {crop:g}, which no camera has")
     asymmetrical = profile.get("asymmetrical", False)
     timing = readout_of(profile | setting)
     global_shutter = bool(profile.get("global_shutter"))

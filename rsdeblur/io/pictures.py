@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any, Literal
 
 import imagecodecs
@@ -26,7 +27,7 @@ from PIL import Image, UnidentifiedImageError
 from rsdeblur._atomic import atomic_write, check_target
 from rsdeblur._regular import open_file, read_file
 from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
-from rsdeblur.io import _heif, _raw, _tiff, mapped
+from rsdeblur.io import _heif, _jpeg, _raw, _tiff, mapped
 from rsdeblur.io.source import Source
 
 KINDS = {
@@ -58,6 +59,7 @@ DAMAGE = (
     *(OSError, EOFError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, struct.error, zlib.error),
     *(SyntaxError, AssertionError),  # Pillow
     RuntimeError,  # imagecodecs
+    TokenError,  # NumPy, of the header of its files
 )
 
 _limit_lock = threading.Lock()
@@ -315,6 +317,8 @@ def _decode(data: bytes, suffix: str) -> Picture:
         return Picture(pixels, _tiff.exif_block(BytesIO(data)), _fitting(icc, pixels))
     if data.startswith(mapped.NPY_MAGIC):
         return Picture(mapped.decode_npy(data, MAX_PIXELS))
+    if data.startswith(_jpeg.START):
+        _jpeg.check_scans(data)
     with _size_limit(limit):
         image = Image.open(BytesIO(data), formats=("JPEG", "PNG", "WEBP"))
     with image:

@@ -64,11 +64,21 @@ class Source:
         """The whole content."""
         return self._read(0)
 
-    @cached_property
+    @property
     def text(self) -> TextFile:
         """The content as lines; raises `FileFormatError` if it is empty or not text."""
-        # A video of gigabytes is not read to learn that it is not text.
-        return TextFile.parse(self.path, self.data if self.looks_like_text else b"\0" * bool(self.head), self.what)
+        if isinstance(self._parsed, FileFormatError):
+            raise self._parsed
+        return self._parsed
+
+    @cached_property
+    def _parsed(self) -> TextFile | FileFormatError:
+        # Kept too if it is an error: every format asks.
+        try:
+            # A video of gigabytes is not read to learn that it is not text.
+            return TextFile.parse(self.path, self.data if self.looks_like_text else b"\0" * bool(self.head), self.what)
+        except FileFormatError as error:
+            return error
 
     @property
     def looks_like_text(self) -> bool:
