@@ -227,6 +227,10 @@ def test_focal_lengths_of_exif_blocks(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 class TestYaml:
+    @pytest.fixture(autouse=True)
+    def reader(self) -> None:
+        pytest.importorskip("yaml")
+
     CAMERA = "cam0: {camera_model: pinhole, intrinsics: %s, resolution: [640, 480], distortion_model: none}\n"
 
     @pytest.mark.parametrize("levels", [12, 60])
