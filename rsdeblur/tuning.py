@@ -33,12 +33,12 @@ from rsdeblur.psf import PsfBank
 
 # All constants: docs/benchmarks/priors.md. Results are judged as stored, where shadows count more than bright light and
 # so does noise that is even in light; and pictures hold less of the finest detail than a lens leaves. Both together:
-FINE_NOISE = 5.0
+FINE_NOISE = 4.0
 # Softness of a sharp picture: the lens, the pixels' area and demosaicing, standard deviation in px.
 LENS = 0.75
 # Error of the paths: px, whatever the blur (interpolation between tiles, linear interpolation in kernels), and as a
 # share of the PSF's radius (focal length, time offset, rates).
-PATH_ERROR, PATH_ERROR_SHARE = 0.15, 0.005
+PATH_ERROR, PATH_ERROR_SHARE = 0.12, 0.005
 # A total variation's weight where the gradient prior's is 1 and E is 1; it is in proportion to the exponent.
 SPARSE_STRENGTH = 2.0
 # Candidates for the NSR and for the gradient prior's weight.
