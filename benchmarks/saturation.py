@@ -95,13 +95,11 @@ def rows(jpeg: int | None, seeds: tuple[int, ...] = SEEDS) -> Iterator[list[str]
                 yield [
                     f"{taken.name}, {mode}, {prior}",
                     *(f"{a:.0f}", f"{b:.0f}", f"{a / b:.1f}", f"{outside:.1f}", f"{then:.1f}"),
-                    f"{sum(careful.timings.values()) / sum(plain.timings.values()):.1f}",
                 ]
 
 
 COLUMNS = (
     "capture, mode, prior", "streaks, ignore", "auto", "factor", "PSNR of the rest, ignore", "auto",
-    "time",
 )  # fmt: skip
 
 

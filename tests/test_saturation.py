@@ -48,13 +48,10 @@ def test_streaks_around_lamps_drop(night: Simulation, log: GyroLog, mode: str, p
     plain, careful = (
         deblur(recorded, log, CAMERA, EXPOSURE, mode=mode, prior=prior, saturation=s).image for s in ("ignore", "auto")
     )
-    print("FACTOR", streaks(night.rolling, plain) / streaks(night.rolling, careful), careful.max(), night.rolling.max())
-    assert streaks(night.rolling, careful) < streaks(night.rolling, plain) / LEAST_FACTOR
-    # Clipped at 1, the lamps were 10 and more times as bright, in one mode as in the other.
-    assert careful.max() > 4
-
-
-LEAST_FACTOR = 3
+    # Measured factors of 44 to 107: the shelf is dim, and in light streaks are nearly all of the error.
+    assert streaks(night.rolling, careful) < streaks(night.rolling, plain) / 10
+    # Recorded as 1, the brightest pixel had 20; found were 10.
+    assert careful.max() > 5
 
 
 @pytest.mark.parametrize("mode", ["global", "banded", "rowwise"])
