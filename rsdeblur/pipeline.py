@@ -187,24 +187,13 @@ def deblur(
     _validate.choice("solver", solver, SOLVERS)
     _validate.choice("planning", planning, PLANNINGS)
     _validate.choice("geometry", geometry, GEOMETRIES)
+    _validate.choice("saturation", saturation, SATURATIONS)
     transfer = check_transfer(transfer)
     nsr, weight = _strength("nsr", nsr), _strength("weight", weight)
     check_exponent(exponent)
     max_memory = None if max_memory is None else _validate.count("max_memory", max_memory)
-    _validate.choice("saturation", saturation, SATURATIONS)
-    _validate.choice("border", border, (*BORDERS, *EXTENSIONS))
-    solved_as, extension = split(border)
-    if mode == "rowwise" and extension:
-        raise InputError(f'mode="rowwise" has rows beyond the frame as unknowns: it takes no border="{extension}"')
-    whole = {
-        'geometry="rectify"': geometry == "rectify",
-        "normalize=True": normalize,
-        'saturation="auto"': saturation == "auto",
-        f'border="{border}"': extension,
-    }
-    if max_memory is not None and any(whole.values()):
-        name = next(name for name, asked in whole.items() if asked)
-        raise InputError(f"{name} needs the whole picture at once: leave out max_memory, or that")
+    solved_as, extension = _border(border, mode)
+    _check_whole(max_memory, geometry, normalize, saturation, border if extension else None)
     quarter = camera.horizontal_readout
     stored = Stored.of(image, transfer, quarter=quarter)
     out, upright = result_like(image, out, quarter=quarter)
@@ -320,6 +309,30 @@ def psfs(
     shot = _upright_shot(log, camera, exposure, translation)
     bank = _bank(shot, mode, bands, strips, motion, nsr)
     return bank.turned(camera.height) if camera.horizontal_readout else bank
+
+
+def _border(border: Border | Extension, mode: Mode) -> tuple[Border, Extension | None]:
+    """Return what :func:`rsdeblur.border.split` does; rowwise knows no rivals."""
+    _validate.choice("border", border, (*BORDERS, *EXTENSIONS))
+    solved_as, extension = split(border)
+    if mode == "rowwise" and extension:
+        raise InputError(f'mode="rowwise" has rows beyond the frame as unknowns: it takes no border="{extension}"')
+    return solved_as, extension
+
+
+def _check_whole(
+    max_memory: int | None, geometry: Geometry, normalize: bool, saturation: Saturation, border: str | None
+) -> None:
+    """Refuse to bound the memory of what needs the whole picture."""
+    whole = {
+        'geometry="rectify"': geometry == "rectify",
+        "normalize=True": normalize,
+        'saturation="auto"': saturation == "auto",
+        f'border="{border}"': border is not None,
+    }
+    if max_memory is not None and any(whole.values()):
+        name = next(name for name, asked in whole.items() if asked)
+        raise InputError(f"{name} needs the whole picture at once: leave out max_memory, or that")
 
 
 def _strength(name: str, value: Strength) -> Strength:
