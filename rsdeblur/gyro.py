@@ -66,12 +66,11 @@ class GyroLog:
         omega = _validate.real_array("omega", self.omega, (None, 3))
         if len(t) != len(omega):
             raise InputError(f"t and omega must have the same length, got {len(t)} and {len(omega)}")
-        beyond = np.argwhere(np.abs(omega) > LARGEST_RATE)
-        if beyond.size:
-            i, axis = map(int, beyond[0])
-            raise InputError(f"omega must be rates in rad/s, got {omega[i, axis]:g} about {'xyz'[axis]} in sample {i}")
         if len(t) < 2:
             raise InputError(f"a gyro log needs at least 2 samples, got {len(t)}")
+        if max(omega.max(), -omega.min()) > LARGEST_RATE:
+            i, axis = map(int, np.argwhere(np.abs(omega) > LARGEST_RATE)[0])
+            raise InputError(f"omega must be rates in rad/s, got {omega[i, axis]:g} about {'xyz'[axis]} in sample {i}")
         step = np.diff(t)
         if step.min() <= 0:
             i = int(np.argmin(step > 0))
