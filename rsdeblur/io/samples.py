@@ -131,9 +131,8 @@ def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str
         raise InputError(f"unit must be one of {', '.join(RATE_UNITS)}; got {unit!r}")
     if not len(samples.ns):
         raise error("the file holds no samples")
-    (beyond,) = np.nonzero(np.maximum(samples.rates.max(axis=1), -samples.rates.min(axis=1)) > LARGEST_RATE)
-    if beyond.size:
-        i = int(beyond[0])
+    if max(samples.rates.max(), -samples.rates.min()) > LARGEST_RATE:
+        i = int(np.argwhere(np.abs(samples.rates) > LARGEST_RATE)[0, 0])
         raise samples.fault(f"impossible rates: {samples.rates[i].tolist()} {unit or samples.rate_unit}", i)
     unit = unit or samples.rate_unit
     ns, rates, repairs = _repaired(samples)
