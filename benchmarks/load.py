@@ -156,7 +156,8 @@ def write_batch(folder: Path, count: int, size: tuple[int, int] = (HEIGHT, WIDTH
 
 def start(folder: Path, *arguments: str) -> subprocess.Popen[bytes]:
     """Start a command of rsdeblur, its output thrown away."""
-    return subprocess.Popen([sys.executable, "-P", "-m", "rsdeblur", *arguments], cwd=folder, stdout=subprocess.DEVNULL)
+    command, nowhere = [sys.executable, "-P", "-m", "rsdeblur", *arguments], subprocess.DEVNULL
+    return subprocess.Popen(command, cwd=folder, stdout=nowhere, stderr=nowhere)
 
 
 def workers_of(process: subprocess.Popen[bytes]) -> list[int]:
