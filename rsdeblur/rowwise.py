@@ -216,7 +216,7 @@ class RowDeconvolver:
             part = weights * source[rows]
             target[rows, columns] = target[rows, columns] + part if add else part
 
-        self._lanes.share(block, range(0, len(target), ROWS))
+        self._lanes.crew.share(block, range(0, len(target), ROWS))
 
     def _solve(self, strip: int, ridge: Real, smooth: float, *, scale: float, pulled: bool) -> None:
         """Minimise for all frequencies of `strip`, leaving the result in the latent lanes.
