@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rsdeblur._validate import FloatArray
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.gyro import LARGEST_RATE, GyroLog
-from rsdeblur.io.text import INT64_LIMIT, Table
+from rsdeblur.io.text import INT64_LIMIT, Table, line_error
 
 # rad/s in each unit of rate a log may use.
 RATE_UNITS = {"rad/s": 1.0, "deg/s": pi / 180, "mrad/s": 1e-3, "mdeg/s": pi / 180e3}
@@ -99,9 +99,10 @@ class GyroFile:
 
 def table_samples(table: Table, ns: NDArray[np.int64], *, scale: float = 1.0, **found: Any) -> Samples:
     """Return the samples of a text table, its rates times `scale`; faults name its lines."""
-    text, rows = table.text, table.rows
+    # Not the text, which may be a gigabyte.
+    path, rows = table.text.path, table.rows
     rates = table.values if scale == 1 else table.values * scale
-    return Samples(ns, rates, lambda message, i: text.error(message, rows[i]), **found)
+    return Samples(ns, rates, lambda message, i: line_error(path, message, rows[i]), **found)
 
 
 def nanoseconds(milliseconds: FloatArray, fault: Fault) -> NDArray[np.int64]:

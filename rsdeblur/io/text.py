@@ -155,8 +155,12 @@ class TextFile:
 
     def error(self, message: str, row: int | np.intp | None = None) -> FileFormatError:
         """Return the error that names the file and the line; `row` counts from 0, the message from 1."""
-        where = f"{self.path}" if row is None else f"{self.path}, line {row + 1}"
-        return FileFormatError(f"{where}: {message}")
+        return line_error(self.path, message, row)
+
+
+def line_error(path: Path, message: str, row: int | np.intp | None = None) -> FileFormatError:
+    """Return the error of :meth:`TextFile.error`, for who does not hold on to the text."""
+    return FileFormatError(f"{path}: {message}" if row is None else f"{path}, line {row + 1}: {message}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
