@@ -50,6 +50,12 @@ def test_what_is_no_stamp_is_refused_with_its_line(stamp: str, block: int, monke
         table(f"0.5,1\n1.5,1\n{stamp},1\n3.5,1\n")
 
 
+@pytest.mark.parametrize("first", ["0", "0.5"])
+def test_an_open_quote_does_not_swallow_lines(first: str) -> None:
+    with pytest.raises(FileFormatError, match="line 2: a quote is not closed"):
+        table(f'{first},1,a\n1,2,"a\n2,3,a\n3,4,a\n')
+
+
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 @pytest.mark.parametrize("block", [1, 2, 1000])
 def test_lines_are_those_of_the_text(end: str, block: int, monkeypatch: pytest.MonkeyPatch) -> None:

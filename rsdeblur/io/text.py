@@ -263,7 +263,11 @@ def _read_block(text: TextFile, rows: Rows, columns: Sequence[int], mark: str | 
     def parse(some: Rows, stamp: str) -> NDArray[Any]:
         dtype = np.dtype([("stamp", stamp), ("values", "f8", (len(columns) - 1,))])
         lines = text.lines.at(some)
-        return np.loadtxt(lines, dtype, delimiter=mark, comments=None, quotechar='"', usecols=columns, ndmin=1)
+        found = np.loadtxt(lines, dtype, delimiter=mark, comments=None, quotechar='"', usecols=columns, ndmin=1)
+        if len(found) < len(lines):
+            row = next((row for row, line in zip(some, lines, strict=True) if line.count('"') % 2), some[0])
+            raise text.error("a quote is not closed, so that the lines after it would be part of the cell", row)
+        return found
 
     def parse_exact(some: Rows) -> NDArray[Any]:
         return parse(some, f"S{STAMP_WIDTH}")
