@@ -263,32 +263,33 @@ def _read_block(text: TextFile, rows: Rows, columns: Sequence[int], mark: str | 
     def parse(some: Rows, stamp: str) -> NDArray[Any]:
         dtype = np.dtype([("stamp", stamp), ("values", "f8", (len(columns) - 1,))])
         lines = text.lines.at(some)
-        found = np.loadtxt(lines, dtype, delimiter=mark, comments=None, quotechar='"', usecols=columns, ndmin=1)
-        if len(found) < len(lines):
-            row = next((row for row, line in zip(some, lines, strict=True) if line.count('"') % 2), some[0])
-            raise text.error("a quote is not closed, so that the lines after it would be part of the cell", row)
-        return found
+        return np.loadtxt(lines, dtype, delimiter=mark, comments=None, quotechar='"', usecols=columns, ndmin=1)
 
     def parse_exact(some: Rows) -> NDArray[Any]:
         return parse(some, f"S{STAMP_WIDTH}")
 
     try:
         data = parse(rows, "i8")
-        stamps: _Stamps = data["stamp"], 0
     except ValueError:
         # Stamps with a fraction are read as text, so that they stay exact.
         try:
             data = parse_exact(rows)
         except ValueError as error:
             raise _unreadable(text, _first_failure(rows, parse_exact), columns) from error
-        stamps = _counts(data["stamp"]) or (_decimals(text, rows, data["stamp"]), 0)
-    values = data["values"]
+    if len(data) < len(rows):
+        row = next((row for row, line in zip(rows, text.lines.of(rows), strict=True) if line.count('"') % 2), rows[0])
+        raise text.error("a quote is not closed, so that the lines after it would be part of the cell", row)
+    stamps, values = data["stamp"], data["values"]
+    if stamps.dtype == np.int64:
+        found: _Stamps = stamps, 0
+    else:
+        found = _counts(stamps) or (_decimals(text, rows, stamps), 0)
     bad = np.argwhere(~np.isfinite(values))
     if bad.size:
         sample, k = bad[0]
         message = f"the sample is not finite: {values[sample, k]} in column {columns[k + 1] + 1}; remove the line"
         raise text.error(message, rows[sample])
-    return stamps, values
+    return found, values
 
 
 def _counts(stamps: NDArray[np.bytes_]) -> _Stamps | None:
