@@ -157,8 +157,8 @@ def deblur(
         Squeeze light that overshoots [0, 1] into it, outliers clipped, at the price of contrast.
     saturation : {"ignore", "auto"}
         Take clipped pixels as they are; or find the highlights behind them, solve the picture without them and put them
-        back (:mod:`rsdeblur.saturation`), which leaves fewer streaks around lamps and takes 61 passes of a filter. A
-        picture without clipped highlights comes out the same.
+        back (:mod:`rsdeblur.saturation`), which leaves fewer streaks around lamps and takes 63 passes of a filter over
+        boxes around them. A picture without clipped highlights comes out the same.
     planning : {"estimate", "measure"}
         How FFTW plans: at once, or by trying out, up to a second per plan; what it finds is kept for later runs,
         whatever they ask for.
@@ -193,7 +193,7 @@ def deblur(
     check_exponent(exponent)
     max_memory = None if max_memory is None else _validate.count("max_memory", max_memory)
     solved_as, extension = _border(border, mode)
-    _check_whole(max_memory, geometry, normalize, saturation, border if extension else None)
+    _check_whole(max_memory, geometry, normalize, border if extension else None)
     quarter = camera.horizontal_readout
     stored = Stored.of(image, transfer, quarter=quarter)
     out, upright = result_like(image, out, quarter=quarter)
@@ -205,7 +205,9 @@ def deblur(
     parted = Parted(stored)
     if saturation == "auto":
         with clock.stage("highlights"):
-            parted = _parted(stored, shot, motion, threads, clock.within("highlights", 0, 1))
+            parted = _parted(stored, shot, motion, threads, max_memory, clock.within("highlights", 0, 1))
+        if max_memory is not None:
+            max_memory -= parted.nbytes
     with clock.stage("tune"):
         phi, penalty, band_nsr = _strengths(parted, shot, mode, motion, prior, exponent, nsr, weight)
     with clock.stage("psfs"):
@@ -240,13 +242,20 @@ class _After(NamedTuple):
     normalize: bool
 
 
-def _parted(stored: Stored, shot: Shot, motion: Motion, threads: int | None, told: Callable[[float], None]) -> Parted:
+def _parted(
+    stored: Stored,
+    shot: Shot,
+    motion: Motion,
+    threads: int | None,
+    max_memory: int | None,
+    told: Callable[[float], None],
+) -> Parted:
     """Take the highlights out."""
     spots = find_spots(stored)
     if not spots:
         return Parted(stored)
     bank = _bank(shot, "banded", "auto", "auto", motion, HIGHLIGHT_NSR)
-    return part(stored, spots, bank, threads=threads, progress=told)
+    return part(stored, spots, bank, threads=threads, max_memory=max_memory, progress=told)
 
 
 def _solve(
@@ -313,14 +322,11 @@ def _border(border: Border | Extension, mode: Mode) -> tuple[Border, Extension |
     return solved_as, extension
 
 
-def _check_whole(
-    max_memory: int | None, geometry: Geometry, normalize: bool, saturation: Saturation, border: str | None
-) -> None:
+def _check_whole(max_memory: int | None, geometry: Geometry, normalize: bool, border: str | None) -> None:
     """Refuse to bound the memory of what needs the whole picture."""
     whole = {
         'geometry="rectify"': geometry == "rectify",
         "normalize=True": normalize,
-        'saturation="auto"': saturation == "auto",
         f'border="{border}"': border is not None,
     }
     if max_memory is not None and any(whole.values()):

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from rsdeblur.errors import InputError
 from rsdeblur.psf import PsfBank
 from rsdeblur.stored import Stored
 from rsdeblur.wiener import TileBlur
@@ -44,8 +45,9 @@ SEEN = 0.2
 # A trail is larger than what left it. Where points that sent so much of their light to a spot take up so much of it,
 # it is a wall, the sky, a sheet of paper: little was cut off, and filling it in would cost more than it mends.
 MOSTLY, WALL = 0.7, 0.5
-# So is a spot whose surroundings have more light than this.
-BRIGHT = 0.5
+# So is a spot whose surroundings have more light than this, and without a closer look one of more than the square of so
+# many PSFs: a trail that is no wall by the above is shorter.
+BRIGHT, WIDEST = 0.5, 5
 # Around clipped pixels so many px are spoiled too, and all that highlights give more than this light to: PSFs are good
 # to some percent of it.
 SPOILED, LIT = 2, 0.03
@@ -55,8 +57,10 @@ DARK, SMOOTH = 1e-3, 2.0
 # Boxes reach as far beyond their spots as PSFs do from there and back, and as the filling is smoothed. They end at
 # whole cells of so many px.
 MARGIN, CELL = SPOILED + int(4 * SMOOTH), 8
-# Pixels that spots are looked for in at a time: bounds the memory to some 60 MB.
-LOOKED_AT = 4_000_000
+# Pixels that spots are looked for in at a time: bounds the memory to some 70 MB.
+LOOKED_AT = 3_000_000
+# Bytes that a box takes for each of its values while it is parted (measured: 108 to 134), and as a patch afterwards.
+BOX_BYTES, PATCH_BYTES = 150, 8
 
 
 class Spot(NamedTuple):
@@ -105,6 +109,11 @@ class Parted:
             light[row : row + part.shape[0], col : col + part.shape[1]] = part
         return light
 
+    @property
+    def nbytes(self) -> int:
+        """Memory that the patches take."""
+        return sum(patch.highlights.nbytes + patch.rest.nbytes for patch in self.patches)
+
     def give_back(self, light: Picture, first: int) -> None:
         """Add the highlights to sharp `light`, rows of the picture from `first` on."""
         for patch in self.patches:
@@ -147,6 +156,7 @@ def part(
     bank: PsfBank,
     *,
     threads: int | None = None,
+    max_memory: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Parted:
     """Take the highlights out of a picture.
@@ -161,11 +171,23 @@ def part(
         PSFs of the picture.
     threads : int, optional
         Threads that share the work; default all processors.
+    max_memory : int, optional
+        Bytes that the work may take.
     progress : callable, optional
         Called with the finished fraction.
+
+    Raises
+    ------
+    InputError
+        If `max_memory` is too little.
     """
-    trails = [spot for box in _boxes(stored, spots, bank) for spot in _trails(box, threads)]
+    widest = (WIDEST * max(bank.size)) ** 2
+    spots = [spot for spot in spots if spot.lost.any(axis=2).sum() <= widest]
+    near = list(_boxes(stored, spots, bank))
+    _check_memory(near, max_memory)
+    trails = [spot for box in near for spot in _trails(box, threads)]
     boxes = list(_boxes(stored, trails, bank))
+    _check_memory(boxes, max_memory)
     patches: list[Patch] = []
     for n, box in enumerate(boxes):
         patches.append(_patch(box, threads))
@@ -194,14 +216,25 @@ class _Box:
     bank: PsfBank
 
     @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width, px."""
+        return self.rows.stop - self.rows.start, self.cols.stop - self.cols.start
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        height, width, channels = *self.shape, self.stored.shape[2]
+        return height * width * channels
+
+    @property
     def light(self) -> Picture:
+        """Linear light, shape (h, w, C)."""
         return replace(self.stored, values=self.stored.values[self.rows, self.cols]).light(slice(None))
 
     def lost(self) -> tuple[Mask, NDArray[np.int32]]:
         """Return which values of the spots are clipped (h, w, C), and the number of each pixel's spot, from 1."""
-        shape = self.rows.stop - self.rows.start, self.cols.stop - self.cols.start
-        lost = np.zeros((*shape, self.stored.shape[2]), dtype=np.bool_)
-        numbers = np.zeros(shape, dtype=np.int32)
+        lost = np.zeros((*self.shape, self.stored.shape[2]), dtype=np.bool_)
+        numbers = np.zeros(self.shape, dtype=np.int32)
         for number, spot in enumerate(self.spots, 1):
             rows, cols = _from(self.rows.start, spot.rows), _from(self.cols.start, spot.cols)
             lost[rows, cols] |= spot.lost
@@ -212,8 +245,7 @@ class _Box:
         """Plan the blur in the box."""
         bank = self.bank.cut(self.rows, self.cols)
         bank = replace(bank, rows=bank.rows - self.rows.start, cols=bank.cols - self.cols.start)
-        height, width = (part.stop - part.start for part in (self.rows, self.cols))
-        return TileBlur(bank, (height, width, self.stored.shape[2]), threads=threads)
+        return TileBlur(bank, (*self.shape, self.stored.shape[2]), threads=threads)
 
 
 def _spots(lost: Mask, top: int) -> Iterator[Spot]:
@@ -228,14 +260,10 @@ def _spots(lost: Mask, top: int) -> Iterator[Spot]:
 def _boxes(stored: Stored, spots: list[Spot], bank: PsfBank) -> Iterator[_Box]:
     """Yield boxes around spots; where they would overlap they are one."""
     shape = stored.shape[:2]
+    reach_down, reach_across = (n + MARGIN for n in bank.size)
     covered = np.zeros([-(-n // CELL) for n in shape], dtype=np.bool_)
     for spot in spots:
-        covered[
-            tuple(
-                slice(max(own.start - reach - MARGIN, 0) // CELL, -(-(own.stop + reach + MARGIN) // CELL))
-                for own, reach in zip((spot.rows, spot.cols), bank.size, strict=True)
-            )
-        ] = True
+        covered[_cells(spot.rows, reach_down), _cells(spot.cols, reach_across)] = True
     count = -1
     while True:
         numbers, found = ndimage.label(covered)
@@ -245,11 +273,30 @@ def _boxes(stored: Stored, spots: list[Spot], bank: PsfBank) -> Iterator[_Box]:
         count = found
         for place in places:
             covered[place] = True
-    owners = [numbers[spot.rows.start // CELL, spot.cols.start // CELL] for spot in spots]
-    for number, place in enumerate(places, 1):
+    owned: list[list[Spot]] = [[] for _ in places]
+    for spot in spots:
+        owned[numbers[spot.rows.start // CELL, spot.cols.start // CELL] - 1].append(spot)
+    for own, place in zip(owned, places, strict=True):
         rows, cols = (slice(CELL * p.start, min(CELL * p.stop, n)) for p, n in zip(place, shape, strict=True))
-        own = [spot for spot, owner in zip(spots, owners, strict=True) if owner == number]
         yield _Box(rows, cols, stored, own, bank)
+
+
+def _cells(part: slice, reach: int) -> slice:
+    """Return the cells within `reach` px of a part of an axis."""
+    return slice(max(part.start - reach, 0) // CELL, -(-(part.stop + reach) // CELL))
+
+
+def _check_memory(boxes: list[_Box], max_memory: int | None) -> None:
+    """Refuse a box that takes too much beside all patches."""
+    if max_memory is None or not boxes:
+        return
+    largest = max(boxes, key=lambda box: box.size)
+    needed = BOX_BYTES * largest.size + PATCH_BYTES * sum(box.size for box in boxes)
+    if needed > max_memory:
+        raise InputError(
+            f"max_memory is {max_memory >> 20} MiB, but the highlights about row {largest.rows.start} and column "
+            f'{largest.cols.start} need {needed >> 20} MiB: allow for that, or take saturation="ignore"'
+        )
 
 
 def _trails(box: _Box, threads: int | None) -> list[Spot]:
@@ -257,7 +304,7 @@ def _trails(box: _Box, threads: int | None) -> list[Spot]:
     lost, numbers = box.lost()
     each = np.arange(1, len(box.spots) + 1)
     sent = box.blur(threads).adjoint(lost.astype(np.float32)).max(axis=2)
-    kept = ndimage.mean(sent > MOSTLY, numbers, each) < WALL
+    kept = (ndimage.maximum(sent, numbers, each) > SEEN) & (ndimage.mean(sent > MOSTLY, numbers, each) < WALL)
     if kept.any():
         kept &= ndimage.mean(_around(box.light, lost).mean(axis=2), numbers, each) < BRIGHT
     return [spot for spot, keep in zip(box.spots, kept, strict=True) if keep]
