@@ -24,7 +24,7 @@ from rsdeblur.errors import InputError
 from rsdeblur.fft import PLANNINGS, Planning, Real, empty, remember, thread_count
 from rsdeblur.kernels import rowwise
 from rsdeblur.kernels.rowwise import LANES
-from rsdeblur.lanes import RowLanes
+from rsdeblur.lanes import ROWS, RowLanes
 from rsdeblur.motion import BlurPaths
 from rsdeblur.rowblur import StripBlur, latent_rows
 from rsdeblur.rowcg import NormalEquations, conjugate_gradients, is_faster
@@ -200,12 +200,25 @@ class RowDeconvolver:
                 term = DataTerm(self, s)
                 if minimise is None:
                     term.filter()
+                    self._lanes.unload(self._latent, -self.top, target, tile, add=several)
                 else:
-                    self._lanes.load(_validate.picture(minimise(term), term.shape), self._latent)
-                self._lanes.unload(self._latent, -self.top, target, tile, add=several)
+                    self._place(_validate.picture(minimise(term), term.shape), target, tile, add=several)
                 if progress is not None:
                     progress((s + 1) / len(self._tiling.tiles))
         return out
+
+    def _place(self, latent: Real, target: Real, tile: Tile, *, add: bool) -> None:
+        """Put, or add, the frame's rows of a strip's latent picture (L, N, C) to `target` where `tile` counts."""
+        columns, weights = slice(tile.first, tile.first + len(tile.weights)), tile.weights[:, None]
+        shown = slice(tile.first - tile.start, tile.first - tile.start + len(weights))
+        source = latent[-self.top : len(target) - self.top, shown]
+
+        def block(_: int, top: int) -> None:
+            rows = slice(top, top + ROWS)
+            part = weights * source[rows]
+            target[rows, columns] = target[rows, columns] + part if add else part
+
+        self._lanes.share(block, range(0, len(target), ROWS))
 
     def _solve(self, strip: int, ridge: Real, smooth: float, *, scale: float, pulled: bool) -> None:
         """Minimise for all frequencies of `strip`, leaving the result in the latent lanes.
