@@ -310,11 +310,12 @@ class DataTerm:
         beta : float
             At least 0.
         pull : ndarray of the strip's shape, float32, or None
-            `D^T w`; None is zero.
+            `D^T w`; None is zero. It is used up.
 
         Returns
         -------
         ndarray of the strip's shape, float32
+            In the memory of `pull`, if there is one.
         """
         beta = _validate.finite("beta", beta, minimum=0.0)
         lanes, latent = self._solver._lanes, self._solver._latent
@@ -323,7 +324,7 @@ class DataTerm:
                 raise InputError(f"pull must have shape {self.shape}, got {pull.shape}")
             lanes.load(pull, latent)
         self._minimise(self._solver.nsr, beta, pulled=pull is not None)
-        u = np.empty(self.shape, dtype=np.float32)
+        u = np.empty(self.shape, dtype=np.float32) if pull is None else pull
         lanes.unload(latent, 0, u, Tile(0, 0, np.ones(lanes.length, dtype=np.float32)))
         return u
 

@@ -20,7 +20,7 @@ def _differ(minuend, subtrahend, out):
         out[i] = minuend[i] - subtrahend[i]
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")  # a check for division by zero would keep it from being SIMD code
 def _keep(across, down, threshold, table, kept):
     """Fill `kept` (W, C) with the share that is kept of the gradient `across`, `down` of each pixel, all (W, C)."""
     width, channels = kept.shape
