@@ -307,7 +307,7 @@ def _trails(box: _Box, threads: int | None) -> list[Spot]:
     lost, numbers = box.lost()
     each = np.arange(1, len(box.spots) + 1)
     sent = box.blur(threads).adjoint(lost.astype(np.float32)).max(axis=2)
-    kept = (ndimage.maximum(sent, numbers, each) > SEEN) & (ndimage.mean(sent > MOSTLY, numbers, each) < WALL)
+    kept = ndimage.mean(sent > MOSTLY, numbers, each) < WALL
     if kept.any():
         kept &= ndimage.mean(_around(box.light, lost).mean(axis=2), numbers, each) < BRIGHT
     return [spot for spot, keep in zip(box.spots, kept, strict=True) if keep]
