@@ -7,9 +7,12 @@ or the new one, and the next run must work.
 from __future__ import annotations
 
 import argparse
+import contextlib
+import json
 import os
 import random
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -22,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import load
 from rsdeblur import Camera, Deconvolver, PsfBank, fft
 from rsdeblur._atomic import atomic_write
 from rsdeblur.errors import OutputError
@@ -194,6 +198,42 @@ def two_planners(count: int) -> dict[str, int]:
     return found
 
 
+def killed_workers(count: int) -> dict[str, int]:
+    """Kill workers of `rsdeblur batch` at random moments; return what became of the pictures.
+
+    An item whose worker was killed twice is reported; then the batch is started again, until nothing fails.
+    """
+    found = dict.fromkeys(("kills", "runs", "items reported", "pictures of other bytes", "pictures lost"), 0)
+    rng = random.Random(0)
+    with tempfile.TemporaryDirectory() as name:
+        folder, sharp = Path(name), Path(name) / "sharp"
+        arguments = [*load.write_batch(folder, 60, (300, 400)), "--jobs", "2", "--threads", "1"]
+        load.start(folder, *arguments).wait()
+        whole = {path.name: path.read_bytes() for path in sharp.glob("*.png")}
+        assert len(whole) == 60
+        code = 0
+        while found["kills"] < count or code:
+            if code == 0:
+                shutil.rmtree(sharp)
+            with load.start(folder, *arguments) as process:
+                while process.poll() is None:
+                    time.sleep(rng.uniform(0, 5))
+                    workers = load.workers_of(process)
+                    if workers and found["kills"] < count:
+                        with contextlib.suppress(ProcessLookupError):
+                            os.kill(rng.choice(workers), signal.SIGKILL)
+                            found["kills"] += 1
+            code = process.returncode
+            items = json.loads((sharp / "batch.json").read_text())["items"]
+            found["runs"] += 1
+            found["items reported"] += sum(item["state"] == "failed" for item in items)
+            made = {path.name: path.read_bytes() for path in sharp.glob("*.png")}
+            found["pictures of other bytes"] += sum(made[name] != whole[name] for name in made)
+            if code == 0:
+                found["pictures lost"] += len(whole) - len(made)
+    return found
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run everything and print a line for each."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.faults", description=__doc__)
@@ -204,6 +244,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"{name}: disk full {count // 10} times: {full_disk(name, count // 10)}", flush=True)
     print(f"damaged wisdom, {5 * count} files: {damaged_wisdom(5 * count)}", flush=True)
     print(f"two planners at once, {count // 20} pairs: {two_planners(count // 20)}", flush=True)
+    print(f"workers of a batch killed {count // 10} times: {killed_workers(count // 10)}", flush=True)
     print(f"interrupted {count // 10} times: {interrupts(count // 10)}", flush=True)
 
 

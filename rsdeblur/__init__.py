@@ -21,6 +21,7 @@ stands above it in this ladder::
     tiling      bands and strips, windows that sum to one
     border      what stands beyond the frame
     extension   pictures made to repeat without a seam: rivals of the default border
+    crew        threads that share blocks of work, after a fork too
     hybrid      rows and columns: the engine of all modes
     wiener      filters of tiles; Deconvolver: planned once, applied often
     lanes       row spectra sorted into blocks of 16 frequencies

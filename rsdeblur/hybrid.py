@@ -10,14 +10,11 @@ them, and any number of threads gives the same bits.
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.border import Border, fade
+from rsdeblur.crew import Crew
 from rsdeblur.fft import Complex, LineTransform, Planning, Real, RowTransform, empty
 from rsdeblur.kernels import lines, spectral
 from rsdeblur.tiling import Tile, Tiling
@@ -73,7 +70,7 @@ class Hybrid:
             _Worker(self._rows(0), self.height, bands.length, strips.length, together, planning) for _ in range(threads)
         ]
         self._spectra[...] = 0
-        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="rsdeblur") if threads > 1 else None
+        self.crew = Crew(threads)
 
     def transform_rows(self, picture: Real, strip: Tile) -> bool:
         """Cut `strip` out of `picture` (H, W, C) and transform its rows.
@@ -83,14 +80,15 @@ class Hybrid:
         taper = fade(self.strips.taper)
         finite = [True]
 
-        def block(worker: _Worker, top: int) -> None:
+        def block(thread: int, top: int) -> None:
+            worker = self._workers[thread]
             rows = min(ROWS, self.height - top)
             if not lines.picture_to_lines(picture, top, rows, strip.start, taper, self._periodic, worker.rows.real):
                 finite[0] = False
             worker.rows.move(self._rows(top))
             worker.rows.forward()
 
-        self._share(block, range(0, self.height, ROWS))
+        self.crew.share(block, range(0, self.height, ROWS))
         return finite[0]
 
     def filter_columns(self, filters: Complex) -> None:
@@ -98,7 +96,8 @@ class Hybrid:
         single = len(self.bands.tiles) == 1
         taper = fade(self.bands.taper)
 
-        def block(worker: _Worker, first: int) -> None:
+        def block(thread: int, first: int) -> None:
+            worker = self._workers[thread]
             # A single tile is extended where it stands; several are cut out and added up elsewhere.
             columns = worker.slabs.data[0] if single else worker.columns
             lines.rows_to_columns(self._spectra, first, self.height, columns)
@@ -119,41 +118,23 @@ class Hybrid:
                         spectral.blend(worker.blended, slab, tile.weights, tile.first, tile.first - tile.start)
             lines.columns_to_rows(columns if single else worker.blended, self._spectra, first, self.height)
 
-        self._share(block, range(0, self.padded_frequencies, COLUMNS))
+        self.crew.share(block, range(0, self.padded_frequencies, COLUMNS))
 
     def restore_rows(self, out: Real, strip: Tile, *, add: bool) -> None:
         """Transform rows back and put them, or add them, to `out` (H, W, C) where `strip` counts."""
 
-        def block(worker: _Worker, top: int) -> None:
+        def block(thread: int, top: int) -> None:
+            worker = self._workers[thread]
             rows, offset = min(ROWS, self.height - top), strip.first - strip.start
             worker.rows.move(self._rows(top))
             worker.rows.inverse()
             lines.lines_to_picture(worker.rows.real, rows, offset, strip.weights, strip.first, add, out, top)
 
-        self._share(block, range(0, self.height, ROWS))
+        self.crew.share(block, range(0, self.height, ROWS))
 
     def _rows(self, top: int) -> Complex:
         """Where the spectra of a block of rows stand."""
         return self._spectra[:, top : top + ROWS, : self.frequencies]
-
-    def _share(self, block: Callable[[_Worker, int], None], tasks: Iterable[int]) -> None:
-        """Run `block` on every task, each thread taking the next one that is left."""
-        if self._pool is None:
-            for task in tasks:
-                block(self._workers[0], task)
-            return
-        left, lock = iter(tasks), threading.Lock()
-
-        def work(worker: _Worker) -> None:
-            while True:
-                with lock:
-                    task = next(left, None)
-                if task is None:
-                    return
-                block(worker, task)
-
-        for done in [self._pool.submit(work, worker) for worker in self._workers]:
-            done.result()
 
 
 class _Worker:

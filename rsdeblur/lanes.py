@@ -6,13 +6,10 @@ threads share blocks of picture rows and blocks of frequencies, and any number o
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 
 from rsdeblur.border import fade
+from rsdeblur.crew import Crew
 from rsdeblur.fft import Planning, Real, RowTransform, empty
 from rsdeblur.kernels import lines, rowwise
 from rsdeblur.tiling import Tile
@@ -35,10 +32,9 @@ class RowLanes:
     """
 
     def __init__(self, channels: int, length: int, *, planning: Planning, threads: int) -> None:
-        self.channels, self.length, self.threads = channels, length, threads
+        self.channels, self.length, self.crew = channels, length, Crew(threads)
         self.blocks = -(-(length // 2 + 1) // rowwise.LANES)
         self._rows = [RowTransform((channels, ROWS, length), planning) for _ in range(threads)]
-        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="rsdeblur") if threads > 1 else None
 
     def empty(self, rows: int) -> Real:
         """Return lanes for `rows` rows, zero: frequencies that fill up the last block stay so."""
@@ -57,7 +53,7 @@ class RowLanes:
             buffers.forward()
             rowwise.spectra_to_lanes(buffers.spectrum, rows, lanes, top)
 
-        self.share(block, range(0, height, ROWS))
+        self.crew.share(block, range(0, height, ROWS))
 
     def unload(self, lanes: Real, first: int, out: Real, tile: Tile, *, add: bool = False) -> None:
         """Transform rows `first` on of `lanes` back and put, or add, them to `out` (H, W, C) where `tile` counts."""
@@ -69,23 +65,4 @@ class RowLanes:
             buffers.inverse()
             lines.lines_to_picture(buffers.real, rows, tile.first - tile.start, weights, tile.first, add, out, top)
 
-        self.share(block, range(0, len(out), ROWS))
-
-    def share(self, block: Callable[[int, int], None], tasks: Iterable[int]) -> None:
-        """Run `block(thread, task)` on every task, each thread taking the next one that is left."""
-        if self._pool is None:
-            for task in tasks:
-                block(0, task)
-            return
-        left, lock = iter(tasks), threading.Lock()
-
-        def work(thread: int) -> None:
-            while True:
-                with lock:
-                    task = next(left, None)
-                if task is None:
-                    return
-                block(thread, task)
-
-        for done in [self._pool.submit(work, thread) for thread in range(self.threads)]:
-            done.result()
+        self.crew.share(block, range(0, len(out), ROWS))

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
@@ -70,6 +71,10 @@ class Quadratic(Protocol):
 
 class PreparedQuadratic(Quadratic, Protocol):
     """A :class:`Quadratic` that is told the observation, whose frame its latent pictures have."""
+
+    @property
+    def lock(self) -> AbstractContextManager[Any]:
+        """Held by a thread from `prepare` to its last `solve`."""
 
     def prepare(self, image: Picture) -> None:
         """Take the observation g, shape (H, W, C), linear light."""
@@ -132,16 +137,17 @@ def restore(
     InputError
         If an argument is out of range.
     """
-    solver.prepare(image)
-    return minimise(
-        solver,
-        prior=prior,
-        weight=weight,
-        exponent=exponent,
-        peak=brightness(image) if peak is None else peak,
-        threads=threads,
-        progress=progress,
-    )
+    with solver.lock:
+        solver.prepare(image)
+        return minimise(
+            solver,
+            prior=prior,
+            weight=weight,
+            exponent=exponent,
+            peak=brightness(image) if peak is None else peak,
+            threads=threads,
+            progress=progress,
+        )
 
 
 def brightness(image: Picture) -> float:

@@ -133,10 +133,11 @@ class RowBlur:
         source = self._checked("latent", latent, self.latent_shape)
         out = np.zeros(self.picture_shape, dtype=np.float32)
         into, lanes = self._lanes.empty(len(source)), self._lanes.empty(len(out))
-        self._lanes.load(source, into)
-        for strip, weights in zip(self._strips, self._weights, strict=True):
-            self._run(rowwise.forward, strip, lanes, into)
-            self._lanes.unload(lanes, 0, out, Tile(0, 0, weights), add=True)
+        with self._lanes.crew.lock:
+            self._lanes.load(source, into)
+            for strip, weights in zip(self._strips, self._weights, strict=True):
+                self._run(rowwise.forward, strip, lanes, into)
+                self._lanes.unload(lanes, 0, out, Tile(0, 0, weights), add=True)
         return out.reshape(len(out), *np.shape(latent)[1:])
 
     def adjoint(self, picture: ArrayLike) -> Real:
@@ -145,10 +146,11 @@ class RowBlur:
         out = np.zeros(self.latent_shape, dtype=np.float32)
         lanes, into = self._lanes.empty(len(source)), self._lanes.empty(len(out))
         everywhere = Tile(0, 0, np.ones(source.shape[1], dtype=np.float32))
-        for strip, weights in zip(self._strips, self._weights, strict=True):
-            self._lanes.load(source * weights[:, None], lanes)
-            self._run(rowwise.adjoint, strip, lanes, into)
-            self._lanes.unload(into, 0, out, everywhere, add=True)
+        with self._lanes.crew.lock:
+            for strip, weights in zip(self._strips, self._weights, strict=True):
+                self._lanes.load(source * weights[:, None], lanes)
+                self._run(rowwise.adjoint, strip, lanes, into)
+                self._lanes.unload(into, 0, out, everywhere, add=True)
         return out.reshape(len(out), *np.shape(picture)[1:])
 
     def as_linear_operator(self) -> LinearOperator:
@@ -164,12 +166,12 @@ class RowBlur:
 
     def _run(self, kernel: Callable[..., None], strip: StripBlur, lanes: Real, latent: Real) -> None:
         floats = strip.workspace_size(solve=False)
-        workspaces = [empty((floats,), np.float32) for _ in range(self._lanes.threads)]
+        workspaces = [empty((floats,), np.float32) for _ in range(self._lanes.crew.threads)]
 
         def block(thread: int, b: int) -> None:
             kernel(strip.model, strip.table(b, self._lanes.length), lanes[b], latent[b], workspaces[thread])
 
-        self._lanes.share(block, range(self._lanes.blocks))
+        self._lanes.crew.share(block, range(self._lanes.blocks))
 
     @staticmethod
     def _checked(name: str, picture: ArrayLike, shape: tuple[int, int, int]) -> Real:

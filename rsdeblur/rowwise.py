@@ -11,7 +11,6 @@ rows show, smoothed.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from typing import Literal
 
@@ -123,10 +122,9 @@ class RowDeconvolver:
             solver = "cg" if any(is_faster(strip.model, channels) for strip in self._strips) else "direct"
         self.solver = solver
         floats = max(strip.workspace_size(solve=self.solver == "direct") for strip in self._strips)
-        self._workspaces: list[Real] = [empty((floats,), np.float32) for _ in range(self._lanes.threads)]
+        self._workspaces: list[Real] = [empty((floats,), np.float32) for _ in range(self._lanes.crew.threads)]
         if planning == "measure":
             remember()
-        self._lock = threading.Lock()
 
     @property
     def blocks(self) -> int:
@@ -192,7 +190,7 @@ class RowDeconvolver:
             # Strips are added up in `out`, so it cannot be read from any more.
             source = source.copy() if np.shares_memory(source, target) else source
             target[...] = 0
-        with self._lock:
+        with self._lanes.crew.lock:
             for s, tile in enumerate(self._tiling.tiles):
                 self._lanes.load(
                     source, self._data, start=tile.start, taper=self._tiling.taper, periodic=self._periodic
@@ -218,7 +216,7 @@ class RowDeconvolver:
             part = weights * source[rows]
             target[rows, columns] = target[rows, columns] + part if add else part
 
-        self._lanes.share(block, range(0, len(target), ROWS))
+        self._lanes.crew.share(block, range(0, len(target), ROWS))
 
     def _solve(self, strip: int, ridge: Real, smooth: float, *, scale: float, pulled: bool) -> None:
         """Minimise for all frequencies of `strip`, leaving the result in the latent lanes.
@@ -251,7 +249,7 @@ class RowDeconvolver:
             if expected is not None:
                 latent += expected
 
-        self._lanes.share(block, range(self._lanes.blocks))
+        self._lanes.crew.share(block, range(self._lanes.blocks))
 
     def _expectation(self, block: int, *, edges: bool) -> Real | None:
         """Return m, or without `edges` the mean alone, in latent lanes of one block; None where hardly any is left."""

@@ -5,9 +5,10 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -83,9 +84,13 @@ class TileFilter:
         self._copy: NDArray[np.float32] | None = None
         # The inverse transforms are not scaled; every filter takes this factor in.
         self._scale = 1.0 / (self._bands.length * self._strips.length)
-        self._lock = threading.Lock()
         if planning == "measure":
             remember()
+
+    @property
+    def lock(self) -> AbstractContextManager[Any]:
+        """What a thread holds while its picture is worked on; the same one may take it again."""
+        return self._hybrid.crew.lock
 
     def replan(self, bank: PsfBank) -> None:
         """Undo other PSFs from now on, such as those of a video's next frame; plans and buffers stay.
@@ -107,7 +112,7 @@ class TileFilter:
                 f"{' x '.join(map(str, self._kernel_size))} px, got {' x '.join(map(str, bank.size))} px"
                 + ("" if places else " elsewhere")
             )
-        with self._lock:
+        with self.lock:
             self._take(bank)
 
     def _take(self, bank: PsfBank) -> None:
@@ -127,14 +132,14 @@ class TileFilter:
             raise InputError(f"image must have the planned shape {self.shape}, got {picture.shape}")
         out = _validate.output(out, self.shape)
         several = len(self._strips.tiles) > 1
-        if several:
-            # Strips are added up in `out`, so it cannot be read from any more, nor left half done.
-            if not all(np.isfinite(row).all() for row in picture):
-                raise InputError("image must be finite")
-            picture = self._aside(picture) if np.shares_memory(picture, out) else picture
-            out[...] = 0
-        source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))
-        with self._lock:
+        with self.lock:
+            if several:
+                # Strips are added up in `out`, so it cannot be read from any more, nor left half done.
+                if not all(np.isfinite(row).all() for row in picture):
+                    raise InputError("image must be finite")
+                picture = self._aside(picture) if np.shares_memory(picture, out) else picture
+                out[...] = 0
+            source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))
             for s, strip in enumerate(self._strips.tiles):
                 if not self._hybrid.transform_rows(source, strip):
                     raise InputError("image must be finite")

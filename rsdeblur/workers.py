@@ -168,7 +168,7 @@ def _serve(pipe: Connection, work: Callable[[Any], Any]) -> None:
     while True:
         try:
             task = pipe.recv()
-        except EOFError:
+        except (EOFError, ConnectionError):  # the latter if the parent left an answer unread
             return
         try:
             signal.signal(signal.SIGINT, _interrupt_once)
@@ -178,7 +178,7 @@ def _serve(pipe: Connection, work: Callable[[Any], Any]) -> None:
             answer = _attempt(work, task)
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             pipe.send(answer)
-        except (KeyboardInterrupt, BrokenPipeError):
+        except (KeyboardInterrupt, ConnectionError):
             return
 
 

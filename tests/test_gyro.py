@@ -200,6 +200,15 @@ class TestCovering:
         holed = GyroLog(np.delete(log.t, slice(40, 50)), np.delete(log.omega, slice(40, 50), axis=0))
         assert holed.covering(*window, 0).span == pytest.approx(window)
 
+    def test_the_neighbourhood_tells_what_a_gap_is(self):
+        # The log's second half is sampled at a fifth of the first one's rate, and has a hole.
+        t = np.concatenate([np.arange(10_000) / 200, 50 + np.delete(np.arange(4_000), slice(2_000, 2_010)) / 40])
+        log = GyroLog(t, np.zeros((len(t), 3)))
+        for t0 in (10.0, 70.0):
+            assert log.covering(t0, t0 + 0.1, 0).span == pytest.approx((t0, t0 + 0.1), abs=1 / 40)
+        with pytest.raises(GapError, match=r"gap of 275\.0 ms"):
+            log.covering(99.9, 100.1, 0)
+
     def test_the_camera_reports_in_gyro_time(self, log):
         camera = Camera(64, 48, 80.0, time_offset=0.1)
         with pytest.raises(CoverageError, match=r"misses 20\.000 ms at its start"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
+import time
 from contextlib import closing
 
 import pytest
@@ -71,6 +72,18 @@ def test_closing_interrupts_what_is_under_way(tmp_path):
         pass
     done.close()
     assert mark.exists()
+
+
+def test_an_answer_that_nobody_reads_is_no_fault(tmp_path, capfd):
+    mark = tmp_path / "mark"
+    done = workers.run(eval, ["1", f"open({str(mark)!r}, 'w').close()"], jobs=2)
+    next(done)
+    while not mark.exists():
+        pass
+    # The second answer is on its way, or in the pipe.
+    time.sleep(0.2)
+    done.close()
+    assert capfd.readouterr().err == ""
 
 
 def test_interrupt_of_the_parent(tmp_path):

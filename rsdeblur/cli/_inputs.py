@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -58,13 +59,38 @@ def read_recording(recording: Recording, photo: Path | None = None) -> tuple[Gyr
 
 def read_device(recording: Recording) -> tuple[GyroLog, Camera]:
     """Read the log and the camera that the options name; see `read_inputs`."""
-    from rsdeblur.io import open_camera, open_gyro
+    from rsdeblur.io import open_camera
 
     told = open_camera(recording.camera).told(time_offset=recording.time_offset, readout=recording.readout)
     camera = told.warn(recording.camera)
-    file = open_gyro(recording.gyro, recording.gyro_format, unit=recording.unit, orientation=recording.orientation)
+    how = recording.gyro_format, recording.unit, recording.orientation
+    file, doubts = _gyro_file(recording.gyro, _state(recording.gyro), *how)
+    for doubt in doubts:
+        warnings.warn(doubt, RsdeblurWarning, stacklevel=2)
     _doubt_axes(file, camera, recording)
     return file.log, camera
+
+
+@lru_cache(maxsize=1)
+def _gyro_file(
+    path: Path, _: tuple[int, ...] | None, format: str | None, unit: str | None, orientation: str | None
+) -> tuple[GyroFile, list[str]]:
+    """Read a log and its warnings, or give those of the photo before: reading a day's takes longer than deblurring."""
+    from rsdeblur.io import open_gyro
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", RsdeblurWarning)
+        file = open_gyro(path, format, unit=unit, orientation=orientation)
+    return file, [str(warning.message) for warning in caught]
+
+
+def _state(path: Path) -> tuple[int, ...] | None:
+    """Return what changes when a file does; None if there is none, which its reader will tell."""
+    try:
+        facts = path.stat()
+    except (OSError, ValueError):
+        return None
+    return facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns
 
 
 def _doubt_axes(file: GyroFile, camera: Camera, recording: Recording) -> None:

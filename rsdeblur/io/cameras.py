@@ -101,7 +101,7 @@ def _sniff_toml(source: Source) -> bool:
     if source.path.suffix.lower() == ".toml":
         return True
     keys = re.compile(r"^[ \t]*(width|height|focal)[ \t]*=", re.MULTILINE)
-    return source.looks_like_text and keys.search("\n".join(source.text.lines)) is not None
+    return source.looks_like_text and keys.search(source.text.start) is not None
 
 
 def _read_toml(source: Source, request: Request) -> CameraFile:

@@ -15,7 +15,7 @@ from rsdeblur.io.formats import Format, choose, text_format
 from rsdeblur.io.gyro_binary import trailer_of
 from rsdeblur.io.pictures import read_header
 from rsdeblur.io.source import Source
-from rsdeblur.io.text import TextFile, cells_of, find_columns, is_number, read_table
+from rsdeblur.io.text import Rows, TextFile, cells_of, find_columns, is_number, read_table
 
 WHAT = "capture file"
 # Android writes `Exposure time[nanosec]`, iOS `exposure duration[nanosec]`.
@@ -92,7 +92,7 @@ def open_captures(path: str | os.PathLike[str]) -> CaptureFile:
     return choose(FORMATS, source).read(source)
 
 
-def _captures(format: str, text: TextFile, rows: list[int], columns: Sequence[int]) -> CaptureFile:
+def _captures(format: str, text: TextFile, rows: Rows, columns: Sequence[int]) -> CaptureFile:
     stamps = read_table(text, rows, columns[:1]).nanoseconds(Decimal(1)).tolist()
     if len(columns) == 1:
         return CaptureFile(format, stamps, [None] * len(stamps))

@@ -52,7 +52,7 @@ def read_clocks(path: str | os.PathLike[str]) -> Clocks:
     """
     source = Source(path, WHAT)
     text = source.text
-    found = SOURCE.search("\n".join(text.lines))
+    found = SOURCE.search(text.start)
     if found is None:
         raise source.error("no edge_epochs.txt: it does not tell Android's SENSOR_INFO_TIMESTAMP_SOURCE")
     differences: list[int] = []

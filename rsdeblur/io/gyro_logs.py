@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from rsdeblur.axes import orientation as orientation_matrix
@@ -16,6 +17,7 @@ from rsdeblur.io import archives, gyro_binary, gyro_tables, gyroflow
 from rsdeblur.io.formats import Format, choose
 from rsdeblur.io.samples import GyroFile, Samples, finish
 from rsdeblur.io.source import Source
+from rsdeblur.io.text import line_error
 
 WHAT = "gyro log"
 FORMATS: tuple[Format[Samples], ...] = (
@@ -101,9 +103,11 @@ def open_gyro(
     if orientation is not None:
         given = {"turn": orientation_matrix(orientation), "axes": "gyroflow", "doubts": ()}
     chosen, source, facts = _choose(path, format)
-    samples = chosen.read(source)
+    samples, path = chosen.read(source), source.path
+    # Its content is not needed any more, and may be a gigabyte.
+    del source
     facts = {**facts, **samples.facts} | ({"orientation": orientation} if orientation else {})
-    return finish(replace(samples, facts=facts, **given), chosen.name, unit, source.error)
+    return finish(replace(samples, facts=facts, **given), chosen.name, unit, partial(line_error, path))
 
 
 def detect_gyro_format(path: str | os.PathLike[str]) -> str:

@@ -21,7 +21,7 @@ from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io.formats import Format, text_format
 from rsdeblur.io.samples import Samples, nanoseconds, table_samples
 from rsdeblur.io.source import Source, unpacked_limit
-from rsdeblur.io.text import NUMBER, TextFile, cells_of, read_table
+from rsdeblur.io.text import NUMBER, Rows, TextFile, cells_of, read_table
 
 TITLES = ("GYROFLOW IMU LOG", "CAMERA IMU LOG")
 # What Gyroflow takes for a log that does not say how its sensor sits.
@@ -67,19 +67,18 @@ def _read_gcsv(text: TextFile) -> Samples:
     if not _sniff_gcsv(text):
         raise text.error(f"no Gyroflow log: the first line must read {' or '.join(TITLES)}", 0)
     keys: dict[str, tuple[str, int]] = {}
-    for i, row in enumerate(text.rows):
-        line = text.lines[row]
+    for i, (row, line) in enumerate(zip(text.rows, text.lines.of(text.rows), strict=True)):
         names = [cell.lower() for cell in cells_of(line)]
         if len(names) >= 4 and names[0] in ("t", "time") and {"gx", "gy", "gz"} <= set(names):
             places = [0, *(names.index(name) for name in ("gx", "gy", "gz"))]
             return _gcsv_samples(text, text.rows[i + 1 :], places, keys)
         key, *value = (part.strip() for part in re.split("[,:]", line, maxsplit=1))
         if value:
-            keys[key.lower()] = (value[0].rstrip(",;").strip(), row)
+            keys[key.lower()] = (value[0].rstrip(",;").strip(), int(row))
     raise text.error("no line `t,gx,gy,gz` that starts the samples of a Gyroflow log")
 
 
-def _gcsv_samples(text: TextFile, rows: list[int], places: list[int], keys: dict[str, tuple[str, int]]) -> Samples:
+def _gcsv_samples(text: TextFile, rows: Rows, places: list[int], keys: dict[str, tuple[str, int]]) -> Samples:
     def scale(key: str, default: str) -> Decimal:
         value, row = keys.get(key, (default, 0))
         if not NUMBER.fullmatch(value) or not SMALLEST_SCALE <= float(value) <= 1 / SMALLEST_SCALE:

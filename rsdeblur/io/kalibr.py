@@ -35,7 +35,7 @@ def sniff(source: Source) -> bool:
     if not source.looks_like_text or source.looks_like_json:
         return False
     keys = r"^[ \t]*(-[ \t]*)?(cam\d+|cameras|camera_model|T_cam_imu)\s*:"
-    return re.search(keys, "\n".join(source.text.lines), re.MULTILINE) is not None
+    return re.search(keys, source.text.start, re.MULTILINE) is not None
 
 
 def read(source: Source, request: Request) -> CameraFile:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rsdeblur._validate import FloatArray
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.gyro import LARGEST_RATE, GyroLog
-from rsdeblur.io.text import INT64_LIMIT, Table
+from rsdeblur.io.text import INT64_LIMIT, Table, line_error
 
 # rad/s in each unit of rate a log may use.
 RATE_UNITS = {"rad/s": 1.0, "deg/s": pi / 180, "mrad/s": 1e-3, "mdeg/s": pi / 180e3}
@@ -99,7 +99,10 @@ class GyroFile:
 
 def table_samples(table: Table, ns: NDArray[np.int64], *, scale: float = 1.0, **found: Any) -> Samples:
     """Return the samples of a text table, its rates times `scale`; faults name its lines."""
-    return Samples(ns, table.values * scale, lambda message, i: table.text.error(message, table.rows[i]), **found)
+    # Not the text, which may be a gigabyte.
+    path, rows = table.text.path, table.rows
+    rates = table.values if scale == 1 else table.values * scale
+    return Samples(ns, rates, lambda message, i: line_error(path, message, rows[i]), **found)
 
 
 def nanoseconds(milliseconds: FloatArray, fault: Fault) -> NDArray[np.int64]:
@@ -129,14 +132,16 @@ def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str
         raise InputError(f"unit must be one of {', '.join(RATE_UNITS)}; got {unit!r}")
     if not len(samples.ns):
         raise error("the file holds no samples")
-    (beyond,) = np.nonzero((np.abs(samples.rates) > LARGEST_RATE).any(axis=1))
-    if beyond.size:
-        i = int(beyond[0])
+    if max(samples.rates.max(), -samples.rates.min()) > LARGEST_RATE:
+        i = int(np.argwhere(np.abs(samples.rates) > LARGEST_RATE)[0, 0])
         raise samples.fault(f"impossible rates: {samples.rates[i].tolist()} {unit or samples.rate_unit}", i)
     unit = unit or samples.rate_unit
     ns, rates, repairs = _repaired(samples)
-    rates = (rates if samples.turn is None else rates @ samples.turn.T) * RATE_UNITS[unit]
-    magnitude = np.linalg.norm(rates, axis=1)
+    if samples.turn is not None:
+        rates = rates @ samples.turn.T
+    if RATE_UNITS[unit] != 1:
+        rates = rates * RATE_UNITS[unit]
+    magnitude = np.sqrt(np.einsum("ij,ij->i", rates, rates))
     if np.mean((magnitude > GRAVITY[0]) & (magnitude < GRAVITY[1])) > 0.9:
         raise error(
             "these are the samples of an accelerometer at rest, 9.8 m/s^2 in all of them, not of a gyro; "

@@ -7,18 +7,17 @@ cell, those weights are quadratic in time, so two Gauss points integrate them wi
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur.kernels._jit import njit
+from rsdeblur.kernels._jit import in_parts, njit
 
 # Two-point Gauss-Legendre nodes on [0, 1].
 GAUSS_LOW = 0.5 - 0.5 / 3.0**0.5
 GAUSS_HIGH = 0.5 + 0.5 / 3.0**0.5
 
 
-@njit(inline="always")
+@njit(nogil=True, inline="always")
 def _splat(kernel, x, y, weight):
     i, j = int(np.floor(y)), int(np.floor(x))
     fy, fx = y - i, x - j
@@ -28,7 +27,7 @@ def _splat(kernel, x, y, weight):
     kernel[i + 1, j + 1] += weight * fy * fx
 
 
-@njit(inline="always")
+@njit(nogil=True, inline="always")
 def _next_crossing(position, velocity):
     """Time until a coordinate meets the next integer; infinite when it does not move."""
     if velocity > 0.0:
@@ -38,7 +37,7 @@ def _next_crossing(position, velocity):
     return np.inf
 
 
-@njit()
+@njit(nogil=True)
 def _trace(kernel, path, centre_x, centre_y):
     segments = path.shape[0] - 1
     for k in range(segments):
@@ -56,9 +55,9 @@ def _trace(kernel, path, centre_x, centre_y):
             t += step
 
 
-@njit(parallel=True)
-def _rasterize(paths, kernels):
-    for n in numba.prange(paths.shape[0]):
+@njit(nogil=True)
+def _rasterize(first, stop, paths, kernels):
+    for n in range(first, stop):
         kernel = np.zeros(kernels.shape[1:], dtype=np.float64)
         _trace(kernel, paths[n], kernels.shape[2] // 2, kernels.shape[1] // 2)
         total = kernel.sum()
@@ -84,7 +83,7 @@ def rasterize(paths: NDArray[np.float64], half_height: int, half_width: int) -> 
         Kernels that sum to 1.
     """
     kernels = np.empty((len(paths), 2 * half_height + 1, 2 * half_width + 1), dtype=np.float32)
-    _rasterize(paths, kernels)
+    in_parts(_rasterize, len(paths), paths, kernels)
     return kernels
 
 

@@ -6,15 +6,14 @@ interpolation costs no visible sharpness; beyond its edges it is mirrored.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from rsdeblur.kernels._jit import njit
+from rsdeblur.kernels._jit import in_parts, njit
 
 
-@njit(inline="always")
+@njit(nogil=True, inline="always")
 def _spline_weights(f, out):
     g = 1.0 - f
     out[0] = g * g * g / 6.0
@@ -23,7 +22,7 @@ def _spline_weights(f, out):
     out[3] = f * f * f / 6.0
 
 
-@njit(inline="always")
+@njit(nogil=True, inline="always")
 def _mirror(i, n):
     if n == 1:
         return 0
@@ -32,13 +31,13 @@ def _mirror(i, n):
     return period - i if i >= n else i
 
 
-@njit(parallel=True, fastmath=True)
-def _average_warps(coefficients, warps, out):
+@njit(nogil=True, fastmath=True)
+def _average_warps(first, stop, coefficients, warps, out):
     height, width, channels = coefficients.shape
     samples = warps.shape[1]
-    for y in numba.prange(out.shape[0]):
-        wx, wy = np.empty(4, np.float32), np.empty(4, np.float32)
-        value = np.empty(channels, np.float32)
+    wx, wy = np.empty(4, np.float32), np.empty(4, np.float32)
+    value = np.empty(channels, np.float32)
+    for y in range(first, stop):
         for x in range(out.shape[1]):
             value[:] = np.float32(0.0)
             for t in range(samples):
@@ -78,7 +77,7 @@ def average_warps(coefficients: NDArray[np.float32], warps: NDArray[np.float64],
     ndarray, shape (H, width, C), float32
     """
     out = np.empty((len(warps), width, coefficients.shape[2]), dtype=np.float32)
-    _average_warps(coefficients, warps, out)
+    in_parts(_average_warps, len(out), coefficients, warps, out)
     return out
 
 

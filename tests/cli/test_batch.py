@@ -14,7 +14,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from click.testing import Result
 
+from rsdeblur.cli._inputs import read_device
+from rsdeblur.cli._options import Recording
 from rsdeblur.cli.batch import SOME_FAILED
+from rsdeblur.errors import RsdeblurWarning
 
 if TYPE_CHECKING:
     from conftest import Files, Processes
@@ -180,6 +183,19 @@ def test_two_items_may_not_write_one_file(run: Run, files: Files, tmp_path: Path
     first, second = entries(run, path, *files.sources, "-o", tmp_path / "out", code=SOME_FAILED)
     assert first["state"] == "done"
     assert "name another output" in second["error"]
+
+
+def test_a_log_is_read_once_unless_it_changes(files: Files) -> None:
+    recording = Recording(files.gyro, files.camera)
+    log, _ = read_device(recording)
+    assert read_device(recording)[0] is log
+    samples = files.samples()
+    samples[5] = samples[4]
+    files.write_gyro(samples)
+    # What is wrong with it is said of every photo.
+    for _ in range(2):
+        with pytest.warns(RsdeblurWarning, match="1 repeated samples were dropped"):
+            assert len(read_device(recording)[0]) == len(log) - 1
 
 
 @pytest.mark.usefixtures("here")
