@@ -72,14 +72,14 @@ def require_data() -> None:
         sys.exit(f"no recordings at {DATA}: set RSDEBLUR_DATA to their folder")
 
 
-def simulated(count: int | None = None, *, noise: float = NOISE) -> Iterator[Capture]:
-    """Simulate 1024x768 captures from Kodak pictures enlarged twice and a real phone's shake."""
+def simulated(count: int | None = None, *, noise: float = NOISE, enlarged: int = 2) -> Iterator[Capture]:
+    """Simulate captures of 512x384 px times `enlarged`, of enlarged Kodak pictures and a real phone's shake."""
     require_data()
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
-    camera = Camera(1024, 768, 1.1 * 1024, readout=READOUT)
+    camera = Camera(512 * enlarged, 384 * enlarged, 1.1 * 512 * enlarged, readout=READOUT)
     for picture, start, duration in MOMENTS[:count]:
         stored = _float32(read_picture(DATA / "sharp" / f"{picture}.png").pixels / 255)
-        sharp = to_linear(_float32(rescale(stored, 2, order=3, channel_axis=-1).clip(0, 1)), "srgb")
+        sharp = to_linear(_float32(rescale(stored, enlarged, order=3, channel_axis=-1).clip(0, 1)), "srgb")
         exposure = Exposure(start, duration, log.epoch_ns)
         name = f"{picture} {start:g} s 1/{round(1 / duration)}"
         yield Capture(name, log, camera, exposure, simulate(sharp, log, camera, exposure, noise=noise))

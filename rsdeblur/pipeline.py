@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur import _validate
 from rsdeblur.border import BORDERS, EXTENSIONS, Border, Extension, split
 from rsdeblur.camera import Camera
+from rsdeblur.check import Check, Meter, fall_back, judge, refuse_fallback
 from rsdeblur.errors import InputError
 from rsdeblur.exposure import Exposure
 from rsdeblur.fft import PLANNINGS, Planning
@@ -72,6 +73,8 @@ class DeblurResult:
         Pixels whose scene point was seen by some row; all true for ``geometry="keep"``.
     timings : dict
         Seconds spent in each stage.
+    check : Check or None
+        Whether to trust the result, see :class:`rsdeblur.Check`; None if that was not asked.
     """
 
     image: NDArray[np.float32]
@@ -82,6 +85,7 @@ class DeblurResult:
     weight: float | None
     coverage: NDArray[np.bool_]
     timings: dict[str, float] = field(default_factory=dict)
+    check: Check | None = None
 
 
 def deblur(
@@ -104,6 +108,8 @@ def deblur(
     translation: Translation | None = None,
     transfer: Transfer = "linear",
     normalize: bool = False,
+    check: bool = True,
+    fallback: bool = False,
     planning: Planning = "estimate",
     threads: int | None = None,
     max_memory: int | None = None,
@@ -151,6 +157,10 @@ def deblur(
         How stored values code light; a number is a gamma. The result is coded the same way.
     normalize : bool, default False
         Squeeze light that overshoots [0, 1] into it, outliers clipped, at the price of contrast.
+    check : bool, default True
+        Judge the result without a reference.
+    fallback : bool, default False
+        Blend the result towards the input where the check finds it bad; not with ``geometry="rectify"``.
     planning : {"estimate", "measure"}
         How FFTW plans: at once, or by trying out, up to a second per plan; what it finds is kept for later runs,
         whatever they ask for.
@@ -191,6 +201,8 @@ def deblur(
     if max_memory is not None and any(whole.values()):
         name = next(name for name, asked in whole.items() if asked)
         raise InputError(f"{name} needs the whole picture at once: leave out max_memory, or that")
+    if fallback:
+        refuse_fallback(geometry)
     quarter = camera.horizontal_readout
     stored = Stored.of(image, transfer, quarter=quarter)
     out, upright = result_like(image, out, quarter=quarter)
@@ -218,13 +230,21 @@ def deblur(
         threads=threads,
     )
     after = _After(geometry, normalize)
-    coverage = _solve(stored, shot, bank, method, after, max_memory, upright, clock)
+    meter = Meter(stored.shape[0])
+    coverage = _solve(stored, shot, bank, method, after, max_memory, upright, meter, clock)
+    judged = None
+    if check or fallback:
+        with clock.stage("check"):
+            resampled = geometry == "rectify"
+            judged = judge(stored, Stored(upright, transfer), shot, meter, motion=motion, resampled=resampled)
+            if fallback and judged.verdict == "bad":
+                judged = fall_back(stored, judged, upright)
     n_bands, n_strips = bank.kernels.shape[:2]
     if mode == "rowwise":
         n_bands = stored.shape[0]
     if quarter:
         coverage, bank = np.rot90(coverage), bank.turned(camera.height)
-    return DeblurResult(out, bank, n_bands, n_strips, phi, penalty, coverage, clock.timings)
+    return DeblurResult(out, bank, n_bands, n_strips, phi, penalty, coverage, clock.timings, judged)
 
 
 class _After(NamedTuple):
@@ -242,6 +262,7 @@ def _solve(
     after: _After,
     max_memory: int | None,
     out: NDArray[Any],
+    meter: Meter,
     clock: _Clock,
 ) -> NDArray[np.bool_]:
     """Solve slab by slab into `out`, and return what was seen."""
@@ -249,16 +270,18 @@ def _solve(
     coverage: NDArray[np.bool_] = np.broadcast_to(np.True_, stored.shape[:2])
     for n, slab in enumerate(slabs):
         light = stored.light(slab.read)
+        kept = slice(slab.given.start - slab.read.start, slab.given.stop - slab.read.start)
+        meter.before(light[kept], slab.given)
         with clock.stage("plan"):
             solve = method.planned(shot, slab.bank, light.shape, slab.read.start)
         with clock.stage("apply"):
             light = solve(light, clock.within("apply", n, len(slabs)))
+        meter.after(light[kept], slab.given)
         if after.geometry == "rectify":
             with clock.stage("rectify"):
                 light, coverage = rectify(light, shot)
         if after.normalize:
             light = normalized(light)
-        kept = slice(slab.given.start - slab.read.start, slab.given.stop - slab.read.start)
         stored.put(light[kept], slab.given, out)
         # Before the next slab is planned beside them.
         del light, solve

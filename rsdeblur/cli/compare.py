@@ -145,6 +145,7 @@ def compare_modes(
             "weight": result.weight,
             "seconds": seconds,
             "timings": result.timings,
+            "check": None if result.check is None else asdict(result.check),
             "peak_memory_mib": memory,
         } | ({} if target is None else likeness(shown[mode], target))
     if target is not None:

@@ -176,6 +176,6 @@ def _alone(
     settings: dict[str, Any],
 ) -> _Look:
     """Deblur a frame as a photo, and return what was chosen for it."""
-    result = deblur(values, log, camera, exposure, mode=mode, transfer=transfer, **settings)
+    result = deblur(values, log, camera, exposure, mode=mode, transfer=transfer, check=False, **settings)
     peak = brightness(Stored(values[::4, ::4], transfer).light(slice(None)))
     return _Look(result.nsr, result.weight, peak, result.psfs)

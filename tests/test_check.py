@@ -1,0 +1,100 @@
+"""The check of a result: right and wrong motion, what cannot be judged, the blend towards the input."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rsdeblur import Camera, Exposure, InputError, deblur, simulate
+from rsdeblur.check import fall_back
+from rsdeblur.scene import scene
+from rsdeblur.shake import hand_shake
+from rsdeblur.stored import Stored
+
+
+@pytest.fixture(scope="module")
+def capture():
+    """A capture of 320x256 px with about 15 px of blur."""
+    log, camera, exposure = hand_shake(0.3, seed=3), Camera(320, 256, 350.0, readout=0.02), Exposure(0.08, 1 / 25)
+    pictures = simulate(scene(300, 380), log, camera, exposure, noise=0.003)
+    return pictures.blurred, log, camera, exposure
+
+
+def wrong(log):
+    return replace(log, omega=log.omega * (3.0, -3.0, 1.0))
+
+
+def test_the_right_motion_is_good_and_a_wrong_one_bad(capture):
+    blurred, log, camera, exposure = capture
+    good = deblur(blurred, log, camera, exposure, prior="tv").check
+    bad = deblur(blurred, wrong(log), camera, exposure, prior="tv").check
+    assert (good.verdict, good.reasons) == ("good", ())
+    assert bad.verdict == "bad"
+    assert "does not fit" in " ".join(bad.reasons)
+    assert good.lead > bad.lead
+    assert good.ringing < bad.ringing
+    # Blurred again the right result is much nearer to the input than it was itself, whose contrast is 1.
+    assert good.residual < 0.25
+
+
+def test_readout_direction_changes_nothing(capture):
+    blurred, log, camera, exposure = capture
+    turned = np.rot90(blurred)
+    aside = Camera(256, 320, 350.0, readout=0.02, readout_direction="left-right")
+    # The picture turned counter-clockwise with its camera: x becomes -y, y becomes x.
+    moved = replace(log, omega=log.omega[:, [1, 0, 2]] * (1.0, -1.0, 1.0))
+    check = deblur(turned, moved, aside, exposure).check
+    straight = deblur(blurred, log, camera, exposure).check
+    assert check.verdict == straight.verdict
+    # The same tiles seen from the side; their paths agree to float32.
+    assert check.lead == pytest.approx(straight.lead, rel=0.02)
+
+
+def test_what_cannot_be_judged_is_said(capture):
+    blurred, log, camera, exposure = capture
+    still = deblur(blurred, replace(log, omega=0 * log.omega), camera, exposure).check
+    assert (still.verdict, still.lead) == ("good", None)
+    assert "too little" in still.reasons[0]
+    small = deblur(blurred[:60, :60], log, camera.cropped(0, 0, 60, 60), exposure).check
+    assert small.lead is None
+    assert "too small" in small.reasons[0]
+    assert deblur(blurred, log, camera, exposure, check=False).check is None
+
+
+def test_black_and_even_pictures_are_judged_without_warnings(capture):
+    _, log, camera, exposure = capture
+    for value in (0.0, 0.5):
+        check = deblur(np.full((256, 320), value, np.float32), log, camera, exposure).check
+        assert np.isfinite([check.lead, check.ringing]).all()
+
+
+def test_fallback_blends_only_where_it_is_bad(capture):
+    blurred, log, camera, exposure = capture
+    light = blurred.clip(0, 1)
+    result = deblur(light, wrong(log), camera, exposure, prior="tv")
+    blended = deblur(light, wrong(log), camera, exposure, prior="tv", fallback=True)
+    assert blended.check == replace(result.check, blended=True)
+    assert np.abs(blended.image - light).mean() < 0.2 * np.abs(result.image - light).mean()
+    good = deblur(light, log, camera, exposure, prior="tv")
+    kept = deblur(light, log, camera, exposure, prior="tv", fallback=True)
+    np.testing.assert_array_equal(kept.image, good.image)
+    with pytest.raises(InputError, match="fallback"):
+        deblur(light, log, camera, exposure, geometry="rectify", fallback=True)
+
+    # The upper half is bad, the lower good: rows go from the input to the result.
+    check = replace(result.check, leads=(-99.0, 99.0), ringings=())
+    out = np.ones((256, 320, 1), np.float32)
+    fall_back(Stored(np.zeros((256, 320, 1), np.float32), "linear"), check, out)
+    assert (out[:64] == 0).all()
+    assert (out[192:] == 1).all()
+    assert (np.diff(out[:, 0, 0]) >= 0).all()
+
+
+def test_slabs_are_measured_like_the_whole(capture):
+    blurred, log, camera, exposure = capture
+    whole = deblur(blurred, log, camera, exposure, bands=4).check
+    slabs = deblur(blurred, log, camera, exposure, bands=4, max_memory=8_000_000).check
+    # Slabs solve the same bands; the float32 sums differ in order only.
+    assert slabs.ringing == pytest.approx(whole.ringing, rel=0.05)
