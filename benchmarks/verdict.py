@@ -50,9 +50,8 @@ def recordings(capture: Capture) -> Iterator[tuple[str, tuple[GyroLog, Camera, E
         yield f"focal length x {size:g}", (log, longer, exposure)
 
 
-def run(captures: list[Capture], **arguments: Any) -> list[Trial]:
+def run(captures: list[Capture], **arguments: Any) -> Iterator[Trial]:
     """Deblur every capture with every recording; motion that the picture cannot hold is refused and left out."""
-    trials = []
     for number, capture in enumerate(progress(captures, "judging")):
         pictures = capture.pictures
         before = quality(pictures.rolling, pictures.blurred)[0]
@@ -64,8 +63,7 @@ def run(captures: list[Capture], **arguments: Any) -> list[Trial]:
             assert result.check is not None
             share = result.timings["check"] / sum(result.timings.values())
             gain = quality(pictures.rolling, result.image)[0] - before
-            trials.append(Trial(number, wrong, gain, result.check, share))
-    return trials
+            yield Trial(number, wrong, gain, result.check, share)
 
 
 def table(trials: list[Trial]) -> str:
@@ -94,13 +92,16 @@ def _counts(trials: list[Trial]) -> list[str]:
 @click.option("--all", "each", is_flag=True, help="Print every result.")
 def main(count: int | None, prior: str, mode: str, enlarged: int, each: bool) -> None:
     """Judge results of right and wrong recordings."""
-    trials = run(list(simulated(count, enlarged=enlarged)), prior=prior, mode=mode)
-    for trial in trials if each else []:
+    trials = []
+    for trial in run(list(simulated(count, enlarged=enlarged)), prior=prior, mode=mode):
+        trials.append(trial)
+        if not each:
+            continue
         check = trial.check
         lead = "-" if check.lead is None else f"{check.lead:.1f} {check.rival}"
         figures = f"{trial.gain:+.1f} dB, lead {lead}, ringing {check.ringing:.4f}"
         more = f"noise x {check.noise_gain}, residual {check.residual}, {trial.share:.0%} of the time"
-        print(f"{trial.capture} {trial.wrong}: {check.verdict}, {figures}, {more}")
+        print(f"{trial.capture} {trial.wrong}: {check.verdict}, {figures}, {more}", flush=True)
     for name, half in (("chosen on", 0), ("judged on", 1)):
         print(f"\nThresholds {name}:\n\n{table([trial for trial in trials if trial.capture % 2 == half])}")
     print(f"\nThe check took {np.median([trial.share for trial in trials]):.0%} of the time (median).")

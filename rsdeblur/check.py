@@ -45,7 +45,7 @@ SIZES = (0.5, 0.7, 1.4, 2.0)
 LINES, DIRECTIONS = (3.0, 7.0, 15.0), 4
 
 HINTS = {
-    "still": "no blur at all",
+    "still": "no blur at all.",
     "mirrored": "the motion mirrored: is one of the gyroscope's axes reversed?",
     "exchanged": "the motion with x and y exchanged: are the gyroscope's axes right?",
     "straight": "straight blurs of any direction: is it another moment's motion, or does the scene move?",
