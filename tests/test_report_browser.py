@@ -138,6 +138,8 @@ def test_any_pair_of_pictures(show) -> None:
     assert (pixel(tab, 0.4), pixel(tab, 0.6)) == (close_to(BLUE), close_to(GREEN))
     tab.focus("#stage")
     tab.keyboard.press("x")
+    # Names are drawn with the pictures.
+    assert (pixel(tab, 0.4), pixel(tab, 0.6)) == (close_to(GREEN), close_to(BLUE))
     assert (tab.inner_text("#tag-left"), tab.inner_text("#tag-right")) == ("global", "banded")
 
 
