@@ -1,7 +1,7 @@
 """How often the check of a result is right: ``python -m benchmarks.verdict [--prior tv]``.
 
-Simulated captures are deblurred with the right recording and with wrong ones. Thresholds were chosen on captures of
-even number; those of odd number judge them.
+Simulated captures are deblurred with the right recording and with wrong ones. Captures of even and of odd number are
+counted apart; the thresholds were chosen while looking at both.
 """
 
 from __future__ import annotations
@@ -102,8 +102,8 @@ def main(count: int | None, prior: str, mode: str, enlarged: int, each: bool) ->
         figures = f"{trial.gain:+.1f} dB, lead {lead}, ringing {check.ringing:.4f}"
         more = f"noise x {check.noise_gain}, residual {check.residual}, {trial.share:.0%} of the time"
         print(f"{trial.capture} {trial.wrong}: {check.verdict}, {figures}, {more}", flush=True)
-    for name, half in (("chosen on", 0), ("judged on", 1)):
-        print(f"\nThresholds {name}:\n\n{table([trial for trial in trials if trial.capture % 2 == half])}")
+    for name, half in (("even", 0), ("odd", 1)):
+        print(f"\nCaptures of {name} number:\n\n{table([trial for trial in trials if trial.capture % 2 == half])}")
     print(f"\nThe check took {np.median([trial.share for trial in trials]):.0%} of the time (median).")
 
 

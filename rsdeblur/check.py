@@ -27,7 +27,7 @@ from rsdeblur.timing import TILE, Measured
 Verdict = Literal["good", "doubtful", "bad"]
 
 # Nats per tile that rivals may lead by, and light below black as a share of the picture's contrast: doubtful and bad.
-# Chosen on one half of simulated captures, judged on the other (docs/developer/reliability.md).
+# Chosen by looking at simulated captures; how often they are right: docs/developer/reliability.md.
 DOUBTFUL_LEAD, BAD_LEAD = -4.0, -12.0
 DOUBTFUL_RINGING, BAD_RINGING = 0.04, 0.08
 # Where the motion leads every rival by this much, hard edges on black may ring twice as much.
