@@ -73,13 +73,14 @@ def require_data() -> None:
 
 
 def simulated(count: int | None = None, *, noise: float = NOISE, enlarged: int = 2) -> Iterator[Capture]:
-    """Simulate captures of 512x384 px times `enlarged`, of enlarged Kodak pictures and a real phone's shake."""
+    """Simulate captures from Kodak pictures and a real phone's shake: 1024x768, or half of that if not `enlarged`."""
     require_data()
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
-    camera = Camera(512 * enlarged, 384 * enlarged, 1.1 * 512 * enlarged, readout=READOUT)
+    camera = Camera(1024, 768, 1.1 * 1024, readout=READOUT).scaled(enlarged / 2)
     for picture, start, duration in MOMENTS[:count]:
         stored = _float32(read_picture(DATA / "sharp" / f"{picture}.png").pixels / 255)
-        sharp = to_linear(_float32(rescale(stored, enlarged, order=3, channel_axis=-1).clip(0, 1)), "srgb")
+        shown = _float32(rescale(stored, enlarged, order=3, channel_axis=-1).clip(0, 1)) if enlarged > 1 else stored
+        sharp = to_linear(shown, "srgb")
         exposure = Exposure(start, duration, log.epoch_ns)
         name = f"{picture} {start:g} s 1/{round(1 / duration)}"
         yield Capture(name, log, camera, exposure, simulate(sharp, log, camera, exposure, noise=noise))

@@ -35,6 +35,7 @@ stands above it in this ladder::
     stored      pictures as stored, and rows of them as light
     geometry    from the rolling picture to the global-shutter one
     method      mode, prior and their numbers in one place
+    saturation  highlights beyond full scale, taken out and put back
     slabs       large pictures in bounded memory
     timing      the clock offset, found in the picture
     check       whether to trust a result

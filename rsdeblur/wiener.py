@@ -268,6 +268,45 @@ class Deconvolver(TileFilter):
         return self._apply(self._filters, image, out, progress)
 
 
+class TileBlur(TileFilter):
+    """The blur of a bank of PSFs, each pixel's interpolated between tiles, and its adjoint.
+
+    The adjoint weighs tiles where light arrives, not where it comes from: it is exact for one tile, and for others as
+    good as PSFs are alike over their own size.
+
+    Parameters
+    ----------
+    bank, shape, border, planning, threads
+        See :class:`Deconvolver`.
+    """
+
+    def __init__(
+        self,
+        bank: PsfBank,
+        shape: tuple[int, ...],
+        *,
+        border: Border = "blend",
+        planning: Planning = "estimate",
+        threads: int | None = None,
+    ) -> None:
+        super().__init__(bank, shape, gap=LEAST_GAP, border=border, planning=planning, threads=threads)
+        self._filters = self._new_filters()
+        self.replan(bank)
+
+    def _take(self, bank: PsfBank) -> None:
+        self._transfer_functions(bank, self._filters)
+        self._filters *= np.float32(self._scale)
+        self._conjugates = self._filters.conj()
+
+    def forward(self, latent: ArrayLike) -> NDArray[np.float32]:
+        """Blur a picture of the planned shape."""
+        return self._apply(self._filters, latent, None, None)
+
+    def adjoint(self, picture: ArrayLike) -> NDArray[np.float32]:
+        """Spread a picture of the planned shape back along the paths."""
+        return self._apply(self._conjugates, picture, None, None)
+
+
 def _wiener(otf: Complex, nsr: np.float32, scale: np.float32) -> None:
     """Turn a transfer function into its Wiener filter, in place."""
     gain = np.square(otf.real)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,8 @@ from rsdeblur.shake import hand_shake
 
 # Tests start Python processes from the repository root, where the bare source folder must not shadow the installation.
 os.environ["PYTHONSAFEPATH"] = "1"
+# The benchmarks are not part of the installed package; last, for the same reason.
+sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 
 @pytest.fixture(scope="session", autouse=True)

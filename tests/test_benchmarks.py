@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,10 +11,8 @@ import pytest
 
 
 @pytest.fixture
-def module(monkeypatch):
-    """Import a module of the benchmarks, which are not part of the installed package."""
-    # Last: the bare source folder must not hide the installation.
-    monkeypatch.setattr(sys, "path", [*sys.path, str(Path(__file__).resolve().parents[1])])
+def module():
+    """Import a module of the benchmarks; some want what is not installed."""
     return lambda name: importlib.import_module(f"benchmarks.{name}")
 
 

@@ -20,14 +20,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks import faults
 from rsdeblur import Camera
 from rsdeblur._atomic import atomic_write, check_target
 from rsdeblur.errors import OutputError
 from rsdeblur.io import write_picture
-
-# Not part of the installed package; last, so that the bare source folder does not hide the installation.
-sys.path.append(str(Path(__file__).resolve().parents[1]))
-faults = importlib.import_module("benchmarks.faults")
 
 KILLS = 6
 

@@ -5,11 +5,9 @@ A short run of `benchmarks.fuzz`, and by name what long runs of it found.
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import struct
-import sys
 import warnings
 import zipfile
 import zlib
@@ -24,17 +22,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
+import benchmarks.fuzz.__main__ as fuzz
+from benchmarks.fuzz import seeds, targets
 from rsdeblur import Camera
 from rsdeblur.errors import FileFormatError, RsdeblurError
 from rsdeblur.io import open_camera, open_gyro, read_captures, read_gyro, read_picture, write_picture
 from rsdeblur.io.exif import Exif
 from rsdeblur.psf import PsfBank
-
-# Not part of the installed package; last, so that the bare source folder does not hide the installation.
-sys.path.append(str(Path(__file__).resolve().parents[1]))
-fuzz = importlib.import_module("benchmarks.fuzz.__main__")
-targets = importlib.import_module("benchmarks.fuzz.targets")
-seeds = importlib.import_module("benchmarks.fuzz.seeds")
 
 READERS: dict[str, Callable[[Path], Any]] = {
     "gyro": open_gyro,
@@ -227,6 +221,10 @@ def test_focal_lengths_of_exif_blocks(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 class TestYaml:
+    @pytest.fixture(autouse=True)
+    def reader(self) -> None:
+        pytest.importorskip("yaml")
+
     CAMERA = "cam0: {camera_model: pinhole, intrinsics: %s, resolution: [640, 480], distortion_model: none}\n"
 
     @pytest.mark.parametrize("levels", [12, 60])

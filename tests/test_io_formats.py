@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.fuzz.seeds import base91
 from rsdeblur.errors import FileFormatError, RsdeblurWarning
 from rsdeblur.io import open_gyro, read_gyro
-from rsdeblur.io.gyroflow import BASE91, base91_decode
+from rsdeblur.io.gyroflow import base91_decode
 
 # A stamp that float64 cannot hold, in ns, and the samples that all files below hold: t in ns, x, y, z in rad/s.
 EPOCH = 1_766_385_749_427_863_801
@@ -226,29 +227,11 @@ class TestTrailer:
             read_gyro(write(trailer()[:-1], "IMG.jpg"))
 
 
-def base91_encode(data: bytes) -> str:
-    out, bits, count = bytearray(), 0, 0
-    for byte in data:
-        bits |= byte << count
-        count += 8
-        if count > 13:
-            value = bits & 8191
-            width = 13 if value > 88 else 14
-            value = bits & (2**width - 1)
-            bits, count = bits >> width, count - width
-            out += bytes([BASE91[value % 91], BASE91[value // 91]])
-    if count:
-        out.append(BASE91[bits % 91])
-        if count > 7 or bits > 90:
-            out.append(BASE91[bits // 91])
-    return out.decode()
-
-
 def test_base91_comes_back() -> None:
     rng = np.random.default_rng(1)
     for size in range(40):
         data = rng.bytes(size)
-        assert base91_decode(base91_encode(data).encode()) == data
+        assert base91_decode(base91(data).encode()) == data
 
 
 class TestGyroflowProject:
@@ -282,14 +265,14 @@ class TestGyroflowProject:
         packed = struct.pack("<Q", len(RATES))
         for t, rate in zip(self.T_MS, np.degrees(RATES), strict=True):
             packed += struct.pack("<dB3dB3dB", t, 1, *rate, 1, 0.0, 0.0, 1.0, 0)
-        return base91_encode(zlib.compress(packed))
+        return base91(zlib.compress(packed))
 
     def test_version_2(self, write: Write) -> None:
         self.check(write(self.project({"raw_imu": self.bincode()}, 2)))
 
     def test_current_versions(self, write: Write) -> None:
         cbor2 = pytest.importorskip("cbor2")
-        packed = base91_encode(zlib.compress(cbor2.dumps({"raw_imu": self.samples(), "quaternions": {}})))
+        packed = base91(zlib.compress(cbor2.dumps({"raw_imu": self.samples(), "quaternions": {}})))
         self.check(write(self.project({"file_metadata": packed})))
 
     def test_metadata_that_is_not_packed(self, write: Write) -> None:
@@ -332,7 +315,7 @@ class TestGyroflowProject:
 
     def test_without_cbor2(self, write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, "cbor2", None)
-        packed = base91_encode(zlib.compress(b"\xa0" * 9))
+        packed = base91(zlib.compress(b"\xa0" * 9))
         with pytest.raises(FileFormatError, match=r"need cbor2; install it with: pip install 'rsdeblur\[gyroflow\]'"):
             read_gyro(write(self.project({"file_metadata": packed})))
 

@@ -1,21 +1,7 @@
 /* Laws of the rowwise kernels, at every SIMD level that this machine has, against dense systems in double precision; exits
- * with the number of failures. Every array is allocated to its exact size, so that sanitizers and valgrind see any access
- * beyond it. */
+ * with the number of failures. */
+#include "check.h"
 #include "rowwise.h"
-
-#include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
-
-static int failures = 0;
-
-#define CHECK(condition)                                                                                               \
-    do {                                                                                                               \
-        if (!(condition)) {                                                                                            \
-            fprintf(stderr, "%s:%d: failed: %s\n", __FILE__, __LINE__, #condition);                                    \
-            failures++;                                                                                                \
-        }                                                                                                              \
-    } while (0)
 
 #define PHASES 5
 /* float32 sums of some dozen products of values up to 1; the solve divides by eigenvalues of 0.1 and more. */
@@ -39,14 +25,6 @@ static void *allocate(size_t n, size_t size)
     if (memory == NULL)
         abort();
     return memory;
-}
-
-static float *noise(size_t n)
-{
-    float *values = allocate(n, sizeof *values);
-    for (size_t i = 0; i < n; i++)
-        values[i] = (float)draw(20001) / 10000.0f - 1.0f;
-    return values;
 }
 
 /* A model in which every row sees 1 to `tallest` rows at up to two shifts each. */
@@ -107,7 +85,7 @@ static blur make_blur(size_t rows, size_t tallest)
             }
             b.tap_start[++pair] = tap;
         }
-    b.table = noise(PHASES * RSD_RECORD);
+    b.table = noise(PHASES * RSD_RECORD, draw(1u << 20));
     b.model = (rsd_rowwise_model){rows,        blocks,      taps,        PHASES,      b.row_first,
                                   b.row_end,   b.coupled,   b.tap_start, b.tap_shift, b.tap_weight};
     free(count), free(first_seen);
@@ -174,10 +152,10 @@ static void test_operators(size_t rows, size_t tallest, size_t channels)
 {
     const blur b = make_blur(rows, tallest);
     const size_t plane = rows * RSD_RECORD, latent_plane = b.latents * RSD_RECORD;
-    float *latent = noise(channels * latent_plane), *data = noise(channels * plane);
-    float *spread = noise(channels * latent_plane), *blurred = noise(channels * plane);
+    float *latent = noise(channels * latent_plane, draw(1u << 20)), *data = noise(channels * plane, draw(1u << 20));
+    float *spread = noise(channels * latent_plane, draw(1u << 20)), *blurred = noise(channels * plane, draw(1u << 20));
     const size_t floats = rsd_rowwise_workspace(&b.model, 0);
-    float *workspace = noise(floats);
+    float *workspace = noise(floats, draw(1u << 20));
     CHECK(floats > 0);
     level->forward(&b.model, b.table, latent, blurred, channels, workspace);
     level->adjoint(&b.model, b.table, data, spread, channels, workspace);
@@ -201,13 +179,13 @@ static void test_solve(size_t rows, size_t tallest, size_t channels, float smoot
 {
     const blur b = make_blur(rows, tallest);
     const size_t plane = rows * RSD_RECORD, latent_plane = b.latents * RSD_RECORD, n = b.latents;
-    float *data = noise(channels * plane), *right = noise(channels * latent_plane);
+    float *data = noise(channels * plane, draw(1u << 20)), *right = noise(channels * latent_plane, draw(1u << 20));
     float *u = allocate(channels * latent_plane, sizeof *u), ridge[RSD_LANES];
     for (size_t i = 0; i < channels * latent_plane; i++)
         u[i] = right[i];
     for (size_t i = 0; i < RSD_LANES; i++)
         ridge[i] = 0.1f + 0.01f * (float)i;
-    float *workspace = noise(rsd_rowwise_workspace(&b.model, 1));
+    float *workspace = noise(rsd_rowwise_workspace(&b.model, 1), draw(1u << 20));
     level->solve(&b.model, b.table, ridge, smooth, data, u, channels, workspace);
     double *blurred = allocate(2 * rows, sizeof *blurred), *back = allocate(2 * n, sizeof *back);
     float *rest = allocate(plane, sizeof *rest);
@@ -243,10 +221,10 @@ static void test_solve(size_t rows, size_t tallest, size_t channels, float smoot
 static void test_refusals(void)
 {
     blur b = make_blur(6, 3);
-    float *data = noise(6 * RSD_RECORD), *latent = noise(b.latents * RSD_RECORD), ridge[RSD_LANES];
+    float *data = noise(6 * RSD_RECORD, draw(1u << 20)), *latent = noise(b.latents * RSD_RECORD, draw(1u << 20)), ridge[RSD_LANES];
     for (size_t i = 0; i < RSD_LANES; i++)
         ridge[i] = 1;
-    float *workspace = noise(rsd_rowwise_workspace(&b.model, 1));
+    float *workspace = noise(rsd_rowwise_workspace(&b.model, 1), draw(1u << 20));
     CHECK(rsd_rowwise_forward(&b.model, b.table, latent, data, 1, workspace) == RSD_OK);
     CHECK(rsd_rowwise_adjoint(&b.model, b.table, data, latent, 1, workspace) == RSD_OK);
     CHECK(rsd_rowwise_solve(&b.model, b.table, ridge, 0, data, latent, 1, workspace) == RSD_OK);

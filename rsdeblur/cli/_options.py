@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rsdeblur.pipeline import Count, Strength
     from rsdeblur.priors import Prior
     from rsdeblur.rowwise import Solver as RowSolver
+    from rsdeblur.saturation import Saturation
     from rsdeblur.transfer import Transfer
 
 Command = Callable[..., Any]
@@ -177,6 +178,7 @@ class Solver:
     border: Border | Extension
     transfer: Transfer | None
     normalize: bool
+    saturation: Saturation
     planning: Planning
     threads: int | None
 
@@ -381,6 +383,13 @@ solver_options = _gathered(
         transfer_option,
         click.option(
             "--normalize", is_flag=True, help="Squeeze what overshoots into the range, at the price of contrast."
+        ),
+        click.option(
+            "--saturation",
+            type=click.Choice(["ignore", "auto"]),
+            default="ignore",
+            show_default=True,
+            help="Take clipped highlights as they are, or solve without them and put them back: fewer streaks, slower.",
         ),
         click.option(
             "--planning",

@@ -66,7 +66,7 @@ def command(size: tuple[int, int], seed: int, output: Path, force: bool, as_json
         _capture(size, seed, output, force=force)
     # From here on the demo is a user with files.
     recording = Recording(gyro, camera, start=START, duration=EXPOSURE)
-    solver = Solver(PRIOR, "auto", 2 / 3, NSR, "auto", "keep", "blend", None, False, "estimate", None)
+    solver = Solver(PRIOR, "auto", 2 / 3, NSR, "auto", "keep", "blend", None, False, "ignore", "estimate", None)
     report = compare_modes(
         blurred, recording, Blur("auto", "auto", "rotation"), solver, truth=rolling, output=output, force=force
     ).report

@@ -80,13 +80,15 @@ def command(
     from rsdeblur.video.segments import Encoding
 
     begin = time.perf_counter()
+    if solver.saturation != "ignore":
+        raise click.UsageError("--saturation is for single pictures", ctx=click.get_current_context())
     if solver.normalize:
         raise click.UsageError("--normalize would make a video flicker", ctx=click.get_current_context())
     check_output(output, force=force)
     jobs, threads = shared_threads(jobs, solver.threads)
     log, camera = read_device(recording)
     settings: dict[str, Any] = asdict(blur) | asdict(solver) | {"threads": threads}
-    del settings["normalize"]
+    del settings["normalize"], settings["saturation"]
     with progress("video") as move, naming(source, recording):
         clip = open_clip(source)
         exposures = _exposures(clip, recording)

@@ -1,0 +1,119 @@
+"""Streaks around lamps with and without the care for clipped pixels: ``python -m benchmarks.saturation``.
+
+A dim bookshelf with eight lamps, points and discs of up to 25 times full scale, is blurred in light, given noise of
+50 dB, clipped at 1 and stored in 8 bits of sRGB; with ``--jpeg Q`` as a JPEG of that quality. *Streaks* are the mean
+squared error in sRGB, times 10^4, within one PSF of lamps, which are left out with 2 px around; the PSNR is that of the
+rest, without the frame's border. All strengths are automatic. No recordings are needed.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as Pillow
+from scipy import ndimage
+
+from benchmarks.captures import BORDER, READOUT, Capture, Image
+from benchmarks.tables import markdown, write
+from rsdeblur import Camera, Exposure, deblur, simulate
+from rsdeblur.method import MODES
+from rsdeblur.scene import scene
+from rsdeblur.shake import hand_shake
+from rsdeblur.transfer import from_linear
+
+# Where, as shares of height and width; radius in px, 0 for a point; light.
+LAMPS = (
+    (0.20, 0.15, 0.0, 60),
+    (0.30, 0.50, 2.5, 10),
+    (0.25, 0.85, 0.0, 200),
+    (0.55, 0.30, 1.5, 30),
+    (0.60, 0.70, 4.0, 4),
+    (0.80, 0.20, 3.0, 20),
+    (0.85, 0.55, 0.0, 100),
+    (0.75, 0.90, 2.0, 6),
+)
+DIM, NOISE = 0.12, 0.003
+# The lens spreads a point by this standard deviation, px.
+LENS = 0.7
+LAMP, AROUND = 0.5, 2
+SEEDS = (3, 5, 7)
+
+
+def night(height: int, width: int) -> Image:
+    """Return the scene in linear light."""
+    light = DIM * scene(height, width).astype(np.float64)
+    y, x = np.mgrid[:height, :width]
+    for down, across, radius, value in LAMPS:
+        disc = np.clip(radius + 0.5 - np.hypot(y - down * height, x - across * width), 0, 1)
+        light += value * ndimage.gaussian_filter(disc, LENS)[..., None]
+    return np.asarray(light, dtype=np.float32)
+
+
+def capture(seed: int) -> Capture:
+    """Simulate a capture of the scene; its pictures are not clipped."""
+    shot = hand_shake(0.2, strength=1.5, seed=seed), Camera(256, 192, 280.0, readout=READOUT), Exposure(0.05, 1 / 20)
+    return Capture(f"night {seed}", *shot, simulate(night(240, 304), *shot, noise=NOISE))
+
+
+def recorded(light: Image, jpeg: int | None = None) -> NDArray[np.uint8]:
+    """Return what is stored of `light`."""
+    pixels = np.rint(255 * from_linear(light.clip(0, 1), "srgb")).astype(np.uint8)
+    if jpeg is not None:
+        packed = BytesIO()
+        Pillow.fromarray(pixels).save(packed, "JPEG", quality=jpeg)
+        pixels = np.asarray(Pillow.open(packed))
+    return pixels
+
+
+def measures(truth: Image, image: Image, reach: int) -> tuple[float, float]:
+    """Return the streaks, and the PSNR of the rest, dB, of a picture in sRGB."""
+    error = np.square(image.clip(0, 1) - from_linear(truth.clip(0, 1), "srgb")).mean(axis=-1)
+    lamps = ndimage.binary_dilation(truth.max(axis=-1) > LAMP, iterations=AROUND)
+    near = ndimage.binary_dilation(lamps, iterations=reach)
+    rest = ~near
+    rest[:BORDER] = rest[-BORDER:] = rest[:, :BORDER] = rest[:, -BORDER:] = False
+    return 1e4 * float(error[near & ~lamps].mean()), -10 * float(np.log10(error[rest].mean()))
+
+
+def rows(jpeg: int | None, seeds: tuple[int, ...] = SEEDS) -> Iterator[list[str]]:
+    """Yield the lines of the table."""
+    for seed in seeds:
+        taken = capture(seed)
+        pixels = recorded(taken.pictures.blurred, jpeg)
+        for mode in MODES:
+            for prior in ("wiener", "tv"):
+                settings: dict[str, Any] = {"mode": mode, "prior": prior, "transfer": "srgb"}
+                plain, careful = (deblur(pixels, *taken.shot, **settings, saturation=s) for s in ("ignore", "auto"))
+                reach = max(plain.psfs.size)
+                (a, outside), (b, then) = (measures(taken.pictures.rolling, r.image, reach) for r in (plain, careful))
+                yield [
+                    f"{taken.name}, {mode}, {prior}",
+                    *(f"{a:.0f}", f"{b:.0f}", f"{a / b:.1f}", f"{outside:.1f}", f"{then:.1f}"),
+                ]
+
+
+COLUMNS = (
+    "capture, mode, prior", "streaks, ignore", "auto", "factor", "PSNR of the rest, ignore", "auto",
+)  # fmt: skip
+
+
+def main() -> None:
+    """Run the benchmark and print its table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--jpeg", type=int, metavar="Q", help="store as JPEG of this quality")
+    parser.add_argument("--markdown", type=Path, help="write the table as Markdown")
+    options = parser.parse_args()
+    table = markdown(COLUMNS, rows(options.jpeg))
+    if options.markdown:
+        write(options.markdown, table)
+    print(table)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,120 @@
+"""Clipped highlights: found, taken out, put back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from rsdeblur import Camera, Exposure, GyroLog, InputError, PsfBank, Simulation, deblur, simulate
+from rsdeblur.saturation import clipped, part
+from rsdeblur.scene import scene
+from rsdeblur.shake import hand_shake
+from rsdeblur.wiener import TileBlur
+
+EXPOSURE = Exposure(0.05, 0.04)
+CAMERA = Camera(160, 128, 180.0, readout=0.03)
+# Row and column in the frame, radius in px, light.
+LAMPS = ((40, 40, 2.0, 12.0), (84, 110, 1.0, 40.0))
+
+
+@pytest.fixture(scope="module")
+def log() -> GyroLog:
+    return hand_shake(0.2, strength=1.5, seed=3)
+
+
+@pytest.fixture(scope="module")
+def night(log: GyroLog) -> Simulation:
+    """Two lamps before a dim shelf."""
+    light = 0.12 * scene(168, 200)
+    y, x = np.mgrid[:168, :200]
+    for row, col, radius, value in LAMPS:
+        disc = np.clip(radius + 0.5 - np.hypot(y - row - 20, x - col - 20), 0, 1)
+        light = light + value * ndimage.gaussian_filter(disc, 0.7)[..., None]
+    return simulate(light.astype(np.float32), log, CAMERA, EXPOSURE, noise=0.003)
+
+
+def streaks(truth: np.ndarray, image: np.ndarray) -> float:
+    """Mean squared error around the lamps, but not of them."""
+    lamps = ndimage.binary_dilation(truth.max(axis=-1) > 0.5, iterations=2)
+    near = ndimage.binary_dilation(lamps, iterations=20) & ~lamps
+    return float(np.square(image.clip(0, 1) - truth.clip(0, 1))[near].mean())
+
+
+@pytest.mark.parametrize("mode", ["global", "banded", "rowwise"])
+@pytest.mark.parametrize("prior", ["wiener", "tv"])
+def test_streaks_around_lamps_drop(night: Simulation, log: GyroLog, mode: str, prior: str) -> None:
+    recorded = night.blurred.clip(0, 1)
+    plain, careful = (
+        deblur(recorded, log, CAMERA, EXPOSURE, mode=mode, prior=prior, saturation=s).image for s in ("ignore", "auto")
+    )
+    # Measured factors of 44 to 107: the shelf is dim, and in light streaks are nearly all of the error.
+    assert streaks(night.rolling, careful) < streaks(night.rolling, plain) / 10
+    # Recorded as 1, the brightest pixel had 20; found were 10.
+    assert careful.max() > 5
+
+
+@pytest.mark.parametrize("mode", ["global", "banded", "rowwise"])
+def test_without_clipped_pixels_nothing_changes(log: GyroLog, mode: str) -> None:
+    picture = simulate(0.9 * scene(168, 200), log, CAMERA, EXPOSURE).blurred.clip(0, 0.99)
+    stored = np.rint(picture * 255).astype(np.uint8)
+    for image in (picture, stored):
+        a, b = (deblur(image, log, CAMERA, EXPOSURE, mode=mode, saturation=s) for s in ("ignore", "auto"))
+        np.testing.assert_array_equal(a.image, b.image)
+
+
+def test_a_bright_wall_is_no_highlight(log: GyroLog) -> None:
+    """What was cut off beside light that is nearly as bright is little, so the picture stays as it is."""
+    wall = np.full((168, 200), 0.8, dtype=np.float32)
+    wall[40:100, 60:140] = 1.2
+    picture = simulate(wall, log, CAMERA, EXPOSURE).blurred.clip(0, 1)
+    a, b = (deblur(picture, log, CAMERA, EXPOSURE, saturation=s) for s in ("ignore", "auto"))
+    np.testing.assert_array_equal(a.image, b.image)
+
+
+def test_readout_along_x_is_the_same_turned(night: Simulation, log: GyroLog) -> None:
+    """A picture whose readout runs along x gets its highlights back where they stood."""
+    camera = Camera(160, 128, 180.0, readout=0.03, readout_direction="left-right")
+    seen = simulate(np.pad(night.rolling, ((20, 20), (20, 20), (0, 0)), mode="reflect"), log, camera, EXPOSURE)
+    careful = deblur(seen.blurred.clip(0, 1), log, camera, EXPOSURE, saturation="auto").image
+    places = [np.unravel_index(picture.max(axis=-1).argmax(), picture.shape[:2]) for picture in (careful, seen.rolling)]
+    # The brightest lamp is a disc of 1 px.
+    assert np.abs(np.subtract(*places)).max() <= 2
+
+
+def test_clipped_is_full_scale_and_what_touches_it() -> None:
+    values = np.zeros((6, 6, 1), dtype=np.uint8)
+    values[1, 1:4, 0] = 255, 251, 249
+    values[5, 5, 0] = 252
+    found = clipped(values)
+    assert np.argwhere(found[..., 0]).tolist() == [[1, 1], [1, 2]]
+    as_float = values.astype(np.float32) / np.float32(255)
+    np.testing.assert_array_equal(clipped(as_float), found)
+    np.testing.assert_array_equal(clipped(values.astype(np.uint16) * 257), found)
+    # A float picture that holds more than 1 was not clipped there.
+    as_float[0, 0] = 1.5
+    assert not clipped(as_float).any()
+
+
+def test_a_picture_clipped_everywhere_is_left_alone() -> None:
+    white = np.ones((32, 40, 3), dtype=np.float32)
+    kernels = np.full((1, 1, 1, 5), 0.2, dtype=np.float32)
+    assert part(white, clipped(white), PsfBank.for_picture(kernels, white.shape)) is None
+
+
+def test_tile_blur_is_adjoint() -> None:
+    """One tile, periodic: <A u, g> = <u, A^T g>."""
+    rng = np.random.default_rng(0)
+    kernel = rng.random((1, 1, 5, 7), dtype=np.float32)
+    bank = PsfBank.for_picture(kernel / kernel.sum(), (30, 40))
+    blur = TileBlur(bank, (30, 40), border="periodic")
+    u, g = rng.random((2, 30, 40), dtype=np.float32)
+    # float32 sums of 1200 products
+    np.testing.assert_allclose(np.vdot(blur.forward(u), g), np.vdot(u, blur.adjoint(g)), rtol=1e-5)
+
+
+def test_slabs_and_unknown_words_are_refused(night: Simulation, log: GyroLog) -> None:
+    with pytest.raises(InputError, match="saturation"):
+        deblur(night.blurred, log, CAMERA, EXPOSURE, saturation="maybe")
+    with pytest.raises(InputError, match=r"saturation.*max_memory"):
+        deblur(night.blurred, log, CAMERA, EXPOSURE, saturation="auto", max_memory=2**30)
