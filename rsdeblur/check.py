@@ -2,18 +2,20 @@
 
 A wrong PSF that was divided out and put back gives the input again, so re-blurring proves little. Two things tell
 without a reference. The blurred picture's own spectra, as in :mod:`rsdeblur.timing`: under the right motion they are
-likelier than under rivals, namely other sizes of the motion, its mirror image, its axes exchanged, and in each tile the
-best of some straight blurs. And light below black: a wrong inverse leaves waves, and dark places cannot hold them.
+likelier than under rivals, namely other sizes of the motion, its mirror image, its axes exchanged, and for each row of
+tiles the best of some straight blurs. And light below black: a wrong inverse leaves waves, and dark places cannot hold
+them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve
+from scipy.fft import irfft2, rfft2
 
 from rsdeblur._validate import FloatArray
 from rsdeblur.errors import InputError
@@ -26,16 +28,20 @@ from rsdeblur.timing import TILE, Measured
 
 Verdict = Literal["good", "doubtful", "bad"]
 
-# Nats per tile that rivals may lead by, and light below black as a share of the picture's contrast: doubtful and bad.
-# Chosen by looking at simulated captures; how often they are right: docs/developer/reliability.md.
-DOUBTFUL_LEAD, BAD_LEAD = -4.0, -12.0
-DOUBTFUL_RINGING, BAD_RINGING = 0.04, 0.08
+# Nats per tile that the best rival may lead by, in the whole picture and in the worst two neighbouring rows of tiles,
+# and light below black as a share of the picture's contrast: doubtful and bad. How they were chosen, and how often they
+# are right: docs/developer/reliability.md.
+DOUBTFUL_LEAD, BAD_LEAD = -2.5, -10.0
+DOUBTFUL_WEAKEST = -30.0
+DOUBTFUL_RINGING, BAD_RINGING = 0.045, 0.09
 # Where the motion leads every rival by this much, hard edges on black may ring twice as much.
 CLEAR_LEAD = 10.0
 
 # Tiles are looked at where the blur has at most this many px, up to so many along each axis of the picture.
 REDUCED_BLUR = 16.0
 MOST_TILES = 6
+# Standard deviation of a picture over that of its noise: below there is nothing but noise.
+LEAST_DETAIL = 2.0
 # A tile with the pixel before it, which its first differences need.
 CELL = TILE + 1
 # Shorter paths, px, cannot be told from a lens's softness.
@@ -43,6 +49,12 @@ SHORT = 3.0
 # Rivals: the motion's size, and lengths (px) and directions of straight blurs.
 SIZES = (0.5, 0.7, 1.4, 2.0)
 LINES, DIRECTIONS = (3.0, 7.0, 15.0), 4
+# What the scene's power may be, as multiples of its mean, which strong edges dominate. The noise is what it is: with
+# less of it allowed, short blurs explain noise as detail.
+GAINS = np.exp(np.linspace(-2.5, -0.4, 4)).astype(np.float32)
+NOISES = np.ones(1, dtype=np.float32)
+# Rows between those whose light below black is looked at, in pictures of 64 such steps or more.
+ROW_STEP = 8
 
 HINTS = {
     "still": "no blur at all.",
@@ -70,6 +82,8 @@ class Check:
         the rival wins, None if that cannot be judged.
     rival : str or None
         That rival.
+    weakest : float or None
+        The same in the two neighbouring rows of tiles that the motion fits worst: right motion fits throughout.
     ringing : float
         Light below black that deblurring made, root mean square, as a share of the picture's standard deviation.
     noise_gain : float or None
@@ -78,7 +92,7 @@ class Check:
         Difference between the result blurred again and the input, root mean square, as a share of the picture's
         standard deviation; None where the PSF is too large for a tile, or the result straightened.
     leads, ringings : tuple of float
-        The same in equal parts of the picture along the readout.
+        The same in equal parts of the picture along the readout, each against the rival that is best there.
     blended : bool
         Whether the result was blended towards the input after this was found.
     """
@@ -87,6 +101,7 @@ class Check:
     reasons: tuple[str, ...]
     lead: float | None
     rival: str | None
+    weakest: float | None
     ringing: float
     noise_gain: float | None
     residual: float | None
@@ -105,16 +120,25 @@ class Meter:
     """
 
     def __init__(self, height: int) -> None:
-        self._part = np.minimum(np.arange(height) * MOST_TILES // height, MOST_TILES - 1)
-        self._rows = np.zeros((4, height))
+        self._step = int(np.clip(height // 64, 1, ROW_STEP))
+        # The frame's first row rings more than others.
+        self._first = self._step // 2
+        self._part = np.arange(self._first, height, self._step) * MOST_TILES // height
+        self._rows = np.zeros((4, len(self._part)))
 
     def before(self, light: NDArray[np.float32], rows: slice) -> None:
         """Look at rows of the input."""
-        self._rows[:3, rows] = light.mean((1, 2)), np.square(light).mean((1, 2)), _below_black(light)
+        light, at = self._some(light, rows)
+        self._rows[:3, at] = light.mean((1, 2)), np.square(light).mean((1, 2)), _below_black(light)
 
     def after(self, light: NDArray[np.float32], rows: slice) -> None:
         """Look at rows of the result, before they are clipped."""
-        self._rows[3, rows] = _below_black(light)
+        light, at = self._some(light, rows)
+        self._rows[3, at] = _below_black(light)
+
+    def _some(self, light: NDArray[np.float32], rows: slice) -> tuple[NDArray[np.float32], slice]:
+        first, stop = (-(-(row - self._first) // self._step) for row in (rows.start, rows.stop))
+        return light[first * self._step + self._first - rows.start :: self._step], slice(first, stop)
 
     def ringing(self) -> tuple[float, tuple[float, ...]]:
         """Return the ringing of the picture and of its parts."""
@@ -148,103 +172,128 @@ def judge(stored: Stored, result: Stored, shot: Shot, meter: Meter, *, motion: M
         Whether the result was straightened.
     """
     ringing, ringings = meter.ringing()
-    reasons = []
-    lead = rival = residual = gain = None
-    leads: tuple[float, ...] = ()
+    found = Check("good", (), None, None, None, ringing, None, None, (), ringings)
     length = float(BlurPaths.probe(shot, motion=motion).lengths.mean())
     height, width, _ = stored.shape
     if length < SHORT:
-        reasons.append(f"The motion explains {length:.1f} px of blur, too little to be judged.")
-    elif min(height, width) < CELL:
-        reasons.append(f"The picture is narrower than {CELL} px, too small to judge the motion by.")
-    else:
-        step = int(np.clip(length / REDUCED_BLUR, 1, max(1, min(height, width) // (3 * CELL))))
-        tiles = _Tiles(stored, shot, step, motion)
-        scores = tiles.rivals()
-        rival = min(scores, key=lambda name: float(scores[name].sum()))
-        leads = tuple(map(float, scores[rival].mean(axis=1)))
-        lead = float(scores[rival].mean())
-        gain = tiles.noise_gain(result)
-        residual = None if resampled else tiles.residual(result)
-        if lead < DOUBTFUL_LEAD:
-            reasons.append(f"The motion does not fit. The picture is explained better by {HINTS[rival]}")
-    allowance = 2.0 if lead is not None and lead > CLEAR_LEAD else 1.0
-    if ringing > allowance * DOUBTFUL_RINGING:
-        reasons.append(f"The result rings: light below black is {ringing:.1%} of the picture's contrast.")
-    verdict = _verdict(lead, ringing / allowance)
-    return Check(verdict, tuple(reasons), lead, rival, ringing, gain, residual, leads, ringings)
+        return _judged(found, f"The motion explains {length:.1f} px of blur, too little to be judged.")
+    if min(height, width) < CELL:
+        reason = f"The picture is narrower than {CELL} px, too small to judge the motion by."
+        return replace(_judged(found, reason), verdict="bad" if ringing > BAD_RINGING else "doubtful")
+    step = int(np.clip(length / REDUCED_BLUR, 1, max(1, min(height, width) // (2 * CELL))))
+    tiles = _Tiles(stored, shot, step, motion)
+    if not tiles.detailed:
+        return _judged(found, "The picture shows no detail to judge the motion by.")
+    scores = tiles.rivals()
+    rival = min(scores, key=lambda name: float(scores[name].mean()))
+    gain, residual = tiles.compare(result, resampled=resampled)
+    found = replace(
+        found,
+        lead=float(scores[rival].mean()),
+        rival=rival,
+        weakest=min(float(_neighbouring(score).min()) for score in scores.values()),
+        noise_gain=gain,
+        residual=residual,
+        leads=tuple(map(float, np.min(list(scores.values()), axis=0))),
+    )
+    return _judged(found)
 
 
-def _verdict(lead: float | None, ringing: float) -> Verdict:
-    fit = np.inf if lead is None else lead
-    if fit < BAD_LEAD or ringing > BAD_RINGING:
-        return "bad"
-    return "doubtful" if fit < DOUBTFUL_LEAD or ringing > DOUBTFUL_RINGING else "good"
+def _judged(found: Check, *reasons: str) -> Check:
+    """Derive the verdict and its reasons from the figures."""
+    lead, weakest = (np.inf if figure is None else figure for figure in (found.lead, found.weakest))
+    ringing = found.ringing / (2.0 if CLEAR_LEAD < lead < np.inf else 1.0)
+    bad = lead < BAD_LEAD or ringing > BAD_RINGING
+    said = list(reasons)
+    if lead < DOUBTFUL_LEAD and found.rival is not None:
+        said.append(f"The motion does not fit. The picture is explained better by {HINTS[found.rival]}")
+    elif weakest < DOUBTFUL_WEAKEST:
+        said.append("The motion fits in some bands and not in others: are the readout time and its direction right?")
+    if ringing > DOUBTFUL_RINGING:
+        said.append(f"The result rings: light below black is {found.ringing:.1%} of the picture's contrast.")
+    doubtful = len(said) > len(reasons)
+    return replace(found, verdict="bad" if bad else "doubtful" if doubtful else "good", reasons=tuple(said))
+
+
+def _neighbouring(score: FloatArray) -> FloatArray:
+    """Means of neighbouring rows of tiles."""
+    return (score[1:] + score[:-1]) / 2 if len(score) > 1 else score
 
 
 class _Tiles:
-    """Some tiles of a picture, reduced by a whole factor, with the PSFs there."""
+    """Some tiles of a picture, reduced by a whole factor, with the PSFs there; colours are averaged."""
 
     def __init__(self, stored: Stored, shot: Shot, step: int, motion: Motion) -> None:
-        self._step, self._motion = step, motion
+        self._step = step
         self._corners = [_spread(n // step) for n in stored.shape[:2]]
-        self._shot = replace(shot, camera=shot.camera.scaled(1 / step))
-        self._blurred = self._cells(stored, step)
-        self._noise = noise_level(_mosaic(self._cells(stored, 1))[..., None])
-        self._bank = self._bank_of(self._shot)
-
-    def _cells(self, stored: Stored, step: int) -> NDArray[np.float32]:
-        """Read the tiles, each with a pixel before it, reduced by `step`; shape (B, S, CELL, CELL)."""
-        tops, lefts = (corners * self._step for corners in self._corners)
-        cells = np.empty((len(tops), len(lefts), CELL, CELL), dtype=np.float32)
-        for b, top in enumerate(tops):
-            light = stored.light(slice(top, top + CELL * step)).mean(axis=2)
-            for s, left in enumerate(lefts):
-                cell = light[:, left : left + CELL * step]
-                cells[b, s] = cell.reshape(CELL, step, CELL, step).mean(axis=(1, 3))
-        return cells
-
-    def _bank_of(self, shot: Shot) -> PsfBank:
+        self._blurred, finest = self._cells(stored)
+        self._noise = noise_level(_mosaic(finest)[..., None])
         rows, cols = (corners + (CELL + 1) / 2 for corners in self._corners)
-        return PsfBank.from_paths(BlurPaths.from_shot(shot, rows, cols, motion=self._motion))
+        smaller = replace(shot, camera=shot.camera.scaled(1 / step))
+        self._paths = BlurPaths.from_shot(smaller, rows, cols, motion=motion)
+        self._kernels = PsfBank.from_paths(self._paths).kernels
+
+    @property
+    def detailed(self) -> bool:
+        """Whether the tiles show more than noise, which reducing them made weaker."""
+        return float(self._blurred.std()) > max(LEAST_DETAIL * self._noise / self._step, 1e-6)
+
+    def _cells(self, stored: Stored) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Read the tiles, each with a pixel before it: reduced, and as much unreduced; shape (B, S, CELL, CELL)."""
+        tops, lefts = (corners * self._step for corners in self._corners)
+        reduced, finest = np.empty((2, len(tops), len(lefts), CELL, CELL), dtype=np.float32)
+        channels, side = stored.shape[2], CELL * self._step
+        for b, top in enumerate(tops):
+            for s, left in enumerate(lefts):
+                values = stored.values[top : top + side, left : left + side, :channels]
+                cell = Stored(values, stored.transfer).light(slice(None)) @ np.full(channels, 1 / channels, np.float32)
+                finest[b, s] = cell[:CELL, :CELL]
+                reduced[b, s] = cell.reshape(CELL, self._step, CELL, self._step).mean(axis=(1, 3))
+        return reduced, finest
 
     def rivals(self) -> dict[str, FloatArray]:
-        """Return how many nats likelier than under each rival the tiles are, shape (B, S)."""
+        """Return how many nats likelier than under each rival the tiles are, mean of each row of tiles, shape (B,)."""
         places = [np.arange(len(corners)) * CELL + 1 for corners in self._corners]
-        measured = Measured(_mosaic(self._blurred), *places)
-        kernels = self._bank.kernels
-        turned = np.swapaxes(kernels, 2, 3)
-        scores = {
-            "mirrored": measured.fit(kernels[:, :, ::-1]),
-            "exchanged": np.minimum(measured.fit(turned), measured.fit(turned[:, :, ::-1])),
-            "still": measured.fit(np.ones((1, 1, 1, 1), dtype=np.float32)),
+        fit = partial(Measured(_mosaic(self._blurred), *places).fit, gains=GAINS, noises=NOISES)
+        claimed = fit(self._kernels)
+
+        def lead(kernels: NDArray[np.float32]) -> FloatArray:
+            each_row: FloatArray = (fit(kernels) - claimed).mean(axis=1)
+            return each_row
+
+        turned = np.swapaxes(self._kernels, 2, 3)
+        still = lead(np.ones((1, 1, 1, 1), dtype=np.float32))
+        sized = {size: replace(self._paths, displacements=size * self._paths.displacements) for size in SIZES}
+        return {
+            "mirrored": lead(self._kernels[:, :, ::-1]),
+            "exchanged": min(lead(turned), lead(turned[:, :, ::-1]), key=lambda score: float(score.sum())),
+            "still": still,
+            "straight": np.min([still, *(lead(line) for line in _lines())], axis=0),
+            **{f"{size:g} times": lead(PsfBank.from_paths(paths).kernels) for size, paths in sized.items()},
         }
-        scores["straight"] = np.min([scores["still"], *(measured.fit(line) for line in _lines())], axis=0)
-        camera = self._shot.camera
-        for size in SIZES:
-            longer = replace(camera, focal=(size * camera.focal[0], size * camera.focal[1]))
-            scores[f"{size:g} times"] = measured.fit(self._bank_of(replace(self._shot, camera=longer)).kernels)
-        claimed = measured.fit(kernels)
-        return {name: score - claimed for name, score in scores.items()}
 
-    def noise_gain(self, result: Stored) -> float | None:
-        """Noise of the result over that of the input; None if that has none."""
-        return noise_level(_mosaic(self._cells(result, 1))[..., None]) / self._noise if self._noise > 0 else None
+    def compare(self, result: Stored, *, resampled: bool) -> tuple[float | None, float | None]:
+        """Return the result's noise over the input's, and how far the result blurred again is from the input."""
+        sharp, finest = self._cells(result)
+        gain = noise_level(_mosaic(finest)[..., None]) / self._noise if self._noise > 0 else None
+        return gain, None if resampled else self._residual(sharp)
 
-    def residual(self, result: Stored) -> float | None:
-        """Blur the result again and compare, where a tile holds all that is needed."""
-        tall, wide = self._bank.size
-        if max(tall, wide) > CELL // 2:
+    def _residual(self, sharp: NDArray[np.float32]) -> float | None:
+        """Compare where a tile holds all that is needed."""
+        tall, wide = self._kernels.shape[2:]
+        if max(tall, wide) > TILE // 2:
             return None
-        inner = np.s_[..., tall // 2 : CELL - tall // 2, wide // 2 : CELL - wide // 2]
-        again = fftconvolve(self._cells(result, self._step), self._bank.kernels, mode="valid", axes=(2, 3))
-        contrast = max(float(self._blurred.std()), 1e-6)
-        return float(np.sqrt(np.mean(np.square(again - self._blurred[inner])))) / contrast
+        spectra = rfft2(sharp, (TILE, TILE)) * rfft2(self._kernels, (TILE, TILE))
+        # What the periodic convolution holds for pixels whose neighbours all lie in the tile.
+        again = irfft2(spectra, (TILE, TILE))[..., tall - 1 :, wide - 1 :]
+        inner = np.s_[..., tall // 2 : TILE - tall // 2, wide // 2 : TILE - wide // 2]
+        difference = float(np.sqrt(np.mean(np.square(again - self._blurred[inner]))))
+        return difference / float(self._blurred.std())
 
 
 def _spread(length: int) -> NDArray[np.intp]:
-    """First pixels of tiles, with the one before, spread over `length` px; they do not overlap."""
-    count = min(MOST_TILES, length // CELL)
+    """First pixels of tiles, with the one before, spread over `length` px; they overlap by half at most."""
+    count = min(MOST_TILES, 2 * length // CELL - 1)
     return np.round(np.linspace(0, length - CELL, count)).astype(np.intp)
 
 

@@ -301,14 +301,20 @@ class Measured:
         self._power = power[..., self._used]
         self._scene = (gradient / np.maximum(radius, LOWEST) ** 2).astype(np.float32)
 
-    def fit(self, kernels: NDArray[np.float32]) -> FloatArray:
+    def fit(
+        self,
+        kernels: NDArray[np.float32],
+        *,
+        gains: NDArray[np.float32] = GAINS,
+        noises: NDArray[np.float32] = NOISES,
+    ) -> FloatArray:
         """Return the negative log-likelihood, in nats, of the tiles under `kernels` (B or 1, S or 1, kh, kw)."""
         expected = (_power_of(kernels) * self._scene)[..., self._used]
         excess = (self._power - self._noise).mean(axis=-1).clip(1e-12)
         scene = (excess / expected.mean(axis=-1))[..., None] * expected
         likeliest = np.full(excess.shape, np.inf, dtype=np.float32)
-        for noise in NOISES:
-            for gain in GAINS:
+        for noise in noises:
+            for gain in gains:
                 variance = gain * scene + noise * self._noise
                 surprise = np.log(variance) + TAIL * np.log1p(self._power / (TAIL * variance))
                 np.minimum(likeliest, surprise.sum(axis=-1), out=likeliest)

@@ -92,4 +92,5 @@ def _told(check: dict[str, Any] | None) -> str:
     if check is None:
         return ""
     blended = ", blended towards the photo" if check["blended"] else ""
-    return "".join((f"; {check['verdict']}{blended}", *(f"\n  {reason}" for reason in check["reasons"])))
+    reasons = "" if check["verdict"] == "good" else f"\n  {' '.join(check['reasons'])}"
+    return f"; {check['verdict']}{blended}{reasons}"
