@@ -35,7 +35,7 @@ DOUBTFUL_LEAD, BAD_LEAD = -2.5, -10.0
 DOUBTFUL_WEAKEST = -30.0
 DOUBTFUL_RINGING, BAD_RINGING = 0.045, 0.09
 # Where the motion leads every rival by this much, hard edges on black may ring twice as much.
-CLEAR_LEAD = 10.0
+CLEAR_LEAD = 3.0
 
 # Tiles are looked at where the blur has at most this many px, up to so many along each axis of the picture.
 REDUCED_BLUR = 16.0
@@ -55,6 +55,9 @@ GAINS = np.exp(np.linspace(-2.5, -0.4, 4)).astype(np.float32)
 NOISES = np.ones(1, dtype=np.float32)
 # Rows between those whose light below black is looked at, in pictures of 64 such steps or more.
 ROW_STEP = 8
+
+# Motion that is too small undoes too little, and hardly does harm.
+LARGER = tuple(f"{size:g} times" for size in SIZES if size > 1)
 
 HINTS = {
     "still": "no blur at all.",
@@ -81,7 +84,7 @@ class Check:
         How much likelier the motion makes the blurred picture than its best rival does, in nats per tile; negative if
         the rival wins, None if that cannot be judged.
     rival : str or None
-        That rival.
+        That rival, but not the motion enlarged where another one makes the result bad.
     weakest : float or None
         The same in the two neighbouring rows of tiles that the motion fits worst: right motion fits throughout.
     ringing : float
@@ -92,7 +95,8 @@ class Check:
         Difference between the result blurred again and the input, root mean square, as a share of the picture's
         standard deviation; None where the PSF is too large for a tile, or the result straightened.
     leads, ringings : tuple of float
-        The same in equal parts of the picture along the readout, each against the rival that is best there.
+        The same in equal parts of the picture along the readout, each against the rival that is best there, the motion
+        enlarged left out.
     blended : bool
         Whether the result was blended towards the input after this was found.
     """
@@ -185,16 +189,18 @@ def judge(stored: Stored, result: Stored, shot: Shot, meter: Meter, *, motion: M
     if not tiles.detailed:
         return _judged(found, "The picture shows no detail to judge the motion by.")
     scores = tiles.rivals()
-    rival = min(scores, key=lambda name: float(scores[name].mean()))
+    means = {name: float(score.mean()) for name, score in scores.items()}
+    harmful = {name: mean for name, mean in means.items() if name not in LARGER}
+    rival = min(harmful if min(harmful.values()) < BAD_LEAD else means, key=means.__getitem__)
     gain, residual = tiles.compare(result, resampled=resampled)
     found = replace(
         found,
-        lead=float(scores[rival].mean()),
+        lead=means[rival],
         rival=rival,
         weakest=min(float(_neighbouring(score).min()) for score in scores.values()),
         noise_gain=gain,
         residual=residual,
-        leads=tuple(map(float, np.min(list(scores.values()), axis=0))),
+        leads=tuple(map(float, np.min([scores[name] for name in harmful], axis=0))),
     )
     return _judged(found)
 
@@ -203,7 +209,7 @@ def _judged(found: Check, *reasons: str) -> Check:
     """Derive the verdict and its reasons from the figures."""
     lead, weakest = (np.inf if figure is None else figure for figure in (found.lead, found.weakest))
     ringing = found.ringing / (2.0 if CLEAR_LEAD < lead < np.inf else 1.0)
-    bad = lead < BAD_LEAD or ringing > BAD_RINGING
+    bad = (lead < BAD_LEAD and found.rival not in LARGER) or ringing > BAD_RINGING
     said = list(reasons)
     if lead < DOUBTFUL_LEAD and found.rival is not None:
         said.append(f"The motion does not fit. The picture is explained better by {HINTS[found.rival]}")
