@@ -2,13 +2,13 @@
 
 A wrong PSF that was divided out and put back gives the input again, so re-blurring proves little. Two things tell
 without a reference. The blurred picture's own spectra, as in :mod:`rsdeblur.timing`: under the right motion they are
-likelier than under rivals, namely other sizes of the motion, its mirror image, its axes exchanged, and for each row of
-tiles the best of some straight blurs. And light below black: a wrong inverse leaves waves, and dark places cannot hold
-them.
+likelier than under rivals, namely other sizes of the motion, its mirror image, its axes exchanged, straight blurs and
+none. And light below black: a wrong inverse leaves waves, and dark places cannot hold them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
@@ -63,7 +63,7 @@ HINTS = {
     "still": "no blur at all.",
     "mirrored": "the motion mirrored: is one of the gyroscope's axes reversed?",
     "exchanged": "the motion with x and y exchanged: are the gyroscope's axes right?",
-    "straight": "straight blurs of any direction: is it another moment's motion, or does the scene move?",
+    "straight": "a straight blur: is it another moment's motion, or does the scene move?",
 } | {
     f"{size:g} times": f"{size:g} times the motion: are the focal length and the unit of the rates right?"
     for size in SIZES
@@ -267,14 +267,17 @@ class _Tiles:
             each_row: FloatArray = (fit(kernels) - claimed).mean(axis=1)
             return each_row
 
+        def best(kernels: Iterable[NDArray[np.float32]]) -> FloatArray:
+            return min(map(lead, kernels), key=lambda score: float(score.sum()))
+
         turned = np.swapaxes(self._kernels, 2, 3)
-        still = lead(np.ones((1, 1, 1, 1), dtype=np.float32))
+        still = np.ones((1, 1, 1, 1), dtype=np.float32)
         sized = {size: replace(self._paths, displacements=size * self._paths.displacements) for size in SIZES}
         return {
             "mirrored": lead(self._kernels[:, :, ::-1]),
-            "exchanged": min(lead(turned), lead(turned[:, :, ::-1]), key=lambda score: float(score.sum())),
-            "still": still,
-            "straight": np.min([still, *(lead(line) for line in _lines())], axis=0),
+            "exchanged": best((turned, turned[:, :, ::-1])),
+            "still": lead(still),
+            "straight": best(_lines()),
             **{f"{size:g} times": lead(PsfBank.from_paths(paths).kernels) for size, paths in sized.items()},
         }
 
