@@ -28,11 +28,9 @@ from rsdeblur.timing import TILE, Measured
 
 Verdict = Literal["good", "doubtful", "bad"]
 
-# Nats per tile that the best rival may lead by, in the whole picture and in the worst two neighbouring rows of tiles,
-# and light below black as a share of the picture's contrast: doubtful and bad. How they were chosen, and how often they
-# are right: docs/developer/reliability.md.
+# Nats per tile that the best rival may lead by, and light below black as a share of the picture's contrast: what is
+# doubtful, and what is bad. How they were chosen, and how often they are right: docs/developer/reliability.md.
 DOUBTFUL_LEAD, BAD_LEAD = -2.5, -10.0
-DOUBTFUL_WEAKEST = -30.0
 DOUBTFUL_RINGING, BAD_RINGING = 0.045, 0.09
 # Where the motion leads every rival by this much, hard edges on black may ring twice as much.
 CLEAR_LEAD = 3.0
@@ -86,7 +84,8 @@ class Check:
     rival : str or None
         That rival, but not the motion enlarged where another one makes the result bad.
     weakest : float or None
-        The same in the two neighbouring rows of tiles that the motion fits worst: right motion fits throughout.
+        The same in the two neighbouring rows of tiles that the motion fits worst. It says where to look, and does not
+        count: in parts of a picture the scene itself may look like a rival.
     ringing : float
         Light below black that deblurring made, root mean square, as a share of the picture's standard deviation.
     noise_gain : float or None
@@ -207,14 +206,12 @@ def judge(stored: Stored, result: Stored, shot: Shot, meter: Meter, *, motion: M
 
 def _judged(found: Check, *reasons: str) -> Check:
     """Derive the verdict and its reasons from the figures."""
-    lead, weakest = (np.inf if figure is None else figure for figure in (found.lead, found.weakest))
+    lead = np.inf if found.lead is None else found.lead
     ringing = found.ringing / (2.0 if CLEAR_LEAD < lead < np.inf else 1.0)
     bad = (lead < BAD_LEAD and found.rival not in LARGER) or ringing > BAD_RINGING
     said = list(reasons)
     if lead < DOUBTFUL_LEAD and found.rival is not None:
         said.append(f"The motion does not fit. The picture is explained better by {HINTS[found.rival]}")
-    elif weakest < DOUBTFUL_WEAKEST:
-        said.append("The motion fits in some bands and not in others: are the readout time and its direction right?")
     if ringing > DOUBTFUL_RINGING:
         said.append(f"The result rings: light below black is {found.ringing:.1%} of the picture's contrast.")
     doubtful = len(said) > len(reasons)

@@ -9,7 +9,7 @@ import pytest
 from skimage.metrics import peak_signal_noise_ratio
 
 from rsdeblur import Camera, Exposure, InputError, deblur, simulate
-from rsdeblur.check import Check, Meter, _judged, _neighbouring, fall_back
+from rsdeblur.check import Meter, _neighbouring, fall_back
 from rsdeblur.scene import scene
 from rsdeblur.shake import hand_shake
 from rsdeblur.stored import Stored
@@ -78,14 +78,14 @@ def test_pictures_without_detail_are_not_judged_and_give_no_warnings(capture):
         assert "no detail" in check.reasons[0]
 
 
-def test_motion_must_fit_in_neighbouring_bands():
-    found = Check("good", (), 5.0, "mirrored", 1.0, 0.0, 1.0, 0.1, (5.0, 5.0, 5.0), (0.0,))
-    assert _judged(found).verdict == "good"
-    apart = _judged(replace(found, weakest=-50.0))
-    assert apart.verdict == "doubtful"
-    assert "in some bands" in apart.reasons[0]
-    # One row of tiles may be anything; two neighbours are no chance.
+def test_neighbouring_rows_of_tiles_are_told(capture):
+    blurred, log, camera, exposure = capture
+    right = deblur(blurred, log, camera, exposure).check
+    # Half of the readout is right, the other half is of another moment.
+    later = deblur(blurred, log, replace(camera, readout=0.1), exposure).check
+    assert later.weakest < right.weakest
     np.testing.assert_array_equal(_neighbouring(np.array([4.0, -10.0, 2.0])), [-3.0, -4.0])
+    np.testing.assert_array_equal(_neighbouring(np.array([4.0])), [4.0])
 
 
 def test_fallback_blends_only_where_it_is_bad(capture):
