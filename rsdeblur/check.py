@@ -30,11 +30,13 @@ Verdict = Literal["good", "doubtful", "bad"]
 
 # Nats per tile that the best rival may lead by, and light below black as a share of the picture's contrast: what is
 # doubtful, and what is bad. How they were chosen, and how often they are right: docs/developer/reliability.md.
-DOUBTFUL_LEAD, BAD_LEAD = -2.5, -10.0
+DOUBTFUL_LEAD, BAD_LEAD = -1.5, -4.0
 DOUBTFUL_RINGING, BAD_RINGING = 0.045, 0.09
 # Where the motion leads every rival by this much, hard edges on black may ring twice as much.
-CLEAR_LEAD = 3.0
+CLEAR_LEAD = 2.0
 
+# No tile counts for more nats: the edge of a door is no proof of a straight blur.
+MOST_NATS = 10.0
 # Tiles are looked at where the blur has at most this many px, up to so many along each axis of the picture.
 REDUCED_BLUR = 16.0
 MOST_TILES = 6
@@ -79,8 +81,8 @@ class Check:
     reasons : tuple of str
         Why, a sentence each; also what could not be judged.
     lead : float or None
-        How much likelier the motion makes the blurred picture than its best rival does, in nats per tile; negative if
-        the rival wins, None if that cannot be judged.
+        How much likelier the motion makes the blurred picture than its best rival does, in nats per tile, at most 10 in
+        each; negative if the rival wins, None if that cannot be judged.
     rival : str or None
         That rival, but not the motion enlarged where another one makes the result bad.
     weakest : float or None
@@ -261,7 +263,7 @@ class _Tiles:
         claimed = fit(self._kernels)
 
         def lead(kernels: NDArray[np.float32]) -> FloatArray:
-            each_row: FloatArray = (fit(kernels) - claimed).mean(axis=1)
+            each_row: FloatArray = (fit(kernels) - claimed).clip(-MOST_NATS, MOST_NATS).mean(axis=1)
             return each_row
 
         def best(kernels: Iterable[NDArray[np.float32]]) -> FloatArray:
