@@ -32,7 +32,7 @@ test-c: $(BIN)/python
 
 # The documentation site, in site/.
 docs: $(BIN)/python
-	$(PIP) '.[docs]'
+	$(PIP) '.[docs,video]'
 	$(BIN)/python -P -m sphinx -W --keep-going -n -q -b html docs site
 
 # The source distribution, the wheel made of it, and that wheel in an empty environment without any compiler.

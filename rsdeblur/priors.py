@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +62,10 @@ class Quadratic(Protocol):
         """Whether latent pictures repeat."""
 
     def solve(self, beta: float, pull: Picture | None) -> Picture:
-        """Return u (H', W', C), which may be larger than the observation; `pull` is shaped alike, None is zero."""
+        """Return u (H', W', C), which may be larger than the observation.
+
+        `pull` is shaped alike, None is zero. It is used up: its memory may hold u.
+        """
 
 
 class PreparedQuadratic(Quadratic, Protocol):
@@ -79,7 +82,7 @@ class Step:
     Parameters
     ----------
     latent : ndarray, float32
-        The picture, in the solver's frame.
+        The picture, in the solver's frame. The step after next overwrites it.
     change : float
         Its distance from the step before as a share of its norm.
     """
@@ -191,37 +194,43 @@ def half_quadratic(
     # Gradients are in proportion to the peak, and so shall be those that vanish.
     penalties = [penalty * max(peak, LEAST_PEAK) ** (exponent - 2.0) for penalty in PENALTIES]
     latent = solver.solve(weight * penalties[0], None)
-    table, pull = shrinkage(exponent), np.empty_like(latent)
+    table, spare = shrinkage(exponent), np.empty_like(latent)
     for penalty in penalties:
         # In units of (weight / beta)^(1 / (2 - p)) the shrinkage has no parameter but p.
         vanishing = np.float32(threshold(exponent) * penalty ** (-1.0 / (2.0 - exponent)))
-        _shrink(latent, vanishing, table, solver.periodic, pull, thread_count(threads))
-        before, latent = latent, solver.solve(weight * penalty, pull)
-        yield Step(latent, _change(before, latent))
+        _shrink(latent, vanishing, table, solver.periodic, spare, thread_count(threads))
+        latent, spare = solver.solve(weight * penalty, spare), latent
+        yield Step(latent, _change(spare, latent, thread_count(threads)))
 
 
 def _shrink(
     latent: Picture, vanishing: np.float32, table: NDArray[np.float32], periodic: bool, pull: Picture, threads: int
 ) -> None:
     """Fill `pull`, blocks of rows shared out to the threads."""
-    height = latent.shape[0]
-    with ThreadPoolExecutor(threads) as pool:
-        blocks = [
-            pool.submit(shrunk_pull, latent, top, min(ROWS, height - top), vanishing, table, periodic, pull)
-            for top in range(0, height, ROWS)
-        ]
-        for block in blocks:
-            block.result()
+    height = len(latent)
+
+    def block(top: int) -> None:
+        shrunk_pull(latent, top, min(ROWS, height - top), vanishing, table, periodic, pull)
+
+    _by_blocks(block, height, threads)
 
 
-def _change(before: Picture, after: Picture) -> float:
-    """Return the norm of the difference by that of `after`, in blocks of rows that stay in the cache."""
-    squares = np.zeros(2)
-    for top in range(0, len(after), ROWS):
+def _change(before: Picture, after: Picture, threads: int) -> float:
+    """Return the norm of the difference by that of `after`."""
+
+    def block(top: int) -> tuple[float, float]:
         new = after[top : top + ROWS].ravel()
         step = new - before[top : top + ROWS].ravel()
-        squares += np.dot(step, step), np.dot(new, new)
+        return float(np.dot(step, step)), float(np.dot(new, new))
+
+    squares = np.sum(_by_blocks(block, len(after), threads), axis=0)
     return float(np.sqrt(squares[0] / (squares[1] or 1.0)))
+
+
+def _by_blocks(work: Callable[[int], Any], height: int, threads: int) -> list[Any]:
+    """Call `work` with the first of each block of `ROWS` rows, which stay in the cache."""
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(work, range(0, height, ROWS)))
 
 
 def check_exponent(exponent: float) -> float:

@@ -72,19 +72,21 @@ class TileQuadratic(TileFilter):
         self._observation = np.ascontiguousarray(image, dtype=np.float32)
 
     def solve(self, beta: float, pull: Picture | None = None) -> Picture:
-        """Return the minimiser for the observation; `pull` is `D^T w`, None is zero.
+        """Return the minimiser for the observation; `pull` is `D^T w`, None is zero, and is used up.
 
         Raises
         ------
         InputError
             If the observation has another shape than planned or is not finite.
         """
-        picture = self._respond(beta, self._observation, of_pull=False)
-        if pull is not None:
-            picture += self._respond(beta, pull, of_pull=True)
-        return picture
+        observed = self._respond(beta, self._observation, None, of_pull=False)
+        if pull is None:
+            return observed
+        found = self._respond(beta, pull, pull, of_pull=True)
+        found += observed
+        return found
 
-    def _respond(self, beta: float, picture: Picture, *, of_pull: bool) -> Picture:
+    def _respond(self, beta: float, picture: Picture, out: Picture | None, *, of_pull: bool) -> Picture:
         def plan(_: int, s: int, b: int) -> None:
             inside = np.s_[s, b, : self._hybrid.frequencies]
             responses(
@@ -99,4 +101,4 @@ class TileQuadratic(TileFilter):
             )
 
         self._share_tiles(plan, self._filters.shape[:2])
-        return self._apply(self._filters, picture, None, None)
+        return self._apply(self._filters, picture, out, None)

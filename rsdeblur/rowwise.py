@@ -24,7 +24,7 @@ from rsdeblur.errors import InputError
 from rsdeblur.fft import PLANNINGS, Planning, Real, empty, remember, thread_count
 from rsdeblur.kernels import rowwise
 from rsdeblur.kernels.rowwise import LANES
-from rsdeblur.lanes import RowLanes
+from rsdeblur.lanes import ROWS, RowLanes
 from rsdeblur.motion import BlurPaths
 from rsdeblur.rowblur import StripBlur, latent_rows
 from rsdeblur.rowcg import NormalEquations, conjugate_gradients, is_faster
@@ -200,12 +200,25 @@ class RowDeconvolver:
                 term = DataTerm(self, s)
                 if minimise is None:
                     term.filter()
+                    self._lanes.unload(self._latent, -self.top, target, tile, add=several)
                 else:
-                    self._lanes.load(_validate.picture(minimise(term), term.shape), self._latent)
-                self._lanes.unload(self._latent, -self.top, target, tile, add=several)
+                    self._place(_validate.picture(minimise(term), term.shape), target, tile, add=several)
                 if progress is not None:
                     progress((s + 1) / len(self._tiling.tiles))
         return out
+
+    def _place(self, latent: Real, target: Real, tile: Tile, *, add: bool) -> None:
+        """Put, or add, the frame's rows of a strip's latent picture (L, N, C) to `target` where `tile` counts."""
+        columns, weights = slice(tile.first, tile.first + len(tile.weights)), tile.weights[:, None]
+        shown = slice(tile.first - tile.start, tile.first - tile.start + len(weights))
+        source = latent[-self.top : len(target) - self.top, shown]
+
+        def block(_: int, top: int) -> None:
+            rows = slice(top, top + ROWS)
+            part = weights * source[rows]
+            target[rows, columns] = target[rows, columns] + part if add else part
+
+        self._lanes.share(block, range(0, len(target), ROWS))
 
     def _solve(self, strip: int, ridge: Real, smooth: float, *, scale: float, pulled: bool) -> None:
         """Minimise for all frequencies of `strip`, leaving the result in the latent lanes.
@@ -297,11 +310,12 @@ class DataTerm:
         beta : float
             At least 0.
         pull : ndarray of the strip's shape, float32, or None
-            `D^T w`; None is zero.
+            `D^T w`; None is zero. It is used up.
 
         Returns
         -------
         ndarray of the strip's shape, float32
+            In the memory of `pull`, if there is one.
         """
         beta = _validate.finite("beta", beta, minimum=0.0)
         lanes, latent = self._solver._lanes, self._solver._latent
@@ -310,7 +324,7 @@ class DataTerm:
                 raise InputError(f"pull must have shape {self.shape}, got {pull.shape}")
             lanes.load(pull, latent)
         self._minimise(self._solver.nsr, beta, pulled=pull is not None)
-        u = np.empty(self.shape, dtype=np.float32)
+        u = np.empty(self.shape, dtype=np.float32) if pull is None else pull
         lanes.unload(latent, 0, u, Tile(0, 0, np.ones(lanes.length, dtype=np.float32)))
         return u
 

@@ -39,7 +39,7 @@ LENS = 0.75
 # Error of the paths: px, whatever the blur (interpolation between tiles, linear interpolation in kernels), and as a
 # share of the PSF's radius (focal length, time offset, rates).
 PATH_ERROR, PATH_ERROR_SHARE = 0.12, 0.005
-# A total variation's weight where the gradient prior's is 1 and E is 1; it is in proportion to the exponent.
+# A total variation's weight where the gradient prior's is 1 and E is 1; it grows like the root of the exponent.
 SPARSE_STRENGTH = 2.0
 # Candidates for the NSR and for the gradient prior's weight.
 LADDER = np.geomspace(1e-5, 10.0, 73)
@@ -117,7 +117,7 @@ class Tuning:
         if prior == "gradient":
             return weight
         power = 1.0 if prior == "tv" else exponent
-        return float(SPARSE_STRENGTH * power * weight * self.energy ** (1 - power / 2))
+        return float(SPARSE_STRENGTH * power**0.5 * weight * self.energy ** (1 - power / 2))
 
     @property
     def wiener_nsr(self) -> float:

@@ -46,7 +46,7 @@ def test_solve_is_the_dense_minimum(picture, solver, nsr, beta, monkeypatch):
         across, down = dense_gradients(term.shape[0])
         pull = across.T @ rng.normal(size=len(across)) + down.T @ rng.normal(size=len(down))
         found["pull"] = pull.reshape(term.shape).astype(np.float32)
-        found["u"] = term.solve(beta, found["pull"])
+        found["u"] = term.solve(beta, found["pull"].copy())
         return found["u"]
 
     deconvolver = RowDeconvolver(paths, grey.shape, nsr=nsr, border="periodic", solver=solver)

@@ -15,22 +15,53 @@ Real = NDArray[np.float32]
 
 
 @njit(nogil=True, inline="always")
-def _kept(squared, threshold, table):
-    """Share that is kept of a gradient whose squared magnitude is given."""
-    if squared <= threshold * threshold:
-        return np.float32(0.0)
-    place = threshold / np.sqrt(squared) * np.float32(len(table) - 1)
-    i = min(int(place), len(table) - 2)
-    return table[i] + (place - np.float32(i)) * (table[i + 1] - table[i])
+def _differ(minuend, subtrahend, out):
+    for i in range(len(out)):
+        out[i] = minuend[i] - subtrahend[i]
+
+
+@njit(nogil=True, error_model="numpy")  # a check for division by zero would keep it from being SIMD code
+def _keep(across, down, threshold, table, kept):
+    """Fill `kept` (W, C) with the share that is kept of the gradient `across`, `down` of each pixel, all (W, C)."""
+    width, channels = kept.shape
+    least, last = threshold * threshold, np.float32(len(table) - 1)
+    following = table[1:]
+    for x in range(width):
+        squared = np.float32(0.0)
+        for c in range(channels):
+            squared += across[x, c] * across[x, c] + down[x, c] * down[x, c]
+        kept[x, 0] = squared
+    for x in range(width):
+        place = last * (threshold / np.sqrt(max(kept[x, 0], least)))
+        i = min(np.int32(place), np.int32(len(following) - 1))
+        share = table[i] + (place - np.float32(i)) * (following[i] - table[i])
+        kept[x, 0] = share if kept[x, 0] > least else np.float32(0.0)
+    for x in range(width):
+        for c in range(1, channels):
+            kept[x, c] = kept[x, 0]
+
+
+@njit(nogil=True)
+def _scale(values, factors):
+    for i in range(len(values)):
+        values[i] *= factors[i]
+
+
+@njit(nogil=True)
+def _pull(before, across, above, down, out):
+    for i in range(len(out)):
+        out[i] = before[i] - across[i] + above[i] - down[i]
 
 
 @njit(nogil=True)
 def shrunk_pull(picture, top, rows, threshold, table, periodic, out):
     """Fill `rows` rows of `out` from `top` on with `D^T w`: w is the gradient D of `picture`, shrunk.
 
+    Loops run over whole rows without branches or computed indices, so that they become SIMD code.
+
     Parameters
     ----------
-    picture : ndarray, shape (H, W, C), float32
+    picture : ndarray, shape (H, W, C), float32, C-contiguous
     top, rows : int
         Rows to fill.
     threshold : float32
@@ -39,33 +70,31 @@ def shrunk_pull(picture, top, rows, threshold, table, periodic, out):
         Share kept of a gradient, at n evenly spaced values of threshold / magnitude from 0 to 1.
     periodic : bool
         Whether the picture repeats.
-    out : ndarray, shape (H, W, C), float32
+    out : ndarray, shape (H, W, C), float32, C-contiguous
     """
     height, width, channels = picture.shape
-    above = np.zeros((width, channels), np.float32)  # vertical part of w in the row before
-    left = np.empty(channels, np.float32)  # horizontal part in the pixel before
+    n = width * channels
+    values, pulls = picture.reshape(height, n), out.reshape(height, n)
+    above, down = np.zeros(n, np.float32), np.empty(n, np.float32)  # vertical part of w in the row before and in this
+    across = np.zeros(n + channels, np.float32)  # horizontal part, a pixel later: first what the last hands on
+    kept = np.empty((width, channels), np.float32)
     for y in range(top - 1, top + rows):
         if y < 0 and not periodic:
             continue
-        row = picture[y % height]
-        below = picture[(y + 1) % height] if periodic else picture[min(y + 1, height - 1)]
-        left[:] = 0.0
-        for x in range(width):
-            following = (x + 1) % width if periodic else min(x + 1, width - 1)
-            squared = np.float32(0.0)
-            for c in range(channels):
-                across, down = row[following, c] - row[x, c], below[x, c] - row[x, c]
-                squared += across * across + down * down
-            kept = _kept(squared, threshold, table)
-            for c in range(channels):
-                across, down = kept * (row[following, c] - row[x, c]), kept * (below[x, c] - row[x, c])
-                if y >= top:
-                    out[y, x, c] = left[c] - across + above[x, c] - down
-                left[c] = across
-                above[x, c] = down
+        row = values[y % height]
+        below = values[(y + 1) % height] if periodic else values[min(y + 1, height - 1)]
+        _differ(row[channels:], row[: n - channels], across[channels:n])
+        if periodic:
+            _differ(row[:channels], row[n - channels :], across[n:])
+        _differ(below, row, down)
+        here = across[channels:]
+        _keep(here.reshape(width, channels), down.reshape(width, channels), threshold, table, kept)
+        _scale(here, kept.reshape(n))
+        _scale(down, kept.reshape(n))
         if y >= top:
-            for c in range(channels):
-                out[y, 0, c] += left[c]  # zero, or what wraps around
+            across[:channels] = across[n:]
+            _pull(across[:n], here, above, down, pulls[y])
+        above, down = down, above
 
 
 def gradient(picture: Real, *, periodic: bool) -> tuple[Real, Real]:
