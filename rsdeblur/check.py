@@ -213,7 +213,9 @@ def _judged(found: Check, *reasons: str) -> Check:
     bad = (lead < BAD_LEAD and found.rival not in LARGER) or ringing > BAD_RINGING
     said = list(reasons)
     if lead < DOUBTFUL_LEAD and found.rival is not None:
-        said.append(f"The motion does not fit. The picture is explained better by {HINTS[found.rival]}")
+        said.append(
+            f"The motion {'does' if bad else 'may'} not fit. The picture is explained better by {HINTS[found.rival]}"
+        )
     if ringing > DOUBTFUL_RINGING:
         said.append(f"The result rings: light below black is {found.ringing:.1%} of the picture's contrast.")
     doubtful = len(said) > len(reasons)
