@@ -87,6 +87,17 @@ class PsfBank:
         """Height and width of the kernels in px."""
         return self.kernels.shape[2], self.kernels.shape[3]
 
+    def cut(self, rows: slice, cols: slice) -> PsfBank:
+        """Return the kernels that hold somewhere in `rows` and `cols`; both have a start and a stop, px."""
+        bands, strips = (
+            slice(
+                max(int(np.searchsorted(centres, part.start, side="right")) - 1, 0),
+                min(int(np.searchsorted(centres, part.stop - 1)), len(centres) - 1) + 1,
+            )
+            for centres, part in ((self.rows, rows), (self.cols, cols))
+        )
+        return PsfBank(self.kernels[bands, strips], self.rows[bands], self.cols[strips])
+
     def turned(self, height: int) -> PsfBank:
         """Return the bank of the picture turned a quarter counter-clockwise (`numpy.rot90(picture)`).
 

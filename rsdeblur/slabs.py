@@ -6,7 +6,7 @@ PSFs are those of the whole picture.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -62,7 +62,7 @@ def plan_slabs(
     count, most = 1, -(-height // LEAST_ROWS)
     while True:
         edges = [height * i // count for i in range(count + 1)]
-        slabs = [_slab(bank, height, a, b, reach) for a, b in pairwise(edges)]
+        slabs = [_slab(bank, shape, a, b, reach) for a, b in pairwise(edges)]
         needed = max(_bytes(slab, shape, method) for slab in slabs)
         if needed <= max_memory:
             return slabs, needed
@@ -74,13 +74,11 @@ def plan_slabs(
         count = min(most, count + 1 + count // 8)
 
 
-def _slab(bank: PsfBank, height: int, first: int, stop: int, reach: int) -> Slab:
+def _slab(bank: PsfBank, shape: tuple[int, int, int], first: int, stop: int, reach: int) -> Slab:
+    height, width, _ = shape
     read = slice(max(first - reach, 0), min(stop + reach, height))
-    # From the last PSF above the rows given to the first one below.
-    above = max(int(np.searchsorted(bank.rows, first, side="right")) - 1, 0)
-    below = min(int(np.searchsorted(bank.rows, stop - 1)), len(bank.rows) - 1)
-    part = slice(above, below + 1)
-    return Slab(read, slice(first, stop), PsfBank(bank.kernels[part], bank.rows[part] - read.start, bank.cols))
+    part = bank.cut(slice(first, stop), slice(0, width))
+    return Slab(read, slice(first, stop), replace(part, rows=part.rows - read.start))
 
 
 def _gap(method: Method) -> float:

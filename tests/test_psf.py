@@ -12,6 +12,7 @@ from rsdeblur.errors import FileFormatError, InputError, OutputError
 from rsdeblur.exposure import Exposure
 from rsdeblur.motion import BlurPaths, Shot
 from rsdeblur.psf import PsfBank, tile_centres
+from rsdeblur.tiling import hat_weights
 
 EXPOSURE = Exposure(0.1, 0.05)
 
@@ -138,6 +139,22 @@ class TestFromPaths:
         expected = np.zeros((2, 1, 3, 3))
         expected[..., 1, 1] = 1
         np.testing.assert_array_equal(PsfBank.from_paths(paths).kernels, expected)
+
+
+class TestCut:
+    def test_interpolates_like_the_whole(self):
+        bank = random_bank()
+        for rows, cols in ((slice(0, 40), slice(0, 50)), (slice(11, 13), slice(3, 9)), (slice(30, 40), slice(20, 50))):
+            part = bank.cut(rows, cols)
+            for axis, (some, every, inside) in enumerate(((part.rows, bank.rows, rows), (part.cols, bank.cols, cols))):
+                weights = hat_weights(every, 50)[:, inside]
+                kept = hat_weights(some, 50)[:, inside]
+                first = int(np.searchsorted(every, some[0]))
+                np.testing.assert_array_equal(weights[first : first + len(some)], kept)
+                assert not np.delete(weights, np.s_[first : first + len(some)], axis=0).any()
+                assert part.kernels.shape[axis] == len(some)
+            corner = np.searchsorted(bank.rows, part.rows[0]), np.searchsorted(bank.cols, part.cols[0])
+            np.testing.assert_allclose(part.kernels[0, 0], bank.kernels[corner], rtol=3e-7)
 
 
 class TestTurned:

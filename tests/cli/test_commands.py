@@ -255,6 +255,23 @@ def test_deblur_at_the_work_size(run, files, tmp_path):
         assert read_picture(out).pixels.shape == (HEIGHT, WIDTH, 3)
 
 
+@pytest.mark.parametrize("command", [("deblur", "sharp.png"), ("compare", "sharp")], ids=lambda parts: parts[0])
+def test_saturation_reaches_the_solver(run, files, tmp_path, command):
+    pixels = np.full((HEIGHT, WIDTH, 3), 20, dtype=np.uint8)
+    pixels[30:34, 40:52] = 255
+    Image.fromarray(pixels).save(files.photo)
+    name, out = command
+    sharp = []
+    for i, word in enumerate(("ignore", "auto", "auto")):
+        memory = ("--max-memory", "1GiB") if i == 2 and name == "deblur" else ()
+        options = ("--prior", "wiener", "--nsr", 0.01, "--saturation", word, *memory)
+        assert run(name, files.photo, *files.recording, *options, "-o", tmp_path / f"{i}{out}").exit_code == 0
+        folder = tmp_path / f"{i}{out}"
+        sharp.append(read_picture(folder if name == "deblur" else folder / "banded.png").pixels)
+    assert (sharp[0] != sharp[1]).any()
+    np.testing.assert_array_equal(sharp[1], sharp[2])
+
+
 def test_deblur_takes_the_nsr_from_iso(run, files, tmp_path):
     out = tmp_path / "sharp.png"
     arguments = ("deblur", files.photo, *files.recording, "--nsr-from-iso", "-o", out, "--json")

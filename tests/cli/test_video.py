@@ -311,6 +311,7 @@ def test_dry_run_writes_nothing(run: Run, movie: Movie, tmp_path: Path) -> None:
         (("-o", "x.avi", "--duration", "0.01"), 1, "unknown video extension '.avi'"),
         (("-o", "x.mp4"), 2, "the exposure time is not given"),
         (("-o", "x.mp4", "--duration", "0.01", "--start", "1", "--start-ns", "1"), 2, "exclude each other"),
+        (("-o", "x.mp4", "--duration", "0.01", "--saturation", "auto"), 2, "single pictures"),
         (("-o", "x.mp4", "--duration", "0.01", "--normalize"), 2, "flicker"),
         (("-o", "x.mp4", "--duration", "0.01", "--codec", "aac"), 1, "no video encoder called 'aac'"),
     ],

@@ -1,0 +1,77 @@
+"""Noise, JPEG and 8 bits: ``python -m benchmarks.hard [--captures N] [--markdown FILE]``.
+
+Captures of 512x384 px in 8 bits of sRGB: with white noise of 20 to 50 dB in light, and at 40 dB as JPEG of quality 50
+to 95. Every mode and prior deblurs them with automatic strengths. The table holds the gain in PSNR over the input, in
+dB: mean over the captures, and in brackets the least. It ought not to be below zero.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.captures import Capture, quality, simulated
+from benchmarks.priors import noisy
+from benchmarks.saturation import recorded
+from benchmarks.tables import markdown, write
+from rsdeblur import deblur
+from rsdeblur.method import MODES, Mode
+from rsdeblur.priors import PRIORS
+from rsdeblur.transfer import to_linear
+
+
+class Situation(NamedTuple):
+    """Noise in dB, infinite for none, and quality of the JPEG, None for a file without losses."""
+
+    noise: float
+    jpeg: int | None
+
+    def __str__(self) -> str:
+        """Name it in the table."""
+        noise = f"{self.noise:g} dB" if np.isfinite(self.noise) else "no noise"
+        return noise if self.jpeg is None else f"{noise}, JPEG {self.jpeg}"
+
+
+SITUATIONS = (
+    *(Situation(noise, None) for noise in (20, 30, 40, 50, np.inf)),
+    *(Situation(40, jpeg) for jpeg in (50, 75, 90, 95)),
+)
+
+
+def gains(capture: Capture, situation: Situation, mode: Mode) -> list[float]:
+    """Return the gain of every prior, dB; `capture` has no noise."""
+    shot = noisy(capture, situation.noise)
+    pixels = recorded(shot.pictures.blurred, situation.jpeg)
+    images = [np.divide(pixels, 255, dtype=np.float32)]
+    images += [deblur(pixels, *shot.shot, mode=mode, prior=prior, transfer="srgb").image for prior in PRIORS]
+    before, *after = (quality(shot.pictures.rolling, to_linear(image, "srgb"))[0] for image in images)
+    return [score - before for score in after]
+
+
+def rows(captures: Sequence[Capture]) -> Iterator[list[str]]:
+    """Yield the lines of the table."""
+    for situation in SITUATIONS:
+        for mode in MODES:
+            found = np.array([gains(capture, situation, mode) for capture in captures])
+            yield [str(situation), mode, *(f"{prior.mean():+.1f} ({prior.min():+.1f})" for prior in found.T)]
+
+
+def main() -> None:
+    """Run the benchmark and print its table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--captures", type=int, default=6, help="the first N of the 14 captures")
+    parser.add_argument("--markdown", type=Path, help="write the table as Markdown")
+    options = parser.parse_args()
+    captures = list(simulated(options.captures, noise=0.0, enlarged=1))
+    table = markdown(("input", "mode", *PRIORS), rows(captures))
+    if options.markdown:
+        write(options.markdown, table)
+    print(table)
+
+
+if __name__ == "__main__":
+    main()
