@@ -38,8 +38,9 @@ stands above it in this ladder::
     method      mode, prior and their numbers in one place
     saturation  highlights beyond full scale, taken out and put back
     slabs       large pictures in bounded memory
-    pipeline    deblur(): the one call
     timing      the clock offset, found in the picture
+    check       whether to trust a result
+    pipeline    deblur(): the one call
     baselines   what others do: opponents for experiments
     simulate    the forward model, sharing no code with psf
     scene       a sharp test picture

@@ -1,4 +1,5 @@
 from .camera import Camera as Camera
+from .check import Check as Check
 from .config import show_config as show_config
 from .errors import ClockError as ClockError
 from .errors import CoverageError as CoverageError

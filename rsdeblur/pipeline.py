@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur import _validate
 from rsdeblur.border import BORDERS, EXTENSIONS, Border, Extension, split
 from rsdeblur.camera import Camera
+from rsdeblur.check import Check, Meter, fall_back, judge, refuse_fallback
 from rsdeblur.errors import InputError
 from rsdeblur.exposure import Exposure
 from rsdeblur.fft import PLANNINGS, Planning
@@ -75,6 +76,8 @@ class DeblurResult:
         Pixels whose scene point was seen by some row; all true for ``geometry="keep"``.
     timings : dict
         Seconds spent in each stage.
+    check : Check or None
+        Whether to trust the result, see :class:`rsdeblur.Check`; None if that was not asked.
     """
 
     image: NDArray[np.float32]
@@ -85,6 +88,7 @@ class DeblurResult:
     weight: float | None
     coverage: NDArray[np.bool_]
     timings: dict[str, float] = field(default_factory=dict)
+    check: Check | None = None
 
 
 def deblur(
@@ -108,6 +112,8 @@ def deblur(
     transfer: Transfer = "linear",
     normalize: bool = False,
     saturation: Saturation = "ignore",
+    check: bool = True,
+    fallback: bool = False,
     planning: Planning = "estimate",
     threads: int | None = None,
     max_memory: int | None = None,
@@ -159,6 +165,10 @@ def deblur(
         Take clipped pixels as they are; or find the highlights behind them, solve the picture without them and put them
         back (:mod:`rsdeblur.saturation`), which leaves fewer streaks around lamps and takes 63 passes of a filter over
         boxes around them. A picture without clipped highlights comes out the same.
+    check : bool, default True
+        Judge the result without a reference.
+    fallback : bool, default False
+        Blend the result towards the input where the check finds it bad; not with ``geometry="rectify"``.
     planning : {"estimate", "measure"}
         How FFTW plans: at once, or by trying out, up to a second per plan; what it finds is kept for later runs,
         whatever they ask for.
@@ -194,6 +204,8 @@ def deblur(
     max_memory = None if max_memory is None else _validate.count("max_memory", max_memory)
     solved_as, extension = _border(border, mode)
     _check_whole(max_memory, geometry, normalize, border if extension else None)
+    if fallback:
+        refuse_fallback(geometry)
     quarter = camera.horizontal_readout
     stored = Stored.of(image, transfer, quarter=quarter)
     out, upright = result_like(image, out, quarter=quarter)
@@ -226,13 +238,21 @@ def deblur(
         planning=planning,
         threads=threads,
     )
-    coverage = _solve(parted, shot, bank, method, _After(geometry, normalize), max_memory, upright, clock)
+    meter = Meter(stored.shape[0])
+    coverage = _solve(parted, shot, bank, method, _After(geometry, normalize), max_memory, upright, meter, clock)
+    judged = None
+    if check or fallback:
+        with clock.stage("check"):
+            resampled = geometry == "rectify"
+            judged = judge(stored, Stored(upright, transfer), shot, meter, motion=motion, resampled=resampled)
+            if fallback and judged.verdict == "bad":
+                judged = fall_back(stored, judged, upright)
     n_bands, n_strips = bank.kernels.shape[:2]
     if mode == "rowwise":
         n_bands = stored.shape[0]
     if quarter:
         coverage, bank = np.rot90(coverage), bank.turned(camera.height)
-    return DeblurResult(out, bank, n_bands, n_strips, phi, penalty, coverage, clock.timings)
+    return DeblurResult(out, bank, n_bands, n_strips, phi, penalty, coverage, clock.timings, judged)
 
 
 class _After(NamedTuple):
@@ -266,6 +286,7 @@ def _solve(
     after: _After,
     max_memory: int | None,
     out: NDArray[Any],
+    meter: Meter,
     clock: _Clock,
 ) -> NDArray[np.bool_]:
     """Solve slab by slab into `out`, and return what was seen."""
@@ -273,17 +294,19 @@ def _solve(
     coverage: NDArray[np.bool_] = np.broadcast_to(np.True_, parted.stored.shape[:2])
     for n, slab in enumerate(slabs):
         light = parted.rest(slab.read)
+        kept = slice(slab.given.start - slab.read.start, slab.given.stop - slab.read.start)
+        meter.before(light[kept], slab.given)
         with clock.stage("plan"):
             solve = method.planned(shot, slab.bank, light.shape, slab.read.start)
         with clock.stage("apply"):
             light = solve(light, clock.within("apply", n, len(slabs)))
         parted.give_back(light, slab.read.start)
+        meter.after(light[kept], slab.given)
         if after.geometry == "rectify":
             with clock.stage("rectify"):
                 light, coverage = rectify(light, shot)
         if after.normalize:
             light = normalized(light)
-        kept = slice(slab.given.start - slab.read.start, slab.given.stop - slab.read.start)
         parted.stored.put(light[kept], slab.given, out)
         # Before the next slab is planned beside them.
         del light, solve

@@ -263,15 +263,7 @@ class TileSpectra:
         grey = np.rot90(grey, -1) if self._quarter else grey
         tops, lefts = (_places(n) for n in grey.shape)
         self._rows, self._cols = tops + (TILE - 1) / 2, lefts + (TILE - 1) / 2
-        fy, fx = np.meshgrid(scipy.fft.fftfreq(TILE), scipy.fft.rfftfreq(TILE), indexing="ij")
-        radius = np.hypot(fx, fy)
-        self._used = (radius > LOWEST) & (radius < HIGHEST)
-        # Response of the two differences together.
-        gradient = 4 * np.sin(np.pi * fy) ** 2 + 4 * np.sin(np.pi * fx) ** 2
-        power = _periodograms(grey, tops, lefts)
-        self._noise = _noise(power, gradient, fy, fx)[..., None] * gradient[self._used].astype(np.float32)
-        self._power = power[..., self._used]
-        self._scene = (gradient / np.maximum(radius, LOWEST) ** 2).astype(np.float32)
+        self._measured = Measured(grey, tops, lefts)
 
     def score(self, log: GyroLog, camera: Camera, exposure: Exposure) -> FloatArray:
         """Return the negative log-likelihood, in nats, of every tile under this motion.
@@ -284,16 +276,49 @@ class TileSpectra:
         small = camera.scaled(self._scale)
         shot = Shot.from_log(log, small.turned() if self._quarter else small, exposure)
         bank = PsfBank.from_paths(BlurPaths.from_shot(shot, self._rows, self._cols))
-        expected = (_power_of(bank) * self._scene)[..., self._used]
+        return self._measured.fit(bank.kernels).ravel()
+
+
+class Measured:
+    """Periodograms of tiles of a picture, and how likely they are under given PSFs.
+
+    Parameters
+    ----------
+    grey : ndarray, shape (H, W)
+        Linear light.
+    tops, lefts : ndarray, shape (B,) and (S,)
+        First pixels of the tiles.
+    """
+
+    def __init__(self, grey: NDArray[np.float32], tops: NDArray[np.intp], lefts: NDArray[np.intp]) -> None:
+        fy, fx = np.meshgrid(scipy.fft.fftfreq(TILE), scipy.fft.rfftfreq(TILE), indexing="ij")
+        radius = np.hypot(fx, fy)
+        self._used = (radius > LOWEST) & (radius < HIGHEST)
+        # Response of the two differences together.
+        gradient = 4 * np.sin(np.pi * fy) ** 2 + 4 * np.sin(np.pi * fx) ** 2
+        power = _periodograms(grey, tops, lefts)
+        self._noise = _noise(power, gradient, fy, fx)[..., None] * gradient[self._used].astype(np.float32)
+        self._power = power[..., self._used]
+        self._scene = (gradient / np.maximum(radius, LOWEST) ** 2).astype(np.float32)
+
+    def fit(
+        self,
+        kernels: NDArray[np.float32],
+        *,
+        gains: NDArray[np.float32] = GAINS,
+        noises: NDArray[np.float32] = NOISES,
+    ) -> FloatArray:
+        """Return the negative log-likelihood, in nats, of the tiles under `kernels` (B or 1, S or 1, kh, kw)."""
+        expected = (_power_of(kernels) * self._scene)[..., self._used]
         excess = (self._power - self._noise).mean(axis=-1).clip(1e-12)
         scene = (excess / expected.mean(axis=-1))[..., None] * expected
         likeliest = np.full(excess.shape, np.inf, dtype=np.float32)
-        for noise in NOISES:
-            for gain in GAINS:
+        for noise in noises:
+            for gain in gains:
                 variance = gain * scene + noise * self._noise
                 surprise = np.log(variance) + TAIL * np.log1p(self._power / (TAIL * variance))
                 np.minimum(likeliest, surprise.sum(axis=-1), out=likeliest)
-        return likeliest.ravel().astype(np.float64)
+        return likeliest.astype(np.float64)
 
 
 def _places(n: int) -> NDArray[np.intp]:
@@ -323,13 +348,13 @@ def _noise(power: NDArray[np.float32], gradient: FloatArray, fy: FloatArray, fx:
     return np.maximum(least, 1e-12).astype(np.float32)
 
 
-def _power_of(bank: PsfBank) -> NDArray[np.float32]:
+def _power_of(kernels: NDArray[np.float32]) -> NDArray[np.float32]:
     """|H|^2 as the window shows it, shape (B, S, TILE, TILE // 2 + 1)."""
-    tall, wide = bank.size
+    tall, wide = kernels.shape[2:]
     # A PSF larger than a tile wraps: its spectrum is sampled as finely as the picture's.
     down, across = (-(-n // TILE) for n in (tall, wide))
     room = ((0, 0), (0, 0), (0, down * TILE - tall), (0, across * TILE - wide))
-    kernels = np.pad(bank.kernels, room).reshape(*bank.kernels.shape[:2], down, TILE, across, TILE).sum(axis=(2, 4))
+    kernels = np.pad(kernels, room).reshape(*kernels.shape[:2], down, TILE, across, TILE).sum(axis=(2, 4))
     power: NDArray[Any] = np.abs(scipy.fft.fft2(kernels)) ** 2
     for axis in (2, 3):
         # The power of a Hann window's transform: 1/6, 2/3, 1/6.

@@ -260,7 +260,7 @@ def test_progress_and_timings(capture: Simulation, log: GyroLog) -> None:
     result = deblur(
         capture.blurred, log, CAMERA, EXPOSURE, geometry="rectify", progress=lambda s, f: told.append((s, f))
     )
-    assert list(result.timings) == ["tune", "psfs", "plan", "apply", "rectify"]
+    assert list(result.timings) == ["tune", "psfs", "plan", "apply", "rectify", "check"]
     assert list(dict.fromkeys(stage for stage, _ in told)) == list(result.timings)
     for stage in result.timings:
         fractions = [f for s, f in told if s == stage]

@@ -415,6 +415,9 @@ max_memory_option = click.option(
     type=BytesType(),
     help="What the work may take beside the picture and its result, like 1GiB; slower where that is little.",
 )
+fallback_option = click.option(
+    "--fallback", is_flag=True, help="Blend the result towards the photo where the check finds it bad."
+)
 force_option = click.option("--force", is_flag=True, help="Replace files that exist.")
 dry_run_option = click.option("--dry-run", is_flag=True, help="Read and check all inputs, and write nothing.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")

@@ -30,6 +30,7 @@ class PhotoJob:
     work_size: int | None
     nsr_from_iso: bool
     max_memory: int | None
+    fallback: bool = False
     output: Path
     force: bool = False
     dry_run: bool = False
@@ -78,6 +79,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
             *(pixels, log, camera, exposure),
             mode=job.mode,
             max_memory=job.max_memory,
+            fallback=job.fallback,
             out=out,
             progress=move,
             **arguments,
@@ -95,6 +97,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         "weight": result.weight,
         "seconds": seconds,
         "timings": result.timings,
+        "check": None if result.check is None else asdict(result.check),
     }
 
 

@@ -70,7 +70,13 @@ def report_page(compared: Compared, recording: Recording, blur: Blur, solver: So
         bands=band_figures(shown, psf, across=camera.horizontal_readout),
         modes=report["modes"],
         settings=_settings(compared, recording, blur, solver),
-        findings=findings(picture.pixels, log, camera, exposure, psf=psf, unseen=unseen, remarks=remarks),
+        findings=findings(
+            *(picture.pixels, log, camera, exposure),
+            psf=psf,
+            checks={mode: found["check"] for mode, found in report["modes"].items() if found["check"] is not None},
+            unseen=unseen,
+            remarks=remarks,
+        ),
         blurred=report.get("blurred"),
         # Linear light is encoded as sRGB for display; stored values keep their profile.
         icc_profile=None if transfer == "linear" or picture.pixels.ndim == 2 else picture.icc_profile,

@@ -239,11 +239,15 @@ def _write_table(path: Path, entries: list[dict[str, Any]]) -> None:
     from rsdeblur._atomic import atomic_write
 
     columns = ("photo", "output", "state", "mode", "bands", "strips", "psf_px", "prior", "nsr", "weight", "seconds")
+    judged = ("verdict", "reasons")
     text = io.StringIO()
-    table = csv.DictWriter(text, (*columns, "error"), extrasaction="ignore", lineterminator="\n")
+    table = csv.DictWriter(text, (*columns, *judged, "error"), extrasaction="ignore", lineterminator="\n")
     table.writeheader()
     for entry in entries:
-        table.writerow(entry | ({"psf_px": "{}x{}".format(*entry["psf_px"])} if "psf_px" in entry else {}))
+        size = {"psf_px": "{}x{}".format(*entry["psf_px"])} if "psf_px" in entry else {}
+        check = entry.get("check")
+        told = {} if check is None else {"verdict": check["verdict"], "reasons": " ".join(check["reasons"])}
+        table.writerow(entry | size | told)
     with atomic_write(path) as file:
         file.write(text.getvalue().encode())
 
@@ -254,7 +258,9 @@ def _print(report: dict[str, Any]) -> None:
         tiles = f"{entry['bands']} x {entry['strips']}" if "bands" in entry else ""
         size = "{} x {}".format(*entry["psf_px"]) if "psf_px" in entry else ""
         seconds = f"{entry['seconds']:.2f}" if "seconds" in entry else ""
-        rows.append([entry["photo"], entry["state"], tiles, size, seconds])
-    print_table(["photo", "state", "bands x strips", "PSF px", "time s"], rows)
+        check = entry.get("check")
+        verdict = "" if check is None else check["verdict"]
+        rows.append([entry["photo"], entry["state"], tiles, size, seconds, verdict])
+    print_table(["photo", "state", "bands x strips", "PSF px", "time s", "check"], rows)
     counts = ", ".join(f"{count} {state}" for state, count in report["counts"].items())
     click.echo(f"{counts}; {report['seconds']:.1f} s")

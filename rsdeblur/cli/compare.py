@@ -145,6 +145,7 @@ def compare_modes(
             "weight": result.weight,
             "seconds": seconds,
             "timings": result.timings,
+            "check": None if result.check is None else asdict(result.check),
             "peak_memory_mib": memory,
         } | ({} if target is None else likeness(shown[mode], target))
     if target is not None:
@@ -191,11 +192,12 @@ def print_report(report: dict[str, Any]) -> None:
         "time s",
         "apply s",
         "peak MiB",
+        "check",
         *(["PSNR dB", "SSIM"] if judged else []),
     ]
     rows = []
     if judged:
-        rows.append(["(blurred)", "", "", "", "", "", *_likeness_cells(report["blurred"])])
+        rows.append(["(blurred)", "", "", "", "", "", "", *_likeness_cells(report["blurred"])])
     for mode, found in report["modes"].items():
         memory = found["peak_memory_mib"]
         rows.append(
@@ -206,6 +208,7 @@ def print_report(report: dict[str, Any]) -> None:
                 f"{found['seconds']:.2f}",
                 f"{found['timings']['apply']:.2f}",
                 "-" if memory is None else f"{memory:.0f}",
+                "-" if found["check"] is None else found["check"]["verdict"],
                 *(_likeness_cells(found) if judged else []),
             ]
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -32,6 +32,7 @@ Examples:
 @_options.work_size_option
 @_options.nsr_from_iso_option
 @_options.max_memory_option
+@_options.fallback_option
 @click.option("-o", "--output", type=_options.PATH, required=True, metavar="OUT", help="Picture to write.")
 @_options.force_option
 @_options.dry_run_option
@@ -45,6 +46,7 @@ def command(
     work_size: int | None,
     nsr_from_iso: bool,
     max_memory: int | None,
+    fallback: bool,
     output: Path,
     force: bool,
     dry_run: bool,
@@ -60,6 +62,7 @@ def command(
         work_size=work_size,
         nsr_from_iso=nsr_from_iso,
         max_memory=max_memory,
+        fallback=fallback,
         output=output,
         force=force,
         dry_run=dry_run,
@@ -80,4 +83,14 @@ def command(
     tiles = "rows" if mode == "rowwise" else "bands"
     kernels = f"{facts['bands']} x {facts['strips']} PSFs ({tiles} x strips) of {wide} x {tall} px"
     strength = f"NSR {facts['nsr']:.2g}" if facts["weight"] is None else f"weight {facts['weight']:.2g}"
-    click.echo(f"{output}: {mode}, {kernels}, {solver.prior}, {strength}, {facts['seconds']:.2f} s")
+    click.echo(
+        f"{output}: {mode}, {kernels}, {solver.prior}, {strength}, {facts['seconds']:.2f} s{_told(facts['check'])}"
+    )
+
+
+def _told(check: dict[str, Any] | None) -> str:
+    if check is None:
+        return ""
+    blended = ", blended towards the photo" if check["blended"] else ""
+    reasons = "" if check["verdict"] == "good" else f"\n  {' '.join(check['reasons'])}"
+    return f"; {check['verdict']}{blended}{reasons}"

@@ -102,7 +102,7 @@ def command(
                 move(f"{1e3 * shift:+.1f} ms", i / steps)
             try:
                 moved = replace(camera, time_offset=camera.time_offset + shift)
-                result = deblur(pixels, log, moved, exposure, **arguments)
+                result = deblur(pixels, log, moved, exposure, check=False, **arguments)
             except CoverageError as error:
                 refused = error
                 continue

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -56,6 +56,7 @@ def findings(
     exposure: Exposure,
     *,
     psf: tuple[int, int],
+    checks: Mapping[str, Mapping[str, Any]] | None = None,
     unseen: float = 0.0,
     remarks: Sequence[str] = (),
 ) -> tuple[Finding, ...]:
@@ -69,6 +70,8 @@ def findings(
         The motion, the camera and the time of the exposure.
     psf : (int, int)
         Height and width of the largest PSF, px.
+    checks : mapping of str to mapping, optional
+        Of each mode: the fields of a :class:`rsdeblur.Check`.
     unseen : float, default 0.0
         Share of the result that no row saw.
     remarks : sequence of str
@@ -79,6 +82,7 @@ def findings(
     found = [Finding("warning", "Remark", remark) for remark in remarks]
     found += [_coverage(based, opens, closes), _gaps(log, based, opens, closes), _sampling(log, exposure)]
     found += [_gyro_range(log, based, opens, closes), _saturation(pixels), _size(psf, pixels.shape)]
+    found += [_verdict(mode, check) for mode, check in (checks or {}).items()]
     if unseen > 0:
         text = f"{unseen:.1%} of the straightened picture was seen by no row and is filled from its neighbours."
         found.append(Finding("note", "Unseen parts", text))
@@ -148,6 +152,11 @@ def _size(psf: tuple[int, int], shape: tuple[int, ...]) -> Finding:
     if max(psf) <= SMALL_BLUR:
         return Finding("note", "Motion", text + " There is hardly any blur to remove.")
     return Finding("good", "Motion", text)
+
+
+def _verdict(mode: str, check: Mapping[str, Any]) -> Finding:
+    level: Literal["good", "warning"] = "good" if check["verdict"] == "good" else "warning"
+    return Finding(level, f"Result, {mode}", " ".join((f"The check says: {check['verdict']}.", *check["reasons"])))
 
 
 def _time(seconds: float) -> str:

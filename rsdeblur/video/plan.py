@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 
 from rsdeblur._validate import FloatArray
 from rsdeblur.camera import Camera
-from rsdeblur.errors import CoverageError, InputError
+from rsdeblur.check import Check
+from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
 from rsdeblur.exposure import Exposure
 from rsdeblur.gyro import GyroLog
 from rsdeblur.method import Method, Mode
@@ -81,6 +83,8 @@ def plan_clip(
 ) -> tuple[Plan, list[str | None]]:
     """Find the largest blur of all frames, and the strengths that suit the video.
 
+    Warns where the motion does not explain the frames that are looked at: those results are checked.
+
     Parameters
     ----------
     clip, log, camera, exposures
@@ -117,6 +121,7 @@ def plan_clip(
         told(f"look at frame {i}", 1.0)
         (frame,) = frames(clip, i, i + 1)
         looked.append(_alone(values_of(frame), log, camera, exposures[i], mode, transfer, settings))
+    _warn_of_bad([look.check for look in looked], clip)
     nsr, peak = (float(np.median([getattr(look, name) for look in looked])) for name in ("nsr", "peak"))
     weights = [look.weight for look in looked if look.weight is not None]
     weight = float(np.median(weights)) if weights else None
@@ -164,6 +169,7 @@ class _Look(NamedTuple):
     weight: float | None
     peak: float
     psfs: PsfBank
+    check: Check | None
 
 
 def _alone(
@@ -178,4 +184,12 @@ def _alone(
     """Deblur a frame as a photo, and return what was chosen for it."""
     result = deblur(values, log, camera, exposure, mode=mode, transfer=transfer, **settings)
     peak = brightness(Stored(values[::4, ::4], transfer).light(slice(None)))
-    return _Look(result.nsr, result.weight, peak, result.psfs)
+    return _Look(result.nsr, result.weight, peak, result.psfs, result.check)
+
+
+def _warn_of_bad(checks: list[Check | None], clip: Clip) -> None:
+    """Warn where the motion does not explain most of the frames that were looked at."""
+    bad = [check for check in checks if check is not None and check.verdict == "bad"]
+    if 2 * len(bad) > len(checks):
+        found = f"{len(bad)} of {len(checks)} frames that were looked at come out bad"
+        warnings.warn(f"{clip.path}: {found}: {' '.join(bad[0].reasons)}", RsdeblurWarning, stacklevel=2)
