@@ -30,7 +30,7 @@ class PhotoJob:
     work_size: int | None
     nsr_from_iso: bool
     max_memory: int | None
-    fallback: bool = False
+    fallback: bool
     output: Path
     force: bool = False
     dry_run: bool = False

@@ -53,6 +53,7 @@ Examples:
 @_options.work_size_option
 @_options.nsr_from_iso_option
 @_options.max_memory_option
+@_options.fallback_option
 @jobs_option
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the work (they see the files).")
 @click.option("-o", "--output", type=_options.PATH, required=True, metavar="DIR", help="Folder to write to.")
@@ -69,6 +70,7 @@ def command(
     work_size: int | None,
     nsr_from_iso: bool,
     max_memory: int | None,
+    fallback: bool,
     jobs: int | None,
     scheduler: str | None,
     output: Path,
@@ -100,6 +102,7 @@ def command(
         "work_size": work_size,
         "nsr_from_iso": nsr_from_iso,
         "max_memory": max_memory,
+        "fallback": fallback,
     }
     records = Records(output / RECORDS)
     if not dry_run:

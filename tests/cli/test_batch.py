@@ -87,6 +87,12 @@ def test_an_item_is_what_deblur_makes_of_it(run: Run, files: Files, manifest: Pa
 
 
 @pytest.mark.usefixtures("here")
+def test_fallback_reaches_every_item(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
+    call = (manifest, *files.sources, "--fallback", "--geometry", "rectify", "-o", tmp_path / "out")
+    assert all("fallback" in item["error"] for item in entries(run, *call, code=SOME_FAILED)[:3])
+
+
+@pytest.mark.usefixtures("here")
 def test_finished_items_are_skipped(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     call = (manifest, *files.sources, "-o", out)
