@@ -363,6 +363,18 @@ class TestBombs:
         path.write_bytes(data)
         assert "more than the file has bytes" in refusal(read_picture, path)
 
+    @pytest.mark.parametrize("in_place", [False, True])
+    def test_tiff_whose_width_is_a_list(self, tmp_path: Path, in_place: bool) -> None:
+        """500 widths times a height of 10^6 took 4 GB."""
+        path = tmp_path / "a.tif"
+        tifffile.imwrite(path, np.zeros((3, 2), np.uint8))
+        with tifffile.TiffFile(path, mode="r+b") as file:
+            tags = file.pages.first.tags
+            tags["ImageLength"].overwrite(10**6)
+            tags["ImageWidth"].overwrite([2] * 500)
+        with pytest.raises(FileFormatError, match="imagewidth is no number"):
+            read_picture(path, in_place=in_place)
+
 
 class TestDamagedPictures:
     def test_tiff_without_pixels(self, tmp_path: Path) -> None:

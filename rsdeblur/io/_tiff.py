@@ -42,14 +42,30 @@ EXIF_TABLE, GPS_TABLE = 34665, 34853
 CLASSIC_BYTES = 2**32 - 2**24
 
 
+# What TIFF knows as one number each; a list in its place, multiplied by another one, would take gigabytes.
+SIZES = (
+    *("imagewidth", "imagelength", "imagedepth", "samplesperpixel"),
+    *("rowsperstrip", "tilewidth", "tilelength", "tiledepth"),
+)
+
+
 class Unsupported(ValueError):
     """A TIFF whose samples are of a kind that is not read."""
+
+
+def first_page(file: tifffile.TiffFile) -> tifffile.TiffPage:
+    """Return the first page, whose sizes are numbers."""
+    page = file.pages.first
+    for name in SIZES:
+        if not isinstance(getattr(page, name), int):
+            raise ValueError(f"its {name} is no number")
+    return page
 
 
 def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None]:
     """Return pixels and colour profile of the first page; the orientation tag is not applied."""
     with tifffile.TiffFile(BytesIO(data)) as file:
-        page = file.pages.first
+        page = first_page(file)
         # page.size counts samples, those of further planes of a volume included.
         if max(page.imagewidth * page.imagelength, page.size // 4) > max_pixels:
             raise Unsupported(f"the picture claims {page.imagewidth}x{page.imagelength} pixels; limit {max_pixels}")

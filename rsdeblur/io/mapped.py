@@ -39,7 +39,7 @@ def map_picture(file: BinaryIO, max_pixels: int) -> Mapped | None:
     if not head.startswith(_tiff.MAGIC):
         return None
     with tifffile.TiffFile(file) as tiff:
-        page = tiff.pages.first
+        page = _tiff.first_page(tiff)
         place, icc = _tiff.place(page, size), page.iccprofile
     if place is None:
         return None
