@@ -52,9 +52,18 @@ class Commands(click.Group):
                 if error.errno == errno.EPIPE:
                     raise
                 _refuse(ctx, f"{error.filename}: {error.strerror}" if error.filename else str(error))
-            except KeyboardInterrupt:
+            except (KeyboardInterrupt, ImportError) as error:
+                if not _interrupted(error):
+                    raise
                 click.echo("rsdeblur: interrupted; no unfinished file is left", err=True)
                 ctx.exit(INTERRUPTED)
+
+
+def _interrupted(error: BaseException | None) -> bool:
+    """Return whether an interrupt is behind an error: while a compiled module starts, one becomes an ImportError."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _refuse(ctx: click.Context, message: str) -> NoReturn:

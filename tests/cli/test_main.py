@@ -17,6 +17,13 @@ from rsdeblur.cli import COMMANDS, compare, main
 HEAVY = ("numpy", "scipy", "numba", "pyfftw", "skimage", "PIL", "rich")
 
 
+def import_error_of(cause: BaseException) -> ImportError:
+    """What a compiled module raises when something else happens while it starts."""
+    error = ImportError("initialization failed")
+    error.__cause__ = cause
+    return error
+
+
 @pytest.mark.parametrize("arguments", [["--help"], *([name, "--help"] for name in COMMANDS)])
 def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
     program = (
@@ -63,6 +70,7 @@ def test_version() -> None:
     ("raised", "code", "said"),
     [
         (KeyboardInterrupt(), 130, "rsdeblur: interrupted"),
+        (import_error_of(KeyboardInterrupt()), 130, "rsdeblur: interrupted"),
         (MemoryError(), 1, "rsdeblur: error: not enough memory"),
         (PermissionError(13, "Permission denied", "a.png"), 1, "rsdeblur: error: a.png: Permission denied"),
     ],
