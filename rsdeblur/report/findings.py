@@ -139,7 +139,8 @@ def _saturation(pixels: NDArray[Any]) -> Finding:
     share = float(np.mean(clipped if clipped.ndim == 2 else clipped.any(axis=2)))
     text = f"{share:.2%} of the pixels are clipped at white."
     if share > MUCH_CLIPPED:
-        return Finding("warning", "Saturation", text + " Their light is unknown: expect waves around highlights.")
+        text += " Their light is unknown: expect waves around highlights, and fewer with --saturation auto."
+        return Finding("warning", "Saturation", text)
     return Finding("good", "Saturation", text)
 
 
