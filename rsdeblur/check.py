@@ -175,6 +175,10 @@ def judge(stored: Stored, result: Stored, shot: Shot, meter: Meter, *, motion: M
         How paths are traced.
     resampled : bool
         Whether the result was straightened.
+
+    Returns
+    -------
+    Check
     """
     ringing, ringings = meter.ringing()
     found = Check("good", (), None, None, None, ringing, None, None, (), ringings)

@@ -92,5 +92,6 @@ def _told(check: dict[str, Any] | None) -> str:
     if check is None:
         return ""
     blended = ", blended towards the photo" if check["blended"] else ""
-    reasons = "" if check["verdict"] == "good" else f"\n  {' '.join(check['reasons'])}"
+    # A good result has reasons too where it could not be judged.
+    reasons = f"\n  {' '.join(check['reasons'])}" if check["reasons"] else ""
     return f"; {check['verdict']}{blended}{reasons}"
