@@ -15,10 +15,10 @@ from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from skimage.transform import rescale
 
 from rsdeblur import Camera, Exposure, GyroLog, Simulation, read_camera, read_captures, read_gyro, simulate
+from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.io import read_picture
-from rsdeblur.scene import scene
-from rsdeblur.shake import hand_shake
-from rsdeblur.transfer import from_linear, to_linear
+from rsdeblur.simulation.scene import scene
+from rsdeblur.simulation.shake import hand_shake
 
 Image = NDArray[np.float32]
 ROOT = Path(__file__).resolve().parents[1]

@@ -10,11 +10,11 @@ import scipy.fft
 
 from benchmarks.captures import Image
 from rsdeblur import BlurPaths, Camera, Exposure, GyroLog, PsfBank
-from rsdeblur.motion import Shot
-from rsdeblur.pipeline import psfs
+from rsdeblur.motion.paths import Shot
+from rsdeblur.pipeline.deblur import psfs
 from rsdeblur.psf import tile_centres
-from rsdeblur.scene import scene
-from rsdeblur.shake import hand_shake
+from rsdeblur.simulation.scene import scene
+from rsdeblur.simulation.shake import hand_shake
 
 NSR = 0.01
 EXPOSURE = Exposure(0.05, 1 / 20)

@@ -24,7 +24,7 @@ from benchmarks.captures import Image
 from benchmarks.cases import EXPOSURE, NSR, Case, centred
 from benchmarks.timing import Job
 from rsdeblur import Deconvolver, PsfBank
-from rsdeblur.pipeline import psfs
+from rsdeblur.pipeline.deblur import psfs
 
 # Read when MKL is loaded. Its threads would otherwise stay busy for 0.2 s after each call, on the cores that the next
 # contender needs. MKL's own times are the same either way.

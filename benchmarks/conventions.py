@@ -24,8 +24,8 @@ from scipy import ndimage
 
 from benchmarks.captures import Image, shield_burst
 from rsdeblur import Camera, GyroLog, deblur
+from rsdeblur.image.transfer import from_linear
 from rsdeblur.io import write_picture
-from rsdeblur.transfer import from_linear
 
 # Border left out, px: the blur is 100 px wide.
 INSIDE = np.s_[60:-60, 160:-160]

@@ -26,8 +26,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks import load
-from rsdeblur import Camera, Deconvolver, PsfBank, fft
-from rsdeblur._atomic import atomic_write
+from rsdeblur import Camera, Deconvolver, PsfBank
+from rsdeblur._util.atomic import atomic_write
+from rsdeblur.deconv import fft
 from rsdeblur.errors import OutputError
 from rsdeblur.io import read_picture, write_picture
 

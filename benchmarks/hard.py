@@ -19,9 +19,9 @@ from benchmarks.priors import noisy
 from benchmarks.saturation import recorded
 from benchmarks.tables import markdown, write
 from rsdeblur import deblur
-from rsdeblur.method import MODES, Mode
-from rsdeblur.priors import PRIORS
-from rsdeblur.transfer import to_linear
+from rsdeblur.deconv.priors import PRIORS
+from rsdeblur.image.transfer import to_linear
+from rsdeblur.pipeline.settings import MODES, Mode
 
 
 class Situation(NamedTuple):

@@ -27,9 +27,9 @@ import numpy as np
 from benchmarks.captures import Image
 from benchmarks.tables import print_table
 from rsdeblur import BlurPaths, Camera, Deconvolver, Exposure, RowBlur, RowDeconvolver, Shot, deblur, psfs, restore
+from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.io import write_picture
-from rsdeblur.quadratic import TileQuadratic
-from rsdeblur.shake import hand_shake
+from rsdeblur.simulation.shake import hand_shake
 
 THREADS = 8
 POLL = 0.05

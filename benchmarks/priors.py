@@ -29,9 +29,9 @@ from rich.progress import track
 from benchmarks.captures import Capture, Image, quality, simulated
 from benchmarks.tables import markdown, write
 from rsdeblur import GyroLog, Simulation, deblur
-from rsdeblur.fft import thread_count
-from rsdeblur.priors import PRIORS, Prior
-from rsdeblur.transfer import from_linear, to_linear
+from rsdeblur.deconv.fft import thread_count
+from rsdeblur.deconv.priors import PRIORS, Prior
+from rsdeblur.image.transfer import from_linear, to_linear
 
 # Another mode is one more entry.
 MODES: dict[str, dict[str, Any]] = {

@@ -18,7 +18,7 @@ from rich.progress import track
 
 from benchmarks.captures import Capture, quality, simulated
 from rsdeblur import deblur
-from rsdeblur.motion import GEOMETRIES, Geometry
+from rsdeblur.motion.paths import GEOMETRIES, Geometry
 
 LADDER = (0.01, 0.03, 0.1, 0.3)
 METHODS: dict[str, dict[str, Any]] = {

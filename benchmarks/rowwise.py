@@ -25,10 +25,11 @@ from benchmarks.cases import EXPOSURE, NSR, Case
 from benchmarks.peers import QUICK_SIZE, SIZE, size
 from benchmarks.tables import markdown, print_table, write
 from benchmarks.timing import Job, interleave
-from rsdeblur import BlurPaths, Deconvolver, RowDeconvolver, Shot, priors
+from rsdeblur import BlurPaths, Deconvolver, RowDeconvolver, Shot
+from rsdeblur.deconv import priors
+from rsdeblur.deconv.rowwise_blur import StripBlur, latent_rows
 from rsdeblur.kernels import rowwise
 from rsdeblur.kernels.rowwise import BLOCK, LANES, RowModel
-from rsdeblur.rowblur import StripBlur, latent_rows
 
 # Height of the PSF in px and the most that apply may cost, in applies of the global mode.
 TARGETS = {17: 3.0, 31: 6.0, 77: 25.0}

@@ -27,12 +27,12 @@ from benchmarks.captures import BORDER, READOUT, Capture, Image, quality, simula
 from benchmarks.priors import noisy
 from benchmarks.tables import markdown, write
 from rsdeblur import Camera, Exposure, Simulation, deblur, simulate
-from rsdeblur.method import MODES
-from rsdeblur.priors import Prior
-from rsdeblur.saturation import SATURATIONS
-from rsdeblur.scene import scene
-from rsdeblur.shake import hand_shake
-from rsdeblur.transfer import from_linear, to_linear
+from rsdeblur.deconv.priors import Prior
+from rsdeblur.image.highlights import SATURATIONS
+from rsdeblur.image.transfer import from_linear, to_linear
+from rsdeblur.pipeline.settings import MODES
+from rsdeblur.simulation.scene import scene
+from rsdeblur.simulation.shake import hand_shake
 
 # Where, as shares of height and width; radius in px, 0 for a point; light.
 LAMPS = (

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur import Camera, Exposure, GyroLog, deblur
+from rsdeblur.deconv.priors import PRIORS
 from rsdeblur.errors import InputError
-from rsdeblur.method import MODES
-from rsdeblur.priors import PRIORS
+from rsdeblur.pipeline.settings import MODES
 
 # (height, width)
 SIZES = [

@@ -22,9 +22,10 @@ from rich.progress import track
 from benchmarks.captures import Capture, Image, quality, simulated, synthetic
 from benchmarks.cases import centred
 from benchmarks.tables import markdown, write
-from rsdeblur import Deconvolver, PsfBank, tiling, wiener
-from rsdeblur.border import fade
-from rsdeblur.pipeline import psfs
+from rsdeblur import Deconvolver, PsfBank
+from rsdeblur.deconv import tiling, wiener
+from rsdeblur.deconv.border import fade
+from rsdeblur.pipeline.deblur import psfs
 
 # Standard deviation of the noise and an NSR that suits it.
 NOISES = ((0.01, 0.03), (0.003, 0.01), (0.001, 0.003))

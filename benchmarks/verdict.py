@@ -28,10 +28,10 @@ from benchmarks.captures import Capture, quality, simulated
 from benchmarks.priors import FOCAL_ERROR, OFFSET_ERROR, RATE_NOISE, jpeg, noisy
 from benchmarks.tables import markdown, write
 from rsdeblur import Check, GyroLog, RsdeblurError, deblur
-from rsdeblur.check import Verdict, fall_back
-from rsdeblur.fft import thread_count
-from rsdeblur.priors import PRIORS, Prior
-from rsdeblur.stored import Stored
+from rsdeblur.deconv.fft import thread_count
+from rsdeblur.deconv.priors import PRIORS, Prior
+from rsdeblur.estimate.check import Verdict, fall_back
+from rsdeblur.image.encoded import Stored
 
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 # dB that a result must gain or lose to count as better or worse than the blurred picture.

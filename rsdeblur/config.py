@@ -6,7 +6,8 @@ import platform
 from importlib.metadata import version
 from typing import Literal, overload
 
-from rsdeblur import _config, _validate
+from rsdeblur import _config
+from rsdeblur._util import validate
 from rsdeblur.kernels import native, why_pure
 
 LIBRARIES = ("numpy", "scipy", "numba", "pyfftw")
@@ -40,9 +41,9 @@ def show_config(mode: Literal["stdout", "dict"] = "stdout") -> dict[str, str] | 
         If `mode` is another.
     """
     # Not at the top: it would load pyFFTW.
-    from rsdeblur.fft import thread_count
+    from rsdeblur.deconv.fft import thread_count
 
-    _validate.choice("mode", mode, ("stdout", "dict"))
+    validate.choice("mode", mode, ("stdout", "dict"))
     facts = {
         "rsdeblur": _config.VERSION,
         "python": platform.python_version(),

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rsdeblur import _validate
-from rsdeblur._atomic import atomic_write
-from rsdeblur._regular import open_file
-from rsdeblur._validate import FloatArray
+from rsdeblur._util import validate
+from rsdeblur._util.atomic import atomic_write
+from rsdeblur._util.files import open_file
+from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.kernels.raster import rasterize
-from rsdeblur.motion import BlurPaths
+from rsdeblur.motion.paths import BlurPaths
 
 # Kernels given by a user may have been rounded to a few digits; a sum further from 1 is another quantity.
 SUM_TOLERANCE = 1e-3
@@ -54,7 +54,7 @@ class PsfBank:
         kernels = _kernels(self.kernels)
         object.__setattr__(self, "kernels", kernels)
         for axis, name in enumerate(("rows", "cols")):
-            centres = _validate.real_array(name, getattr(self, name), (kernels.shape[axis],))
+            centres = validate.real_array(name, getattr(self, name), (kernels.shape[axis],))
             if (np.diff(centres) <= 0).any():
                 raise InputError(f"{name} must increase, got {centres.tolist()}")
             object.__setattr__(self, name, centres)
@@ -144,7 +144,7 @@ def tile_centres(tiles: int, length: int) -> FloatArray:
 
 
 def _kernels(value: ArrayLike) -> NDArray[np.float32]:
-    kernels = _validate.real_array("kernels", value).astype(np.float32)
+    kernels = validate.real_array("kernels", value).astype(np.float32)
     if kernels.ndim not in (2, 3, 4) or kernels.size == 0:
         raise InputError(f"kernels must have shape (B, S, kh, kw), (B, kh, kw) or (kh, kw), got {kernels.shape}")
     if kernels.ndim < 4:

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rsdeblur.camera import Camera
-from rsdeblur.exposure import Exposure
-from rsdeblur.gyro import GyroLog
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.psf import PsfBank
 from rsdeblur.report import MotionPlot, Page, band_figures, findings
-from rsdeblur.shake import hand_shake
+from rsdeblur.simulation.shake import hand_shake
 
 # Tests start Python processes from the repository root, where the bare source folder must not shadow the installation.
 os.environ["PYTHONSAFEPATH"] = "1"

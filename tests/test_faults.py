@@ -22,7 +22,7 @@ import pytest
 
 from benchmarks import faults
 from rsdeblur import Camera
-from rsdeblur._atomic import atomic_write, check_target
+from rsdeblur._util.atomic import atomic_write, check_target
 from rsdeblur.errors import OutputError
 from rsdeblur.io import write_picture
 
@@ -67,7 +67,7 @@ def test_an_interrupted_command_cleans_up(tmp_path: Path) -> None:
     """Interrupted while it writes: exit 130, one line, no temporary file."""
     # A write that takes for ever, which says when it has begun.
     code = (
-        "import time, rsdeblur.cli, rsdeblur._atomic as atomic\n"
+        "import time, rsdeblur.cli, rsdeblur._util.atomic as atomic\n"
         "def slow(*_):\n    print('writing', flush=True)\n    time.sleep(60)\n"
         "atomic.os.fsync = slow\n"
         "rsdeblur.cli.main()\n"

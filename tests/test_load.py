@@ -10,7 +10,7 @@ import threading
 import pytest
 
 from benchmarks import load
-from rsdeblur.crew import Crew
+from rsdeblur._util.threads import Crew
 
 KINDS = load.solvers(threads=2)
 

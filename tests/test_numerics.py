@@ -19,11 +19,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from rsdeblur import Camera, Exposure, GyroLog, InputError, deblur
-from rsdeblur.camera import READOUT_DIRECTIONS
-from rsdeblur.method import MODES
-from rsdeblur.motion import BlurPaths, Shot
-from rsdeblur.pipeline import psfs
-from rsdeblur.priors import PRIORS
+from rsdeblur.deconv.priors import PRIORS
+from rsdeblur.motion.camera import READOUT_DIRECTIONS
+from rsdeblur.motion.paths import BlurPaths, Shot
+from rsdeblur.pipeline.deblur import psfs
+from rsdeblur.pipeline.settings import MODES
 
 EPOCH = 1_766_385_749_427_863_801
 MIRRORED = {"left-right": "right-left", "right-left": "left-right", "top-down": "bottom-up", "bottom-up": "top-down"}
@@ -221,7 +221,7 @@ CASES = """
 import sys
 import numpy as np
 from rsdeblur import Camera, Exposure, deblur
-from rsdeblur.shake import hand_shake
+from rsdeblur.simulation.shake import hand_shake
 image = np.random.default_rng(0).random((47, 53, 3), dtype=np.float32)
 log, camera = hand_shake(0.2, strength=0.5, seed=3), Camera(53, 47, 60.0, readout=0.03)
 np.savez(sys.argv[1], **{

@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from rsdeblur.camera import Camera
+from rsdeblur.deconv.tiling import hat_weights
 from rsdeblur.errors import FileFormatError, InputError, OutputError
-from rsdeblur.exposure import Exposure
-from rsdeblur.motion import BlurPaths, Shot
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.paths import BlurPaths, Shot
 from rsdeblur.psf import PsfBank, tile_centres
-from rsdeblur.tiling import hat_weights
 
 EXPOSURE = Exposure(0.1, 0.05)
 

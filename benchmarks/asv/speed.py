@@ -8,8 +8,8 @@ import numpy as np
 
 from benchmarks.cases import EXPOSURE, NSR, Case
 from rsdeblur import BlurPaths, Deconvolver, PsfBank, deblur
-from rsdeblur.motion import Shot
-from rsdeblur.pipeline import psfs
+from rsdeblur.motion.paths import Shot
+from rsdeblur.pipeline.deblur import psfs
 from rsdeblur.psf import tile_centres
 
 SIZE = 1024, 768

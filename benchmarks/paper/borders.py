@@ -12,11 +12,11 @@ from scipy.signal import fftconvolve
 from benchmarks.captures import DATA, Image
 from benchmarks.paper.figure import Cell, Figure, pictures
 from rsdeblur import BlurPaths, Camera, Deconvolver, Exposure, PsfBank, Shot, psfs, read_gyro
-from rsdeblur.border import Border, Extension, fade
-from rsdeblur.extension import extended
+from rsdeblur.deconv.border import Border, Extension, fade
+from rsdeblur.deconv.boundary import extended
+from rsdeblur.deconv.rowwise import RowDeconvolver
+from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.io import read_picture
-from rsdeblur.rowwise import RowDeconvolver
-from rsdeblur.transfer import from_linear, to_linear
 
 PICTURES = ("kodim01", "kodim05", "kodim13", "kodim23")
 STARTS = (14.0, 33.0, 40.0)

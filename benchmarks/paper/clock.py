@@ -27,9 +27,9 @@ from rsdeblur import (
     read_gyro,
     simulate,
 )
-from rsdeblur.fft import thread_count
+from rsdeblur.deconv.fft import thread_count
+from rsdeblur.image.transfer import to_linear
 from rsdeblur.io import read_picture
-from rsdeblur.transfer import to_linear
 
 PICTURES = ("kodim01", "kodim03", "kodim05", "kodim07", "kodim13", "kodim20", "kodim23")
 DURATIONS = (1 / 60, 1 / 30, 1 / 15)

@@ -10,8 +10,8 @@ import numpy as np
 from benchmarks.captures import DATA, Image, quality
 from benchmarks.paper.figure import Cell, Figure, pictures
 from rsdeblur import Camera, Exposure, GyroLog, Translation, deblur, read_gyro, simulate
+from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.io import read_picture
-from rsdeblur.transfer import from_linear, to_linear
 
 CAMERA = Camera(640, 448, 704.0, readout=0.03)
 START, DURATION = 33.0, 1 / 15

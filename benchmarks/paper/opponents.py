@@ -8,24 +8,13 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from scipy.signal import fftconvolve
 
+from benchmarks import baselines
 from benchmarks.captures import DATA, Image, quality
 from benchmarks.paper.figure import Cell, Figure, pictures
-from rsdeblur import (
-    BlurPaths,
-    Camera,
-    Deconvolver,
-    Exposure,
-    GyroLog,
-    PsfBank,
-    baselines,
-    deblur,
-    psfs,
-    read_gyro,
-    simulate,
-)
+from rsdeblur import BlurPaths, Camera, Deconvolver, Exposure, GyroLog, PsfBank, deblur, psfs, read_gyro, simulate
+from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.io import read_picture
-from rsdeblur.motion import Shot
-from rsdeblur.transfer import from_linear, to_linear
+from rsdeblur.motion.paths import Shot
 
 # Figure, picture, start in the log (s), exposure (s), their PSF's width and height (px).
 CASES = (

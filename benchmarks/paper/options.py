@@ -9,9 +9,9 @@ import numpy as np
 from benchmarks.captures import DATA, Image, quality
 from benchmarks.paper.figure import Cell, Figure, lines, pictures
 from rsdeblur import Camera, Exposure, deblur, read_gyro, simulate
+from rsdeblur.estimate.strength import nsr_of_iso
+from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.io import read_picture
-from rsdeblur.transfer import from_linear, to_linear
-from rsdeblur.tuning import nsr_of_iso
 
 CAMERA = Camera(640, 448, 704.0)
 PICTURES = ("kodim05", "kodim13", "kodim23")

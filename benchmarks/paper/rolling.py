@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.captures import DATA
 from benchmarks.paper.figure import Cell, Figure
 from rsdeblur import BlurPaths, Camera, Exposure, psfs, read_gyro, simulate
-from rsdeblur.motion import Shot
+from rsdeblur.motion.paths import Shot
 
 DURATION = 1 / 14
 STAMP = 20.0  # s in the log

@@ -15,8 +15,8 @@ from benchmarks.cases import EXPOSURE, NSR, Case
 from benchmarks.paper.figure import Cell, Figure
 from benchmarks.timing import interleave
 from rsdeblur import Deconvolver, deblur
+from rsdeblur.image.encoded import reduced
 from rsdeblur.io import read_picture, write_picture
-from rsdeblur.stored import reduced
 
 # Width, height, and their ms without NEON, with it on one core, and on two.
 THEIRS: dict[tuple[int, int], tuple[str, str, str]] = {

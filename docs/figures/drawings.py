@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 
 from rsdeblur import BlurPaths, Camera, Exposure, GyroLog, PsfBank, Shot
-from rsdeblur.axes import imu_to_camera
-from rsdeblur.gyro import rotation_matrix
-from rsdeblur.shake import hand_shake
+from rsdeblur.motion.axes import imu_to_camera
+from rsdeblur.motion.gyro import rotation_matrix
+from rsdeblur.simulation.shake import hand_shake
 
 HERE = Path(__file__).parent
 PICTURE, DEVICE, READOUT, GREY = "#0b7285", "#c2410c", "#6d28d9", "#6b7280"

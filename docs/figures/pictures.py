@@ -13,10 +13,10 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from rsdeblur import Camera, Exposure, GyroLog, deblur, simulate
-from rsdeblur.scene import scene
-from rsdeblur.shake import hand_shake
-from rsdeblur.simulate import Simulation
-from rsdeblur.transfer import from_linear
+from rsdeblur.image.transfer import from_linear
+from rsdeblur.simulation.scene import scene
+from rsdeblur.simulation.shake import hand_shake
+from rsdeblur.simulation.simulate import Simulation
 
 HERE = Path(__file__).parent
 WIDTH, HEIGHT = 640, 480

@@ -11,8 +11,8 @@ import click
 from rsdeblur.errors import FileFormatError, RsdeblurWarning
 
 if TYPE_CHECKING:
-    from rsdeblur.camera import Camera
     from rsdeblur.io.camera_file import CameraFile
+    from rsdeblur.motion.camera import Camera
 
 # Of a long list, as of exposures or gaps, the text shows this many; JSON shows all.
 SHOWN = 12
@@ -140,7 +140,7 @@ def tell_camera(file: CameraFile) -> dict[str, Any]:
 def _preset_of(camera: Camera) -> str | None:
     import numpy as np
 
-    from rsdeblur.axes import PRESETS, imu_to_camera
+    from rsdeblur.motion.axes import PRESETS, imu_to_camera
 
     fits = [name for name in PRESETS if np.allclose(camera.imu_to_camera, imu_to_camera(name), atol=1e-9)]
     return " or ".join(fits) or None

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import click
 
 if TYPE_CHECKING:
-    from rsdeblur.border import Border, Extension
-    from rsdeblur.fft import Planning
-    from rsdeblur.motion import Geometry, Motion
-    from rsdeblur.pipeline import Count, Strength
-    from rsdeblur.priors import Prior
-    from rsdeblur.rowwise import Solver as RowSolver
-    from rsdeblur.saturation import Saturation
-    from rsdeblur.transfer import Transfer
+    from rsdeblur.deconv.border import Border, Extension
+    from rsdeblur.deconv.fft import Planning
+    from rsdeblur.deconv.priors import Prior
+    from rsdeblur.deconv.rowwise import Solver as RowSolver
+    from rsdeblur.image.highlights import Saturation
+    from rsdeblur.image.transfer import Transfer
+    from rsdeblur.motion.paths import Geometry, Motion
+    from rsdeblur.pipeline.deblur import Count, Strength
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]

@@ -15,7 +15,7 @@ from rsdeblur.errors import InputError
 if TYPE_CHECKING:
     from rsdeblur.cli._output import Progress
     from rsdeblur.io.pictures import Picture
-    from rsdeblur.method import Mode
+    from rsdeblur.pipeline.settings import Mode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,8 +59,8 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         return _foreseen(job, inputs)
     picture, log, camera, exposure = inputs
 
-    from rsdeblur.pipeline import deblur
-    from rsdeblur.stored import reduced
+    from rsdeblur.image.encoded import reduced
+    from rsdeblur.pipeline.deblur import deblur
 
     arguments = asdict(job.blur) | asdict(job.solver) | {"transfer": transfer_of(picture, job.solver.transfer)}
     if job.nsr_from_iso:
@@ -103,8 +103,8 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
 
 def _foreseen(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:
     """Check what can be checked without solving, and return what is known then."""
-    from rsdeblur.pipeline import psfs
-    from rsdeblur.stored import check_size, reduced
+    from rsdeblur.image.encoded import check_size, reduced
+    from rsdeblur.pipeline.deblur import psfs
 
     picture, log, camera, exposure = inputs
     with naming(job.photo, job.recording):
@@ -125,8 +125,8 @@ def _foreseen(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:
 
 
 def _nsr_of(photo: Path, picture: Picture) -> float:
+    from rsdeblur.estimate.strength import nsr_of_iso
     from rsdeblur.io.exif import Exif
-    from rsdeblur.tuning import nsr_of_iso
 
     iso = Exif(picture.exif).iso
     if iso is None:

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
     from rsdeblur.cli._inputs import Inputs
     from rsdeblur.cli._options import Blur, Recording, Solver
-    from rsdeblur.method import Mode
+    from rsdeblur.image.transfer import Transfer
+    from rsdeblur.pipeline.settings import Mode
     from rsdeblur.psf import PsfBank
     from rsdeblur.report import Page
-    from rsdeblur.transfer import Transfer
 
 
 class Compared(NamedTuple):

@@ -24,8 +24,8 @@ from rsdeblur.cli._photo import PhotoJob, deblur_photo
 from rsdeblur.errors import InputError, RsdeblurWarning
 
 if TYPE_CHECKING:
-    from rsdeblur.method import Mode
-    from rsdeblur.records import Records
+    from rsdeblur._util.records import Records
+    from rsdeblur.pipeline.settings import Mode
 
 TABLE, REPORT, RECORDS = "batch.csv", "batch.json", ".rsdeblur-batch"
 SOME_FAILED = 3
@@ -88,7 +88,7 @@ def command(
     Started again, it does what is not done yet. Writes batch.csv and batch.json beside the photos. Exit code 3: some
     failed.
     """
-    from rsdeblur.records import Records
+    from rsdeblur._util.records import Records
 
     begin = time.perf_counter()
     items = read_items(source, defaults, output, numbered_from=numbered_from)
@@ -136,7 +136,7 @@ class _Batch:
 
     def run(self, items: list[Item], jobs: int, scheduler: str | None) -> list[dict[str, Any]]:
         """Do what is not done yet and return an entry for each item."""
-        from rsdeblur.workers import Failure, run
+        from rsdeblur._util.workers import Failure, run
 
         entries: list[dict[str, Any]] = [self._entry(item) for item in items]
         failed = sum("error" in entry for entry in entries)
@@ -219,13 +219,13 @@ def work(task: tuple[int, PhotoJob]) -> dict[str, Any]:
 
 
 def _tidy(task: tuple[int, PhotoJob]) -> None:
-    from rsdeblur._atomic import remove_unfinished
+    from rsdeblur._util.atomic import remove_unfinished
 
     remove_unfinished(task[1].output)
 
 
 def _mark(job: PhotoJob) -> str:
-    from rsdeblur.records import fingerprint
+    from rsdeblur._util.records import fingerprint
 
     recording = job.recording
     files = [path for path in (job.photo, recording.gyro, recording.camera, recording.capture) if path is not None]
@@ -239,7 +239,7 @@ def _naming(photo: Path, message: str) -> str:
 
 
 def _write_table(path: Path, entries: list[dict[str, Any]]) -> None:
-    from rsdeblur._atomic import atomic_write
+    from rsdeblur._util.atomic import atomic_write
 
     columns = ("photo", "output", "state", "mode", "bands", "strips", "psf_px", "prior", "nsr", "weight", "seconds")
     judged = ("verdict", "reasons")

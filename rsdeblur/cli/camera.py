@@ -14,8 +14,8 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._output import print_json
 
 if TYPE_CHECKING:
-    from rsdeblur.camera import Camera
     from rsdeblur.io.camera_file import CameraFile
+    from rsdeblur.motion.camera import Camera
 
 EXAMPLES = """\b
 Examples:
@@ -123,9 +123,9 @@ def new(
     **given: Any,
 ) -> None:
     """Make a camera file from numbers."""
-    from rsdeblur.camera import Camera
     from rsdeblur.io.camera_file import CameraFile
     from rsdeblur.io.exif import FILM_DIAGONAL
+    from rsdeblur.motion.camera import Camera
 
     if (focal is None) == (focal35 is None):
         raise click.UsageError("give one of --focal and --focal35", ctx=click.get_current_context())
@@ -185,7 +185,7 @@ def import_(
 
 
 def _write(camera: Camera, path: Path, *, force: bool) -> None:
-    from rsdeblur._atomic import check_target
+    from rsdeblur._util.atomic import check_target
 
     check_target(path, force=force)
     camera.save(path)

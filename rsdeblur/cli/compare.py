@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rsdeblur.io.pictures import Picture
-    from rsdeblur.method import Mode
+    from rsdeblur.pipeline.settings import Mode
     from rsdeblur.psf import PsfBank
 
 MODES: tuple[Mode, ...] = ("global", "banded", "rowwise")
@@ -94,7 +94,7 @@ def check_page(path: Path, *, force: bool) -> None:
     OutputError
         If it is not named like a page, or cannot be written, or exists and `force` is not set.
     """
-    from rsdeblur._atomic import check_target
+    from rsdeblur._util.atomic import check_target
 
     if path.suffix.lower() not in (".html", ".htm"):
         raise OutputError(f"{path}: the report is a page of HTML; name it like report.html")
@@ -118,7 +118,7 @@ def compare_modes(
 
     from rsdeblur.cli._measure import forget_peak_memory, likeness, peak_memory_mib
     from rsdeblur.io.pictures import write_picture
-    from rsdeblur.pipeline import deblur
+    from rsdeblur.pipeline.deblur import deblur
 
     shown = {"input": display_values(unit_range(picture.pixels), transfer)}
     banks: dict[Mode, PsfBank] = {}

@@ -13,7 +13,7 @@ from rsdeblur.cli._output import print_json, progress
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 
 if TYPE_CHECKING:
-    from rsdeblur.method import Mode
+    from rsdeblur.pipeline.settings import Mode
 
 EXAMPLES = """\b
 Examples:

@@ -14,8 +14,8 @@ from rsdeblur.cli._output import prepare_folder, print_json, progress, write_jso
 from rsdeblur.cli.compare import compare_modes, output_names, print_report
 
 if TYPE_CHECKING:
-    from rsdeblur.gyro import GyroLog
-    from rsdeblur.priors import Prior
+    from rsdeblur.deconv.priors import Prior
+    from rsdeblur.motion.gyro import GyroLog
 
 EXPOSURE = 0.05  # s
 READOUT = 0.03  # s, a slow phone sensor
@@ -85,13 +85,13 @@ def command(size: tuple[int, int], seed: int, output: Path, force: bool, as_json
 
 def _capture(size: tuple[int, int], seed: int, output: Path, *, force: bool) -> None:
     """Take the picture and write everything that a user would have, and the truth."""
-    from rsdeblur.camera import Camera
-    from rsdeblur.exposure import Exposure
+    from rsdeblur.image.transfer import from_linear
     from rsdeblur.io.pictures import write_picture
-    from rsdeblur.scene import scene
-    from rsdeblur.shake import hand_shake
-    from rsdeblur.simulate import simulate
-    from rsdeblur.transfer import from_linear
+    from rsdeblur.motion.camera import Camera
+    from rsdeblur.motion.exposure import Exposure
+    from rsdeblur.simulation.scene import scene
+    from rsdeblur.simulation.shake import hand_shake
+    from rsdeblur.simulation.simulate import simulate
 
     width, height = size
     margin = round(MARGIN * max(size))
@@ -109,7 +109,7 @@ def _capture(size: tuple[int, int], seed: int, output: Path, *, force: bool) -> 
 def _write_gyro(path: Path, log: GyroLog) -> None:
     import numpy as np
 
-    from rsdeblur._atomic import atomic_write
+    from rsdeblur._util.atomic import atomic_write
 
     with atomic_write(path) as file:
         np.savetxt(file, np.column_stack([log.t, log.omega]), "%.9f", ",", header="t,wx,wy,wz", comments="")

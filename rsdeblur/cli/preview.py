@@ -17,8 +17,8 @@ from rsdeblur.errors import CoverageError, InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from rsdeblur.camera import Camera
-    from rsdeblur.method import Mode
+    from rsdeblur.motion.camera import Camera
+    from rsdeblur.pipeline.settings import Mode
 
 EXAMPLES = """\b
 Examples:
@@ -81,10 +81,10 @@ def command(
     """
     import numpy as np
 
+    from rsdeblur.io.camera_file import write_time_offset
     from rsdeblur.io.pictures import check_writable, write_picture
-    from rsdeblur.pipeline import deblur
+    from rsdeblur.pipeline.deblur import deblur
     from rsdeblur.report import contact_sheet
-    from rsdeblur.timing import write_time_offset
 
     check_writable(output, force=force)
     picture, log, camera, exposure = read_inputs(photo, recording)

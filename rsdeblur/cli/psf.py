@@ -16,10 +16,10 @@ from rsdeblur.cli._output import print_json, progress
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from rsdeblur.camera import Camera
-    from rsdeblur.exposure import Exposure
-    from rsdeblur.gyro import GyroLog
-    from rsdeblur.method import Mode
+    from rsdeblur.motion.camera import Camera
+    from rsdeblur.motion.exposure import Exposure
+    from rsdeblur.motion.gyro import GyroLog
+    from rsdeblur.pipeline.settings import Mode
     from rsdeblur.psf import PsfBank
 
 EXAMPLES = """\b
@@ -57,7 +57,7 @@ def command(
     as_json: bool,
 ) -> None:
     """Compute the kernels that `deblur` would undo; no picture is needed."""
-    from rsdeblur._atomic import check_target
+    from rsdeblur._util.atomic import check_target
     from rsdeblur.io.pictures import check_writable, write_picture
 
     if output is not None:
@@ -71,7 +71,7 @@ def command(
         pixels, log, camera, exposure = read_inputs(photo, recording)
         picture = display_values(unit_range(pixels.pixels), transfer_of(pixels, None))
 
-    from rsdeblur.pipeline import psfs
+    from rsdeblur.pipeline.deblur import psfs
     from rsdeblur.report import psf_map
 
     with progress("psf"), naming(photo, recording):
@@ -95,7 +95,7 @@ def command(
 
 def _path_lengths(bank: PsfBank, log: GyroLog, camera: Camera, exposure: Exposure, blur: Blur) -> NDArray[Any]:
     """Return the lengths in px of the paths behind the kernels, in no particular order."""
-    from rsdeblur.motion import BlurPaths, Shot
+    from rsdeblur.motion.paths import BlurPaths, Shot
 
     rows, cols = bank.rows, bank.cols
     if camera.horizontal_readout:

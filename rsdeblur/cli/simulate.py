@@ -13,7 +13,7 @@ from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import prepare_folder, print_json, progress
 
 if TYPE_CHECKING:
-    from rsdeblur.transfer import Transfer
+    from rsdeblur.image.transfer import Transfer
 
 EXAMPLES = """\b
 Examples:
@@ -61,9 +61,9 @@ def command(
     prepare_folder(output, [path.name for path in paths], force=force)
     picture, log, camera, exposure = read_inputs(sharp, recording)
 
+    from rsdeblur.image.transfer import from_linear, to_linear
     from rsdeblur.io.pictures import write_picture
-    from rsdeblur.simulate import simulate
-    from rsdeblur.transfer import from_linear, to_linear
+    from rsdeblur.simulation.simulate import simulate
 
     encoding = transfer_of(picture, transfer)
     # PNG is looked at, so light is encoded for it.

@@ -13,7 +13,7 @@ from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import print_json, progress
 
 if TYPE_CHECKING:
-    from rsdeblur.transfer import Transfer
+    from rsdeblur.image.transfer import Transfer
 
 EXAMPLES = """\b
 Examples:
@@ -40,7 +40,8 @@ def command(
     tell: take one with more blur, and with motion that changes.
     """
     from rsdeblur.errors import InputError
-    from rsdeblur.timing import find_time_offset, write_time_offset
+    from rsdeblur.estimate.time_offset import find_time_offset
+    from rsdeblur.io.camera_file import write_time_offset
 
     picture, log, camera, exposure = read_inputs(photo, recording)
     with progress("sync") as move, naming(photo, recording):

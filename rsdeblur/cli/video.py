@@ -20,9 +20,9 @@ from rsdeblur.cli._output import print_json, progress
 from rsdeblur.errors import RsdeblurWarning
 
 if TYPE_CHECKING:
-    from rsdeblur.exposure import Exposure
-    from rsdeblur.method import Mode
-    from rsdeblur.transfer import Transfer
+    from rsdeblur.image.transfer import Transfer
+    from rsdeblur.motion.exposure import Exposure
+    from rsdeblur.pipeline.settings import Mode
     from rsdeblur.video.clip import Clip
     from rsdeblur.video.plan import Plan
     from rsdeblur.video.segments import Encoding

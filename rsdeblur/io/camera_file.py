@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
-from rsdeblur.camera import Camera
+from rsdeblur._util import validate
+from rsdeblur._util.atomic import atomic_write
 from rsdeblur.errors import RsdeblurWarning
+from rsdeblur.motion.camera import Camera
 
 # Sizes of the same shape differ by no more than what whole pixels, or 4096 for 3840, cannot express.
 SAME_SHAPE = 0.01
@@ -101,3 +106,24 @@ class CameraFile:
             "its middle, with the same focal length in px; if the camera scales its picture, give the scale",
         )
         return replace(self, camera=cut, doubts=(*self.doubts, doubt))
+
+
+def write_time_offset(path: str | os.PathLike[str], time_offset: float) -> None:
+    """Put `time_offset`, s, into a camera file, whose other lines stay as they are; it is replaced atomically.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is not a camera file.
+    OutputError
+        If it cannot be written.
+    """
+    time_offset = validate.finite("time_offset", time_offset)
+    Camera.load(path)
+    text = Path(path).read_text(encoding="utf-8")
+    line = f"time_offset = {time_offset!r}"
+    changed, found = re.subn(r"^[ \t]*time_offset[ \t]*=[^#\n]*", line, text, count=1, flags=re.MULTILINE)
+    if not found:
+        changed = f"{text.rstrip()}\n{line}\n"
+    with atomic_write(path) as file:
+        file.write(changed.encode())

@@ -10,7 +10,6 @@ import re
 from functools import partial
 from typing import Any
 
-from rsdeblur.camera import Camera
 from rsdeblur.errors import InputError
 from rsdeblur.io import kalibr, lens_profiles
 from rsdeblur.io.camera_file import CameraFile, Doubt, Request
@@ -18,6 +17,7 @@ from rsdeblur.io.exif import MAKE, MODEL, ZOOM, Exif
 from rsdeblur.io.formats import Format, choose
 from rsdeblur.io.pictures import is_picture, read_header
 from rsdeblur.io.source import Source
+from rsdeblur.motion.camera import Camera
 
 WHAT = "camera file"
 

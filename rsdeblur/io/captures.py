@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 from rsdeblur.errors import InputError
-from rsdeblur.exposure import Exposure
 from rsdeblur.io.exif import Exif
 from rsdeblur.io.formats import Format, choose, text_format
 from rsdeblur.io.gyro_binary import trailer_of
 from rsdeblur.io.pictures import read_header
 from rsdeblur.io.source import Source
 from rsdeblur.io.text import Rows, TextFile, cells_of, find_columns, is_number, read_table
+from rsdeblur.motion.exposure import Exposure
 
 WHAT = "capture file"
 # Android writes `Exposure time[nanosec]`, iOS `exposure duration[nanosec]`.

@@ -11,13 +11,13 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from rsdeblur.axes import orientation as orientation_matrix
-from rsdeblur.gyro import GyroLog
 from rsdeblur.io import archives, gyro_binary, gyro_tables, gyroflow
 from rsdeblur.io.formats import Format, choose
 from rsdeblur.io.samples import GyroFile, Samples, finish
 from rsdeblur.io.source import Source
 from rsdeblur.io.text import line_error
+from rsdeblur.motion.axes import orientation as orientation_matrix
+from rsdeblur.motion.gyro import GyroLog
 
 WHAT = "gyro log"
 FORMATS: tuple[Format[Samples], ...] = (

@@ -13,7 +13,7 @@ from decimal import Decimal
 
 import numpy as np
 
-from rsdeblur._validate import FloatArray
+from rsdeblur._util.validate import FloatArray
 from rsdeblur.io.formats import Format, text_format
 from rsdeblur.io.samples import Axes, Samples, table_samples
 from rsdeblur.io.text import Table, TextFile, cells_of, is_number, read_table, separator_of

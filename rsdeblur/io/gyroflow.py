@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from rsdeblur._validate import FloatArray
-from rsdeblur.axes import orientation
+from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io.formats import Format, text_format
 from rsdeblur.io.samples import Samples, nanoseconds, table_samples
 from rsdeblur.io.source import Source, unpacked_limit
 from rsdeblur.io.text import NUMBER, Rows, TextFile, cells_of, read_table
+from rsdeblur.motion.axes import orientation
 
 TITLES = ("GYROFLOW IMU LOG", "CAMERA IMU LOG")
 # What Gyroflow takes for a log that does not say how its sensor sits.

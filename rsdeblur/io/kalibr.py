@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from rsdeblur._validate import FloatArray
-from rsdeblur.camera import Camera
+from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io.camera_file import CameraFile, Doubt, Request
 from rsdeblur.io.source import Source
-from rsdeblur.lens import Distortion
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.lens import Distortion
 
 # Hardly any lens has its principal point that far off the middle, as a share of the picture's side.
 OFF_CENTRE = 0.1

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from rsdeblur import lens
-from rsdeblur.camera import Camera
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io.camera_file import CameraFile, Doubt, Request
 from rsdeblur.io.gyroflow import is_project, offset_ms, readout_of
 from rsdeblur.io.source import Source
-from rsdeblur.lens import Distortion
+from rsdeblur.motion import lens
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.lens import Distortion
 
 # Readouts of the public database reach from 0.01 to 100 ms; those of real sensors are in between.
 PLAUSIBLE_READOUT = (0.002, 0.050)

@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from rsdeblur._atomic import atomic_write, check_target
-from rsdeblur._regular import open_file, read_file
+from rsdeblur._util.atomic import atomic_write, check_target
+from rsdeblur._util.files import open_file, read_file
 from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
 from rsdeblur.io import _heif, _jpeg, _raw, _tiff, mapped
 from rsdeblur.io.source import Source

@@ -11,10 +11,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur._validate import FloatArray
+from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
-from rsdeblur.gyro import LARGEST_RATE, GyroLog
 from rsdeblur.io.text import INT64_LIMIT, Table, line_error
+from rsdeblur.motion.gyro import LARGEST_RATE, GyroLog
 
 # rad/s in each unit of rate a log may use.
 RATE_UNITS = {"rad/s": 1.0, "deg/s": pi / 180, "mrad/s": 1e-3, "mdeg/s": pi / 180e3}

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rsdeblur._validate import FloatArray
+from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.captures import CaptureFile, open_captures
 from rsdeblur.io.gyro_logs import detect_gyro_format

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from rsdeblur._regular import open_file, read_file
+from rsdeblur._util.files import open_file, read_file
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.text import TextFile
 

@@ -14,7 +14,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur._validate import FloatArray
+from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import FileFormatError
 
 NUMBER = re.compile(r"\s*[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)

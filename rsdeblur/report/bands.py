@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from rsdeblur._validate import FloatArray
+from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import InputError
-from rsdeblur.noise import halved, noise_level
+from rsdeblur.estimate.noise import halved, noise_level
 
 Grey = NDArray[np.float32]
 Figures = dict[str, tuple[float | None, ...]]

@@ -9,9 +9,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur.camera import Camera
-from rsdeblur.exposure import Exposure
-from rsdeblur.gyro import GyroLog
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
 
 # A log that ends this soon after the exposure leaves no room for a wrong time offset, s.
 NARROW_MARGIN = 0.02

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur._atomic import atomic_write
+from rsdeblur._util.atomic import atomic_write
 from rsdeblur.errors import InputError
 from rsdeblur.psf import PsfBank
 from rsdeblur.report.bands import BandFigures

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from rsdeblur._validate import FloatArray
+from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import InputError
 from rsdeblur.report._draw import GROUND, MARKS, FloatImage, caption, display, rgb8
 

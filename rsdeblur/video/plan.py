@@ -10,19 +10,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur._validate import FloatArray
-from rsdeblur.camera import Camera
-from rsdeblur.check import Check
+from rsdeblur._util.validate import FloatArray
+from rsdeblur.deconv.priors import brightness
 from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
-from rsdeblur.exposure import Exposure
-from rsdeblur.gyro import GyroLog
-from rsdeblur.method import Method, Mode
-from rsdeblur.motion import BlurPaths, Geometry, Motion, Shot
-from rsdeblur.pipeline import deblur
-from rsdeblur.priors import brightness
+from rsdeblur.estimate.check import Check
+from rsdeblur.image.encoded import Stored, check_size
+from rsdeblur.image.transfer import Transfer
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.paths import BlurPaths, Geometry, Motion, Shot
+from rsdeblur.pipeline.deblur import deblur
+from rsdeblur.pipeline.settings import Method, Mode
 from rsdeblur.psf import PsfBank
-from rsdeblur.stored import Stored, check_size
-from rsdeblur.transfer import Transfer
 from rsdeblur.video.clip import Clip, frames
 from rsdeblur.video.pixels import values_of
 

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rsdeblur import workers
-from rsdeblur._atomic import check_target, remove_unfinished
-from rsdeblur.camera import Camera
+from rsdeblur._util import workers
+from rsdeblur._util.atomic import check_target, remove_unfinished
+from rsdeblur._util.records import Records, fingerprint
 from rsdeblur.errors import OutputError, RsdeblurError
-from rsdeblur.exposure import Exposure
-from rsdeblur.gyro import GyroLog
-from rsdeblur.records import Records, fingerprint
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.video.clip import Clip
 from rsdeblur.video.joining import container_of, join
 from rsdeblur.video.plan import Plan

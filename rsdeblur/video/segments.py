@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur._atomic import atomic_write
-from rsdeblur.camera import Camera
+from rsdeblur._util.atomic import atomic_write
 from rsdeblur.errors import InputError, OutputError
-from rsdeblur.exposure import Exposure
-from rsdeblur.geometry import rectify
-from rsdeblur.gyro import GyroLog
-from rsdeblur.method import TileSolve
-from rsdeblur.motion import BlurPaths, Shot
+from rsdeblur.image.encoded import Stored, result_like
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.paths import BlurPaths, Shot
+from rsdeblur.motion.rectify import rectify
+from rsdeblur.pipeline.settings import TileSolve
 from rsdeblur.psf import PsfBank
-from rsdeblur.stored import Stored, result_like
 from rsdeblur.video._av import av
 from rsdeblur.video.clip import Clip, frames
 from rsdeblur.video.pixels import frame_of, values_of

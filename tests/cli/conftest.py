@@ -17,9 +17,9 @@ import pytest
 from click.testing import CliRunner, Result
 from PIL import Image
 
-from rsdeblur import workers
-from rsdeblur.camera import Camera
+from rsdeblur._util import workers
 from rsdeblur.cli import main
+from rsdeblur.motion.camera import Camera
 
 WIDTH, HEIGHT = 96, 72
 START, DURATION = 0.2, 0.04

@@ -13,7 +13,7 @@ from click.testing import Result
 from PIL import Image
 
 from rsdeblur import Camera, read_camera
-from rsdeblur.axes import imu_to_camera
+from rsdeblur.motion.axes import imu_to_camera
 
 if TYPE_CHECKING:
     from conftest import Files

@@ -11,7 +11,7 @@ import pytest
 from click.testing import Result
 from PIL import Image
 
-from rsdeblur.camera import Camera
+from rsdeblur.motion.camera import Camera
 
 if TYPE_CHECKING:
     from conftest import Files

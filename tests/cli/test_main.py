@@ -11,8 +11,10 @@ from click.testing import CliRunner
 
 import rsdeblur
 import rsdeblur.io.pictures
-from rsdeblur import border, motion, pipeline
 from rsdeblur.cli import COMMANDS, compare, main
+from rsdeblur.deconv import border
+from rsdeblur.motion import paths as motion
+from rsdeblur.pipeline import deblur as pipeline
 
 HEAVY = ("numpy", "scipy", "numba", "pyfftw", "skimage", "PIL", "rich")
 

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from skimage.metrics import peak_signal_noise_ratio
 
 from rsdeblur import Camera, Exposure, simulate
-from rsdeblur.scene import scene
-from rsdeblur.shake import hand_shake
-from rsdeblur.transfer import from_linear
+from rsdeblur.image.transfer import from_linear
+from rsdeblur.simulation.scene import scene
+from rsdeblur.simulation.shake import hand_shake
 
 if TYPE_CHECKING:
     from conftest import Processes
@@ -223,8 +223,8 @@ def test_frames_beyond_the_log_are_kept(run: Run, here: None, movie: Movie, tmp_
 
 
 def test_horizontal_readout_is_the_turned_problem(movie: Movie) -> None:
-    from rsdeblur import pipeline
     from rsdeblur.io import read_gyro
+    from rsdeblur.pipeline import deblur as pipeline
     from rsdeblur.video.clip import open_clip
     from rsdeblur.video.plan import plan_clip
     from rsdeblur.video.segments import deblur_frame

@@ -1,0 +1,134 @@
+"""Rivals of the default border: the picture is made to repeat without a seam before it is solved as periodic.
+
+All but the taper put more rows after the last and more columns after the last one; over them the picture goes from its
+end to its start. What a solver makes of them is cut off again.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from rsdeblur.deconv.border import Extension
+from rsdeblur.deconv.fft import fast_length
+from rsdeblur.deconv.tiling import WHOLE_EXCESS
+from rsdeblur.psf import PsfBank
+
+Picture = NDArray[np.float32]
+
+
+def extended(light: Picture, bank: PsfBank, extension: Extension) -> Picture:
+    """Return the picture (H, W, C) made periodic, of `extended_shape`, where its own rows and columns come first.
+
+    Parameters
+    ----------
+    light : ndarray, shape (H, W, C), float32
+    bank : PsfBank
+        Of the picture.
+    extension : {"reflect", "edge-taper", "smooth"}
+        See :func:`rsdeblur.deblur`.
+    """
+    if extension == "edge-taper":
+        return tapered(light, bank.kernels[bank.kernels.shape[0] // 2, bank.kernels.shape[1] // 2])
+    height, width, _ = extended_shape(light.shape, bank, extension)
+    return reflected(light, height, width) if extension == "reflect" else smooth(light, height, width)
+
+
+def extended_shape(shape: tuple[int, ...], bank: PsfBank, extension: Extension) -> tuple[int, int, int]:
+    """Return the shape of `extended`: larger by a PSF at least, unless the picture itself is tapered."""
+    height, width, channels = shape
+    if extension != "edge-taper":
+        tall, wide = bank.size
+        height = fast_length(height + tall, excess=WHOLE_EXCESS)
+        width = fast_length(width + wide, excess=WHOLE_EXCESS)
+    return height, width, channels
+
+
+def reflected(light: Picture, height: int, width: int) -> Picture:
+    """Mirror the picture at its end as far as half of what is added, and at its start for the rest."""
+    rows, columns = (_mirrored(n, length) for n, length in zip(light.shape, (height, width), strict=False))
+    return light[rows[:, None], columns]
+
+
+def _mirrored(n: int, length: int) -> NDArray[np.intp]:
+    added = length - n
+    after, before = np.arange(n, n + (added + 1) // 2), np.arange(-(added // 2), 0)
+    positions = np.concatenate([np.arange(n), after, before]) % (2 * n)
+    mirrored: NDArray[np.intp] = np.minimum(positions, 2 * n - 1 - positions)
+    return mirrored
+
+
+def tapered(light: Picture, kernel: NDArray[np.floating]) -> Picture:
+    """Fade the picture towards its borders into itself blurred as if it repeated.
+
+    What is left of it at a distance from the border is one minus the PSF's autocorrelation there, along each axis: the
+    share of the blur that does not reach across (the "edgetaper" of image processing toolboxes).
+    """
+    height, width, _ = light.shape
+    shares = []
+    for axis, n in ((1, height), (0, width)):
+        profile = kernel.sum(axis=axis, dtype=np.float64)
+        overlap = np.correlate(profile, profile, "full")[len(profile) - 1 :]
+        reach = min(len(overlap), n)
+        share = np.ones(n)
+        share[:reach] -= overlap[:reach] / overlap[0]
+        shares.append(np.minimum(share, share[::-1]).astype(np.float32))
+    weight = shares[0][:, None, None] * shares[1][:, None]
+    placed = np.zeros((height, width), dtype=np.float32)
+    placed[: kernel.shape[0], : kernel.shape[1]] = kernel
+    placed = np.roll(placed, [-(n // 2) for n in kernel.shape], axis=(0, 1))
+    spectrum = fft.rfft2(light, axes=(0, 1)) * fft.rfft2(placed)[..., None]
+    blurred = fft.irfft2(spectrum, s=(height, width), axes=(0, 1))
+    faded: Picture = weight * light + (1 - weight) * blurred
+    return faded
+
+
+def smooth(light: Picture, height: int, width: int) -> Picture:
+    """Fill in what has no Laplacian: no bend but what the borders ask for, in the manner of Liu and Jia (2008).
+
+    First what joins the last row to the first, then what joins the last column to the first, then the corner that
+    meets both.
+    """
+    out = np.empty((height, width, light.shape[2]), dtype=np.float32)
+    tall, wide, _ = light.shape
+    out[:tall, :wide] = light
+    below = _between(light[-1], light[0], height - tall)
+    right = _between(light[:, -1], light[:, 0], width - wide)
+    out[tall:, :wide] = below
+    out[:tall, wide:] = right.swapaxes(0, 1)
+    # The corner's four sides: across from the last column of `below` to its first, down likewise.
+    ring = np.zeros((height - tall + 2, width - wide + 2, light.shape[2]))
+    ring[0, 1:-1], ring[-1, 1:-1] = right[:, -1], right[:, 0]
+    ring[1:-1, 0], ring[1:-1, -1] = below[:, -1], below[:, 0]
+    out[tall:, wide:] = _harmonic(ring)
+    return out
+
+
+def _between(start: Picture, end: Picture, count: int) -> NDArray[np.float64]:
+    """Return `count` lines, shape (count, n, C), that lead harmonically from `start` to `end` (n, C)."""
+    ring = np.zeros((count + 2, *start.shape))
+    ring[0], ring[-1] = start, end
+    # At its ends a strip's lines go straight from corner to corner.
+    step = np.linspace(0, 1, count + 2)[:, None]
+    for side in (0, -1):
+        ring[:, side] = (1 - step) * start[side] + step * end[side]
+    lines = ring[1:-1]
+    lines[:, 1:-1] = _harmonic(ring)
+    return lines
+
+
+def _harmonic(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the inside of `ring` (h + 2, w + 2, C), whose own inside is not read, without a Laplacian."""
+    inner = ring.shape[0] - 2, ring.shape[1] - 2
+    known = np.zeros((*inner, ring.shape[2]))
+    if not known.size:
+        return known
+    known[0] -= ring[0, 1:-1]
+    known[-1] -= ring[-1, 1:-1]
+    known[:, 0] -= ring[1:-1, 0]
+    known[:, -1] -= ring[1:-1, -1]
+    down, across = (2 * np.cos(np.pi * np.arange(1, n + 1) / (n + 1)) - 2 for n in inner)
+    sines = fft.dstn(known, type=1, axes=(0, 1)) / (down[:, None] + across)[..., None]
+    solved: NDArray[np.float64] = fft.idstn(sines, type=1, axes=(0, 1))
+    return solved

@@ -1,0 +1,270 @@
+"""Priors on the gradient of the sharp picture: Tikhonov, total variation, hyper-Laplacian.
+
+The restored picture minimises
+
+    |A u - g|^2 + weight sum |grad u|^p
+
+where `|grad u|` is one number per pixel, over both directions and all channels (colour edges coincide). For p = 2 that
+is one linear solve. For p <= 1 half-quadratic splitting [1]_ introduces a wanted gradient w,
+
+    |A u - g|^2 + beta |grad u - w|^2 + weight sum |w|^p
+
+and alternates between w, which is a shrinkage of `grad u`, and u, which is a linear solve, while beta grows.
+
+.. [1] D. Krishnan and R. Fergus, "Fast image deconvolution using hyper-Laplacian priors", NIPS 2009.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rsdeblur._util import validate
+from rsdeblur.deconv.fft import thread_count
+from rsdeblur.errors import InputError
+from rsdeblur.kernels.shrink import shrunk_pull
+
+Picture = NDArray[np.float32]
+Prior = Literal["wiener", "gradient", "tv", "hyper-laplacian"]
+PRIORS: tuple[Prior, ...] = ("wiener", "gradient", "tv", "hyper-laplacian")
+EXPONENT = 2 / 3
+
+# beta / weight, from step to step, for pictures whose brightest parts are 1 ...
+PENALTIES = (5.0, 14.0, 40.0, 112.0, 316.0, 900.0)
+# ... and which percentile of the values is taken for those.
+BRIGHTEST, LEAST_PEAK = 99.9, 1e-3
+# A step that changes the picture by less than this share of it ends the splitting.
+TOLERANCE = 1e-4
+# Entries of the shrinkage's table. Linear interpolation between them is exact to 1e-6.
+TABLE = 2049
+# Rows that a thread shrinks at a time.
+ROWS = 64
+
+
+class Quadratic(Protocol):
+    """What a solver offers so that :func:`half_quadratic` can put a prior on top of it.
+
+    It minimises over latent pictures u
+
+        |A u - g|^2 + nsr |u|^2 + beta |D u - w|^2
+
+    D takes forward differences, which are zero across the last row and column or, if `periodic`, wrap around. Of the
+    wanted gradient w only the *pull* `D^T w` counts; it is a picture like u.
+    """
+
+    @property
+    def periodic(self) -> bool:
+        """Whether latent pictures repeat."""
+
+    def solve(self, beta: float, pull: Picture | None) -> Picture:
+        """Return u (H', W', C), which may be larger than the observation.
+
+        `pull` is shaped alike, None is zero. It is used up: its memory may hold u.
+        """
+
+
+class PreparedQuadratic(Quadratic, Protocol):
+    """A :class:`Quadratic` that is told the observation, whose frame its latent pictures have."""
+
+    @property
+    def lock(self) -> AbstractContextManager[Any]:
+        """Held by a thread from `prepare` to its last `solve`."""
+
+    def prepare(self, image: Picture) -> None:
+        """Take the observation g, shape (H, W, C), linear light."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """One step of :func:`half_quadratic`.
+
+    Parameters
+    ----------
+    latent : ndarray, float32
+        The picture, in the solver's frame. The step after next overwrites it.
+    change : float
+        Its distance from the step before as a share of its norm.
+    """
+
+    latent: Picture
+    change: float
+
+
+def restore(
+    solver: PreparedQuadratic,
+    image: Picture,
+    *,
+    prior: Prior,
+    weight: float,
+    exponent: float = EXPONENT,
+    peak: float | None = None,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Picture:
+    """Deblur a picture with a prior on its gradient.
+
+    Parameters
+    ----------
+    solver : PreparedQuadratic
+        Solves for the picture given a wanted gradient, such as :class:`rsdeblur.deconv.quadratic.TileQuadratic`.
+    image : ndarray, shape (H, W, C), float32
+        Linear light, nominal range [0, 1].
+    prior : {"gradient", "tv", "hyper-laplacian"}
+        The exponent 2, 1 or `exponent`.
+    weight : float
+        Weight of the prior, positive.
+    exponent : float, default 2/3
+        Exponent of the hyper-Laplacian, in (0, 1].
+    peak : float, optional
+        Value of the picture's bright parts; default :func:`brightness`.
+    threads : int, optional
+        Threads that share the shrinking; default all processors.
+    progress : callable, optional
+        Called with the finished fraction after each solve. What it raises stops the work.
+
+    Returns
+    -------
+    ndarray, shape (H, W, C), float32
+
+    Raises
+    ------
+    InputError
+        If an argument is out of range.
+    """
+    with solver.lock:
+        solver.prepare(image)
+        return minimise(
+            solver,
+            prior=prior,
+            weight=weight,
+            exponent=exponent,
+            peak=brightness(image) if peak is None else peak,
+            threads=threads,
+            progress=progress,
+        )
+
+
+def brightness(image: Picture) -> float:
+    """Return the value of bright parts of a picture: every fourth row and column are enough."""
+    return float(np.percentile(image[::4, ::4], BRIGHTEST))
+
+
+def minimise(
+    solver: Quadratic,
+    *,
+    prior: Prior,
+    weight: float,
+    exponent: float,
+    peak: float,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Picture:
+    """Return the latent picture of a solver that knows its observation.
+
+    Parameters and errors are those of :func:`restore`; `peak` is the value of bright parts.
+    """
+    validate.choice("prior", prior, PRIORS)
+    if prior == "wiener":
+        raise InputError('prior "wiener" is a filter, not a prior on the gradient: use rsdeblur.Deconvolver')
+    weight = validate.finite("weight", weight, above=0.0)
+    if prior == "gradient":
+        latent = solver.solve(weight, None)
+    else:
+        power = 1.0 if prior == "tv" else check_exponent(exponent)
+        steps = half_quadratic(solver, weight=weight, exponent=power, peak=peak, threads=threads)
+        for done, step in enumerate(steps, 1):
+            if progress is not None:
+                progress(done / len(PENALTIES))
+            latent = step.latent
+            # The first step has the penalty of the start: where all gradients vanish it changes nothing.
+            if done > 1 and step.change < TOLERANCE:
+                break
+    if progress is not None:
+        progress(1.0)
+    return latent
+
+
+def half_quadratic(
+    solver: Quadratic, *, weight: float, exponent: float, peak: float = 1.0, threads: int | None = None
+) -> Iterator[Step]:
+    """Yield the pictures of the splitting, one for each of `PENALTIES`; stop asking to stop early.
+
+    Parameters are those of :func:`restore`; `solver` is prepared already, and `peak` is the value of bright parts.
+    """
+    # Gradients are in proportion to the peak, and so shall be those that vanish.
+    penalties = [penalty * max(peak, LEAST_PEAK) ** (exponent - 2.0) for penalty in PENALTIES]
+    latent = solver.solve(weight * penalties[0], None)
+    table, spare = shrinkage(exponent), np.empty_like(latent)
+    for penalty in penalties:
+        # In units of (weight / beta)^(1 / (2 - p)) the shrinkage has no parameter but p.
+        vanishing = np.float32(threshold(exponent) * penalty ** (-1.0 / (2.0 - exponent)))
+        _shrink(latent, vanishing, table, solver.periodic, spare, thread_count(threads))
+        latent, spare = solver.solve(weight * penalty, spare), latent
+        yield Step(latent, _change(spare, latent, thread_count(threads)))
+
+
+def _shrink(
+    latent: Picture, vanishing: np.float32, table: NDArray[np.float32], periodic: bool, pull: Picture, threads: int
+) -> None:
+    """Fill `pull`, blocks of rows shared out to the threads."""
+    height = len(latent)
+
+    def block(top: int) -> None:
+        shrunk_pull(latent, top, min(ROWS, height - top), vanishing, table, periodic, pull)
+
+    _by_blocks(block, height, threads)
+
+
+def _change(before: Picture, after: Picture, threads: int) -> float:
+    """Return the norm of the difference by that of `after`."""
+
+    def block(top: int) -> tuple[float, float]:
+        new = after[top : top + ROWS].ravel()
+        step = new - before[top : top + ROWS].ravel()
+        return float(np.dot(step, step)), float(np.dot(new, new))
+
+    squares = np.sum(_by_blocks(block, len(after), threads), axis=0)
+    return float(np.sqrt(squares[0] / (squares[1] or 1.0)))
+
+
+def _by_blocks(work: Callable[[int], Any], height: int, threads: int) -> list[Any]:
+    """Call `work` with the first of each block of `ROWS` rows, which stay in the cache."""
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(work, range(0, height, ROWS)))
+
+
+def check_exponent(exponent: float) -> float:
+    """Return `exponent` if it lies in (0, 1]."""
+    exponent = validate.finite("exponent", exponent, above=0.0)
+    if exponent > 1.0:
+        raise InputError(f'exponent must be at most 1, got {exponent:g}; for 2 use prior="gradient"')
+    return exponent
+
+
+def threshold(exponent: float) -> float:
+    """Largest t whose `argmin_w |w|^p + (w - t)^2` is zero."""
+    free = 1.0 - exponent
+    return float((1.0 + free) / 2.0 * free ** (-free / (1.0 + free)))
+
+
+def shrinkage(exponent: float) -> NDArray[np.float32]:
+    """Return the share w / t that `argmin_w |w|^p + (w - t)^2` keeps of t.
+
+    Tabulated at evenly spaced values of T / t from 0 to 1, T being the :func:`threshold`.
+    """
+    t = threshold(exponent) / np.linspace(0.0, 1.0, TABLE)[1:]
+    w = t - 0.5  # of total variation
+    if exponent < 1.0:
+        w = t.copy()
+        # Newton on w + p/2 w^(p-1) = t, whose left side is convex: from above it descends to the larger root. Where
+        # the table is steepest, at T, it takes 6 steps to float64.
+        for _ in range(8):
+            slope = 1 + exponent / 2 * (exponent - 1) * w ** (exponent - 2)
+            w -= (w + exponent / 2 * w ** (exponent - 1) - t) / slope
+    return np.concatenate([[1.0], w / t]).astype(np.float32)

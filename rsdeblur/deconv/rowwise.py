@@ -1,0 +1,338 @@
+"""The exact rolling-shutter solve: every row has its own PSF.
+
+For each frequency along x the blur is a banded matrix A along y (:mod:`rsdeblur.deconv.rowwise_blur`), so
+
+    minimise |A u - g|^2 + nsr |u - m|^2 + beta |grad u - w|^2
+
+is a banded Hermitian positive definite system: gradients are diagonal along x and tridiagonal along y. Where data say
+nothing u falls back on m: the picture's mean and, without a gradient term, towards top and bottom what its outermost
+rows show, smoothed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rsdeblur._util import validate
+from rsdeblur.deconv.border import BORDERS, Border
+from rsdeblur.deconv.fft import PLANNINGS, Planning, Real, empty, remember, thread_count
+from rsdeblur.deconv.rowwise_blur import StripBlur, latent_rows
+from rsdeblur.deconv.rowwise_cg import NormalEquations, conjugate_gradients, is_faster
+from rsdeblur.deconv.rowwise_spectra import ROWS, RowLanes
+from rsdeblur.deconv.tiling import Tile, Tiling
+from rsdeblur.deconv.wiener import DECAY_GAP, LEAST_GAP
+from rsdeblur.errors import InputError
+from rsdeblur.kernels import rowwise
+from rsdeblur.kernels.rowwise import LANES
+from rsdeblur.motion.paths import BlurPaths
+
+Solver = Literal["auto", "direct", "cg"]
+SOLVERS: tuple[Solver, ...] = ("auto", "direct", "cg")
+# What a strip is longer than its part, at most, in PSFs: the tiny `nsr` of gradient priors would ask for a hundred.
+MOST_GAP = 3.0
+# What is expected beyond top and bottom: the average of this many rows, smoothed along x as much (standard deviation).
+EDGE_ROWS = 4
+# It fades away within the frame over this many rows more than paths reach beyond it.
+EDGE_FADE = 16
+# Smoothed so, frequencies with less than this left need no expectation.
+LEAST_EXPECTED = 1e-3
+
+# The normal matrix has elements up to 1, and float32 rounds them by 6e-8, many of them on the way through the factor.
+LEAST_RIDGE = np.float32(1e-6)
+
+
+class RowDeconvolver:
+    """Deconvolution with the PSF of every row, planned once and applied often.
+
+    Minimises `|A u - g|^2 + nsr |u - m|^2` exactly (A is :class:`rsdeblur.RowBlur`). What differs from m, the picture's
+    mean and near top and bottom what its outermost rows show, is then multiplied by (1 + nsr): no motion is the
+    identity, and a constant picture keeps its brightness.
+
+    Parameters
+    ----------
+    paths : BlurPaths
+        Of every row of the picture (:meth:`rsdeblur.BlurPaths.every_row`), in one or more strips.
+    shape : (H, W) or (H, W, C)
+        Shape of the pictures to come.
+    nsr : float, default 0.01
+        Noise-to-signal power ratio Phi, positive; less than 1e-6 counts as 1e-6, which is as far as float32 goes.
+    solver : {"auto", "direct", "cg"}
+        Banded Cholesky; conjugate gradients with a banded Wiener filter as preconditioner, to a relative residual of
+        1e-3; or whichever is predicted to be faster.
+    border : {"blend", "periodic"}
+        How the picture goes on along x, see :class:`rsdeblur.Deconvolver`. Along y, rows beyond the frame are unknowns.
+    planning : {"estimate", "measure"}
+        How FFTW plans.
+    threads : int, optional
+        Threads that share the work; default all processors. Any number gives the same bits.
+
+    Attributes
+    ----------
+    solver : {"direct", "cg"}
+        The one in use.
+    top : int
+        Row of the picture at which the first latent row stands; 0 or less.
+
+    Raises
+    ------
+    InputError
+        If `paths` are not those of the picture's rows or reach further than it, or an argument is out of range.
+    """
+
+    def __init__(
+        self,
+        paths: BlurPaths,
+        shape: tuple[int, ...],
+        *,
+        nsr: float = 0.01,
+        solver: Solver = "auto",
+        border: Border = "blend",
+        planning: Planning = "estimate",
+        threads: int | None = None,
+    ) -> None:
+        if len(shape) not in (2, 3):
+            raise InputError(f"shape must be (H, W) or (H, W, C), got {shape}")
+        self.shape = tuple(validate.count("shape", n) for n in shape)
+        self.nsr = validate.finite("nsr", nsr, above=0.0)
+        validate.choice("solver", solver, SOLVERS)
+        validate.choice("border", border, BORDERS)
+        validate.choice("planning", planning, PLANNINGS)
+        height, width = self.shape[:2]
+        self.top, latents = latent_rows(paths)
+        reach = int(np.floor(paths.extent[1])) + 1
+        if len(paths.rows) != height:
+            raise InputError(f"paths are those of {len(paths.rows)} rows, the picture has {height}")
+        if 2 * reach + 1 > width:
+            raise InputError(f"the paths reach {reach} px sideways, more than the picture of {width} px can hold")
+        kernel = 2 * reach + 1
+        gap = int(np.ceil(min(max(LEAST_GAP, DECAY_GAP / self.nsr**0.5), MOST_GAP) * kernel))
+        self._periodic = border == "periodic"
+        self._tiling = Tiling.plan(paths.cols, width, kernel, gap, periodic=self._periodic)
+        self._strips = [StripBlur.from_paths(paths, s, self.top, latents) for s in range(len(paths.cols))]
+        channels = self.shape[2] if len(self.shape) == 3 else 1
+        self._lanes = RowLanes(channels, self._tiling.length, planning=planning, threads=thread_count(threads))
+        self._data, self._latent = self._lanes.empty(height), self._lanes.empty(latents)
+        blocks = range(self._lanes.blocks)
+        self._tables = [[strip.table(b, self._lanes.length) for b in blocks] for strip in self._strips]
+        if solver == "auto":
+            solver = "cg" if any(is_faster(strip.model, channels) for strip in self._strips) else "direct"
+        self.solver = solver
+        floats = max(strip.workspace_size(solve=self.solver == "direct") for strip in self._strips)
+        self._workspaces: list[Real] = [empty((floats,), np.float32) for _ in range(self._lanes.crew.threads)]
+        if planning == "measure":
+            remember()
+
+    @property
+    def blocks(self) -> int:
+        """Blocks of 16 frequencies, each solved by one thread."""
+        return self._lanes.blocks
+
+    @property
+    def coverage(self) -> NDArray[np.bool_]:
+        """Pixels (H, W) in rows that some recorded row saw; the others hold what the prior makes of their neighbours.
+
+        Paths of the rolling picture see every row; those of the rectified one may not.
+        """
+        covered = np.zeros(self.shape[:2], dtype=np.bool_)
+        for strip, tile in zip(self._strips, self._tiling.tiles, strict=True):
+            columns = slice(tile.first, tile.first + len(tile.weights))
+            covered[:, columns] |= strip.seen[-self.top : len(covered) - self.top, None]
+        return covered
+
+    @property
+    def memory(self) -> int:
+        """Bytes held between and during calls, pictures not counted."""
+        tables = [table for tables in self._tables for table in tables]
+        models = [array for strip in self._strips for array in strip.model]
+        return sum(array.nbytes for array in (self._data, self._latent, *self._workspaces, *tables, *models))
+
+    def apply(
+        self,
+        image: ArrayLike,
+        out: NDArray[np.float32] | None = None,
+        *,
+        minimise: Callable[[DataTerm], Real] | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> NDArray[np.float32]:
+        """Deblur one picture.
+
+        Parameters
+        ----------
+        image : array_like of the planned shape
+            Linear light; converted to float32.
+        out : ndarray, float32, optional
+            Receives the result; may be `image` itself.
+        minimise : callable, optional
+            Finds the latent picture of each strip in place of the Wiener filter, such as
+            :func:`rsdeblur.deconv.priors.minimise`. It takes the strip's :class:`DataTerm` and returns a picture like
+            the one that `DataTerm.solve` returns.
+        progress : callable, optional
+            Called with the finished fraction after each strip.
+
+        Returns
+        -------
+        ndarray, float32
+            `out`, or a new array; not clipped.
+
+        Raises
+        ------
+        InputError
+            If `image` or `out` has another shape or type, or `image` is not finite.
+        """
+        picture = validate.picture(image, self.shape)
+        out = validate.output(out, self.shape)
+        source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))
+        several = len(self._strips) > 1
+        if several:
+            # Strips are added up in `out`, so it cannot be read from any more.
+            source = source.copy() if np.shares_memory(source, target) else source
+            target[...] = 0
+        with self._lanes.crew.lock:
+            for s, tile in enumerate(self._tiling.tiles):
+                self._lanes.load(
+                    source, self._data, start=tile.start, taper=self._tiling.taper, periodic=self._periodic
+                )
+                term = DataTerm(self, s)
+                if minimise is None:
+                    term.filter()
+                    self._lanes.unload(self._latent, -self.top, target, tile, add=several)
+                else:
+                    self._place(validate.picture(minimise(term), term.shape), target, tile, add=several)
+                if progress is not None:
+                    progress((s + 1) / len(self._tiling.tiles))
+        return out
+
+    def _place(self, latent: Real, target: Real, tile: Tile, *, add: bool) -> None:
+        """Put, or add, the frame's rows of a strip's latent picture (L, N, C) to `target` where `tile` counts."""
+        columns, weights = slice(tile.first, tile.first + len(tile.weights)), tile.weights[:, None]
+        shown = slice(tile.first - tile.start, tile.first - tile.start + len(weights))
+        source = latent[-self.top : len(target) - self.top, shown]
+
+        def block(_: int, top: int) -> None:
+            rows = slice(top, top + ROWS)
+            part = weights * source[rows]
+            target[rows, columns] = target[rows, columns] + part if add else part
+
+        self._lanes.crew.share(block, range(0, len(target), ROWS))
+
+    def _solve(self, strip: int, ridge: Real, smooth: float, *, scale: float, pulled: bool) -> None:
+        """Minimise for all frequencies of `strip`, leaving the result in the latent lanes.
+
+        `ridge` is (blocks, 16). If `pulled`, the latent lanes hold `D^T w`, which `smooth` multiplies on the
+        right-hand side. What differs from m is scaled in the end.
+        """
+        model, tables = self._strips[strip].model, self._tables[strip]
+
+        def block(thread: int, b: int) -> None:
+            data, latent, workspace = self._data[b], self._latent[b], self._workspaces[thread]
+            if pulled:
+                latent *= np.float32(smooth)
+            else:
+                latent[...] = 0
+            expected = self._expectation(b, edges=smooth == 0)
+            if expected is not None:
+                blurred = np.empty_like(data)
+                rowwise.forward(model, tables[b], blurred, expected, workspace)
+                data = data - blurred
+            if self.solver == "direct":
+                rowwise.solve(model, tables[b], data, latent, workspace, ridge[b], smooth)
+            else:
+                equations = NormalEquations(model, tables[b], data.shape[1], ridge[b], smooth, workspace)
+                right = np.empty_like(latent)
+                rowwise.adjoint(model, tables[b], data, right, workspace)
+                right += latent
+                latent[...] = conjugate_gradients(equations.multiply, equations.precondition, right)
+            latent *= scale
+            if expected is not None:
+                latent += expected
+
+        self._lanes.crew.share(block, range(self._lanes.blocks))
+
+    def _expectation(self, block: int, *, edges: bool) -> Real | None:
+        """Return m, or without `edges` the mean alone, in latent lanes of one block; None where hardly any is left."""
+        frequency = (block * LANES + np.arange(LANES)) / self._lanes.length
+        left = np.exp(-2 * (np.pi * EDGE_ROWS * frequency) ** 2).astype(np.float32)
+        if left[0] < LEAST_EXPECTED or (block > 0 and not edges):
+            return None
+        data = self._data[block]
+        mean = np.zeros_like(data[:, :1])
+        if block == 0:
+            mean[..., 0, 0] = data[:, :, 0, 0].mean(axis=1, keepdims=True)
+        if not edges:
+            return np.repeat(mean, self._latent.shape[2], axis=1)
+        first, last = (left * (rows.mean(axis=1) - mean[:, 0]) for rows in (data[:, :EDGE_ROWS], data[:, -EDGE_ROWS:]))
+        expected = np.repeat(mean, self._latent.shape[2], axis=1)
+        # Rows beyond the frame, counted from its first and its last row, have all of it.
+        above = _fading(self.top, EDGE_FADE - self.top)
+        below = _fading(data.shape[1] - self.top - expected.shape[1], EDGE_FADE - self.top)
+        expected[:, : len(above)] += (above * first[:, None])[:, : expected.shape[1]]
+        expected[:, ::-1][:, : len(below)] += (below * last[:, None])[:, : expected.shape[1]]
+        return expected
+
+
+def _fading(first: int, length: int) -> Real:
+    """Weights (n, 1, 1) from position `first` on: 1 up to 0, from there falling to 0 at `length`."""
+    positions = np.arange(first, length, dtype=np.float32)
+    return (0.5 + 0.5 * np.cos(np.pi * positions.clip(0) / length)).astype(np.float32)[:, None, None]
+
+
+class DataTerm:
+    """`|A u - g|^2 + nsr |u - m|^2` for one strip of one picture: priors on the gradient minimise it with their own.
+
+    With a gradient term m is the picture's mean. Valid during the call that hands it out. It is a
+    :class:`rsdeblur.deconv.priors.Quadratic`; as rows beyond the frame are its own, no gradient crosses an end.
+
+    Attributes
+    ----------
+    shape : (L, N, C)
+        Shape of the strip's latent picture: rows from `RowDeconvolver.top` on, the padded width, channels.
+    """
+
+    periodic = False
+
+    def __init__(self, solver: RowDeconvolver, strip: int) -> None:
+        self._solver, self._strip = solver, strip
+        lanes = solver._lanes
+        self.shape = (solver._latent.shape[2], lanes.length, lanes.channels)
+        turns = np.arange(lanes.blocks * LANES).reshape(-1, LANES) / lanes.length
+        self._wavenumbers = (2 - 2 * np.cos(2 * np.pi * turns)).astype(np.float32)
+
+    def solve(self, beta: float, pull: Real | None) -> Real:
+        """Minimise the term plus `beta |D u - w|^2`, D taking forward differences.
+
+        Parameters
+        ----------
+        beta : float
+            At least 0.
+        pull : ndarray of the strip's shape, float32, or None
+            `D^T w`; None is zero. It is used up.
+
+        Returns
+        -------
+        ndarray of the strip's shape, float32
+            In the memory of `pull`, if there is one.
+        """
+        beta = validate.finite("beta", beta, minimum=0.0)
+        lanes, latent = self._solver._lanes, self._solver._latent
+        if pull is not None:
+            if pull.shape != self.shape:
+                raise InputError(f"pull must have shape {self.shape}, got {pull.shape}")
+            lanes.load(pull, latent)
+        self._minimise(self._solver.nsr, beta, pulled=pull is not None)
+        u = np.empty(self.shape, dtype=np.float32) if pull is None else pull
+        lanes.unload(latent, 0, u, Tile(0, 0, np.ones(lanes.length, dtype=np.float32)))
+        return u
+
+    def filter(self) -> None:
+        """Minimise the term alone, leaving the result in the latent lanes."""
+        nsr = self._solver.nsr
+        # The factor makes no motion the identity at any nsr.
+        self._minimise(nsr, 0.0, scale=1.0 + nsr)
+
+    def _minimise(self, ridge: float, beta: float, *, scale: float = 1.0, pulled: bool = False) -> None:
+        ridges = max(np.float32(ridge), LEAST_RIDGE) + np.float32(beta) * self._wavenumbers
+        self._solver._solve(self._strip, ridges, beta, scale=scale, pulled=pulled)

@@ -1,0 +1,360 @@
+"""Filters of tiles, global and banded, in the hybrid domain; the Wiener filter.
+
+`global` is the case of one band and one strip, not another code path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rsdeblur._util import validate
+from rsdeblur.deconv.border import BORDERS, Border
+from rsdeblur.deconv.fft import PLANNINGS, Complex, LineTransform, Planning, RowTransform, remember, thread_count
+from rsdeblur.deconv.hybrid import Hybrid
+from rsdeblur.deconv.tiling import Tiling
+from rsdeblur.errors import InputError
+from rsdeblur.psf import PsfBank
+
+# The inverse filter of a straight PSF of K px at NSR Phi rings with a decay length of K / (2 pi sqrt(Phi)): its poles
+# stand that far off the real axis. A tile is longer than its part by 0.2 K / sqrt(Phi), some 1.3 decay lengths, and at
+# least by 1.5 PSFs; all of that is a fade between its two ends. The price of less is in docs/developer/decisions.md.
+DECAY_GAP = 0.2
+LEAST_GAP = 1.5
+
+
+class TileFilter:
+    """The tiles of a bank on pictures of one shape, and what applies a filter of each to a picture.
+
+    Parameters
+    ----------
+    bank : PsfBank
+        B x S kernels.
+    shape : (H, W) or (H, W, C)
+        Shape of the pictures to come.
+    gap : float
+        What a tile is longer than its part, in PSFs.
+    border, planning, threads
+        See :class:`Deconvolver`.
+
+    Raises
+    ------
+    InputError
+        As :class:`Deconvolver` does.
+    """
+
+    def __init__(
+        self,
+        bank: PsfBank,
+        shape: tuple[int, ...],
+        *,
+        gap: float,
+        border: Border,
+        planning: Planning,
+        threads: int | None,
+    ) -> None:
+        self.shape = _picture_shape(shape)
+        validate.choice("border", border, BORDERS)
+        validate.choice("planning", planning, PLANNINGS)
+        height, width = self.shape[:2]
+        _check_fit(bank, height, width)
+        self._bands, self._strips = (
+            Tiling.plan(centres, n, kernel, int(np.ceil(gap * kernel)), periodic=border == "periodic")
+            for centres, n, kernel in zip((bank.rows, bank.cols), (height, width), bank.size, strict=True)
+        )
+        self._threads = thread_count(threads)
+        self._hybrid = Hybrid(
+            (height, width, self.shape[2] if len(self.shape) == 3 else 1),
+            self._bands,
+            self._strips,
+            border=border,
+            planning=planning,
+            threads=self._threads,
+        )
+        self._planners = [
+            _TransferPlanner(bank.size[0], self._bands.length, self._strips.length)
+            for _ in range(min(self._threads, bank.kernels[..., 0, 0].size))
+        ]
+        self._centres, self._kernel_size = (bank.rows, bank.cols), bank.size
+        self._copy: NDArray[np.float32] | None = None
+        # The inverse transforms are not scaled; every filter takes this factor in.
+        self._scale = 1.0 / (self._bands.length * self._strips.length)
+        if planning == "measure":
+            remember()
+
+    @property
+    def lock(self) -> AbstractContextManager[Any]:
+        """What a thread holds while its picture is worked on; the same one may take it again."""
+        return self._hybrid.crew.lock
+
+    def replan(self, bank: PsfBank) -> None:
+        """Undo other PSFs from now on, such as those of a video's next frame; plans and buffers stay.
+
+        Parameters
+        ----------
+        bank : PsfBank
+            Kernels at the planned places, no larger than the planned ones.
+
+        Raises
+        ------
+        InputError
+            If the kernels stand elsewhere or are larger.
+        """
+        places = all(map(np.array_equal, (bank.rows, bank.cols), self._centres))
+        if not places or any(new > planned for new, planned in zip(bank.size, self._kernel_size, strict=True)):
+            raise InputError(
+                f"a bank to replan for must have kernels at the planned places and of at most "
+                f"{' x '.join(map(str, self._kernel_size))} px, got {' x '.join(map(str, bank.size))} px"
+                + ("" if places else " elsewhere")
+            )
+        with self.lock:
+            self._take(bank)
+
+    def _take(self, bank: PsfBank) -> None:
+        """Make the filters, or what they are made of, for `bank`."""
+        raise NotImplementedError
+
+    def _apply(
+        self,
+        filters: Complex,
+        image: ArrayLike,
+        out: NDArray[np.float32] | None,
+        progress: Callable[[float], None] | None,
+    ) -> NDArray[np.float32]:
+        """Filter a picture as :meth:`Deconvolver.apply` does, with `filters` (S, B, padded frequencies, L)."""
+        picture = np.ascontiguousarray(image, dtype=np.float32)
+        if picture.shape != self.shape:
+            raise InputError(f"image must have the planned shape {self.shape}, got {picture.shape}")
+        out = validate.output(out, self.shape)
+        several = len(self._strips.tiles) > 1
+        with self.lock:
+            if several:
+                # Strips are added up in `out`, so it cannot be read from any more, nor left half done.
+                if not all(np.isfinite(row).all() for row in picture):
+                    raise InputError("image must be finite")
+                picture = self._aside(picture) if np.shares_memory(picture, out) else picture
+                out[...] = 0
+            source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))
+            for s, strip in enumerate(self._strips.tiles):
+                if not self._hybrid.transform_rows(source, strip):
+                    raise InputError("image must be finite")
+                self._hybrid.filter_columns(filters[s])
+                self._hybrid.restore_rows(target, strip, add=several)
+                if progress is not None:
+                    progress((s + 1) / len(self._strips.tiles))
+        return out
+
+    def _aside(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return a copy of `picture`, made in memory that is kept for the next time."""
+        if self._copy is None:
+            self._copy = np.empty_like(picture)
+        np.copyto(self._copy, picture)
+        return self._copy
+
+    def _new_filters(self) -> Complex:
+        """Return zeros for a filter of each tile, shape (S, B, padded frequencies, L)."""
+        tiles = (len(self._strips.tiles), len(self._bands.tiles))
+        filters: Complex = np.zeros((*tiles, self._hybrid.padded_frequencies, self._bands.length), np.complex64)
+        return filters
+
+    def _transfer_functions(self, bank: PsfBank, out: Complex) -> None:
+        """Fill `out` with the transfer functions of all tiles."""
+
+        def plan(thread: int, s: int, b: int) -> None:
+            self._planners[thread].plan(bank.kernels[b, s], out[s, b, : self._hybrid.frequencies])
+
+        self._share_tiles(plan, out.shape[:2])
+
+    def _share_tiles(self, job: Callable[[int, int, int], None], tiles: tuple[int, ...]) -> None:
+        """Call `job(thread, s, b)` for every tile, shared out to the threads."""
+        places = list(np.ndindex(*tiles))
+        threads = min(self._threads, len(places))
+
+        def work(thread: int) -> None:
+            for s, b in places[thread::threads]:
+                job(thread, s, b)
+
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(work, range(threads)))
+
+
+class Deconvolver(TileFilter):
+    """Wiener deconvolution with a bank of PSFs, planned once and applied often.
+
+    Each tile is filtered with
+
+        U = (1 + nsr) conj(H) / (|H|^2 + nsr) G
+
+    which is eq. 7 of Sindelar and Sroubek (2013) times (1 + nsr): a constant picture keeps its brightness and no
+    motion is the identity at any `nsr`.
+
+    Parameters
+    ----------
+    bank : PsfBank
+        B x S kernels; 1 x 1 is the global mode.
+    shape : (H, W) or (H, W, C)
+        Shape of the pictures to come.
+    nsr : float, default 0.01
+        Noise-to-signal power ratio Phi, positive.
+    border : {"blend", "periodic"}
+        "blend" continues the picture and fades opposite borders into each other over the PSF's size; "periodic" takes
+        the picture as repeating.
+    planning : {"estimate", "measure"}
+        How FFTW plans: at once, or by trying out (up to a second per plan, for solvers that are applied often). What
+        was measured once is kept in the user's cache folder and used by both.
+    threads : int, optional
+        Threads that share the work; default all processors. Any number gives the same bits.
+
+    Raises
+    ------
+    InputError
+        If a kernel is larger than the picture, two kernels stand less than a pixel apart or outside the picture, or an
+        argument is out of range.
+    """
+
+    def __init__(
+        self,
+        bank: PsfBank,
+        shape: tuple[int, ...],
+        *,
+        nsr: float = 0.01,
+        border: Border = "blend",
+        planning: Planning = "estimate",
+        threads: int | None = None,
+    ) -> None:
+        self.nsr = validate.finite("nsr", nsr, above=0.0)
+        gap = max(LEAST_GAP, DECAY_GAP / self.nsr**0.5)
+        super().__init__(bank, shape, gap=gap, border=border, planning=planning, threads=threads)
+        self._filters = self._new_filters()
+        self.replan(bank)
+
+    def _take(self, bank: PsfBank) -> None:
+        scale = np.float32((1.0 + self.nsr) * self._scale)
+
+        def invert(_: int, s: int, b: int) -> None:
+            _wiener(self._filters[s, b, : self._hybrid.frequencies], np.float32(self.nsr), scale)
+
+        self._transfer_functions(bank, self._filters)
+        self._share_tiles(invert, self._filters.shape[:2])
+
+    def apply(
+        self,
+        image: ArrayLike,
+        out: NDArray[np.float32] | None = None,
+        *,
+        progress: Callable[[float], None] | None = None,
+    ) -> NDArray[np.float32]:
+        """Deblur one picture.
+
+        Parameters
+        ----------
+        image : array_like of the planned shape
+            Linear light; converted to float32.
+        out : ndarray, float32, optional
+            Receives the result; may be `image` itself.
+        progress : callable, optional
+            Called with the finished fraction after each strip.
+
+        Returns
+        -------
+        ndarray, float32
+            `out`, or a new array; not clipped.
+
+        Raises
+        ------
+        InputError
+            If `image` or `out` has another shape or type, or `image` is not finite.
+        """
+        return self._apply(self._filters, image, out, progress)
+
+
+class TileBlur(TileFilter):
+    """The blur of a bank of PSFs, each pixel's interpolated between tiles, and its adjoint.
+
+    The adjoint weighs tiles where light arrives, not where it comes from: it is exact for one tile, and for others as
+    good as PSFs are alike over their own size.
+
+    Parameters
+    ----------
+    bank, shape, border, planning, threads
+        See :class:`Deconvolver`.
+    """
+
+    def __init__(
+        self,
+        bank: PsfBank,
+        shape: tuple[int, ...],
+        *,
+        border: Border = "blend",
+        planning: Planning = "estimate",
+        threads: int | None = None,
+    ) -> None:
+        super().__init__(bank, shape, gap=LEAST_GAP, border=border, planning=planning, threads=threads)
+        self._filters = self._new_filters()
+        self.replan(bank)
+
+    def _take(self, bank: PsfBank) -> None:
+        self._transfer_functions(bank, self._filters)
+        self._filters *= np.float32(self._scale)
+        self._conjugates = self._filters.conj()
+
+    def forward(self, latent: ArrayLike) -> NDArray[np.float32]:
+        """Blur a picture of the planned shape."""
+        return self._apply(self._filters, latent, None, None)
+
+    def adjoint(self, picture: ArrayLike) -> NDArray[np.float32]:
+        """Spread a picture of the planned shape back along the paths."""
+        return self._apply(self._conjugates, picture, None, None)
+
+
+def _wiener(otf: Complex, nsr: np.float32, scale: np.float32) -> None:
+    """Turn a transfer function into its Wiener filter, in place."""
+    gain = np.square(otf.real)
+    gain += np.square(otf.imag)
+    gain += nsr
+    np.divide(scale, gain, out=gain)
+    np.conjugate(otf, out=otf)
+    otf *= gain
+
+
+class _TransferPlanner:
+    """Turns kernels into transfer functions of columns."""
+
+    def __init__(self, kernel_height: int, slab_length: int, row_length: int) -> None:
+        self._rows = RowTransform((kernel_height, row_length))
+        self._columns = LineTransform((row_length // 2 + 1, slab_length))
+
+    def plan(self, kernel: NDArray[np.float32], out: Complex) -> None:
+        """Fill `out` (K, L) with the transfer function of `kernel`."""
+        # The kernel's centre goes to the origin, what precedes it to the end.
+        down, across = (
+            (np.arange(n) - n // 2) % length
+            for n, length in zip(kernel.shape, (self._columns.data.shape[1], self._rows.real.shape[1]), strict=True)
+        )
+        self._rows.real[...] = 0
+        self._rows.real[: len(down), across] = kernel
+        self._rows.forward()
+        self._columns.data[...] = 0
+        self._columns.data[:, down] = self._rows.spectrum[: len(down)].T
+        self._columns.forward()
+        out[...] = self._columns.data
+
+
+def _picture_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
+    if len(shape) not in (2, 3):
+        raise InputError(f"shape must be (H, W) or (H, W, C), got {shape}")
+    return tuple(validate.count("shape", n) for n in shape)
+
+
+def _check_fit(bank: PsfBank, height: int, width: int) -> None:
+    kernel_height, kernel_width = bank.size
+    if kernel_height > height or kernel_width > width:
+        raise InputError(
+            f"the PSF of {kernel_width}x{kernel_height} px is larger than the picture of {width}x{height} px; "
+            "are the rates in rad/s, the focal length in px and the exposure in s?"
+        )

@@ -1,0 +1,212 @@
+"""The clock offset between gyroscope and camera, from one blurred picture.
+
+No picture is deblurred for it. A blur leaves its own spectrum in the picture: zeros where the PSF has zeros. Each
+candidate offset predicts a PSF for every part of the picture, hence how much power each part has at each frequency, and
+the offset under which the measured spectra are likeliest wins. The rolling shutter helps: every band judges another
+stretch of the log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rsdeblur._util import validate
+from rsdeblur._util.validate import FloatArray
+from rsdeblur.errors import CoverageError, InputError
+from rsdeblur.estimate.spectra import TileSpectra
+from rsdeblur.image.encoded import Stored, check_size
+from rsdeblur.image.transfer import Transfer, check_transfer
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
+
+# Longer side of the reduced picture in the coarse and in the fine search, px, and the steps there, s.
+COARSE_SIDE, COARSE_STEP = 320, 4e-3
+FINE_SIDE, FINE_STEP = 640, 1e-3
+# Minima of the coarse curve that are looked at again.
+MINIMA = 6
+# Offsets nearer than this count as the same answer, s.
+SAME = 4e-3
+
+RESAMPLES = 200
+# Least lead over any other answer, in nats over the whole picture: a constant rate gives every offset the same PSF.
+LEAST_LEAD = 30.0
+CONFIDENT = 0.8
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OffsetSearch:
+    """What `find_time_offset` found.
+
+    Parameters
+    ----------
+    time_offset : float or None
+        The camera's new `time_offset`, s; None if the picture cannot tell.
+    best : float
+        The likeliest offset, s, trusted or not.
+    confidence : float
+        Share, in [0, 1], of resamplings of the picture's parts that give the same answer.
+    reason : str
+        Why there is no answer; empty if there is one.
+    offsets : ndarray, shape (n,)
+        Candidates of the fine search, s, increasing.
+    scores : ndarray, shape (n,)
+        Negative log-likelihood of each, in nats above the best.
+    """
+
+    time_offset: float | None
+    best: float
+    confidence: float
+    reason: str
+    offsets: FloatArray
+    scores: FloatArray
+
+
+def find_time_offset(
+    image: ArrayLike,
+    log: GyroLog,
+    camera: Camera,
+    exposure: Exposure,
+    *,
+    search: tuple[float, float] = (-0.06, 0.06),
+    transfer: Transfer = "linear",
+    progress: Progress | None = None,
+) -> OffsetSearch:
+    """Find the time offset under which the picture's spectra are likeliest.
+
+    Parameters
+    ----------
+    image : array_like, shape (H, W) or (H, W, C)
+        The blurred picture, as for :func:`rsdeblur.deblur`.
+    log, camera, exposure
+        The motion, the camera and the time of the exposure.
+    search : (float, float)
+        First and last candidate relative to `camera.time_offset`, s. Candidates that the log does not cover are left
+        out.
+    transfer : {"linear", "srgb"} or float
+        How stored values code light.
+    progress : callable, optional
+        Called as ``progress(stage, fraction)``.
+
+    Returns
+    -------
+    OffsetSearch
+        Its `time_offset` is None where the answer changes with the part of the picture that is asked.
+
+    Raises
+    ------
+    InputError
+        If an argument is out of range, or the picture is too small.
+    CoverageError, ClockError, GapError
+        If the log covers no candidate.
+
+    Notes
+    -----
+    A periodogram is distributed exponentially about its mean, so its negative log-likelihood is
+    `sum log V + P / V` (Whittle 1953) with `V = a S |H|^2 + b N`: S the scene's spectrum, whose gradients are taken as
+    white, N the noise's, and a, b free in every tile.
+    """
+    first, last = (validate.finite("search", end) for end in search)
+    if last - first < 2 * COARSE_STEP:
+        raise InputError(f"search must span at least {2 * COARSE_STEP:g} s, got {first:g} to {last:g}")
+    stored = Stored.of(image, check_transfer(transfer), quarter=False)
+    check_size(stored.shape, camera)
+    light = stored.light(slice(None)).mean(2)
+
+    capture = log, camera, exposure
+    whole = np.arange(0, round((last - first) / FINE_STEP) + 1, round(COARSE_STEP / FINE_STEP))
+    coarse = _Curve(TileSpectra(light, camera, side=COARSE_SIDE), capture, first)
+    coarse.extend(whole, lambda done: progress and progress("coarse", done))
+    fine = _Curve(TileSpectra(light, camera, side=FINE_SIDE), capture, first)
+    wanted = _windows(coarse.minima()[:MINIMA], whole[-1])
+    while len(wanted):
+        fine.extend(wanted, lambda done: progress and progress("fine", done))
+        # The minimum may lie beside the window that the coarse curve chose.
+        wanted = np.setdiff1d(_windows(fine.minima()[:1], whole[-1]), fine.tried)
+        wanted = wanted if fine.at_edge() else wanted[:0]
+    return fine.judged()
+
+
+def _windows(places: NDArray[np.intp], last: int) -> NDArray[np.intp]:
+    """Return all fine steps within a coarse one of `places`, from 0 to `last`."""
+    reach = round(COARSE_STEP / FINE_STEP)
+    near = np.unique(places[:, None] + np.arange(-reach, reach + 1))
+    return near[(near >= 0) & (near <= last)]
+
+
+class _Curve:
+    """Scores of all tiles over the candidates tried so far; candidate k is shifted by `first + k FINE_STEP`."""
+
+    def __init__(self, spectra: TileSpectra, capture: tuple[GyroLog, Camera, Exposure], first: float) -> None:
+        self._spectra, self._capture, self._first = spectra, capture, first
+        self._scores: dict[int, FloatArray] = {}
+        self.tried: list[int] = []
+
+    def extend(self, places: NDArray[np.intp], progress: Callable[[float], object]) -> None:
+        """Score candidates; those that the log does not cover are left out, unless none is left."""
+        log, camera, exposure = self._capture
+        refused: CoverageError | None = None
+        for i, place in enumerate(places.tolist()):
+            progress(i / len(places))
+            self.tried.append(place)
+            moved = replace(camera, time_offset=camera.time_offset + self._first + place * FINE_STEP)
+            try:
+                self._scores[place] = self._spectra.score(log, moved, exposure)
+            except CoverageError as error:
+                refused = error
+        if refused and not self._scores:
+            raise refused
+
+    def _table(self) -> tuple[NDArray[np.intp], FloatArray]:
+        places = np.array(sorted(self._scores))
+        return places, np.array([self._scores[place] for place in places.tolist()])
+
+    def minima(self) -> NDArray[np.intp]:
+        """Places of the local minima, the deepest first."""
+        places, tiles = self._table()
+        total = np.pad(tiles.sum(axis=1), 1, constant_values=np.inf)
+        (found,) = np.nonzero((total[1:-1] <= total[:-2]) & (total[1:-1] <= total[2:]))
+        return places[found[np.argsort(total[1:-1][found])]]
+
+    def at_edge(self) -> bool:
+        """Whether a neighbour of the best candidate is unknown."""
+        best = int(self.minima()[0])
+        return best - 1 not in self._scores or best + 1 not in self._scores
+
+    def judged(self) -> OffsetSearch:
+        """Weigh the answer by resampling the tiles."""
+        places, tiles = self._table()
+        total = tiles.sum(axis=1)
+        at = int(total.argmin())
+        edge = self.at_edge()
+        origin = self._capture[1].time_offset + self._first
+        best = origin + float(places[at] + (0.0 if edge else _vertex(total[at - 1 : at + 2]))) * FINE_STEP
+        far = np.abs(places - places[at]) * FINE_STEP > SAME
+        # As many draws from the tiles as there are, with repetition: what would the next picture have said?
+        count = tiles.shape[1]
+        draws = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), RESAMPLES)
+        resampled = draws @ tiles.T
+        lead = np.min(resampled[:, far], axis=1, initial=np.inf) - resampled[:, ~far].min(axis=1)
+        confidence = float(np.mean(lead > LEAST_LEAD))
+        reason = ""
+        if edge:
+            reason = "the likeliest offset lies at the end of the search, or of the log; widen it"
+        elif confidence < CONFIDENT:
+            reason = "parts of the picture disagree: the motion is too uniform, or the scene without detail"
+        answer = None if reason else best
+        return OffsetSearch(
+            answer, best, confidence, reason, origin + places * np.float64(FINE_STEP), total - total[at]
+        )
+
+
+def _vertex(scores: FloatArray) -> float:
+    """Offset in steps from the middle of three scores to the vertex of the parabola through them."""
+    before, here, after = scores
+    bend = before - 2 * here + after
+    return 0.5 * float((before - after) / bend) if bend > 0 else 0.0

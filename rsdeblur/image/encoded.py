@@ -1,0 +1,191 @@
+"""Pictures as they are stored, and rows of them as light: the way in and out of `deblur()`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rsdeblur._util import validate
+from rsdeblur.errors import InputError
+from rsdeblur.image.transfer import Transfer, from_linear, to_linear
+from rsdeblur.motion.camera import Camera
+
+# Rows decoded or encoded at a time: conversions take several arrays of that size.
+ROWS = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Stored:
+    """A picture whose readout runs along y: values as stored, with how they code light.
+
+    Parameters
+    ----------
+    values : ndarray, shape (H, W, C)
+        C from 1 to 4; the last of 2 or 4 is alpha. uint8 and uint16 stand for [0, 1].
+    transfer : {"linear", "srgb"} or float
+        See :func:`rsdeblur.deblur`.
+    """
+
+    values: NDArray[Any]
+    transfer: Transfer
+
+    @classmethod
+    def of(cls, image: ArrayLike, transfer: Transfer, *, quarter: bool) -> Stored:
+        """Check a picture, and turn it a quarter if its readout is horizontal; nothing is copied.
+
+        Raises
+        ------
+        InputError
+            If it is not a picture.
+        """
+        array: NDArray[Any] = np.asarray(image)
+        if array.ndim not in (2, 3) or array.size == 0 or (array.ndim == 3 and array.shape[2] > 4):
+            raise InputError(f"image must have shape (H, W) or (H, W, C) with C from 1 to 4, got {array.shape}")
+        if array.dtype not in (np.uint8, np.uint16) and not np.issubdtype(array.dtype, np.floating):
+            raise InputError(f"image must be uint8, uint16 or float, got {array.dtype}")
+        return cls(_upright(array, quarter), transfer)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Shape of the picture without alpha."""
+        height, width, channels = self.values.shape
+        return height, width, channels - (channels in (2, 4))
+
+    def light(self, rows: slice) -> NDArray[np.float32]:
+        """Return linear light of `rows`, without alpha.
+
+        Raises
+        ------
+        InputError
+            If a value is not finite.
+        """
+        height, width, channels = self.shape
+        rows = slice(*rows.indices(height)[:2])
+        light = np.empty((rows.stop - rows.start, width, channels), dtype=np.float32)
+        for here, there in _blocks(rows):
+            stored = _as_float(self.values[there, :, :channels])
+            if not np.isfinite(stored).all():
+                raise InputError("image must be finite")
+            light[here] = to_linear(stored, self.transfer)
+        return light
+
+    def put(self, light: NDArray[np.float32], rows: slice, out: NDArray[Any]) -> None:
+        """Encode `light` as `rows` of `out`, which is upright like the picture, and copy alpha.
+
+        Results are clipped to [0, 1] if the picture or `out` holds integers, and rounded if `out` does.
+        """
+        channels = light.shape[2]
+        clip = self.values.dtype.kind == "u" or out.dtype.kind == "u"
+        for here, there in _blocks(rows):
+            sharp = from_linear(light[here], self.transfer)
+            if clip:
+                sharp = sharp.clip(0.0, 1.0)
+            out[there, :, :channels] = _as_stored(sharp, out.dtype)
+            if channels < out.shape[2]:
+                out[there, :, channels:] = _as_stored(_as_float(self.values[there, :, channels:]), out.dtype)
+
+
+def result_like(image: ArrayLike, out: NDArray[Any] | None, *, quarter: bool) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return where the result goes, `out` or a new float32 array, and its upright view.
+
+    Raises
+    ------
+    InputError
+        If `out` is not a writable array of the picture's shape and of float32, uint8 or uint16.
+    """
+    shape = np.shape(image)
+    if out is None:
+        out = np.empty(shape, dtype=np.float32)
+    elif not isinstance(out, np.ndarray) or out.shape != shape or out.dtype not in (np.float32, np.uint8, np.uint16):
+        got = f"{out.dtype} of shape {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
+        raise InputError(f"out must be a float32, uint8 or uint16 array of shape {shape}, got {got}")
+    elif not out.flags.writeable:
+        raise InputError("out must be writable")
+    elif np.may_share_memory(out, np.asarray(image)):
+        raise InputError("out must not overlap image")
+    return out, _upright(out, quarter)
+
+
+def check_size(shape: tuple[int, ...], camera: Camera) -> None:
+    """Raise `InputError` unless a picture of this shape is the camera's."""
+    height, width = shape[:2]
+    if (height, width) == (camera.height, camera.width):
+        return
+    if (height, width) == (camera.width, camera.height):
+        hint = "it is turned by a quarter; turn the picture or describe the camera as the picture is stored"
+    elif abs(width * camera.height - height * camera.width) <= max(width, camera.width):
+        hint = f"if it was resized, scale the camera (file) too: camera.scaled({width / camera.width:.6g})"
+    else:
+        hint = "if it was cut out, cut the camera (file) too: camera.cropped(left, top, width, height)"
+    raise InputError(
+        f"the picture is {width}x{height} px but the camera's is {camera.width}x{camera.height} px; {hint}"
+    )
+
+
+def reduced(image: ArrayLike, camera: Camera, side: int) -> tuple[NDArray[np.float32], Camera]:
+    """Reduce a picture until its longer side has `side` px, and the camera with it.
+
+    Sindelar and Sroubek (2013) work on 2048x1536 of a sensor of 3264x2448.
+
+    Parameters
+    ----------
+    image : array_like, shape (H, W) or (H, W, C)
+        As for :func:`rsdeblur.deblur`.
+    camera : Camera
+        Of that size.
+    side : int
+        Longer side in px; a smaller picture keeps its size.
+
+    Returns
+    -------
+    image : ndarray, float32
+        Values as they were stored, integers scaled to [0, 1].
+    camera : Camera
+
+    Raises
+    ------
+    InputError
+        If it is not a picture, or not the camera's.
+    """
+    values = _as_float(Stored.of(image, "linear", quarter=False).values)
+    check_size(values.shape, camera)
+    scale = validate.count("side", side) / max(values.shape[:2])
+    if scale < 1:
+        from PIL import Image
+
+        camera = camera.scaled(scale)
+        planes = [Image.fromarray(np.ascontiguousarray(plane)) for plane in np.moveaxis(values, -1, 0)]
+        # No overshoots, and no aliases: each new pixel weighs all that it covers.
+        smaller = [plane.resize((camera.width, camera.height), Image.Resampling.HAMMING) for plane in planes]
+        values = np.stack([np.asarray(plane) for plane in smaller], axis=-1)
+    return values.reshape(*values.shape[:2], *np.shape(image)[2:]), camera
+
+
+def _upright(array: NDArray[Any], quarter: bool) -> NDArray[Any]:
+    array = array if array.ndim == 3 else array[:, :, None]
+    return np.rot90(array, -1) if quarter else array
+
+
+def _blocks(rows: slice) -> Iterator[tuple[slice, slice]]:
+    """Blocks of `rows`, counted from the first of them and from the picture's."""
+    for top in range(rows.start, rows.stop, ROWS):
+        stop = min(top + ROWS, rows.stop)
+        yield slice(top - rows.start, stop - rows.start), slice(top, stop)
+
+
+def _as_float(values: NDArray[Any]) -> NDArray[np.float32]:
+    scaled = values.astype(np.float32)
+    if values.dtype.kind == "u":
+        scaled /= np.iinfo(values.dtype).max
+    return scaled
+
+
+def _as_stored(values: NDArray[np.float32], dtype: np.dtype[Any]) -> NDArray[Any]:
+    if dtype.kind != "u":
+        return values
+    rounded: NDArray[Any] = np.rint(values * np.float32(np.iinfo(dtype).max)).astype(dtype)
+    return rounded

@@ -1,0 +1,74 @@
+"""Between stored picture values and light: blur happens in linear light."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rsdeblur._util import validate
+from rsdeblur.errors import InputError
+
+Transfer = Literal["linear", "srgb"] | float
+
+# IEC 61966-2-1: the curve is a line below these values.
+SRGB_LINEAR_END = 0.0031308
+SRGB_STORED_END = 0.04045
+
+
+def check_transfer(transfer: Transfer) -> Transfer:
+    """Return `transfer` if it is "linear", "srgb" or a positive gamma."""
+    if isinstance(transfer, str):
+        if transfer not in ("linear", "srgb"):
+            raise InputError(f'transfer must be "linear", "srgb" or a gamma, got {transfer!r}')
+        return transfer
+    return validate.finite("transfer", transfer, above=0.0)
+
+
+def to_linear(values: NDArray[np.float32], transfer: Transfer) -> NDArray[np.float32]:
+    """Decode stored values (nominal range [0, 1]) to linear light.
+
+    Parameters
+    ----------
+    values : ndarray, float32
+        Stored values; negative ones are decoded with their sign kept.
+    transfer : {"linear", "srgb"} or float
+        The curve; a number is a gamma: light = value ** gamma.
+    """
+    if transfer == "linear":
+        return values
+    magnitude = np.abs(values)
+    if transfer == "srgb":
+        light = np.where(magnitude <= SRGB_STORED_END, magnitude / 12.92, ((magnitude + 0.055) / 1.055) ** 2.4)
+    else:
+        light = magnitude**transfer
+    return np.copysign(light, values).astype(np.float32)
+
+
+def from_linear(light: NDArray[np.float32], transfer: Transfer) -> NDArray[np.float32]:
+    """Encode linear light to stored values: the inverse of :func:`to_linear`."""
+    if transfer == "linear":
+        return light
+    magnitude = np.abs(light)
+    if transfer == "srgb":
+        values = np.where(magnitude <= SRGB_LINEAR_END, magnitude * 12.92, 1.055 * magnitude ** (1 / 2.4) - 0.055)
+    else:
+        values = magnitude ** (1.0 / transfer)
+    return np.copysign(values, light).astype(np.float32)
+
+
+# Share of the values at either end that counts as outliers.
+OUTLIERS = 1e-3
+
+
+def normalized(light: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Squeeze overshooting light into [0, 1]: outliers are clipped, the rest is scaled, contrast shrinks.
+
+    The optional last step of Sindelar and Sroubek (2013): it helps where large blurs of bright scenes ring beyond the
+    range. Light that stays inside, outliers apart, is only clipped.
+    """
+    low, high = np.quantile(light, [OUTLIERS, 1.0 - OUTLIERS])
+    low, high = min(float(low), 0.0), max(float(high), 1.0)
+    squeezed: NDArray[np.float32] = ((light - np.float32(low)) / np.float32(high - low)).clip(0.0, 1.0)
+    return squeezed

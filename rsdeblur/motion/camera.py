@@ -1,0 +1,342 @@
+"""The camera: intrinsics and lens, rolling-shutter readout, and its relation to the IMU in space and time."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from dataclasses import dataclass, field, fields, replace
+from difflib import get_close_matches
+from typing import Any, Literal, cast
+
+import numpy as np
+import tomli_w
+from numpy.typing import ArrayLike
+
+from rsdeblur._util import validate
+from rsdeblur._util.atomic import atomic_write
+from rsdeblur._util.files import read_file
+from rsdeblur._util.validate import FloatArray
+from rsdeblur.errors import FileFormatError, InputError
+from rsdeblur.motion import axes, lens
+from rsdeblur.motion.lens import Distortion
+
+ReadoutDirection = Literal["top-down", "bottom-up", "left-right", "right-left"]
+READOUT_DIRECTIONS: tuple[ReadoutDirection, ...] = ("top-down", "bottom-up", "left-right", "right-left")
+
+# What the stamp of a capture marks, and the share of the time from the first row's opening to the last one's closing
+# that has passed by then. Android stamps the start, Gyroflow the middle row's mid-exposure.
+Stamp = Literal["start", "middle", "end"]
+STAMPS: dict[Stamp, float] = {"start": 0.0, "middle": 0.5, "end": 1.0}
+
+# PNG ends there, and no other format that is read goes further.
+MOST_PIXELS = 2**31 - 1
+
+# Of anything in px, and of coefficients: no lens is near it, and its eighth power is still a number.
+LARGEST = 1e12
+
+# A rotation typed with four decimals is orthonormal to 1e-4; anything worse is not a rotation.
+ROTATION_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Camera:
+    """A camera with a rolling shutter and a rigidly mounted IMU.
+
+    Camera axes are x right, y down, z forward in the picture as stored; pixel centres are at integer coordinates.
+
+    Parameters
+    ----------
+    width, height : int
+        Size of the picture in px.
+    focal : float or (float, float)
+        Focal length in px, one or (fx, fy). Kept as (fx, fy).
+    principal : (float, float), optional
+        Principal point (cx, cy) in px; default the picture's centre ((width - 1)/2, (height - 1)/2).
+    readout : float, default 0.0
+        Readout time in s: from the first row's start of exposure to one row past the last row's. 0 is a global shutter.
+    readout_direction : {"top-down", "bottom-up", "left-right", "right-left"}
+        How the readout runs over the picture as stored.
+    imu_to_camera : array_like, shape (3, 3), or str, optional
+        Rotation that takes IMU axes to camera axes; default identity. Its rows are the camera's axes in the IMU frame.
+        Or one of ``"phone-portrait"``, ``"phone-landscape"`` (rear camera, log in phone axes), ``"gyroflow"`` (log in
+        Gyroflow's axes), or an orientation string like ``"YxZ"``; see `rsdeblur.motion.axes`.
+    time_offset : float, default 0.0
+        `camera_time = gyro_time + time_offset`, in s.
+    distortion_model : {"none", "radtan", "fisheye"}
+        OpenCV's models of lens distortion; Kalibr calls the last one equidistant.
+    distortion : array_like, default ()
+        Coefficients: k1, k2, p1, p2[, k3[, k4, k5, k6]] of ``"radtan"``, k1, k2, k3, k4 of ``"fisheye"``.
+    stamp : {"start", "middle", "end"}
+        What the stamp of a capture marks: the start of exposure of the first row read, the mid-exposure of the middle
+        row, or the end of exposure of the last one.
+
+    Raises
+    ------
+    InputError
+        If a value is impossible, `imu_to_camera` is not a rotation, or the distortion folds the picture over itself.
+    """
+
+    width: int
+    height: int
+    focal: tuple[float, float]
+    principal: tuple[float, float] = cast("tuple[float, float]", None)
+    readout: float = field(default=0.0, kw_only=True)
+    readout_direction: ReadoutDirection = field(default="top-down", kw_only=True)
+    imu_to_camera: FloatArray = field(default=cast(FloatArray, None), kw_only=True)
+    time_offset: float = field(default=0.0, kw_only=True)
+    distortion_model: Distortion = field(default="none", kw_only=True)
+    distortion: tuple[float, ...] = field(default=(), kw_only=True)
+    stamp: Stamp = field(default="start", kw_only=True)
+
+    # The public signature takes one focal length, any pair and no principal point; the attributes are always whole.
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        focal: float | tuple[float, float] | ArrayLike,
+        principal: tuple[float, float] | ArrayLike | None = None,
+        *,
+        readout: float = 0.0,
+        readout_direction: ReadoutDirection = "top-down",
+        imu_to_camera: ArrayLike | str | None = None,
+        time_offset: float = 0.0,
+        distortion_model: Distortion = "none",
+        distortion: ArrayLike = (),
+        stamp: Stamp = "start",
+    ) -> None:
+        def put(name: str, value: object) -> None:
+            object.__setattr__(self, name, value)
+
+        put("width", validate.count("width", width, maximum=MOST_PIXELS))
+        put("height", validate.count("height", height, maximum=MOST_PIXELS))
+        put("focal", _focal(focal))
+        if principal is None:
+            principal = ((self.width - 1) / 2, (self.height - 1) / 2)
+        put("principal", tuple(map(float, validate.real_array("principal", principal, (2,), most=LARGEST))))
+        put("readout", validate.finite("readout", readout, minimum=0.0))
+        put("readout_direction", validate.choice("readout_direction", readout_direction, READOUT_DIRECTIONS))
+        put("imu_to_camera", _rotation(np.eye(3) if imu_to_camera is None else imu_to_camera))
+        put("time_offset", validate.finite("time_offset", time_offset))
+        put("distortion_model", validate.choice("distortion_model", distortion_model, lens.COEFFICIENTS))
+        put("distortion", _coefficients(self.distortion_model, distortion))
+        put("stamp", validate.choice("stamp", stamp, STAMPS))
+        self._check_distortion()
+
+    @property
+    def matrix(self) -> FloatArray:
+        """Intrinsic matrix K, shape (3, 3)."""
+        (fx, fy), (cx, cy) = self.focal, self.principal
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def horizontal_readout(self) -> bool:
+        """Whether the readout runs along the picture's x axis."""
+        return self.readout_direction in ("left-right", "right-left")
+
+    @property
+    def lines(self) -> int:
+        """Number of sensor rows read out: the height, or the width for a horizontal readout."""
+        return self.width if self.horizontal_readout else self.height
+
+    def reading_order(self, rows: FloatArray) -> FloatArray:
+        """Return how many rows are read before each of `rows`, counted along the readout axis of the picture."""
+        backwards = self.readout_direction in ("bottom-up", "right-left")
+        return self.lines - 1 - rows if backwards else rows
+
+    def stamp_delay(self, duration: float) -> float:
+        """Return how long after the first row's start of exposure the capture's stamp is, in s."""
+        return STAMPS[self.stamp] * (self.readout * (self.lines - 1) / self.lines + duration)
+
+    def rays(self, points: FloatArray) -> FloatArray:
+        """Return the directions that pixels see.
+
+        Parameters
+        ----------
+        points : ndarray, shape (..., 2)
+            (x, y) in px.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+            Camera axes, of any length; NaN beyond where the lens reaches.
+        """
+        (fx, fy), (cx, cy) = self.focal, self.principal
+        normalised = np.stack([(points[..., 0] - cx) / fx, (points[..., 1] - cy) / fy], axis=-1)
+        return lens.rays(normalised, self.distortion_model, self.distortion)
+
+    def project(self, directions: FloatArray) -> FloatArray:
+        """Return the pixels (..., 2) that see directions (..., 3) in camera axes."""
+        (fx, fy), (cx, cy) = self.focal, self.principal
+        points = lens.project(directions, self.distortion_model, self.distortion)
+        points *= (fx, fy)
+        points += (cx, cy)
+        return points
+
+    def _check_distortion(self) -> None:
+        """Raise `InputError` unless each pixel of the frame sees one direction."""
+        if self.distortion_model == "none":
+            return
+        (fx, fy), (cx, cy) = self.focal, self.principal
+        x, y = np.linspace(0, self.width - 1, 17), np.linspace(0, self.height - 1, 17)
+        if self.distortion_model == "fisheye":
+            # In the corners the model may be continued.
+            farthest = max(abs(x - cx).max() / fx, abs(y - cy).max() / fy)
+            folds = farthest > lens.reach(self.distortion)
+        else:
+            folds = not np.isfinite(self.rays(np.stack(np.meshgrid(x, y), axis=-1))).all()
+        if folds:
+            raise InputError(
+                f"the {self.distortion_model} distortion {self.distortion} folds the picture over itself within the "
+                "frame; check the coefficients, their order, and that focal and principal belong to this size"
+            )
+
+    def scaled(self, s: float) -> Camera:
+        """Return the camera of the picture resized by the factor `s`; pixel centres stay at integers."""
+        s = validate.finite("s", s, above=0.0)
+        return self.resized(max(round(self.width * s), 1), max(round(self.height * s), 1))
+
+    def resized(self, width: int, height: int) -> Camera:
+        """Return the camera of the picture resized to `width` x `height` px; pixel centres stay at integers."""
+        width, height = validate.count("width", width), validate.count("height", height)
+        (fx, fy), (cx, cy) = self.focal, self.principal
+        # Sizes are whole pixels, so each axis follows its own ratio.
+        sx, sy = width / self.width, height / self.height
+        principal = ((cx + 0.5) * sx - 0.5, (cy + 0.5) * sy - 0.5)
+        return self._with(width=width, height=height, focal=(fx * sx, fy * sy), principal=principal)
+
+    def delayed(self, dt: float) -> Camera:
+        """Return the camera whose clock is `dt` seconds later against the gyro's."""
+        return self._with(time_offset=self.time_offset + validate.finite("dt", dt))
+
+    def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
+        """Return the camera of the picture cut out at (`left`, `top`) with the given size in px.
+
+        The readout shrinks with the rows that are left. The rows cut off before the first one are accounted for in
+        `time_offset`, so an `Exposure` of the whole picture stays valid for the cut-out.
+        """
+        left, top = validate.count("left", left, minimum=0), validate.count("top", top, minimum=0)
+        width, height = validate.count("width", width), validate.count("height", height)
+        if left + width > self.width or top + height > self.height:
+            raise InputError(
+                f"the cut-out {width}x{height} at ({left}, {top}) does not fit the picture, {self.width}x{self.height}"
+            )
+        first, size = (left, width) if self.horizontal_readout else (top, height)
+        skipped = self.reading_order(np.array([first, first + size - 1], dtype=np.float64)).min()
+        cx, cy = self.principal
+        # A stamp at the middle or the end marks that of the whole picture's rows.
+        later = STAMPS[self.stamp] * (self.lines - size) - float(skipped)
+        return self._with(
+            width=width,
+            height=height,
+            principal=(cx - left, cy - top),
+            readout=self.readout * size / self.lines,
+            time_offset=self.time_offset + self.readout * later / self.lines,
+        )
+
+    def turned(self) -> Camera:
+        """Return the camera of the picture turned a quarter clockwise (`numpy.rot90(picture, -1)`).
+
+        A horizontal readout becomes a vertical one; being a rotation, it keeps the handedness of the axes, which a
+        transposition would not.
+        """
+        (fx, fy), (cx, cy) = self.focal, self.principal
+        # New x runs against the old y, new y along the old x.
+        quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        turn: dict[ReadoutDirection, ReadoutDirection] = {
+            "left-right": "top-down",
+            "right-left": "bottom-up",
+            "top-down": "right-left",
+            "bottom-up": "left-right",
+        }
+        return self._with(
+            width=self.height,
+            height=self.width,
+            focal=(fy, fx),
+            principal=(self.height - 1 - cy, cx),
+            readout_direction=turn[self.readout_direction],
+            imu_to_camera=quarter @ self.imu_to_camera,
+            distortion=lens.turned(self.distortion_model, self.distortion),
+        )
+
+    def _with(self, **changes: Any) -> Camera:
+        return replace(self, **changes)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the camera as TOML (see ``docs/camera-file.md``); the file is replaced atomically.
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be written.
+        """
+        table: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        table |= {
+            "focal": list(self.focal),
+            "principal": list(self.principal),
+            "imu_to_camera": self.imu_to_camera.tolist(),
+            "distortion": list(self.distortion),
+        }
+        with atomic_write(path) as file:
+            file.write(b"# rsdeblur camera: px, s; camera axes x right, y down, z forward\n")
+            tomli_w.dump(table, file)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Camera:
+        """Read a camera from TOML.
+
+        Raises
+        ------
+        FileFormatError
+            If the file cannot be read, is not TOML, lacks `width`, `height` or `focal`, has an unknown key, or a
+            value is impossible.
+        """
+        try:
+            # An integer of thousands of digits is a ValueError too.
+            table = tomllib.loads(read_file(path, "camera file").decode())
+        except (ValueError, RecursionError) as error:
+            raise FileFormatError(f"{path}: not a TOML camera file: {error}") from error
+        known = [f.name for f in fields(cls)]
+        for key in table:
+            if key not in known:
+                close = get_close_matches(key, known, n=1)
+                hint = f"did you mean {close[0]!r}?" if close else f"known keys are {', '.join(known)}"
+                raise FileFormatError(f"{path}: unknown key {key!r}; {hint}")
+        missing = [key for key in ("width", "height", "focal") if key not in table]
+        if missing:
+            raise FileFormatError(f"{path}: the camera file lacks {', '.join(missing)}")
+        try:
+            return cls(**table)
+        except InputError as error:
+            raise FileFormatError(f"{path}: {error}") from error
+
+
+def _focal(value: Any) -> tuple[float, float]:
+    pair: Any = (value, value) if isinstance(value, (int, float, np.number)) else value
+    fx, fy = validate.real_array("focal", pair, (2,), most=LARGEST)
+    if min(fx, fy) < 1 / LARGEST:
+        raise InputError(f"focal must be positive px, got ({fx:g}, {fy:g})")
+    return float(fx), float(fy)
+
+
+def _coefficients(model: Distortion, value: ArrayLike) -> tuple[float, ...]:
+    k = validate.real_array("distortion", value, (None,), most=LARGEST)
+    if len(k) not in lens.COEFFICIENTS[model]:
+        wanted = " or ".join(map(str, lens.COEFFICIENTS[model]))
+        raise InputError(f"distortion of the model {model!r} must have {wanted} coefficients, got {len(k)}")
+    return tuple(k.tolist())
+
+
+def _rotation(value: ArrayLike | str) -> FloatArray:
+    given = axes.imu_to_camera(value) if isinstance(value, str) else value
+    matrix = validate.real_array("imu_to_camera", given, (3, 3), most=LARGEST)
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_TOLERANCE:
+        raise InputError(
+            f"imu_to_camera must be a rotation: its rows must be perpendicular unit vectors, got {matrix.tolist()}"
+        )
+    if np.linalg.det(matrix) < 0:
+        raise InputError(
+            "imu_to_camera has determinant -1: it mirrors the axes instead of turning them, and rates, being "
+            "right-handed, would change sign. An exchange of two axes needs one more sign: turn the sign of the row "
+            "whose direction was guessed, so that the determinant is +1"
+        )
+    return matrix

@@ -1,0 +1,290 @@
+"""Gyroscope samples and the orientation track integrated from them.
+
+`GyroLog` is what the sensor recorded, in IMU axes and gyro time. `OrientationTrack` is what the camera did, in
+camera axes and camera time: `C(t)`, camera-from-world, with `dC/dt = -[omega]x C`.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rsdeblur._util import validate
+from rsdeblur._util.validate import FloatArray
+from rsdeblur.errors import ClockError, CoverageError, GapError, InputError, RsdeblurWarning
+
+if TYPE_CHECKING:
+    from rsdeblur.motion.camera import Camera
+
+# A consumer gyro ends at 2000 deg/s = 34.9 rad/s, and a photo is not taken during a sustained turn of 5 rad/s
+# (286 deg/s; the fastest real pan at hand is 3.3 rad/s): beyond either, the log is probably in degrees.
+SUSPICIOUS_PEAK = 35.0
+SUSPICIOUS_MEDIAN = 5.0
+
+# rad/s. Whatever the unit was, no gyro gives larger numbers; squares of these still fit.
+LARGEST_RATE = 1e12
+
+# A log further than this from the exposure (s) is not late or early: its clock has another origin.
+UNRELATED_CLOCK = 60.0
+
+# Samples before and after an exposure that tell the usual interval between samples.
+NEIGHBOURS = 1000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GyroLog:
+    """Angular rates as the gyroscope recorded them.
+
+    Parameters
+    ----------
+    t : array_like, shape (n,)
+        Sample times in s relative to `epoch_ns`, strictly increasing, n >= 2.
+    omega : array_like, shape (n, 3)
+        Angular rates in rad/s about the IMU's own x, y and z axes, right-handed.
+    epoch_ns : int, default 0
+        Origin of `t` in integer nanoseconds. Stamps of 1e18 ns lose 200 ns in float64, so the origin stays exact
+        and only differences become floating point.
+
+    Raises
+    ------
+    InputError
+        If an array has a wrong shape, a value is not finite, or the times do not increase.
+
+    Warns
+    -----
+    RsdeblurWarning
+        If the magnitudes suggest degrees per second.
+    """
+
+    t: FloatArray
+    omega: FloatArray
+    epoch_ns: int = 0
+
+    def __post_init__(self) -> None:
+        t = validate.real_array("t", self.t, (None,))
+        omega = validate.real_array("omega", self.omega, (None, 3))
+        if len(t) != len(omega):
+            raise InputError(f"t and omega must have the same length, got {len(t)} and {len(omega)}")
+        if len(t) < 2:
+            raise InputError(f"a gyro log needs at least 2 samples, got {len(t)}")
+        if max(omega.max(), -omega.min()) > LARGEST_RATE:
+            i, axis = map(int, np.argwhere(np.abs(omega) > LARGEST_RATE)[0])
+            raise InputError(f"omega must be rates in rad/s, got {omega[i, axis]:g} about {'xyz'[axis]} in sample {i}")
+        step = np.diff(t)
+        if step.min() <= 0:
+            i = int(np.argmin(step > 0))
+            kind = "a duplicate" if step[i] == 0 else "out of order"
+            raise InputError(
+                f"t must increase: sample {i + 1} (t = {t[i + 1]:.9f} s) is {kind} after sample {i} "
+                f"(t = {t[i]:.9f} s); sort the samples and drop repeated stamps"
+            )
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "omega", omega)
+        object.__setattr__(self, "epoch_ns", validate.stamp("epoch_ns", self.epoch_ns))
+        self._warn_if_degrees()
+
+    def _warn_if_degrees(self) -> None:
+        magnitude = np.sqrt(np.einsum("ij,ij->i", self.omega, self.omega))
+        median, peak = float(np.median(magnitude)), float(magnitude.max())
+        if median > SUSPICIOUS_MEDIAN or peak > SUSPICIOUS_PEAK:
+            warnings.warn(
+                f"gyro rates look like degrees per second (median {median:.3g}, peak {peak:.3g}, taken as rad/s); "
+                "if they are, multiply by pi/180, or read the log with unit='deg/s' (--unit deg/s)",
+                RsdeblurWarning,
+                stacklevel=4,
+            )
+
+    def _derived(self, **changes: FloatArray | int) -> GyroLog:
+        """Return a changed copy of this valid log without checking, or warning, again."""
+        log = object.__new__(GyroLog)
+        for name in ("t", "omega", "epoch_ns"):
+            value = changes.get(name, getattr(self, name))
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+            object.__setattr__(log, name, value)
+        return log
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def rate(self) -> float:
+        """Sampling rate in Hz: the inverse of the median interval."""
+        return float(1.0 / np.median(np.diff(self.t)))
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last sample time in s relative to `epoch_ns`."""
+        return float(self.t[0]), float(self.t[-1])
+
+    def gaps(self, *, factor: float = 3.0) -> FloatArray:
+        """Return the holes of the log: intervals longer than `factor` times the median interval.
+
+        Returns
+        -------
+        ndarray, shape (k, 2)
+            Times in s relative to `epoch_ns` of the samples before and after each hole.
+        """
+        factor = validate.finite("factor", factor, above=1.0)
+        step = np.diff(self.t)
+        (i,) = np.nonzero(step > factor * np.median(step))
+        return np.stack([self.t[i], self.t[i + 1]], axis=1)
+
+    def shifted(self, dt: float) -> GyroLog:
+        """Return the log with `dt` seconds added to every stamp."""
+        t = self.t + validate.finite("dt", dt)
+        if (np.diff(t) <= 0).any():
+            raise InputError(f"dt = {dt:g} s is so large that stamps coincide; change epoch_ns instead")
+        return self._derived(t=t)
+
+    def trimmed(self, t0: float, t1: float) -> GyroLog:
+        """Return the samples from the last one at or before `t0` to the first one at or after `t1`.
+
+        The neighbours outside are kept so that rates interpolate over all of [t0, t1]; at least two samples remain.
+        """
+        t0, t1 = validate.finite("t0", t0), validate.finite("t1", t1)
+        if t1 < t0:
+            raise InputError(f"t1 must not be before t0, got t0 = {t0} and t1 = {t1}")
+        if t1 < self.t[0] or t0 > self.t[-1]:
+            raise InputError(f"no samples between {t0} s and {t1} s: the log spans {self.t[0]} s to {self.t[-1]} s")
+        first = int(np.clip(np.searchsorted(self.t, t0, side="right") - 1, 0, len(self) - 2))
+        last = int(np.clip(np.searchsorted(self.t, t1, side="left") + 1, first + 2, len(self)))
+        return self._derived(t=self.t[first:last], omega=self.omega[first:last])
+
+    def minus_bias(self, b: ArrayLike) -> GyroLog:
+        """Return the log with the constant rate `b`, shape (3,) in rad/s, taken off every sample."""
+        return self._derived(omega=self.omega - validate.real_array("b", b, (3,)))
+
+    def covering(self, t0: float, t1: float, epoch_ns: int) -> GyroLog:
+        """Return the samples that describe [t0, t1] (s relative to `epoch_ns`), re-based on that epoch.
+
+        Raises
+        ------
+        ClockError
+            If the log is more than a minute away: the clocks are unrelated.
+        CoverageError
+            If the log starts too late or ends too early.
+        GapError
+            If the log has a hole inside [t0, t1].
+        """
+        # Epochs differ by exact integers; only the difference becomes a float.
+        shift = (self.epoch_ns - epoch_ns) * 1e-9
+        start, end = (edge + shift for edge in self.span)
+        late, early = start - t0, t1 - end
+        if max(late, early) > UNRELATED_CLOCK:
+            raise ClockError(
+                f"the gyro log and the exposure are on unrelated clocks: the log spans {start:.3f} s to {end:.3f} s, "
+                f"the exposure needs {t0:.3f} s to {t1:.3f} s (both relative to {epoch_ns} ns, after the time offset); "
+                "give the time offset between the clocks"
+            )
+        if late > 0 or early > 0:
+            missing = [f"{1e3 * late:.3f} ms at its start"] * (late > 0) + [f"{1e3 * early:.3f} ms at its end"] * (
+                early > 0
+            )
+            raise CoverageError(
+                f"the gyro log does not cover the exposure: it misses {' and '.join(missing)}; "
+                "check the time offset, the capture's stamp and the readout time, or use a longer log"
+            )
+        # The usual interval is that of the neighbourhood: looking at all of a day's takes a second.
+        first, last = np.searchsorted(self.t, (t0 - shift, t1 - shift))
+        near = slice(max(first - NEIGHBOURS, 0), last + NEIGHBOURS)
+        log = self._derived(t=self.t[near] + shift, omega=self.omega[near], epoch_ns=epoch_ns)
+        for before, after in log.gaps():
+            if before < t1 and after > t0:
+                raise GapError(
+                    f"the gyro log has a gap of {1e3 * (after - before):.1f} ms inside the exposure, "
+                    f"{1e3 * (before - t0):.1f} ms after the first row opens; the motion there is unknown"
+                )
+        return log.trimmed(t0, t1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OrientationTrack:
+    """Camera orientation `C(t)`, camera-from-world, between the samples of a gyro log.
+
+    Rates are taken as piecewise linear; each step is the exact rotation of the fourth-order Magnus expansion, so
+    that `C` stays a rotation and a constant rate is integrated without error.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Sample times in s, camera time.
+    omega : ndarray, shape (n, 3)
+        Rates in rad/s, camera axes.
+    rotations : ndarray, shape (n, 3, 3)
+        `C(t[i])`; the first is the identity.
+    """
+
+    t: FloatArray
+    omega: FloatArray
+    rotations: FloatArray
+
+    @classmethod
+    def from_log(cls, log: GyroLog, camera: Camera, t0: float, t1: float, epoch_ns: int) -> OrientationTrack:
+        """Integrate `log` over the camera times [t0, t1] (s relative to `epoch_ns`).
+
+        Raises
+        ------
+        CoverageError, ClockError, GapError
+            See :meth:`GyroLog.covering`.
+        """
+        # camera_time = gyro_time + time_offset
+        log = log.covering(t0 - camera.time_offset, t1 - camera.time_offset, epoch_ns)
+        t = log.t + camera.time_offset
+        omega = log.omega @ camera.imu_to_camera.T
+        steps = rotation_matrix(-_magnus(omega[:-1], omega[1:], np.diff(t)))
+        rotations = np.empty((len(t), 3, 3))
+        rotations[0] = np.eye(3)
+        for i, step in enumerate(steps):
+            rotations[i + 1] = step @ rotations[i]
+        return cls(t, omega, rotations)
+
+    def at(self, times: FloatArray) -> FloatArray:
+        """Return `C` at `times` (any shape, s, within the track) with shape `times.shape + (3, 3)`."""
+        i, elapsed, omega = self._segment(times)
+        rotations: FloatArray = rotation_matrix(-_magnus(self.omega[i], omega, elapsed)) @ self.rotations[i]
+        return rotations
+
+    def angles(self, times: FloatArray) -> FloatArray:
+        """Return the plain integral of the rates at `times` (any shape), shape `times.shape + (3,)`, in rad.
+
+        The small-angle picture of the motion: no order of rotations, zero at the first sample.
+        """
+        i, elapsed, omega = self._segment(times)
+        step = 0.5 * (self.omega[1:] + self.omega[:-1]) * np.diff(self.t)[:, None]
+        integral = np.concatenate([np.zeros((1, 3)), np.cumsum(step, axis=0)])
+        angles: FloatArray = integral[i] + 0.5 * elapsed[..., None] * (self.omega[i] + omega)
+        return angles
+
+    def _segment(self, times: FloatArray) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
+        """Sample before each time, the time since then, and the rate at that time."""
+        i = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 2)
+        elapsed = times - self.t[i]
+        fraction = elapsed / (self.t[i + 1] - self.t[i])
+        return i, elapsed, self.omega[i] + fraction[..., None] * (self.omega[i + 1] - self.omega[i])
+
+
+def _magnus(omega0: FloatArray, omega1: FloatArray, dt: NDArray[np.float64]) -> FloatArray:
+    """Rotation vector of a step `dt` over which the rate goes linearly from `omega0` to `omega1`.
+
+    Fourth-order Magnus expansion (Iserles and Norsett 1999): dt (w0 + w1)/2 + dt^2/12 (w0 x w1).
+    """
+    h = dt[..., None]
+    return 0.5 * h * (omega0 + omega1) + h**2 / 12.0 * np.cross(omega0, omega1)
+
+
+def rotation_matrix(vector: FloatArray) -> FloatArray:
+    """Rodrigues' formula: exp([v]x) for rotation vectors of shape (..., 3)."""
+    angle = np.sqrt(np.sum(vector**2, axis=-1))[..., None, None]
+    x, y, z = np.moveaxis(vector, -1, 0)
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*vector.shape[:-1], 3, 3)
+    # sinc(a/pi) = sin(a)/a, and (1 - cos a)/a^2 = sinc(a/2pi)^2 / 2: both regular at zero.
+    rotation: FloatArray = (
+        np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (cross @ cross)
+    )
+    return rotation

@@ -1,0 +1,76 @@
+"""Where the camera was: the part of its motion that a gyroscope does not see, for scenes of one depth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rsdeblur._util import validate
+from rsdeblur._util.validate import FloatArray
+from rsdeblur.errors import CoverageError, InputError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Translation:
+    """Positions of the camera, and how far away the scene is.
+
+    Parameters
+    ----------
+    t : array_like, shape (n,)
+        Times in s relative to `epoch_ns`, camera time, strictly increasing, n >= 2.
+    position : array_like, shape (n, 3)
+        Where the camera's centre is, m, in the camera's own axes (x right, y down, z forward) as they stand when the
+        exposure begins; from any origin. Linear in between.
+    depth : float
+        Distance of the scene along the optical axis, m, positive; one for all of it.
+    epoch_ns : int, default 0
+        Origin of `t` in integer nanoseconds.
+
+    Raises
+    ------
+    InputError
+        If an array has a wrong shape, a value is not finite, times do not increase, or the depth is not positive.
+    """
+
+    t: FloatArray
+    position: FloatArray
+    depth: float
+    epoch_ns: int = 0
+
+    def __post_init__(self) -> None:
+        t = validate.real_array("t", self.t, (None,))
+        position = validate.real_array("position", self.position, (None, 3))
+        if len(t) != len(position) or len(t) < 2:
+            raise InputError(f"t and position must have the same length, at least 2; got {len(t)} and {len(position)}")
+        if (np.diff(t) <= 0).any():
+            raise InputError("t must increase")
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "position", position)
+        object.__setattr__(self, "depth", validate.finite("depth", self.depth, above=0.0))
+        object.__setattr__(self, "epoch_ns", validate.stamp("epoch_ns", self.epoch_ns))
+
+    def covering(self, t0: float, t1: float, epoch_ns: int) -> Translation:
+        """Return the track re-based on `epoch_ns`.
+
+        Raises
+        ------
+        CoverageError
+            If it does not reach over [t0, t1] (s relative to `epoch_ns`).
+        """
+        t = self.t + (self.epoch_ns - epoch_ns) * 1e-9
+        if t[0] > t0 or t[-1] < t1:
+            raise CoverageError(
+                f"the translation track spans {t[0]:.4f} s to {t[-1]:.4f} s, the exposure needs {t0:.4f} s to "
+                f"{t1:.4f} s; give a longer one"
+            )
+        return replace(self, t=t, epoch_ns=epoch_ns)
+
+    def at(self, times: FloatArray) -> FloatArray:
+        """Return the position in depths, shape `times.shape + (3,)`, at `times` in s relative to `epoch_ns`."""
+        return np.stack([np.interp(times, self.t, axis) for axis in self.position.T], axis=-1) / self.depth
+
+    def turned(self) -> Translation:
+        """Return the track of the camera that is :meth:`rsdeblur.Camera.turned`."""
+        x, y, z = self.position.T
+        return replace(self, position=np.stack([-y, x, z], axis=-1))

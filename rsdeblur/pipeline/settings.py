@@ -1,0 +1,145 @@
+"""How a picture, or a slab of its rows, is solved: the mode, the prior and their numbers in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rsdeblur.deconv.border import Border, Extension
+from rsdeblur.deconv.boundary import extended, extended_shape
+from rsdeblur.deconv.fft import Planning
+from rsdeblur.deconv.priors import Prior, Quadratic, minimise, restore
+from rsdeblur.deconv.quadratic import TileQuadratic
+from rsdeblur.deconv.rowwise import RowDeconvolver, Solver
+from rsdeblur.deconv.wiener import Deconvolver
+from rsdeblur.errors import InputError
+from rsdeblur.motion.paths import BlurPaths, Motion, Shot
+from rsdeblur.psf import PsfBank
+
+Mode = Literal["global", "banded", "rowwise"]
+MODES: tuple[Mode, ...] = ("global", "banded", "rowwise")
+Picture = NDArray[np.float32]
+Told = Callable[[float], None]
+Solve = Callable[[Picture, Told], Picture]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Method:
+    """Everything but the blur that a solution depends on; the names are those of :func:`rsdeblur.deblur`.
+
+    Parameters
+    ----------
+    nsr, weight : float
+        Numbers, no longer "auto"; `weight` is None for the Wiener filter.
+    peak : float
+        Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
+    border, extension
+        See :func:`rsdeblur.deconv.border.split`.
+    """
+
+    mode: Mode
+    prior: Prior
+    exponent: float
+    nsr: float
+    weight: float | None
+    peak: float
+    solver: Solver
+    motion: Motion
+    border: Border
+    extension: Extension | None = None
+    planning: Planning
+    threads: int | None
+
+    @property
+    def _engine(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in ("nsr", "border", "planning", "threads")}
+
+    def planned(self, shot: Shot, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:
+        """Plan what turns a blurred picture and a report of progress into the sharp picture.
+
+        Parameters
+        ----------
+        shot : Shot
+            Of the whole picture.
+        bank : PsfBank
+            Placed in the picture to be solved.
+        shape : (H, W, C)
+            Of the picture to be solved: rows of the whole one ...
+        first : int
+            ... from this one on.
+        """
+        if self.extension is not None:
+            return self._extended(shot, bank, shape, self.extension)
+        if self.mode == "rowwise":
+            return self._rowwise(shot, bank, shape, first)
+        return self.tiles(bank, shape)
+
+    def tiles(self, bank: PsfBank, shape: tuple[int, int, int]) -> TileSolve:
+        """Plan the same for a mode of tiles, so that it can be re-planned."""
+        if self.mode == "rowwise":
+            raise InputError('mode="rowwise" has no tiles')
+        kind = Deconvolver if self.weight is None else TileQuadratic
+        return TileSolve(self, kind(bank, shape, **self._engine))
+
+    def _extended(self, shot: Shot, bank: PsfBank, shape: tuple[int, int, int], extension: Extension) -> Solve:
+        height, width, _ = shape
+        solve = replace(self, extension=None).planned(shot, bank, extended_shape(shape, bank, extension))
+        return lambda light, told: solve(extended(light, bank, extension), told)[:height, :width]
+
+    def _rowwise(self, shot: Shot, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:
+        paths = BlurPaths.every_row(shot, bank.cols, motion=self.motion, within=slice(first, first + shape[0]))
+        rows = RowDeconvolver(replace(paths, rows=paths.rows - first), shape, solver=self.solver, **self._engine)
+        if self.weight is None:
+            return lambda light, told: rows.apply(light, progress=told)
+        weight, strips = self.weight, len(bank.cols)
+
+        def solve(light: Picture, told: Told) -> Picture:
+            done = iter(range(strips))
+
+            def with_prior(term: Quadratic) -> Picture:
+                strip = next(done)
+                return minimise(
+                    term,
+                    prior=self.prior,
+                    weight=weight,
+                    exponent=self.exponent,
+                    peak=self.peak,
+                    threads=self.threads,
+                    progress=lambda fraction: told((strip + fraction) / strips),
+                )
+
+            return rows.apply(light, minimise=with_prior)
+
+        return solve
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TileSolve:
+    """Tiles planned for pictures of one shape, which take other PSFs at the same places without new plans."""
+
+    method: Method
+    filters: Deconvolver | TileQuadratic
+
+    def replan(self, bank: PsfBank) -> None:
+        """Undo other PSFs from now on; see :meth:`rsdeblur.Deconvolver.replan`."""
+        self.filters.replan(bank)
+
+    def __call__(self, light: Picture, told: Told) -> Picture:
+        """Turn a blurred picture into the sharp one."""
+        if isinstance(self.filters, Deconvolver):
+            return self.filters.apply(light, progress=told)
+        assert self.method.weight is not None
+        return restore(
+            self.filters,
+            light,
+            prior=self.method.prior,
+            weight=self.method.weight,
+            exponent=self.method.exponent,
+            peak=self.method.peak,
+            threads=self.method.threads,
+            progress=told,
+        )
