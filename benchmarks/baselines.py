@@ -1,4 +1,4 @@
-"""What others do with a blurred picture: fair opponents for experiments, one PSF for the whole picture.
+"""What others do with a blurred picture: fair baselines for experiments, one PSF for the whole picture.
 
 All take a picture in linear light, (H, W) or (H, W, C), and give float32 of the same shape. Borders are tapered alike.
 """
@@ -16,9 +16,9 @@ from skimage import restoration
 from skimage.transform import resize
 
 from rsdeblur._util import validate
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import InputError
 from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatArray
 
 Image = NDArray[np.float32]
 
@@ -110,8 +110,8 @@ def tv_l1(image: ArrayLike, psf: ArrayLike, *, weight: float = 0.005) -> Image:
             while theta > max(beta / 8, TIGHTEST):
                 gx, gy = (_inverse(d * u, plane.shape) for d in (dx, dy))
                 share = _shrunk(np.hypot(gx, gy), weight * theta) / np.maximum(np.hypot(gx, gy), 1e-12)
-                pull = np.conj(dx) * scipy.fft.rfft2(gx * share) + np.conj(dy) * scipy.fft.rfft2(gy * share)
-                u = (target + pull / theta) / (power / beta + slope / theta)
+                grad_adjoint = np.conj(dx) * scipy.fft.rfft2(gx * share) + np.conj(dy) * scipy.fft.rfft2(gy * share)
+                u = (target + grad_adjoint / theta) / (power / beta + slope / theta)
                 theta /= 4
             beta /= 2
         return _inverse(u, plane.shape)

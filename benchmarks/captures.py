@@ -32,7 +32,7 @@ READOUT = 0.03
 
 
 @dataclass(frozen=True)
-class Capture:
+class SimulatedCapture:
     """A simulated capture with its ground truth."""
 
     name: str
@@ -42,7 +42,7 @@ class Capture:
     pictures: Simulation
 
     @property
-    def shot(self) -> tuple[GyroLog, Camera, Exposure]:
+    def recording(self) -> tuple[GyroLog, Camera, Exposure]:
         """What `deblur` takes after the picture."""
         return self.log, self.camera, self.exposure
 
@@ -72,24 +72,30 @@ def require_data() -> None:
         sys.exit(f"no recordings at {DATA}: set RSDEBLUR_DATA to their folder")
 
 
-def simulated(count: int | None = None, *, noise: float = NOISE, enlarged: int = 2) -> Iterator[Capture]:
+def simulated(count: int | None = None, *, noise: float = NOISE, enlarged: int = 2) -> Iterator[SimulatedCapture]:
     """Simulate captures from Kodak pictures and a real phone's shake: 1024x768, or half of that if not `enlarged`."""
     require_data()
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
-    camera = Camera(1024, 768, 1.1 * 1024, readout=READOUT).scaled(enlarged / 2)
+    camera = Camera(1024, 768, 1.1 * 1024, readout_time=READOUT).scaled(enlarged / 2)
     for picture, start, duration in MOMENTS[:count]:
         stored = _float32(read_picture(DATA / "sharp" / f"{picture}.png").pixels / 255)
         shown = _float32(rescale(stored, enlarged, order=3, channel_axis=-1).clip(0, 1)) if enlarged > 1 else stored
         sharp = to_linear(shown, "srgb")
         exposure = Exposure(start, duration, log.epoch_ns)
         name = f"{picture} {start:g} s 1/{round(1 / duration)}"
-        yield Capture(name, log, camera, exposure, simulate(sharp, log, camera, exposure, noise=noise))
+        yield SimulatedCapture(name, log, camera, exposure, simulate(sharp, log, camera, exposure, noise=noise))
 
 
-def synthetic(*, noise: float = NOISE) -> Capture:
+def synthetic(*, noise: float = NOISE) -> SimulatedCapture:
     """Make a small capture that needs no recordings."""
-    log, camera, exposure = hand_shake(0.2, seed=3), Camera(256, 192, 280.0, readout=READOUT), Exposure(0.05, 1 / 30)
-    return Capture("synthetic", log, camera, exposure, simulate(scene(240, 304), *(log, camera, exposure), noise=noise))
+    log, camera, exposure = (
+        hand_shake(0.2, seed=3),
+        Camera(256, 192, 280.0, readout_time=READOUT),
+        Exposure(0.05, 1 / 30),
+    )
+    return SimulatedCapture(
+        "synthetic", log, camera, exposure, simulate(scene(240, 304), *(log, camera, exposure), noise=noise)
+    )
 
 
 def shield_burst() -> tuple[Image, GyroLog, Camera, Exposure]:

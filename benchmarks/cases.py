@@ -10,7 +10,7 @@ import scipy.fft
 
 from benchmarks.captures import Image
 from rsdeblur import BlurPaths, Camera, Exposure, GyroLog, PsfBank
-from rsdeblur.motion.paths import Shot
+from rsdeblur.motion.paths import Capture
 from rsdeblur.pipeline.deblur import psfs
 from rsdeblur.psf import tile_centres
 from rsdeblur.simulation.scene import scene
@@ -49,7 +49,7 @@ class Case:
     @property
     def camera(self) -> Camera:
         """A phone's main camera."""
-        return Camera(self.width, self.height, 1.1 * self.width, readout=READOUT)
+        return Camera(self.width, self.height, 1.1 * self.width, readout_time=READOUT)
 
     def log(self, bands: int, strips: int = 1) -> GyroLog:
         """Return a raw log whose PSFs on these tiles just fill the box."""
@@ -89,7 +89,7 @@ def _log(case: Case, bands: int, strips: int) -> GyroLog:
     scale = np.ones(2)
     for _ in range(4):  # nearly linear in the rates
         shaken = GyroLog(log.t, log.omega * (*scale, 0.0))
-        paths = BlurPaths.from_shot(Shot.from_log(shaken, case.camera, EXPOSURE), rows, cols)
+        paths = BlurPaths.from_capture(Capture.from_log(shaken, case.camera, EXPOSURE), rows, cols)
         scale *= wanted / paths.extent
     return shaken
 

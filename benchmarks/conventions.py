@@ -42,9 +42,9 @@ def main() -> None:
     print(f"{'variant':22s} roughness   lean")
     print(f"{'(blurred input)':22s} {roughness(image):9.3f} {lean(image):6.1f}")
     for name, variant_log, variant_camera in variants(log, camera):
-        shot = variant_log, variant_camera, exposure
-        keep = deblur(image, *shot, nsr=NSR["roughness"]).image
-        rectified = deblur(image, *shot, nsr=NSR["lean"], geometry="rectify").image
+        recording = variant_log, variant_camera, exposure
+        keep = deblur(image, *recording, nsr=NSR["roughness"]).image
+        rectified = deblur(image, *recording, nsr=NSR["lean"], geometry="rectify").image
         results[name] = roughness(keep), lean(rectified)
         print(f"{name:22s} {results[name][0]:9.3f} {results[name][1]:6.1f}", flush=True)
         if options.pictures:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.captures import Capture, quality, simulated
+from benchmarks.captures import SimulatedCapture, quality, simulated
 from benchmarks.priors import noisy
 from benchmarks.saturation import recorded
 from benchmarks.tables import markdown, write
@@ -42,17 +42,17 @@ SITUATIONS = (
 )
 
 
-def gains(capture: Capture, situation: Situation, mode: Mode) -> list[float]:
+def gains(capture: SimulatedCapture, situation: Situation, mode: Mode) -> list[float]:
     """Return the gain of every prior, dB; `capture` has no noise."""
-    shot = noisy(capture, situation.noise)
-    pixels = recorded(shot.pictures.blurred, situation.jpeg)
+    recording = noisy(capture, situation.noise)
+    pixels = recorded(recording.pictures.blurred, situation.jpeg)
     images = [np.divide(pixels, 255, dtype=np.float32)]
-    images += [deblur(pixels, *shot.shot, mode=mode, prior=prior, transfer="srgb").image for prior in PRIORS]
-    before, *after = (quality(shot.pictures.rolling, to_linear(image, "srgb"))[0] for image in images)
+    images += [deblur(pixels, *recording.recording, mode=mode, prior=prior, transfer="srgb").image for prior in PRIORS]
+    before, *after = (quality(recording.pictures.rolling, to_linear(image, "srgb"))[0] for image in images)
     return [score - before for score in after]
 
 
-def rows(captures: Sequence[Capture]) -> Iterator[list[str]]:
+def rows(captures: Sequence[SimulatedCapture]) -> Iterator[list[str]]:
     """Yield the lines of the table."""
     for situation in SITUATIONS:
         for mode in MODES:

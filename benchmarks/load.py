@@ -26,7 +26,7 @@ import numpy as np
 
 from benchmarks.captures import Image
 from benchmarks.tables import print_table
-from rsdeblur import BlurPaths, Camera, Deconvolver, Exposure, RowBlur, RowDeconvolver, Shot, deblur, psfs, restore
+from rsdeblur import BlurPaths, Camera, Capture, Deconvolver, Exposure, RowBlur, RowDeconvolver, deblur, psfs, restore
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.io import write_picture
 from rsdeblur.simulation.shake import hand_shake
@@ -34,7 +34,7 @@ from rsdeblur.simulation.shake import hand_shake
 THREADS = 8
 POLL = 0.05
 HEIGHT, WIDTH = 48, 64
-CAMERA = Camera(WIDTH, HEIGHT, 60.0, readout=0.03)
+CAMERA = Camera(WIDTH, HEIGHT, 60.0, readout_time=0.03)
 EXPOSURE = Exposure(0.1, 0.03)
 Apply = Callable[..., Image]
 
@@ -52,7 +52,7 @@ def solvers(threads: int) -> dict[str, Apply]:
     shape = (HEIGHT, WIDTH, 3)
     tiles = {"global": (1, 1), "banded": (4, 1), "banded and strips": (4, 3)}
     banks = {name: psfs(*_shot(), bands=bands, strips=strips) for name, (bands, strips) in tiles.items()}
-    paths = BlurPaths.every_row(Shot.from_log(*_shot()), banks["banded and strips"].cols)
+    paths = BlurPaths.every_row(Capture.from_log(*_shot()), banks["banded and strips"].cols)
     blur = RowBlur(paths, WIDTH, channels=3, threads=threads)
     quadratic = TileQuadratic(banks["banded and strips"], shape, threads=threads)
 
@@ -148,7 +148,7 @@ def write_batch(folder: Path, count: int, size: tuple[int, int] = (HEIGHT, WIDTH
     np.savetxt(
         folder / "gyro.csv", np.column_stack([log.t, log.omega]), delimiter=",", header="t,wx,wy,wz", comments=""
     )
-    Camera(width, height, 0.9 * width, readout=0.03).save(folder / "camera.toml")
+    Camera(width, height, 0.9 * width, readout_time=0.03).save(folder / "camera.toml")
     items = (f"{i % 10}.png,{i}.png,{0.1 + 0.7 * i / count:.6f},0.03" for i in range(count))
     (folder / "manifest.csv").write_text("\n".join(["photo,output,start,duration", *items]) + "\n")
     return ["batch", "manifest.csv", "--gyro", "gyro.csv", "--camera", "camera.toml", "-o", "sharp"]
@@ -236,15 +236,25 @@ def long_log(samples: int, formats: Sequence[str], folder: Path | None) -> None:
     with tempfile.TemporaryDirectory(dir=folder) as name:
         place = Path(name)
         write_picture(place / "photo.png", np.zeros((HEIGHT, WIDTH, 3), np.uint8))
-        Camera(WIDTH, HEIGHT, 110.0, readout=0.03).save(place / "camera.toml")
+        Camera(WIDTH, HEIGHT, 110.0, readout_time=0.03).save(place / "camera.toml")
         for format in formats:
             with (place / "log.csv").open("w") as file:
                 file.write(FORMATS[format])
                 file.writelines(_lines(format, samples, samples / 86400))
             length = (place / "log.csv").stat().st_size / 2**20
             at = {"plain, ns": 1309154983495295, "sensorlogger": 1766385749427863800}.get(format, 0) + 43_200 * 10**9
-            shot = ["--camera", "camera.toml", "--start-ns", str(at), "--duration", "0.03", "-o", "out.png", "--force"]
-            for command in (["info", "log.csv"], ["deblur", "photo.png", "--gyro", "log.csv", *shot]):
+            recording = [
+                "--camera",
+                "camera.toml",
+                "--start-ns",
+                str(at),
+                "--duration",
+                "0.03",
+                "-o",
+                "out.png",
+                "--force",
+            ]
+            for command in (["info", "log.csv"], ["deblur", "photo.png", "--gyro", "log.csv", *recording]):
                 begin, used, peak = time.perf_counter(), _used(), 0
                 with start(place, *command) as process:
                     while process.poll() is None:

@@ -58,9 +58,18 @@ def run(folder: Path, size: tuple[int, int], mode: str, max_memory: str) -> tupl
     camera.save(folder / "camera.toml")
     samples = np.column_stack([log.t, log.omega])
     np.savetxt(folder / "gyro.csv", samples, delimiter=",", header="t,wx,wy,wz", comments="")
-    shot = ["--start", str(EXPOSURE.start), "--duration", str(EXPOSURE.duration), "--nsr", str(NSR), "--unit", "rad/s"]
+    recording = [
+        "--start",
+        str(EXPOSURE.start),
+        "--duration",
+        str(EXPOSURE.duration),
+        "--nsr",
+        str(NSR),
+        "--unit",
+        "rad/s",
+    ]
     files = ["photo.tif", "--gyro", "gyro.csv", "--camera", "camera.toml", "-o", "sharp.tif", "--force"]
-    command = [sys.executable, "-m", "rsdeblur", "deblur", *files, *shot, *MODES[mode], "--max-memory", max_memory]
+    command = [sys.executable, "-m", "rsdeblur", "deblur", *files, *recording, *MODES[mode], "--max-memory", max_memory]
     begin = time.perf_counter()
     with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as process:
         peak = _watch(process)
@@ -80,7 +89,9 @@ def capture(folder: Path, size: tuple[int, int]) -> tuple[Camera, GyroLog]:
     picture.flush()
     # The PSF keeps its size in px.
     log, slower = case.log(16), case.width / width
-    return Camera(width, height, case.camera.focal[0] / slower, readout=READOUT), GyroLog(log.t, slower * log.omega)
+    return Camera(width, height, case.camera.focal_length[0] / slower, readout_time=READOUT), GyroLog(
+        log.t, slower * log.omega
+    )
 
 
 def _watch(process: subprocess.Popen[str]) -> int:

@@ -26,7 +26,7 @@ from PIL import Image as Pillow
 from rich.console import Console
 from rich.progress import track
 
-from benchmarks.captures import Capture, Image, quality, simulated
+from benchmarks.captures import Image, SimulatedCapture, quality, simulated
 from benchmarks.tables import markdown, write
 from rsdeblur import GyroLog, Simulation, deblur
 from rsdeblur.deconv.fft import thread_count
@@ -73,7 +73,7 @@ def main() -> None:
     Console(width=200, highlight=False, markup=False).print(report["markdown"])
 
 
-def run(captures: Sequence[Capture], *, modes: bool = True) -> dict[str, Any]:
+def run(captures: Sequence[SimulatedCapture], *, modes: bool = True) -> dict[str, Any]:
     """Score everything on captures without noise and return scores and tables."""
     # Every solve has one thread.
     with ProcessPoolExecutor(thread_count(None), multiprocessing.get_context("spawn")) as pool:
@@ -85,23 +85,25 @@ def run(captures: Sequence[Capture], *, modes: bool = True) -> dict[str, Any]:
     return {"modes": found, "strengths": strengths, "markdown": "\n\n".join(tables)}
 
 
-def _scored(pool: Executor, score: Callable[[Capture], Any], captures: Sequence[Capture], title: str) -> dict[str, Any]:
+def _scored(
+    pool: Executor, score: Callable[[SimulatedCapture], Any], captures: Sequence[SimulatedCapture], title: str
+) -> dict[str, Any]:
     results = track(pool.map(score, captures), title, total=len(captures))
     return {capture.name: scores for capture, scores in zip(captures, results, strict=True)}
 
 
-def modes_scores(capture: Capture) -> dict[str, tuple[float, float]]:
+def modes_scores(capture: SimulatedCapture) -> dict[str, tuple[float, float]]:
     """PSNR and SSIM of every mode with every prior, at 40 dB."""
     capture = noisy(capture, 40)
     scores = {"blurred": quality(capture.pictures.rolling, capture.pictures.blurred)}
     for name, mode in MODES.items():
         for prior in PRIORS:
-            image = deblur(capture.pictures.blurred, *capture.shot, prior=prior, threads=1, **mode).image
+            image = deblur(capture.pictures.blurred, *capture.recording, prior=prior, threads=1, **mode).image
             scores[f"{name}, {prior}"] = quality(capture.pictures.rolling, image)
     return scores
 
 
-def strengths_scores(capture: Capture) -> dict[str, dict[str, float]]:
+def strengths_scores(capture: SimulatedCapture) -> dict[str, dict[str, float]]:
     """PSNR of every prior at every strength in every situation."""
     rows = {}
     for decibels, wrong in SITUATIONS:
@@ -110,7 +112,7 @@ def strengths_scores(capture: Capture) -> dict[str, dict[str, float]]:
         row = {"blurred": quality(part.pictures.rolling, part.pictures.blurred)[0]}
         for prior, strength in strengths():
             kwargs: dict[str, Any] = {"prior": prior, "nsr" if prior == "wiener" else "weight": strength}
-            image = deblur(part.pictures.blurred, *part.shot, threads=1, **kwargs).image
+            image = deblur(part.pictures.blurred, *part.recording, threads=1, **kwargs).image
             row[f"{prior} {strength}"] = quality(part.pictures.rolling, image)[0]
         rows[f"{decibels} dB, {'wrong' if wrong else 'right'} model"] = row
     return rows
@@ -123,7 +125,7 @@ def strengths() -> Iterator[tuple[Prior, Any]]:
             yield prior, strength
 
 
-def middle(capture: Capture) -> Capture:
+def middle(capture: SimulatedCapture) -> SimulatedCapture:
     """Cut out the middle, if there is more than that."""
     camera = capture.camera
     width, height = (min(n, most) for n, most in zip((camera.width, camera.height), MIDDLE, strict=True))
@@ -132,22 +134,22 @@ def middle(capture: Capture) -> Capture:
     return replace(capture, camera=camera.cropped(left, top, width, height), pictures=pictures)
 
 
-def noisy(capture: Capture, decibels: float) -> Capture:
+def noisy(capture: SimulatedCapture, decibels: float) -> SimulatedCapture:
     """Add white noise."""
     clean = capture.pictures.blurred
     noise = np.random.default_rng(0).normal(0.0, 10 ** (-decibels / 20), clean.shape).astype(np.float32)
     return replace(capture, pictures=capture.pictures._replace(blurred=clean + noise))
 
 
-def with_errors(capture: Capture) -> Capture:
+def with_errors(capture: SimulatedCapture) -> SimulatedCapture:
     """Give the capture the errors that real recordings suffer from."""
     log, camera = capture.log, capture.camera
     noise = np.random.default_rng(0).normal(0.0, RATE_NOISE, log.omega.shape)
-    fx, fy = camera.focal
+    fx, fy = camera.focal_length
     return replace(
         capture,
         log=GyroLog(log.t + OFFSET_ERROR, log.omega + noise, log.epoch_ns),
-        camera=replace(camera, focal=(fx * (1 + FOCAL_ERROR), fy * (1 + FOCAL_ERROR))),
+        camera=replace(camera, focal_length=(fx * (1 + FOCAL_ERROR), fy * (1 + FOCAL_ERROR))),
         pictures=capture.pictures._replace(blurred=jpeg(capture.pictures.blurred)),
     )
 

@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from benchmarks.captures import Capture, quality, simulated
+from benchmarks.captures import SimulatedCapture, quality, simulated
 from rsdeblur import deblur
 from rsdeblur.motion.paths import GEOMETRIES, Geometry
 
@@ -49,7 +49,7 @@ def main() -> None:
     Console(width=200, highlight=False, markup=False).print(report["markdown"])
 
 
-def run(captures: Sequence[Capture]) -> dict[str, Any]:
+def run(captures: Sequence[SimulatedCapture]) -> dict[str, Any]:
     """Score all methods in both geometries and return the tables."""
     nsr, ladder = choose_nsr(captures)
     tables, report = [], {"nsr": nsr, "ladder": ladder}
@@ -73,34 +73,36 @@ def run(captures: Sequence[Capture]) -> dict[str, Any]:
     return report
 
 
-def choose_nsr(captures: Sequence[Capture]) -> tuple[float, dict[str, dict[str, float]]]:
+def choose_nsr(captures: Sequence[SimulatedCapture]) -> tuple[float, dict[str, dict[str, float]]]:
     """Return the ladder's best NSR in the mean, and the PSNR of each capture at each."""
     ladder = {}
     for nsr in LADDER:
         row = {
-            c.name: quality(c.pictures.rolling, deblur(c.pictures.blurred, *c.shot, nsr=nsr).image)[0] for c in captures
+            c.name: quality(c.pictures.rolling, deblur(c.pictures.blurred, *c.recording, nsr=nsr).image)[0]
+            for c in captures
         }
         ladder[str(nsr)] = row | {"mean": float(np.mean(list(row.values())))}
     return max(LADDER, key=lambda nsr: ladder[str(nsr)]["mean"]), ladder
 
 
-def best_loss(capture: Capture) -> tuple[float, float]:
+def best_loss(capture: SimulatedCapture) -> tuple[float, float]:
     """Gain over the blurred picture at the best NSR for this capture, dB, and that NSR."""
     truth = capture.pictures.rolling
     gains = {
-        nsr: quality(truth, deblur(capture.pictures.blurred, *capture.shot, nsr=nsr).image)[0] for nsr in (*LADDER, 1.0)
+        nsr: quality(truth, deblur(capture.pictures.blurred, *capture.recording, nsr=nsr).image)[0]
+        for nsr in (*LADDER, 1.0)
     }
     best = max(gains, key=lambda nsr: gains[nsr])
     return gains[best] - quality(truth, capture.pictures.blurred)[0], best
 
 
-def score(capture: Capture, geometry: Geometry, nsr: float) -> dict[str, tuple[float, float]]:
+def score(capture: SimulatedCapture, geometry: Geometry, nsr: float) -> dict[str, tuple[float, float]]:
     """PSNR and SSIM of the blurred picture and of every method."""
     blurred = capture.pictures.blurred
     truth = capture.pictures.rolling if geometry == "keep" else capture.pictures.rectified
     scores = {"blurred": quality(truth, blurred)}
     for name, kwargs in METHODS.items():
-        image = deblur(blurred, *capture.shot, nsr=nsr, geometry=geometry, **kwargs).image
+        image = deblur(blurred, *capture.recording, nsr=nsr, geometry=geometry, **kwargs).image
         scores[name] = quality(truth, image)
     return scores
 

@@ -25,7 +25,7 @@ from benchmarks.cases import EXPOSURE, NSR, Case
 from benchmarks.peers import QUICK_SIZE, SIZE, size
 from benchmarks.tables import markdown, print_table, write
 from benchmarks.timing import Job, interleave
-from rsdeblur import BlurPaths, Deconvolver, RowDeconvolver, Shot
+from rsdeblur import BlurPaths, Capture, Deconvolver, RowDeconvolver
 from rsdeblur.deconv import priors
 from rsdeblur.deconv.rowwise_blur import StripBlur, latent_rows
 from rsdeblur.kernels import rowwise
@@ -112,8 +112,8 @@ def run(size: tuple[int, int], rounds: int, threads: int) -> Record:
 
 def row_paths(case: Case) -> BlurPaths:
     """Trace the paths of every row of a case, in one strip."""
-    shot = Shot.from_log(case.log(BANDS), case.camera, EXPOSURE)
-    return BlurPaths.every_row(shot, [(case.width - 1) / 2])
+    recording = Capture.from_log(case.log(BANDS), case.camera, EXPOSURE)
+    return BlurPaths.every_row(recording, [(case.width - 1) / 2])
 
 
 def one_block(paths: BlurPaths, length: int) -> tuple[Job, float]:

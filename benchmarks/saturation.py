@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 from scipy import ndimage
 
-from benchmarks.captures import BORDER, READOUT, Capture, Image, quality, simulated
+from benchmarks.captures import BORDER, READOUT, Image, SimulatedCapture, quality, simulated
 from benchmarks.priors import noisy
 from benchmarks.tables import markdown, write
 from rsdeblur import Camera, Exposure, Simulation, deblur, simulate
@@ -64,10 +64,14 @@ def night(height: int, width: int) -> Image:
     return np.asarray(light, dtype=np.float32)
 
 
-def capture(seed: int) -> Capture:
+def capture(seed: int) -> SimulatedCapture:
     """Simulate a capture of the scene; its pictures are not clipped."""
-    shot = hand_shake(0.2, strength=1.5, seed=seed), Camera(256, 192, 280.0, readout=READOUT), Exposure(0.05, 1 / 20)
-    return Capture(f"night {seed}", *shot, simulate(night(240, 304), *shot, noise=NOISE))
+    recording = (
+        hand_shake(0.2, strength=1.5, seed=seed),
+        Camera(256, 192, 280.0, readout_time=READOUT),
+        Exposure(0.05, 1 / 20),
+    )
+    return SimulatedCapture(f"night {seed}", *recording, simulate(night(240, 304), *recording, noise=NOISE))
 
 
 def recorded(light: Image, jpeg: int | None = None) -> NDArray[np.uint8]:
@@ -100,7 +104,7 @@ def overexposed(count: int, jpeg: int | None) -> Iterator[list[str]]:
             line = [f"{taken.name}, {gain:g} times", f"{100 * (pixels == 255).any(axis=2).mean():.0f}"]
             for prior in PRIORS:
                 for saturation in SATURATIONS:
-                    result = deblur(pixels, *taken.shot, prior=prior, transfer="srgb", saturation=saturation)
+                    result = deblur(pixels, *taken.recording, prior=prior, transfer="srgb", saturation=saturation)
                     line.append(f"{quality(bright.pictures.rolling, to_linear(result.image, 'srgb'))[0]:.2f}")
             yield line
 
@@ -113,7 +117,9 @@ def rows(jpeg: int | None, seeds: tuple[int, ...] = SEEDS) -> Iterator[list[str]
         for mode in MODES:
             for prior in PRIORS:
                 settings: dict[str, Any] = {"mode": mode, "prior": prior, "transfer": "srgb"}
-                plain, careful = (deblur(pixels, *taken.shot, **settings, saturation=s) for s in ("ignore", "auto"))
+                plain, careful = (
+                    deblur(pixels, *taken.recording, **settings, saturation=s) for s in ("ignore", "auto")
+                )
                 reach = max(plain.psfs.size)
                 (a, outside), (b, then) = (measures(taken.pictures.rolling, r.image, reach) for r in (plain, careful))
                 yield [

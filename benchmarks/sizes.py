@@ -42,14 +42,20 @@ def _picture(kind: str, size: tuple[int, int]) -> NDArray[Any]:
 
 def _outcome(size: tuple[int, int], mode: Any, prior: Any, blur: float | None, kind: str) -> str:
     height, width = size
-    focal = 10.0 * max(size)
-    rate = 0.0 if blur is None else blur * min(size) / focal / EXPOSURE.duration
+    focal_length = 10.0 * max(size)
+    rate = 0.0 if blur is None else blur * min(size) / focal_length / EXPOSURE.duration
     rates = np.tile([rate, -rate, 0.3 * rate], (40, 1))
     log = GyroLog(0.005 * np.arange(40.0), rates)
     stored = _picture(kind, size)
     try:
         sharp = deblur(
-            stored, log, Camera(width, height, focal, readout=0.02), EXPOSURE, mode=mode, prior=prior, nsr=0.01
+            stored,
+            log,
+            Camera(width, height, focal_length, readout_time=0.02),
+            EXPOSURE,
+            mode=mode,
+            prior=prior,
+            nsr=0.01,
         ).image
     except InputError as error:
         return f"refused, sides from {min(size)} px" if "picture" in str(error) else f"REFUSED: {error}"

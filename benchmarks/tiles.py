@@ -19,7 +19,7 @@ import scipy.fft
 from numpy.typing import NDArray
 from rich.progress import track
 
-from benchmarks.captures import Capture, Image, quality, simulated, synthetic
+from benchmarks.captures import Image, SimulatedCapture, quality, simulated, synthetic
 from benchmarks.cases import centred
 from benchmarks.tables import markdown, write
 from rsdeblur import Deconvolver, PsfBank
@@ -49,7 +49,7 @@ def main() -> None:
         write(options.markdown, text)
 
 
-def run(captures: Sequence[Capture], tiles: Sequence[tuple[int, int]]) -> str:
+def run(captures: Sequence[SimulatedCapture], tiles: Sequence[tuple[int, int]]) -> str:
     """Return the tables as Markdown."""
     rows = []
     for capture, (noise, nsr), (bands, strips) in track(
@@ -58,7 +58,7 @@ def run(captures: Sequence[Capture], tiles: Sequence[tuple[int, int]]) -> str:
         shape = capture.pictures.blurred.shape
         drawn = np.random.default_rng(SEED).normal(scale=noise, size=shape).astype(np.float32)
         blurred = capture.pictures.blurred + drawn
-        bank = psfs(*capture.shot, bands=bands, strips=strips, nsr=nsr)
+        bank = psfs(*capture.recording, bands=bands, strips=strips, nsr=nsr)
         images = {"whole": whole(bank, blurred, nsr)} | dict(variants(bank, blurred, nsr))
         scores = {name: quality(capture.pictures.rolling, image)[0] for name, image in images.items()}
         rows.append(((noise, nsr), (bands, strips), scores))
@@ -80,8 +80,14 @@ def variants(bank: PsfBank, blurred: Image, nsr: float) -> Iterator[tuple[str, I
     plain = tiling.hat_weights
     changes: dict[str, list[tuple[object, str, object]]] = {
         "engine": [],
-        "half the gap": [(wiener, "LEAST_GAP", wiener.LEAST_GAP / 2), (wiener, "DECAY_GAP", wiener.DECAY_GAP / 2)],
-        "twice the gap": [(wiener, "LEAST_GAP", wiener.LEAST_GAP * 2), (wiener, "DECAY_GAP", wiener.DECAY_GAP * 2)],
+        "half the gap": [
+            (wiener, "LEAST_MARGIN", wiener.LEAST_MARGIN / 2),
+            (wiener, "DECAY_MARGIN", wiener.DECAY_MARGIN / 2),
+        ],
+        "twice the gap": [
+            (wiener, "LEAST_MARGIN", wiener.LEAST_MARGIN * 2),
+            (wiener, "DECAY_MARGIN", wiener.DECAY_MARGIN * 2),
+        ],
         "half the overlap": [(tiling, "hat_weights", partial(_narrower, plain, 0.5))],
         "a quarter of it": [(tiling, "hat_weights", partial(_narrower, plain, 0.25))],
     }
@@ -102,8 +108,8 @@ def _narrower(plain: Weights, overlap: float, centres: NDArray[np.float64], n: i
 def whole(bank: PsfBank, blurred: Image, nsr: float) -> Image:
     """Filter the whole picture with every kernel of the bank and interpolate, in double precision."""
     height, width, _ = blurred.shape
-    gap = max(wiener.LEAST_GAP, wiener.DECAY_GAP / nsr**0.5)
-    needed = (int(n + gap * kernel) for n, kernel in zip((height, width), bank.size, strict=True))
+    margin = max(wiener.LEAST_MARGIN, wiener.DECAY_MARGIN / nsr**0.5)
+    needed = (int(n + margin * kernel) for n, kernel in zip((height, width), bank.size, strict=True))
     sizes = tuple(scipy.fft.next_fast_len(n, real=True) for n in needed)
     extended = _continued(_continued(blurred.astype(np.float64), sizes[0]).swapaxes(0, 1), sizes[1]).swapaxes(0, 1)
     spectrum = scipy.fft.rfft2(extended, axes=(0, 1))

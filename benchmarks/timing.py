@@ -1,4 +1,4 @@
-"""Times of rivals that are measured side by side, so that what disturbs the machine disturbs them alike."""
+"""Times of alternatives that are measured side by side, so that what disturbs the machine disturbs them alike."""
 
 from __future__ import annotations
 

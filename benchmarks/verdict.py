@@ -24,14 +24,14 @@ import click
 import numpy as np
 from rich.progress import track
 
-from benchmarks.captures import Capture, quality, simulated
+from benchmarks.captures import SimulatedCapture, quality, simulated
 from benchmarks.priors import FOCAL_ERROR, OFFSET_ERROR, RATE_NOISE, jpeg, noisy
 from benchmarks.tables import markdown, write
-from rsdeblur import Check, GyroLog, RsdeblurError, deblur
+from rsdeblur import GyroLog, QualityCheck, RsdeblurError, deblur
 from rsdeblur.deconv.fft import thread_count
 from rsdeblur.deconv.priors import PRIORS, Prior
 from rsdeblur.estimate.check import Verdict, fall_back
-from rsdeblur.image.encoded import Stored
+from rsdeblur.image.encoded import EncodedImage
 
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 # dB that a result must gain or lose to count as better or worse than the blurred picture.
@@ -48,24 +48,24 @@ class Trial:
     case: str
     gain: float
     blended: float
-    check: Check
+    check: QualityCheck
 
 
-def cases(clean: Capture) -> Iterator[tuple[str, Capture]]:
+def cases(clean: SimulatedCapture) -> Iterator[tuple[str, SimulatedCapture]]:
     """Yield a capture with the right motion, with slightly wrong motion, and with wrong motion, each with its name."""
     for decibels in (30, 50):
         yield f"right motion, {decibels} dB", noisy(clean, decibels)
     capture = noisy(clean, DECIBELS)
-    log, camera, exposure = capture.shot
+    log, camera, exposure = capture.recording
     yield f"right motion, {DECIBELS} dB", capture
     stored = jpeg(capture.pictures.blurred)
     yield "right motion, JPEG 90", replace(capture, pictures=capture.pictures._replace(blurred=stored))
-    yield "focal length + 1 %", focal(capture, 1 + FOCAL_ERROR)
+    yield "focal length + 1 %", focal_length(capture, 1 + FOCAL_ERROR)
     yield "2 ms late", replace(capture, log=GyroLog(log.t + OFFSET_ERROR, log.omega, log.epoch_ns))
     noise = np.random.default_rng(0).normal(0.0, RATE_NOISE, log.omega.shape)
     yield "rates + 0.01 rad/s noise", replace(capture, log=replace(log, omega=log.omega + noise))
     for size in SIZES:
-        yield f"focal length x {size:g}", focal(capture, size)
+        yield f"focal length x {size:g}", focal_length(capture, size)
     for shift, name in ((1.0, "1 s later"), (0.04, "40 ms later")):
         yield name, replace(capture, exposure=replace(exposure, start=exposure.start + shift))
     for axis, name in enumerate("xyz"):
@@ -75,26 +75,26 @@ def cases(clean: Capture) -> Iterator[tuple[str, Capture]]:
     yield "readout reversed", replace(capture, camera=replace(camera, readout_direction="bottom-up"))
 
 
-def focal(capture: Capture, size: float) -> Capture:
+def focal_length(capture: SimulatedCapture, size: float) -> SimulatedCapture:
     """Multiply the focal length."""
-    fx, fy = capture.camera.focal
-    return replace(capture, camera=replace(capture.camera, focal=(size * fx, size * fy)))
+    fx, fy = capture.camera.focal_length
+    return replace(capture, camera=replace(capture.camera, focal_length=(size * fx, size * fy)))
 
 
-def trials(clean: Capture, prior: Prior) -> list[Trial]:
+def trials(clean: SimulatedCapture, prior: Prior) -> list[Trial]:
     """Deblur a capture in all cases; motion that the picture cannot hold is refused and left out."""
     found = []
     for case, capture in cases(clean):
         truth, blurred = capture.pictures.rolling, capture.pictures.blurred
         try:
-            result = deblur(blurred, *capture.shot, prior=prior, threads=1)
+            result = deblur(blurred, *capture.recording, prior=prior, threads=1)
         except RsdeblurError:
             continue
         assert result.check is not None
         before, after = quality(truth, blurred)[0], quality(truth, result.image)[0]
         blended = result.image.copy()
         if result.check.verdict == "bad":
-            fall_back(Stored(blurred, "linear"), result.check, blended)
+            fall_back(EncodedImage(blurred, "linear"), result.check, blended)
         found.append(Trial(clean.name, case, after - before, quality(truth, blended)[0] - before, result.check))
     return found
 

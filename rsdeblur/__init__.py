@@ -3,6 +3,7 @@
 :func:`deblur` is the one call; its parts are public too. Every room imports only rooms above it in this ladder::
 
     errors      exceptions and warnings of the package
+    types       names of array and callback types
     _util       checks of arguments, safe files, threads, worker processes
     kernels     inner loops in C or Numba, each with a NumPy twin
     config      how this installation was built

@@ -12,7 +12,7 @@ from .errors import InputError as InputError
 from .errors import OutputError as OutputError
 from .errors import RsdeblurError as RsdeblurError
 from .errors import RsdeblurWarning as RsdeblurWarning
-from .estimate.check import Check as Check
+from .estimate.check import QualityCheck as QualityCheck
 from .estimate.strength import Tuning as Tuning
 from .estimate.time_offset import OffsetSearch as OffsetSearch
 from .estimate.time_offset import find_time_offset as find_time_offset
@@ -23,7 +23,7 @@ from .motion.camera import Camera as Camera
 from .motion.exposure import Exposure as Exposure
 from .motion.gyro import GyroLog as GyroLog
 from .motion.paths import BlurPaths as BlurPaths
-from .motion.paths import Shot as Shot
+from .motion.paths import Capture as Capture
 from .motion.translation import Translation as Translation
 from .pipeline.deblur import DeblurResult as DeblurResult
 from .pipeline.deblur import deblur as deblur

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.files import open_file
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.kernels.raster import rasterize
 from rsdeblur.motion.paths import BlurPaths
+from rsdeblur.types import FloatArray
 
 # Kernels given by a user may have been rounded to a few digits; a sum further from 1 is another quantity.
 SUM_TOLERANCE = 1e-3

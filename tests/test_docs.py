@@ -51,7 +51,7 @@ def test_the_commands_of_the_walkthrough_work(tmp_path: Path, monkeypatch: pytes
             subprocess.run(command, shell=True, check=True)
     written = {file.name for file in tmp_path.glob("shot/*")}
     assert {"mine.png", "sheet.png", "map.png", "kernels.png", "narrow.png"} <= written
-    assert rsdeblur.read_camera(tmp_path / "phone.toml").readout == 0.0056
+    assert rsdeblur.read_camera(tmp_path / "phone.toml").readout_time == 0.0056
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)

@@ -73,7 +73,7 @@ def test_an_interrupted_command_cleans_up(tmp_path: Path) -> None:
         "rsdeblur.cli.main()\n"
     )
     target = tmp_path / "camera.toml"
-    arguments = ["camera", "new", "--size", "640x480", "--focal", "500", "-o", str(target)]
+    arguments = ["camera", "new", "--size", "640x480", "--focal-length", "500", "-o", str(target)]
     command = [sys.executable, "-c", code, *arguments]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen(command, text=True, preexec_fn=faults.heed_interrupts, **pipes) as process:

@@ -178,7 +178,7 @@ class TestText:
 
     def test_messages_have_an_end(self, tmp_path: Path) -> None:
         path = tmp_path / "camera.toml"
-        path.write_text(f"width = {list(range(10_000))}\nheight = 3\nfocal = 4\n")
+        path.write_text(f"width = {list(range(10_000))}\nheight = 3\nfocal_length = 4\n")
         assert len(refusal(Camera.load, path)) < 10_000
 
 
@@ -188,10 +188,10 @@ class TestNumbersOfCameras:
         [
             "width = 1" + "0" * 400,
             "width = " + "9" * 5000,
-            "focal = 1e300",
-            "focal = 5e-324",
-            "principal = [1e308, -1e308]",
-            "readout = " + "[" * 5000,
+            "focal_length = 1e300",
+            "focal_length = 5e-324",
+            "principal_point = [1e308, -1e308]",
+            "readout_time = " + "[" * 5000,
             "imu_to_camera = [[1e200, 0, 0], [0, 1e200, 0], [0, 0, 1e200]]",
             'distortion_model = "fisheye"\ndistortion = [1e308, 1e308, 1e308, 1e308]',
             'distortion_model = "radtan"\ndistortion = [1e-308, 1e12, -1e12, 5e-324]',
@@ -201,7 +201,7 @@ class TestNumbersOfCameras:
     def test_refused(self, tmp_path: Path, line: str) -> None:
         path = tmp_path / "camera.toml"
         key = line.split()[0]
-        whole = {"width": "width = 640", "height": "height = 480", "focal": "focal = 500"}
+        whole = {"width": "width = 640", "height": "height = 480", "focal_length": "focal = 500"}
         path.write_text("\n".join([line, *(text for name, text in whole.items() if name != key)]))
         refusal(Camera.load, path)
 
@@ -216,8 +216,8 @@ def test_crops_of_lens_profiles(tmp_path: Path, crop: float) -> None:
 def test_focal_lengths_of_exif_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.jpg"
     path.write_bytes(seeds.jpeg())
-    monkeypatch.setattr(Exif, "focal_px", lambda *_: (1e-320, "a denormal"))
-    assert "focal must be positive" in refusal(open_camera, path)
+    monkeypatch.setattr(Exif, "focal_length_px", lambda *_: (1e-320, "a denormal"))
+    assert "focal_length must be positive" in refusal(open_camera, path)
 
 
 class TestYaml:
@@ -252,7 +252,7 @@ class TestYaml:
     def test_an_alias_is_read(self, tmp_path: Path) -> None:
         path = tmp_path / "camera.yaml"
         path.write_text("k: &k [500, 500, 320, 240]\n" + self.CAMERA % "*k")
-        assert open_camera(path).camera.focal == (500.0, 500.0)
+        assert open_camera(path).camera.focal_length == (500.0, 500.0)
 
     def test_nothing_is_built_or_called(self, tmp_path: Path) -> None:
         path = tmp_path / "camera.yaml"

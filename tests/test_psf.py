@@ -11,7 +11,7 @@ from rsdeblur.deconv.tiling import hat_weights
 from rsdeblur.errors import FileFormatError, InputError, OutputError
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
-from rsdeblur.motion.paths import BlurPaths, Shot
+from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank, tile_centres
 
 EXPOSURE = Exposure(0.1, 0.05)
@@ -112,8 +112,8 @@ class TestCentres:
 class TestFromPaths:
     @pytest.fixture
     def paths(self, shaky_log):
-        shot = Shot.from_log(shaky_log(), Camera(96, 64, 90.0, readout=0.03), EXPOSURE)
-        return BlurPaths.from_shot(shot, tile_centres(4, 64), tile_centres(3, 96))
+        capture = Capture.from_log(shaky_log(), Camera(96, 64, 90.0, readout_time=0.03), EXPOSURE)
+        return BlurPaths.from_capture(capture, tile_centres(4, 64), tile_centres(3, 96))
 
     def test_kernels_stand_where_the_paths_do(self, paths):
         bank = PsfBank.from_paths(paths)
@@ -174,11 +174,13 @@ class TestTurned:
 
     def test_undoes_the_turn_of_the_camera(self, shaky_log):
         # Without readout the blur is known on both ways: of the picture as it is, and turned by a quarter and back.
-        camera = Camera(96, 64, 90.0, (50.0, 30.0), readout=0.0)
+        camera = Camera(96, 64, 90.0, (50.0, 30.0), readout_time=0.0)
         rows, cols = tile_centres(3, 64), tile_centres(4, 96)
 
         def bank(camera, rows, cols):
-            return PsfBank.from_paths(BlurPaths.from_shot(Shot.from_log(shaky_log(), camera, EXPOSURE), rows, cols))
+            return PsfBank.from_paths(
+                BlurPaths.from_capture(Capture.from_log(shaky_log(), camera, EXPOSURE), rows, cols)
+            )
 
         straight = bank(camera, rows, cols)
         back = bank(camera.turned(), cols, (camera.height - 1 - rows)[::-1]).turned(camera.height)

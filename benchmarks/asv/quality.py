@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from benchmarks.captures import Capture, quality, synthetic
+from benchmarks.captures import SimulatedCapture, quality, synthetic
 from rsdeblur import deblur
 
 METHODS: dict[str, dict[str, Any]] = {
@@ -22,13 +22,13 @@ class Synthetic:
     params: ClassVar = list(METHODS)
     param_names = ("method",)
 
-    def setup_cache(self) -> Capture:
+    def setup_cache(self) -> SimulatedCapture:
         """Simulate once for all methods."""
         return synthetic()
 
-    def track_psnr(self, capture: Capture, method: str) -> float:
+    def track_psnr(self, capture: SimulatedCapture, method: str) -> float:
         """PSNR against the true picture."""
-        image = deblur(capture.pictures.blurred, *capture.shot, nsr=NSR, **METHODS[method]).image
+        image = deblur(capture.pictures.blurred, *capture.recording, nsr=NSR, **METHODS[method]).image
         return quality(capture.pictures.rolling, image)[0]
 
     track_psnr.unit = "dB"  # type: ignore[attr-defined]  # asv reads it from the function

@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.cases import EXPOSURE, NSR, Case
 from rsdeblur import BlurPaths, Deconvolver, PsfBank, deblur
-from rsdeblur.motion.paths import Shot
+from rsdeblur.motion.paths import Capture
 from rsdeblur.pipeline.deblur import psfs
 from rsdeblur.psf import tile_centres
 
@@ -67,7 +67,7 @@ class Kernels:
         """Trace 64 x 64 paths, and load what Numba compiled."""
         case = Case(*SIZE, BOX)
         rows, cols = tile_centres(64, case.height), tile_centres(64, case.width)
-        self.paths = BlurPaths.from_shot(Shot.from_log(case.log(16), case.camera, EXPOSURE), rows, cols)
+        self.paths = BlurPaths.from_capture(Capture.from_log(case.log(16), case.camera, EXPOSURE), rows, cols)
         self.time_rasterize_4096()
 
     def time_rasterize_4096(self) -> None:
@@ -90,8 +90,8 @@ class Slabs:
 
     def time_deblur(self, max_memory: int | None) -> None:
         """From the log to the picture."""
-        shot = self.log, self.case.camera, EXPOSURE
-        deblur(self.picture, *shot, bands=16, strips=1, nsr=NSR, max_memory=max_memory, out=self.out)
+        recording = self.log, self.case.camera, EXPOSURE
+        deblur(self.picture, *recording, bands=16, strips=1, nsr=NSR, max_memory=max_memory, out=self.out)
 
     def peakmem_deblur(self, max_memory: int | None) -> None:
         """Memory of the whole process."""

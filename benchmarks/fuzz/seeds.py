@@ -18,14 +18,14 @@ from rsdeblur.io.gyroflow import BASE91
 
 EPOCH, STEP = 1_766_385_749_427_863_801, 5_000_000
 RATES = np.random.default_rng(0).normal(0.0, 0.5, (12, 3)).round(4)
-STAMPS = EPOCH + STEP * np.arange(len(RATES))
+TIMESTAMP_MARKS = EPOCH + STEP * np.arange(len(RATES))
 
 
 def rows(pattern: str) -> bytes:
     """Return a line for each sample; `pattern` has t (ns), s (seconds), x, y and z."""
     return "".join(
         pattern.format(t=t, s=f"{t // 10**9}.{t % 10**9:09d}", m=5 * i, x=x, y=y, z=z) + "\n"
-        for i, (t, (x, y, z)) in enumerate(zip(STAMPS.tolist(), RATES.tolist(), strict=True))
+        for i, (t, (x, y, z)) in enumerate(zip(TIMESTAMP_MARKS.tolist(), RATES.tolist(), strict=True))
     ).encode()
 
 
@@ -64,7 +64,7 @@ GYRO_TABLES: dict[str, list[bytes]] = {
 def sensorlogger_json() -> bytes:
     """Return an export of Sensor Logger."""
     entries: list[dict[str, Any]] = [{"sensor": "Metadata", "device name": "phone", "platform": "ios"}]
-    for t, (x, y, z) in zip(STAMPS.tolist(), RATES.tolist(), strict=True):
+    for t, (x, y, z) in zip(TIMESTAMP_MARKS.tolist(), RATES.tolist(), strict=True):
         entries.append({"sensor": "Gyroscope", "time": str(t), "x": str(x), "y": y, "z": z})
     return json.dumps(entries).encode()
 
@@ -80,7 +80,7 @@ def archive(member: bytes) -> bytes:
 
 def trailer() -> bytes:
     """Return a JPEG with a ring buffer of gyro samples."""
-    ring = [struct.pack("<q3fi", t, *rate, 0) for t, rate in zip(STAMPS.tolist(), RATES.tolist(), strict=True)]
+    ring = [struct.pack("<q3fi", t, *rate, 0) for t, rate in zip(TIMESTAMP_MARKS.tolist(), RATES.tolist(), strict=True)]
     header = struct.pack("<16sqIIq", b"GYRODATA", EPOCH + 99, len(ring), 0, EPOCH)
     return jpeg() + (header + b"".join(ring)).ljust(16384, b"\0")
 
@@ -209,17 +209,17 @@ CAMERA_TOML = [
     b"""# a camera
 width = 1920
 height = 1080
-focal = [1500.0, 1501.0]
-principal = [959.5, 539.5]
-readout = 0.03
+focal_length = [1500.0, 1501.0]
+principal_point = [959.5, 539.5]
+readout_time = 0.03
 readout_direction = "left-right"
 imu_to_camera = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]
 time_offset = -0.017
 distortion_model = "radtan"
 distortion = [-0.1, 0.01, 0.001, 0.0002]
-stamp = "middle"
+timestamp_marks = "middle"
 """,
-    b'width = 640\nheight = 480\nfocal = 700\nimu_to_camera = "YxZ"\ndistortion_model = "fisheye"\n'
+    b'width = 640\nheight = 480\nfocal_length = 700\nimu_to_camera = "YxZ"\ndistortion_model = "fisheye"\n'
     b"distortion = [0.04, 0.03, -0.03, 0.01]\n",
 ]
 

@@ -17,7 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from benchmarks import machine
 from benchmarks.captures import ROOT, require_data
-from benchmarks.paper import borders, clock, failures, geometry, noise, opponents, options, rolling, speed
+from benchmarks.paper import baselines, borders, clock, failures, geometry, noise, options, rolling, speed
 from benchmarks.paper.figure import section
 from benchmarks.tables import markdown, write
 
@@ -27,7 +27,7 @@ GROUPS = {
     "borders": borders,
     "options": options,
     "clock": clock,
-    "opponents": opponents,
+    "baselines": baselines,
     "failures": failures,
     "rolling": rolling,
     "noise": noise,

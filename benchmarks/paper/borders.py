@@ -1,4 +1,4 @@
-"""The border: what the default and its rivals make of what lies beyond the frame."""
+"""The border: what the default and its alternatives make of what lies beyond the frame."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from scipy.signal import fftconvolve
 
 from benchmarks.captures import DATA, Image
 from benchmarks.paper.figure import Cell, Figure, pictures
-from rsdeblur import BlurPaths, Camera, Deconvolver, Exposure, PsfBank, Shot, psfs, read_gyro
-from rsdeblur.deconv.border import Border, Extension, fade
+from rsdeblur import BlurPaths, Camera, Capture, Deconvolver, Exposure, PsfBank, psfs, read_gyro
+from rsdeblur.deconv.border import Border, Boundary, fade
 from rsdeblur.deconv.boundary import extended
 from rsdeblur.deconv.rowwise import RowDeconvolver
 from rsdeblur.image.transfer import from_linear, to_linear
@@ -39,7 +39,7 @@ def figures(quick: bool) -> Iterator[Figure]:
         for start in STARTS[:1] if quick else STARTS:
             exposure = Exposure(start, DURATION, log.epoch_ns)
             bank = psfs(log, CAMERA, exposure, mode="global", motion="small-angle")
-            paths = BlurPaths.every_row(Shot.from_log(log, CAMERA, exposure), bank.cols, motion="small-angle")
+            paths = BlurPaths.every_row(Capture.from_log(log, CAMERA, exposure), bank.cols, motion="small-angle")
             for way, score, image in compared(scene, bank, paths):
                 scores.setdefault(way, []).append(score)
                 if n > 0 or start != STARTS[0]:
@@ -59,7 +59,7 @@ def report(means: dict[str, tuple[float, ...]], shown: dict[str, Image]) -> Figu
     rows: list[tuple[Cell, ...]] = [(way, *found) for way, found in means.items()]
     return Figure(
         "borders",
-        "Borders: the default and its rivals",
+        "Borders: the default and its alternatives",
         f"Kodak pictures cut to {CAMERA.width}x{CAMERA.height} px that go on beyond the frame, blurred with one PSF of "
         f"a real log (1/{round(1 / DURATION)} s, {len(STARTS)} moments, no rolling shutter), noise of 46 dB, Wiener "
         f"filter with Phi = {NSR}. *Near* is within one PSF of the frame, *inside* the rest; PSNR (dB) in sRGB. "
@@ -108,11 +108,11 @@ def solvers(observed: Image, bank: PsfBank) -> dict[str, Callable[[], Image]]:
         filters = Deconvolver(PsfBank.for_picture(kernel, shape), shape, nsr=NSR, border=border)
         return lambda: filters.apply(prepare())[: CAMERA.height, : CAMERA.width]
 
-    rivals: tuple[Extension, ...] = ("reflect", "edge-taper", "smooth")
+    alternatives: tuple[Boundary, ...] = ("reflect", "edge-taper", "smooth")
     return {
         "blend": planned("blend", lambda: observed),
         "periodic": planned("periodic", lambda: observed),
-        **{name: planned("periodic", partial(extended, observed, bank, name)) for name in rivals},
+        **{name: planned("periodic", partial(extended, observed, bank, name)) for name in alternatives},
         INSIDE: planned("periodic", lambda: blended_inside(observed, bank.size)),
     }
 

@@ -17,10 +17,10 @@ from benchmarks.paper.figure import Cell, Figure
 from rsdeblur import (
     BlurPaths,
     Camera,
+    Capture,
     Exposure,
     GyroLog,
     OffsetSearch,
-    Shot,
     find_time_offset,
     read_camera,
     read_captures,
@@ -33,7 +33,7 @@ from rsdeblur.io import read_picture
 
 PICTURES = ("kodim01", "kodim03", "kodim05", "kodim07", "kodim13", "kodim20", "kodim23")
 DURATIONS = (1 / 60, 1 / 30, 1 / 15)
-CAMERA = Camera(640, 448, 700.0, readout=0.03)
+CAMERA = Camera(640, 448, 700.0, readout_time=0.03)
 NOISE = 0.01
 SEARCH = (-0.1, 0.1)
 LARGEST = 0.05  # s, either way
@@ -78,7 +78,7 @@ def trial(log: GyroLog, picture: str, start: float, duration: float, offset: flo
     exposure = Exposure(start, duration, log.epoch_ns)
     sharp = to_linear((read_picture(DATA / "sharp" / f"{picture}.png").pixels / 255).astype(np.float32), "srgb")
     blurred = simulate(sharp, near, CAMERA, exposure, noise=NOISE).blurred
-    blur = float(BlurPaths.probe(Shot.from_log(near, CAMERA, exposure), motion="rotation").lengths.mean())
+    blur = float(BlurPaths.probe(Capture.from_log(near, CAMERA, exposure), motion="rotation").lengths.mean())
     return Trial(blur, offset, find_time_offset(blurred, near.shifted(-offset), CAMERA, exposure, search=SEARCH))
 
 

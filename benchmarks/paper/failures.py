@@ -13,7 +13,7 @@ from rsdeblur import Camera, Exposure, GyroLog, Translation, deblur, read_gyro, 
 from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.io import read_picture
 
-CAMERA = Camera(640, 448, 704.0, readout=0.03)
+CAMERA = Camera(640, 448, 704.0, readout_time=0.03)
 START, DURATION = 33.0, 1 / 15
 NSR, NOISE = 0.01, 0.01
 DEPTH = 0.5  # m

@@ -20,14 +20,14 @@ def figures(quick: bool) -> Iterator[Figure]:
     yield rotation()
 
 
-def focal(width: int) -> float:
+def focal_length(width: int) -> float:
     """Focal length in px for the field of view."""
     return float(width / 2 / np.tan(FIELD / 2))
 
 
 def translation() -> Figure:
     """Shift by 1 mm of translation over the distance of the scene."""
-    curves = {f"{w}x{h}": [focal(w) * 1e-3 / d for d in DISTANCES] for w, h in SIZES}
+    curves = {f"{w}x{h}": [focal_length(w) * 1e-3 / d for d in DISTANCES] for w, h in SIZES}
     small, large = (curve[DISTANCES.index(2.0)] for curve in curves.values())
     return Figure(
         "fig2a",
@@ -44,7 +44,7 @@ def translation() -> Figure:
 def rotation() -> Figure:
     """Shift by 1 degree of rotation over the distance from the centre."""
     width, height = SIZES[0]
-    f, corner = focal(width), np.hypot(width, height) / 2
+    f, corner = focal_length(width), np.hypot(width, height) / 2
     radius = np.linspace(0.0, corner, 9)
     angle = np.radians(1.0)
     about_x = f * (np.tan(np.arctan(radius / f) + angle)) - radius

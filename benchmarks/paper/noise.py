@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import fftconvolve
 
-from benchmarks.captures import DATA, NOISE, Capture, quality
+from benchmarks.captures import DATA, NOISE, SimulatedCapture, quality
 from benchmarks.paper.figure import Figure, lines
 from rsdeblur import Camera, Exposure, GyroLog, deblur, psfs, read_gyro, simulate
 from rsdeblur.image.transfer import to_linear
@@ -24,7 +24,7 @@ ROLLING_LEVELS = (0.0, 0.007, 0.02, 0.05, 0.1)
 TYPICAL = 0.007  # rad/s rms of a phone's gyroscope, as they state
 START, DURATION = 14.0, 1 / 15
 NSR = 0.01
-CAMERA = Camera(640, 448, 704.0, readout=0.03)
+CAMERA = Camera(640, 448, 704.0, readout_time=0.03)
 # Captures that are shaken at least moderately: picture, start in the log (s), exposure (s).
 CHOSEN = (("kodim05", 3.0, 1 / 15), ("kodim07", 33.0, 1 / 30), ("kodim01", 40.0, 1 / 15))
 
@@ -46,12 +46,12 @@ def figures(quick: bool) -> Iterator[Figure]:
     yield budget(captures)
 
 
-def shaken(picture: str, start: float, duration: float) -> Capture:
+def shaken(picture: str, start: float, duration: float) -> SimulatedCapture:
     """Simulate a capture under a rolling shutter."""
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
     exposure = Exposure(start, duration, log.epoch_ns)
     sharp = to_linear((read_picture(DATA / "sharp" / f"{picture}.png").pixels / 255).astype(np.float32), "srgb")
-    return Capture(picture, log, CAMERA, exposure, simulate(sharp, log, CAMERA, exposure, noise=NOISE))
+    return SimulatedCapture(picture, log, CAMERA, exposure, simulate(sharp, log, CAMERA, exposure, noise=NOISE))
 
 
 def noisy(log: GyroLog, deviation: float, seed: int) -> GyroLog:
@@ -99,7 +99,9 @@ def global_blur(repetitions: int) -> Figure:
 
 
 def mean_quality(
-    captures: Sequence[Capture], mode: Mode, spoil: Callable[[Capture], tuple[GyroLog, Camera, Exposure]]
+    captures: Sequence[SimulatedCapture],
+    mode: Mode,
+    spoil: Callable[[SimulatedCapture], tuple[GyroLog, Camera, Exposure]],
 ) -> float:
     """Mean PSNR (dB) over captures deblurred with a spoilt description."""
     found = [
@@ -109,13 +111,13 @@ def mean_quality(
     return float(np.mean(found))
 
 
-def disturbed(deviation: float, seed: int, capture: Capture) -> tuple[GyroLog, Camera, Exposure]:
+def disturbed(deviation: float, seed: int, capture: SimulatedCapture) -> tuple[GyroLog, Camera, Exposure]:
     """Return the capture's description with a noisy log."""
-    log, camera, exposure = capture.shot
+    log, camera, exposure = capture.recording
     return noisy(log, deviation, seed), camera, exposure
 
 
-def rolling_shutter(captures: Sequence[Capture], repetitions: int) -> Figure:
+def rolling_shutter(captures: Sequence[SimulatedCapture], repetitions: int) -> Figure:
     """Measure the same for rolling-shutter captures, in all modes."""
     curves: dict[str, list[float]] = {}
     for mode in MODES:
@@ -143,22 +145,22 @@ def rolling_shutter(captures: Sequence[Capture], repetitions: int) -> Figure:
     )
 
 
-def spoilt(what: str, by: float, capture: Capture) -> tuple[GyroLog, Camera, Exposure]:
+def spoilt(what: str, by: float, capture: SimulatedCapture) -> tuple[GyroLog, Camera, Exposure]:
     """Return the capture's description with one number wrong."""
-    log, camera, exposure = capture.shot
+    log, camera, exposure = capture.recording
     if what == "offset":
         return log, replace(camera, time_offset=camera.time_offset + 1e-3 * by), exposure
     if what == "readout":
-        return log, replace(camera, readout=camera.readout * (1 + by / 100)), exposure
+        return log, replace(camera, readout_time=camera.readout_time * (1 + by / 100)), exposure
     if what == "focal length":
-        fx, fy = camera.focal
-        return log, replace(camera, focal=(fx * (1 + by / 100), fy * (1 + by / 100))), exposure
+        fx, fy = camera.focal_length
+        return log, replace(camera, focal_length=(fx * (1 + by / 100), fy * (1 + by / 100))), exposure
     return log.minus_bias([by, -by, by]), camera, exposure
 
 
-def budget(captures: Sequence[Capture]) -> Figure:
+def budget(captures: Sequence[SimulatedCapture]) -> Figure:
     """Decibels lost for each error, both signs averaged."""
-    best: dict[Mode, float] = {mode: mean_quality(captures, mode, lambda c: c.shot) for mode in MODES}
+    best: dict[Mode, float] = {mode: mean_quality(captures, mode, lambda c: c.recording) for mode in MODES}
     rows: list[tuple[str | float, ...]] = []
     for what, (unit, steps) in ERRORS.items():
         for step in steps:

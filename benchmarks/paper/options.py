@@ -37,16 +37,16 @@ def scene(name: str) -> Image:
 def sensitivity(names: tuple[str, ...]) -> Figure:
     """Phi fixed, from ISO, and from the picture."""
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
-    shot = log, CAMERA, Exposure(START, DURATION, log.epoch_ns)
+    recording = log, CAMERA, Exposure(START, DURATION, log.epoch_ns)
     curves: dict[str, list[float]] = {"Phi = 0.01": [], "Phi from ISO": [], "Phi from the picture": []}
-    captures = [simulate(scene(name), *shot) for name in names]
+    captures = [simulate(scene(name), *recording) for name in names]
     grain = np.random.default_rng(0).normal(0.0, NOISE, captures[0].blurred.shape).astype(np.float32)
     for iso in ISO:
         found: dict[str, list[float]] = {way: [] for way in curves}
         for capture in captures:
             noisy = capture.blurred + np.float32((iso / 100) ** 0.5) * grain
             for way, nsr in zip(curves, (0.01, nsr_of_iso(iso), "auto"), strict=True):
-                image = deblur(noisy, *shot, mode="global", motion="small-angle", nsr=nsr).image  # type: ignore[arg-type]  # mypy joins the strengths to object
+                image = deblur(noisy, *recording, mode="global", motion="small-angle", nsr=nsr).image  # type: ignore[arg-type]  # mypy joins the strengths to object
                 found[way].append(quality(capture.rolling, image)[0])
         for way, values in found.items():
             curves[way].append(float(np.mean(values)))
@@ -70,13 +70,13 @@ def sensitivity(names: tuple[str, ...]) -> Figure:
 def normalisation() -> Figure:
     """Plain clipping beside the squeezed range."""
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
-    shot = log, CAMERA, Exposure(START, LARGE, log.epoch_ns)
-    capture = simulate((GAIN * scene(BRIGHT)).clip(0, 1), *shot, noise=NOISE)
+    recording = log, CAMERA, Exposure(START, LARGE, log.epoch_ns)
+    capture = simulate((GAIN * scene(BRIGHT)).clip(0, 1), *recording, noise=NOISE)
     truth = capture.rolling
     rows: list[tuple[Cell, ...]] = []
     shown: dict[str, Image] = {}
     for label, normalize in (("clipped", False), ("normalised", True)):
-        result = deblur(capture.blurred, *shot, mode="global", motion="small-angle", nsr=0.01, normalize=normalize)
+        result = deblur(capture.blurred, *recording, mode="global", motion="small-angle", nsr=0.01, normalize=normalize)
         kept = result.image.clip(0, 1)
         lost = float(((kept == 0) | (kept == 1)).mean())
         psnr, ssim = quality(truth, kept)

@@ -10,12 +10,12 @@ import numpy as np
 from benchmarks.captures import DATA
 from benchmarks.paper.figure import Cell, Figure
 from rsdeblur import BlurPaths, Camera, Exposure, psfs, read_gyro, simulate
-from rsdeblur.motion.paths import Shot
+from rsdeblur.motion.paths import Capture
 
 DURATION = 1 / 14
 STAMP = 20.0  # s in the log
 STARTS = tuple(1e-3 * ms for ms in range(40, 101, 10))  # after the stamp
-CAMERA = Camera(480, 360, 528.0, readout=0.03)
+CAMERA = Camera(480, 360, 528.0, readout_time=0.03)
 PITCH = 60  # px between points
 
 
@@ -30,9 +30,9 @@ def figures(quick: bool) -> Iterator[Figure]:
         psfs(log, CAMERA, Exposure(STAMP + s, DURATION, log.epoch_ns), mode="global", motion="small-angle")
         for s in STARTS
     ]
-    shot = Shot.from_log(log, CAMERA, exposure)
+    recording = Capture.from_log(log, CAMERA, exposure)
     middle = [(CAMERA.width - 1) / 2]
-    paths = BlurPaths.from_shot(shot, [0.0, CAMERA.height - 1.0], middle)
+    paths = BlurPaths.from_capture(recording, [0.0, CAMERA.height - 1.0], middle)
     top, bottom = paths.displacements[:, 0]
     change = float(np.linalg.norm(top - bottom, axis=-1).max())
     rows: list[tuple[Cell, ...]] = [

@@ -41,22 +41,22 @@ class Records:
         """Make the folder."""
         self.folder.mkdir(parents=True, exist_ok=True)
 
-    def claim(self, name: str, mark: str) -> None:
+    def claim(self, name: str, fingerprint_: str) -> None:
         """Note, before a task begins, that what it leaves under `name` is its own."""
-        self._write(name, {"mark": mark})
+        self._write(name, {"mark": fingerprint_})
 
-    def claimed(self, name: str, mark: str) -> bool:
+    def claimed(self, name: str, fingerprint_: str) -> bool:
         """Whether the task called `name` was begun with the same `fingerprint`."""
-        return self._read(name).get("mark") == mark
+        return self._read(name).get("mark") == fingerprint_
 
-    def finish(self, name: str, mark: str, facts: dict[str, Any]) -> None:
+    def finish(self, name: str, fingerprint_: str, facts: dict[str, Any]) -> None:
         """Note that the task is done, and what came out."""
-        self._write(name, {"mark": mark, "facts": facts})
+        self._write(name, {"mark": fingerprint_, "facts": facts})
 
-    def facts(self, name: str, mark: str) -> dict[str, Any] | None:
+    def facts(self, name: str, fingerprint_: str) -> dict[str, Any] | None:
         """Return what came out of the finished task with the same `fingerprint`, else None."""
         found = self._read(name)
-        facts: dict[str, Any] | None = found.get("facts") if found.get("mark") == mark else None
+        facts: dict[str, Any] | None = found.get("facts") if found.get("mark") == fingerprint_ else None
         return facts
 
     def _path(self, name: str) -> Path:

@@ -12,7 +12,7 @@ from typing import Any
 from weakref import WeakSet
 
 
-class Crew:
+class ThreadTeam:
     """A solver's threads.
 
     Parameters
@@ -31,7 +31,7 @@ class Crew:
     def __init__(self, threads: int) -> None:
         self.threads = threads
         self.renew()
-        _crews.add(self)
+        _teams.add(self)
 
     def renew(self) -> None:
         """Start anew, with nobody at work."""
@@ -65,12 +65,12 @@ class Crew:
             wait(shares)
 
 
-_crews: WeakSet[Crew] = WeakSet()
+_teams: WeakSet[ThreadTeam] = WeakSet()
 
 
 def _renew_all() -> None:
-    for crew in _crews:
-        crew.renew()
+    for team in _teams:
+        team.renew()
 
 
 # A forked process has the caller's thread alone, and the locks as the others left them.

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur.errors import InputError
-
-FloatArray = NDArray[np.float64]
+from rsdeblur.types import FloatArray
 
 
 def finite(name: str, value: float, *, minimum: float | None = None, above: float | None = None) -> float:

@@ -61,8 +61,10 @@ def read_device(recording: Recording) -> tuple[GyroLog, Camera]:
     """Read the log and the camera that the options name; see `read_inputs`."""
     from rsdeblur.io import open_camera
 
-    told = open_camera(recording.camera).told(time_offset=recording.time_offset, readout=recording.readout)
-    camera = told.warn(recording.camera)
+    with_overrides = open_camera(recording.camera).with_overrides(
+        time_offset=recording.time_offset, readout_time=recording.readout_time
+    )
+    camera = with_overrides.warn(recording.camera)
     how = recording.gyro_format, recording.unit, recording.orientation
     file, doubts = _gyro_file(recording.gyro, _state(recording.gyro), *how)
     for doubt in doubts:

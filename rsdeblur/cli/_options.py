@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import click
 
 if TYPE_CHECKING:
-    from rsdeblur.deconv.border import Border, Extension
+    from rsdeblur.deconv.border import Border, Boundary
     from rsdeblur.deconv.fft import Planning
     from rsdeblur.deconv.priors import Prior
     from rsdeblur.deconv.rowwise import Solver as RowSolver
@@ -138,7 +138,7 @@ class Recording:
     start: float | None = None
     duration: float | None = None
     time_offset: float | None = None
-    readout: float | None = None
+    readout_time: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +153,7 @@ class Defaults:
     capture: Path | None
     duration: float | None
     time_offset: float | None
-    readout: float | None
+    readout_time: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +175,7 @@ class Solver:
     nsr: Strength
     solver: RowSolver
     geometry: Geometry
-    border: Border | Extension
+    border: Border | Boundary
     transfer: Transfer | None
     normalize: bool
     saturation: Saturation
@@ -239,7 +239,7 @@ _EXPOSURE = (
 )
 _OVERRIDES = (
     click.option("--time-offset", type=SecondsType(), help="Camera time minus gyro time; replaces the camera file's."),
-    click.option("--readout", type=SecondsType(), help="Readout time of the picture; replaces the camera file's."),
+    click.option("--readout-time", type=SecondsType(), help="Readout time of the picture; replaces the camera file's."),
 )
 recording_options = _gathered(
     "recording",
@@ -378,7 +378,7 @@ solver_options = _gathered(
             type=click.Choice(["blend", "periodic", "reflect", "edge-taper", "smooth"]),
             default="blend",
             show_default=True,
-            help="Beyond the frame: blend opposite borders, take the picture as repeating, or one of three rivals.",
+            help="Beyond the frame: blend opposite borders, treat the picture as repeating, or an alternative.",
         ),
         transfer_option,
         click.option(

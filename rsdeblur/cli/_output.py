@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,7 @@ from typing import Any
 import click
 
 from rsdeblur.errors import OutputError
-
-Progress = Callable[[str, float], None]
+from rsdeblur.types import Progress
 
 
 def prepare_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:

@@ -13,9 +13,9 @@ from rsdeblur.cli._output import prepare_folder
 from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
-    from rsdeblur.cli._output import Progress
     from rsdeblur.io.pictures import Picture
     from rsdeblur.pipeline.settings import Mode
+    from rsdeblur.types import Progress
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

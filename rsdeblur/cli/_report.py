@@ -38,7 +38,7 @@ class Compared(NamedTuple):
 
 
 @contextmanager
-def overheard() -> Iterator[list[str]]:
+def capture_warnings() -> Iterator[list[str]]:
     """Collect the text of the package's warnings, which are shown as ever."""
     heard: list[str] = []
     show = warnings.showwarning
@@ -104,8 +104,17 @@ def _settings(compared: Compared, recording: Recording, blur: Blur, solver: Solv
         "origin, ns": log.epoch_ns,
     }
     times = {"start, s": exposure.start, "duration, s": exposure.duration, "origin, ns": exposure.epoch_ns}
-    names = ("width", "height", "focal", "principal", "readout", "readout_direction", "imu_to_camera", "time_offset")
-    lens = ("distortion_model", "distortion", "stamp")
+    names = (
+        "width",
+        "height",
+        "focal_length",
+        "principal_point",
+        "readout_time",
+        "readout_direction",
+        "imu_to_camera",
+        "time_offset",
+    )
+    lens = ("distortion_model", "distortion", "timestamp_marks")
     tables: dict[str, Mapping[str, Any]] = {
         "Picture": about_picture,
         "Recording": asdict(recording),

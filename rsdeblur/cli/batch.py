@@ -163,11 +163,11 @@ class _Batch:
     def _entry(self, item: Item) -> dict[str, Any]:
         """Return what is known of an item beforehand."""
         entry: dict[str, Any] = {"photo": str(item.photo)}
-        if item.fault is not None:
-            return entry | {"state": "failed", "error": item.fault}
+        if item.error is not None:
+            return entry | {"state": "failed", "error": item.error}
         entry["output"] = str(self._output / item.output)
         job = self._job(item)
-        facts = None if self._force else self._records.facts(str(item.output), _mark(job))
+        facts = None if self._force else self._records.facts(str(item.output), _fingerprint(job))
         if facts is not None and job.output.is_file():
             return entry | {"state": "skipped"} | facts
         return entry
@@ -190,11 +190,11 @@ class _Batch:
             if "state" in entries[i]:
                 continue
             job = self._job(item)
-            mark = _mark(job)
+            fingerprint = _fingerprint(job)
             # What an interrupted run left under this name is this batch's own.
-            job = replace(job, force=self._force or self._records.claimed(str(item.output), mark))
+            job = replace(job, force=self._force or self._records.claimed(str(item.output), fingerprint))
             if not self._dry_run and (job.force or not job.output.exists()):
-                self._records.claim(str(item.output), mark)
+                self._records.claim(str(item.output), fingerprint)
             self._under_way[i] = job
             yield i, job
 
@@ -203,7 +203,7 @@ class _Batch:
             warnings.warn(_naming(job.photo, message), RsdeblurWarning, stacklevel=2)
         entry |= {"state": "checked" if self._dry_run else "done"} | facts
         if not self._dry_run:
-            self._records.finish(str(item.output), _mark(job), facts)
+            self._records.finish(str(item.output), _fingerprint(job), facts)
 
 
 def work(task: tuple[int, PhotoJob]) -> dict[str, Any]:
@@ -224,7 +224,7 @@ def _tidy(task: tuple[int, PhotoJob]) -> None:
     remove_unfinished(task[1].output)
 
 
-def _mark(job: PhotoJob) -> str:
+def _fingerprint(job: PhotoJob) -> str:
     from rsdeblur._util.records import fingerprint
 
     recording = job.recording
@@ -249,8 +249,8 @@ def _write_table(path: Path, entries: list[dict[str, Any]]) -> None:
     for entry in entries:
         size = {"psf_px": "{}x{}".format(*entry["psf_px"])} if "psf_px" in entry else {}
         check = entry.get("check")
-        told = {} if check is None else {"verdict": check["verdict"], "reasons": " ".join(check["reasons"])}
-        table.writerow(entry | size | told)
+        verdict = {} if check is None else {"verdict": check["verdict"], "reasons": " ".join(check["reasons"])}
+        table.writerow(entry | size | verdict)
     with atomic_write(path) as file:
         file.write(text.getvalue().encode())
 

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 EXAMPLES = """\b
 Examples:
-  rsdeblur camera new --size 4000x3000 --focal35 26 --readout 18ms --imu phone-landscape -o phone.toml
+  rsdeblur camera new --size 4000x3000 --focal35 26 --readout-time 18ms --imu phone-landscape -o phone.toml
   rsdeblur camera import profile.json --size 1920x1080 -o gopro.toml
   rsdeblur camera import camchain-imucam.yaml --name cam1 -o cam1.toml
-  rsdeblur camera import photo.jpg --readout 18ms -o phone.toml
+  rsdeblur camera import photo.jpg --readout-time 18ms -o phone.toml
   rsdeblur camera show phone.toml
 """
 
@@ -57,7 +57,7 @@ class NumbersType(click.ParamType[tuple[float, ...]]):
 
 
 SETTINGS: tuple[Callable[[Any], Any], ...] = (
-    click.option("--readout", type=_options.SecondsType(), help="Readout time of the picture."),
+    click.option("--readout-time", type=_options.SecondsType(), help="Readout time of the picture."),
     click.option(
         "--readout-direction",
         type=click.Choice(["top-down", "bottom-up", "left-right", "right-left"]),
@@ -71,7 +71,7 @@ SETTINGS: tuple[Callable[[Any], Any], ...] = (
     ),
     click.option("--time-offset", type=_options.SecondsType(), help="Camera time minus gyro time."),
     click.option(
-        "--stamp",
+        "--timestamp-marks",
         type=click.Choice(["start", "middle", "end"]),
         help="What the captures' stamps mark: the first row's start of exposure, the middle row's mid-exposure, the "
         "last row's end.",
@@ -104,9 +104,9 @@ def show(file: Path, name: str | None, as_json: bool) -> None:
 
 @command.command("new")
 @click.option("--size", type=_options.SizeType(), required=True, help="Size of the picture as stored, in px.")
-@click.option("--focal", type=NumbersType(), help="Focal length in px, one number or fx,fy.")
+@click.option("--focal-length", type=NumbersType(), help="Focal length in px, one number or fx,fy.")
 @click.option("--focal35", type=click.FloatRange(min=0, min_open=True), help="Focal length as 35 mm equivalent.")
-@click.option("--principal", type=NumbersType(), help="Principal point cx,cy in px.  [default: the middle]")
+@click.option("--principal-point", type=NumbersType(), help="Principal point cx,cy in px.  [default: the middle]")
 @click.option("--distortion-model", type=click.Choice(["none", "radtan", "fisheye"]), help="Model of the lens.")
 @click.option("--distortion", type=NumbersType(), help="Its coefficients: k1,k2,p1,p2[,k3[,k4,k5,k6]] or k1,k2,k3,k4.")
 @settings
@@ -115,7 +115,7 @@ def show(file: Path, name: str | None, as_json: bool) -> None:
 @_options.json_option
 def new(
     size: tuple[int, int],
-    focal: tuple[float, ...] | None,
+    focal_length: tuple[float, ...] | None,
     focal35: float | None,
     output: Path,
     force: bool,
@@ -127,10 +127,10 @@ def new(
     from rsdeblur.io.exif import FILM_DIAGONAL
     from rsdeblur.motion.camera import Camera
 
-    if (focal is None) == (focal35 is None):
-        raise click.UsageError("give one of --focal and --focal35", ctx=click.get_current_context())
+    if (focal_length is None) == (focal35 is None):
+        raise click.UsageError("give one of --focal-length and --focal35", ctx=click.get_current_context())
     width, height = size
-    length: Any = focal[0] if focal and len(focal) == 1 else focal
+    length: Any = focal_length[0] if focal_length and len(focal_length) == 1 else focal_length
     if focal35 is not None:
         length = focal35 / FILM_DIAGONAL * (width**2 + height**2) ** 0.5
     camera = Camera(width, height, length, **{key: value for key, value in given.items() if value is not None})
@@ -179,7 +179,7 @@ def import_(
         camera = camera.cropped(*crop)
     for _ in range(turn or 0):
         camera = camera.turned()
-    file = replace(file, camera=camera).told(**given)
+    file = replace(file, camera=camera).with_overrides(**given)
     _write(file.camera, output, force=force)
     _tell(output, file, as_json)
 
@@ -192,9 +192,9 @@ def _write(camera: Camera, path: Path, *, force: bool) -> None:
 
 
 def _tell(path: Path, file: CameraFile, as_json: bool) -> None:
-    from rsdeblur.cli._describe import print_entry, tell_camera
+    from rsdeblur.cli._describe import camera_facts, print_entry
 
-    entry = {"file": str(path)} | tell_camera(file)
+    entry = {"file": str(path)} | camera_facts(file)
     if as_json:
         print_json(entry)
     else:

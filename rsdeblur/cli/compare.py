@@ -13,7 +13,7 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of, unit_range
 from rsdeblur.cli._options import Blur, Recording, Solver
 from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, write_json
-from rsdeblur.cli._report import Compared, overheard, report_page
+from rsdeblur.cli._report import Compared, capture_warnings, report_page
 from rsdeblur.errors import InputError, OutputError
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def command(
     prepare_folder(output, [*output_names(photo), REPORT], force=force)
     if report is not None:
         check_page(report, force=force)
-    with overheard() as remarks:
+    with capture_warnings() as remarks:
         compared = compare_modes(photo, recording, blur, solver, truth=truth, output=output, force=force)
     if report is not None:
         from rsdeblur.report import write_page
@@ -116,7 +116,7 @@ def compare_modes(
     transfer = transfer_of(picture, solver.transfer)
     target = None if truth is None else _read_truth(truth, photo, picture, solver)
 
-    from rsdeblur.cli._measure import forget_peak_memory, likeness, peak_memory_mib
+    from rsdeblur.cli._measure import forget_peak_memory, peak_memory_mib, similarity
     from rsdeblur.io.pictures import write_picture
     from rsdeblur.pipeline.deblur import deblur
 
@@ -124,7 +124,7 @@ def compare_modes(
     banks: dict[Mode, PsfBank] = {}
     report: dict[str, Any] = {"photo": str(photo), "size_px": list(picture.pixels.shape[1::-1])}
     if target is not None:
-        report |= {"truth": str(truth), "blurred": likeness(shown["input"], target)}
+        report |= {"truth": str(truth), "blurred": similarity(shown["input"], target)}
     report["modes"] = {}
     arguments = asdict(blur) | asdict(solver) | {"transfer": transfer}
     for mode, name in zip(MODES, output_names(photo), strict=False):
@@ -147,7 +147,7 @@ def compare_modes(
             "timings": result.timings,
             "check": None if result.check is None else asdict(result.check),
             "peak_memory_mib": memory,
-        } | ({} if target is None else likeness(shown[mode], target))
+        } | ({} if target is None else similarity(shown[mode], target))
     if target is not None:
         shown["truth"] = target
     _draw(output, shown, banks, report["modes"], force=force)
@@ -197,7 +197,7 @@ def print_report(report: dict[str, Any]) -> None:
     ]
     rows = []
     if judged:
-        rows.append(["(blurred)", "", "", "", "", "", "", *_likeness_cells(report["blurred"])])
+        rows.append(["(blurred)", "", "", "", "", "", "", *_similarity_cells(report["blurred"])])
     for mode, found in report["modes"].items():
         memory = found["peak_memory_mib"]
         rows.append(
@@ -209,12 +209,12 @@ def print_report(report: dict[str, Any]) -> None:
                 f"{found['timings']['apply']:.2f}",
                 "-" if memory is None else f"{memory:.0f}",
                 "-" if found["check"] is None else found["check"]["verdict"],
-                *(_likeness_cells(found) if judged else []),
+                *(_similarity_cells(found) if judged else []),
             ]
         )
     print_table(columns, rows)
 
 
-def _likeness_cells(found: dict[str, Any]) -> list[str]:
+def _similarity_cells(found: dict[str, Any]) -> list[str]:
     psnr = found["psnr_db"]
     return ["inf" if psnr is None else f"{psnr:.2f}", f"{found['ssim']:.3f}"]

@@ -97,7 +97,7 @@ def _capture(size: tuple[int, int], seed: int, output: Path, *, force: bool) -> 
     margin = round(MARGIN * max(size))
     sharp = scene(height + 2 * margin, width + 2 * margin, seed=seed)
     log = hand_shake(LOG, strength=STRENGTH, seed=seed)
-    camera = Camera(width, height, FOCAL * width, readout=READOUT)
+    camera = Camera(width, height, FOCAL * width, readout_time=READOUT)
     taken = simulate(sharp, log, camera, Exposure(START, EXPOSURE), noise=NOISE, seed=seed)
     pictures: dict[str, Any] = {"sharp": taken.rectified, "rolling": taken.rolling, "blurred": taken.blurred}
     for name, light in pictures.items():

@@ -95,15 +95,15 @@ def command(
 
 def _path_lengths(bank: PsfBank, log: GyroLog, camera: Camera, exposure: Exposure, blur: Blur) -> NDArray[Any]:
     """Return the lengths in px of the paths behind the kernels, in no particular order."""
-    from rsdeblur.motion.paths import BlurPaths, Shot
+    from rsdeblur.motion.paths import BlurPaths, Capture
 
     rows, cols = bank.rows, bank.cols
     if camera.horizontal_readout:
         # Paths are traced with the readout along y, in the picture turned a quarter clockwise.
         rows, cols = cols, (camera.height - 1 - rows)[::-1]
         camera = camera.turned()
-    shot = Shot.from_log(log, camera, exposure)
-    return BlurPaths.from_shot(shot, rows, cols, motion=blur.motion).lengths
+    capture = Capture.from_log(log, camera, exposure)
+    return BlurPaths.from_capture(capture, rows, cols, motion=blur.motion).lengths
 
 
 def _summary(bank: PsfBank, camera: Camera) -> dict[str, Any]:

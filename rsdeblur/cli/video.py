@@ -94,13 +94,13 @@ def command(
         exposures = _exposures(clip, recording)
         settings["transfer"] = _transfer(clip, solver.transfer)
         encoding = Encoding.like(clip, codec=codec, crf=crf)
-        plan, faults = plan_clip(clip, log, camera, exposures, mode=mode, progress=move, **settings)
-        facts = _facts(clip, plan, encoding, output) | {"kept": sum(fault is not None for fault in faults)}
-        _warn(source, faults)
+        plan, reasons = plan_clip(clip, log, camera, exposures, mode=mode, progress=move, **settings)
+        facts = _facts(clip, plan, encoding, output) | {"kept": sum(reason is not None for reason in reasons)}
+        _warn(source, reasons)
         if not dry_run:
             with _telling_of_parts(output):
                 result = deblur_video(
-                    *(clip, log, camera, exposures, plan, faults, output),
+                    *(clip, log, camera, exposures, plan, reasons, output),
                     encoding=encoding,
                     segment=segment,
                     jobs=jobs,
@@ -175,11 +175,11 @@ def _facts(clip: Clip, plan: Plan, encoding: Encoding, output: Path) -> dict[str
     }
 
 
-def _warn(source: Path, faults: list[str | None]) -> None:
-    kept = [(i, fault) for i, fault in enumerate(faults) if fault is not None]
+def _warn(source: Path, reasons: list[str | None]) -> None:
+    kept = [(i, reason) for i, reason in enumerate(reasons) if reason is not None]
     if kept:
         warnings.warn(
-            f"{source}: {len(kept)} of {len(faults)} frames are kept as they are; frame {kept[0][0]}: {kept[0][1]}",
+            f"{source}: {len(kept)} of {len(reasons)} frames are kept as they are; frame {kept[0][0]}: {kept[0][1]}",
             RsdeblurWarning,
             stacklevel=2,
         )

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 Border = Literal["blend", "periodic"]
 BORDERS: tuple[Border, ...] = ("blend", "periodic")
-# Rivals, made before a periodic solve (`rsdeblur.deconv.boundary`).
-Extension = Literal["reflect", "edge-taper", "smooth"]
-EXTENSIONS: tuple[Extension, ...] = ("reflect", "edge-taper", "smooth")
+# Alternatives, made before a periodic solve (`rsdeblur.deconv.boundary`).
+Boundary = Literal["reflect", "edge-taper", "smooth"]
+BOUNDARIES: tuple[Boundary, ...] = ("reflect", "edge-taper", "smooth")
 
 
-def split(border: Border | Extension) -> tuple[Border, Extension | None]:
-    """Return the border that the solver has to know, and the rival that the picture is made periodic by, if any."""
+def split(border: Border | Boundary) -> tuple[Border, Boundary | None]:
+    """Return the border of the solver, and the boundary that makes the picture periodic first, if any."""
     if border == "blend" or border == "periodic":
         return border, None
     return "periodic", border

@@ -1,4 +1,4 @@
-"""Rivals of the default border: the picture is made to repeat without a seam before it is solved as periodic.
+"""Alternatives of the default border: the picture is made to repeat without a seam before it is solved as periodic.
 
 All but the taper put more rows after the last and more columns after the last one; over them the picture goes from its
 end to its start. What a solver makes of them is cut off again.
@@ -10,15 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from rsdeblur.deconv.border import Extension
+from rsdeblur.deconv.border import Boundary
 from rsdeblur.deconv.fft import fast_length
 from rsdeblur.deconv.tiling import WHOLE_EXCESS
 from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatImage
 
-Picture = NDArray[np.float32]
 
-
-def extended(light: Picture, bank: PsfBank, extension: Extension) -> Picture:
+def extended(light: FloatImage, bank: PsfBank, boundary: Boundary) -> FloatImage:
     """Return the picture (H, W, C) made periodic, of `extended_shape`, where its own rows and columns come first.
 
     Parameters
@@ -29,23 +28,23 @@ def extended(light: Picture, bank: PsfBank, extension: Extension) -> Picture:
     extension : {"reflect", "edge-taper", "smooth"}
         See :func:`rsdeblur.deblur`.
     """
-    if extension == "edge-taper":
+    if boundary == "edge-taper":
         return tapered(light, bank.kernels[bank.kernels.shape[0] // 2, bank.kernels.shape[1] // 2])
-    height, width, _ = extended_shape(light.shape, bank, extension)
-    return reflected(light, height, width) if extension == "reflect" else smooth(light, height, width)
+    height, width, _ = extended_shape(light.shape, bank, boundary)
+    return reflected(light, height, width) if boundary == "reflect" else smooth(light, height, width)
 
 
-def extended_shape(shape: tuple[int, ...], bank: PsfBank, extension: Extension) -> tuple[int, int, int]:
+def extended_shape(shape: tuple[int, ...], bank: PsfBank, boundary: Boundary) -> tuple[int, int, int]:
     """Return the shape of `extended`: larger by a PSF at least, unless the picture itself is tapered."""
     height, width, channels = shape
-    if extension != "edge-taper":
+    if boundary != "edge-taper":
         tall, wide = bank.size
         height = fast_length(height + tall, excess=WHOLE_EXCESS)
         width = fast_length(width + wide, excess=WHOLE_EXCESS)
     return height, width, channels
 
 
-def reflected(light: Picture, height: int, width: int) -> Picture:
+def reflected(light: FloatImage, height: int, width: int) -> FloatImage:
     """Mirror the picture at its end as far as half of what is added, and at its start for the rest."""
     rows, columns = (_mirrored(n, length) for n, length in zip(light.shape, (height, width), strict=False))
     return light[rows[:, None], columns]
@@ -59,7 +58,7 @@ def _mirrored(n: int, length: int) -> NDArray[np.intp]:
     return mirrored
 
 
-def tapered(light: Picture, kernel: NDArray[np.floating]) -> Picture:
+def tapered(light: FloatImage, kernel: NDArray[np.floating]) -> FloatImage:
     """Fade the picture towards its borders into itself blurred as if it repeated.
 
     What is left of it at a distance from the border is one minus the PSF's autocorrelation there, along each axis: the
@@ -80,11 +79,11 @@ def tapered(light: Picture, kernel: NDArray[np.floating]) -> Picture:
     placed = np.roll(placed, [-(n // 2) for n in kernel.shape], axis=(0, 1))
     spectrum = fft.rfft2(light, axes=(0, 1)) * fft.rfft2(placed)[..., None]
     blurred = fft.irfft2(spectrum, s=(height, width), axes=(0, 1))
-    faded: Picture = weight * light + (1 - weight) * blurred
+    faded: FloatImage = weight * light + (1 - weight) * blurred
     return faded
 
 
-def smooth(light: Picture, height: int, width: int) -> Picture:
+def smooth(light: FloatImage, height: int, width: int) -> FloatImage:
     """Fill in what has no Laplacian: no bend but what the borders ask for, in the manner of Liu and Jia (2008).
 
     First what joins the last row to the first, then what joins the last column to the first, then the corner that
@@ -105,7 +104,7 @@ def smooth(light: Picture, height: int, width: int) -> Picture:
     return out
 
 
-def _between(start: Picture, end: Picture, count: int) -> NDArray[np.float64]:
+def _between(start: FloatImage, end: FloatImage, count: int) -> NDArray[np.float64]:
     """Return `count` lines, shape (count, n, C), that lead harmonically from `start` to `end` (n, C)."""
     ring = np.zeros((count + 2, *start.shape))
     ring[0], ring[-1] = start, end

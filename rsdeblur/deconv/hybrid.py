@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur._util.threads import Crew
+from rsdeblur._util.threads import ThreadTeam
 from rsdeblur.deconv.border import Border, fade
 from rsdeblur.deconv.fft import Complex, LineTransform, Planning, Real, RowTransform, empty
 from rsdeblur.deconv.tiling import Tile, Tiling
@@ -70,7 +70,7 @@ class Hybrid:
             _Worker(self._rows(0), self.height, bands.length, strips.length, together, planning) for _ in range(threads)
         ]
         self._spectra[...] = 0
-        self.crew = Crew(threads)
+        self.team = ThreadTeam(threads)
 
     def transform_rows(self, picture: Real, strip: Tile) -> bool:
         """Cut `strip` out of `picture` (H, W, C) and transform its rows.
@@ -88,7 +88,7 @@ class Hybrid:
             worker.rows.move(self._rows(top))
             worker.rows.forward()
 
-        self.crew.share(block, range(0, self.height, ROWS))
+        self.team.share(block, range(0, self.height, ROWS))
         return finite[0]
 
     def filter_columns(self, filters: Complex) -> None:
@@ -118,7 +118,7 @@ class Hybrid:
                         spectral.blend(worker.blended, slab, tile.weights, tile.first, tile.first - tile.start)
             lines.columns_to_rows(columns if single else worker.blended, self._spectra, first, self.height)
 
-        self.crew.share(block, range(0, self.padded_frequencies, COLUMNS))
+        self.team.share(block, range(0, self.padded_frequencies, COLUMNS))
 
     def restore_rows(self, out: Real, strip: Tile, *, add: bool) -> None:
         """Transform rows back and put them, or add them, to `out` (H, W, C) where `strip` counts."""
@@ -130,7 +130,7 @@ class Hybrid:
             worker.rows.inverse()
             lines.lines_to_picture(worker.rows.real, rows, offset, strip.weights, strip.first, add, out, top)
 
-        self.crew.share(block, range(0, self.height, ROWS))
+        self.team.share(block, range(0, self.height, ROWS))
 
     def _rows(self, top: int) -> Complex:
         """Where the spectra of a block of rows stand."""

@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 from rsdeblur._util import validate
 from rsdeblur.deconv.fft import thread_count
 from rsdeblur.errors import InputError
-from rsdeblur.kernels.shrink import shrunk_pull
+from rsdeblur.kernels.shrink import shrunk_grad_adjoint
+from rsdeblur.types import FloatImage
 
-Picture = NDArray[np.float32]
 Prior = Literal["wiener", "gradient", "tv", "hyper-laplacian"]
 PRIORS: tuple[Prior, ...] = ("wiener", "gradient", "tv", "hyper-laplacian")
 EXPONENT = 2 / 3
@@ -47,7 +47,7 @@ TABLE = 2049
 ROWS = 64
 
 
-class Quadratic(Protocol):
+class QuadraticSolver(Protocol):
     """What a solver offers so that :func:`half_quadratic` can put a prior on top of it.
 
     It minimises over latent pictures u
@@ -62,21 +62,21 @@ class Quadratic(Protocol):
     def periodic(self) -> bool:
         """Whether latent pictures repeat."""
 
-    def solve(self, beta: float, pull: Picture | None) -> Picture:
+    def solve(self, beta: float, grad_adjoint: FloatImage | None) -> FloatImage:
         """Return u (H', W', C), which may be larger than the observation.
 
-        `pull` is shaped alike, None is zero. It is used up: its memory may hold u.
+        `grad_adjoint` is shaped alike, None is zero. It is used up: its memory may hold u.
         """
 
 
-class PreparedQuadratic(Quadratic, Protocol):
-    """A :class:`Quadratic` that is told the observation, whose frame its latent pictures have."""
+class PreparedQuadraticSolver(QuadraticSolver, Protocol):
+    """A :class:`QuadraticSolver` that is told the observation, whose frame its latent pictures have."""
 
     @property
     def lock(self) -> AbstractContextManager[Any]:
         """Held by a thread from `prepare` to its last `solve`."""
 
-    def prepare(self, image: Picture) -> None:
+    def prepare(self, image: FloatImage) -> None:
         """Take the observation g, shape (H, W, C), linear light."""
 
 
@@ -92,13 +92,13 @@ class Step:
         Its distance from the step before as a share of its norm.
     """
 
-    latent: Picture
+    latent: FloatImage
     change: float
 
 
 def restore(
-    solver: PreparedQuadratic,
-    image: Picture,
+    solver: PreparedQuadraticSolver,
+    image: FloatImage,
     *,
     prior: Prior,
     weight: float,
@@ -106,12 +106,12 @@ def restore(
     peak: float | None = None,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
-) -> Picture:
+) -> FloatImage:
     """Deblur a picture with a prior on its gradient.
 
     Parameters
     ----------
-    solver : PreparedQuadratic
+    solver : PreparedQuadraticSolver
         Solves for the picture given a wanted gradient, such as :class:`rsdeblur.deconv.quadratic.TileQuadratic`.
     image : ndarray, shape (H, W, C), float32
         Linear light, nominal range [0, 1].
@@ -150,13 +150,13 @@ def restore(
         )
 
 
-def brightness(image: Picture) -> float:
+def brightness(image: FloatImage) -> float:
     """Return the value of bright parts of a picture: every fourth row and column are enough."""
     return float(np.percentile(image[::4, ::4], BRIGHTEST))
 
 
 def minimise(
-    solver: Quadratic,
+    solver: QuadraticSolver,
     *,
     prior: Prior,
     weight: float,
@@ -164,7 +164,7 @@ def minimise(
     peak: float,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
-) -> Picture:
+) -> FloatImage:
     """Return the latent picture of a solver that knows its observation.
 
     Parameters and errors are those of :func:`restore`; `peak` is the value of bright parts.
@@ -191,7 +191,7 @@ def minimise(
 
 
 def half_quadratic(
-    solver: Quadratic, *, weight: float, exponent: float, peak: float = 1.0, threads: int | None = None
+    solver: QuadraticSolver, *, weight: float, exponent: float, peak: float = 1.0, threads: int | None = None
 ) -> Iterator[Step]:
     """Yield the pictures of the splitting, one for each of `PENALTIES`; stop asking to stop early.
 
@@ -210,18 +210,23 @@ def half_quadratic(
 
 
 def _shrink(
-    latent: Picture, vanishing: np.float32, table: NDArray[np.float32], periodic: bool, pull: Picture, threads: int
+    latent: FloatImage,
+    vanishing: np.float32,
+    table: NDArray[np.float32],
+    periodic: bool,
+    grad_adjoint: FloatImage,
+    threads: int,
 ) -> None:
-    """Fill `pull`, blocks of rows shared out to the threads."""
+    """Fill `grad_adjoint`, blocks of rows shared out to the threads."""
     height = len(latent)
 
     def block(top: int) -> None:
-        shrunk_pull(latent, top, min(ROWS, height - top), vanishing, table, periodic, pull)
+        shrunk_grad_adjoint(latent, top, min(ROWS, height - top), vanishing, table, periodic, grad_adjoint)
 
     _by_blocks(block, height, threads)
 
 
-def _change(before: Picture, after: Picture, threads: int) -> float:
+def _change(before: FloatImage, after: FloatImage, threads: int) -> float:
     """Return the norm of the difference by that of `after`."""
 
     def block(top: int) -> tuple[float, float]:

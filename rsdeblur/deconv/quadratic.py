@@ -8,13 +8,13 @@ from numpy.typing import ArrayLike
 from rsdeblur._util import validate
 from rsdeblur.deconv.border import Border
 from rsdeblur.deconv.fft import Planning
-from rsdeblur.deconv.priors import Picture
 from rsdeblur.deconv.wiener import TileFilter
 from rsdeblur.kernels.responses import responses
 from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatImage
 
 # What a tile is longer than its part, in PSFs.
-GAP = 3.0
+MARGIN = 3.0
 
 
 class TileQuadratic(TileFilter):
@@ -23,7 +23,7 @@ class TileQuadratic(TileFilter):
         U = ((1 + nsr) conj(H) G + beta V) / (|H|^2 + nsr + beta |D|^2)
 
     V is the pull. The factor 1 + nsr does what it does in :class:`rsdeblur.Deconvolver`. It is a
-    :class:`rsdeblur.deconv.priors.Quadratic`.
+    :class:`rsdeblur.deconv.priors.QuadraticSolver`.
 
     Parameters
     ----------
@@ -50,10 +50,10 @@ class TileQuadratic(TileFilter):
         planning: Planning = "estimate",
         threads: int | None = None,
     ) -> None:
-        super().__init__(bank, shape, gap=GAP, border=border, planning=planning, threads=threads)
+        super().__init__(bank, shape, margin=MARGIN, border=border, planning=planning, threads=threads)
         self.nsr = validate.finite("nsr", nsr, minimum=0.0)
         self.periodic = border == "periodic"
-        self._transfer, self._filters = self._new_filters(), self._new_filters()
+        self._otf, self._filters = self._new_filters(), self._new_filters()
         self.replan(bank)
         # |exp(i w) - 1|^2 = 4 sin^2(w / 2)
         self._across, self._down = (
@@ -65,38 +65,40 @@ class TileQuadratic(TileFilter):
         )
 
     def _take(self, bank: PsfBank) -> None:
-        self._transfer_functions(bank, self._transfer)
+        self._fill_otfs(bank, self._otf)
 
     def prepare(self, image: ArrayLike) -> None:
         """Take the observation, of the planned shape, linear light."""
         self._observation = np.ascontiguousarray(image, dtype=np.float32)
 
-    def solve(self, beta: float, pull: Picture | None = None) -> Picture:
-        """Return the minimiser for the observation; `pull` is `D^T w`, None is zero, and is used up.
+    def solve(self, beta: float, grad_adjoint: FloatImage | None = None) -> FloatImage:
+        """Return the minimiser for the observation; `grad_adjoint` is `D^T w`, None is zero, and is used up.
 
         Raises
         ------
         InputError
             If the observation has another shape than planned or is not finite.
         """
-        observed = self._respond(beta, self._observation, None, of_pull=False)
-        if pull is None:
+        observed = self._respond(beta, self._observation, None, of_grad_adjoint=False)
+        if grad_adjoint is None:
             return observed
-        found = self._respond(beta, pull, pull, of_pull=True)
+        found = self._respond(beta, grad_adjoint, grad_adjoint, of_grad_adjoint=True)
         found += observed
         return found
 
-    def _respond(self, beta: float, picture: Picture, out: Picture | None, *, of_pull: bool) -> Picture:
+    def _respond(
+        self, beta: float, picture: FloatImage, out: FloatImage | None, *, of_grad_adjoint: bool
+    ) -> FloatImage:
         def plan(_: int, s: int, b: int) -> None:
             inside = np.s_[s, b, : self._hybrid.frequencies]
             responses(
-                self._transfer[inside],
+                self._otf[inside],
                 self._across,
                 self._down,
                 np.float32(self.nsr),
                 np.float32(beta),
                 np.float32(self._scale),
-                of_pull,
+                of_grad_adjoint,
                 self._filters[inside],
             )
 

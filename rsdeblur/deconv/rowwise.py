@@ -22,9 +22,9 @@ from rsdeblur.deconv.border import BORDERS, Border
 from rsdeblur.deconv.fft import PLANNINGS, Planning, Real, empty, remember, thread_count
 from rsdeblur.deconv.rowwise_blur import StripBlur, latent_rows
 from rsdeblur.deconv.rowwise_cg import NormalEquations, conjugate_gradients, is_faster
-from rsdeblur.deconv.rowwise_spectra import ROWS, RowLanes
+from rsdeblur.deconv.rowwise_spectra import ROWS, RowSpectra
 from rsdeblur.deconv.tiling import Tile, Tiling
-from rsdeblur.deconv.wiener import DECAY_GAP, LEAST_GAP
+from rsdeblur.deconv.wiener import DECAY_MARGIN, LEAST_MARGIN
 from rsdeblur.errors import InputError
 from rsdeblur.kernels import rowwise
 from rsdeblur.kernels.rowwise import LANES
@@ -109,12 +109,12 @@ class RowDeconvolver:
         if 2 * reach + 1 > width:
             raise InputError(f"the paths reach {reach} px sideways, more than the picture of {width} px can hold")
         kernel = 2 * reach + 1
-        gap = int(np.ceil(min(max(LEAST_GAP, DECAY_GAP / self.nsr**0.5), MOST_GAP) * kernel))
+        gap = int(np.ceil(min(max(LEAST_MARGIN, DECAY_MARGIN / self.nsr**0.5), MOST_GAP) * kernel))
         self._periodic = border == "periodic"
         self._tiling = Tiling.plan(paths.cols, width, kernel, gap, periodic=self._periodic)
         self._strips = [StripBlur.from_paths(paths, s, self.top, latents) for s in range(len(paths.cols))]
         channels = self.shape[2] if len(self.shape) == 3 else 1
-        self._lanes = RowLanes(channels, self._tiling.length, planning=planning, threads=thread_count(threads))
+        self._lanes = RowSpectra(channels, self._tiling.length, planning=planning, threads=thread_count(threads))
         self._data, self._latent = self._lanes.empty(height), self._lanes.empty(latents)
         blocks = range(self._lanes.blocks)
         self._tables = [[strip.table(b, self._lanes.length) for b in blocks] for strip in self._strips]
@@ -122,7 +122,7 @@ class RowDeconvolver:
             solver = "cg" if any(is_faster(strip.model, channels) for strip in self._strips) else "direct"
         self.solver = solver
         floats = max(strip.workspace_size(solve=self.solver == "direct") for strip in self._strips)
-        self._workspaces: list[Real] = [empty((floats,), np.float32) for _ in range(self._lanes.crew.threads)]
+        self._workspaces: list[Real] = [empty((floats,), np.float32) for _ in range(self._lanes.team.threads)]
         if planning == "measure":
             remember()
 
@@ -191,7 +191,7 @@ class RowDeconvolver:
             # Strips are added up in `out`, so it cannot be read from any more.
             source = source.copy() if np.shares_memory(source, target) else source
             target[...] = 0
-        with self._lanes.crew.lock:
+        with self._lanes.team.lock:
             for s, tile in enumerate(self._tiling.tiles):
                 self._lanes.load(
                     source, self._data, start=tile.start, taper=self._tiling.taper, periodic=self._periodic
@@ -217,9 +217,9 @@ class RowDeconvolver:
             part = weights * source[rows]
             target[rows, columns] = target[rows, columns] + part if add else part
 
-        self._lanes.crew.share(block, range(0, len(target), ROWS))
+        self._lanes.team.share(block, range(0, len(target), ROWS))
 
-    def _solve(self, strip: int, ridge: Real, smooth: float, *, scale: float, pulled: bool) -> None:
+    def _solve(self, strip: int, ridge: Real, smooth: float, *, scale: float, with_grad_adjoint: bool) -> None:
         """Minimise for all frequencies of `strip`, leaving the result in the latent lanes.
 
         `ridge` is (blocks, 16). If `pulled`, the latent lanes hold `D^T w`, which `smooth` multiplies on the
@@ -229,7 +229,7 @@ class RowDeconvolver:
 
         def block(thread: int, b: int) -> None:
             data, latent, workspace = self._data[b], self._latent[b], self._workspaces[thread]
-            if pulled:
+            if with_grad_adjoint:
                 latent *= np.float32(smooth)
             else:
                 latent[...] = 0
@@ -250,7 +250,7 @@ class RowDeconvolver:
             if expected is not None:
                 latent += expected
 
-        self._lanes.crew.share(block, range(self._lanes.blocks))
+        self._lanes.team.share(block, range(self._lanes.blocks))
 
     def _expectation(self, block: int, *, edges: bool) -> Real | None:
         """Return m, or without `edges` the mean alone, in latent lanes of one block; None where hardly any is left."""
@@ -284,7 +284,7 @@ class DataTerm:
     """`|A u - g|^2 + nsr |u - m|^2` for one strip of one picture: priors on the gradient minimise it with their own.
 
     With a gradient term m is the picture's mean. Valid during the call that hands it out. It is a
-    :class:`rsdeblur.deconv.priors.Quadratic`; as rows beyond the frame are its own, no gradient crosses an end.
+    :class:`rsdeblur.deconv.priors.QuadraticSolver`; as rows beyond the frame are its own, no gradient crosses an end.
 
     Attributes
     ----------
@@ -301,7 +301,7 @@ class DataTerm:
         turns = np.arange(lanes.blocks * LANES).reshape(-1, LANES) / lanes.length
         self._wavenumbers = (2 - 2 * np.cos(2 * np.pi * turns)).astype(np.float32)
 
-    def solve(self, beta: float, pull: Real | None) -> Real:
+    def solve(self, beta: float, grad_adjoint: Real | None) -> Real:
         """Minimise the term plus `beta |D u - w|^2`, D taking forward differences.
 
         Parameters
@@ -314,16 +314,16 @@ class DataTerm:
         Returns
         -------
         ndarray of the strip's shape, float32
-            In the memory of `pull`, if there is one.
+            In the memory of `grad_adjoint`, if there is one.
         """
         beta = validate.finite("beta", beta, minimum=0.0)
         lanes, latent = self._solver._lanes, self._solver._latent
-        if pull is not None:
-            if pull.shape != self.shape:
-                raise InputError(f"pull must have shape {self.shape}, got {pull.shape}")
-            lanes.load(pull, latent)
-        self._minimise(self._solver.nsr, beta, pulled=pull is not None)
-        u = np.empty(self.shape, dtype=np.float32) if pull is None else pull
+        if grad_adjoint is not None:
+            if grad_adjoint.shape != self.shape:
+                raise InputError(f"pull must have shape {self.shape}, got {grad_adjoint.shape}")
+            lanes.load(grad_adjoint, latent)
+        self._minimise(self._solver.nsr, beta, with_grad_adjoint=grad_adjoint is not None)
+        u = np.empty(self.shape, dtype=np.float32) if grad_adjoint is None else grad_adjoint
         lanes.unload(latent, 0, u, Tile(0, 0, np.ones(lanes.length, dtype=np.float32)))
         return u
 
@@ -333,6 +333,6 @@ class DataTerm:
         # The factor makes no motion the identity at any nsr.
         self._minimise(nsr, 0.0, scale=1.0 + nsr)
 
-    def _minimise(self, ridge: float, beta: float, *, scale: float = 1.0, pulled: bool = False) -> None:
+    def _minimise(self, ridge: float, beta: float, *, scale: float = 1.0, with_grad_adjoint: bool = False) -> None:
         ridges = max(np.float32(ridge), LEAST_RIDGE) + np.float32(beta) * self._wavenumbers
-        self._solver._solve(self._strip, ridges, beta, scale=scale, pulled=pulled)
+        self._solver._solve(self._strip, ridges, beta, scale=scale, with_grad_adjoint=with_grad_adjoint)

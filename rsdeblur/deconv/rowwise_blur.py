@@ -20,15 +20,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.deconv.fft import Real, empty, thread_count
-from rsdeblur.deconv.rowwise_spectra import RowLanes
+from rsdeblur.deconv.rowwise_spectra import RowSpectra
 from rsdeblur.deconv.tiling import Tile, hat_weights
 from rsdeblur.errors import InputError
 from rsdeblur.kernels import rowwise
 from rsdeblur.kernels.raster import rasterize
 from rsdeblur.kernels.rowwise import BLOCK, RowModel
 from rsdeblur.motion.paths import BlurPaths
+from rsdeblur.types import FloatArray
 
 if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator
@@ -121,7 +121,7 @@ class RowBlur:
         self.picture_shape, self.latent_shape = (height, width, channels), (latents, width, channels)
         self._strips = [StripBlur.from_paths(paths, s, self.top, latents) for s in range(len(paths.cols))]
         self._weights = hat_weights(paths.cols, width).astype(np.float32)
-        self._lanes = RowLanes(channels, width, planning="estimate", threads=thread_count(threads))
+        self._lanes = RowSpectra(channels, width, planning="estimate", threads=thread_count(threads))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -133,7 +133,7 @@ class RowBlur:
         source = self._checked("latent", latent, self.latent_shape)
         out = np.zeros(self.picture_shape, dtype=np.float32)
         into, lanes = self._lanes.empty(len(source)), self._lanes.empty(len(out))
-        with self._lanes.crew.lock:
+        with self._lanes.team.lock:
             self._lanes.load(source, into)
             for strip, weights in zip(self._strips, self._weights, strict=True):
                 self._run(rowwise.forward, strip, lanes, into)
@@ -146,7 +146,7 @@ class RowBlur:
         out = np.zeros(self.latent_shape, dtype=np.float32)
         lanes, into = self._lanes.empty(len(source)), self._lanes.empty(len(out))
         everywhere = Tile(0, 0, np.ones(source.shape[1], dtype=np.float32))
-        with self._lanes.crew.lock:
+        with self._lanes.team.lock:
             for strip, weights in zip(self._strips, self._weights, strict=True):
                 self._lanes.load(source * weights[:, None], lanes)
                 self._run(rowwise.adjoint, strip, lanes, into)
@@ -166,12 +166,12 @@ class RowBlur:
 
     def _run(self, kernel: Callable[..., None], strip: StripBlur, lanes: Real, latent: Real) -> None:
         floats = strip.workspace_size(solve=False)
-        workspaces = [empty((floats,), np.float32) for _ in range(self._lanes.crew.threads)]
+        workspaces = [empty((floats,), np.float32) for _ in range(self._lanes.team.threads)]
 
         def block(thread: int, b: int) -> None:
             kernel(strip.model, strip.table(b, self._lanes.length), lanes[b], latent[b], workspaces[thread])
 
-        self._lanes.crew.share(block, range(self._lanes.blocks))
+        self._lanes.team.share(block, range(self._lanes.blocks))
 
     @staticmethod
     def _checked(name: str, picture: ArrayLike, shape: tuple[int, int, int]) -> Real:

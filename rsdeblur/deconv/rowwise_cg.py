@@ -61,10 +61,10 @@ class NormalEquations:
         """Apply the approximate inverse."""
         values = vector[:, :, 0] + 1j * vector[:, :, 1]
         result = np.zeros_like(values)
-        for slab, weights, inverse in self._slabs:
-            spectrum = fft.fft(values[:, slab] * weights, len(inverse), axis=1)
+        for block, weights, inverse in self._blocks:
+            spectrum = fft.fft(values[:, block] * weights, len(inverse), axis=1)
             spectrum *= inverse
-            result[:, slab] += fft.ifft(spectrum, axis=1)[:, : len(weights)] * weights
+            result[:, block] += fft.ifft(spectrum, axis=1)[:, : len(weights)] * weights
         return np.stack([result.real, result.imag], axis=2)
 
     def _plan(self) -> None:
@@ -77,7 +77,7 @@ class NormalEquations:
         unit[np.arange(count), np.round(tile_centres(count, self._rows)).astype(int), 0] = 1.0
         kernels = np.empty((count, latents, 2, LANES), dtype=np.float32)
         rowwise.adjoint(self._model, self._table, unit, kernels, self._workspace)
-        self._slabs: list[tuple[slice, Real, Real]] = []
+        self._blocks: list[tuple[slice, Real, Real]] = []
         for window, kernel in zip(windows, kernels, strict=True):
             at = np.flatnonzero(window)
             length = fft.next_fast_len(len(at) + tall)
@@ -87,7 +87,7 @@ class NormalEquations:
             power = np.abs(fft.fft(part[:, 0] + 1j * part[:, 1], length, axis=0)) ** 2
             turns = np.arange(length) / length
             power += self._ridge + self._smooth * (2 - 2 * np.cos(2 * np.pi * turns))[:, None]
-            self._slabs.append((slice(at[0], at[-1] + 1), window[at][:, None], (1 / power).astype(np.float32)))
+            self._blocks.append((slice(at[0], at[-1] + 1), window[at][:, None], (1 / power).astype(np.float32)))
 
 
 def is_faster(model: RowModel, channels: int) -> bool:

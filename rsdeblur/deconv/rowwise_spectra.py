@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rsdeblur._util.threads import Crew
+from rsdeblur._util.threads import ThreadTeam
 from rsdeblur.deconv.border import fade
 from rsdeblur.deconv.fft import Planning, Real, RowTransform, empty
 from rsdeblur.deconv.tiling import Tile
@@ -18,7 +18,7 @@ from rsdeblur.kernels import lines, rowwise
 ROWS = 16
 
 
-class RowLanes:
+class RowSpectra:
     """Row transforms of one length for pictures of `channels`, shared out to `threads`.
 
     Parameters
@@ -32,7 +32,7 @@ class RowLanes:
     """
 
     def __init__(self, channels: int, length: int, *, planning: Planning, threads: int) -> None:
-        self.channels, self.length, self.crew = channels, length, Crew(threads)
+        self.channels, self.length, self.team = channels, length, ThreadTeam(threads)
         self.blocks = -(-(length // 2 + 1) // rowwise.LANES)
         self._rows = [RowTransform((channels, ROWS, length), planning) for _ in range(threads)]
 
@@ -53,7 +53,7 @@ class RowLanes:
             buffers.forward()
             rowwise.spectra_to_lanes(buffers.spectrum, rows, lanes, top)
 
-        self.crew.share(block, range(0, height, ROWS))
+        self.team.share(block, range(0, height, ROWS))
 
     def unload(self, lanes: Real, first: int, out: Real, tile: Tile, *, add: bool = False) -> None:
         """Transform rows `first` on of `lanes` back and put, or add, them to `out` (H, W, C) where `tile` counts."""
@@ -65,4 +65,4 @@ class RowLanes:
             buffers.inverse()
             lines.lines_to_picture(buffers.real, rows, tile.first - tile.start, weights, tile.first, add, out, top)
 
-        self.crew.share(block, range(0, len(out), ROWS))
+        self.team.share(block, range(0, len(out), ROWS))

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.deconv.fft import fast_length
 from rsdeblur.errors import InputError
+from rsdeblur.types import FloatArray
 
 # How much longer a transform may be than needed, as a share, for FFTW's sake. Two whole axes stay within 8 % more
 # pixels; tiles overlap anyway, and a length of 256 in place of 243 is three times as fast.
@@ -59,7 +59,7 @@ class Tiling:
     tiles: tuple[Tile, ...]
 
     @classmethod
-    def plan(cls, centres: FloatArray, n: int, kernel: int, gap: int, *, periodic: bool) -> Tiling:
+    def plan(cls, centres: FloatArray, n: int, kernel: int, margin: int, *, periodic: bool) -> Tiling:
         """Cut an axis into tiles.
 
         Parameters
@@ -88,7 +88,7 @@ class Tiling:
             )
         whole = n if periodic else fast_length(n + kernel, excess=WHOLE_EXCESS)
         longest = max(len(support) for support in supports)
-        length = fast_length(longest + gap, excess=TILE_EXCESS)
+        length = fast_length(longest + margin, excess=TILE_EXCESS)
         if len(centres) == 1 or length >= whole:
             tiles = tuple(Tile(0, int(s[0]), _part(w, s)) for w, s in zip(weights, supports, strict=True))
             return cls(whole, whole - n, tiles)

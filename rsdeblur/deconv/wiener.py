@@ -24,8 +24,8 @@ from rsdeblur.psf import PsfBank
 # The inverse filter of a straight PSF of K px at NSR Phi rings with a decay length of K / (2 pi sqrt(Phi)): its poles
 # stand that far off the real axis. A tile is longer than its part by 0.2 K / sqrt(Phi), some 1.3 decay lengths, and at
 # least by 1.5 PSFs; all of that is a fade between its two ends. The price of less is in docs/developer/decisions.md.
-DECAY_GAP = 0.2
-LEAST_GAP = 1.5
+DECAY_MARGIN = 0.2
+LEAST_MARGIN = 1.5
 
 
 class TileFilter:
@@ -53,7 +53,7 @@ class TileFilter:
         bank: PsfBank,
         shape: tuple[int, ...],
         *,
-        gap: float,
+        margin: float,
         border: Border,
         planning: Planning,
         threads: int | None,
@@ -64,7 +64,7 @@ class TileFilter:
         height, width = self.shape[:2]
         _check_fit(bank, height, width)
         self._bands, self._strips = (
-            Tiling.plan(centres, n, kernel, int(np.ceil(gap * kernel)), periodic=border == "periodic")
+            Tiling.plan(centres, n, kernel, int(np.ceil(margin * kernel)), periodic=border == "periodic")
             for centres, n, kernel in zip((bank.rows, bank.cols), (height, width), bank.size, strict=True)
         )
         self._threads = thread_count(threads)
@@ -77,7 +77,7 @@ class TileFilter:
             threads=self._threads,
         )
         self._planners = [
-            _TransferPlanner(bank.size[0], self._bands.length, self._strips.length)
+            _OtfPlanner(bank.size[0], self._bands.length, self._strips.length)
             for _ in range(min(self._threads, bank.kernels[..., 0, 0].size))
         ]
         self._centres, self._kernel_size = (bank.rows, bank.cols), bank.size
@@ -90,7 +90,7 @@ class TileFilter:
     @property
     def lock(self) -> AbstractContextManager[Any]:
         """What a thread holds while its picture is worked on; the same one may take it again."""
-        return self._hybrid.crew.lock
+        return self._hybrid.team.lock
 
     def replan(self, bank: PsfBank) -> None:
         """Undo other PSFs from now on, such as those of a video's next frame; plans and buffers stay.
@@ -162,7 +162,7 @@ class TileFilter:
         filters: Complex = np.zeros((*tiles, self._hybrid.padded_frequencies, self._bands.length), np.complex64)
         return filters
 
-    def _transfer_functions(self, bank: PsfBank, out: Complex) -> None:
+    def _fill_otfs(self, bank: PsfBank, out: Complex) -> None:
         """Fill `out` with the transfer functions of all tiles."""
 
         def plan(thread: int, s: int, b: int) -> None:
@@ -228,8 +228,8 @@ class Deconvolver(TileFilter):
         threads: int | None = None,
     ) -> None:
         self.nsr = validate.finite("nsr", nsr, above=0.0)
-        gap = max(LEAST_GAP, DECAY_GAP / self.nsr**0.5)
-        super().__init__(bank, shape, gap=gap, border=border, planning=planning, threads=threads)
+        margin = max(LEAST_MARGIN, DECAY_MARGIN / self.nsr**0.5)
+        super().__init__(bank, shape, margin=margin, border=border, planning=planning, threads=threads)
         self._filters = self._new_filters()
         self.replan(bank)
 
@@ -239,7 +239,7 @@ class Deconvolver(TileFilter):
         def invert(_: int, s: int, b: int) -> None:
             _wiener(self._filters[s, b, : self._hybrid.frequencies], np.float32(self.nsr), scale)
 
-        self._transfer_functions(bank, self._filters)
+        self._fill_otfs(bank, self._filters)
         self._share_tiles(invert, self._filters.shape[:2])
 
     def apply(
@@ -294,12 +294,12 @@ class TileBlur(TileFilter):
         planning: Planning = "estimate",
         threads: int | None = None,
     ) -> None:
-        super().__init__(bank, shape, gap=LEAST_GAP, border=border, planning=planning, threads=threads)
+        super().__init__(bank, shape, margin=LEAST_MARGIN, border=border, planning=planning, threads=threads)
         self._filters = self._new_filters()
         self.replan(bank)
 
     def _take(self, bank: PsfBank) -> None:
-        self._transfer_functions(bank, self._filters)
+        self._fill_otfs(bank, self._filters)
         self._filters *= np.float32(self._scale)
         self._conjugates = self._filters.conj()
 
@@ -322,7 +322,7 @@ def _wiener(otf: Complex, nsr: np.float32, scale: np.float32) -> None:
     otf *= gain
 
 
-class _TransferPlanner:
+class _OtfPlanner:
     """Turns kernels into transfer functions of columns."""
 
     def __init__(self, kernel_height: int, slab_length: int, row_length: int) -> None:

@@ -2,7 +2,7 @@
 
 A wrong PSF that was divided out and put back gives the input again, so re-blurring proves little. Two things tell
 without a reference. First, the blurred picture's own spectra, as in :mod:`rsdeblur.estimate.time_offset`: under the
-right motion they are likelier than under rivals, namely other sizes of the motion, its mirror image, its axes
+right motion they are likelier than under alternatives, namely other sizes of the motion, its mirror image, its axes
 exchanged, straight blurs and none. Second, light below black: a wrong inverse leaves waves, and dark places cannot hold
 them.
 """
@@ -18,22 +18,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.noise import noise_level
-from rsdeblur.estimate.spectra import TILE, Measured
-from rsdeblur.image.encoded import Stored
+from rsdeblur.estimate.spectra import TILE, TilePeriodograms
+from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.kernels.raster import rasterize
-from rsdeblur.motion.paths import BlurPaths, Motion, Shot
+from rsdeblur.motion.paths import BlurPaths, Capture, Motion
 from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatArray
 
 Verdict = Literal["good", "doubtful", "bad"]
 
-# Nats per tile that the best rival may lead by, and light below black as a share of the picture's contrast: what is
-# doubtful, and what is bad. How they were chosen, and how often they are right: docs/developer/reliability.md.
+# Nats per tile that the best alternative may lead by, and light below black as a share of the picture's contrast:
+# bounds of doubtful and bad. How they were chosen, and how often they are right: docs/developer/reliability.md.
 DOUBTFUL_LEAD, BAD_LEAD = -1.5, -4.0
 DOUBTFUL_RINGING, BAD_RINGING = 0.045, 0.09
-# Where the motion leads every rival by this much, hard edges on black may ring twice as much.
+# Where the motion leads every alternative by this much, hard edges on black may ring twice as much.
 CLEAR_LEAD = 2.0
 
 # No tile counts for more nats: the edge of a door is no proof of a straight blur.
@@ -47,7 +47,7 @@ LEAST_DETAIL = 2.0
 CELL = TILE + 1
 # Shorter paths, px, cannot be told from a lens's softness.
 SHORT = 3.0
-# Rivals: the motion's size, and lengths (px) and directions of straight blurs.
+# Alternatives: the motion's size, and lengths (px) and directions of straight blurs.
 SIZES = (0.5, 0.7, 1.4, 2.0)
 LINES, DIRECTIONS = (3.0, 7.0, 15.0), 4
 # What the scene's power may be, as multiples of its mean, which strong edges dominate. The noise is what it is: with
@@ -72,7 +72,7 @@ HINTS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
+class QualityCheck:
     """What `deblur` found when it checked its result.
 
     Parameters
@@ -82,13 +82,13 @@ class Check:
     reasons : tuple of str
         Why, a sentence each; also what could not be judged.
     lead : float or None
-        How much likelier the motion makes the blurred picture than its best rival does, in nats per tile, at most 10 in
-        each; negative if the rival wins, None if that cannot be judged.
-    rival : str or None
-        That rival, but not the motion enlarged where another one makes the result bad.
+        How much likelier the motion makes the blurred picture than its best alternative does, in nats per tile, at most
+        10 in each; negative if the alternative wins, None if that cannot be judged.
+    alternative : str or None
+        That alternative, but not the motion enlarged where another one makes the result bad.
     weakest : float or None
         The same in the two neighbouring rows of tiles that the motion fits worst. It says where to look, and does not
-        count: in parts of a picture the scene itself may look like a rival.
+        count: in parts of a picture the scene itself may look like an alternative.
     ringing : float
         Light below black that deblurring made, root mean square, as a share of the picture's standard deviation.
     noise_gain : float or None
@@ -97,8 +97,8 @@ class Check:
         Difference between the result blurred again and the input, root mean square, as a share of the picture's
         standard deviation; None where the PSF is too large for a tile, or the result straightened.
     leads, ringings : tuple of float
-        The same in equal parts of the picture along the readout, each against the rival that is best there, the motion
-        enlarged left out.
+        The same in equal parts of the picture along the readout, each against the alternative that is best there, the
+        enlarged motion left out.
     blended : bool
         Whether the result was blended towards the input after this was found.
     """
@@ -106,7 +106,7 @@ class Check:
     verdict: Verdict
     reasons: tuple[str, ...]
     lead: float | None
-    rival: str | None
+    alternative: str | None
     weakest: float | None
     ringing: float
     noise_gain: float | None
@@ -116,7 +116,7 @@ class Check:
     blended: bool = False
 
 
-class Meter:
+class UndershootMeter:
     """Gathers, slab by slab, how much light below black deblurring makes.
 
     Parameters
@@ -161,14 +161,22 @@ def _below_black(light: NDArray[np.float32]) -> FloatArray:
     return below
 
 
-def judge(stored: Stored, result: Stored, shot: Shot, meter: Meter, *, motion: Motion, resampled: bool) -> Check:
+def assess(
+    encoded: EncodedImage,
+    result: EncodedImage,
+    capture: Capture,
+    meter: UndershootMeter,
+    *,
+    motion: Motion,
+    resampled: bool,
+) -> QualityCheck:
     """Check a result.
 
     Parameters
     ----------
     stored, result : Stored
         The blurred picture and the sharp one, readout along y.
-    shot : Shot
+    capture : Capture
         The motion that was undone.
     meter : Meter
         What it saw of both.
@@ -182,27 +190,27 @@ def judge(stored: Stored, result: Stored, shot: Shot, meter: Meter, *, motion: M
     Check
     """
     ringing, ringings = meter.ringing()
-    found = Check("good", (), None, None, None, ringing, None, None, (), ringings)
-    length = float(BlurPaths.probe(shot, motion=motion).lengths.mean())
-    height, width, _ = stored.shape
+    found = QualityCheck("good", (), None, None, None, ringing, None, None, (), ringings)
+    length = float(BlurPaths.probe(capture, motion=motion).lengths.mean())
+    height, width, _ = encoded.shape
     if length < SHORT:
         return _judged(found, f"The motion explains {length:.1f} px of blur, too little to be judged.")
     if min(height, width) < CELL:
         reason = f"The picture is narrower than {CELL} px, too small to judge the motion by."
         return replace(_judged(found, reason), verdict="bad" if ringing > BAD_RINGING else "doubtful")
     step = int(np.clip(length / REDUCED_BLUR, 1, max(1, min(height, width) // (2 * CELL))))
-    tiles = _Tiles(stored, shot, step, motion)
+    tiles = _Tiles(encoded, capture, step, motion)
     if not tiles.detailed:
         return _judged(found, "The picture shows no detail to judge the motion by.")
-    scores = tiles.rivals()
+    scores = tiles.alternatives()
     means = {name: float(score.mean()) for name, score in scores.items()}
     harmful = {name: mean for name, mean in means.items() if name not in LARGER}
-    rival = min(harmful if min(harmful.values()) < BAD_LEAD else means, key=means.__getitem__)
+    alternative = min(harmful if min(harmful.values()) < BAD_LEAD else means, key=means.__getitem__)
     gain, residual = tiles.compare(result, resampled=resampled)
     found = replace(
         found,
-        lead=means[rival],
-        rival=rival,
+        lead=means[alternative],
+        alternative=alternative,
         weakest=min(float(_neighbouring(score).min()) for score in scores.values()),
         noise_gain=gain,
         residual=residual,
@@ -211,15 +219,16 @@ def judge(stored: Stored, result: Stored, shot: Shot, meter: Meter, *, motion: M
     return _judged(found)
 
 
-def _judged(found: Check, *reasons: str) -> Check:
+def _judged(found: QualityCheck, *reasons: str) -> QualityCheck:
     """Derive the verdict and its reasons from the figures."""
     lead = np.inf if found.lead is None else found.lead
     ringing = found.ringing / (2.0 if CLEAR_LEAD < lead < np.inf else 1.0)
-    bad = (lead < BAD_LEAD and found.rival not in LARGER) or ringing > BAD_RINGING
+    bad = (lead < BAD_LEAD and found.alternative not in LARGER) or ringing > BAD_RINGING
     said = list(reasons)
-    if lead < DOUBTFUL_LEAD and found.rival is not None:
+    if lead < DOUBTFUL_LEAD and found.alternative is not None:
         said.append(
-            f"The motion {'does' if bad else 'may'} not fit. The picture is explained better by {HINTS[found.rival]}"
+            f"The motion {'does' if bad else 'may'} not fit. The picture is explained better by "
+            f"{HINTS[found.alternative]}"
         )
     if ringing > DOUBTFUL_RINGING:
         said.append(f"The result rings: light below black is {found.ringing:.1%} of the picture's contrast.")
@@ -235,14 +244,14 @@ def _neighbouring(score: FloatArray) -> FloatArray:
 class _Tiles:
     """Some tiles of a picture, reduced by a whole factor, with the PSFs there; colours are averaged."""
 
-    def __init__(self, stored: Stored, shot: Shot, step: int, motion: Motion) -> None:
+    def __init__(self, encoded: EncodedImage, capture: Capture, step: int, motion: Motion) -> None:
         self._step = step
-        self._corners = [_spread(n // step) for n in stored.shape[:2]]
-        self._blurred, finest = self._cells(stored)
+        self._corners = [_spread(n // step) for n in encoded.shape[:2]]
+        self._blurred, finest = self._cells(encoded)
         self._noise = noise_level(_mosaic(finest)[..., None])
         rows, cols = (corners + (CELL + 1) / 2 for corners in self._corners)
-        smaller = replace(shot, camera=shot.camera.scaled(1 / step))
-        self._paths = BlurPaths.from_shot(smaller, rows, cols, motion=motion)
+        smaller = replace(capture, camera=capture.camera.scaled(1 / step))
+        self._paths = BlurPaths.from_capture(smaller, rows, cols, motion=motion)
         self._kernels = PsfBank.from_paths(self._paths).kernels
 
     @property
@@ -250,23 +259,25 @@ class _Tiles:
         """Whether the tiles show more than noise, which reducing them made weaker."""
         return float(self._blurred.std()) > max(LEAST_DETAIL * self._noise / self._step, 1e-6)
 
-    def _cells(self, stored: Stored) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def _cells(self, encoded: EncodedImage) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Read the tiles, each with a pixel before it: reduced, and as much unreduced; shape (B, S, CELL, CELL)."""
         tops, lefts = (corners * self._step for corners in self._corners)
         reduced, finest = np.empty((2, len(tops), len(lefts), CELL, CELL), dtype=np.float32)
-        channels, side = stored.shape[2], CELL * self._step
+        channels, side = encoded.shape[2], CELL * self._step
         for b, top in enumerate(tops):
             for s, left in enumerate(lefts):
-                values = stored.values[top : top + side, left : left + side, :channels]
-                cell = Stored(values, stored.transfer).light(slice(None)) @ np.full(channels, 1 / channels, np.float32)
+                values = encoded.values[top : top + side, left : left + side, :channels]
+                cell = EncodedImage(values, encoded.transfer).linear(slice(None)) @ np.full(
+                    channels, 1 / channels, np.float32
+                )
                 finest[b, s] = cell[:CELL, :CELL]
                 reduced[b, s] = cell.reshape(CELL, self._step, CELL, self._step).mean(axis=(1, 3))
         return reduced, finest
 
-    def rivals(self) -> dict[str, FloatArray]:
-        """Return how many nats likelier than under each rival the tiles are, mean of each row of tiles, shape (B,)."""
+    def alternatives(self) -> dict[str, FloatArray]:
+        """Return the lead of the motion over each alternative in nats, mean of each row of tiles, shape (B,)."""
         places = [np.arange(len(corners)) * CELL + 1 for corners in self._corners]
-        fit = partial(Measured(_mosaic(self._blurred), *places).fit, gains=GAINS, noises=NOISES)
+        fit = partial(TilePeriodograms(_mosaic(self._blurred), *places).fit, gains=GAINS, noises=NOISES)
         claimed = fit(self._kernels)
 
         def lead(kernels: NDArray[np.float32]) -> FloatArray:
@@ -287,7 +298,7 @@ class _Tiles:
             **{f"{size:g} times": lead(PsfBank.from_paths(paths).kernels) for size, paths in sized.items()},
         }
 
-    def compare(self, result: Stored, *, resampled: bool) -> tuple[float | None, float | None]:
+    def compare(self, result: EncodedImage, *, resampled: bool) -> tuple[float | None, float | None]:
         """Return the result's noise over the input's, and how far the result blurred again is from the input."""
         sharp, finest = self._cells(result)
         gain = noise_level(_mosaic(finest)[..., None]) / self._noise if self._noise > 0 else None
@@ -326,19 +337,19 @@ def _lines() -> list[NDArray[np.float32]]:
     return [kernel[None, None] for kernel in rasterize(np.stack(paths), half, half)]
 
 
-def fall_back(stored: Stored, check: Check, out: NDArray[Any]) -> Check:
+def fall_back(encoded: EncodedImage, check: QualityCheck, out: NDArray[Any]) -> QualityCheck:
     """Blend `out`, upright like the picture, towards the input where the check found it bad; light is blended."""
-    height = stored.shape[0]
+    height = encoded.shape[0]
     share = np.maximum(
         _share(check.ringings, height, DOUBTFUL_RINGING, BAD_RINGING),
         _share(check.leads, height, DOUBTFUL_LEAD, BAD_LEAD),
     )
-    sharp = Stored(out, stored.transfer)
+    sharp = EncodedImage(out, encoded.transfer)
     for top in range(0, height, CELL):
         rows = slice(top, min(top + CELL, height))
         if share[rows].any():
             weight = share[rows, None, None].astype(np.float32)
-            stored.put(weight * stored.light(rows) + (1 - weight) * sharp.light(rows), rows, out)
+            encoded.encode(weight * encoded.linear(rows) + (1 - weight) * sharp.linear(rows), rows, out)
     return replace(check, blended=True)
 
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rsdeblur.kernels.shrink import gradient
-
-Picture = NDArray[np.float32]
+from rsdeblur.types import FloatImage
 
 # Side of the blocks whose noise is estimated one by one, px.
 BLOCK = 64
@@ -15,7 +13,7 @@ BLOCK = 64
 MEDIAN = 0.67449
 
 
-def noise_level(light: Picture) -> float:
+def noise_level(light: FloatImage) -> float:
     """Estimate the standard deviation of the noise: the root mean square over the picture and its channels.
 
     Noise that is even in stored values, or comes from photons, is stronger in bright light, and none is left where the
@@ -43,7 +41,7 @@ def noise_level(light: Picture) -> float:
     return max(_blockwise(light), 0.5 * 2.0 * _blockwise(halved(light)))
 
 
-def gradient_energy(light: Picture, noise: float) -> float:
+def gradient_energy(light: FloatImage, noise: float) -> float:
     """Mean squared gradient of a picture at half its size, over both directions and all channels, without the noise's.
 
     At half the size it can be told from noise four times better than at full size.
@@ -63,17 +61,17 @@ def gradient_energy(light: Picture, noise: float) -> float:
     return float(max(energy - of_noise, 0.1 * energy))
 
 
-def halved(light: Picture) -> Picture:
+def halved(light: FloatImage) -> FloatImage:
     """Average 2 x 2 pixels; an odd last row or column is left out. A picture of a single one is returned as it is."""
     if min(light.shape[:2]) < 2:
         return light
     height, width = (n - n % 2 for n in light.shape[:2])
     even = light[:height, :width]
-    mean: Picture = 0.25 * (even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2])
+    mean: FloatImage = 0.25 * (even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2])
     return mean
 
 
-def _blockwise(light: Picture) -> float:
+def _blockwise(light: FloatImage) -> float:
     """Root mean square of the noise estimates of all blocks and channels."""
     # (1, -2, 1) along both axes: 36 times the variance of white noise.
     rough = np.abs(np.diff(np.diff(light, n=2, axis=0), n=2, axis=1)) / 6

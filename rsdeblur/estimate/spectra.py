@@ -9,13 +9,13 @@ import scipy.fft
 from numpy.typing import NDArray
 from skimage.transform import resize
 
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import InputError
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.paths import BlurPaths, Shot
+from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatArray
 
 # Side of the tiles whose spectra are compared, px, and how far they overlap. Small ones keep the PSF constant within.
 TILE = 64
@@ -62,7 +62,7 @@ class TileSpectra:
         grey = np.rot90(grey, -1) if self._quarter else grey
         tops, lefts = (_places(n) for n in grey.shape)
         self._rows, self._cols = tops + (TILE - 1) / 2, lefts + (TILE - 1) / 2
-        self._measured = Measured(grey, tops, lefts)
+        self._measured = TilePeriodograms(grey, tops, lefts)
 
     def score(self, log: GyroLog, camera: Camera, exposure: Exposure) -> FloatArray:
         """Return the negative log-likelihood, in nats, of every tile under this motion.
@@ -73,12 +73,12 @@ class TileSpectra:
             If the log does not describe the exposure.
         """
         small = camera.scaled(self._scale)
-        shot = Shot.from_log(log, small.turned() if self._quarter else small, exposure)
-        bank = PsfBank.from_paths(BlurPaths.from_shot(shot, self._rows, self._cols))
+        capture = Capture.from_log(log, small.turned() if self._quarter else small, exposure)
+        bank = PsfBank.from_paths(BlurPaths.from_capture(capture, self._rows, self._cols))
         return self._measured.fit(bank.kernels).ravel()
 
 
-class Measured:
+class TilePeriodograms:
     """Periodograms of tiles of a picture, and how likely they are under given PSFs.
 
     Parameters

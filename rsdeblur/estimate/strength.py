@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from rsdeblur._util import validate
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.deconv.priors import Prior
 from rsdeblur.estimate.noise import gradient_energy, noise_level
 from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatArray
 
 # All constants: docs/benchmarks/priors.md. Results are judged as stored, where shadows count more than bright light and
 # so does noise that is even in light; and pictures hold less of the finest detail than a lens leaves. Both together:

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.estimate.spectra import TileSpectra
-from rsdeblur.image.encoded import Stored, check_size
+from rsdeblur.image.encoded import EncodedImage, check_size
 from rsdeblur.image.transfer import Transfer, check_transfer
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.types import FloatArray, Progress
 
 # Longer side of the reduced picture in the coarse and in the fine search, px, and the steps there, s.
 COARSE_SIDE, COARSE_STEP = 320, 4e-3
@@ -36,8 +36,6 @@ RESAMPLES = 200
 # Least lead over any other answer, in nats over the whole picture: a constant rate gives every offset the same PSF.
 LEAST_LEAD = 30.0
 CONFIDENT = 0.8
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,9 +113,9 @@ def find_time_offset(
     first, last = (validate.finite("search", end) for end in search)
     if last - first < 2 * COARSE_STEP:
         raise InputError(f"search must span at least {2 * COARSE_STEP:g} s, got {first:g} to {last:g}")
-    stored = Stored.of(image, check_transfer(transfer), quarter=False)
-    check_size(stored.shape, camera)
-    light = stored.light(slice(None)).mean(2)
+    encoded = EncodedImage.of(image, check_transfer(transfer), quarter=False)
+    check_size(encoded.shape, camera)
+    light = encoded.linear(slice(None)).mean(2)
 
     capture = log, camera, exposure
     whole = np.arange(0, round((last - first) / FINE_STEP) + 1, round(COARSE_STEP / FINE_STEP))

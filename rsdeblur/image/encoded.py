@@ -19,7 +19,7 @@ ROWS = 64
 
 
 @dataclass(frozen=True, slots=True)
-class Stored:
+class EncodedImage:
     """A picture whose readout runs along y: values as stored, with how they code light.
 
     Parameters
@@ -34,7 +34,7 @@ class Stored:
     transfer: Transfer
 
     @classmethod
-    def of(cls, image: ArrayLike, transfer: Transfer, *, quarter: bool) -> Stored:
+    def of(cls, image: ArrayLike, transfer: Transfer, *, quarter: bool) -> EncodedImage:
         """Check a picture, and turn it a quarter if its readout is horizontal; nothing is copied.
 
         Raises
@@ -55,7 +55,7 @@ class Stored:
         height, width, channels = self.values.shape
         return height, width, channels - (channels in (2, 4))
 
-    def light(self, rows: slice) -> NDArray[np.float32]:
+    def linear(self, rows: slice) -> NDArray[np.float32]:
         """Return linear light of `rows`, without alpha.
 
         Raises
@@ -67,13 +67,13 @@ class Stored:
         rows = slice(*rows.indices(height)[:2])
         light = np.empty((rows.stop - rows.start, width, channels), dtype=np.float32)
         for here, there in _blocks(rows):
-            stored = _as_float(self.values[there, :, :channels])
-            if not np.isfinite(stored).all():
+            encoded = _as_float(self.values[there, :, :channels])
+            if not np.isfinite(encoded).all():
                 raise InputError("image must be finite")
-            light[here] = to_linear(stored, self.transfer)
+            light[here] = to_linear(encoded, self.transfer)
         return light
 
-    def put(self, light: NDArray[np.float32], rows: slice, out: NDArray[Any]) -> None:
+    def encode(self, light: NDArray[np.float32], rows: slice, out: NDArray[Any]) -> None:
         """Encode `light` as `rows` of `out`, which is upright like the picture, and copy alpha.
 
         Results are clipped to [0, 1] if the picture or `out` holds integers, and rounded if `out` does.
@@ -151,7 +151,7 @@ def reduced(image: ArrayLike, camera: Camera, side: int) -> tuple[NDArray[np.flo
     InputError
         If it is not a picture, or not the camera's.
     """
-    values = _as_float(Stored.of(image, "linear", quarter=False).values)
+    values = _as_float(EncodedImage.of(image, "linear", quarter=False).values)
     check_size(values.shape, camera)
     scale = validate.count("side", side) / max(values.shape[:2])
     if scale < 1:

@@ -28,10 +28,10 @@ from scipy import ndimage
 
 from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.errors import InputError
-from rsdeblur.image.encoded import Stored
+from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatImage
 
-Picture = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Saturation = Literal["ignore", "auto"]
 SATURATIONS: tuple[Saturation, ...] = ("ignore", "auto")
@@ -76,12 +76,12 @@ class Patch(NamedTuple):
 
     rows: slice
     cols: slice
-    highlights: Picture
-    rest: Picture
+    highlights: FloatImage
+    remainder: FloatImage
 
 
 @dataclass(frozen=True, slots=True)
-class Parted:
+class HighlightSplit:
     """A picture without its highlights, which are kept aside.
 
     Parameters
@@ -92,29 +92,33 @@ class Parted:
         Boxes that hold highlights; they do not overlap.
     """
 
-    stored: Stored
+    encoded: EncodedImage
     patches: tuple[Patch, ...] = ()
 
-    def rest(self, rows: slice, step: int = 1) -> Picture:
+    def remainder(self, rows: slice, step: int = 1) -> FloatImage:
         """Return linear light of `rows` without highlights; with `step` of every so manieth of them and of columns."""
-        first, stop, _ = rows.indices(self.stored.shape[0])
-        light = replace(self.stored, values=self.stored.values[first:stop:step, ::step]).light(slice(None))
+        first, stop, _ = rows.indices(self.encoded.shape[0])
+        light = replace(self.encoded, values=self.encoded.values[first:stop:step, ::step]).linear(slice(None))
         for patch in self.patches:
             top, bottom = max(patch.rows.start, first), min(patch.rows.stop, stop)
             if top >= bottom:
                 continue
             down, across = -(top - first) % step, -patch.cols.start % step
-            part = patch.rest[top - patch.rows.start + down : bottom - patch.rows.start : step, across::step]
+            separate_highlights = patch.remainder[
+                top - patch.rows.start + down : bottom - patch.rows.start : step, across::step
+            ]
             row, col = (top - first + down) // step, (patch.cols.start + across) // step
-            light[row : row + part.shape[0], col : col + part.shape[1]] = part
+            light[row : row + separate_highlights.shape[0], col : col + separate_highlights.shape[1]] = (
+                separate_highlights
+            )
         return light
 
     @property
     def nbytes(self) -> int:
         """Memory that the patches take."""
-        return sum(patch.highlights.nbytes + patch.rest.nbytes for patch in self.patches)
+        return sum(patch.highlights.nbytes + patch.remainder.nbytes for patch in self.patches)
 
-    def give_back(self, light: Picture, first: int) -> None:
+    def add_highlights(self, light: FloatImage, first: int) -> None:
         """Add the highlights to sharp `light`, rows of the picture from `first` on."""
         for patch in self.patches:
             top, bottom = max(patch.rows.start, first), min(patch.rows.stop, first + light.shape[0])
@@ -143,25 +147,25 @@ def clipped(values: NDArray[Any]) -> Mask:
     return near & full[spots][..., None]
 
 
-def find_spots(stored: Stored) -> list[Spot]:
+def find_spots(encoded: EncodedImage) -> list[Spot]:
     """Return the clipped spots of a picture; those that cross rows at which the look is cut come in pieces."""
-    height, width, channels = stored.shape
-    values = stored.values[..., :channels]
+    height, width, channels = encoded.shape
+    values = encoded.values[..., :channels]
     if values.dtype.kind != "u" and values.max() > 1:
         return []
     rows = max(1, LOOKED_AT // width)
     return [spot for top in range(0, height, rows) for spot in _spots(clipped(values[top : top + rows]), top)]
 
 
-def part(
-    stored: Stored,
+def separate_highlights(
+    encoded: EncodedImage,
     spots: list[Spot],
     bank: PsfBank,
     *,
     threads: int | None = None,
     max_memory: int | None = None,
     progress: Callable[[float], None] | None = None,
-) -> Parted:
+) -> HighlightSplit:
     """Take the highlights out of a picture.
 
     Parameters
@@ -186,20 +190,20 @@ def part(
     """
     widest = (WIDEST * max(bank.size)) ** 2
     spots = [spot for spot in spots if spot.lost.any(axis=2).sum() <= widest]
-    near = list(_boxes(stored, spots, bank))
+    near = list(_boxes(encoded, spots, bank))
     _check_memory(near, max_memory)
     trails = [spot for box in near for spot in _trails(box, threads)]
-    boxes = list(_boxes(stored, trails, bank))
+    boxes = list(_boxes(encoded, trails, bank))
     _check_memory(boxes, max_memory)
     patches: list[Patch] = []
     for n, box in enumerate(boxes):
         patches.append(_patch(box, threads))
         if progress is not None:
             progress((n + 1) / len(boxes))
-    return Parted(stored, tuple(patches))
+    return HighlightSplit(encoded, tuple(patches))
 
 
-def filled(light: Picture, spoiled: Mask) -> Picture:
+def filled(light: FloatImage, spoiled: Mask) -> FloatImage:
     """Fill pixels (H, W) that are spoiled, in any channel, with the nearest others, smoothed."""
     if not spoiled.any() or spoiled.all():
         return light
@@ -214,7 +218,7 @@ class _Box:
 
     rows: slice
     cols: slice
-    stored: Stored
+    encoded: EncodedImage
     spots: list[Spot]
     bank: PsfBank
 
@@ -226,17 +230,17 @@ class _Box:
     @property
     def size(self) -> int:
         """Number of values."""
-        height, width, channels = *self.shape, self.stored.shape[2]
+        height, width, channels = *self.shape, self.encoded.shape[2]
         return height * width * channels
 
     @property
-    def light(self) -> Picture:
+    def linear(self) -> FloatImage:
         """Linear light, shape (h, w, C)."""
-        return replace(self.stored, values=self.stored.values[self.rows, self.cols]).light(slice(None))
+        return replace(self.encoded, values=self.encoded.values[self.rows, self.cols]).linear(slice(None))
 
     def lost(self) -> tuple[Mask, NDArray[np.int32]]:
         """Return which values of the spots are clipped (h, w, C), and the number of each pixel's spot, from 1."""
-        lost = np.zeros((*self.shape, self.stored.shape[2]), dtype=np.bool_)
+        lost = np.zeros((*self.shape, self.encoded.shape[2]), dtype=np.bool_)
         numbers = np.zeros(self.shape, dtype=np.int32)
         for number, spot in enumerate(self.spots, 1):
             rows, cols = _from(self.rows.start, spot.rows), _from(self.cols.start, spot.cols)
@@ -248,7 +252,7 @@ class _Box:
         """Plan the blur in the box."""
         bank = self.bank.cut(self.rows, self.cols)
         bank = replace(bank, rows=bank.rows - self.rows.start, cols=bank.cols - self.cols.start)
-        return TileBlur(bank, (*self.shape, self.stored.shape[2]), threads=threads)
+        return TileBlur(bank, (*self.shape, self.encoded.shape[2]), threads=threads)
 
 
 def _spots(lost: Mask, top: int) -> Iterator[Spot]:
@@ -260,9 +264,9 @@ def _spots(lost: Mask, top: int) -> Iterator[Spot]:
         yield Spot(_from(-top, rows), cols, own)
 
 
-def _boxes(stored: Stored, spots: list[Spot], bank: PsfBank) -> Iterator[_Box]:
+def _boxes(encoded: EncodedImage, spots: list[Spot], bank: PsfBank) -> Iterator[_Box]:
     """Yield boxes around spots; where they would overlap they are one."""
-    shape = stored.shape[:2]
+    shape = encoded.shape[:2]
     reach_down, reach_across = (n + MARGIN for n in bank.size)
     covered = np.zeros([-(-n // CELL) for n in shape], dtype=np.bool_)
     for spot in spots:
@@ -281,12 +285,12 @@ def _boxes(stored: Stored, spots: list[Spot], bank: PsfBank) -> Iterator[_Box]:
         owned[numbers[spot.rows.start // CELL, spot.cols.start // CELL] - 1].append(spot)
     for own, place in zip(owned, places, strict=True):
         rows, cols = (slice(CELL * p.start, min(CELL * p.stop, n)) for p, n in zip(place, shape, strict=True))
-        yield _Box(rows, cols, stored, own, bank)
+        yield _Box(rows, cols, encoded, own, bank)
 
 
-def _cells(part: slice, reach: int) -> slice:
+def _cells(separate_highlights: slice, reach: int) -> slice:
     """Return the cells within `reach` px of a part of an axis."""
-    return slice(max(part.start - reach, 0) // CELL, -(-(part.stop + reach) // CELL))
+    return slice(max(separate_highlights.start - reach, 0) // CELL, -(-(separate_highlights.stop + reach) // CELL))
 
 
 def _check_memory(boxes: list[_Box], max_memory: int | None) -> None:
@@ -309,13 +313,13 @@ def _trails(box: _Box, threads: int | None) -> list[Spot]:
     sent = box.blur(threads).adjoint(lost.astype(np.float32)).max(axis=2)
     kept = ndimage.mean(sent > MOSTLY, numbers, each) < WALL
     if kept.any():
-        kept &= ndimage.mean(_around(box.light, lost).mean(axis=2), numbers, each) < BRIGHT
+        kept &= ndimage.mean(_around(box.linear, lost).mean(axis=2), numbers, each) < BRIGHT
     return [spot for spot, keep in zip(box.spots, kept, strict=True) if keep]
 
 
 def _patch(box: _Box, threads: int | None) -> Patch:
     """Part a box by Richardson-Lucy."""
-    light, (lost, _), blur = box.light, box.lost(), box.blur(threads)
+    light, (lost, _), blur = box.linear, box.lost(), box.blur(threads)
     # One place for all channels, or highlights would have coloured fringes.
     possible = (blur.adjoint(lost.astype(np.float32)) > SEEN).any(axis=2, keepdims=True)
     around = _around(light, lost).clip(DARK)
@@ -335,7 +339,7 @@ def _spoiled(lost: Mask) -> Mask:
     return spoiled
 
 
-def _around(light: Picture, lost: Mask) -> Picture:
+def _around(light: FloatImage, lost: Mask) -> FloatImage:
     """Return the light that clipped spots would have without highlights."""
     return np.minimum(filled(light, _spoiled(lost)), light)
 
@@ -346,6 +350,6 @@ def _any(mask: Mask) -> Mask:
     return any_channel
 
 
-def _from(start: int, part: slice) -> slice:
+def _from(start: int, separate_highlights: slice) -> slice:
     """Count from `start`."""
-    return slice(part.start - start, part.stop - start)
+    return slice(separate_highlights.start - start, separate_highlights.stop - start)

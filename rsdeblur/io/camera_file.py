@@ -38,7 +38,7 @@ class Request:
     fps: float | None = None
 
 
-class Doubt(NamedTuple):
+class Assumption(NamedTuple):
     """Something that was assumed because a file does not say it."""
 
     about: str
@@ -58,25 +58,25 @@ class CameraFile:
         Name of the file's format.
     facts : mapping
         What else the file says, for reports.
-    doubts : tuple of Doubt
+    doubts : tuple of Assumption
         What was assumed because the file does not say it.
     """
 
     camera: Camera
     format: str
     facts: Mapping[str, Any] = field(default_factory=dict)
-    doubts: tuple[Doubt, ...] = ()
+    assumptions: tuple[Assumption, ...] = ()
 
-    def told(self, **given: Any) -> CameraFile:
+    def with_overrides(self, **given: Any) -> CameraFile:
         """Return the file with keys of its camera replaced, None keeping one, and what was doubted of them settled."""
         given = {key: value for key, value in given.items() if value is not None}
-        doubts = tuple(doubt for doubt in self.doubts if doubt.about not in given)
-        return replace(self, camera=replace(self.camera, **given), doubts=doubts)
+        assumptions = tuple(assumption for assumption in self.assumptions if assumption.about not in given)
+        return replace(self, camera=replace(self.camera, **given), assumptions=assumptions)
 
     def warn(self, path: object, *, stacklevel: int = 2) -> Camera:
         """Return the camera, with a warning for each doubt."""
-        for doubt in self.doubts:
-            warnings.warn(f"{path}: {doubt.text}", RsdeblurWarning, stacklevel=stacklevel + 1)
+        for assumption in self.assumptions:
+            warnings.warn(f"{path}: {assumption.text}", RsdeblurWarning, stacklevel=stacklevel + 1)
         return self.camera
 
     def fitted(self, size: tuple[int, int] | None) -> CameraFile:
@@ -91,21 +91,21 @@ class CameraFile:
         width, height = size
         if abs(width * camera.height / (height * camera.width) - 1) < SAME_SHAPE:
             return replace(self, camera=camera.resized(width, height))
-        cx, cy = camera.principal
+        cx, cy = camera.principal_point
         along = width / camera.width if camera.horizontal_readout else height / camera.height
         cut = replace(
             camera,
             width=width,
             height=height,
-            principal=(cx + (width - camera.width) / 2, cy + (height - camera.height) / 2),
-            readout=camera.readout * along,
+            principal_point=(cx + (width - camera.width) / 2, cy + (height - camera.height) / 2),
+            readout_time=camera.readout_time * along,
         )
-        doubt = Doubt(
-            "focal",
+        assumption = Assumption(
+            "focal_length",
             f"{width}x{height} has another shape than the file's {camera.width}x{camera.height}: taken as cut out of "
             "its middle, with the same focal length in px; if the camera scales its picture, give the scale",
         )
-        return replace(self, camera=cut, doubts=(*self.doubts, doubt))
+        return replace(self, camera=cut, assumptions=(*self.assumptions, assumption))
 
 
 def write_time_offset(path: str | os.PathLike[str], time_offset: float) -> None:

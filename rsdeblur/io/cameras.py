@@ -12,7 +12,7 @@ from typing import Any
 
 from rsdeblur.errors import InputError
 from rsdeblur.io import kalibr, lens_profiles
-from rsdeblur.io.camera_file import CameraFile, Doubt, Request
+from rsdeblur.io.camera_file import Assumption, CameraFile, Request
 from rsdeblur.io.exif import MAKE, MODEL, ZOOM, Exif
 from rsdeblur.io.formats import Format, choose
 from rsdeblur.io.pictures import is_picture, read_header
@@ -113,25 +113,25 @@ def _read_exif(source: Source, request: Request) -> CameraFile:
     exif = Exif(block)
     axes = "phone-landscape" if width >= height else "phone-portrait"
     try:
-        focal, origin = exif.focal_px(width, height)
-        camera = Camera(width, height, focal, imu_to_camera=axes)
+        focal_length, origin = exif.focal_px(width, height)
+        camera = Camera(width, height, focal_length, imu_to_camera=axes)
     except InputError as error:
         raise source.error(f"{error}; calibrate the camera, or give its focal length: rsdeblur camera new") from error
-    doubts = [
-        Doubt(
-            "focal",
-            f"the focal length of {focal:.0f} px is estimated from EXIF ({origin}), within some percent at best",
+    assumptions = [
+        Assumption(
+            "focal_length",
+            f"the focal length of {focal_length:.0f} px is estimated from EXIF ({origin}), within some percent at best",
         ),
-        Doubt("readout", "EXIF does not tell the readout time, and 0 is taken; give it if the shutter rolls"),
-        Doubt("imu_to_camera", f"EXIF does not tell how the gyro sits, and {axes} is taken"),
+        Assumption("readout_time", "EXIF does not tell the readout time, and 0 is taken; give it if the shutter rolls"),
+        Assumption("imu_to_camera", f"EXIF does not tell how the gyro sits, and {axes} is taken"),
     ]
     zoom = exif.number(ZOOM)
     if zoom and zoom > 1:
         text = f"the picture was zoomed {zoom:.3g} times; the 35 mm equivalent may or may not include it"
-        doubts.append(Doubt("focal", text))
+        assumptions.append(Assumption("focal_length", text))
     facts: dict[str, Any] = {"make": exif.text(MAKE), "model": exif.text(MODEL), "orientation": exif.orientation}
     facts["exposure_s"] = exif.exposure
-    file = CameraFile(camera, "exif", {key: value for key, value in facts.items() if value}, tuple(doubts))
+    file = CameraFile(camera, "exif", {key: value for key, value in facts.items() if value}, tuple(assumptions))
     return file.fitted(request.size)
 
 

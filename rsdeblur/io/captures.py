@@ -66,7 +66,7 @@ def read_captures(path: str | os.PathLike[str], *, duration: float | None = None
     -------
     list of Exposure
         Each with `start` 0 and the capture's stamp, exact, as `epoch_ns`. What the stamp marks is the camera's
-        `stamp`: by default the start of exposure of the first row, which is what Android documents.
+        `timestamp_marks`: by default the start of exposure of the first row, which is what Android documents.
 
     Raises
     ------

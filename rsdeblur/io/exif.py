@@ -77,9 +77,9 @@ class Exif:
         film = self.number(FOCAL_LENGTH_35)
         if film:
             return film / FILM_DIAGONAL * math.hypot(width, height), f"35 mm equivalent {film:g} mm"
-        focal, resolution = self.number(FOCAL_LENGTH), self.number(PLANE_RESOLUTION)
+        focal_length, resolution = self.number(FOCAL_LENGTH), self.number(PLANE_RESOLUTION)
         millimetres = PLANE_UNITS.get(int(self.number(PLANE_UNIT) or 2))
-        if focal and resolution and millimetres:
+        if focal_length and resolution and millimetres:
             across = self.number(PIXELS_ACROSS) or max(width, height)
             low, high = SENSOR_WIDTHS
             sensor = across * millimetres / resolution
@@ -89,8 +89,11 @@ class Exif:
                 )
             # The resolution is that of the picture as the camera took it.
             scale = max(width, height) / across
-            return focal * resolution / millimetres * scale, f"{focal:g} mm at {resolution / millimetres:.1f} px/mm"
+            return (
+                focal_length * resolution / millimetres * scale,
+                f"{focal_length:g} mm at {resolution / millimetres:.1f} px/mm",
+            )
         raise InputError(
             "EXIF tells no focal length in px: neither the 35 mm equivalent nor the focal plane's resolution"
-            + (f", only {focal:g} mm" if focal else "")
+            + (f", only {focal_length:g} mm" if focal_length else "")
         )

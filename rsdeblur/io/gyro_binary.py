@@ -115,14 +115,14 @@ def _video_samples(
     first = blocks[0].get("Default", {}) if blocks else {}
     facts: dict[str, Any] = {"camera": camera}
     with contextlib.suppress(TypeError, ValueError, KeyError):
-        facts["readout_s"] = float(first[GOPRO_READOUT]) / 1e3
+        facts["readout_time_s"] = float(first[GOPRO_READOUT]) / 1e3
     exposures = [seconds for block in blocks for seconds in block.get("Exposure", {}).get("Data", [])]
     if exposures and all(isinstance(seconds, float) for seconds in exposures):
         facts["exposures_s"] = [min(exposures), max(exposures)]
-    doubts = []
+    cautions = []
     if first.get(GOPRO_STABILISED) == "Y":
         facts["stabilised"] = first.get(GOPRO_STABILISER, "yes")
-        doubts.append(
+        cautions.append(
             f"the camera stabilised the video itself ({facts['stabilised']}): its picture does not move as the camera "
             "did, so its blur cannot be computed from the gyro alone; record without stabilisation"
         )
@@ -133,18 +133,18 @@ def _video_samples(
     # telemetry-parser spreads the samples evenly, from zero at the first one, which no frame is tied to.
     facts["time_zero"] = "the first gyro sample, not the first frame"
 
-    def fault(message: str, i: int) -> FileFormatError:
+    def error_at(message: str, i: int) -> FileFormatError:
         return source.error(f"gyro sample {i}: {message}")
 
     return Samples(
-        nanoseconds(stamps, fault),
+        nanoseconds(stamps, error_at),
         rates,
-        fault,
+        error_at,
         rate_unit="deg/s",
         axes="gyroflow",
         time_unit="ms",
         facts=facts,
-        doubts=doubts,
+        cautions=cautions,
     )
 
 

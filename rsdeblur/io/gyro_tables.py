@@ -13,10 +13,10 @@ from decimal import Decimal
 
 import numpy as np
 
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.io.formats import Format, text_format
 from rsdeblur.io.samples import Axes, Samples, table_samples
 from rsdeblur.io.text import Table, TextFile, cells_of, is_number, read_table, separator_of
+from rsdeblur.types import FloatArray
 
 # Nanoseconds in each unit of time a log may use.
 TIME_UNITS = {"s": Decimal(10**9), "ms": Decimal(10**6), "us": Decimal(10**3), "ns": Decimal(1)}

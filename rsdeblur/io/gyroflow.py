@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io.formats import Format, text_format
 from rsdeblur.io.samples import Samples, nanoseconds, table_samples
 from rsdeblur.io.source import Source, unpacked_limit
 from rsdeblur.io.text import NUMBER, Rows, TextFile, cells_of, read_table
 from rsdeblur.motion.axes import orientation
+from rsdeblur.types import FloatArray
 
 TITLES = ("GYROFLOW IMU LOG", "CAMERA IMU LOG")
 # What Gyroflow takes for a log that does not say how its sensor sits.
@@ -47,16 +47,16 @@ def readout_of(table: Mapping[str, Any]) -> dict[str, Any]:
     Older files say "bottom to top" by a negative time.
     """
     try:
-        readout = float(table["frame_readout_time"]) / 1e3
+        readout_time = float(table["frame_readout_time"]) / 1e3
     except (KeyError, TypeError, ValueError):
         return {}
-    if not np.isfinite(readout) or readout == 0:
+    if not np.isfinite(readout_time) or readout_time == 0:
         return {}
     said = str(table.get("frame_readout_direction", "")).lower()
     direction = next((name for name, words in DIRECTIONS.items() if said in words), "top-down")
-    if readout < 0 and direction == "top-down":
+    if readout_time < 0 and direction == "top-down":
         direction = "bottom-up"
-    return {"readout_s": abs(readout), "readout_direction": direction}
+    return {"readout_time_s": abs(readout_time), "readout_direction": direction}
 
 
 def _sniff_gcsv(text: TextFile) -> bool:
@@ -95,7 +95,7 @@ def _gcsv_samples(text: TextFile, rows: Rows, places: list[int], keys: dict[str,
     table = read_table(text, rows, places)
     named = ("version", "id", "vendor", "videofilename", "lensprofile", "lens_info", "timestamp")
     facts = {"orientation": letters, **readout_of(said), **{key: said[key] for key in named if key in said}}
-    doubts = [] if "orientation" in keys else [_without_orientation(letters)]
+    cautions = [] if "orientation" in keys else [_without_orientation(letters)]
     return table_samples(
         table,
         table.nanoseconds(tscale * 10**9),
@@ -104,7 +104,7 @@ def _gcsv_samples(text: TextFile, rows: Rows, places: list[int], keys: dict[str,
         scale=gscale,
         turn=turn,
         facts=facts,
-        doubts=doubts,
+        cautions=cautions,
     )
 
 
@@ -149,7 +149,7 @@ def _project_samples(source: Source, project: dict[str, Any]) -> Samples:
         raise source.error(f"the project was saved without gyro data; give the file they come from: {origin}")
     t_ms, rates, unit = _decoded(source, raw)
     letters = gyro.get("imu_orientation") or metadata.get("imu_orientation")
-    doubts = [] if letters else [_without_orientation(DEFAULT_ORIENTATION)]
+    cautions = [] if letters else [_without_orientation(DEFAULT_ORIENTATION)]
     try:
         turn = orientation(letters or DEFAULT_ORIENTATION)
     except InputError as error:
@@ -161,19 +161,19 @@ def _project_samples(source: Source, project: dict[str, Any]) -> Samples:
     pitch, roll, yaw = gyro.get("rotation") or (0, 0, 0)
     turn = Rotation.from_euler("xyz", (yaw, pitch, roll), degrees=True).as_matrix() @ turn
 
-    def fault(message: str, i: int) -> FileFormatError:
+    def error_at(message: str, i: int) -> FileFormatError:
         return source.error(f"sample {i}: {message}")
 
     return Samples(
-        nanoseconds(t_ms, fault),
+        nanoseconds(t_ms, error_at),
         rates + bias,
-        fault,
+        error_at,
         rate_unit=unit,
         axes="gyroflow",
         turn=turn,
         time_unit="ms",
         facts=_project_facts(project, metadata, letters or DEFAULT_ORIENTATION),
-        doubts=doubts,
+        cautions=cautions,
     )
 
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import FileFormatError, InputError
-from rsdeblur.io.camera_file import CameraFile, Doubt, Request
+from rsdeblur.io.camera_file import Assumption, CameraFile, Request
 from rsdeblur.io.source import Source
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.lens import Distortion
+from rsdeblur.types import FloatArray
 
 # Hardly any lens has its principal point that far off the middle, as a share of the picture's side.
 OFF_CENTRE = 0.1
@@ -53,11 +53,13 @@ def read(source: Source, request: Request) -> CameraFile:
         name = request.name or next(iter(cameras))
         if name not in cameras:
             raise source.error(f"there is no camera {name!r} in the file, only {', '.join(cameras)}")
-        doubts: list[Doubt] = []
+        assumptions: list[Assumption] = []
         if request.name is None and len(cameras) > 1:
-            doubts.append(Doubt("", f"the file has {len(cameras)} cameras ({', '.join(cameras)}); {name} is taken"))
-        camera = _camera(source, cameras[name], doubts)
-        return CameraFile(camera, "kalibr", {"camera": name}, tuple(doubts)).fitted(request.size)
+            assumptions.append(
+                Assumption("", f"the file has {len(cameras)} cameras ({', '.join(cameras)}); {name} is taken")
+            )
+        camera = _camera(source, cameras[name], assumptions)
+        return CameraFile(camera, "kalibr", {"camera": name}, tuple(assumptions)).fitted(request.size)
     except FileFormatError:
         raise
     except InputError as error:
@@ -131,7 +133,7 @@ def _of_maplab(entry: dict[str, Any]) -> dict[str, Any]:
     return renamed | ({"T_BS": entry["T_B_C"]} if "T_B_C" in entry else {})
 
 
-def _camera(source: Source, entry: dict[str, Any], doubts: list[Doubt]) -> Camera:
+def _camera(source: Source, entry: dict[str, Any], assumptions: list[Assumption]) -> Camera:
     model = str(entry.get("camera_model", "pinhole"))
     if not model.startswith("pinhole"):
         raise source.error(f"the camera model {model!r} is not supported, only pinhole; calibrate with pinhole-equi")
@@ -143,19 +145,21 @@ def _camera(source: Source, entry: dict[str, Any], doubts: list[Doubt]) -> Camer
     given, swapped = _decentred(cx / width, cy / height), _decentred(cx / height, cy / width)
     if given >= 0.5 > swapped or (given > OFF_CENTRE and swapped < given / 2):
         width, height = height, width
-        doubts.append(Doubt("", f"the resolution was swapped to {width}x{height}, where the principal point fits"))
+        assumptions.append(
+            Assumption("", f"the resolution was swapped to {width}x{height}, where the principal point fits")
+        )
     delay = float(entry.get("line_delay") or 0.0)
     if delay == 0:
         text = "the file has no line_delay, so a global shutter is taken; give the readout if the shutter rolls"
-        doubts.append(Doubt("readout", text))
+        assumptions.append(Assumption("readout_time", text))
     coefficients = entry.get("distortion_coeffs", entry.get("distortion_coefficients", []))
     return Camera(
         width,
         height,
         (fx, fy),
         (cx, cy),
-        readout=delay * height,
-        imu_to_camera=_imu_to_camera(entry, doubts),
+        readout_time=delay * height,
+        imu_to_camera=_imu_to_camera(entry, assumptions),
         # t_imu = t_cam + shift
         time_offset=0.0 - float(entry.get("timeshift_cam_imu") or 0.0),
         distortion_model=MODELS[kind],
@@ -168,7 +172,7 @@ def _decentred(x: float, y: float) -> float:
     return max(abs(x - 0.5), abs(y - 0.5))
 
 
-def _imu_to_camera(entry: dict[str, Any], doubts: list[Doubt]) -> FloatArray:
+def _imu_to_camera(entry: dict[str, Any], assumptions: list[Assumption]) -> FloatArray:
     """Rotation part of the transformation, which files give either way round."""
     if "T_cam_imu" in entry:
         return _rotation(entry["T_cam_imu"])
@@ -176,7 +180,7 @@ def _imu_to_camera(entry: dict[str, Any], doubts: list[Doubt]) -> FloatArray:
         if inverse in entry:
             return _rotation(entry[inverse]).T
     text = "the file does not say how the IMU sits (no T_cam_imu): its axes are taken as the camera's"
-    doubts.append(Doubt("imu_to_camera", text))
+    assumptions.append(Assumption("imu_to_camera", text))
     return np.eye(3)
 
 

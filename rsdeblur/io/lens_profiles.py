@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rsdeblur.errors import FileFormatError, InputError
-from rsdeblur.io.camera_file import CameraFile, Doubt, Request
+from rsdeblur.io.camera_file import Assumption, CameraFile, Request
 from rsdeblur.io.gyroflow import is_project, offset_ms, readout_of
 from rsdeblur.io.source import Source
 from rsdeblur.motion import lens
@@ -82,33 +82,33 @@ def _profile(source: Source, profile: dict[str, Any], request: Request) -> Camer
         (matrix[0, 0] / crop, matrix[1, 1] / crop),
         # Otherwise Gyroflow ignores what the calibration found.
         (matrix[0, 2], matrix[1, 2]) if asymmetrical else None,
-        readout=0.0 if global_shutter else timing.get("readout_s", 0.0),
+        readout_time=0.0 if global_shutter else timing.get("readout_time_s", 0.0),
         readout_direction=timing.get("readout_direction", "top-down"),
         imu_to_camera="gyroflow",
         distortion_model=model,
         distortion=() if model == "none" else k,
-        stamp="middle",
+        timestamp_marks="middle",
     )
     named = ("camera_brand", "camera_model", "lens_model", "camera_setting", "calibrated_by", "fps")
     facts = {key: profile[key] for key in named if profile.get(key)} | {"calibration_error_px": params.get("RMS_error")}
-    doubts = _readout_doubts(camera.readout, global_shutter)
-    corner = float(np.hypot(width / 2 / camera.focal[0], height / 2 / camera.focal[1]))
+    assumptions = _readout_assumptions(camera.readout_time, global_shutter)
+    corner = float(np.hypot(width / 2 / camera.focal_length[0], height / 2 / camera.focal_length[1]))
     if model == "fisheye" and corner > lens.reach(k):
         text = "the calibration does not reach the picture's corners, where the lens model is continued"
-        doubts += (Doubt("distortion", text),)
-    return CameraFile(camera, "gyroflow-lens", facts, doubts).fitted(request.size)
+        assumptions += (Assumption("distortion", text),)
+    return CameraFile(camera, "gyroflow-lens", facts, assumptions).fitted(request.size)
 
 
-def _readout_doubts(readout: float, global_shutter: bool) -> tuple[Doubt, ...]:
+def _readout_assumptions(readout_time: float, global_shutter: bool) -> tuple[Assumption, ...]:
     if global_shutter:
         return ()
     low, high = PLAUSIBLE_READOUT
-    text = f"the readout time of {1e3 * readout:.3g} ms was submitted by a user; treat it as a first guess"
-    if readout == 0:
+    text = f"the readout time of {1e3 * readout_time:.3g} ms was submitted by a user; treat it as a first guess"
+    if readout_time == 0:
         text = "the profile does not tell the readout time, and 0 is taken; give it if the shutter rolls"
-    elif not low <= readout <= high:
-        text = f"the readout time of {1e3 * readout:.3g} ms is implausible; users submit these, so measure it"
-    return (Doubt("readout", text),)
+    elif not low <= readout_time <= high:
+        text = f"the readout time of {1e3 * readout_time:.3g} ms is implausible; users submit these, so measure it"
+    return (Assumption("readout_time", text),)
 
 
 def _refuse_unmodelled(source: Source, profile: Mapping[str, Any]) -> None:
@@ -163,11 +163,13 @@ def _project(source: Source, project: dict[str, Any], request: Request) -> Camer
         request = Request((int(video["width"]), int(video["height"])), fps=request.fps or video.get("fps"))
     file = _profile(source, profile, request)
     offsets = [offset_ms(value) / 1e3 for value in (project.get("offsets") or {}).values()]
-    doubts = file.doubts
+    assumptions = file.assumptions
     if offsets and max(offsets) - min(offsets) > 1e-3:
         text = f"the clocks drift by {1e3 * (max(offsets) - min(offsets)):.1f} ms; their mean offset is taken"
-        doubts += (Doubt("time_offset", text),)
+        assumptions += (Assumption("time_offset", text),)
     if video.get("rotation"):
-        doubts += (Doubt("", f"the project turns the video by {video['rotation']:g} degrees, which is not applied"),)
+        assumptions += (
+            Assumption("", f"the project turns the video by {video['rotation']:g} degrees, which is not applied"),
+        )
     camera = file.camera.delayed(float(np.mean(offsets)) if offsets else 0.0)
-    return CameraFile(camera, "gyroflow-project", file.facts, doubts)
+    return CameraFile(camera, "gyroflow-project", file.facts, assumptions)

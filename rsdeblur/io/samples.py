@@ -11,10 +11,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io.text import INT64_LIMIT, Table, line_error
 from rsdeblur.motion.gyro import LARGEST_RATE, GyroLog
+from rsdeblur.types import FloatArray
 
 # rad/s in each unit of rate a log may use.
 RATE_UNITS = {"rad/s": 1.0, "deg/s": pi / 180, "mrad/s": 1e-3, "mdeg/s": pi / 180e3}
@@ -31,7 +31,7 @@ LATE_SHARE = 0.01
 # At rest an accelerometer shows gravity, 9.8 m/s^2, in nearly every sample; a gyro does not.
 GRAVITY = (9.3, 10.3)
 
-Fault = Callable[[str, int], FileFormatError]
+ErrorAt = Callable[[str, int], FileFormatError]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,13 +62,13 @@ class Samples:
 
     ns: NDArray[np.int64]
     rates: FloatArray
-    fault: Fault
+    error_at: ErrorAt
     rate_unit: str = "rad/s"
     axes: Axes = "phone"
     turn: FloatArray | None = None
     time_unit: str = "ns"
     facts: Mapping[str, Any] = field(default_factory=dict)
-    doubts: Sequence[str] = ()
+    cautions: Sequence[str] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,13 +105,13 @@ def table_samples(table: Table, ns: NDArray[np.int64], *, scale: float = 1.0, **
     return Samples(ns, rates, lambda message, i: line_error(path, message, rows[i]), **found)
 
 
-def nanoseconds(milliseconds: FloatArray, fault: Fault) -> NDArray[np.int64]:
+def nanoseconds(milliseconds: FloatArray, error_at: ErrorAt) -> NDArray[np.int64]:
     """Return stamps, finite and in ms, as integers; the first that does not fit makes the error of its sample."""
     # One short of the limit, so that rounding stays inside.
     (beyond,) = np.nonzero(np.abs(milliseconds) >= (INT64_LIMIT - 1024) / 1e6)
     if beyond.size:
         i = int(beyond[0])
-        raise fault(f"stamp {milliseconds[i]:g} ms is beyond the int64 range of nanoseconds (292 years)", i)
+        raise error_at(f"stamp {milliseconds[i]:g} ms is beyond the int64 range of nanoseconds (292 years)", i)
     return np.round(milliseconds * 1e6).astype(np.int64)
 
 
@@ -134,7 +134,7 @@ def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str
         raise error("the file holds no samples")
     if max(samples.rates.max(), -samples.rates.min()) > LARGEST_RATE:
         i = int(np.argwhere(np.abs(samples.rates) > LARGEST_RATE)[0, 0])
-        raise samples.fault(f"impossible rates: {samples.rates[i].tolist()} {unit or samples.rate_unit}", i)
+        raise samples.error_at(f"impossible rates: {samples.rates[i].tolist()} {unit or samples.rate_unit}", i)
     unit = unit or samples.rate_unit
     ns, rates, repairs = _repaired(samples)
     if samples.turn is not None:
@@ -152,9 +152,9 @@ def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str
     try:
         log = GyroLog(t, rates, int(ns[0]))
     except InputError as reason:
-        raise samples.fault(str(reason), 0) if len(ns) < 2 else error(str(reason)) from reason
-    for doubt in (*samples.doubts, *repairs):
-        warnings.warn(str(error(doubt)), RsdeblurWarning, stacklevel=3)
+        raise samples.error_at(str(reason), 0) if len(ns) < 2 else error(str(reason)) from reason
+    for caution in (*samples.cautions, *repairs):
+        warnings.warn(str(error(caution)), RsdeblurWarning, stacklevel=3)
     return GyroFile(log, format, samples.axes, samples.time_unit, unit, samples.facts)
 
 
@@ -169,7 +169,7 @@ def _repaired(samples: Samples) -> tuple[NDArray[np.int64], FloatArray, list[str
         interval = np.median(np.abs(np.diff(ns.astype(np.float64))))
         if backward.size > max(1, LATE_SHARE * len(ns)) or late.max() > LATE_INTERVALS * interval:
             i = int(backward[0]) + 1
-            raise samples.fault(
+            raise samples.error_at(
                 f"stamp out of order: {ns[i]} ns comes after {ns[i - 1]} ns; the samples are too disordered to sort "
                 "them safely: they may be of several recordings, or of a clock that was set back",
                 i,
@@ -182,7 +182,7 @@ def _repaired(samples: Samples) -> tuple[NDArray[np.int64], FloatArray, list[str
         differ = twice[(rates[twice] != rates[twice + 1]).any(axis=1)]
         if differ.size:
             i = int(origin[differ[0] + 1])
-            raise samples.fault(f"duplicate stamp {samples.ns[i]} ns with another value; keep one of the samples", i)
+            raise samples.error_at(f"duplicate stamp {samples.ns[i]} ns with another value; keep one of the samples", i)
         ns, rates = np.delete(ns, twice + 1), np.delete(rates, twice + 1, axis=0)
         done.append(f"{twice.size} repeated samples were dropped")
     return ns, rates, done

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.captures import CaptureFile, open_captures
 from rsdeblur.io.gyro_logs import detect_gyro_format
 from rsdeblur.io.pictures import KINDS
+from rsdeblur.types import FloatArray
 
 # Accelerometer and magnetometer are logged in the same format, so the name has to tell.
 LOG_NAMES = ("gyro", "imu")
@@ -33,7 +33,7 @@ class SessionPhoto:
 
     path: Path
     index: int | None
-    fault: str | None = None
+    error: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from rsdeblur.kernels._jit import njit
 
 
 @njit(nogil=True)
-def responses(otf, across, down, nsr, beta, scale, of_pull, out):
+def responses(otf, across, down, nsr, beta, scale, of_grad_adjoint, out):
     """Fill `out` with the filter that acts on the observation, or on the pull.
 
     With `N = |H|^2 + nsr + beta (across + down)` they are `scale (1 + nsr) conj(H) / N` and `scale beta / N`.
@@ -21,7 +21,7 @@ def responses(otf, across, down, nsr, beta, scale, of_pull, out):
     across, down : ndarray, shape (K,) and (L,), float32
         Squared magnitudes of the two differences' transfer functions.
     nsr, beta, scale : float32
-    of_pull : bool
+    of_grad_adjoint : bool
     out : ndarray, shape (K, L), complex64
     """
     kept = np.float32(1.0) + nsr
@@ -29,7 +29,7 @@ def responses(otf, across, down, nsr, beta, scale, of_pull, out):
         for j in range(otf.shape[1]):
             h = otf[k, j]
             gain = scale / (h.real * h.real + h.imag * h.imag + nsr + beta * (across[k] + down[j]))
-            if of_pull:
+            if of_grad_adjoint:
                 out[k, j] = np.complex64(beta * gain)
             else:
                 out[k, j] = np.complex64(complex(kept * gain * h.real, -kept * gain * h.imag))
@@ -42,9 +42,9 @@ def responses_numpy(
     nsr: float,
     beta: float,
     scale: float,
-    of_pull: bool,
+    of_grad_adjoint: bool,
     out: NDArray[np.complex64],
 ) -> None:
     """Readable twin of :func:`responses`."""
     normal = np.abs(otf) ** 2 + nsr + beta * (across[:, None] + down)
-    out[...] = scale * (beta if of_pull else (1 + nsr) * otf.conj()) / normal
+    out[...] = scale * (beta if of_grad_adjoint else (1 + nsr) * otf.conj()) / normal

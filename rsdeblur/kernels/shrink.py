@@ -54,7 +54,7 @@ def _pull(before, across, above, down, out):
 
 
 @njit(nogil=True)
-def shrunk_pull(picture, top, rows, threshold, table, periodic, out):
+def shrunk_grad_adjoint(picture, top, rows, threshold, table, periodic, out):
     """Fill `rows` rows of `out` from `top` on with `D^T w`: w is the gradient D of `picture`, shrunk.
 
     Loops run over whole rows without branches or computed indices, so that they become SIMD code.
@@ -106,15 +106,15 @@ def gradient(picture: Real, *, periodic: bool) -> tuple[Real, Real]:
     return across, down
 
 
-def shrunk_pull_numpy(
+def shrunk_grad_adjoint_numpy(
     picture: Real, top: int, rows: int, threshold: float, table: Real, periodic: bool, out: Real
 ) -> None:
-    """Readable twin of :func:`shrunk_pull`."""
+    """Readable twin of :func:`shrunk_grad_adjoint`."""
     across, down = gradient(picture, periodic=periodic)
     magnitude = np.sqrt((across**2 + down**2).sum(axis=2, keepdims=True))
     places = threshold / np.maximum(magnitude, threshold)
     kept = np.where(magnitude > threshold, np.interp(places, np.linspace(0, 1, len(table)), table), 0.0)
     across, down = kept * across, kept * down
     # What stands in the last row and column is zero unless it wraps around.
-    pull = np.roll(across, 1, 1) - across + np.roll(down, 1, 0) - down
-    out[top : top + rows] = pull[top : top + rows]
+    grad_adjoint = np.roll(across, 1, 1) - across + np.roll(down, 1, 0) - down
+    out[top : top + rows] = grad_adjoint[top : top + rows]

@@ -6,8 +6,8 @@ import re
 
 import numpy as np
 
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import InputError
+from rsdeblur.types import FloatArray
 
 # Gyroflow's frame is x up, y left, z back; a camera's x right, y down, z forward.
 GYROFLOW_TO_CAMERA = ((0, -1, 0), (-1, 0, 0), (0, 0, -1))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
+import warnings
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from typing import Any, Literal, cast
@@ -15,18 +16,23 @@ from numpy.typing import ArrayLike
 from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.files import read_file
-from rsdeblur._util.validate import FloatArray
-from rsdeblur.errors import FileFormatError, InputError
+from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.motion import axes, lens
 from rsdeblur.motion.lens import Distortion
+from rsdeblur.types import FloatArray
 
 ReadoutDirection = Literal["top-down", "bottom-up", "left-right", "right-left"]
 READOUT_DIRECTIONS: tuple[ReadoutDirection, ...] = ("top-down", "bottom-up", "left-right", "right-left")
 
 # What the stamp of a capture marks, and the share of the time from the first row's opening to the last one's closing
 # that has passed by then. Android stamps the start, Gyroflow the middle row's mid-exposure.
-Stamp = Literal["start", "middle", "end"]
-STAMPS: dict[Stamp, float] = {"start": 0.0, "middle": 0.5, "end": 1.0}
+TimestampMarks = Literal["start", "middle", "end"]
+TIMESTAMP_MARKS: dict[TimestampMarks, float] = {"start": 0.0, "middle": 0.5, "end": 1.0}
+
+# Keys of camera files that were renamed before the first release.
+FORMER_KEYS = {
+    "focal": "focal_length", "principal": "principal_point", "readout": "readout_time", "stamp": "timestamp_marks",
+}  # fmt: skip
 
 # PNG ends there, and no other format that is read goes further.
 MOST_PIXELS = 2**31 - 1
@@ -48,11 +54,11 @@ class Camera:
     ----------
     width, height : int
         Size of the picture in px.
-    focal : float or (float, float)
+    focal_length : float or (float, float)
         Focal length in px, one or (fx, fy). Kept as (fx, fy).
-    principal : (float, float), optional
+    principal_point : (float, float), optional
         Principal point (cx, cy) in px; default the picture's centre ((width - 1)/2, (height - 1)/2).
-    readout : float, default 0.0
+    readout_time : float, default 0.0
         Readout time in s: from the first row's start of exposure to one row past the last row's. 0 is a global shutter.
     readout_direction : {"top-down", "bottom-up", "left-right", "right-left"}
         How the readout runs over the picture as stored.
@@ -66,7 +72,7 @@ class Camera:
         OpenCV's models of lens distortion; Kalibr calls the last one equidistant.
     distortion : array_like, default ()
         Coefficients: k1, k2, p1, p2[, k3[, k4, k5, k6]] of ``"radtan"``, k1, k2, k3, k4 of ``"fisheye"``.
-    stamp : {"start", "middle", "end"}
+    timestamp_marks : {"start", "middle", "end"}
         What the stamp of a capture marks: the start of exposure of the first row read, the mid-exposure of the middle
         row, or the end of exposure of the last one.
 
@@ -78,54 +84,57 @@ class Camera:
 
     width: int
     height: int
-    focal: tuple[float, float]
-    principal: tuple[float, float] = cast("tuple[float, float]", None)
-    readout: float = field(default=0.0, kw_only=True)
+    focal_length: tuple[float, float]
+    principal_point: tuple[float, float] = cast("tuple[float, float]", None)
+    readout_time: float = field(default=0.0, kw_only=True)
     readout_direction: ReadoutDirection = field(default="top-down", kw_only=True)
     imu_to_camera: FloatArray = field(default=cast(FloatArray, None), kw_only=True)
     time_offset: float = field(default=0.0, kw_only=True)
     distortion_model: Distortion = field(default="none", kw_only=True)
     distortion: tuple[float, ...] = field(default=(), kw_only=True)
-    stamp: Stamp = field(default="start", kw_only=True)
+    timestamp_marks: TimestampMarks = field(default="start", kw_only=True)
 
     # The public signature takes one focal length, any pair and no principal point; the attributes are always whole.
     def __init__(
         self,
         width: int,
         height: int,
-        focal: float | tuple[float, float] | ArrayLike,
-        principal: tuple[float, float] | ArrayLike | None = None,
+        focal_length: float | tuple[float, float] | ArrayLike,
+        principal_point: tuple[float, float] | ArrayLike | None = None,
         *,
-        readout: float = 0.0,
+        readout_time: float = 0.0,
         readout_direction: ReadoutDirection = "top-down",
         imu_to_camera: ArrayLike | str | None = None,
         time_offset: float = 0.0,
         distortion_model: Distortion = "none",
         distortion: ArrayLike = (),
-        stamp: Stamp = "start",
+        timestamp_marks: TimestampMarks = "start",
     ) -> None:
         def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
 
         put("width", validate.count("width", width, maximum=MOST_PIXELS))
         put("height", validate.count("height", height, maximum=MOST_PIXELS))
-        put("focal", _focal(focal))
-        if principal is None:
-            principal = ((self.width - 1) / 2, (self.height - 1) / 2)
-        put("principal", tuple(map(float, validate.real_array("principal", principal, (2,), most=LARGEST))))
-        put("readout", validate.finite("readout", readout, minimum=0.0))
+        put("focal_length", _focal_length(focal_length))
+        if principal_point is None:
+            principal_point = ((self.width - 1) / 2, (self.height - 1) / 2)
+        put(
+            "principal_point",
+            tuple(map(float, validate.real_array("principal_point", principal_point, (2,), most=LARGEST))),
+        )
+        put("readout_time", validate.finite("readout_time", readout_time, minimum=0.0))
         put("readout_direction", validate.choice("readout_direction", readout_direction, READOUT_DIRECTIONS))
         put("imu_to_camera", _rotation(np.eye(3) if imu_to_camera is None else imu_to_camera))
         put("time_offset", validate.finite("time_offset", time_offset))
         put("distortion_model", validate.choice("distortion_model", distortion_model, lens.COEFFICIENTS))
         put("distortion", _coefficients(self.distortion_model, distortion))
-        put("stamp", validate.choice("stamp", stamp, STAMPS))
+        put("timestamp_marks", validate.choice("timestamp_marks", timestamp_marks, TIMESTAMP_MARKS))
         self._check_distortion()
 
     @property
     def matrix(self) -> FloatArray:
         """Intrinsic matrix K, shape (3, 3)."""
-        (fx, fy), (cx, cy) = self.focal, self.principal
+        (fx, fy), (cx, cy) = self.focal_length, self.principal_point
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
     @property
@@ -145,7 +154,7 @@ class Camera:
 
     def stamp_delay(self, duration: float) -> float:
         """Return how long after the first row's start of exposure the capture's stamp is, in s."""
-        return STAMPS[self.stamp] * (self.readout * (self.lines - 1) / self.lines + duration)
+        return TIMESTAMP_MARKS[self.timestamp_marks] * (self.readout_time * (self.lines - 1) / self.lines + duration)
 
     def rays(self, points: FloatArray) -> FloatArray:
         """Return the directions that pixels see.
@@ -160,13 +169,13 @@ class Camera:
         ndarray, shape (..., 3)
             Camera axes, of any length; NaN beyond where the lens reaches.
         """
-        (fx, fy), (cx, cy) = self.focal, self.principal
+        (fx, fy), (cx, cy) = self.focal_length, self.principal_point
         normalised = np.stack([(points[..., 0] - cx) / fx, (points[..., 1] - cy) / fy], axis=-1)
         return lens.rays(normalised, self.distortion_model, self.distortion)
 
     def project(self, directions: FloatArray) -> FloatArray:
         """Return the pixels (..., 2) that see directions (..., 3) in camera axes."""
-        (fx, fy), (cx, cy) = self.focal, self.principal
+        (fx, fy), (cx, cy) = self.focal_length, self.principal_point
         points = lens.project(directions, self.distortion_model, self.distortion)
         points *= (fx, fy)
         points += (cx, cy)
@@ -176,7 +185,7 @@ class Camera:
         """Raise `InputError` unless each pixel of the frame sees one direction."""
         if self.distortion_model == "none":
             return
-        (fx, fy), (cx, cy) = self.focal, self.principal
+        (fx, fy), (cx, cy) = self.focal_length, self.principal_point
         x, y = np.linspace(0, self.width - 1, 17), np.linspace(0, self.height - 1, 17)
         if self.distortion_model == "fisheye":
             # In the corners the model may be continued.
@@ -187,7 +196,7 @@ class Camera:
         if folds:
             raise InputError(
                 f"the {self.distortion_model} distortion {self.distortion} folds the picture over itself within the "
-                "frame; check the coefficients, their order, and that focal and principal belong to this size"
+                "frame; check the coefficients, their order, and that focal_length and principal_point are of this size"
             )
 
     def scaled(self, s: float) -> Camera:
@@ -198,11 +207,11 @@ class Camera:
     def resized(self, width: int, height: int) -> Camera:
         """Return the camera of the picture resized to `width` x `height` px; pixel centres stay at integers."""
         width, height = validate.count("width", width), validate.count("height", height)
-        (fx, fy), (cx, cy) = self.focal, self.principal
+        (fx, fy), (cx, cy) = self.focal_length, self.principal_point
         # Sizes are whole pixels, so each axis follows its own ratio.
         sx, sy = width / self.width, height / self.height
-        principal = ((cx + 0.5) * sx - 0.5, (cy + 0.5) * sy - 0.5)
-        return self._with(width=width, height=height, focal=(fx * sx, fy * sy), principal=principal)
+        principal_point = ((cx + 0.5) * sx - 0.5, (cy + 0.5) * sy - 0.5)
+        return self._with(width=width, height=height, focal_length=(fx * sx, fy * sy), principal_point=principal_point)
 
     def delayed(self, dt: float) -> Camera:
         """Return the camera whose clock is `dt` seconds later against the gyro's."""
@@ -222,15 +231,15 @@ class Camera:
             )
         first, size = (left, width) if self.horizontal_readout else (top, height)
         skipped = self.reading_order(np.array([first, first + size - 1], dtype=np.float64)).min()
-        cx, cy = self.principal
+        cx, cy = self.principal_point
         # A stamp at the middle or the end marks that of the whole picture's rows.
-        later = STAMPS[self.stamp] * (self.lines - size) - float(skipped)
+        later = TIMESTAMP_MARKS[self.timestamp_marks] * (self.lines - size) - float(skipped)
         return self._with(
             width=width,
             height=height,
-            principal=(cx - left, cy - top),
-            readout=self.readout * size / self.lines,
-            time_offset=self.time_offset + self.readout * later / self.lines,
+            principal_point=(cx - left, cy - top),
+            readout_time=self.readout_time * size / self.lines,
+            time_offset=self.time_offset + self.readout_time * later / self.lines,
         )
 
     def turned(self) -> Camera:
@@ -239,7 +248,7 @@ class Camera:
         A horizontal readout becomes a vertical one; being a rotation, it keeps the handedness of the axes, which a
         transposition would not.
         """
-        (fx, fy), (cx, cy) = self.focal, self.principal
+        (fx, fy), (cx, cy) = self.focal_length, self.principal_point
         # New x runs against the old y, new y along the old x.
         quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
         turn: dict[ReadoutDirection, ReadoutDirection] = {
@@ -251,8 +260,8 @@ class Camera:
         return self._with(
             width=self.height,
             height=self.width,
-            focal=(fy, fx),
-            principal=(self.height - 1 - cy, cx),
+            focal_length=(fy, fx),
+            principal_point=(self.height - 1 - cy, cx),
             readout_direction=turn[self.readout_direction],
             imu_to_camera=quarter @ self.imu_to_camera,
             distortion=lens.turned(self.distortion_model, self.distortion),
@@ -271,8 +280,8 @@ class Camera:
         """
         table: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
         table |= {
-            "focal": list(self.focal),
-            "principal": list(self.principal),
+            "focal_length": list(self.focal_length),
+            "principal_point": list(self.principal_point),
             "imu_to_camera": self.imu_to_camera.tolist(),
             "distortion": list(self.distortion),
         }
@@ -287,8 +296,13 @@ class Camera:
         Raises
         ------
         FileFormatError
-            If the file cannot be read, is not TOML, lacks `width`, `height` or `focal`, has an unknown key, or a
+            If the file cannot be read, is not TOML, lacks `width`, `height` or `focal_length`, has an unknown key, or a
             value is impossible.
+
+        Warns
+        -----
+        RsdeblurWarning
+            If a key has its former name, such as `focal` for `focal_length`.
         """
         try:
             # An integer of thousands of digits is a ValueError too.
@@ -296,12 +310,17 @@ class Camera:
         except (ValueError, RecursionError) as error:
             raise FileFormatError(f"{path}: not a TOML camera file: {error}") from error
         known = [f.name for f in fields(cls)]
+        for old, new in FORMER_KEYS.items():
+            if old in table and new not in table:
+                table[new] = table.pop(old)
+                message = f"{path}: the key {old!r} is now called {new!r}; rename it"
+                warnings.warn(message, RsdeblurWarning, stacklevel=2)
         for key in table:
             if key not in known:
                 close = get_close_matches(key, known, n=1)
                 hint = f"did you mean {close[0]!r}?" if close else f"known keys are {', '.join(known)}"
                 raise FileFormatError(f"{path}: unknown key {key!r}; {hint}")
-        missing = [key for key in ("width", "height", "focal") if key not in table]
+        missing = [key for key in ("width", "height", "focal_length") if key not in table]
         if missing:
             raise FileFormatError(f"{path}: the camera file lacks {', '.join(missing)}")
         try:
@@ -310,11 +329,11 @@ class Camera:
             raise FileFormatError(f"{path}: {error}") from error
 
 
-def _focal(value: Any) -> tuple[float, float]:
+def _focal_length(value: Any) -> tuple[float, float]:
     pair: Any = (value, value) if isinstance(value, (int, float, np.number)) else value
-    fx, fy = validate.real_array("focal", pair, (2,), most=LARGEST)
+    fx, fy = validate.real_array("focal_length", pair, (2,), most=LARGEST)
     if min(fx, fy) < 1 / LARGEST:
-        raise InputError(f"focal must be positive px, got ({fx:g}, {fy:g})")
+        raise InputError(f"focal_length must be positive px, got ({fx:g}, {fy:g})")
     return float(fx), float(fy)
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rsdeblur._util import validate
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.motion.camera import Camera
+from rsdeblur.types import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +20,7 @@ class Exposure:
     ----------
     start : float
         The capture's stamp, in s relative to `epoch_ns`: the start of exposure of the first row read, unless the
-        camera's `stamp` says that it marks another moment.
+        camera's `timestamp_marks` says that it marks another moment.
     duration : float
         Exposure time of every row in s, positive.
     epoch_ns : int, default 0
@@ -63,7 +63,7 @@ class Exposure:
         """
         order = camera.reading_order(validate.real_array("rows", rows))
         first = self.start - camera.stamp_delay(self.duration)
-        opens: FloatArray = first + camera.readout * order / camera.lines
+        opens: FloatArray = first + camera.readout_time * order / camera.lines
         return opens, opens + self.duration
 
     def span(self, camera: Camera) -> tuple[float, float]:

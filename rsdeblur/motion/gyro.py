@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import ClockError, CoverageError, GapError, InputError, RsdeblurWarning
+from rsdeblur.types import FloatArray
 
 if TYPE_CHECKING:
     from rsdeblur.motion.camera import Camera

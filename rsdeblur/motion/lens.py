@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from rsdeblur._util.validate import FloatArray
+from rsdeblur.types import FloatArray
 
 Distortion = Literal["none", "radtan", "fisheye"]
 

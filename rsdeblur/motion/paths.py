@@ -25,12 +25,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rsdeblur._util import validate
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import InputError
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog, OrientationTrack
 from rsdeblur.motion.translation import Translation
+from rsdeblur.types import FloatArray
 
 Motion = Literal["rotation", "small-angle"]
 MOTIONS: tuple[Motion, ...] = ("rotation", "small-angle")
@@ -55,7 +55,7 @@ FIXED_POINT_STEPS = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shot:
+class Capture:
     """One exposure with the camera's motion during it; the readout runs along y.
 
     Built by :meth:`from_log`, which validates that the log describes the exposure.
@@ -78,7 +78,9 @@ class Shot:
     translation: Translation | None = None
 
     @classmethod
-    def from_log(cls, log: GyroLog, camera: Camera, exposure: Exposure, translation: Translation | None = None) -> Shot:
+    def from_log(
+        cls, log: GyroLog, camera: Camera, exposure: Exposure, translation: Translation | None = None
+    ) -> Capture:
         """Integrate the part of `log` that the exposure needs.
 
         Raises
@@ -88,7 +90,7 @@ class Shot:
         CoverageError, ClockError, GapError
             See :meth:`rsdeblur.GyroLog.covering`.
         """
-        if camera.horizontal_readout and camera.readout > 0:
+        if camera.horizontal_readout and camera.readout_time > 0:
             raise InputError(f"the camera is read {camera.readout_direction}; trace paths with camera.turned()")
         opens, closes = exposure.span(camera)
         track = OrientationTrack.from_log(log, camera, opens, closes, exposure.epoch_ns)
@@ -145,9 +147,9 @@ class BlurPaths:
     cols: FloatArray
 
     @classmethod
-    def from_shot(
+    def from_capture(
         cls,
-        shot: Shot,
+        capture: Capture,
         rows: ArrayLike,
         cols: ArrayLike,
         *,
@@ -159,7 +161,7 @@ class BlurPaths:
 
         Parameters
         ----------
-        shot : Shot
+        capture : Capture
             The exposure and the camera's orientation during it.
         rows, cols : array_like, shape (B,) and (S,)
             Grid in px.
@@ -182,36 +184,36 @@ class BlurPaths:
         trace = _rotation_paths if motion == "rotation" else _small_angle_paths
         if samples == "auto":
             # Two samples per gyro interval follow every bend of the track; then refine by the length found.
-            coarse = 2 * len(shot.track.t) + 1
-            length = _lengths(trace(shot, rows, cols, coarse, geometry)).max()
+            coarse = 2 * len(capture.track.t) + 1
+            length = _lengths(trace(capture, rows, cols, coarse, geometry)).max()
             samples = max(coarse, int(np.ceil(SAMPLES_PER_PIXEL * length)) + 1)
-        displacements = trace(shot, rows, cols, validate.count("samples", samples, minimum=2), geometry)
+        displacements = trace(capture, rows, cols, validate.count("samples", samples, minimum=2), geometry)
         displacements.setflags(write=False)
         return cls(displacements, rows, cols)
 
     @classmethod
-    def probe(cls, shot: Shot, *, motion: Motion) -> BlurPaths:
+    def probe(cls, capture: Capture, *, motion: Motion) -> BlurPaths:
         """Trace few paths with few samples, over the whole picture: enough for their extent and change."""
-        rows = np.linspace(0.0, shot.camera.height - 1, PROBE_ROWS)
-        cols = np.linspace(0.0, shot.camera.width - 1, PROBE_COLS)
-        return cls.from_shot(shot, rows, cols, motion=motion, samples=2 * len(shot.track.t) + 1)
+        rows = np.linspace(0.0, capture.camera.height - 1, PROBE_ROWS)
+        cols = np.linspace(0.0, capture.camera.width - 1, PROBE_COLS)
+        return cls.from_capture(capture, rows, cols, motion=motion, samples=2 * len(capture.track.t) + 1)
 
     @classmethod
     def every_row(
         cls,
-        shot: Shot,
+        capture: Capture,
         cols: ArrayLike,
         *,
         motion: Motion = "rotation",
         geometry: Geometry = "keep",
         within: slice = slice(None),
     ) -> BlurPaths:
-        """Trace the paths of every row of the picture, or of those `within`, at `cols`; see :meth:`from_shot`."""
-        longest = float(cls.probe(shot, motion=motion).lengths.max())
-        samples = max(2 * len(shot.track.t) + 1, int(np.ceil(ROW_SAMPLES_PER_PIXEL * longest)) + 1)
-        rows = np.arange(float(shot.camera.height))[within]
+        """Trace the paths of every row of the picture, or of those `within`, at `cols`; see :meth:`from_capture`."""
+        longest = float(cls.probe(capture, motion=motion).lengths.max())
+        samples = max(2 * len(capture.track.t) + 1, int(np.ceil(ROW_SAMPLES_PER_PIXEL * longest)) + 1)
+        rows = np.arange(float(capture.camera.height))[within]
         parts = [
-            cls.from_shot(shot, part, cols, motion=motion, geometry=geometry, samples=samples)
+            cls.from_capture(capture, part, cols, motion=motion, geometry=geometry, samples=samples)
             for part in np.split(rows, range(ROWS_TOGETHER, len(rows), ROWS_TOGETHER))
         ]
         displacements = np.concatenate([part.displacements for part in parts])
@@ -262,29 +264,33 @@ def _lengths(displacements: FloatArray) -> FloatArray:
     return lengths
 
 
-def _rotation_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry) -> FloatArray:
-    camera = shot.camera
+def _rotation_paths(
+    capture: Capture, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry
+) -> FloatArray:
+    camera = capture.camera
     points = np.stack(np.meshgrid(cols, rows), axis=-1)[:, :, None, :]  # (B, S, 1, 2), x before y
-    seen = shot.points(points)[:, :, 0]
-    times = shot.times(rows, samples)
-    orientation = shot.track.at(times)  # (B, T, 3, 3)
-    world = np.einsum("btji,bsj->bsti", orientation, seen) + shot.position(times)[:, None]
+    seen = capture.points(points)[:, :, 0]
+    times = capture.times(rows, samples)
+    orientation = capture.track.at(times)  # (B, T, 3, 3)
+    world = np.einsum("btji,bsj->bsti", orientation, seen) + capture.position(times)[:, None]
     if geometry == "rectify":
-        return points - camera.project((world - shot.position(shot.middle)) @ shot.track.at(shot.middle).T)
-    poses = RowPoses.of(shot)
+        return points - camera.project((world - capture.position(capture.middle)) @ capture.track.at(capture.middle).T)
+    poses = RowPoses.of(capture)
     # Start at the pixel's own row, whose reference orientation is nearly right.
     q = np.broadcast_to(points, (*world.shape[:-1], 2))
-    for _ in range(FIXED_POINT_STEPS if camera.readout > 0 else 1):
+    for _ in range(FIXED_POINT_STEPS if camera.readout_time > 0 else 1):
         q = poses.project(world, q[..., 1])
     return points - q
 
 
-def _small_angle_paths(shot: Shot, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry) -> FloatArray:
-    reference = shot.mid(rows) if geometry == "keep" else np.repeat(shot.middle, len(rows))
-    times = shot.times(rows, samples)
-    angles = shot.track.angles(times) - shot.track.angles(reference)[:, None]
-    moved = shot.position(times) - shot.position(reference)[:, None]
-    fx, fy = shot.camera.focal
+def _small_angle_paths(
+    capture: Capture, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry
+) -> FloatArray:
+    reference = capture.mid(rows) if geometry == "keep" else np.repeat(capture.middle, len(rows))
+    times = capture.times(rows, samples)
+    angles = capture.track.angles(times) - capture.track.angles(reference)[:, None]
+    moved = capture.position(times) - capture.position(reference)[:, None]
+    fx, fy = capture.camera.focal_length
     # The picture moves by f (-theta_y, +theta_x), and against the camera.
     d = np.stack([-fx * (angles[..., 1] + moved[..., 0]), fy * (angles[..., 0] - moved[..., 1])], axis=-1)
     return np.repeat(d[:, None], len(cols), axis=1)
@@ -298,13 +304,13 @@ class RowPoses:
     matrices: FloatArray  # (2 H, 12), C(mid(y)) [I | -P(mid(y))] from row -H/2 on
 
     @classmethod
-    def of(cls, shot: Shot) -> RowPoses:
+    def of(cls, capture: Capture) -> RowPoses:
         """Tabulate the poses of all rows of the picture, and of as many beyond it, where paths may reach."""
-        rows = np.arange(2.0 * shot.camera.lines) - shot.camera.lines // 2
-        mid = shot.mid(rows)
-        turned = shot.track.at(mid)
-        moved = -turned @ shot.position(mid)[..., None]
-        return cls(shot.camera, np.concatenate([turned, moved], axis=-1).reshape(-1, 12))
+        rows = np.arange(2.0 * capture.camera.lines) - capture.camera.lines // 2
+        mid = capture.mid(rows)
+        turned = capture.track.at(mid)
+        moved = -turned @ capture.position(mid)[..., None]
+        return cls(capture.camera, np.concatenate([turned, moved], axis=-1).reshape(-1, 12))
 
     def project(self, world: FloatArray, rows: FloatArray) -> FloatArray:
         """Project points (..., 3), in depths, with the poses of `rows` (..., fractions allowed).

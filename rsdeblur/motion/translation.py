@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rsdeblur._util import validate
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import CoverageError, InputError
+from rsdeblur.types import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

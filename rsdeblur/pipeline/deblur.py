@@ -12,29 +12,29 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
-from rsdeblur.deconv.border import BORDERS, EXTENSIONS, Border, Extension, split
+from rsdeblur.deconv.border import BORDERS, BOUNDARIES, Border, Boundary, split
 from rsdeblur.deconv.fft import PLANNINGS, Planning
 from rsdeblur.deconv.priors import EXPONENT, PRIORS, Prior, brightness, check_exponent
 from rsdeblur.deconv.rowwise import SOLVERS, Solver
 from rsdeblur.errors import InputError
-from rsdeblur.estimate.check import Check, Meter, fall_back, judge, refuse_fallback
+from rsdeblur.estimate.check import QualityCheck, UndershootMeter, assess, fall_back, refuse_fallback
 from rsdeblur.estimate.strength import KERNELS, Tuning
-from rsdeblur.image.encoded import Stored, check_size, result_like
-from rsdeblur.image.highlights import SATURATIONS, Parted, Saturation, find_spots, part
+from rsdeblur.image.encoded import EncodedImage, check_size, result_like
+from rsdeblur.image.highlights import SATURATIONS, HighlightSplit, Saturation, find_spots, separate_highlights
 from rsdeblur.image.transfer import Transfer, check_transfer, normalized
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.paths import GEOMETRIES, BlurPaths, Geometry, Motion, Shot
+from rsdeblur.motion.paths import GEOMETRIES, BlurPaths, Capture, Geometry, Motion
 from rsdeblur.motion.rectify import rectify
 from rsdeblur.motion.translation import Translation
-from rsdeblur.pipeline.memory import plan_slabs
-from rsdeblur.pipeline.settings import MODES, Method, Mode
+from rsdeblur.pipeline.memory import plan_chunks
+from rsdeblur.pipeline.settings import MODES, Mode, SolverSettings
 from rsdeblur.psf import PsfBank, tile_centres
+from rsdeblur.types import Progress
 
 Count = int | Literal["auto"]
 Strength = float | Literal["auto"]
-Progress = Callable[[str, float], None]
 
 # Results are interpolated linearly between tiles, so tiles are added until paths interpolated likewise are this close
 # to the true ones (px).
@@ -77,7 +77,7 @@ class DeblurResult:
     timings : dict
         Seconds spent in each stage.
     check : Check or None
-        Whether to trust the result, see :class:`rsdeblur.Check`; None if that was not asked.
+        Whether to trust the result, see :class:`rsdeblur.QualityCheck`; None if that was not asked.
     """
 
     image: NDArray[np.float32]
@@ -88,7 +88,7 @@ class DeblurResult:
     weight: float | None
     coverage: NDArray[np.bool_]
     timings: dict[str, float] = field(default_factory=dict)
-    check: Check | None = None
+    check: QualityCheck | None = None
 
 
 def deblur(
@@ -106,7 +106,7 @@ def deblur(
     nsr: Strength = "auto",
     solver: Solver = "auto",
     geometry: Geometry = "keep",
-    border: Border | Extension = "blend",
+    border: Border | Boundary = "blend",
     motion: Motion = "rotation",
     translation: Translation | None = None,
     transfer: Transfer = "linear",
@@ -151,8 +151,8 @@ def deblur(
         Keep the rolling shutter's shape, or resample to the middle row's mid-exposure.
     border : {"blend", "periodic", "reflect", "edge-taper", "smooth"}
         How the picture goes on beyond its frame: see :class:`rsdeblur.Deconvolver` for the first two. The others are
-        rivals for comparison: mirrored without a blend; tapered into itself blurred; or filled in without a Laplacian,
-        in the manner of Liu and Jia (2008). "rowwise" takes the first two only.
+        alternatives for comparison: mirrored without a blend; tapered into itself blurred; or filled in without a
+        Laplacian, in the manner of Liu and Jia (2008). "rowwise" takes the first two only.
     motion : {"rotation", "small-angle"}
         The full homography path, or the paper's eq. 6.
     translation : Translation, optional
@@ -202,57 +202,59 @@ def deblur(
     nsr, weight = _strength("nsr", nsr), _strength("weight", weight)
     check_exponent(exponent)
     max_memory = None if max_memory is None else validate.count("max_memory", max_memory)
-    solved_as, extension = _border(border, mode)
-    _check_whole(max_memory, geometry, normalize, border if extension else None)
+    solved_as, boundary = _border(border, mode)
+    _check_whole(max_memory, geometry, normalize, border if boundary else None)
     if fallback:
         refuse_fallback(geometry)
     quarter = camera.horizontal_readout
-    stored = Stored.of(image, transfer, quarter=quarter)
+    encoded = EncodedImage.of(image, transfer, quarter=quarter)
     out, upright = result_like(image, out, quarter=quarter)
     check_size(np.shape(image), camera)
-    shot = _upright_shot(log, camera, exposure, translation)
+    capture = _upright_capture(log, camera, exposure, translation)
     clock = _Clock(progress)
     if mode == "banded" and bands == strips == 1:
         mode = "global"
-    parted = Parted(stored)
+    split = HighlightSplit(encoded)
     if saturation == "auto":
         with clock.stage("highlights"):
-            parted = _parted(stored, shot, motion, threads, max_memory, clock.within("highlights", 0, 1))
+            split = _split_highlights(encoded, capture, motion, threads, max_memory, clock.within("highlights", 0, 1))
         if max_memory is not None:
-            max_memory -= parted.nbytes
+            max_memory -= split.nbytes
     with clock.stage("tune"):
-        phi, penalty, band_nsr = _strengths(parted, shot, mode, motion, prior, exponent, nsr, weight)
+        phi, penalty, band_nsr = _strengths(split, capture, mode, motion, prior, exponent, nsr, weight)
     with clock.stage("psfs"):
-        bank = _bank(shot, mode, bands, strips, motion, band_nsr)
-    method = Method(
+        bank = _bank(capture, mode, bands, strips, motion, band_nsr)
+    settings = SolverSettings(
         mode=mode,
         prior=prior,
         exponent=exponent,
         nsr=phi,
         weight=penalty,
-        peak=1.0 if penalty is None else brightness(parted.rest(slice(None), 4)),
+        peak=1.0 if penalty is None else brightness(split.remainder(slice(None), 4)),
         solver=solver,
         motion=motion,
         border=solved_as,
-        extension=extension,
+        boundary=boundary,
         planning=planning,
         threads=threads,
     )
-    meter = Meter(stored.shape[0])
-    coverage = _solve(parted, shot, bank, method, _After(geometry, normalize), max_memory, upright, meter, clock)
-    judged = None
+    meter = UndershootMeter(encoded.shape[0])
+    coverage = _solve(split, capture, bank, settings, _After(geometry, normalize), max_memory, upright, meter, clock)
+    quality = None
     if check or fallback:
         with clock.stage("check"):
             resampled = geometry == "rectify"
-            judged = judge(stored, Stored(upright, transfer), shot, meter, motion=motion, resampled=resampled)
-            if fallback and judged.verdict == "bad":
-                judged = fall_back(stored, judged, upright)
+            quality = assess(
+                encoded, EncodedImage(upright, transfer), capture, meter, motion=motion, resampled=resampled
+            )
+            if fallback and quality.verdict == "bad":
+                quality = fall_back(encoded, quality, upright)
     n_bands, n_strips = bank.kernels.shape[:2]
     if mode == "rowwise":
-        n_bands = stored.shape[0]
+        n_bands = encoded.shape[0]
     if quarter:
         coverage, bank = np.rot90(coverage), bank.turned(camera.height)
-    return DeblurResult(out, bank, n_bands, n_strips, phi, penalty, coverage, clock.timings, judged)
+    return DeblurResult(out, bank, n_bands, n_strips, phi, penalty, coverage, clock.timings, quality)
 
 
 class _After(NamedTuple):
@@ -262,52 +264,52 @@ class _After(NamedTuple):
     normalize: bool
 
 
-def _parted(
-    stored: Stored,
-    shot: Shot,
+def _split_highlights(
+    encoded: EncodedImage,
+    capture: Capture,
     motion: Motion,
     threads: int | None,
     max_memory: int | None,
-    told: Callable[[float], None],
-) -> Parted:
+    report_progress: Callable[[float], None],
+) -> HighlightSplit:
     """Take the highlights out."""
-    spots = find_spots(stored)
+    spots = find_spots(encoded)
     if not spots:
-        return Parted(stored)
-    bank = _bank(shot, "banded", "auto", "auto", motion, HIGHLIGHT_NSR)
-    return part(stored, spots, bank, threads=threads, max_memory=max_memory, progress=told)
+        return HighlightSplit(encoded)
+    bank = _bank(capture, "banded", "auto", "auto", motion, HIGHLIGHT_NSR)
+    return separate_highlights(encoded, spots, bank, threads=threads, max_memory=max_memory, progress=report_progress)
 
 
 def _solve(
-    parted: Parted,
-    shot: Shot,
+    split: HighlightSplit,
+    capture: Capture,
     bank: PsfBank,
-    method: Method,
+    settings: SolverSettings,
     after: _After,
     max_memory: int | None,
     out: NDArray[Any],
-    meter: Meter,
+    meter: UndershootMeter,
     clock: _Clock,
 ) -> NDArray[np.bool_]:
     """Solve slab by slab into `out`, and return what was seen."""
-    slabs, _ = plan_slabs(bank, parted.stored.shape, method, max_memory)
-    coverage: NDArray[np.bool_] = np.broadcast_to(np.True_, parted.stored.shape[:2])
-    for n, slab in enumerate(slabs):
-        light = parted.rest(slab.read)
-        kept = slice(slab.given.start - slab.read.start, slab.given.stop - slab.read.start)
-        meter.before(light[kept], slab.given)
+    chunks, _ = plan_chunks(bank, split.encoded.shape, settings, max_memory)
+    coverage: NDArray[np.bool_] = np.broadcast_to(np.True_, split.encoded.shape[:2])
+    for n, chunk in enumerate(chunks):
+        light = split.remainder(chunk.read)
+        kept = slice(chunk.given.start - chunk.read.start, chunk.given.stop - chunk.read.start)
+        meter.before(light[kept], chunk.given)
         with clock.stage("plan"):
-            solve = method.planned(shot, slab.bank, light.shape, slab.read.start)
+            solve = settings.planned(capture, chunk.bank, light.shape, chunk.read.start)
         with clock.stage("apply"):
-            light = solve(light, clock.within("apply", n, len(slabs)))
-        parted.give_back(light, slab.read.start)
-        meter.after(light[kept], slab.given)
+            light = solve(light, clock.within("apply", n, len(chunks)))
+        split.add_highlights(light, chunk.read.start)
+        meter.after(light[kept], chunk.given)
         if after.geometry == "rectify":
             with clock.stage("rectify"):
-                light, coverage = rectify(light, shot)
+                light, coverage = rectify(light, capture)
         if after.normalize:
             light = normalized(light)
-        parted.stored.put(light[kept], slab.given, out)
+        split.encoded.encode(light[kept], chunk.given, out)
         # Before the next slab is planned beside them.
         del light, solve
     return coverage
@@ -331,18 +333,18 @@ def psfs(
     picture cannot follow from its noise.
     """
     nsr = validate.finite("nsr", nsr, above=0.0)
-    shot = _upright_shot(log, camera, exposure, translation)
-    bank = _bank(shot, mode, bands, strips, motion, nsr)
+    capture = _upright_capture(log, camera, exposure, translation)
+    bank = _bank(capture, mode, bands, strips, motion, nsr)
     return bank.turned(camera.height) if camera.horizontal_readout else bank
 
 
-def _border(border: Border | Extension, mode: Mode) -> tuple[Border, Extension | None]:
-    """Return what :func:`rsdeblur.deconv.border.split` does; rowwise knows no rivals."""
-    validate.choice("border", border, (*BORDERS, *EXTENSIONS))
-    solved_as, extension = split(border)
-    if mode == "rowwise" and extension:
-        raise InputError(f'mode="rowwise" has rows beyond the frame as unknowns: it takes no border="{extension}"')
-    return solved_as, extension
+def _border(border: Border | Boundary, mode: Mode) -> tuple[Border, Boundary | None]:
+    """Return what :func:`rsdeblur.deconv.border.split` does; rowwise knows no alternatives."""
+    validate.choice("border", border, (*BORDERS, *BOUNDARIES))
+    solved_as, boundary = split(border)
+    if mode == "rowwise" and boundary:
+        raise InputError(f'mode="rowwise" has rows beyond the frame as unknowns: it takes no border="{boundary}"')
+    return solved_as, boundary
 
 
 def _check_whole(max_memory: int | None, geometry: Geometry, normalize: bool, border: str | None) -> None:
@@ -362,8 +364,8 @@ def _strength(name: str, value: Strength) -> Strength:
 
 
 def _strengths(
-    parted: Parted,
-    shot: Shot,
+    split: HighlightSplit,
+    capture: Capture,
     mode: Mode,
     motion: Motion,
     prior: Prior,
@@ -375,10 +377,10 @@ def _strengths(
     if prior == "wiener" and nsr != "auto":
         return nsr, None, nsr
     # The middle rows tell enough of a large picture.
-    height, width, _ = parted.stored.shape
+    height, width, _ = split.encoded.shape
     half = min(height, max(1, MOST_LOOKED_AT // width)) // 2
-    light = parted.rest(slice(height // 2 - half, height - height // 2 + half))
-    bank = _bank(shot, "banded", KERNELS, KERNELS, motion, 1.0)
+    light = split.remainder(slice(height // 2 - half, height - height // 2 + half))
+    bank = _bank(capture, "banded", KERNELS, KERNELS, motion, 1.0)
     tuning = Tuning.of(light, bank, one_filter=mode == "global", continued=mode != "rowwise")
     if prior == "wiener":
         return tuning.wiener_nsr, None, tuning.wiener_nsr
@@ -389,11 +391,11 @@ def _strengths(
     )
 
 
-def _bank(shot: Shot, mode: Mode, bands: Count, strips: Count, motion: Motion, nsr: float) -> PsfBank:
+def _bank(capture: Capture, mode: Mode, bands: Count, strips: Count, motion: Motion, nsr: float) -> PsfBank:
     validate.choice("mode", mode, MODES)
     # A coarse look first: it refuses nonsense before its many samples are computed.
-    probe = BlurPaths.probe(shot, motion=motion)
-    height, width = shot.camera.height, shot.camera.width
+    probe = BlurPaths.probe(capture, motion=motion)
+    height, width = capture.camera.height, capture.camera.width
     _check_reach(probe, height, width)
     allowed = BAND_CHANGE * max(float(probe.lengths.max()) * np.sqrt(nsr), 2 / np.pi)
     wanted = (
@@ -416,7 +418,7 @@ def _bank(shot: Shot, mode: Mode, bands: Count, strips: Count, motion: Motion, n
         tile_centres(validate.count(name, counts[name]), length)
         for name, length in zip(counts, (height, width), strict=True)
     )
-    return PsfBank.from_paths(BlurPaths.from_shot(shot, rows, cols, motion=motion))
+    return PsfBank.from_paths(BlurPaths.from_capture(capture, rows, cols, motion=motion))
 
 
 def _check_reach(paths: BlurPaths, height: int, width: int) -> None:
@@ -428,11 +430,11 @@ def _check_reach(paths: BlurPaths, height: int, width: int) -> None:
         )
 
 
-def _upright_shot(log: GyroLog, camera: Camera, exposure: Exposure, translation: Translation | None) -> Shot:
-    """Return the shot with its readout along y."""
+def _upright_capture(log: GyroLog, camera: Camera, exposure: Exposure, translation: Translation | None) -> Capture:
+    """Return the capture with its readout along y."""
     if camera.horizontal_readout:
         camera, translation = camera.turned(), translation and translation.turned()
-    return Shot.from_log(log, camera, exposure, translation)
+    return Capture.from_log(log, camera, exposure, translation)
 
 
 class _Clock:
@@ -452,9 +454,9 @@ class _Clock:
         if name != "apply":
             self._tell(name, 1.0)
 
-    def within(self, name: str, part: int, parts: int) -> Callable[[float], None]:
+    def within(self, name: str, separate_highlights: int, parts: int) -> Callable[[float], None]:
         """Return what reports the progress of one of several parts of a stage."""
-        return lambda fraction: self._tell(name, (part + fraction) / parts)
+        return lambda fraction: self._tell(name, (separate_highlights + fraction) / parts)
 
     def _tell(self, name: str, fraction: float) -> None:
         if self._progress is not None:

@@ -6,29 +6,25 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
-from rsdeblur.deconv.border import Border, Extension
+from rsdeblur.deconv.border import Border, Boundary
 from rsdeblur.deconv.boundary import extended, extended_shape
 from rsdeblur.deconv.fft import Planning
-from rsdeblur.deconv.priors import Prior, Quadratic, minimise, restore
+from rsdeblur.deconv.priors import Prior, QuadraticSolver, minimise, restore
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.deconv.rowwise import RowDeconvolver, Solver
 from rsdeblur.deconv.wiener import Deconvolver
 from rsdeblur.errors import InputError
-from rsdeblur.motion.paths import BlurPaths, Motion, Shot
+from rsdeblur.motion.paths import BlurPaths, Capture, Motion
 from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatImage, StageProgress
 
 Mode = Literal["global", "banded", "rowwise"]
 MODES: tuple[Mode, ...] = ("global", "banded", "rowwise")
-Picture = NDArray[np.float32]
-Told = Callable[[float], None]
-Solve = Callable[[Picture, Told], Picture]
+Solve = Callable[[FloatImage, StageProgress], FloatImage]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Method:
+class SolverSettings:
     """Everything but the blur that a solution depends on; the names are those of :func:`rsdeblur.deblur`.
 
     Parameters
@@ -50,7 +46,7 @@ class Method:
     solver: Solver
     motion: Motion
     border: Border
-    extension: Extension | None = None
+    boundary: Boundary | None = None
     planning: Planning
     threads: int | None
 
@@ -58,12 +54,12 @@ class Method:
     def _engine(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in ("nsr", "border", "planning", "threads")}
 
-    def planned(self, shot: Shot, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:
+    def planned(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:
         """Plan what turns a blurred picture and a report of progress into the sharp picture.
 
         Parameters
         ----------
-        shot : Shot
+        capture : Capture
             Of the whole picture.
         bank : PsfBank
             Placed in the picture to be solved.
@@ -72,10 +68,10 @@ class Method:
         first : int
             ... from this one on.
         """
-        if self.extension is not None:
-            return self._extended(shot, bank, shape, self.extension)
+        if self.boundary is not None:
+            return self._extended(capture, bank, shape, self.boundary)
         if self.mode == "rowwise":
-            return self._rowwise(shot, bank, shape, first)
+            return self._rowwise(capture, bank, shape, first)
         return self.tiles(bank, shape)
 
     def tiles(self, bank: PsfBank, shape: tuple[int, int, int]) -> TileSolve:
@@ -85,22 +81,22 @@ class Method:
         kind = Deconvolver if self.weight is None else TileQuadratic
         return TileSolve(self, kind(bank, shape, **self._engine))
 
-    def _extended(self, shot: Shot, bank: PsfBank, shape: tuple[int, int, int], extension: Extension) -> Solve:
+    def _extended(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], boundary: Boundary) -> Solve:
         height, width, _ = shape
-        solve = replace(self, extension=None).planned(shot, bank, extended_shape(shape, bank, extension))
-        return lambda light, told: solve(extended(light, bank, extension), told)[:height, :width]
+        solve = replace(self, boundary=None).planned(capture, bank, extended_shape(shape, bank, boundary))
+        return lambda light, report_progress: solve(extended(light, bank, boundary), report_progress)[:height, :width]
 
-    def _rowwise(self, shot: Shot, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:
-        paths = BlurPaths.every_row(shot, bank.cols, motion=self.motion, within=slice(first, first + shape[0]))
+    def _rowwise(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:
+        paths = BlurPaths.every_row(capture, bank.cols, motion=self.motion, within=slice(first, first + shape[0]))
         rows = RowDeconvolver(replace(paths, rows=paths.rows - first), shape, solver=self.solver, **self._engine)
         if self.weight is None:
-            return lambda light, told: rows.apply(light, progress=told)
+            return lambda light, report_progress: rows.apply(light, progress=report_progress)
         weight, strips = self.weight, len(bank.cols)
 
-        def solve(light: Picture, told: Told) -> Picture:
+        def solve(light: FloatImage, report_progress: StageProgress) -> FloatImage:
             done = iter(range(strips))
 
-            def with_prior(term: Quadratic) -> Picture:
+            def with_prior(term: QuadraticSolver) -> FloatImage:
                 strip = next(done)
                 return minimise(
                     term,
@@ -109,7 +105,7 @@ class Method:
                     exponent=self.exponent,
                     peak=self.peak,
                     threads=self.threads,
-                    progress=lambda fraction: told((strip + fraction) / strips),
+                    progress=lambda fraction: report_progress((strip + fraction) / strips),
                 )
 
             return rows.apply(light, minimise=with_prior)
@@ -121,17 +117,17 @@ class Method:
 class TileSolve:
     """Tiles planned for pictures of one shape, which take other PSFs at the same places without new plans."""
 
-    method: Method
+    method: SolverSettings
     filters: Deconvolver | TileQuadratic
 
     def replan(self, bank: PsfBank) -> None:
         """Undo other PSFs from now on; see :meth:`rsdeblur.Deconvolver.replan`."""
         self.filters.replan(bank)
 
-    def __call__(self, light: Picture, told: Told) -> Picture:
+    def __call__(self, light: FloatImage, report_progress: StageProgress) -> FloatImage:
         """Turn a blurred picture into the sharp one."""
         if isinstance(self.filters, Deconvolver):
-            return self.filters.apply(light, progress=told)
+            return self.filters.apply(light, progress=report_progress)
         assert self.method.weight is not None
         return restore(
             self.filters,
@@ -141,5 +137,5 @@ class TileSolve:
             exponent=self.method.exponent,
             peak=self.method.peak,
             threads=self.method.threads,
-            progress=told,
+            progress=report_progress,
         )

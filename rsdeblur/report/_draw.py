@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from rsdeblur.errors import InputError
+from rsdeblur.types import FloatImage
 
-FloatImage = NDArray[np.float32]
 Colour = tuple[int, int, int]
 
 GROUND: Colour = (24, 25, 28)

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.noise import halved, noise_level
+from rsdeblur.types import FloatArray, FloatImage
 
-Grey = NDArray[np.float32]
 Figures = dict[str, tuple[float | None, ...]]
 
 BANDS = 8
@@ -98,15 +97,15 @@ def band_figures(
     )
 
 
-def _grey(picture: NDArray[np.floating]) -> Grey:
+def _grey(picture: NDArray[np.floating]) -> FloatImage:
     values = np.asarray(picture, dtype=np.float32)
     if values.ndim == 2:
         return values
-    grey: Grey = values[..., :3] @ LUMA if values.shape[2] >= 3 else values[..., 0]
+    grey: FloatImage = values[..., :3] @ LUMA if values.shape[2] >= 3 else values[..., 0]
     return grey
 
 
-def _sharpness(halves: dict[str, Grey], parts: list[slice]) -> Figures:
+def _sharpness(halves: dict[str, FloatImage], parts: list[slice]) -> Figures:
     found = {label: [_steepness(half[part]) for part in parts] for label, half in halves.items()}
     blurred = next(iter(found.values()))
     return {
@@ -118,7 +117,7 @@ def _sharpness(halves: dict[str, Grey], parts: list[slice]) -> Figures:
     }
 
 
-def _steepness(half: Grey) -> tuple[float, float]:
+def _steepness(half: FloatImage) -> tuple[float, float]:
     """Return the gradient's magnitude at the edges, and its median."""
     if min(half.shape) < 2:
         return 0.0, 0.0
@@ -126,7 +125,7 @@ def _steepness(half: Grey) -> tuple[float, float]:
     return float(steep), float(common)
 
 
-def _ringing(halves: dict[str, Grey], parts: list[slice], window: list[int], noise: float) -> Figures:
+def _ringing(halves: dict[str, FloatImage], parts: list[slice], window: list[int], noise: float) -> Figures:
     rough = {label: _roughness(half, window) for label, half in halves.items()}
     blurred = next(iter(rough.values()))
     even = uniform_filter(blurred, window, mode="nearest") < np.clip(EVEN_NOISE * noise, EVEN, MOST_EVEN) ** 2
@@ -140,7 +139,7 @@ def _ringing(halves: dict[str, Grey], parts: list[slice], window: list[int], noi
     }
 
 
-def _roughness(half: Grey, window: list[int]) -> FloatArray:
+def _roughness(half: FloatImage, window: list[int]) -> FloatArray:
     """Square of the difference from the mean over a window."""
     values = half.astype(np.float64)
     return np.square(values - uniform_filter(values, window, mode="nearest"))

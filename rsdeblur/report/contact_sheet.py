@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from rsdeblur.errors import InputError
-from rsdeblur.report._draw import GROUND, MARKS, FloatImage, caption, display, rgb8
+from rsdeblur.report._draw import GROUND, MARKS, caption, display, rgb8
+from rsdeblur.types import FloatImage
 
 CELL = 480  # px, width of a cell
 KERNEL = 96  # px, longer side of the largest kernel; all are drawn to one scale into their cells' corners

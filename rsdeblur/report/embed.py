@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.psf import PsfBank
 from rsdeblur.report._draw import rgb8
 from rsdeblur.report.psf_map import visible_part
+from rsdeblur.types import FloatArray
 
 # All pictures together, bytes; base64 adds a third.
 BUDGET = 9 * 2**20

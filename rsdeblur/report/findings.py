@@ -71,7 +71,7 @@ def findings(
     psf : (int, int)
         Height and width of the largest PSF, px.
     checks : mapping of str to mapping, optional
-        Of each mode: the fields of a :class:`rsdeblur.Check`.
+        Of each mode: the fields of a :class:`rsdeblur.QualityCheck`.
     unseen : float, default 0.0
         Share of the result that no row saw.
     remarks : sequence of str

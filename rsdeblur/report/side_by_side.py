@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import InputError
-from rsdeblur.report._draw import GROUND, MARKS, FloatImage, caption, display, rgb8
+from rsdeblur.report._draw import GROUND, MARKS, caption, display, rgb8
+from rsdeblur.types import FloatArray, FloatImage
 
 Box = tuple[int, int, int, int]
 

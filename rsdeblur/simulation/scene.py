@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from rsdeblur._util import validate
 from rsdeblur.image.transfer import to_linear
+from rsdeblur.types import FloatImage
 
-FloatImage = NDArray[np.float32]
 Colour = tuple[int, int, int]
 Box = tuple[int, int, int, int]
 

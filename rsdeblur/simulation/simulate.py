@@ -14,13 +14,13 @@ from scipy import ndimage
 from scipy.spatial.transform import Rotation, Slerp
 
 from rsdeblur._util import validate
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.warp import average_warps
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.translation import Translation
+from rsdeblur.types import FloatArray
 
 # Steps of the orientation integral per second. At 10 rad/s and 1000 rad/s^2 the midpoint rule over 50 us errs by
 # less than 1e-7 rad over 0.1 s, far below a hundredth of a pixel.
@@ -178,14 +178,14 @@ class _CameraPath:
 
     def longest(self, opens: FloatArray, closes: FloatArray) -> float:
         """Bound on the length in px of any pixel's path within any of the windows."""
-        focal, (cx, cy) = max(self.camera.focal), self.camera.principal
+        focal_length, (cx, cy) = max(self.camera.focal_length), self.camera.principal_point
         radius = np.hypot(max(cx, self.camera.width - 1 - cx), max(cy, self.camera.height - 1 - cy))
         # At a distance r from the principal point perspective magnifies f by 1 + (r/f)^2.
         tilt, roll = np.hypot(self.rates[:, 0], self.rates[:, 1]), np.abs(self.rates[:, 2])
-        speed = focal * (1.0 + (radius / min(self.camera.focal)) ** 2) * tilt + radius * roll
+        speed = focal_length * (1.0 + (radius / min(self.camera.focal_length)) ** 2) * tilt + radius * roll
         steps = speed * np.diff(self.nodes)
         if self.places is not None:
-            steps = steps + 2 * focal * np.linalg.norm(np.diff(self.places.at(self.nodes), axis=0), axis=1)
+            steps = steps + 2 * focal_length * np.linalg.norm(np.diff(self.places.at(self.nodes), axis=0), axis=1)
         travelled = np.concatenate([[0.0], np.cumsum(steps)])
         lengths = np.interp(closes, self.nodes, travelled) - np.interp(opens, self.nodes, travelled)
         return float(lengths.max())
@@ -218,11 +218,14 @@ def _through_lens(
     """`average_warps` for a lens that distorts: no homography, so each pixel is followed by itself."""
     camera = path.camera
     grid = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
-    directions = _undistorted((grid - np.array(camera.principal)) / np.array(camera.focal), camera)
+    directions = _undistorted((grid - np.array(camera.principal_point)) / np.array(camera.focal_length), camera)
     turns = path.turns(times, reference)
     out = np.empty((camera.height, camera.width, coefficients.shape[2]), dtype=np.float32)
     for y in range(camera.height):
-        at = _distorted(np.einsum("tij,xj->txi", turns[y], directions[y]), camera) * camera.focal + camera.principal
+        at = (
+            _distorted(np.einsum("tij,xj->txi", turns[y], directions[y]), camera) * camera.focal_length
+            + camera.principal_point
+        )
         for c in range(out.shape[2]):
             values = ndimage.map_coordinates(
                 coefficients[..., c], [at[..., 1] + top, at[..., 0] + left], order=3, mode="mirror", prefilter=False

@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur._util.validate import FloatArray
 from rsdeblur.deconv.priors import brightness
 from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
-from rsdeblur.estimate.check import Check
-from rsdeblur.image.encoded import Stored, check_size
+from rsdeblur.estimate.check import QualityCheck
+from rsdeblur.image.encoded import EncodedImage, check_size
 from rsdeblur.image.transfer import Transfer
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.paths import BlurPaths, Geometry, Motion, Shot
+from rsdeblur.motion.paths import BlurPaths, Capture, Geometry, Motion
 from rsdeblur.pipeline.deblur import deblur
-from rsdeblur.pipeline.settings import Method, Mode
+from rsdeblur.pipeline.settings import Mode, SolverSettings
 from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatArray, Progress
 from rsdeblur.video.clip import Clip, frames
 from rsdeblur.video.pixels import values_of
 
@@ -30,8 +30,6 @@ from rsdeblur.video.pixels import values_of
 LOOKED_AT = 5
 # Kernels at the tiles' centres may be this much larger than the probed paths say, px.
 SPARE = 1
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +48,7 @@ class Plan:
         See :func:`rsdeblur.deblur`.
     """
 
-    method: Method
+    method: SolverSettings
     rows: tuple[float, ...]
     cols: tuple[float, ...]
     size: tuple[int, int]
@@ -64,9 +62,9 @@ class Plan:
         return PsfBank(kernels, np.array(self.rows), np.array(self.cols))
 
 
-def upright_shot(log: GyroLog, camera: Camera, exposure: Exposure) -> Shot:
-    """Return the shot with its readout along y, as in :func:`rsdeblur.deblur`."""
-    return Shot.from_log(log, camera.turned() if camera.horizontal_readout else camera, exposure)
+def upright_capture(log: GyroLog, camera: Camera, exposure: Exposure) -> Capture:
+    """Return the capture with its readout along y, as in :func:`rsdeblur.deblur`."""
+    return Capture.from_log(log, camera.turned() if camera.horizontal_readout else camera, exposure)
 
 
 def plan_clip(
@@ -109,8 +107,8 @@ def plan_clip(
         If the frames are not the camera's, or the blur of every frame is too large.
     """
     check_size((clip.height, clip.width), camera)
-    told = progress or (lambda stage, fraction: None)
-    found, faults = _measure(clip, log, camera, exposures, settings["motion"], told)
+    report_progress = progress or (lambda stage, fraction: None)
+    found, reasons = _measure(clip, log, camera, exposures, settings["motion"], report_progress)
     down, across = found[:, 1:3].max(axis=0)
     size = (2 * (int(down) + 1 + SPARE) + 1, 2 * (int(across) + 1 + SPARE) + 1)
     good = found[:, 0].astype(int)
@@ -118,7 +116,7 @@ def plan_clip(
     spread = good[np.unique(np.linspace(0, len(good) - 1, LOOKED_AT).astype(int))]
     looked = []
     for i in sorted({*spread.tolist(), *good[found[:, 3:].argmax(axis=0)].tolist()}):
-        told(f"look at frame {i}", 1.0)
+        report_progress(f"look at frame {i}", 1.0)
         (frame,) = frames(clip, i, i + 1)
         looked.append(_alone(values_of(frame), log, camera, exposures[i], mode, transfer, settings))
     _warn_of_bad([look.check for look in looked], clip)
@@ -129,31 +127,31 @@ def plan_clip(
     if camera.horizontal_readout:
         rows, cols = cols, (camera.height - 1 - rows)[::-1]
     own = {name: settings[name] for name in ("prior", "exponent", "solver", "motion", "border", "planning", "threads")}
-    method = Method(mode=mode, nsr=nsr, weight=weight, peak=peak, **own)
-    return Plan(method, tuple(rows.tolist()), tuple(cols.tolist()), size, geometry, transfer), faults
+    method = SolverSettings(mode=mode, nsr=nsr, weight=weight, peak=peak, **own)
+    return Plan(method, tuple(rows.tolist()), tuple(cols.tolist()), size, geometry, transfer), reasons
 
 
 def _measure(
-    clip: Clip, log: GyroLog, camera: Camera, exposures: Sequence[Exposure], motion: Motion, told: Progress
+    clip: Clip, log: GyroLog, camera: Camera, exposures: Sequence[Exposure], motion: Motion, report_progress: Progress
 ) -> tuple[FloatArray, list[str | None]]:
     """Return number, extent along y and x and what tiles depend on, of frames that can be deblurred, and all faults."""
-    measures, faults = [], list[str | None]()
+    measures, reasons = [], list[str | None]()
     refused: CoverageError | InputError | None = None
     for i, exposure in enumerate(exposures):
         try:
-            probe = BlurPaths.probe(upright_shot(log, camera, exposure), motion=motion)
+            probe = BlurPaths.probe(upright_capture(log, camera, exposure), motion=motion)
             _check_reach(probe, camera)
         except (CoverageError, InputError) as error:
             refused = refused or error
-            faults.append(str(error))
+            reasons.append(str(error))
             continue
         finally:
-            told("look at all frames", (i + 1) / len(exposures))
-        faults.append(None)
+            report_progress("look at all frames", (i + 1) / len(exposures))
+        reasons.append(None)
         measures.append((i, *probe.extent, probe.change_down, probe.curvature_down, probe.curvature_across))
     if not measures:
         raise refused or InputError(f"{clip.path}: there are no frames to deblur")
-    return np.array(measures), faults
+    return np.array(measures), reasons
 
 
 def _check_reach(probe: BlurPaths, camera: Camera) -> None:
@@ -169,7 +167,7 @@ class _Look(NamedTuple):
     weight: float | None
     peak: float
     psfs: PsfBank
-    check: Check | None
+    check: QualityCheck | None
 
 
 def _alone(
@@ -183,11 +181,11 @@ def _alone(
 ) -> _Look:
     """Deblur a frame as a photo, and return what was chosen for it."""
     result = deblur(values, log, camera, exposure, mode=mode, transfer=transfer, **settings)
-    peak = brightness(Stored(values[::4, ::4], transfer).light(slice(None)))
+    peak = brightness(EncodedImage(values[::4, ::4], transfer).linear(slice(None)))
     return _Look(result.nsr, result.weight, peak, result.psfs, result.check)
 
 
-def _warn_of_bad(checks: list[Check | None], clip: Clip) -> None:
+def _warn_of_bad(checks: list[QualityCheck | None], clip: Clip) -> None:
     """Warn where the motion does not explain most of the frames that were looked at."""
     bad = [check for check in checks if check is not None and check.verdict == "bad"]
     if 2 * len(bad) > len(checks):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,13 +16,13 @@ from rsdeblur.errors import OutputError, RsdeblurError
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.types import Progress
 from rsdeblur.video.clip import Clip
 from rsdeblur.video.joining import container_of, join
 from rsdeblur.video.plan import Plan
 from rsdeblur.video.segments import Encoding, Segment, encode_segment
 
 SEGMENT = 32
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ def deblur_video(
     camera: Camera,
     exposures: Sequence[Exposure],
     plan: Plan,
-    faults: Sequence[str | None],
+    reasons: Sequence[str | None],
     output: Path,
     *,
     encoding: Encoding,
@@ -114,36 +114,36 @@ def deblur_video(
         parts.open()
     except OSError as error:
         raise OutputError(f"{parts.folder}: cannot make the folder: {error.strerror}") from error
-    told = progress or (lambda stage, fraction: None)
-    mark = _mark(clip, log, camera, exposures, plan, encoding, segment)
+    report_progress = progress or (lambda stage, fraction: None)
+    fingerprint = _fingerprint(clip, log, camera, exposures, plan, encoding, segment)
     starts = range(0, len(clip), segment)
     paths = [parts.folder / f"{first:07d}.mkv" for first in starts]
-    done = [parts.facts(path.name, mark) is not None and path.is_file() for path in paths]
+    done = [parts.facts(path.name, fingerprint) is not None and path.is_file() for path in paths]
     resumed = sum(done)
 
     def tasks() -> Iterator[Segment]:
         for first, path, ready in zip(starts, paths, done, strict=True):
             stop = min(first + segment, len(clip))
-            wanted = [None if faults[i] else exposures[i] for i in range(first, stop)]
+            wanted = [None if reasons[i] else exposures[i] for i in range(first, stop)]
             if not ready:
                 yield Segment(clip, first, stop, wanted, log, camera, plan, encoding, path)
 
     finished = resumed
-    told(f"{min(finished * segment, len(clip))} of {len(clip)} frames", finished / len(paths))
+    report_progress(f"{min(finished * segment, len(clip))} of {len(clip)} frames", finished / len(paths))
     try:
         with closing(workers.run(encode_segment, tasks(), jobs=jobs, lost=_tidy)) as answers:
             for task, answer in answers:
                 if isinstance(answer, workers.Failure):
                     raise RsdeblurError(f"frames {task.first} to {task.stop - 1}: {answer.message}")
-                parts.finish(task.output.name, mark, answer)
+                parts.finish(task.output.name, fingerprint, answer)
                 finished += 1
-                told(f"{min(finished * segment, len(clip))} of {len(clip)} frames", finished / len(paths))
+                report_progress(f"{min(finished * segment, len(clip))} of {len(clip)} frames", finished / len(paths))
     finally:
         for path in paths:
             remove_unfinished(path)
     dropped = join(clip, paths, output)
     shutil.rmtree(parts.folder)
-    kept = sum(fault is not None for fault in faults)
+    kept = sum(reason is not None for reason in reasons)
     return VideoResult(len(clip), kept, len(paths), resumed, dropped)
 
 
@@ -151,7 +151,7 @@ def _tidy(segment: Segment) -> None:
     remove_unfinished(segment.output)
 
 
-def _mark(
+def _fingerprint(
     clip: Clip,
     log: GyroLog,
     camera: Camera,

@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur.errors import InputError, OutputError
-from rsdeblur.image.encoded import Stored, result_like
+from rsdeblur.image.encoded import EncodedImage, result_like
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.paths import BlurPaths, Shot
+from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.motion.rectify import rectify
 from rsdeblur.pipeline.settings import TileSolve
 from rsdeblur.psf import PsfBank
 from rsdeblur.video._av import av
 from rsdeblur.video.clip import Clip, frames
 from rsdeblur.video.pixels import frame_of, values_of
-from rsdeblur.video.plan import Plan, upright_shot
+from rsdeblur.video.plan import Plan, upright_capture
 
 # Encoders for what decoders are called.
 ENCODERS = {
@@ -171,22 +171,22 @@ def deblur_frame(
     values: NDArray[np.uint16], log: GyroLog, camera: Camera, exposure: Exposure, plan: Plan
 ) -> NDArray[np.uint16]:
     """Return a frame, RGB of shape (H, W, 3), deblurred as planned."""
-    shot = upright_shot(log, camera, exposure)
+    capture = upright_capture(log, camera, exposure)
     quarter = camera.horizontal_readout
-    stored = Stored.of(values, plan.transfer, quarter=quarter)
+    encoded = EncodedImage.of(values, plan.transfer, quarter=quarter)
     out, upright = result_like(values, np.empty_like(values), quarter=quarter)
-    light = _solved(stored.light(slice(None)), shot, plan)
+    light = _solved(encoded.linear(slice(None)), capture, plan)
     if plan.geometry == "rectify":
-        light, _ = rectify(light, shot)
-    stored.put(light, slice(0, len(light)), upright)
+        light, _ = rectify(light, capture)
+    encoded.encode(light, slice(0, len(light)), upright)
     return out
 
 
-def _solved(light: NDArray[np.float32], shot: Shot, plan: Plan) -> NDArray[np.float32]:
-    paths = BlurPaths.from_shot(shot, plan.rows, plan.cols, motion=plan.method.motion)
+def _solved(light: NDArray[np.float32], capture: Capture, plan: Plan) -> NDArray[np.float32]:
+    paths = BlurPaths.from_capture(capture, plan.rows, plan.cols, motion=plan.method.motion)
     bank = PsfBank.from_paths(paths)
     if plan.method.mode == "rowwise" or any(new > most for new, most in zip(bank.size, plan.size, strict=True)):
-        return plan.method.planned(shot, bank, light.shape)(light, _silent)
+        return plan.method.planned(capture, bank, light.shape)(light, _silent)
     tiles = _tiles(plan, light.shape)
     tiles.replan(bank)
     return tiles(light, _silent)

@@ -1,4 +1,4 @@
-"""The opponents: they undo a blur whose PSF they are given, and the blind one finds it."""
+"""The baselines: they undo a blur whose PSF they are given, and the blind one finds it."""
 
 from __future__ import annotations
 

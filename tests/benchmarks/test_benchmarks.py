@@ -1,4 +1,4 @@
-"""The benchmarks' own machinery: how times are taken and compared, and what happens where a rival is missing."""
+"""The benchmarks' own machinery: how times are taken and compared, and what happens where an alternative is missing."""
 
 from __future__ import annotations
 
@@ -65,24 +65,24 @@ def test_what_slows_the_machine_down_leaves_ratios_alone(module):
     assert times[5] / times[2] == pytest.approx(2.5)
 
 
-def test_missing_rival_is_skipped_with_a_message(module, monkeypatch):
+def test_missing_alternative_is_skipped_with_a_message(module, monkeypatch):
     peers, cases = module("peers"), module("cases")
     for name in ("cv2", "mkl_fft", "regularizepsf"):
         monkeypatch.setitem(sys.modules, name, None)  # the import system's way to say that there is none
-    rivals = {name: peers.c.CONTENDERS[name] for name in (peers.c.PERIODIC, "SciPy FFT", "OpenCV", peers.c.MKL)}
-    monkeypatch.setattr(peers.c, "CONTENDERS", rivals)
+    alternatives = {name: peers.c.ALTERNATIVES[name] for name in (peers.c.PERIODIC, "SciPy FFT", "OpenCV", peers.c.MKL)}
+    monkeypatch.setattr(peers.c, "ALTERNATIVES", alternatives)
     tasks, builds, skipped = peers.build(cases.Case(64, 48, (5, 9)), [1, 2])
     assert set(tasks) == set(builds) == {(name, n) for name in (peers.c.PERIODIC, "SciPy FFT") for n in (1, 2)}
     assert [message.split(":")[0] for message in skipped] == ["OpenCV", peers.c.MKL]
     assert "cv2" in skipped[0]
 
 
-def test_target_that_lacks_a_contender_is_not_judged(module):
+def test_target_that_lacks_an_alternative_is_not_judged(module):
     peers = module("peers")
     at_most, at_least = peers.Target("", "a", "b", 2.0), peers.Target("", "a", "b", 2.0, at_least=True)
-    assert at_most.judge({"a": 3.0, "b": 1.0})["met"] is False
-    assert at_least.judge({"a": 3.0, "b": 1.0})["met"] is True
-    assert at_most.judge({"a": 3.0}) == {"text": "", "bound": 2.0, "at_least": False, "ratio": None, "met": None}
+    assert at_most.assess({"a": 3.0, "b": 1.0})["met"] is False
+    assert at_least.assess({"a": 3.0, "b": 1.0})["met"] is True
+    assert at_most.assess({"a": 3.0}) == {"text": "", "bound": 2.0, "at_least": False, "ratio": None, "met": None}
 
 
 def test_another_picture_is_noticed(module):
@@ -91,9 +91,9 @@ def test_another_picture_is_noticed(module):
     wrong = right + np.float32(1e-3)
     for picture, same in ((right, True), (wrong, False)):
         deviation = peers.deviation(("SciPy FFT", 1), {("SciPy FFT", 1): picture, (peers.c.PERIODIC, 1): right})
-        assert (deviation <= peers.c.CONTENDERS["SciPy FFT"].tolerance) is same
+        assert (deviation <= peers.c.ALTERNATIVES["SciPy FFT"].tolerance) is same
     with pytest.raises(SystemExit, match="another picture: SciPy FFT"):
-        peers.refuse_other_pictures({"cases": [{"contenders": [{"name": "SciPy FFT", "same": False}]}]})
+        peers.refuse_other_pictures({"cases": [{"alternatives": [{"name": "SciPy FFT", "same": False}]}]})
 
 
 @pytest.mark.parametrize("bands", [1, 4])

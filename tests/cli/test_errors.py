@@ -123,12 +123,12 @@ def other_size(files: Files) -> Path:
 
 
 def kernel_too_large(files: Files) -> Path:
-    Camera(96, 72, 9000.0, readout=0.03).save(files.camera)
+    Camera(96, 72, 9000.0, readout_time=0.03).save(files.camera)
     return files.photo
 
 
 def broken_camera(files: Files) -> Path:
-    files.camera.write_text("width = 96\nheigth = 72\nfocal = 110\n")
+    files.camera.write_text("width = 96\nheigth = 72\nfocal_length = 110\n")
     return files.camera
 
 

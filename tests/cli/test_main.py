@@ -52,7 +52,7 @@ def test_choices_are_those_of_the_library() -> None:
     assert set(choices["mode"]) == set(pipeline.MODES) == set(compare.MODES)
     assert set(choices["geometry"]) == set(pipeline.GEOMETRIES)
     assert set(choices["motion"]) == set(motion.MOTIONS)
-    assert choices["border"] == (*border.BORDERS, *border.EXTENSIONS)
+    assert choices["border"] == (*border.BORDERS, *border.BOUNDARIES)
 
 
 def test_wrong_usage_exits_with_2() -> None:

@@ -33,7 +33,7 @@ TICK = Fraction(1, 90000)
 START, DURATION = 0.05, 1 / 30  # s
 BT709 = 1
 # The frames' distances are uneven, as a phone's in poor light are.
-STAMPS = [3000 * i + 700 * (i % 3) for i in range(FRAMES)]
+TIMESTAMP_MARKS = [3000 * i + 700 * (i % 3) for i in range(FRAMES)]
 
 
 # The scene is sharp to the pixel; automatic strengths expect a lens.
@@ -64,11 +64,11 @@ def movie(tmp_path_factory: pytest.TempPathFactory) -> Movie:
     """Film a scene with a shaking rolling-shutter camera held upright, with sound."""
     folder = tmp_path_factory.mktemp("movie")
     log = hand_shake(0.6, strength=0.3, seed=3)
-    camera = Camera(WIDTH, HEIGHT, 1.1 * WIDTH, readout=0.02)
+    camera = Camera(WIDTH, HEIGHT, 1.1 * WIDTH, readout_time=0.02)
     sharp = scene(HEIGHT + 40, WIDTH + 40, seed=1)
-    taken = [simulate(sharp, log, camera, Exposure(START + float(t * TICK), DURATION)) for t in STAMPS]
+    taken = [simulate(sharp, log, camera, Exposure(START + float(t * TICK), DURATION)) for t in TIMESTAMP_MARKS]
     blurred, truth = (
-        [from_linear(getattr(shot, name).clip(0, 1), "srgb") for shot in taken] for name in ("blurred", "rolling")
+        [from_linear(getattr(capture, name).clip(0, 1), "srgb") for capture in taken] for name in ("blurred", "rolling")
     )
     files = Movie(folder / "clip.mp4", folder / "gyro.csv", folder / "camera.toml", truth)
     camera.save(files.camera)
@@ -89,7 +89,7 @@ def write(path: Path, pictures: list[NDArray[np.float32]], *, tagged: bool = Tru
             context.colorspace = context.color_primaries = context.color_trc = BT709
             pictured.set_display_rotation(-90)
         sound = container.add_stream("aac", rate=48000)
-        for picture, stamp in zip(pictures, STAMPS, strict=True):
+        for picture, stamp in zip(pictures, TIMESTAMP_MARKS, strict=True):
             frame = av.VideoFrame.from_ndarray(np.rint(65535 * picture).astype(np.uint16), format="rgb48le")
             space = {"dst_colorspace": BT709} if tagged else {}
             frame = frame.reformat(format=pixels, dst_color_range=int(context.color_range), **space)
@@ -133,7 +133,7 @@ def seen(path: Path) -> Seen:
     return Seen(pictures, kept, sound)
 
 
-def likeness(pictures: list[NDArray[Any]], truth: list[NDArray[np.float32]]) -> NDArray[Any]:
+def similarity(pictures: list[NDArray[Any]], truth: list[NDArray[np.float32]]) -> NDArray[Any]:
     inner = np.s_[12:-12, 12:-12]
     return np.array(
         [peak_signal_noise_ratio(a[inner], b[inner], data_range=1.0) for a, b in zip(truth, pictures, strict=True)]
@@ -148,11 +148,11 @@ def test_frames_get_sharper_and_all_else_is_kept(
     assert result.exit_code == 0, result.output
     before, after = seen(movie.path), seen(tmp_path / "sharp.mp4")
     assert after.kept == before.kept
-    assert after.kept["stamps"] == [float(t * TICK) for t in STAMPS]
+    assert after.kept["stamps"] == [float(t * TICK) for t in TIMESTAMP_MARKS]
     assert after.kept["turn"] == -90
     assert after.sound == before.sound
     assert len(after.sound) > 10
-    gain = likeness(after.pictures, movie.truth) - likeness(before.pictures, movie.truth)
+    gain = similarity(after.pictures, movie.truth) - similarity(before.pictures, movie.truth)
     if "rectify" not in method:  # whose truth is another one
         # 1.2 to 1.3 dB when this was written: half of the colour is not there in 4:2:0.
         assert gain.mean() > 0.8
@@ -161,18 +161,18 @@ def test_frames_get_sharper_and_all_else_is_kept(
 
 def test_windows_follow_the_frames_own_stamps(run: Run, here: None, movie: Movie, tmp_path: Path) -> None:
     # Half an exposure off, no better than before: 1.1 dB above and 0.6 dB below it when this was written.
-    before = likeness(seen(movie.path).pictures, movie.truth).mean()
+    before = similarity(seen(movie.path).pictures, movie.truth).mean()
     right, wrong = tmp_path / "right.mp4", tmp_path / "wrong.mp4"
     for path, start in ((right, START), (wrong, START + 0.015)):
         options = ("--start", start, "--duration", DURATION)
         assert run(*movie.arguments(*options, *STRENGTHS, "-o", path)).exit_code == 0
-    assert likeness(seen(right).pictures, movie.truth).mean() > before + 0.8
-    assert likeness(seen(wrong).pictures, movie.truth).mean() < before
+    assert similarity(seen(right).pictures, movie.truth).mean() > before + 0.8
+    assert similarity(seen(wrong).pictures, movie.truth).mean() < before
 
 
 def test_captures_tell_each_frame(run: Run, here: None, movie: Movie, tmp_path: Path) -> None:
     captures = tmp_path / "movie_metadata.csv"
-    rows = [f"{round(1e9 * (START + float(t * TICK)))},{round(1e9 * DURATION)}" for t in STAMPS]
+    rows = [f"{round(1e9 * (START + float(t * TICK)))},{round(1e9 * DURATION)}" for t in TIMESTAMP_MARKS]
     # One capture was not encoded; the list of encoded frames tells.
     captures.write_text("Timestamp[nanosec],Exposure time[nanosec]\n" + "\n".join(["1000,33333333", *rows]) + "\n")
     encoded = [str(int(row.split(",")[0]) // 1000 * 1000) for row in rows]
@@ -230,7 +230,7 @@ def test_horizontal_readout_is_the_turned_problem(movie: Movie) -> None:
     from rsdeblur.video.segments import deblur_frame
 
     log, clip = read_gyro(movie.gyro), open_clip(movie.path)
-    camera = Camera(WIDTH, HEIGHT, 1.1 * WIDTH, readout=0.02, readout_direction="right-left")
+    camera = Camera(WIDTH, HEIGHT, 1.1 * WIDTH, readout_time=0.02, readout_direction="right-left")
     exposures = [Exposure(START + t, DURATION) for t in clip.times]
     settings: dict[str, Any] = {"bands": 6, "strips": 2, "prior": "wiener", "nsr": 0.02, "weight": "auto"}
     settings |= {

@@ -7,7 +7,7 @@ import pytest
 from skimage.metrics import peak_signal_noise_ratio
 
 from rsdeblur import Camera, Deconvolver, Exposure, InputError, PsfBank, deblur, simulate
-from rsdeblur.deconv.border import EXTENSIONS
+from rsdeblur.deconv.border import BOUNDARIES
 from rsdeblur.deconv.boundary import extended, extended_shape, reflected, smooth, tapered
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -16,7 +16,7 @@ H, W = 60, 85
 
 
 @pytest.fixture
-def light():
+def linear():
     return np.random.default_rng(0).random((H, W, 3), dtype=np.float32)
 
 
@@ -26,21 +26,21 @@ def bank():
     return PsfBank(kernels / kernels.sum(axis=(2, 3), keepdims=True), [20.0, 40.0], [20.0, 60.0])
 
 
-@pytest.mark.parametrize("extension", EXTENSIONS)
-def test_shape_is_as_announced(light, bank, extension):
-    longer = extended(light, bank, extension)
-    assert longer.shape == extended_shape(light.shape, bank, extension)
+@pytest.mark.parametrize("extension", BOUNDARIES)
+def test_shape_is_as_announced(light, bank, boundary):
+    longer = extended(light, bank, boundary)
+    assert longer.shape == extended_shape(light.shape, bank, boundary)
     assert longer.dtype == np.float32
-    if extension != "edge-taper":
+    if boundary != "edge-taper":
         np.testing.assert_array_equal(longer[:H, :W], light)
         assert longer.shape[0] >= H + 9
         assert longer.shape[1] >= W + 15
 
 
-@pytest.mark.parametrize("extension", EXTENSIONS)
-def test_a_constant_stays_one(bank, extension):
+@pytest.mark.parametrize("extension", BOUNDARIES)
+def test_a_constant_stays_one(bank, boundary):
     flat = np.full((H, W, 1), 0.3, dtype=np.float32)
-    np.testing.assert_allclose(extended(flat, bank, extension), 0.3, atol=1e-6)
+    np.testing.assert_allclose(extended(flat, bank, boundary), 0.3, atol=1e-6)
 
 
 def test_reflection_repeats_the_border_pixels(light):
@@ -82,19 +82,19 @@ def capture():
 
 
 @pytest.mark.parametrize("arguments", [{"mode": "global"}, {"bands": 3, "strips": 2}, {"prior": "tv", "weight": 1e-3}])
-def test_every_rival_beats_the_seam(capture, arguments):
-    pictures, shot = capture
+def test_every_alternative_beats_the_seam(capture, arguments):
+    pictures, capture = capture
 
     def psnr(border):
-        image = deblur(pictures.blurred, *shot, nsr=3e-3, border=border, **arguments).image
+        image = deblur(pictures.blurred, *capture, nsr=3e-3, border=border, **arguments).image
         return peak_signal_noise_ratio(pictures.rolling, image, data_range=1.0)
 
     seam = psnr("periodic")
-    for extension in EXTENSIONS:
-        assert psnr(extension) > seam + 0.5
+    for boundary in BOUNDARIES:
+        assert psnr(boundary) > seam + 0.5
 
 
-def test_rowwise_has_no_use_for_rivals(shaky_log):
+def test_rowwise_has_no_use_for_alternatives(shaky_log):
     camera, exposure = Camera(160, 120, 300.0), Exposure(0.05, 0.04)
     with pytest.raises(InputError, match='takes no border="smooth"'):
         deblur(np.zeros((120, 160)), shaky_log(), camera, exposure, mode="rowwise", border="smooth")

@@ -69,26 +69,28 @@ def test_shrinkage_minimises(exponent: float) -> None:
 @pytest.mark.parametrize("beta", [0.003, 0.1, 3.0])
 def test_global_is_the_equation(blurred: np.ndarray, beta: float) -> None:
     wanted = np.random.default_rng(4).normal(0, 0.1, (2, H, W, 3))
-    pull = pull_of(*wanted)
+    grad_adjoint = pull_of(*wanted)
     own = solver()
     own.prepare(blurred)
     y, x = np.fft.fftfreq(H)[:, None, None], np.fft.fftfreq(W)[:, None]
     differences = 4 * np.sin(np.pi * y) ** 2 + 4 * np.sin(np.pi * x) ** 2
-    above = (1 + NSR) * transfer().conj() * np.fft.fft2(blurred, axes=(0, 1)) + beta * np.fft.fft2(pull, axes=(0, 1))
+    above = (1 + NSR) * transfer().conj() * np.fft.fft2(blurred, axes=(0, 1)) + beta * np.fft.fft2(
+        grad_adjoint, axes=(0, 1)
+    )
     normal = np.abs(transfer()) ** 2 + NSR + beta * differences
     expected = np.fft.ifft2(above / normal, axes=(0, 1)).real
     # float32 transforms, times a gain of at most 1 / (2 sqrt(nsr)) = 9.
-    np.testing.assert_allclose(own.solve(beta, pull), expected, atol=5e-5)
+    np.testing.assert_allclose(own.solve(beta, grad_adjoint), expected, atol=5e-5)
 
 
 def test_responses_twins_agree() -> None:
     rng = np.random.default_rng(5)
     otf = (rng.normal(size=(6, 10)) + 1j * rng.normal(size=(6, 10))).astype(np.complex64)
     across, down = rng.random(6, dtype=np.float32), rng.random(10, dtype=np.float32)
-    for of_pull in (False, True):
+    for of_grad_adjoint in (False, True):
         fast, slow = np.empty_like(otf), np.empty_like(otf)
         for fill, out in ((responses.responses, fast), (responses.responses_numpy, slow)):
-            fill(otf, across, down, np.float32(0.01), np.float32(0.3), np.float32(0.5), of_pull, out)
+            fill(otf, across, down, np.float32(0.01), np.float32(0.3), np.float32(0.5), of_grad_adjoint, out)
         np.testing.assert_allclose(fast, slow, rtol=1e-5)
 
 

@@ -44,8 +44,8 @@ def test_solve_is_the_dense_minimum(picture, solver, nsr, beta, monkeypatch):
 
     def minimise(term):
         across, down = dense_gradients(term.shape[0])
-        pull = across.T @ rng.normal(size=len(across)) + down.T @ rng.normal(size=len(down))
-        found["pull"] = pull.reshape(term.shape).astype(np.float32)
+        grad_adjoint = across.T @ rng.normal(size=len(across)) + down.T @ rng.normal(size=len(down))
+        found["pull"] = grad_adjoint.reshape(term.shape).astype(np.float32)
         found["u"] = term.solve(beta, found["pull"].copy())
         return found["u"]
 

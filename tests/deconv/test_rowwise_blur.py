@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from rsdeblur import BlurPaths, Camera, Exposure, InputError, PsfBank, RowBlur, Shot, simulate
+from rsdeblur import BlurPaths, Camera, Capture, Exposure, InputError, PsfBank, RowBlur, simulate
 from rsdeblur.simulation.scene import scene
 
 H, W = 40, 33
@@ -81,12 +81,12 @@ def test_linear_operator_and_threads():
 @pytest.mark.parametrize("geometry", ["keep", "rectify"])
 def test_agrees_with_the_simulator(shaky_log, geometry):
     """The simulator warps the scene by cubic splines and shares no code with the paths."""
-    camera, exposure = Camera(160, 120, 150.0, readout=0.03), Exposure(0.1, 1 / 30)
+    camera, exposure = Camera(160, 120, 150.0, readout_time=0.03), Exposure(0.1, 1 / 30)
     log, world = shaky_log(), gaussian_filter(scene(200, 240), (1, 1, 0))
     seen = simulate(world, log, camera, exposure)
-    shot = Shot.from_log(log, camera, exposure)
+    capture = Capture.from_log(log, camera, exposure)
     cols = np.arange(8, 160, 16.0)
-    blur = RowBlur(BlurPaths.every_row(shot, cols, geometry=geometry), 160, channels=3)
+    blur = RowBlur(BlurPaths.every_row(capture, cols, geometry=geometry), 160, channels=3)
     # What the frame does not show: the scene around it, or for the rolling picture its own border rows.
     latent = np.zeros(blur.latent_shape, dtype=np.float32)
     rows = np.arange(len(latent)) + blur.top

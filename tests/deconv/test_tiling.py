@@ -48,15 +48,15 @@ def test_weights_sum_to_one_and_are_positive(case, periodic):
 
 @pytest.mark.parametrize("periodic", [False, True])
 def test_a_tile_is_longer_than_its_part_by_a_gap_that_fades(case, periodic):
-    centres, kernel, gap = case
-    tiling = Tiling.plan(centres, N, kernel, gap, periodic=periodic)
+    centres, kernel, margin = case
+    tiling = Tiling.plan(centres, N, kernel, margin, periodic=periodic)
     longest = max(len(tile.weights) for tile in tiling.tiles)
     for tile in tiling.tiles:
         assert tile.start <= tile.first
         # What fades at the tile's end is not the picture any more.
         assert tile.first + len(tile.weights) <= tile.start + tiling.length - tiling.taper
     if tiling.length < N:
-        assert tiling.taper == tiling.length - longest >= gap
+        assert tiling.taper == tiling.length - longest >= margin
 
 
 def test_a_single_tile_spans_all():

@@ -9,12 +9,12 @@ import pytest
 from skimage.metrics import peak_signal_noise_ratio
 
 from rsdeblur import Camera, Exposure, InputError, deblur, simulate
-from rsdeblur.estimate.check import Meter, _neighbouring, fall_back
-from rsdeblur.image.encoded import Stored
+from rsdeblur.estimate.check import UndershootMeter, _neighbouring, fall_back
+from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 
-RECORDING = hand_shake(0.3, seed=3), Camera(320, 256, 350.0, readout=0.02), Exposure(0.08, 1 / 25)
+RECORDING = hand_shake(0.3, seed=3), Camera(320, 256, 350.0, readout_time=0.02), Exposure(0.08, 1 / 25)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def test_the_right_motion_is_good_and_a_wrong_one_bad(capture):
 def test_readout_direction_changes_nothing(capture):
     blurred, log, camera, exposure = capture
     turned = np.rot90(blurred)
-    aside = Camera(256, 320, 350.0, readout=0.02, readout_direction="left-right")
+    aside = Camera(256, 320, 350.0, readout_time=0.02, readout_direction="left-right")
     # The picture turned counter-clockwise with its camera: x becomes -y, y becomes x.
     moved = replace(log, omega=log.omega[:, [1, 0, 2]] * (1.0, -1.0, 1.0))
     check = deblur(turned, moved, aside, exposure).check
@@ -82,7 +82,7 @@ def test_neighbouring_rows_of_tiles_are_told(capture):
     blurred, log, camera, exposure = capture
     right = deblur(blurred, log, camera, exposure).check
     # Half of the readout is right, the other half is of another moment.
-    later = deblur(blurred, log, replace(camera, readout=0.1), exposure).check
+    later = deblur(blurred, log, replace(camera, readout_time=0.1), exposure).check
     assert later.weakest < right.weakest
     np.testing.assert_array_equal(_neighbouring(np.array([4.0, -10.0, 2.0])), [-3.0, -4.0])
     np.testing.assert_array_equal(_neighbouring(np.array([4.0])), [4.0])
@@ -104,7 +104,7 @@ def test_fallback_blends_only_where_it_is_bad(capture):
     # The upper half is bad, the lower good: rows go from the input to the result.
     check = replace(result.check, leads=(-99.0, 99.0), ringings=())
     out = np.ones((256, 320, 1), np.float32)
-    fall_back(Stored(np.zeros((256, 320, 1), np.float32), "linear"), check, out)
+    fall_back(EncodedImage(np.zeros((256, 320, 1), np.float32), "linear"), check, out)
     assert (out[:64] == 0).all()
     assert (out[192:] == 1).all()
     assert (np.diff(out[:, 0, 0]) >= 0).all()
@@ -114,10 +114,10 @@ def test_fallback_blends_only_where_it_is_bad(capture):
 def test_fallback_does_no_harm(pictures, prior):
     log, camera, exposure = RECORDING
     light = pictures.blurred.clip(0, 1)
-    longer = replace(camera, focal=(700.0, 700.0))
-    shots = [(wrong(log), camera), (log, longer), (replace(log, omega=log.omega[:, [1, 0, 2]]), camera)]
+    longer = replace(camera, focal_length=(700.0, 700.0))
+    captures = [(wrong(log), camera), (log, longer), (replace(log, omega=log.omega[:, [1, 0, 2]]), camera)]
     before = peak_signal_noise_ratio(pictures.rolling, light, data_range=1.0)
-    for moved, seen in shots:
+    for moved, seen in captures:
         harmed, saved = (
             peak_signal_noise_ratio(
                 pictures.rolling,
@@ -133,7 +133,7 @@ def test_fallback_does_no_harm(pictures, prior):
 
 def test_slabs_are_measured_like_the_whole():
     light = np.random.default_rng(0).normal(0.2, 0.3, (2, 50, 40, 3)).astype(np.float32)
-    whole, slabs = Meter(50), Meter(50)
+    whole, slabs = UndershootMeter(50), UndershootMeter(50)
     for meter, parts in ((whole, [slice(0, 50)]), (slabs, [slice(0, 17), slice(17, 50)])):
         for rows in parts:
             meter.before(light[0, rows], rows)

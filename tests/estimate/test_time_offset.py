@@ -17,7 +17,7 @@ from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 
 ROOT = Path(__file__).resolve().parents[2]
-CAMERA = Camera(448, 320, 500.0, readout=0.03)
+CAMERA = Camera(448, 320, 500.0, readout_time=0.03)
 EXPOSURE = Exposure(0.5, 1 / 25)
 SHARP = scene(336, 464)
 
@@ -106,7 +106,7 @@ def test_real_recordings(data_dir):
 @pytest.mark.parametrize("line", ["", "time_offset = 0.5 # guessed\n"])
 def test_the_camera_file_keeps_its_other_lines(tmp_path, line):
     file = tmp_path / "camera.toml"
-    file.write_text(f"# mine\nwidth = 64\nheight = 48\n{line}focal = 70.0")
+    file.write_text(f"# mine\nwidth = 64\nheight = 48\n{line}focal_length = 70.0")
     write_time_offset(file, -1.25e-3)
     assert read_camera(file).time_offset == -1.25e-3
     text = file.read_text()

@@ -8,20 +8,20 @@ import pytest
 from rsdeblur import Camera, InputError
 from rsdeblur.image.encoded import reduced
 
-CAMERA = Camera(120, 90, 200.0, readout=0.02)
+CAMERA = Camera(120, 90, 200.0, readout_time=0.02)
 
 
 def test_the_camera_follows():
     """A point on the optical axis stays on it; pixel centres are at integers."""
     y, x = np.mgrid[:90, :120]
-    spot = np.exp(-((x - CAMERA.principal[0]) ** 2 + (y - CAMERA.principal[1]) ** 2) / 72)
+    spot = np.exp(-((x - CAMERA.principal_point[0]) ** 2 + (y - CAMERA.principal_point[1]) ** 2) / 72)
     small, camera = reduced(spot, CAMERA, 60)
     assert small.shape == (camera.height, camera.width) == (45, 60)
-    assert camera.focal == (100.0, 100.0)
-    assert camera.readout == CAMERA.readout
+    assert camera.focal_length == (100.0, 100.0)
+    assert camera.readout_time == CAMERA.readout_time
     rows, cols = np.mgrid[:45, :60]
     centre = (small * cols).sum() / small.sum(), (small * rows).sum() / small.sum()
-    np.testing.assert_allclose(centre, camera.principal, atol=1e-3)
+    np.testing.assert_allclose(centre, camera.principal_point, atol=1e-3)
 
 
 @pytest.mark.parametrize("channels", [(), (1,), (2,), (3,), (4,)])

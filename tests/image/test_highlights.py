@@ -9,13 +9,13 @@ from scipy import ndimage
 from rsdeblur import Camera, Exposure, GyroLog, InputError, PsfBank, Simulation, deblur, psfs, simulate
 from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.image import highlights as saturation
-from rsdeblur.image.encoded import Stored
-from rsdeblur.image.highlights import Parted, Patch, clipped, find_spots, part
+from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.image.highlights import HighlightSplit, Patch, clipped, find_spots, separate_highlights
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 
 EXPOSURE = Exposure(0.05, 0.04)
-CAMERA = Camera(160, 128, 180.0, readout=0.03)
+CAMERA = Camera(160, 128, 180.0, readout_time=0.03)
 # Row and column in the frame, radius in px, light.
 LAMPS = ((40, 40, 2.0, 12.0), (84, 110, 1.0, 40.0))
 
@@ -76,7 +76,7 @@ def test_a_bright_wall_is_no_highlight(log: GyroLog) -> None:
 
 def test_readout_along_x_is_the_same_turned(night: Simulation, log: GyroLog) -> None:
     """A picture whose readout runs along x gets its highlights back where they stood."""
-    camera = Camera(160, 128, 180.0, readout=0.03, readout_direction="left-right")
+    camera = Camera(160, 128, 180.0, readout_time=0.03, readout_direction="left-right")
     seen = simulate(np.pad(night.rolling, ((20, 20), (20, 20), (0, 0)), mode="reflect"), log, camera, EXPOSURE)
     careful = deblur(seen.blurred.clip(0, 1), log, camera, EXPOSURE, saturation="auto").image
     places = [np.unravel_index(picture.max(axis=-1).argmax(), picture.shape[:2]) for picture in (careful, seen.rolling)]
@@ -99,9 +99,9 @@ def test_clipped_is_full_scale_and_what_touches_it() -> None:
 
 
 def test_a_picture_clipped_everywhere_is_left_alone() -> None:
-    white = Stored(np.ones((32, 40, 3), dtype=np.float32), "linear")
+    white = EncodedImage(np.ones((32, 40, 3), dtype=np.float32), "linear")
     kernels = np.full((1, 1, 1, 5), 0.2, dtype=np.float32)
-    assert not part(white, find_spots(white), PsfBank.for_picture(kernels, white.shape)).patches
+    assert not separate_highlights(white, find_spots(white), PsfBank.for_picture(kernels, white.shape)).patches
 
 
 def test_overexposed_daylight_is_harmed_little(log: GyroLog) -> None:
@@ -119,39 +119,39 @@ def test_boxes_give_the_highlights_of_the_whole_picture(
     night: Simulation, log: GyroLog, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A margin of the PSF there and back is enough."""
-    stored = Stored(night.blurred.clip(0, 1), "linear")
+    stored = EncodedImage(night.blurred.clip(0, 1), "linear")
     bank = psfs(log, CAMERA, EXPOSURE)
     spots = find_spots(stored)
-    boxes = part(stored, spots, bank)
-    assert sum(patch.rest.size for patch in boxes.patches) < 0.8 * stored.values.size
+    boxes = separate_highlights(stored, spots, bank)
+    assert sum(patch.remainder.size for patch in boxes.patches) < 0.8 * stored.values.size
     monkeypatch.setattr(saturation, "MARGIN", 200)
-    whole = part(stored, spots, bank)
-    assert whole.patches[0].rest.shape == stored.shape
+    whole = separate_highlights(stored, spots, bank)
+    assert whole.patches[0].remainder.shape == stored.shape
     found, expected = (np.zeros(stored.shape, dtype=np.float32) for _ in range(2))
-    boxes.give_back(found, 0)
-    whole.give_back(expected, 0)
+    boxes.add_highlights(found, 0)
+    whole.add_highlights(expected, 0)
     # Of light of up to 10. Measured: 0.004 and 0.0008, as tiles fade into their ends at other places.
     np.testing.assert_allclose(found, expected, atol=0.01)
-    np.testing.assert_allclose(boxes.rest(slice(None)), whole.rest(slice(None)), atol=2e-3)
+    np.testing.assert_allclose(boxes.remainder(slice(None)), whole.remainder(slice(None)), atol=2e-3)
 
 
 def test_patches_stand_where_they_belong() -> None:
     """Some rows, or every third row and column, are those of the whole."""
     rng = np.random.default_rng(0)
-    stored = Stored(rng.random((40, 50, 3), dtype=np.float32), "linear")
+    stored = EncodedImage(rng.random((40, 50, 3), dtype=np.float32), "linear")
     places = ((slice(3, 17), slice(5, 20)), (slice(20, 40), slice(31, 50)))
     patches = (Patch(*place, *rng.random((2, *stored.values[place].shape), dtype=np.float32)) for place in places)
-    parted = Parted(stored, tuple(patches))
+    split = HighlightSplit(stored, tuple(patches))
     whole = stored.values.copy()
-    for patch in parted.patches:
-        whole[patch.rows, patch.cols] = patch.rest
+    for patch in split.patches:
+        whole[patch.rows, patch.cols] = patch.remainder
     for first, stop in ((0, 40), (4, 11), (18, 19), (10, 30)):
-        np.testing.assert_array_equal(parted.rest(slice(first, stop)), whole[first:stop])
-        np.testing.assert_array_equal(parted.rest(slice(first, stop), 3), whole[first:stop:3, ::3])
+        np.testing.assert_array_equal(split.remainder(slice(first, stop)), whole[first:stop])
+        np.testing.assert_array_equal(split.remainder(slice(first, stop), 3), whole[first:stop:3, ::3])
     together, parts = np.zeros_like(whole), np.zeros_like(whole)
-    parted.give_back(together, 0)
+    split.add_highlights(together, 0)
     for first in range(0, 40, 8):
-        parted.give_back(parts[first : first + 8], first)
+        split.add_highlights(parts[first : first + 8], first)
     np.testing.assert_array_equal(parts, together)
     assert together.any()
 

@@ -62,7 +62,7 @@ class TestAxes:
             Camera(4, 3, 5.0, imu_to_camera="xZy")
 
     def test_a_camera_file_may_use_them(self, write: Write) -> None:
-        camera = read_camera(write('width = 4\nheight = 3\nfocal = 5\nimu_to_camera = "YxZ"\n', "camera.toml"))
+        camera = read_camera(write('width = 4\nheight = 3\nfocal_length = 5\nimu_to_camera = "YxZ"\n', "camera.toml"))
         np.testing.assert_array_equal(camera.imu_to_camera, imu_to_camera("phone-portrait"))
 
 
@@ -85,22 +85,22 @@ class TestLensProfile:
     def test_as_it_is(self, write: Write) -> None:
         file = open_camera(write(profile()))
         camera = file.camera
-        assert (camera.width, camera.height, camera.focal) == (400, 300, (210.0, 211.0))
+        assert (camera.width, camera.height, camera.focal_length) == (400, 300, (210.0, 211.0))
         assert (camera.distortion_model, camera.distortion) == ("fisheye", (0.05, -0.02, 0.01, -0.003))
-        assert (camera.readout, camera.readout_direction, camera.stamp) == (0.015, "top-down", "middle")
+        assert (camera.readout_time, camera.readout_direction, camera.timestamp_marks) == (0.015, "top-down", "middle")
         np.testing.assert_array_equal(camera.imu_to_camera, imu_to_camera("gyroflow"))
-        assert any("submitted by a user" in doubt.text for doubt in file.doubts)
+        assert any("submitted by a user" in assumption.text for assumption in file.assumptions)
 
     def test_the_principal_point_counts_for_asymmetrical_lenses_only(self, write: Write) -> None:
-        assert open_camera(write(profile())).camera.principal == (199.5, 149.5)
-        assert open_camera(write(profile(asymmetrical=True))).camera.principal == (190.0, 160.0)
+        assert open_camera(write(profile())).camera.principal_point == (199.5, 149.5)
+        assert open_camera(write(profile(asymmetrical=True))).camera.principal_point == (190.0, 160.0)
 
     def test_other_opencv_models_are_told_by_name(self, write: Write) -> None:
         camera = open_camera(write(profile(distortion_model="opencv_standard"))).camera
         assert (camera.distortion_model, camera.distortion) == ("radtan", (0.05, -0.02, 0.01, -0.003))
 
     def test_crop_divides_the_focal_length(self, write: Write) -> None:
-        assert open_camera(write(profile(crop=1.25))).camera.focal == (168.0, 168.8)
+        assert open_camera(write(profile(crop=1.25))).camera.focal_length == (168.0, 168.8)
 
     @pytest.mark.parametrize(
         ("time", "said", "readout", "direction"),
@@ -112,25 +112,31 @@ class TestLensProfile:
             (None, None, 0.0, "top-down"),
         ],
     )
-    def test_readout(self, write: Write, time: float | None, said: str | None, readout: float, direction: str) -> None:
+    def test_readout(
+        self, write: Write, time: float | None, said: str | None, readout_time: float, direction: str
+    ) -> None:
         file = open_camera(write(profile(frame_readout_time=time, frame_readout_direction=said)))
-        assert (file.camera.readout, file.camera.readout_direction) == (readout, direction)
-        assert any("does not tell the readout" in doubt.text for doubt in file.doubts) == (time is None)
+        assert (file.camera.readout_time, file.camera.readout_direction) == (readout_time, direction)
+        assert any("does not tell the readout" in assumption.text for assumption in file.assumptions) == (time is None)
 
     def test_an_implausible_readout_is_doubted(self, write: Write) -> None:
-        assert "implausible" in open_camera(write(profile(frame_readout_time=0.41))).doubts[0].text
-        assert open_camera(write(profile(frame_readout_time=None, global_shutter=True))).doubts == ()
+        assert "implausible" in open_camera(write(profile(frame_readout_time=0.41))).assumptions[0].text
+        assert open_camera(write(profile(frame_readout_time=None, global_shutter=True))).assumptions == ()
 
     def test_a_size_of_the_same_shape_scales(self, write: Write) -> None:
         camera = open_camera(write(profile()), size=(200, 150)).camera
-        assert (camera.width, camera.focal, camera.principal) == (200, (105.0, 105.5), (99.5, 74.5))
-        assert camera.readout == 0.015
+        assert (camera.width, camera.focal_length, camera.principal_point) == (200, (105.0, 105.5), (99.5, 74.5))
+        assert camera.readout_time == 0.015
 
     def test_a_size_of_another_shape_is_cut_out(self, write: Write) -> None:
         file = open_camera(write(profile()), size=(400, 200))
-        assert (file.camera.height, file.camera.focal, file.camera.principal) == (200, (210.0, 211.0), (199.5, 99.5))
-        assert file.camera.readout == pytest.approx(0.01)
-        assert "another shape" in file.doubts[-1].text
+        assert (file.camera.height, file.camera.focal_length, file.camera.principal_point) == (
+            200,
+            (210.0, 211.0),
+            (199.5, 99.5),
+        )
+        assert file.camera.readout_time == pytest.approx(0.01)
+        assert "another shape" in file.assumptions[-1].text
 
     def test_settings_of_that_size_replace_those_of_the_profile(self, write: Write) -> None:
         settings = [
@@ -141,9 +147,9 @@ class TestLensProfile:
         ]
         path = write(profile(compatible_settings=settings))
         # the rate of the profile itself, if none is given
-        assert open_camera(path, size=(200, 150)).camera.readout == 0.008
+        assert open_camera(path, size=(200, 150)).camera.readout_time == 0.008
         fast = open_camera(path, size=(200, 150), fps=59.94).camera
-        assert (fast.readout, fast.focal[0]) == (0.004, 84.0)
+        assert (fast.readout_time, fast.focal_length[0]) == (0.004, 84.0)
         with pytest.raises(FileFormatError, match=r"settings of 100x75 differ; give the frame rate: 90\.0, 99\.0"):
             open_camera(path, size=(100, 75))
 
@@ -155,7 +161,7 @@ class TestLensProfile:
         # It turns back at 1.075 focal lengths; the picture's sides are at 0.95, its corners at 1.18.
         k = [0.2637886549359052, -0.3408966786255753, 1.079728890594674, -0.9412173670690532]
         file = open_camera(write(profile(fisheye_params=profile()["fisheye_params"] | {"distortion_coeffs": k})))
-        assert "does not reach the picture's corners" in file.doubts[-1].text
+        assert "does not reach the picture's corners" in file.assumptions[-1].text
         corners = np.array([[0.0, 0.0], [399.0, 299.0]])
         np.testing.assert_allclose(file.camera.project(file.camera.rays(corners)), corners, atol=1e-9)
 
@@ -184,9 +190,9 @@ class TestLensProfile:
             "offsets": {"1000000": -20.0, "9000000": -30.0},
         }
         file = open_camera(write(project))
-        assert (file.camera.width, file.camera.readout) == (200, 0.012)
+        assert (file.camera.width, file.camera.readout_time) == (200, 0.012)
         assert file.camera.time_offset == pytest.approx(-0.025)
-        assert any("drift by 10.0 ms" in doubt.text for doubt in file.doubts)
+        assert any("drift by 10.0 ms" in assumption.text for assumption in file.assumptions)
         with pytest.raises(FileFormatError, match="holds no calibration"):
             open_camera(write(project | {"calibration_data": {}}))
 
@@ -214,9 +220,9 @@ class TestKalibr:
     def check(self, path: Path) -> None:
         camera = open_camera(path).camera
         assert (camera.width, camera.height) == (400, 300)
-        assert (camera.focal, camera.principal) == ((210.0, 211.0), (190.0, 140.0))
+        assert (camera.focal_length, camera.principal_point) == ((210.0, 211.0), (190.0, 140.0))
         np.testing.assert_array_equal(camera.imu_to_camera, np.array(MATRIX)[:3, :3])
-        assert camera.readout == pytest.approx(300 * 5e-5)
+        assert camera.readout_time == pytest.approx(300 * 5e-5)
         assert camera.distortion == (-0.05, 0.001, 0.001, -0.002)
         # t_imu = t_cam + shift, and camera time = gyro time + offset
         assert camera.time_offset == -0.012
@@ -241,7 +247,7 @@ class TestKalibr:
         text = CHAIN.replace("[400, 300]", "[300, 400]").replace("190.0, 140.0", point)
         file = open_camera(write(text))
         assert (file.camera.width, file.camera.height) == (400, 300)
-        assert "swapped to 400x300" in file.doubts[0].text
+        assert "swapped to 400x300" in file.assumptions[0].text
 
     def test_maplab(self, write: Write) -> None:
         text = f"""label: rig
@@ -258,7 +264,7 @@ cameras:
 """
         camera = open_camera(write(text)).camera
         np.testing.assert_allclose(camera.imu_to_camera, np.array(MATRIX)[:3, :3], atol=1e-15)
-        assert camera.readout == pytest.approx(0.015)
+        assert camera.readout_time == pytest.approx(0.015)
         assert camera.distortion == (-0.05, 0.001, 0.001, -0.002)
 
     def test_euroc_sensor_file(self, write: Write) -> None:
@@ -272,12 +278,12 @@ distortion_coefficients: [-0.05, 0.001, 0.001, -0.002]
 """
         file = open_camera(write(text))
         np.testing.assert_allclose(file.camera.imu_to_camera, np.array(MATRIX)[:3, :3], atol=1e-15)
-        assert "global shutter" in file.doubts[0].text
+        assert "global shutter" in file.assumptions[0].text
 
     def test_one_of_several(self, write: Write) -> None:
         path = write(CHAIN + CHAIN.replace("cam0", "cam1").replace("210.0", "220.0"))
-        assert open_camera(path, name="cam1").camera.focal[0] == 220.0
-        assert "2 cameras (cam0, cam1); cam0 is taken" in open_camera(path).doubts[0].text
+        assert open_camera(path, name="cam1").camera.focal_length[0] == 220.0
+        assert "2 cameras (cam0, cam1); cam0 is taken" in open_camera(path).assumptions[0].text
         with pytest.raises(FileFormatError, match="no camera 'cam7' in the file, only cam0, cam1"):
             open_camera(path, name="cam7")
 
@@ -289,7 +295,7 @@ distortion_coefficients: [-0.05, 0.001, 0.001, -0.002]
             (("[400, 300]", "[400]"), "cam0 is damaged or incomplete"),
             (("intrinsics", "intrinsic"), "cam0 is damaged or incomplete: KeyError"),
             (("[210.0", "[a"), "cam0 is damaged or incomplete"),
-            (("[210.0", "[-210.0"), "cam0: focal must be positive"),
+            (("[210.0", "[-210.0"), "cam0: focal_length must be positive"),
             (("[-1.0, 0.0, 0.0, 0.2]", "[1.0, 0.0, 0.0, 0.2]"), "determinant -1"),
             (("cam0:", "cam0: ["), "not YAML"),
         ],
@@ -319,19 +325,19 @@ class TestExif:
         path = photo(tmp_path / "a.jpg", f35=26)
         with pytest.warns(RsdeblurWarning) as warned:
             camera = read_camera(path)
-        assert camera.focal[0] == pytest.approx(26 / 43.267 * 500)
+        assert camera.focal_length[0] == pytest.approx(26 / 43.267 * 500)
         assert len(warned) == 3  # focal length, readout, axes
         np.testing.assert_array_equal(camera.imu_to_camera, imu_to_camera("phone-landscape"))
 
     def test_focal_plane(self, tmp_path: Path) -> None:
         # 4000 px on 20 mm, halved ten times to 400 px
-        path = photo(tmp_path / "a.jpg", focal=50.0, resolution=4000 / 20 * 25.4, unit=2, across=4000)
-        assert open_camera(path).camera.focal[0] == pytest.approx(50 / 20 * 400, rel=1e-3)
+        path = photo(tmp_path / "a.jpg", focal_length=50.0, resolution=4000 / 20 * 25.4, unit=2, across=4000)
+        assert open_camera(path).camera.focal_length[0] == pytest.approx(50 / 20 * 400, rel=1e-3)
 
     def test_portrait_and_zoom(self, tmp_path: Path) -> None:
         file = open_camera(photo(tmp_path / "a.jpg", (300, 400), f35=52, zoom=2.0))
         np.testing.assert_array_equal(file.camera.imu_to_camera, imu_to_camera("phone-portrait"))
-        assert "zoomed 2 times" in file.doubts[-1].text
+        assert "zoomed 2 times" in file.assumptions[-1].text
 
     @pytest.mark.parametrize(
         ("tags", "message"),
@@ -375,8 +381,8 @@ def test_samples(data_dir: Path, name: str, expected: tuple[Any, ...]) -> None:
     file = open_camera(data_dir / "formats" / name)
     camera = file.camera
     assert (file.format, (camera.width, camera.height), camera.distortion_model) == (*expected[:2], expected[4])
-    assert camera.focal[0] == pytest.approx(expected[2], abs=0.01)
-    assert camera.readout == pytest.approx(expected[3])
+    assert camera.focal_length[0] == pytest.approx(expected[2], abs=0.01)
+    assert camera.readout_time == pytest.approx(expected[3])
 
 
 @pytest.mark.usefixtures("yaml")

@@ -106,17 +106,24 @@ def test_real_captures(data_dir: Path) -> None:
 
 
 def test_read_camera_reads_what_save_wrote(tmp_path: Path) -> None:
-    camera = Camera(1080, 1920, 1500.0, readout=0.0056, imu_to_camera=np.diag([1.0, -1.0, -1.0]), time_offset=-0.01)
+    camera = Camera(
+        1080, 1920, 1500.0, readout_time=0.0056, imu_to_camera=np.diag([1.0, -1.0, -1.0]), time_offset=-0.01
+    )
     camera.save(tmp_path / "phone.toml")
     again = read_camera(tmp_path / "phone.toml")
-    assert (again.width, again.height, again.focal, again.principal) == (1080, 1920, (1500.0, 1500.0), (539.5, 959.5))
-    assert (again.readout, again.readout_direction, again.time_offset) == (0.0056, "top-down", -0.01)
+    assert (again.width, again.height, again.focal_length, again.principal_point) == (
+        1080,
+        1920,
+        (1500.0, 1500.0),
+        (539.5, 959.5),
+    )
+    assert (again.readout_time, again.readout_direction, again.time_offset) == (0.0056, "top-down", -0.01)
     np.testing.assert_array_equal(again.imu_to_camera, camera.imu_to_camera)
 
 
 def test_read_camera_refuses_what_is_no_camera(tmp_path: Path) -> None:
-    (tmp_path / "phone.toml").write_text("width = 1080\nheight = 1920\nfocal = 1500\nread_out = 0.0056\n")
-    with pytest.raises(FileFormatError, match=r"phone\.toml: unknown key 'read_out'; did you mean 'readout'"):
+    (tmp_path / "phone.toml").write_text("width = 1080\nheight = 1920\nfocal_length = 1500\nread_out = 0.0056\n")
+    with pytest.raises(FileFormatError, match=r"phone\.toml: unknown key 'read_out'; did you mean 'readout_time'"):
         read_camera(tmp_path / "phone.toml")
     with pytest.raises(FileFormatError, match=r"none\.toml"):
         read_camera(tmp_path / "none.toml")

@@ -14,8 +14,8 @@ FLOAT32 = 1e-5
 
 
 @pytest.fixture(params=["numba", "numpy"])
-def pull(request):
-    kernel = getattr(shrink, "shrunk_pull" + ("" if request.param == "numba" else "_numpy"))
+def grad_adjoint(request):
+    kernel = getattr(shrink, "shrunk_grad_adjoint" + ("" if request.param == "numba" else "_numpy"))
 
     def run(picture, threshold, *, table=TABLE, periodic=False, block=1000):
         out = np.full_like(picture, np.nan)
@@ -33,17 +33,17 @@ def picture(request):
 
 
 @pytest.mark.parametrize("periodic", [False, True])
-def test_what_is_not_shrunk_is_the_laplacian(pull, picture, periodic):
+def test_what_is_not_shrunk_is_the_laplacian(grad_adjoint, picture, periodic):
     # Every share that is kept is 1.
-    out = pull(picture, 1e-9, table=np.ones(2, np.float32), periodic=periodic)
+    out = grad_adjoint(picture, 1e-9, table=np.ones(2, np.float32), periodic=periodic)
     wide = np.pad(picture, ((1, 1), (1, 1), (0, 0)), mode="wrap" if periodic else "edge")
     expected = 4 * picture - wide[2:, 1:-1] - wide[:-2, 1:-1] - wide[1:-1, 2:] - wide[1:-1, :-2]
     np.testing.assert_allclose(out, expected, atol=FLOAT32)
 
 
 @pytest.mark.parametrize("periodic", [False, True])
-def test_pull_is_the_adjoint_applied_to_the_shrunk_gradient(pull, picture, periodic):
-    out = pull(picture, 0.3, periodic=periodic)
+def test_pull_is_the_adjoint_applied_to_the_shrunk_gradient(grad_adjoint, picture, periodic):
+    out = grad_adjoint(picture, 0.3, periodic=periodic)
     across, down = shrink.gradient(picture, periodic=periodic)
     magnitude = np.sqrt((across**2 + down**2).sum(axis=2, keepdims=True))
     kept = np.interp(0.3 / np.maximum(magnitude, 1e-9), np.linspace(0, 1, len(TABLE)), TABLE) * (magnitude > 0.3)
@@ -54,17 +54,19 @@ def test_pull_is_the_adjoint_applied_to_the_shrunk_gradient(pull, picture, perio
 
 
 @pytest.mark.parametrize("periodic", [False, True])
-def test_blocks_of_rows_make_the_whole(pull, picture, periodic):
-    np.testing.assert_array_equal(pull(picture, 0.3, periodic=periodic, block=4), pull(picture, 0.3, periodic=periodic))
+def test_blocks_of_rows_make_the_whole(grad_adjoint, picture, periodic):
+    np.testing.assert_array_equal(
+        grad_adjoint(picture, 0.3, periodic=periodic, block=4), grad_adjoint(picture, 0.3, periodic=periodic)
+    )
 
 
-def test_small_gradients_vanish(pull, picture):
-    np.testing.assert_array_equal(pull(picture, 10.0), 0.0)
+def test_small_gradients_vanish(grad_adjoint, picture):
+    np.testing.assert_array_equal(grad_adjoint(picture, 10.0), 0.0)
 
 
 @pytest.mark.parametrize("periodic", [False, True])
 def test_twins_agree(picture, periodic):
     fast, slow = np.empty_like(picture), np.empty_like(picture)
-    shrink.shrunk_pull(picture, 0, len(picture), np.float32(0.3), TABLE, periodic, fast)
-    shrink.shrunk_pull_numpy(picture, 0, len(picture), 0.3, TABLE, periodic, slow)
+    shrink.shrunk_grad_adjoint(picture, 0, len(picture), np.float32(0.3), TABLE, periodic, fast)
+    shrink.shrunk_grad_adjoint_numpy(picture, 0, len(picture), 0.3, TABLE, periodic, slow)
     np.testing.assert_allclose(fast, slow, atol=FLOAT32)

@@ -19,8 +19,8 @@ MOUNT = Rotation.from_rotvec([0.4, -2.0, 1.1]).as_matrix()
 @pytest.fixture(params=READOUT_DIRECTIONS)
 def camera(request):
     return Camera(
-        96, 64, (90.0, 85.0), (44.2, 33.9), readout=0.03, readout_direction=request.param, imu_to_camera=MOUNT,
-        time_offset=-0.7, distortion_model="radtan", distortion=(-0.1, 0.02, 0.001, -0.002), stamp="middle",
+        96, 64, (90.0, 85.0), (44.2, 33.9), readout_time=0.03, readout_direction=request.param, imu_to_camera=MOUNT,
+        time_offset=-0.7, distortion_model="radtan", distortion=(-0.1, 0.02, 0.001, -0.002), timestamp_marks="middle",
     )  # fmt: skip
 
 
@@ -51,9 +51,9 @@ POINTS = np.array([[0, 0], [95, 63], [10, 50], [44.2, 33.9], [70.25, 3.5]])
 class TestDefaults:
     def test_one_focal_length_and_the_centre(self):
         camera = Camera(7, 4, 5)
-        assert camera.focal == (5.0, 5.0)
-        assert camera.principal == (3.0, 1.5)
-        assert camera.readout == camera.time_offset == 0.0
+        assert camera.focal_length == (5.0, 5.0)
+        assert camera.principal_point == (3.0, 1.5)
+        assert camera.readout_time == camera.time_offset == 0.0
         assert np.array_equal(camera.imu_to_camera, np.eye(3))
         np.testing.assert_array_equal(camera.matrix, [[5, 0, 3], [0, 5, 1.5], [0, 0, 1]])
 
@@ -111,7 +111,7 @@ class TestScaled:
         )
 
     def test_times_are_kept(self, camera):
-        assert camera.scaled(0.5).readout == camera.readout
+        assert camera.scaled(0.5).readout_time == camera.readout_time
         assert camera.scaled(0.5).time_offset == camera.time_offset
 
     def test_never_below_a_pixel(self, camera):
@@ -144,7 +144,7 @@ class TestCropped:
     def test_cut_twice_is_cut_once(self, camera):
         once, twice = camera.cropped(13, 7, 50, 40), camera.cropped(3, 2, 70, 60).cropped(10, 5, 50, 40)
         for f in fields(Camera):
-            if f.name not in ("readout_direction", "distortion_model", "stamp"):
+            if f.name not in ("readout_direction", "distortion_model", "timestamp_marks"):
                 np.testing.assert_allclose(getattr(twice, f.name), getattr(once, f.name), atol=1e-14, err_msg=f.name)
 
     def test_whole_picture_is_the_identity(self, camera):
@@ -170,13 +170,13 @@ class TestCropped:
         ({"width": 0}, "width must be at least 1"),
         ({"height": 48.0}, "height must be a whole number"),
         ({"width": True}, "width must be a whole number"),
-        ({"focal": 0.0}, "focal must be positive"),
-        ({"focal": (80.0, -80.0)}, "focal must be positive"),
-        ({"focal": math.nan}, "focal must be finite"),
-        ({"focal": (1.0, 2.0, 3.0)}, r"focal must have shape \(2\)"),
-        ({"focal": "80 px"}, "focal must be an array of real numbers"),
-        ({"principal": (1.0,)}, r"principal must have shape \(2\)"),
-        ({"readout": -0.01}, "readout must be at least 0"),
+        ({"focal_length": 0.0}, "focal_length must be positive"),
+        ({"focal_length": (80.0, -80.0)}, "focal_length must be positive"),
+        ({"focal_length": math.nan}, "focal_length must be finite"),
+        ({"focal_length": (1.0, 2.0, 3.0)}, r"focal_length must have shape \(2\)"),
+        ({"focal_length": "80 px"}, "focal_length must be an array of real numbers"),
+        ({"principal_point": (1.0,)}, r"principal_point must have shape \(2\)"),
+        ({"readout_time": -0.01}, "readout_time must be at least 0"),
         ({"readout_direction": "down"}, "readout_direction must be one of bottom-up, left-right, right-left, top-down"),
         ({"imu_to_camera": np.eye(2)}, r"imu_to_camera must have shape \(3, 3\)"),
         ({"imu_to_camera": 2 * np.eye(3)}, "imu_to_camera must be a rotation: .* perpendicular unit vectors"),
@@ -186,7 +186,7 @@ class TestCropped:
 )
 def test_refuses(change, message):
     with pytest.raises(InputError, match=message):
-        Camera(**({"width": 64, "height": 48, "focal": 80.0} | change))
+        Camera(**({"width": 64, "height": 48, "focal_length": 80.0} | change))
 
 
 @pytest.mark.parametrize("mirror", [np.diag([1, 1, -1]), -np.eye(3), np.eye(3)[[1, 0, 2]]])
@@ -206,28 +206,37 @@ class TestFile:
 
     def test_three_keys_are_enough(self, tmp_path):
         path = tmp_path / "camera.toml"
-        path.write_text("width = 64\nheight = 48\nfocal = 80\n")
+        path.write_text("width = 64\nheight = 48\nfocal_length = 80\n")
         assert_same(Camera.load(path), Camera(64, 48, 80.0))
 
     @pytest.mark.parametrize(
         ("text", "message"),
         [
-            ("width = 6\nheight = 4\nfocal = 8\nread_out = 0.1", "unknown key 'read_out'; did you mean 'readout'?"),
-            ("width = 6\nheight = 4\nfocal = 8\nmaker = 'x'", "unknown key 'maker'; known keys are width,"),
-            ("width = 6\nreadout = 0.1", "the camera file lacks height, focal"),
+            (
+                "width = 6\nheight = 4\nfocal_length = 8\nread_out = 0.1",
+                "unknown key 'read_out'; did you mean 'readout_time'?",
+            ),
+            ("width = 6\nheight = 4\nfocal_length = 8\nmaker = 'x'", "unknown key 'maker'; known keys are width,"),
+            ("width = 6\nreadout_time = 0.1", "the camera file lacks height, focal"),
             ("", "the camera file lacks width, height, focal"),
             ("width = 6\nheight 4", "not a TOML camera file: .*line 2"),
-            ("width = 6\nheight = 4\nfocal = 'long'", "focal must be an array of real numbers"),
-            ("width = 6.5\nheight = 4\nfocal = 8", "width must be a whole number, got 6.5"),
-            ("width = 6\nheight = 4\nfocal = -8", "focal must be positive"),
-            ("width = 6\nheight = 4\nfocal = 8\nreadout = [0.1]", "readout must be a number"),
-            ("width = 6\nheight = 4\nfocal = 8\nreadout = nan", "readout must be finite"),
-            ("width = 6\nheight = 4\nfocal = 8\nreadout_direction = 1", "readout_direction must be one of"),
-            ("width = 6\nheight = 4\nfocal = 8\nimu_to_camera = [[1, 0], [0, 1]]", "imu_to_camera must have shape"),
-            ("width = 6\nheight = 4\nfocal = [[1, 2], [3]]", "focal must be an array of real numbers"),
+            ("width = 6\nheight = 4\nfocal = 'long'", "focal_length must be an array of real numbers"),
+            ("width = 6.5\nheight = 4\nfocal_length = 8", "width must be a whole number, got 6.5"),
+            ("width = 6\nheight = 4\nfocal = -8", "focal_length must be positive"),
+            ("width = 6\nheight = 4\nfocal = 8\nreadout_time = [0.1]", "readout_time must be a number"),
+            ("width = 6\nheight = 4\nfocal_length = 8\nreadout = nan", "readout_time must be finite"),
+            ("width = 6\nheight = 4\nfocal_length = 8\nreadout_direction = 1", "readout_direction must be one of"),
+            (
+                "width = 6\nheight = 4\nfocal_length = 8\nimu_to_camera = [[1, 0], [0, 1]]",
+                "imu_to_camera must have shape",
+            ),
+            ("width = 6\nheight = 4\nfocal_length = [[1, 2], [3]]", "focal_length must be an array of real numbers"),
             # TOML has integers of any length.
-            (f"width = 6\nheight = 4\nfocal = 1{'0' * 400}", "focal must be an array of real numbers: .* too large"),
-            (f"width = 6\nheight = 4\nfocal = 8\ntime_offset = 1{'0' * 400}", "time_offset is too large"),
+            (
+                f"width = 6\nheight = 4\nfocal_length = 1{'0' * 400}",
+                "focal_length must be an array of real numbers: .* too large",
+            ),
+            (f"width = 6\nheight = 4\nfocal_length = 8\ntime_offset = 1{'0' * 400}", "time_offset is too large"),
         ],
     )
     def test_bad_file_is_named(self, tmp_path, text, message):

@@ -14,8 +14,8 @@ from rsdeblur.motion.exposure import Exposure
 EXPOSURE = Exposure(2.0, 0.01)
 
 
-def camera_of(direction, readout=0.03):
-    return Camera(60, 40, 50.0, readout=readout, readout_direction=direction)
+def camera_of(direction, readout_time=0.03):
+    return Camera(60, 40, 50.0, readout_time=readout_time, readout_direction=direction)
 
 
 @pytest.mark.parametrize(
@@ -49,7 +49,7 @@ def test_shaped_like_the_rows(shape):
 
 @pytest.mark.parametrize("direction", READOUT_DIRECTIONS)
 def test_global_shutter_opens_all_at_once(direction):
-    opens, closes = EXPOSURE.window(np.arange(40), camera_of(direction, readout=0.0))
+    opens, closes = EXPOSURE.window(np.arange(40), camera_of(direction, readout_time=0.0))
     assert np.all(opens == 2.0)
     assert np.all(closes == 2.01)
 
@@ -91,7 +91,7 @@ def test_the_stamp_marks_what_the_camera_says(direction: str) -> None:
     rows = np.arange(10.0)
 
     def windows(stamp: str) -> tuple[np.ndarray, np.ndarray]:
-        camera = Camera(10, 10, 50.0, readout=0.02, readout_direction=direction, stamp=stamp)
+        camera = Camera(10, 10, 50.0, readout_time=0.02, readout_direction=direction, timestamp_marks=stamp)
         return exposure.window(rows, camera)
 
     assert windows("start")[0].min() == 1.0

@@ -9,7 +9,7 @@ from skimage.metrics import peak_signal_noise_ratio
 from rsdeblur import Camera, Exposure, InputError, simulate
 from rsdeblur import deblur as deblur_picture
 from rsdeblur.motion import lens
-from rsdeblur.motion.paths import BlurPaths, Shot
+from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 from rsdeblur.simulation.simulate import _distorted, _undistorted
@@ -49,8 +49,8 @@ class TestInverse:
     @MODELS
     def test_the_axis_is_the_principal_point(self, model, k):
         camera = camera_of(model, k)
-        np.testing.assert_array_equal(camera.project(np.array([0.0, 0.0, 2.0])), camera.principal)
-        np.testing.assert_array_equal(camera.rays(np.array(camera.principal)), [0, 0, 1])
+        np.testing.assert_array_equal(camera.project(np.array([0.0, 0.0, 2.0])), camera.principal_point)
+        np.testing.assert_array_equal(camera.rays(np.array(camera.principal_point)), [0, 0, 1])
 
     def test_a_fisheye_sees_behind_its_plane(self):
         camera = Camera(400, 400, 100.0, distortion_model="fisheye", distortion=(0.0, 0.0, 0.0, 0.0))
@@ -62,7 +62,7 @@ class TestInverse:
         # r - 0.1 r^3 rises to 1.217 at most
         camera = camera_of("radtan", (-0.1, 0.0, 0.0, 0.0))
         radius = np.array([[1.21], [1.22]])
-        seen = camera.rays(radius * (150.0, 0.0) + camera.principal)
+        seen = camera.rays(radius * (150.0, 0.0) + camera.principal_point)
         assert np.isnan(seen).all(axis=-1).tolist() == [False, False]
         assert np.isnan(seen[..., :2]).all(axis=-1).tolist() == [False, True]
 
@@ -84,7 +84,7 @@ class TestOracles:
             return
         camera = camera_of(model, k)
         directions = camera.rays(pixels)
-        points = (pixels - camera.principal) / camera.focal
+        points = (pixels - camera.principal_point) / camera.focal_length
         np.testing.assert_allclose(_distorted(directions, camera), points, atol=1e-11)
         # The simulator's table of the fisheye is linear between angles 1e-5 apart.
         np.testing.assert_allclose(_undistorted(points, camera), directions, atol=1e-9)
@@ -131,27 +131,27 @@ class TestMotion:
     def test_paths_are_those_of_brute_force(self, model, k):
         """A global shutter: what a pixel sees at time t, projected at mid-exposure."""
         camera = camera_of(model, k)
-        shot = Shot.from_log(hand_shake(0.2, strength=3, seed=3), camera, EXPOSURE)
+        capture = Capture.from_log(hand_shake(0.2, strength=3, seed=3), camera, EXPOSURE)
         rows, cols = np.array([3.0, 80.0, 155.0]), np.array([2.0, 100.0, 190.0])
-        paths = BlurPaths.from_shot(shot, rows, cols, samples=9)
-        times = shot.times(rows, 9)
-        middle = shot.track.at(shot.mid(np.array([0.0])))[0]
+        paths = BlurPaths.from_capture(capture, rows, cols, samples=9)
+        times = capture.times(rows, 9)
+        middle = capture.track.at(capture.mid(np.array([0.0])))[0]
         for b, y in enumerate(rows):
             for s, x in enumerate(cols):
                 for t, time in enumerate(times[b]):
-                    point = (np.array([x, y]) - camera.principal) / camera.focal
+                    point = (np.array([x, y]) - camera.principal_point) / camera.focal_length
                     direction = point if model == "none" else _undistorted(point, camera)
                     direction = np.append(direction, 1.0)[:3]
-                    moved = middle @ shot.track.at(np.array(time)).T @ direction
+                    moved = middle @ capture.track.at(np.array(time)).T @ direction
                     plane = moved[:2] / moved[2] if model == "none" else _distorted(moved, camera)
-                    q = plane * camera.focal + camera.principal
+                    q = plane * camera.focal_length + camera.principal_point
                     # The poses of rows are interpolated, though they are all the same here.
                     np.testing.assert_allclose(paths.displacements[b, s, t], [x, y] - q, atol=1e-6)
 
     def test_the_distortion_changes_the_corners_and_not_the_middle(self):
         log = hand_shake(0.2, strength=3, seed=3)
         both = [
-            BlurPaths.from_shot(Shot.from_log(log, camera_of(*LENSES[name]), EXPOSURE), [82.0, 1.0], [93.0, 1.0])
+            BlurPaths.from_capture(Capture.from_log(log, camera_of(*LENSES[name]), EXPOSURE), [82.0, 1.0], [93.0, 1.0])
             for name in ("none", "radtan")
         ]
         middle, corner = (abs(both[0].lengths[i, i] - both[1].lengths[i, i]) for i in (0, 1))
@@ -170,9 +170,9 @@ def test_a_picture_is_deblurred_through_its_lens(name: str, direction: str) -> N
     model, k = LENSES[name]
     strong = tuple(3 * value for value in k) if name == "fisheye" else k
     camera = Camera(
-        WIDTH, HEIGHT, 110.0, readout=0.03, readout_direction=direction, distortion_model=model, distortion=strong
+        WIDTH, HEIGHT, 110.0, readout_time=0.03, readout_direction=direction, distortion_model=model, distortion=strong
     )
-    pinhole = Camera(WIDTH, HEIGHT, 110.0, readout=0.03, readout_direction=direction)
+    pinhole = Camera(WIDTH, HEIGHT, 110.0, readout_time=0.03, readout_direction=direction)
     log = hand_shake(0.2, strength=2.5, seed=3)
     seen = simulate(scene(HEIGHT + 40, WIDTH + 40)[..., 1], log, camera, EXPOSURE, noise=0.001, samples=40)
     with_lens, without = (

@@ -12,7 +12,7 @@ from rsdeblur.errors import ClockError, CoverageError, GapError, InputError
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.paths import MOTIONS, BlurPaths, RowPoses, Shot
+from rsdeblur.motion.paths import MOTIONS, BlurPaths, Capture, RowPoses
 from rsdeblur.psf import PsfBank, tile_centres
 
 WIDTH, HEIGHT, FOCAL = 96, 64, 110.0
@@ -25,8 +25,8 @@ EXPOSURE = Exposure(0.1, 0.04)
 BETWEEN_ROWS = 8e-4  # px
 
 
-def camera_of(readout=0.03, **options):
-    return Camera(WIDTH, HEIGHT, FOCAL, readout=readout, **options)
+def camera_of(readout_time=0.03, **options):
+    return Camera(WIDTH, HEIGHT, FOCAL, readout_time=readout_time, **options)
 
 
 def constant(*rate):
@@ -35,7 +35,7 @@ def constant(*rate):
 
 
 def paths_of(log, camera, rows=ROWS, cols=COLS, exposure=EXPOSURE, **options):
-    return BlurPaths.from_shot(Shot.from_log(log, camera, exposure), rows, cols, **options)
+    return BlurPaths.from_capture(Capture.from_log(log, camera, exposure), rows, cols, **options)
 
 
 class TestSigns:
@@ -79,9 +79,9 @@ class TestSigns:
 
 class TestAnchor:
     @pytest.mark.parametrize("motion", MOTIONS)
-    @pytest.mark.parametrize("readout", [0.0, 0.03])
-    def test_no_motion_is_no_path(self, motion, readout):
-        paths = paths_of(constant(0, 0, 0), camera_of(readout), motion=motion)
+    @pytest.mark.parametrize("readout_time", [0.0, 0.03])
+    def test_no_motion_is_no_path(self, motion, readout_time):
+        paths = paths_of(constant(0, 0, 0), camera_of(readout_time), motion=motion)
         # Projected and back in float64.
         np.testing.assert_allclose(paths.displacements, 0.0, atol=1e-12)
 
@@ -94,15 +94,15 @@ class TestAnchor:
     @pytest.mark.parametrize("seed", range(2))
     def test_keep_is_the_inverse_of_the_rolling_shutter_projection(self, shaky_log, direction, seed):
         camera = camera_of(readout_direction=direction)
-        shot = Shot.from_log(shaky_log(seed=seed), camera, EXPOSURE)
-        paths = BlurPaths.from_shot(shot, ROWS, COLS, samples=9)
-        times = shot.times(ROWS, 9)
+        capture = Capture.from_log(shaky_log(seed=seed), camera, EXPOSURE)
+        paths = BlurPaths.from_capture(capture, ROWS, COLS, samples=9)
+        times = capture.times(ROWS, 9)
         for (b, y), (s, x), t in itertools.product(enumerate(ROWS), enumerate(COLS), range(9)):
             # What the pixel sees at that time stands where a row, at its own mid-exposure, shows it.
-            world = shot.track.at(times[b, t]).T @ np.linalg.inv(camera.matrix) @ [x, y, 1.0]
+            world = capture.track.at(times[b, t]).T @ np.linalg.inv(camera.matrix) @ [x, y, 1.0]
 
             def shown(row, world=world):
-                u, v, w = camera.matrix @ shot.track.at(shot.mid(np.array(row))) @ world
+                u, v, w = camera.matrix @ capture.track.at(capture.mid(np.array(row))) @ world
                 return np.array([u / w, v / w])
 
             row = brentq(lambda row, shown=shown: shown(row)[1] - row, -30.0, 100.0, xtol=1e-10)
@@ -125,20 +125,20 @@ class TestAnchor:
 
 class TestSamples:
     @pytest.mark.parametrize("motion", MOTIONS)
-    @pytest.mark.parametrize("focal", [110.0, 2000.0])
-    def test_auto_takes_four_per_pixel_and_two_per_gyro_interval(self, shaky_log, motion, focal):
-        shot = Shot.from_log(shaky_log(), Camera(WIDTH, HEIGHT, focal, readout=0.03), EXPOSURE)
-        paths = BlurPaths.from_shot(shot, ROWS, COLS, motion=motion)
+    @pytest.mark.parametrize("focal_length", [110.0, 2000.0])
+    def test_auto_takes_four_per_pixel_and_two_per_gyro_interval(self, shaky_log, motion, focal_length):
+        capture = Capture.from_log(shaky_log(), Camera(WIDTH, HEIGHT, focal_length, readout_time=0.03), EXPOSURE)
+        paths = BlurPaths.from_capture(capture, ROWS, COLS, motion=motion)
         steps = paths.displacements.shape[2] - 1
         # The length was found with fewer samples, which cut corners by less than 1 %.
         assert steps >= 0.99 * 4 * paths.lengths.max()
-        assert steps >= 2 * len(shot.track.t)
+        assert steps >= 2 * len(capture.track.t)
 
     @pytest.mark.parametrize("seed", range(4))
     def test_doubling_them_changes_no_kernel(self, shaky_log, seed):
-        shot = Shot.from_log(shaky_log(seed=seed), Camera(WIDTH, HEIGHT, 400.0, readout=0.03), EXPOSURE)
-        auto = BlurPaths.from_shot(shot, ROWS, COLS)
-        double = BlurPaths.from_shot(shot, ROWS, COLS, samples=2 * auto.displacements.shape[2] - 1)
+        capture = Capture.from_log(shaky_log(seed=seed), Camera(WIDTH, HEIGHT, 400.0, readout_time=0.03), EXPOSURE)
+        auto = BlurPaths.from_capture(capture, ROWS, COLS)
+        double = BlurPaths.from_capture(capture, ROWS, COLS, samples=2 * auto.displacements.shape[2] - 1)
         half = (auto.extent[0] + 2, auto.extent[1] + 2)
         kernels = [_kernels_of_size(paths, half) for paths in (auto, double)]
         # Half a percent of the energy moves, and by a fraction of a pixel.
@@ -165,8 +165,8 @@ class TestSamples:
             paths_of(shaky_log(), camera_of(), **arguments)
 
     def test_times_are_even_and_hold_both_ends(self, shaky_log):
-        shot = Shot.from_log(shaky_log(), camera_of(), EXPOSURE)
-        times = shot.times(ROWS, 5)
+        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
+        times = capture.times(ROWS, 5)
         opens, closes = EXPOSURE.window(ROWS, camera_of())
         np.testing.assert_allclose(times[:, [0, -1]], np.stack([opens, closes], axis=1), atol=1e-15)
         np.testing.assert_allclose(np.diff(times, axis=1), EXPOSURE.duration / 4, atol=1e-15)
@@ -191,48 +191,48 @@ class TestShot:
     def test_refuses_what_the_log_does_not_describe(self):
         log, camera = constant(0, 0, 0), camera_of(0.03)
         with pytest.raises(CoverageError, match=r"misses 50\.000 ms at its start"):
-            Shot.from_log(log, camera, Exposure(-0.05, 0.04))
+            Capture.from_log(log, camera, Exposure(-0.05, 0.04))
         # The last row opens 30 ms x 63/64 after the first.
         with pytest.raises(CoverageError, match=r"misses 19\.531 ms at its end"):
-            Shot.from_log(log, camera, Exposure(0.35, 0.04))
+            Capture.from_log(log, camera, Exposure(0.35, 0.04))
         with pytest.raises(ClockError):
-            Shot.from_log(log, camera, Exposure(0.1, 0.04, 10**18))
+            Capture.from_log(log, camera, Exposure(0.1, 0.04, 10**18))
         with pytest.raises(GapError):
-            Shot.from_log(GyroLog(np.delete(log.t, range(25, 32)), log.omega[7:]), camera, EXPOSURE)
+            Capture.from_log(GyroLog(np.delete(log.t, range(25, 32)), log.omega[7:]), camera, EXPOSURE)
 
     def test_refuses_a_camera_read_along_x(self):
         camera = camera_of(readout_direction="left-right")
         with pytest.raises(InputError, match=r"read left-right; trace paths with camera\.turned\(\)"):
-            Shot.from_log(constant(0, 0, 0), camera, EXPOSURE)
-        Shot.from_log(constant(0, 0, 0), camera.turned(), EXPOSURE)
+            Capture.from_log(constant(0, 0, 0), camera, EXPOSURE)
+        Capture.from_log(constant(0, 0, 0), camera.turned(), EXPOSURE)
 
     def test_mid_is_between_open_and_close(self, shaky_log):
-        shot = Shot.from_log(shaky_log(), camera_of(), EXPOSURE)
+        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
         opens, closes = EXPOSURE.window(ROWS, camera_of())
-        np.testing.assert_allclose(shot.mid(ROWS), 0.5 * (opens + closes), atol=1e-15)
+        np.testing.assert_allclose(capture.mid(ROWS), 0.5 * (opens + closes), atol=1e-15)
 
 
 class TestRowPoses:
     def test_a_row_is_projected_with_its_own_pose(self, shaky_log):
-        shot = Shot.from_log(shaky_log(), camera_of(), EXPOSURE)
+        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
         world = np.random.default_rng(0).uniform([-0.3, -0.3, 0.7], [0.3, 0.3, 1.3], (5, 3))
         for row in (0.0, 17.0, 31.5, 63.0):
-            u, v, w = shot.camera.matrix @ shot.track.at(shot.mid(np.array(row))) @ world.T
-            q = RowPoses.of(shot).project(world, np.full(5, row))
+            u, v, w = capture.camera.matrix @ capture.track.at(capture.mid(np.array(row))) @ world.T
+            q = RowPoses.of(capture).project(world, np.full(5, row))
             exact = np.stack([u / w, v / w], axis=1)
             np.testing.assert_allclose(q, exact, atol=1e-10 if row % 1 == 0 else BETWEEN_ROWS)
 
     def test_rows_go_on_beyond_the_picture(self, shaky_log):
         """A path that leaves the picture does not bend at its edge."""
-        shot = Shot.from_log(shaky_log(), camera_of(), EXPOSURE)
+        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
         world = np.array([0.1, 0.2, 1.0])
         for row in (-9.0, 70.0):
-            u, v, w = shot.camera.matrix @ shot.track.at(shot.mid(np.array(row))) @ world
-            np.testing.assert_allclose(RowPoses.of(shot).project(world, np.array(row)), [u / w, v / w], atol=1e-9)
+            u, v, w = capture.camera.matrix @ capture.track.at(capture.mid(np.array(row))) @ world
+            np.testing.assert_allclose(RowPoses.of(capture).project(world, np.array(row)), [u / w, v / w], atol=1e-9)
 
     def test_a_picture_of_one_row(self, shaky_log):
-        shot = Shot.from_log(shaky_log(), Camera(WIDTH, 1, FOCAL, readout=0.01), EXPOSURE)
-        assert np.isfinite(RowPoses.of(shot).project(np.array([[0.0, 0.0, 1.0]]), np.zeros(1))).all()
+        capture = Capture.from_log(shaky_log(), Camera(WIDTH, 1, FOCAL, readout_time=0.01), EXPOSURE)
+        assert np.isfinite(RowPoses.of(capture).project(np.array([[0.0, 0.0, 1.0]]), np.zeros(1))).all()
 
     def test_rays_undo_the_projection(self):
         camera = Camera(WIDTH, HEIGHT, (100.0, 120.0), (40.0, 30.0))
@@ -246,9 +246,9 @@ class TestChange:
 
     @pytest.mark.parametrize("motion", MOTIONS)
     def test_none_without_motion_or_change(self, motion):
-        still = BlurPaths.probe(Shot.from_log(constant(0, 0, 0), camera_of(), EXPOSURE), motion=motion)
+        still = BlurPaths.probe(Capture.from_log(constant(0, 0, 0), camera_of(), EXPOSURE), motion=motion)
         # A small-angle path at a constant rate is the same everywhere.
-        turning = Shot.from_log(constant(0.3, -0.2, 0.1), camera_of(), EXPOSURE)
+        turning = Capture.from_log(constant(0.3, -0.2, 0.1), camera_of(), EXPOSURE)
         for probe in (still, BlurPaths.probe(turning, motion="small-angle")):
             # Roundings of 1e-13 px in projected positions, times the squared number of rows.
             assert max(probe.change_down, probe.curvature_down, probe.curvature_across) < 1e-8
@@ -257,9 +257,9 @@ class TestChange:
     @pytest.mark.parametrize("bands", [2, 4, 8, 32])
     @pytest.mark.parametrize("seed", range(3))
     def test_neighbouring_bands_differ_by_no_more_than_their_share_of_the_change(self, shaky_log, motion, bands, seed):
-        shot = Shot.from_log(shaky_log(seed=seed), camera_of(), EXPOSURE)
-        probe = BlurPaths.probe(shot, motion=motion)
-        tiles = _paths_with_the_times_of(probe, shot, tile_centres(bands, HEIGHT), probe.cols, motion)
+        capture = Capture.from_log(shaky_log(seed=seed), camera_of(), EXPOSURE)
+        probe = BlurPaths.probe(capture, motion=motion)
+        tiles = _paths_with_the_times_of(probe, capture, tile_centres(bands, HEIGHT), probe.cols, motion)
         steps = np.linalg.norm(np.diff(tiles, axis=0), axis=-1)
         # The grid is a row shorter than the picture, 1.6 % here, and 33 rows may miss a little of the fastest change.
         assert steps.max() <= 1.05 * probe.change_down / bands + 1e-3
@@ -271,13 +271,13 @@ class TestChange:
     @pytest.mark.parametrize("tiles", [2, 4, 8])
     @pytest.mark.parametrize("seed", range(3))
     def test_curvature_bounds_the_error_of_interpolation_between_tiles(self, shaky_log, motion, tiles, seed):
-        shot = Shot.from_log(shaky_log(seed=seed), camera_of(), EXPOSURE)
-        probe = BlurPaths.probe(shot, motion=motion)
+        capture = Capture.from_log(shaky_log(seed=seed), camera_of(), EXPOSURE)
+        probe = BlurPaths.probe(capture, motion=motion)
         for axis, curvature, length in ((0, probe.curvature_down, HEIGHT), (1, probe.curvature_across, WIDTH)):
             centres, grid = tile_centres(tiles, length), [probe.rows, probe.cols]
             between = np.linspace(centres[0], centres[-1], 41)
             coarse, true = (
-                _paths_with_the_times_of(probe, shot, *grid[:axis], places, *grid[axis + 1 :], motion)
+                _paths_with_the_times_of(probe, capture, *grid[:axis], places, *grid[axis + 1 :], motion)
                 for places in (centres, between)
             )
             weights = np.stack([np.interp(between, centres, unit) for unit in np.eye(tiles)], axis=1)
@@ -286,29 +286,33 @@ class TestChange:
             # Curvature is measured at 33 and 9 places and so may miss a little of the largest.
             assert error <= 1.05 * curvature / (8 * tiles**2) + 1e-3
 
-    @pytest.mark.parametrize("camera", [camera_of(), Camera(2048, 1536, 2250.0, readout=0.03)], ids=["small", "large"])
+    @pytest.mark.parametrize(
+        "camera", [camera_of(), Camera(2048, 1536, 2250.0, readout_time=0.03)], ids=["small", "large"]
+    )
     @pytest.mark.parametrize("seed", range(6))
     def test_paths_change_no_faster_at_the_edges_than_inside(self, shaky_log, camera, seed):
         """Poses go on beyond the picture; held at its edge, they would bend the outer paths several times as much."""
-        probe = BlurPaths.probe(Shot.from_log(shaky_log(seed=seed), camera, EXPOSURE), motion="rotation")
+        probe = BlurPaths.probe(Capture.from_log(shaky_log(seed=seed), camera, EXPOSURE), motion="rotation")
         for order in (1, 2):
             steps = np.linalg.norm(np.diff(probe.displacements, n=order, axis=0), axis=-1).max(axis=(1, 2))
             # Perspective makes the outer rows change faster, by up to 8 % here.
             assert max(steps[:2].max(), steps[-2:].max()) <= 1.2 * steps[2:-2].max()
 
 
-def _paths_with_the_times_of(probe, shot, rows, cols, motion):
+def _paths_with_the_times_of(probe, capture, rows, cols, motion):
     samples = probe.displacements.shape[2]
-    return BlurPaths.from_shot(shot, rows, cols, motion=motion, samples=samples).displacements
+    return BlurPaths.from_capture(capture, rows, cols, motion=motion, samples=samples).displacements
 
 
 class TestEveryRow:
     @pytest.mark.parametrize("motion", MOTIONS)
     def test_is_from_shot_at_all_rows(self, shaky_log, motion):
-        shot = Shot.from_log(shaky_log(), camera_of(), EXPOSURE)
-        paths = BlurPaths.every_row(shot, COLS, motion=motion)
+        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
+        paths = BlurPaths.every_row(capture, COLS, motion=motion)
         np.testing.assert_array_equal(paths.rows, np.arange(HEIGHT))
-        some = BlurPaths.from_shot(shot, paths.rows[[5, 63]], COLS, motion=motion, samples=paths.displacements.shape[2])
+        some = BlurPaths.from_capture(
+            capture, paths.rows[[5, 63]], COLS, motion=motion, samples=paths.displacements.shape[2]
+        )
         np.testing.assert_array_equal(paths.displacements[[5, 63]], some.displacements)
         assert not paths.displacements.flags.writeable
 

@@ -9,7 +9,7 @@ from skimage.metrics import peak_signal_noise_ratio
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.paths import Shot
+from rsdeblur.motion.paths import Capture
 from rsdeblur.motion.rectify import rectify
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.simulate import simulate
@@ -19,8 +19,8 @@ EXPOSURE = Exposure(0.12, 0.02)
 INSIDE = np.s_[12:-12, 12:-12]
 
 
-def camera_of(readout=0.03, **options):
-    return Camera(WIDTH, HEIGHT, 110.0, readout=readout, **options)
+def camera_of(readout_time=0.03, **options):
+    return Camera(WIDTH, HEIGHT, 110.0, readout_time=readout_time, **options)
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def large():
 def test_the_rolling_picture_becomes_the_rectified_one(large, shaky_log, direction, seed):
     log, camera = shaky_log(seed=seed), camera_of(readout_direction=direction)
     truth = simulate(large, log, camera, EXPOSURE)
-    image, coverage = rectify(truth.rolling, Shot.from_log(log, camera, EXPOSURE))
+    image, coverage = rectify(truth.rolling, Capture.from_log(log, camera, EXPOSURE))
     before, after = (
         peak_signal_noise_ratio(truth.rectified[INSIDE], p[INSIDE], data_range=1) for p in (truth.rolling, image)
     )
@@ -52,7 +52,7 @@ def test_the_rolling_picture_becomes_the_rectified_one(large, shaky_log, directi
 def test_without_readout_it_is_the_identity(large, rate):
     log = GyroLog(np.linspace(0, 0.4, 81), np.tile(np.float64(rate), (81, 1)))
     image = large[:HEIGHT, :WIDTH]
-    rectified, coverage = rectify(image, Shot.from_log(log, camera_of(0.0), EXPOSURE))
+    rectified, coverage = rectify(image, Capture.from_log(log, camera_of(0.0), EXPOSURE))
     # Float32 spline coefficients.
     np.testing.assert_allclose(rectified, image, atol=3e-6)
     assert coverage.all()
@@ -61,16 +61,16 @@ def test_without_readout_it_is_the_identity(large, rate):
 def test_without_motion_it_is_the_identity(large):
     log = GyroLog(np.linspace(0, 0.4, 81), np.zeros((81, 3)))
     image = large[:HEIGHT, :WIDTH]
-    rectified, coverage = rectify(image, Shot.from_log(log, camera_of(), EXPOSURE))
+    rectified, coverage = rectify(image, Capture.from_log(log, camera_of(), EXPOSURE))
     np.testing.assert_allclose(rectified, image, atol=3e-6)
     assert coverage.all()
 
 
 def test_the_middle_row_stays(large, shaky_log):
     log = shaky_log()
-    camera = Camera(WIDTH, HEIGHT + 1, 110.0, readout=0.03)
+    camera = Camera(WIDTH, HEIGHT + 1, 110.0, readout_time=0.03)
     image = large[: HEIGHT + 1, :WIDTH]
-    rectified, _ = rectify(image, Shot.from_log(log, camera, EXPOSURE))
+    rectified, _ = rectify(image, Capture.from_log(log, camera, EXPOSURE))
     np.testing.assert_allclose(rectified[HEIGHT // 2], image[HEIGHT // 2], atol=3e-6)
 
 
@@ -79,13 +79,13 @@ def test_each_pixel_is_read_where_a_row_saw_it(shaky_log, direction):
     camera = camera_of(readout_direction=direction)
     # 2.5 times the usual shake, slower than the warning about degrees.
     log = shaky_log((2.5, 2.5, 2.5), seed=2)
-    shot = Shot.from_log(log, camera, EXPOSURE)
+    capture = Capture.from_log(log, camera, EXPOSURE)
     y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
     # The picture holds its own coordinates, so the result says where it was read.
-    read, _ = rectify(np.stack([x, y], axis=-1), shot)
-    reference = shot.track.at(shot.mid(np.array((HEIGHT - 1) / 2)))
+    read, _ = rectify(np.stack([x, y], axis=-1), capture)
+    reference = capture.track.at(capture.mid(np.array((HEIGHT - 1) / 2)))
     world = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.matrix).T @ reference
-    poses = camera.matrix @ shot.track.at(shot.mid(read[..., 1].astype(np.float64)))
+    poses = camera.matrix @ capture.track.at(capture.mid(read[..., 1].astype(np.float64)))
     shown = np.einsum("yxij,yxj->yxi", poses, world)
     # Poses are linear between rows 0.4 ms apart, the last step of the fixed point moves 1e-3 px, and positions up to
     # 100 px are float32.
@@ -98,7 +98,7 @@ def test_coverage_marks_what_no_row_saw(rate):
     # A pan of 1 rad/s about y moves the picture by f omega = 110 px/s: rows 15 ms from the middle are off by 1.65 px.
     log = GyroLog(np.linspace(0, 0.4, 81), np.tile([0.0, rate, 0.0], (81, 1)))
     ramp = np.tile(np.arange(WIDTH, dtype=np.float32)[:, None], (HEIGHT, 1, 1))
-    image, coverage = rectify(ramp, Shot.from_log(log, camera_of(), EXPOSURE))
+    image, coverage = rectify(ramp, Capture.from_log(log, camera_of(), EXPOSURE))
     # Positive rates move the scene to the left: the first rows show it too far right, so their right end lacks.
     corners = coverage[[0, 0, -1, -1], [0, -1, 0, -1]]
     np.testing.assert_array_equal(corners, [True, False, False, True] if rate > 0 else [False, True, True, False])
@@ -112,6 +112,6 @@ def test_coverage_marks_what_no_row_saw(rate):
 
 def test_shape_and_type(shaky_log):
     image = np.zeros((HEIGHT, WIDTH, 4), np.float32)
-    rectified, coverage = rectify(image, Shot.from_log(shaky_log(), camera_of(), EXPOSURE))
+    rectified, coverage = rectify(image, Capture.from_log(shaky_log(), camera_of(), EXPOSURE))
     assert (rectified.shape, rectified.dtype) == (image.shape, np.float32)
     assert (coverage.shape, coverage.dtype) == ((HEIGHT, WIDTH), np.bool_)

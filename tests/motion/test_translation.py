@@ -11,18 +11,18 @@ from skimage.metrics import peak_signal_noise_ratio
 from rsdeblur import (
     BlurPaths,
     Camera,
+    Capture,
     CoverageError,
     Exposure,
     GyroLog,
     InputError,
-    Shot,
     Translation,
     deblur,
     simulate,
 )
 from rsdeblur.simulation.scene import scene
 
-CAMERA = Camera(160, 120, 200.0, readout=0.02)
+CAMERA = Camera(160, 120, 200.0, readout_time=0.02)
 EXPOSURE = Exposure(0.05, 0.04)
 T = np.linspace(0, 0.2, 41)
 STILL = GyroLog(T, np.zeros((len(T), 3)))
@@ -36,14 +36,14 @@ def sway(amplitude=0.02):
 
 
 def paths(log, translation, camera=CAMERA, motion="rotation"):
-    shot = Shot.from_log(log, camera, EXPOSURE, translation)
-    return BlurPaths.from_shot(shot, [10.0, 60.0, 110.0], [20.0, 80.0], motion=motion, samples=21)
+    capture = Capture.from_log(log, camera, EXPOSURE, translation)
+    return BlurPaths.from_capture(capture, [10.0, 60.0, 110.0], [20.0, 80.0], motion=motion, samples=21)
 
 
 def test_the_picture_moves_against_the_camera():
     speed = 0.1  # m/s to the right
     right = Translation([0.0, 0.2], [[0, 0, 0], [0.2 * speed, 0, 0]], DEPTH)
-    camera = replace(CAMERA, readout=0.0)
+    camera = replace(CAMERA, readout_time=0.0)
     for motion in ("rotation", "small-angle"):
         d = paths(STILL, right, camera, motion).displacements
         shift = -200.0 * speed * EXPOSURE.duration / DEPTH
@@ -95,8 +95,8 @@ def test_at_rest_nothing_moves_whatever_the_lens(geometry):
     camera = replace(CAMERA, distortion_model="radtan", distortion=(-0.2, 0.05, 0.01, 0.0))
     rest = Translation([0.0, 0.2], np.zeros((2, 3)), DEPTH)
     for track in (rest, None):
-        shot = Shot.from_log(STILL, camera, EXPOSURE, track)
-        found = BlurPaths.from_shot(shot, [0.0, 60.0], [0.0, 80.0], geometry=geometry).displacements
+        capture = Capture.from_log(STILL, camera, EXPOSURE, track)
+        found = BlurPaths.from_capture(capture, [0.0, 60.0], [0.0, 80.0], geometry=geometry).displacements
         # The lens is inverted by iteration.
         np.testing.assert_allclose(found, 0, atol=1e-6)
 

@@ -14,7 +14,7 @@ from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 
 EXPOSURE = Exposure(0.05, 0.025)
-CAMERA = Camera(192, 160, 210.0, readout=0.03)
+CAMERA = Camera(192, 160, 210.0, readout_time=0.03)
 
 
 def psnr(truth: np.ndarray, image: np.ndarray, border: int = 16) -> float:

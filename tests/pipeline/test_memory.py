@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from rsdeblur import Camera, Exposure, GyroLog, InputError, Simulation, deblur, simulate
-from rsdeblur.pipeline import memory as slabs
+from rsdeblur.pipeline import memory as chunks
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 
 HEIGHT, WIDTH = 400, 96
-CAMERA = Camera(WIDTH, HEIGHT, 500.0, readout=0.03)
+CAMERA = Camera(WIDTH, HEIGHT, 500.0, readout_time=0.03)
 EXPOSURE = Exposure(0.06, 1 / 50)
 METHODS = {
     "global": {"mode": "global", "nsr": 0.02},
@@ -50,8 +50,8 @@ def planned(monkeypatch):
         found[:] = slabs_planned(*args)[0]
         return found, 0
 
-    slabs_planned = slabs.plan_slabs
-    monkeypatch.setattr(slabs, "FIXED", 0)
+    slabs_planned = chunks.plan_chunks
+    monkeypatch.setattr(chunks, "FIXED", 0)
     monkeypatch.setattr("rsdeblur.pipeline.deblur.plan_slabs", plan)
     return found
 
@@ -63,9 +63,9 @@ def test_slabs_give_the_picture_that_is_solved_whole(capture, log, planned, name
     assert len(planned) == 1
     sliced = deblur(*arguments, **METHODS[name], max_memory=MEMORY[name])
     assert len(planned) > 1
-    rows = [row for slab in planned for row in range(slab.given.start, slab.given.stop)]
+    rows = [row for chunk in planned for row in range(chunk.given.start, chunk.given.stop)]
     assert rows == list(range(HEIGHT))
-    assert all(slab.read.start <= slab.given.start and slab.given.stop <= slab.read.stop for slab in planned)
+    assert all(chunk.read.start <= chunk.given.start and chunk.given.stop <= chunk.read.stop for chunk in planned)
     assert (sliced.bands, sliced.strips) == (whole.bands, whole.strips)
     # What slabs change at the rows they give is some percent of what deblurring changes; measured 0.1 to 1.5 %.
     # At the frame the continuation of the whole picture meets its opposite border, that of a slab another row; and
@@ -84,7 +84,7 @@ def test_more_memory_means_fewer_slabs(capture, log, planned):
 
 
 def test_too_little_memory_is_refused_before_the_work(capture, log, monkeypatch):
-    monkeypatch.setattr(slabs, "FIXED", 0)
+    monkeypatch.setattr(chunks, "FIXED", 0)
     with pytest.raises(InputError, match=r"max_memory is 0 MiB, but even 16 rows of this picture need \d+ MiB"):
         deblur(capture.blurred, log, CAMERA, EXPOSURE, max_memory=2**18)
     for wanted in ({"geometry": "rectify"}, {"normalize": True}, {"border": "smooth"}):

@@ -137,7 +137,7 @@ def test_many_kernels_are_thinned_out_evenly() -> None:
 def test_the_plot_shows_camera_axes_and_each_lines_window(shaky_log, direction) -> None:
     log = shaky_log()
     camera = Camera(
-        80, 60, 100.0, readout=0.03, readout_direction=direction, imu_to_camera="phone-portrait", time_offset=0.02
+        80, 60, 100.0, readout_time=0.03, readout_direction=direction, imu_to_camera="phone-portrait", time_offset=0.02
     )
     epoch = 1_700_000_000_000_000_000
     plot = MotionPlot.of(GyroLog(log.t, log.omega, epoch), camera, Exposure(0.15, 0.04, epoch))
@@ -189,7 +189,7 @@ def levels(found) -> dict[str, str]:
 def test_findings_of_a_good_and_of_a_bad_capture() -> None:
     t = np.arange(0.0, 1.0, 0.005)
     omega = np.column_stack([np.sin(20 * t), np.cos(9 * t), 0 * t])
-    camera, exposure = Camera(400, 300, 500.0, readout=0.03), Exposure(0.5, 0.04)
+    camera, exposure = Camera(400, 300, 500.0, readout_time=0.03), Exposure(0.5, 0.04)
     grey = np.full((300, 400, 3), 100, np.uint8)
     good = findings(grey, GyroLog(t, omega), camera, exposure, psf=(9, 9))
     assert set(levels(good).values()) == {"good"}

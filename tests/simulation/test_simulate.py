@@ -11,7 +11,7 @@ from rsdeblur.errors import ClockError, CoverageError, GapError, InputError
 from rsdeblur.motion.camera import READOUT_DIRECTIONS, Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.paths import BlurPaths, Shot
+from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.simulate import _CameraPath, simulate
@@ -26,8 +26,8 @@ RADIUS = 16
 SPLINE = 3e-6
 
 
-def camera_of(readout=0.03, direction="top-down", **options):
-    return Camera(SIZE, SIZE, FOCAL, readout=readout, readout_direction=direction, **options)
+def camera_of(readout_time=0.03, direction="top-down", **options):
+    return Camera(SIZE, SIZE, FOCAL, readout_time=readout_time, readout_direction=direction, **options)
 
 
 def still():
@@ -103,7 +103,7 @@ class TestIdentities:
 
     def test_with_readout_rolling_differs_but_in_the_middle_row(self, picture, shaky_log):
         odd = scene(SIZE + 1, SIZE, seed=1)
-        camera = Camera(SIZE, SIZE + 1, FOCAL, readout=0.03)
+        camera = Camera(SIZE, SIZE + 1, FOCAL, readout_time=0.03)
         seen = simulate(odd, shaky_log(), camera, EXPOSURE)
         np.testing.assert_allclose(seen.rolling[SIZE // 2], odd[SIZE // 2], atol=SPLINE)
         assert np.abs(seen.rolling - odd).max() > 0.1
@@ -122,7 +122,7 @@ class TestIdentities:
     @pytest.mark.parametrize("axes", [(1, 0, 0), (0, 0, 1)], ids="xz")
     def test_samples_follow_a_bound_of_every_path(self, shaky_log, camera, axes):
         log, rows, cols = shaky_log(axes), np.linspace(0, 63, 5), np.linspace(0, 95, 5)
-        paths = BlurPaths.from_shot(Shot.from_log(log, camera, EXPOSURE), rows, cols, samples=801)
+        paths = BlurPaths.from_capture(Capture.from_log(log, camera, EXPOSURE), rows, cols, samples=801)
         opens, closes = EXPOSURE.window(np.arange(64), camera)
         bound = _CameraPath(log, camera, opens.min(), closes.max(), 0).longest(opens, closes)
         # The speed is summed over small steps, whose ends may miss 0.1 % of it.
@@ -222,12 +222,12 @@ class TestOracle:
     def test_dots_are_blurred_as_the_psfs_say(self, acceleration, direction):
         log, camera = turning(*acceleration), camera_of(direction=direction)
         seen = simulate(dots(self.PLACES), log, camera, EXPOSURE)
-        shot = Shot.from_log(log, camera, EXPOSURE)
+        capture = Capture.from_log(log, camera, EXPOSURE)
         shifts = []
         for x, y in self.PLACES:
             window = np.s_[y - RADIUS : y + RADIUS + 1, x - RADIUS : x + RADIUS + 1]
             total, centre, spread = moments(seen.blurred[window])
-            expected_total, expected_centre, expected_spread = moments(_gathered(seen.rolling, shot, x, y))
+            expected_total, expected_centre, expected_spread = moments(_gathered(seen.rolling, capture, x, y))
             assert total == pytest.approx(expected_total, rel=1e-3)
             # Poses linear between rows 0.4 ms apart, and the last step of the fixed point, leave some 1e-3 px.
             np.testing.assert_allclose(centre, expected_centre, atol=0.02)
@@ -240,10 +240,10 @@ class TestOracle:
         assert min(shifts) > 0.2
 
 
-def _gathered(sharp, shot, x, y):
+def _gathered(sharp, capture, x, y):
     """The blur g(p) = sum_d h(p, d) u(p - d) around (x, y), with a PSF of its own for each pixel p."""
     reach = np.arange(-RADIUS, RADIUS + 1.0)
-    bank = PsfBank.from_paths(BlurPaths.from_shot(shot, y + reach, x + reach))
+    bank = PsfBank.from_paths(BlurPaths.from_capture(capture, y + reach, x + reach))
     height, width = bank.size
     padded = np.pad(sharp, ((height // 2,) * 2, (width // 2,) * 2))
     latent = np.lib.stride_tricks.sliding_window_view(padded, bank.size)

@@ -14,7 +14,7 @@ from benchmarks.paper.figure import Cell, Figure, pictures
 from rsdeblur import BlurPaths, Camera, Deconvolver, Exposure, GyroLog, PsfBank, deblur, psfs, read_gyro, simulate
 from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.io import read_picture
-from rsdeblur.motion.paths import Shot
+from rsdeblur.motion.paths import Capture
 
 # Figure, picture, start in the log (s), exposure (s), their PSF's width and height (px).
 CASES = (
@@ -116,13 +116,15 @@ def methods(
 def scaled(start: float, duration: float, box: tuple[int, int]) -> tuple[Camera, Exposure, GyroLog]:
     """Scale a real log's rates until the PSF fills the box."""
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
-    camera = Camera(*SIZE, 1.1 * SIZE[0], readout=READOUT)
+    camera = Camera(*SIZE, 1.1 * SIZE[0], readout_time=READOUT)
     exposure = Exposure(start, duration, log.epoch_ns)
     scale = np.ones(2)
     for _ in range(6):  # nearly linear in the rates
         shaken = GyroLog(log.t, log.omega * (*scale[::-1], scale.mean()), log.epoch_ns)
-        shot = Shot.from_log(shaken, camera, exposure)
-        d = BlurPaths.from_shot(shot, [(SIZE[1] - 1) / 2], [(SIZE[0] - 1) / 2], motion="small-angle").displacements
+        recording = Capture.from_log(shaken, camera, exposure)
+        d = BlurPaths.from_capture(
+            recording, [(SIZE[1] - 1) / 2], [(SIZE[0] - 1) / 2], motion="small-angle"
+        ).displacements
         scale *= (np.array(box) - 1) / np.ptp(d.reshape(-1, 2), axis=0)
     return camera, exposure, shaken
 

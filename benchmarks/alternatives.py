@@ -1,10 +1,10 @@
 """Everything that the speed benchmark times, behind one interface.
 
-A contender is built for a :class:`benchmarks.cases.Case` and a number of threads: plans are made then and, wherever its
-library lets it, filters. It takes the blurred picture (H, W, 3) float32 and gives a deblurred one of that shape. Rivals
-import their library when they are built; a missing one is an ImportError.
+An alternative is built for a :class:`benchmarks.cases.Case` and a number of threads; building makes its plans and, where
+its library can, its filters. It takes the blurred picture (H, W, 3) float32 and returns a deblurred one of that shape.
+Alternatives import their library when they are built; a missing one is an ImportError.
 
-The rivals treat the picture as repeating. That is less work than continuing it beyond its border, and makes their
+The alternatives treat the picture as repeating. That is less work than continuing it beyond its border, and makes their
 result comparable with ours for ``border="periodic"`` to the last pixel.
 """
 
@@ -27,7 +27,7 @@ from rsdeblur import Deconvolver, PsfBank
 from rsdeblur.pipeline.deblur import psfs
 
 # Read when MKL is loaded. Its threads would otherwise stay busy for 0.2 s after each call, on the cores that the next
-# contender needs. MKL's own times are the same either way.
+# alternative needs. MKL's own times are the same either way.
 os.environ.setdefault("KMP_BLOCKTIME", "0")
 
 # Single precision rounds at 6e-8; the filter amplifies up to 1 / (2 sqrt(NSR)) = 5 times. Measured: below 1e-6.
@@ -52,7 +52,7 @@ BANDS = (4, 8, 16, 32, 64)
 
 
 def banded(bands: int) -> str:
-    """Return the name of our contender with so many bands."""
+    """Return the name of our alternative with so many bands."""
     return f"ours, {bands} bands"
 
 
@@ -65,7 +65,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Contender:
+class Alternative:
     """One row of the table.
 
     Parameters
@@ -73,7 +73,7 @@ class Contender:
     build : callable
         Makes the task for a case and a number of threads.
     like : str, optional
-        Contender whose picture this one must give too.
+        Alternative whose picture this one must give too.
     tolerance : float
         Bound on the difference from `like`, in units of the picture's white.
     measure : {"largest", "rms"}
@@ -264,17 +264,17 @@ def by_channel(deblur: Callable[[Image], Image], case: Case) -> Task:
     return Task(run)
 
 
-CONTENDERS: dict[str, Contender] = {
-    BARE: Contender(bare),
-    GLOBAL: Contender(ours(1), like=PERIODIC, tolerance=RINGING, measure="rms"),
-    PERIODIC: Contender(ours(1, "periodic")),
-    **{banded(bands): Contender(ours(bands)) for bands in BANDS},
-    "motion + PSFs": Contender(motion(16), threaded=False),
-    REPLAN: Contender(replan(16)),
-    "SciPy FFT": Contender(scipy_wiener, like=PERIODIC),
-    SKIMAGE: Contender(skimage_wiener, like=PERIODIC),
-    SKIMAGE_AS_IS: Contender(skimage_as_is, threaded=False),
-    "OpenCV": Contender(opencv_wiener, like=PERIODIC),
-    MKL: Contender(mkl_wiener, like=PERIODIC),
-    PATCHES: Contender(regularizepsf_patches, like=banded(16), tolerance=PATCHED, measure="rms", threaded=False),
+ALTERNATIVES: dict[str, Alternative] = {
+    BARE: Alternative(bare),
+    GLOBAL: Alternative(ours(1), like=PERIODIC, tolerance=RINGING, measure="rms"),
+    PERIODIC: Alternative(ours(1, "periodic")),
+    **{banded(bands): Alternative(ours(bands)) for bands in BANDS},
+    "motion + PSFs": Alternative(motion(16), threaded=False),
+    REPLAN: Alternative(replan(16)),
+    "SciPy FFT": Alternative(scipy_wiener, like=PERIODIC),
+    SKIMAGE: Alternative(skimage_wiener, like=PERIODIC),
+    SKIMAGE_AS_IS: Alternative(skimage_as_is, threaded=False),
+    "OpenCV": Alternative(opencv_wiener, like=PERIODIC),
+    MKL: Alternative(mkl_wiener, like=PERIODIC),
+    PATCHES: Alternative(regularizepsf_patches, like=banded(16), tolerance=PATCHED, measure="rms", threaded=False),
 }
