@@ -1,8 +1,8 @@
 """Everything that the speed benchmark times, behind one interface.
 
-An alternative is built for a :class:`benchmarks.cases.Case` and a number of threads; building makes its plans and, where
-its library can, its filters. It takes the blurred picture (H, W, 3) float32 and returns a deblurred one of that shape.
-Alternatives import their library when they are built; a missing one is an ImportError.
+An alternative is built for a :class:`benchmarks.cases.Case` and a number of threads; building makes its plans and,
+where its library can, its filters. It takes the blurred picture (H, W, 3) float32 and returns a deblurred one of that
+shape. Alternatives import their library when they are built; a missing one is an ImportError.
 
 The alternatives treat the picture as repeating. That is less work than continuing it beyond its border, and makes their
 result comparable with ours for ``border="periodic"`` to the last pixel.

@@ -103,7 +103,7 @@ def test_a_cache_that_cannot_be_written_costs_one_warning(cache_dir):
 
 def test_another_process_finds_what_was_kept(tmp_path):
     program = (
-        "from rsdeblur import fft; import pyfftw, sys\n"
+        "from rsdeblur.deconv import fft; import pyfftw, sys\n"
         "fft._recall()\n"
         "before = pyfftw.export_wisdom()[1]\n"
         "fft.LineTransform((3, 48), 'measure')\n"
