@@ -26,7 +26,7 @@ def bank():
     return PsfBank(kernels / kernels.sum(axis=(2, 3), keepdims=True), [20.0, 40.0], [20.0, 60.0])
 
 
-@pytest.mark.parametrize("extension", BOUNDARIES)
+@pytest.mark.parametrize("boundary", BOUNDARIES)
 def test_shape_is_as_announced(light, bank, boundary):
     longer = extended(light, bank, boundary)
     assert longer.shape == extended_shape(light.shape, bank, boundary)
@@ -37,7 +37,7 @@ def test_shape_is_as_announced(light, bank, boundary):
         assert longer.shape[1] >= W + 15
 
 
-@pytest.mark.parametrize("extension", BOUNDARIES)
+@pytest.mark.parametrize("boundary", BOUNDARIES)
 def test_a_constant_stays_one(bank, boundary):
     flat = np.full((H, W, 1), 0.3, dtype=np.float32)
     np.testing.assert_allclose(extended(flat, bank, boundary), 0.3, atol=1e-6)

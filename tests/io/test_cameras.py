@@ -103,7 +103,7 @@ class TestLensProfile:
         assert open_camera(write(profile(crop=1.25))).camera.focal_length == (168.0, 168.8)
 
     @pytest.mark.parametrize(
-        ("time", "said", "readout", "direction"),
+        ("time", "said", "readout_time", "direction"),
         [
             (-15.0, None, 0.015, "bottom-up"),
             (15.0, "BottomToTop", 0.015, "bottom-up"),
