@@ -302,8 +302,8 @@ def tiled(border: Any, prior: Any) -> Fingerprint:
 def row_by_row(solver: Any, border: Any) -> Fingerprint:
     """Return the hash of what `RowDeconvolver` makes, or without a solver `RowBlur` and its adjoint."""
     taken = capture("plain")
-    traced = rs.Capture.from_log(*taken.recording)
-    paths = rs.BlurPaths.every_row(traced, [60.0, 190.0], motion="rotation", geometry="keep")
+    traced = rs.Capture.from_log(*taken.recording, motion="rotation")
+    paths = rs.BlurPaths.every_row(traced, [60.0, 190.0], geometry="keep")
     if solver is not None:
         settings: dict[str, Any] = {"nsr": 0.02, "solver": solver, "border": border, "planning": "estimate"}
         return {"image": digest(rs.RowDeconvolver(paths, taken.light.shape, **settings, threads=2).apply(taken.light))}

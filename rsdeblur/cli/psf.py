@@ -102,8 +102,8 @@ def _path_lengths(bank: PsfBank, log: GyroLog, camera: Camera, exposure: Exposur
         # Paths are traced with the readout along y, in the picture turned a quarter clockwise.
         rows, cols = cols, (camera.height - 1 - rows)[::-1]
         camera = camera.turned()
-    capture = Capture.from_log(log, camera, exposure)
-    return BlurPaths.from_capture(capture, rows, cols, motion=blur.motion).lengths
+    capture = Capture.from_log(log, camera, exposure, motion=blur.motion)
+    return BlurPaths.from_capture(capture, rows, cols).lengths
 
 
 def _summary(bank: PsfBank, camera: Camera) -> dict[str, Any]:

@@ -210,20 +210,20 @@ def deblur(
     encoded = EncodedImage.of(image, transfer, quarter=quarter)
     out, upright = result_like(image, out, quarter=quarter)
     check_size(np.shape(image), camera)
-    capture = _upright_capture(log, camera, exposure, translation)
+    capture = _upright_capture(log, camera, exposure, translation, motion)
     clock = _Clock(progress)
     if mode == "banded" and bands == strips == 1:
         mode = "global"
     split = HighlightSplit(encoded)
     if saturation == "auto":
         with clock.stage("highlights"):
-            split = _split_highlights(encoded, capture, motion, threads, max_memory, clock.within("highlights", 0, 1))
+            split = _split_highlights(encoded, capture, threads, max_memory, clock.within("highlights", 0, 1))
         if max_memory is not None:
             max_memory -= split.nbytes
     with clock.stage("tune"):
-        phi, penalty, band_nsr = _strengths(split, capture, mode, motion, prior, exponent, nsr, weight)
+        phi, penalty, band_nsr = _strengths(split, capture, mode, prior, exponent, nsr, weight)
     with clock.stage("psfs"):
-        bank = _bank(capture, mode, bands, strips, motion, band_nsr)
+        bank = _bank(capture, mode, bands, strips, band_nsr)
     settings = SolverSettings(
         mode=mode,
         prior=prior,
@@ -232,7 +232,6 @@ def deblur(
         weight=penalty,
         peak=1.0 if penalty is None else brightness(split.remainder(slice(None), 4)),
         solver=solver,
-        motion=motion,
         border=solved_as,
         boundary=boundary,
         planning=planning,
@@ -244,9 +243,7 @@ def deblur(
     if check or fallback:
         with clock.stage("check"):
             resampled = geometry == "rectify"
-            quality = assess(
-                encoded, EncodedImage(upright, transfer), capture, meter, motion=motion, resampled=resampled
-            )
+            quality = assess(encoded, EncodedImage(upright, transfer), capture, meter, resampled=resampled)
             if fallback and quality.verdict == "bad":
                 quality = fall_back(encoded, quality, upright)
     n_bands, n_strips = bank.kernels.shape[:2]
@@ -267,7 +264,6 @@ class _After(NamedTuple):
 def _split_highlights(
     encoded: EncodedImage,
     capture: Capture,
-    motion: Motion,
     threads: int | None,
     max_memory: int | None,
     report_progress: Callable[[float], None],
@@ -276,7 +272,7 @@ def _split_highlights(
     spots = find_spots(encoded)
     if not spots:
         return HighlightSplit(encoded)
-    bank = _bank(capture, "banded", "auto", "auto", motion, HIGHLIGHT_NSR)
+    bank = _bank(capture, "banded", "auto", "auto", HIGHLIGHT_NSR)
     return separate_highlights(encoded, spots, bank, threads=threads, max_memory=max_memory, progress=report_progress)
 
 
@@ -333,8 +329,8 @@ def psfs(
     picture cannot follow from its noise.
     """
     nsr = validate.finite("nsr", nsr, above=0.0)
-    capture = _upright_capture(log, camera, exposure, translation)
-    bank = _bank(capture, mode, bands, strips, motion, nsr)
+    capture = _upright_capture(log, camera, exposure, translation, motion)
+    bank = _bank(capture, mode, bands, strips, nsr)
     return bank.turned(camera.height) if camera.horizontal_readout else bank
 
 
@@ -367,7 +363,6 @@ def _strengths(
     split: HighlightSplit,
     capture: Capture,
     mode: Mode,
-    motion: Motion,
     prior: Prior,
     exponent: float,
     nsr: Strength,
@@ -380,7 +375,7 @@ def _strengths(
     height, width, _ = split.encoded.shape
     half = min(height, max(1, MOST_LOOKED_AT // width)) // 2
     light = split.remainder(slice(height // 2 - half, height - height // 2 + half))
-    bank = _bank(capture, "banded", KERNELS, KERNELS, motion, 1.0)
+    bank = _bank(capture, "banded", KERNELS, KERNELS, 1.0)
     tuning = Tuning.of(light, bank, one_filter=mode == "global", continued=mode != "rowwise")
     if prior == "wiener":
         return tuning.wiener_nsr, None, tuning.wiener_nsr
@@ -391,10 +386,10 @@ def _strengths(
     )
 
 
-def _bank(capture: Capture, mode: Mode, bands: Count, strips: Count, motion: Motion, nsr: float) -> PsfBank:
+def _bank(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: float) -> PsfBank:
     validate.choice("mode", mode, MODES)
     # A coarse look first: it refuses nonsense before its many samples are computed.
-    probe = BlurPaths.probe(capture, motion=motion)
+    probe = capture.probe
     height, width = capture.camera.height, capture.camera.width
     _check_reach(probe, height, width)
     allowed = BAND_CHANGE * max(float(probe.lengths.max()) * np.sqrt(nsr), 2 / np.pi)
@@ -418,7 +413,7 @@ def _bank(capture: Capture, mode: Mode, bands: Count, strips: Count, motion: Mot
         tile_centres(validate.count(name, counts[name]), length)
         for name, length in zip(counts, (height, width), strict=True)
     )
-    return PsfBank.from_paths(BlurPaths.from_capture(capture, rows, cols, motion=motion))
+    return PsfBank.from_paths(BlurPaths.from_capture(capture, rows, cols))
 
 
 def _check_reach(paths: BlurPaths, height: int, width: int) -> None:
@@ -430,11 +425,13 @@ def _check_reach(paths: BlurPaths, height: int, width: int) -> None:
         )
 
 
-def _upright_capture(log: GyroLog, camera: Camera, exposure: Exposure, translation: Translation | None) -> Capture:
+def _upright_capture(
+    log: GyroLog, camera: Camera, exposure: Exposure, translation: Translation | None, motion: Motion
+) -> Capture:
     """Return the capture with its readout along y."""
     if camera.horizontal_readout:
         camera, translation = camera.turned(), translation and translation.turned()
-    return Capture.from_log(log, camera, exposure, translation)
+    return Capture.from_log(log, camera, exposure, translation, motion=motion)
 
 
 class _Clock:

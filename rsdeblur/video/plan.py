@@ -44,7 +44,7 @@ class Plan:
         Where the PSFs stand in the upright frame, px.
     size : (int, int)
         Height and width of the largest kernel, px.
-    geometry, transfer
+    motion, geometry, transfer
         See :func:`rsdeblur.deblur`.
     """
 
@@ -52,6 +52,7 @@ class Plan:
     rows: tuple[float, ...]
     cols: tuple[float, ...]
     size: tuple[int, int]
+    motion: Motion
     geometry: Geometry
     transfer: Transfer
 
@@ -62,9 +63,9 @@ class Plan:
         return PsfBank(kernels, np.array(self.rows), np.array(self.cols))
 
 
-def upright_capture(log: GyroLog, camera: Camera, exposure: Exposure) -> Capture:
+def upright_capture(log: GyroLog, camera: Camera, exposure: Exposure, motion: Motion) -> Capture:
     """Return the capture with its readout along y, as in :func:`rsdeblur.deblur`."""
-    return Capture.from_log(log, camera.turned() if camera.horizontal_readout else camera, exposure)
+    return Capture.from_log(log, camera.turned() if camera.horizontal_readout else camera, exposure, motion=motion)
 
 
 def plan_clip(
@@ -126,9 +127,10 @@ def plan_clip(
     rows, cols = (max((getattr(look.psfs, axis) for look in looked), key=len) for axis in ("rows", "cols"))
     if camera.horizontal_readout:
         rows, cols = cols, (camera.height - 1 - rows)[::-1]
-    own = {name: settings[name] for name in ("prior", "exponent", "solver", "motion", "border", "planning", "threads")}
+    own = {name: settings[name] for name in ("prior", "exponent", "solver", "border", "planning", "threads")}
     method = SolverSettings(mode=mode, nsr=nsr, weight=weight, peak=peak, **own)
-    return Plan(method, tuple(rows.tolist()), tuple(cols.tolist()), size, geometry, transfer), reasons
+    places = tuple(rows.tolist()), tuple(cols.tolist())
+    return Plan(method, *places, size, settings["motion"], geometry, transfer), reasons
 
 
 def _measure(
@@ -139,7 +141,7 @@ def _measure(
     refused: CoverageError | InputError | None = None
     for i, exposure in enumerate(exposures):
         try:
-            probe = BlurPaths.probe(upright_capture(log, camera, exposure), motion=motion)
+            probe = upright_capture(log, camera, exposure, motion).probe
             _check_reach(probe, camera)
         except (CoverageError, InputError) as error:
             refused = refused or error

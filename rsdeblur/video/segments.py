@@ -171,7 +171,7 @@ def deblur_frame(
     values: NDArray[np.uint16], log: GyroLog, camera: Camera, exposure: Exposure, plan: Plan
 ) -> NDArray[np.uint16]:
     """Return a frame, RGB of shape (H, W, 3), deblurred as planned."""
-    capture = upright_capture(log, camera, exposure)
+    capture = upright_capture(log, camera, exposure, plan.motion)
     quarter = camera.horizontal_readout
     encoded = EncodedImage.of(values, plan.transfer, quarter=quarter)
     out, upright = result_like(values, np.empty_like(values), quarter=quarter)
@@ -183,7 +183,7 @@ def deblur_frame(
 
 
 def _solved(light: NDArray[np.float32], capture: Capture, plan: Plan) -> NDArray[np.float32]:
-    paths = BlurPaths.from_capture(capture, plan.rows, plan.cols, motion=plan.method.motion)
+    paths = BlurPaths.from_capture(capture, plan.rows, plan.cols)
     bank = PsfBank.from_paths(paths)
     if plan.method.mode == "rowwise" or any(new > most for new, most in zip(bank.size, plan.size, strict=True)):
         return plan.method.planned(capture, bank, light.shape)(light, _silent)
