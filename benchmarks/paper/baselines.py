@@ -121,10 +121,8 @@ def scaled(start: float, duration: float, box: tuple[int, int]) -> tuple[Camera,
     scale = np.ones(2)
     for _ in range(6):  # nearly linear in the rates
         shaken = GyroLog(log.t, log.omega * (*scale[::-1], scale.mean()), log.epoch_ns)
-        recording = Capture.from_log(shaken, camera, exposure)
-        d = BlurPaths.from_capture(
-            recording, [(SIZE[1] - 1) / 2], [(SIZE[0] - 1) / 2], motion="small-angle"
-        ).displacements
+        recording = Capture.from_log(shaken, camera, exposure, motion="small-angle")
+        d = BlurPaths.from_capture(recording, [(SIZE[1] - 1) / 2], [(SIZE[0] - 1) / 2]).displacements
         scale *= (np.array(box) - 1) / np.ptp(d.reshape(-1, 2), axis=0)
     return camera, exposure, shaken
 

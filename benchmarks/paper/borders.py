@@ -39,7 +39,7 @@ def figures(quick: bool) -> Iterator[Figure]:
         for start in STARTS[:1] if quick else STARTS:
             exposure = Exposure(start, DURATION, log.epoch_ns)
             bank = psfs(log, CAMERA, exposure, mode="global", motion="small-angle")
-            paths = BlurPaths.every_row(Capture.from_log(log, CAMERA, exposure), bank.cols, motion="small-angle")
+            paths = BlurPaths.every_row(Capture.from_log(log, CAMERA, exposure, motion="small-angle"), bank.cols)
             for way, score, image in compared(scene, bank, paths):
                 scores.setdefault(way, []).append(score)
                 if n > 0 or start != STARTS[0]:

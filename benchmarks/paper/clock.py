@@ -15,7 +15,6 @@ import numpy as np
 from benchmarks.captures import DATA, ROOT
 from benchmarks.paper.figure import Cell, Figure
 from rsdeblur import (
-    BlurPaths,
     Camera,
     Capture,
     Exposure,
@@ -78,7 +77,7 @@ def trial(log: GyroLog, picture: str, start: float, duration: float, offset: flo
     exposure = Exposure(start, duration, log.epoch_ns)
     sharp = to_linear((read_picture(DATA / "sharp" / f"{picture}.png").pixels / 255).astype(np.float32), "srgb")
     blurred = simulate(sharp, near, CAMERA, exposure, noise=NOISE).blurred
-    blur = float(BlurPaths.probe(Capture.from_log(near, CAMERA, exposure), motion="rotation").lengths.mean())
+    blur = float(Capture.from_log(near, CAMERA, exposure).probe.lengths.mean())
     return Trial(blur, offset, find_time_offset(blurred, near.shifted(-offset), CAMERA, exposure, search=SEARCH))
 
 

@@ -23,7 +23,7 @@ from rsdeblur.estimate.noise import noise_level
 from rsdeblur.estimate.spectra import TILE, TilePeriodograms
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.kernels.raster import rasterize
-from rsdeblur.motion.paths import BlurPaths, Capture, Motion
+from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
 
@@ -167,7 +167,6 @@ def assess(
     capture: Capture,
     meter: UndershootMeter,
     *,
-    motion: Motion,
     resampled: bool,
 ) -> QualityCheck:
     """Check a result.
@@ -180,8 +179,6 @@ def assess(
         The motion that was undone.
     meter : Meter
         What it saw of both.
-    motion : {"rotation", "small-angle"}
-        How paths are traced.
     resampled : bool
         Whether the result was straightened.
 
@@ -191,7 +188,7 @@ def assess(
     """
     ringing, ringings = meter.ringing()
     found = QualityCheck("good", (), None, None, None, ringing, None, None, (), ringings)
-    length = float(BlurPaths.probe(capture, motion=motion).lengths.mean())
+    length = float(capture.probe.lengths.mean())
     height, width, _ = encoded.shape
     if length < SHORT:
         return _judged(found, f"The motion explains {length:.1f} px of blur, too little to be judged.")
@@ -199,7 +196,7 @@ def assess(
         reason = f"The picture is narrower than {CELL} px, too small to judge the motion by."
         return replace(_judged(found, reason), verdict="bad" if ringing > BAD_RINGING else "doubtful")
     step = int(np.clip(length / REDUCED_BLUR, 1, max(1, min(height, width) // (2 * CELL))))
-    tiles = _Tiles(encoded, capture, step, motion)
+    tiles = _Tiles(encoded, capture, step)
     if not tiles.detailed:
         return _judged(found, "The picture shows no detail to judge the motion by.")
     scores = tiles.alternatives()
@@ -244,14 +241,14 @@ def _neighbouring(score: FloatArray) -> FloatArray:
 class _Tiles:
     """Some tiles of a picture, reduced by a whole factor, with the PSFs there; colours are averaged."""
 
-    def __init__(self, encoded: EncodedImage, capture: Capture, step: int, motion: Motion) -> None:
+    def __init__(self, encoded: EncodedImage, capture: Capture, step: int) -> None:
         self._step = step
         self._corners = [_spread(n // step) for n in encoded.shape[:2]]
         self._blurred, finest = self._cells(encoded)
         self._noise = noise_level(_mosaic(finest)[..., None])
         rows, cols = (corners + (CELL + 1) / 2 for corners in self._corners)
         smaller = replace(capture, camera=capture.camera.scaled(1 / step))
-        self._paths = BlurPaths.from_capture(smaller, rows, cols, motion=motion)
+        self._paths = BlurPaths.from_capture(smaller, rows, cols)
         self._kernels = PsfBank.from_paths(self._paths).kernels
 
     @property

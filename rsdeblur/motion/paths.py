@@ -19,6 +19,7 @@ shutter at the middle row's mid-exposure, `q = K C(mid) C(t)^T K^-1 p`, and path
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -54,7 +55,7 @@ PROBE_ROWS, PROBE_COLS = 33, 9
 FIXED_POINT_STEPS = 3
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Capture:
     """One exposure with the camera's motion during it; the readout runs along y.
 
@@ -70,26 +71,37 @@ class Capture:
         When the rows are exposed.
     translation : Translation, optional
         Where the camera was, on the exposure's epoch; without it only rotation counts.
+    motion : {"rotation", "small-angle"}
+        How paths are traced: with the full homography, or with Sindelar and Sroubek (2013), eq. 6, which is for small
+        angles about x and y and the same over the whole width.
     """
 
     track: OrientationTrack
     camera: Camera
     exposure: Exposure
     translation: Translation | None = None
+    motion: Motion = "rotation"
 
     @classmethod
     def from_log(
-        cls, log: GyroLog, camera: Camera, exposure: Exposure, translation: Translation | None = None
+        cls,
+        log: GyroLog,
+        camera: Camera,
+        exposure: Exposure,
+        translation: Translation | None = None,
+        *,
+        motion: Motion = "rotation",
     ) -> Capture:
         """Integrate the part of `log` that the exposure needs.
 
         Raises
         ------
         InputError
-            If the camera is read along x, or a translation comes with a lens that sees backwards.
+            If `motion` is unknown, the camera is read along x, or a translation comes with a lens that sees backwards.
         CoverageError, ClockError, GapError
             See :meth:`rsdeblur.GyroLog.covering`.
         """
+        validate.choice("motion", motion, MOTIONS)
         if camera.horizontal_readout and camera.readout_time > 0:
             raise InputError(f"the camera is read {camera.readout_direction}; trace paths with camera.turned()")
         opens, closes = exposure.span(camera)
@@ -101,7 +113,23 @@ class Capture:
                 raise InputError(
                     "the lens sees 180 degrees and more, a scene of one depth does not; use no translation"
                 )
-        return cls(track, camera, exposure, translation)
+        return cls(track, camera, exposure, translation, motion)
+
+    @cached_property
+    def probe(self) -> BlurPaths:
+        """Few paths with few samples, spread over the whole picture: enough for their extent and change."""
+        rows = np.linspace(0.0, self.camera.height - 1, PROBE_ROWS)
+        cols = np.linspace(0.0, self.camera.width - 1, PROBE_COLS)
+        return BlurPaths.from_capture(self, rows, cols, samples=2 * len(self.track.t) + 1)
+
+    @cached_property
+    def row_poses(self) -> RowPoses:
+        """Poses of all rows of the picture, and of as many beyond it, where paths may reach."""
+        rows = np.arange(2.0 * self.camera.lines) - self.camera.lines // 2
+        mid = self.mid(rows)
+        turned = self.track.at(mid)
+        moved = -turned @ self.position(mid)[..., None]
+        return RowPoses(self.camera, np.concatenate([turned, moved], axis=-1).reshape(-1, 12))
 
     def position(self, times: FloatArray) -> FloatArray:
         """Return where the camera is at `times`, in depths of the scene; shape `times.shape + (3,)`."""
@@ -153,7 +181,6 @@ class BlurPaths:
         rows: ArrayLike,
         cols: ArrayLike,
         *,
-        motion: Motion = "rotation",
         geometry: Geometry = "keep",
         samples: int | Literal["auto"] = "auto",
     ) -> BlurPaths:
@@ -162,12 +189,9 @@ class BlurPaths:
         Parameters
         ----------
         capture : Capture
-            The exposure and the camera's orientation during it.
+            The exposure, the camera's motion during it, and how to trace it.
         rows, cols : array_like, shape (B,) and (S,)
             Grid in px.
-        motion : {"rotation", "small-angle"}
-            The full homography path, or Sindelar and Sroubek (2013), eq. 6: small angles about x and y, the same
-            over the whole width.
         geometry : {"keep", "rectify"}
             The latent picture: rolling like the recorded one, or at the middle row's mid-exposure.
         samples : int or "auto"
@@ -178,10 +202,9 @@ class BlurPaths:
         InputError
             If an argument is out of its range.
         """
-        validate.choice("motion", motion, MOTIONS)
         validate.choice("geometry", geometry, GEOMETRIES)
         rows, cols = (validate.real_array(name, grid, (None,)) for name, grid in (("rows", rows), ("cols", cols)))
-        trace = _rotation_paths if motion == "rotation" else _small_angle_paths
+        trace = _rotation_paths if capture.motion == "rotation" else _small_angle_paths
         if samples == "auto":
             # Two samples per gyro interval follow every bend of the track; then refine by the length found.
             coarse = 2 * len(capture.track.t) + 1
@@ -192,28 +215,20 @@ class BlurPaths:
         return cls(displacements, rows, cols)
 
     @classmethod
-    def probe(cls, capture: Capture, *, motion: Motion) -> BlurPaths:
-        """Trace few paths with few samples, over the whole picture: enough for their extent and change."""
-        rows = np.linspace(0.0, capture.camera.height - 1, PROBE_ROWS)
-        cols = np.linspace(0.0, capture.camera.width - 1, PROBE_COLS)
-        return cls.from_capture(capture, rows, cols, motion=motion, samples=2 * len(capture.track.t) + 1)
-
-    @classmethod
     def every_row(
         cls,
         capture: Capture,
         cols: ArrayLike,
         *,
-        motion: Motion = "rotation",
         geometry: Geometry = "keep",
         within: slice = slice(None),
     ) -> BlurPaths:
         """Trace the paths of every row of the picture, or of those `within`, at `cols`; see :meth:`from_capture`."""
-        longest = float(cls.probe(capture, motion=motion).lengths.max())
+        longest = float(capture.probe.lengths.max())
         samples = max(2 * len(capture.track.t) + 1, int(np.ceil(ROW_SAMPLES_PER_PIXEL * longest)) + 1)
         rows = np.arange(float(capture.camera.height))[within]
         parts = [
-            cls.from_capture(capture, part, cols, motion=motion, geometry=geometry, samples=samples)
+            cls.from_capture(capture, part, cols, geometry=geometry, samples=samples)
             for part in np.split(rows, range(ROWS_TOGETHER, len(rows), ROWS_TOGETHER))
         ]
         displacements = np.concatenate([part.displacements for part in parts])
@@ -275,11 +290,10 @@ def _rotation_paths(
     world = np.einsum("btji,bsj->bsti", orientation, seen) + capture.position(times)[:, None]
     if geometry == "rectify":
         return points - camera.project((world - capture.position(capture.middle)) @ capture.track.at(capture.middle).T)
-    poses = RowPoses.of(capture)
     # Start at the pixel's own row, whose reference orientation is nearly right.
     q = np.broadcast_to(points, (*world.shape[:-1], 2))
     for _ in range(FIXED_POINT_STEPS if camera.readout_time > 0 else 1):
-        q = poses.project(world, q[..., 1])
+        q = capture.row_poses.project(world, q[..., 1])
     return points - q
 
 
@@ -302,15 +316,6 @@ class RowPoses:
 
     camera: Camera
     matrices: FloatArray  # (2 H, 12), C(mid(y)) [I | -P(mid(y))] from row -H/2 on
-
-    @classmethod
-    def of(cls, capture: Capture) -> RowPoses:
-        """Tabulate the poses of all rows of the picture, and of as many beyond it, where paths may reach."""
-        rows = np.arange(2.0 * capture.camera.lines) - capture.camera.lines // 2
-        mid = capture.mid(rows)
-        turned = capture.track.at(mid)
-        moved = -turned @ capture.position(mid)[..., None]
-        return cls(capture.camera, np.concatenate([turned, moved], axis=-1).reshape(-1, 12))
 
     def project(self, world: FloatArray, rows: FloatArray) -> FloatArray:
         """Project points (..., 3), in depths, with the poses of `rows` (..., fractions allowed).

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur.motion.paths import FIXED_POINT_STEPS, Capture, RowPoses
+from rsdeblur.motion.paths import FIXED_POINT_STEPS, Capture
 from rsdeblur.types import FloatArray
 
 # Rows mapped at a time: bounds the memory of the float64 coordinates to some MB.
@@ -38,10 +38,9 @@ def rectify(image: NDArray[np.float32], capture: Capture) -> tuple[NDArray[np.fl
     splines = [ndimage.spline_filter(image[..., c], 3, output=np.float32, mode="mirror") for c in range(channels)]
     out = np.empty_like(image)
     coverage = np.empty((height, width), dtype=np.bool_)
-    poses = RowPoses.of(capture)
     for top in range(0, height, CHUNK):
         rows = slice(top, min(top + CHUNK, height))
-        x, y = _sources(np.arange(rows.start, rows.stop), width, capture, poses)
+        x, y = _sources(np.arange(rows.start, rows.stop), width, capture)
         coverage[rows] = (x > -0.5) & (x < width - 0.5) & (y > -0.5) & (y < height - 0.5)
         # The mirrored spline is exact at the border pixels; beyond, hold them.
         coordinates = [y.clip(0, height - 1), x.clip(0, width - 1)]
@@ -52,11 +51,11 @@ def rectify(image: NDArray[np.float32], capture: Capture) -> tuple[NDArray[np.fl
     return out, coverage
 
 
-def _sources(rows: NDArray[np.intp], width: int, capture: Capture, poses: RowPoses) -> tuple[FloatArray, FloatArray]:
+def _sources(rows: NDArray[np.intp], width: int, capture: Capture) -> tuple[FloatArray, FloatArray]:
     """Where in the rolling picture each pixel of the output `rows` is found: x and y, shape (len(rows), width)."""
     points = np.stack(np.meshgrid(np.arange(width), rows), axis=-1).astype(np.float64)
     world = capture.points(points) @ capture.track.at(capture.middle) + capture.position(capture.middle)
     q = points
     for _ in range(FIXED_POINT_STEPS):
-        q = poses.project(world, q[..., 1])
+        q = capture.row_poses.project(world, q[..., 1])
     return q[..., 0], q[..., 1]

@@ -14,7 +14,7 @@ from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.deconv.rowwise import RowDeconvolver, Solver
 from rsdeblur.deconv.wiener import Deconvolver
 from rsdeblur.errors import InputError
-from rsdeblur.motion.paths import BlurPaths, Capture, Motion
+from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage, StageProgress
 
@@ -44,7 +44,6 @@ class SolverSettings:
     weight: float | None
     peak: float
     solver: Solver
-    motion: Motion
     border: Border
     boundary: Boundary | None = None
     planning: Planning
@@ -87,7 +86,7 @@ class SolverSettings:
         return lambda light, report_progress: solve(extended(light, bank, boundary), report_progress)[:height, :width]
 
     def _rowwise(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:
-        paths = BlurPaths.every_row(capture, bank.cols, motion=self.motion, within=slice(first, first + shape[0]))
+        paths = BlurPaths.every_row(capture, bank.cols, within=slice(first, first + shape[0]))
         rows = RowDeconvolver(replace(paths, rows=paths.rows - first), shape, solver=self.solver, **self._engine)
         if self.weight is None:
             return lambda light, report_progress: rows.apply(light, progress=report_progress)

@@ -36,8 +36,8 @@ def sway(amplitude=0.02):
 
 
 def paths(log, translation, camera=CAMERA, motion="rotation"):
-    capture = Capture.from_log(log, camera, EXPOSURE, translation)
-    return BlurPaths.from_capture(capture, [10.0, 60.0, 110.0], [20.0, 80.0], motion=motion, samples=21)
+    capture = Capture.from_log(log, camera, EXPOSURE, translation, motion=motion)
+    return BlurPaths.from_capture(capture, [10.0, 60.0, 110.0], [20.0, 80.0], samples=21)
 
 
 def test_the_picture_moves_against_the_camera():
