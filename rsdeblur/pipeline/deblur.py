@@ -221,9 +221,9 @@ def deblur(
         if max_memory is not None:
             max_memory -= split.nbytes
     with clock.stage("tune"):
-        phi, penalty, band_nsr = _strengths(split, capture, mode, motion, prior, exponent, nsr, weight)
+        phi, penalty, band_nsr = _strengths(split, capture, mode, motion, prior, exponent, nsr, weight, threads)
     with clock.stage("psfs"):
-        bank = _bank(capture, mode, bands, strips, motion, band_nsr)
+        bank = _bank(capture, mode, bands, strips, motion, band_nsr, threads)
     settings = SolverSettings(
         mode=mode,
         prior=prior,
@@ -244,9 +244,8 @@ def deblur(
     if check or fallback:
         with clock.stage("check"):
             resampled = geometry == "rectify"
-            quality = assess(
-                encoded, EncodedImage(upright, transfer), capture, meter, motion=motion, resampled=resampled
-            )
+            sharp = EncodedImage(upright, transfer)
+            quality = assess(encoded, sharp, capture, meter, motion=motion, resampled=resampled, threads=threads)
             if fallback and quality.verdict == "bad":
                 quality = fall_back(encoded, quality, upright)
     n_bands, n_strips = bank.kernels.shape[:2]
@@ -276,7 +275,7 @@ def _split_highlights(
     spots = find_spots(encoded)
     if not spots:
         return HighlightSplit(encoded)
-    bank = _bank(capture, "banded", "auto", "auto", motion, HIGHLIGHT_NSR)
+    bank = _bank(capture, "banded", "auto", "auto", motion, HIGHLIGHT_NSR, threads)
     return separate_highlights(encoded, spots, bank, threads=threads, max_memory=max_memory, progress=report_progress)
 
 
@@ -372,6 +371,7 @@ def _strengths(
     exponent: float,
     nsr: Strength,
     weight: Strength,
+    threads: int | None,
 ) -> tuple[float, float | None, float]:
     """Return the `nsr`, the weight, and the `nsr` that the number of bands goes by."""
     if prior == "wiener" and nsr != "auto":
@@ -380,7 +380,7 @@ def _strengths(
     height, width, _ = split.encoded.shape
     half = min(height, max(1, MOST_LOOKED_AT // width)) // 2
     light = split.remainder(slice(height // 2 - half, height - height // 2 + half))
-    bank = _bank(capture, "banded", KERNELS, KERNELS, motion, 1.0)
+    bank = _bank(capture, "banded", KERNELS, KERNELS, motion, 1.0, threads)
     tuning = Tuning.of(light, bank, one_filter=mode == "global", continued=mode != "rowwise")
     if prior == "wiener":
         return tuning.wiener_nsr, None, tuning.wiener_nsr
@@ -391,7 +391,15 @@ def _strengths(
     )
 
 
-def _bank(capture: Capture, mode: Mode, bands: Count, strips: Count, motion: Motion, nsr: float) -> PsfBank:
+def _bank(
+    capture: Capture,
+    mode: Mode,
+    bands: Count,
+    strips: Count,
+    motion: Motion,
+    nsr: float,
+    threads: int | None = None,
+) -> PsfBank:
     validate.choice("mode", mode, MODES)
     # A coarse look first: it refuses nonsense before its many samples are computed.
     probe = BlurPaths.probe(capture, motion=motion)
@@ -418,7 +426,7 @@ def _bank(capture: Capture, mode: Mode, bands: Count, strips: Count, motion: Mot
         tile_centres(validate.count(name, counts[name]), length)
         for name, length in zip(counts, (height, width), strict=True)
     )
-    return PsfBank.from_paths(BlurPaths.from_capture(capture, rows, cols, motion=motion))
+    return PsfBank.from_paths(BlurPaths.from_capture(capture, rows, cols, motion=motion), threads=threads)
 
 
 def _check_reach(paths: BlurPaths, height: int, width: int) -> None:

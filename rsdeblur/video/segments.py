@@ -184,7 +184,7 @@ def deblur_frame(
 
 def _solved(light: NDArray[np.float32], capture: Capture, plan: Plan) -> NDArray[np.float32]:
     paths = BlurPaths.from_capture(capture, plan.rows, plan.cols, motion=plan.method.motion)
-    bank = PsfBank.from_paths(paths)
+    bank = PsfBank.from_paths(paths, threads=plan.method.threads)
     if plan.method.mode == "rowwise" or any(new > most for new, most in zip(bank.size, plan.size, strict=True)):
         return plan.method.planned(capture, bank, light.shape)(light, _silent)
     tiles = _tiles(plan, light.shape)
