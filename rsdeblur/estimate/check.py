@@ -168,6 +168,7 @@ def assess(
     meter: UndershootMeter,
     *,
     resampled: bool,
+    threads: int | None = None,
 ) -> QualityCheck:
     """Check a result.
 
@@ -181,6 +182,8 @@ def assess(
         What it saw of both.
     resampled : bool
         Whether the result was straightened.
+    threads : int, optional
+        Threads that draw PSFs; default all processors.
 
     Returns
     -------
@@ -291,8 +294,11 @@ class _Tiles:
             "mirrored": lead(self._kernels[:, :, ::-1]),
             "exchanged": best((turned, turned[:, :, ::-1])),
             "still": lead(still),
-            "straight": best(_lines()),
-            **{f"{size:g} times": lead(PsfBank.from_paths(paths).kernels) for size, paths in sized.items()},
+            "straight": best(_lines(self._threads)),
+            **{
+                f"{size:g} times": lead(PsfBank.from_paths(paths, threads=self._threads).kernels)
+                for size, paths in sized.items()
+            },
         }
 
     def compare(self, result: EncodedImage, *, resampled: bool) -> tuple[float | None, float | None]:
@@ -325,13 +331,13 @@ def _mosaic(cells: NDArray[np.float32]) -> NDArray[np.float32]:
     return cells.swapaxes(1, 2).reshape(down * CELL, across * CELL)
 
 
-def _lines() -> list[NDArray[np.float32]]:
+def _lines(threads: int | None) -> list[NDArray[np.float32]]:
     """Straight blurs, as kernels of shape (1, 1, k, k)."""
     along = np.linspace(-0.5, 0.5, 129)[:, None]
     half = int(max(LINES) // 2) + 1
     angles = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     paths = [length * along * (np.cos(angle), np.sin(angle)) for length in LINES for angle in angles]
-    return [kernel[None, None] for kernel in rasterize(np.stack(paths), half, half)]
+    return [kernel[None, None] for kernel in rasterize(np.stack(paths), half, half, threads)]
 
 
 def fall_back(encoded: EncodedImage, check: QualityCheck, out: NDArray[Any]) -> QualityCheck:
