@@ -16,8 +16,8 @@ from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from rsdeblur.cli._options import Recording
     from rsdeblur.choices import Auto, Transfer
+    from rsdeblur.cli._options import Recording
     from rsdeblur.io.pictures import Picture
     from rsdeblur.io.samples import GyroFile
     from rsdeblur.motion.camera import Camera

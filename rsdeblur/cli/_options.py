@@ -15,7 +15,6 @@ from rsdeblur import choices
 from rsdeblur.choices import Auto, Count, Strength, Transfer
 from rsdeblur.pipeline.options import Options
 
-
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
 
@@ -151,14 +150,14 @@ class Defaults:
     readout_time: float | None
 
 
-def _gathered(name: str, kind: type, options: Sequence[Decorator]) -> Decorator:
+def _gathered(name: str, kind: type, options: Sequence[Decorator], members: Sequence[str] | None = None) -> Decorator:
     """Return a decorator that adds `options` and passes their values as one `kind` called `name`."""
 
     def decorate(function: Command) -> Command:
         @wraps(function)
         def call(**arguments: Any) -> Any:
-            names = [field.name for field in fields(kind) if field.name in arguments]
-            group = kind(**{name: arguments.pop(name) for name in names})
+            known = members or [field.name for field in fields(kind)]
+            group = kind(**{member: arguments.pop(member) for member in known if member in arguments})
             return function(**arguments, **{name: group})
 
         decorated: Command = call
@@ -255,9 +254,7 @@ _DEFAULTS: dict[str, Any] = {field.name: field.default for field in fields(Optio
 
 def _choice(name: str, values: Sequence[str], text: str) -> Decorator:
     """Return the option for a named choice of `Options`."""
-    return click.option(
-        f"--{name}", type=click.Choice(values), default=_DEFAULTS[name], show_default=True, help=text
-    )
+    return click.option(f"--{name}", type=click.Choice(values), default=_DEFAULTS[name], show_default=True, help=text)
 
 
 def _auto(name: str, kind: click.ParamType[Any], text: str) -> Decorator:
@@ -317,7 +314,9 @@ _SOLVE: dict[str, Decorator] = {
         choices.PLANNINGS,
         "Plan transforms at once, or measure some for seconds, once, and keep the plans for later runs.",
     ),
-    "threads": click.option("--threads", type=click.IntRange(min=1), metavar="N", help="Threads.  [default: all cores]"),
+    "threads": click.option(
+        "--threads", type=click.IntRange(min=1), metavar="N", help="Threads.  [default: all cores]"
+    ),
     "max_memory": click.option(
         "--max-memory",
         type=BytesType(),
@@ -336,7 +335,7 @@ ONE_RESULT = ("max_memory", "fallback")
 
 def solve_options(*names: str) -> Decorator:
     """Return a decorator that adds the options called `names` and passes them as one `options: Options`."""
-    return _gathered("options", Options, [_SOLVE[name] for name in names])
+    return _gathered("options", Options, [_SOLVE[name] for name in names], names)
 
 
 work_size_option = click.option(

@@ -15,9 +15,9 @@ from rsdeblur.errors import RsdeblurWarning
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from rsdeblur.choices import Mode, Transfer
     from rsdeblur.cli._inputs import Inputs
     from rsdeblur.cli._options import Recording
-    from rsdeblur.choices import Mode, Transfer
     from rsdeblur.pipeline.options import Options
     from rsdeblur.psf import PsfBank
     from rsdeblur.report import Page

@@ -47,9 +47,7 @@ Examples:
     type=click.IntRange(0, 1),
     help="FOLDER: the number that the first frame has in the photos' names.  [default: told by the names]",
 )
-@_options.solve_options(
-    *_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE, *_options.ONE_RESULT
-)
+@_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE, *_options.ONE_RESULT)
 @_options.work_size_option
 @_options.nsr_from_iso_option
 @jobs_option

@@ -26,9 +26,7 @@ Examples:
 @click.command("deblur", epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options
-@_options.solve_options(
-    *_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE, *_options.ONE_RESULT
-)
+@_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE, *_options.ONE_RESULT)
 @_options.work_size_option
 @_options.nsr_from_iso_option
 @click.option("-o", "--output", type=_options.PATH, required=True, metavar="OUT", help="Picture to write.")
@@ -66,8 +64,8 @@ def command(
     if dry_run:
         size = "{} x {}".format(*facts["size_px"])
         click.echo(
-            f"{photo}: {size} px, all inputs fit; would write {output} ({options.mode}, PSFs of up to {wide} x {tall} px, "
-            f"{options.prior})"
+            f"{photo}: {size} px, all inputs fit; would write {output} ({options.mode}, PSFs of up to "
+            f"{wide} x {tall} px, {options.prior})"
         )
         return
     tiles = "rows" if options.mode == "rowwise" else "bands"

@@ -78,7 +78,7 @@ def command(
     if bank is not None:
         kernels.save(bank)
     lengths = paths.lengths
-    summary = _summary(kernels, paths) | {"path_px": {"shortest": float(lengths.min()), "longest": float(lengths.max())}}
+    summary = _summary(kernels, paths)
     if as_json:
         print_json(summary)
     else:
@@ -97,4 +97,5 @@ def _summary(bank: PsfBank, paths: BlurPaths) -> dict[str, Any]:
         "psf_px": [bank.size[1], bank.size[0]],
         "rows": bank.rows.tolist(),
         "cols": bank.cols.tolist(),
+        "path_px": {"shortest": float(paths.lengths.min()), "longest": float(paths.lengths.max())},
     }

@@ -199,7 +199,7 @@ def assess(
         reason = f"The picture is narrower than {CELL} px, too small to judge the motion by."
         return replace(_judged(found, reason), verdict="bad" if ringing > BAD_RINGING else "doubtful")
     step = int(np.clip(length / REDUCED_BLUR, 1, max(1, min(height, width) // (2 * CELL))))
-    tiles = _Tiles(encoded, capture, step)
+    tiles = _Tiles(encoded, capture, step, threads)
     if not tiles.detailed:
         return _judged(found, "The picture shows no detail to judge the motion by.")
     scores = tiles.alternatives()
@@ -244,15 +244,15 @@ def _neighbouring(score: FloatArray) -> FloatArray:
 class _Tiles:
     """Some tiles of a picture, reduced by a whole factor, with the PSFs there; colours are averaged."""
 
-    def __init__(self, encoded: EncodedImage, capture: Capture, step: int) -> None:
-        self._step = step
+    def __init__(self, encoded: EncodedImage, capture: Capture, step: int, threads: int | None) -> None:
+        self._step, self._threads = step, threads
         self._corners = [_spread(n // step) for n in encoded.shape[:2]]
         self._blurred, finest = self._cells(encoded)
         self._noise = noise_level(_mosaic(finest)[..., None])
         rows, cols = (corners + (CELL + 1) / 2 for corners in self._corners)
         smaller = replace(capture, camera=capture.camera.scaled(1 / step))
         self._paths = BlurPaths.from_capture(smaller, rows, cols)
-        self._kernels = PsfBank.from_paths(self._paths).kernels
+        self._kernels = PsfBank.from_paths(self._paths, threads=threads).kernels
 
     @property
     def detailed(self) -> bool:

@@ -126,9 +126,9 @@ class Options:
     @property
     def solver_border(self) -> Border:
         """How the solver itself continues the picture beyond its frame."""
-        return self.border if self.border in ("blend", "periodic") else "periodic"
+        return self.border if self.border == "blend" else "periodic"
 
     @property
     def boundary(self) -> Boundary | None:
         """What makes the picture periodic before it is solved; None if the solver's own border does."""
-        return None if self.border in ("blend", "periodic") else self.border
+        return None if self.border == "blend" or self.border == "periodic" else self.border

@@ -198,7 +198,7 @@ class Plan:
             with clock.stage("check"):
                 resampled = options.geometry == "rectify"
                 result = EncodedImage(upright, encoded.transfer)
-                check = assess(encoded, result, self.capture, meter, resampled=resampled)
+                check = assess(encoded, result, self.capture, meter, resampled=resampled, threads=options.threads)
                 if options.fallback and check.verdict == "bad":
                     check = fall_back(encoded, check, upright)
         return ready._result(out, encoded, coverage, check, clock)
