@@ -129,7 +129,7 @@ def in_processes(method: str, count: int, limit: float = 60.0) -> Counter[str]:
 
 
 def _deblur(picture: Image, *, mode: Literal["banded", "rowwise"]) -> Image:
-    return deblur(picture, *_shot(), mode=mode).image
+    return deblur(picture, *_shot(), mode=mode, prior="wiener").image
 
 
 def _answer(queue: Any, inherited: dict[str, Apply] | None, picture: Image) -> None:

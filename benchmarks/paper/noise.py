@@ -70,7 +70,7 @@ def global_blur(repetitions: int) -> Figure:
     blurred = fftconvolve(padded, kernel, mode="valid") + np.random.default_rng(0).normal(0, NOISE, sharp.shape)
 
     def error(used: GyroLog) -> float:
-        result = deblur(blurred, used, camera, exposure, mode="global", motion="small-angle", nsr=NSR)
+        result = deblur(blurred, used, camera, exposure, mode="global", motion="small-angle", nsr=NSR, prior="wiener")
         return float(np.square(result.image - sharp)[24:-24, 24:-24].mean())
 
     def curve(deviation: Callable[[float], float]) -> list[float]:
@@ -105,7 +105,7 @@ def mean_quality(
 ) -> float:
     """Mean PSNR (dB) over captures deblurred with a spoilt description."""
     found = [
-        quality(c.pictures.rolling, deblur(c.pictures.blurred, *spoil(c), mode=mode, nsr=NSR).image)[0]
+        quality(c.pictures.rolling, deblur(c.pictures.blurred, *spoil(c), mode=mode, nsr=NSR, prior="wiener").image)[0]
         for c in captures
     ]
     return float(np.mean(found))
