@@ -87,9 +87,15 @@ def test_an_item_is_what_deblur_makes_of_it(run: Run, files: Files, manifest: Pa
 
 
 @pytest.mark.usefixtures("here")
-def test_fallback_reaches_every_item(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
-    call = (manifest, *files.sources, "--fallback", "--geometry", "rectify", "-o", tmp_path / "out")
-    assert all("fallback" in item["error"] for item in entries(run, *call, code=SOME_FAILED)[:3])
+def test_options_that_exclude_each_other_are_refused_before_any_item(
+    run: Run, files: Files, manifest: Path, tmp_path: Path
+) -> None:
+    result = run(
+        *("batch", manifest, *files.sources, "--fallback", "--geometry", "rectify", "-o", tmp_path / "out"),
+    )
+    assert result.exit_code == 1
+    assert "fallback=True blends with the input" in result.stderr
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.usefixtures("here")

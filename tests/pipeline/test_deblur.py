@@ -173,7 +173,7 @@ def test_shapes_and_alpha(log: GyroLog, shape: tuple[int, ...]) -> None:
 @pytest.mark.parametrize(("dtype", "top"), [(np.uint8, 255), (np.uint16, 65535)])
 def test_integers_are_scaled_and_clipped(capture: Simulation, log: GyroLog, dtype: type, top: int) -> None:
     stored = np.round(capture.blurred.clip(0, 1) * top).astype(dtype)
-    result = deblur(stored, log, CAMERA, EXPOSURE).image
+    result = deblur(stored, log, CAMERA, EXPOSURE, transfer="linear").image
     reference = deblur(stored.astype(np.float32) / top, log, CAMERA, EXPOSURE).image
     assert result.min() >= 0.0
     assert result.max() <= 1.0
