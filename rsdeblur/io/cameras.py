@@ -100,7 +100,7 @@ def detect_camera_format(path: str | os.PathLike[str]) -> str:
 def _sniff_toml(source: Source) -> bool:
     if source.path.suffix.lower() == ".toml":
         return True
-    keys = re.compile(r"^[ \t]*(width|height|focal)[ \t]*=", re.MULTILINE)
+    keys = re.compile(r"^[ \t]*(width|height|focal_length)[ \t]*=", re.MULTILINE)
     return source.looks_like_text and keys.search(source.text.start) is not None
 
 

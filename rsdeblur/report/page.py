@@ -25,7 +25,7 @@ from rsdeblur.report.findings import Finding
 
 LEVELS = {"warning": "Warning", "note": "Note", "good": "Good"}
 PARTS = ("page.html", "page.css", "page_shared.js", "page_viewer.js", "page_plots.js")
-STAGES = ("tune", "psfs", "plan", "apply", "rectify", "check")
+STAGES = ("highlights", "tune", "psfs", "plan", "apply", "rectify", "check")
 TIMES, NONE = "\N{MULTIPLICATION SIGN}", "\N{EN DASH}"
 
 

@@ -23,7 +23,7 @@ from rsdeblur.io.gyroflow import base91_decode
 EPOCH = 1_766_385_749_427_863_801
 STEP = 5_000_000
 RATES = np.random.default_rng(0).normal(0.0, 0.5, (40, 3)).round(6)
-TIMESTAMP_MARKS = EPOCH + STEP * np.arange(len(RATES))
+STAMPS = EPOCH + STEP * np.arange(len(RATES))
 
 Write = Callable[..., Path]
 
@@ -42,7 +42,7 @@ def rows(pattern: str, scale: float = 1.0) -> str:
     """Return a line for each sample; `pattern` has t, s (seconds), x, y and z."""
     return "".join(
         pattern.format(t=t, s=f"{t // 10**9}.{t % 10**9:09d}", x=x, y=y, z=z) + "\n"
-        for t, (x, y, z) in zip(TIMESTAMP_MARKS.tolist(), (RATES / scale).tolist(), strict=True)
+        for t, (x, y, z) in zip(STAMPS.tolist(), (RATES / scale).tolist(), strict=True)
     )
 
 
@@ -50,7 +50,7 @@ def assert_holds_the_samples(path: Path, format: str, axes: str, rates: np.ndarr
     """Check every stamp and rate, and return what else the file says."""
     file = open_gyro(path)
     assert (file.format, file.axes, file.log.epoch_ns) == (format, axes, EPOCH)
-    np.testing.assert_array_equal(file.log.t, (TIMESTAMP_MARKS - EPOCH) * 1e-9)
+    np.testing.assert_array_equal(file.log.t, (STAMPS - EPOCH) * 1e-9)
     # a unit costs one multiplication
     np.testing.assert_allclose(file.log.omega, rates, rtol=1e-15)
     return dict(file.facts)
@@ -179,7 +179,7 @@ class TestSensorLoggerJson:
     def entries(self, sensor: str) -> list[dict[str, str]]:
         return [
             {"sensor": sensor, "time": str(t), "seconds_elapsed": "0.1", "x": str(x), "y": str(y), "z": str(z)}
-            for t, (x, y, z) in zip(TIMESTAMP_MARKS.tolist(), RATES.tolist(), strict=True)
+            for t, (x, y, z) in zip(STAMPS.tolist(), RATES.tolist(), strict=True)
         ]
 
     def test_the_gyroscope_is_found(self, write: Write) -> None:
@@ -203,7 +203,7 @@ class TestSensorLoggerJson:
 
 def trailer(count: int = len(RATES), oldest: int = 7, total: int = 16384) -> bytes:
     """Return a JPEG with a ring buffer of samples at its end."""
-    ring = [struct.pack("<q3fi", t, *rate, 0) for t, rate in zip(TIMESTAMP_MARKS.tolist(), RATES.tolist(), strict=True)]
+    ring = [struct.pack("<q3fi", t, *rate, 0) for t, rate in zip(STAMPS.tolist(), RATES.tolist(), strict=True)]
     ring = ring[len(ring) - oldest :] + ring[: len(ring) - oldest]
     header = struct.pack("<16sqIIq", b"GYRODATA", EPOCH + 99, count, oldest, EPOCH)
     return b"\xff\xd8\xff\xe0 a picture \xff\xd9" + (header + b"".join(ring)).ljust(total, b"\0")

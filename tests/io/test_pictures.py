@@ -20,7 +20,7 @@ from rsdeblur.io import Picture, check_writable, pictures, read_picture, write_p
 RGB_PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 # The same header fields as a real grey profile; nothing here looks further.
 GREY_PROFILE = RGB_PROFILE[:16] + b"GRAY" + RGB_PROFILE[20:]
-BOUNDARIES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".PNG")
+EXTENSIONS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".PNG")
 
 
 def exif_block() -> bytes:
@@ -130,7 +130,7 @@ def test_bits_override_like(tmp_path: Path) -> None:
         write_picture(tmp_path / "picture.jpg", np.zeros((4, 4)), bits=16)
 
 
-@pytest.mark.parametrize("extension", BOUNDARIES)
+@pytest.mark.parametrize("extension", EXTENSIONS)
 @pytest.mark.parametrize("value", [0.0, 0.5, 1.0])
 def test_constant_pictures(tmp_path: Path, extension: str, value: float) -> None:
     path = tmp_path / f"picture{extension}"

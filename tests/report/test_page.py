@@ -10,6 +10,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+import rsdeblur
 from rsdeblur.errors import InputError, OutputError
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
@@ -68,6 +69,15 @@ def test_the_page_is_whole_and_accessible(report_page) -> None:
     columns = outline.texts["th"]
     assert {"mode", "time s", "apply s", "global", "banded", "0 to 16"} <= set(columns)
     assert "Recording" in outline.texts["h3"]
+
+
+def test_every_stage_of_deblurring_has_a_column(report_page, shaky_log) -> None:
+    picture = np.random.default_rng(0).random((64, 64), dtype=np.float32)
+    capture = shaky_log(), Camera(64, 64, 90.0, readout_time=0.03), Exposure(0.1, 0.04)
+    timings = rsdeblur.deblur(picture, *capture, saturation="auto", geometry="rectify").timings
+    page = report_page()
+    page = replace(page, modes={"banded": {**page.modes["banded"], "timings": timings}})
+    assert {f"{stage} s" for stage in timings} <= set(Outline(render(page)).texts["th"])
 
 
 def test_nothing_is_fetched_and_no_foreign_script_may_run(report_page) -> None:
