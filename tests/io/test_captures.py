@@ -134,7 +134,7 @@ def test_stamps_alone_need_the_exposure_time(tmp_path: Path) -> None:
     for text in (f"{STAMP}\n{STAMP + 7}\n", f"Frame timestamp[nanosec]\n{STAMP}\n{STAMP + 7}\n"):
         path.write_text(text)
         assert read_captures(path, duration=0.1) == [Exposure(0.0, 0.1, STAMP), Exposure(0.0, 0.1, STAMP + 7)]
-        with pytest.raises(FileFormatError, match=r"timestamps\.csv: the file tells when, but not for how long"):
+        with pytest.raises(FileFormatError, match=r"timestamps\.csv: .* stamps without exposure times"):
             read_captures(path)
 
 
@@ -153,7 +153,7 @@ def test_a_jpeg_with_its_own_gyro_data_tells_its_capture(tmp_path: Path) -> None
         header = struct.pack("<16sqIIq", b"GYRODATA", STAMP, 1, 0, 0)
         path.write_bytes(path.read_bytes() + header.ljust(16384, b"\0"))
         if expected is None:
-            with pytest.raises(FileFormatError, match="not for how long"):
+            with pytest.raises(FileFormatError, match="without exposure times"):
                 read_captures(path)
         else:
             assert read_captures(path) == expected

@@ -137,7 +137,7 @@ def test_spreadsheets_round_stamps_but_keep_their_place(write: Write) -> None:
 @pytest.mark.parametrize("pattern", ["time,seconds_elapsed,z,y,x\n{t},0,{z},{y},{x}", "{x},{y},{z},{t}"])
 def test_another_sensor_of_the_same_columns_is_refused(write: Write, name: str, pattern: str) -> None:
     header, _, line = pattern.rpartition("\n")
-    with pytest.raises(FileFormatError, match="by its name these are the samples of another sensor"):
+    with pytest.raises(FileFormatError, match="the file is named after another sensor"):
         read_gyro(write(f"{header}\n{rows(line)}", name))
 
 
@@ -167,7 +167,7 @@ class TestZip:
             read_gyro(path)
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("picture.png", b"")
-        with pytest.raises(FileFormatError, match=r"export\.zip: the archive holds no gyro log"):
+        with pytest.raises(FileFormatError, match=r"export\.zip: the archive contains no gyro log"):
             read_gyro(path)
 
     def test_damaged(self, write: Write) -> None:
@@ -328,7 +328,7 @@ class TestVideo:
 
     def test_without_telemetry(self, write: Write) -> None:
         pytest.importorskip("telemetry_parser")
-        with pytest.raises(FileFormatError, match=r"video\.mp4: the video holds no gyro data"):
+        with pytest.raises(FileFormatError, match=r"video\.mp4: the video contains no gyro data"):
             read_gyro(write(b"\0\0\0\x18ftypmp42" + bytes(99), "video.mp4"))
 
 

@@ -128,7 +128,7 @@ def test_gcsv(write: Write, first: str, mark: str, columns: str) -> None:
 
 
 def test_gcsv_defaults_are_milliseconds_and_radians(write: Write) -> None:
-    with pytest.warns(RsdeblurWarning, match="orientation xzY, is taken"):
+    with pytest.warns(RsdeblurWarning, match="default, xzY, is assumed"):
         log = read_gyro(write("GYROFLOW IMU LOG\nt,gx,gy,gz\n0,1,2,3\n4,1,2,3\n"))
     np.testing.assert_array_equal(log.t, [0, 4_000_000 * 1e-9])
     np.testing.assert_array_equal(log.omega[0], [-1, -3, 2])
@@ -238,14 +238,14 @@ WHOLE_FILE_FAULTS = {
     "blank": ("\n \n", "empty"),
     "comments only": ("# t wx wy wz\n", "empty but for comments"),
     "binary": ("t,wx,wy,wz\n\0\1\2", "binary"),
-    "header only": ("t,wx,wy,wz\n", "holds no samples"),
-    "mars header only": (MARS_HEADER, "holds no samples"),
+    "header only": ("t,wx,wy,wz\n", "no samples"),
+    "mars header only": (MARS_HEADER, "no samples"),
     "gcsv without columns": (GCSV, "no line `t,gx,gy,gz`"),
-    "gcsv without samples": (GCSV + "t,gx,gy,gz\n", "holds no samples"),
+    "gcsv without samples": (GCSV + "t,gx,gy,gz\n", "no samples"),
     "deepgyro without gyro": ("1 0 1 2 3\n2 5 1 2 3\n", "no line is of type 4"),
     "one mars sample": (f"{MARS_HEADER}\n0,1,2,3\n", "at least 2 samples"),
-    "10 Hz": ("0.0,1,2,3\n0.1,1,2,3\n0.2,1,2,3\n", "cannot tell the unit of time: .*0.1"),
-    "10 kHz in ns": ("0,1,2,3\n100000,1,2,3\n", "cannot tell the unit of time"),
+    "10 Hz": ("0.0,1,2,3\n0.1,1,2,3\n0.2,1,2,3\n", "cannot determine the unit of time: .*0.1"),
+    "10 kHz in ns": ("0,1,2,3\n100000,1,2,3\n", "cannot determine the unit of time"),
 }
 
 
