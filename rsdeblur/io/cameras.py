@@ -103,6 +103,7 @@ def open_camera(
     """
     if size is not None:
         width, height = size
+        # A size of zero has no aspect ratio.
         size = validate.count("size", width), validate.count("size", height)
     source = Source(path, WHAT)
     request = Request(size, name, fps)

@@ -140,6 +140,12 @@ class TestLensProfile:
         assert file.camera.readout_time == pytest.approx(0.01)
         assert "another aspect ratio" in file.assumptions[-1].text
 
+    @pytest.mark.parametrize("size", [(400, 0), (-1, 300), (400, 2.5)])
+    def test_impossible_sizes_are_refused(self, write: Write, size: Any) -> None:
+        for path in (write(profile()), write("width = 4\nheight = 3\nfocal_length = 5\n", "camera.toml")):
+            with pytest.raises(InputError, match="size must be"):
+                open_camera(path, size=size)
+
     def test_settings_of_that_size_replace_those_of_the_profile(self, write: Write) -> None:
         settings = [
             {"width": 200, "height": 150, "fps": 30.0, "frame_readout_time": 8.0},

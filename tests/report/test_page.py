@@ -216,7 +216,7 @@ def test_findings_of_a_good_and_of_a_bad_capture() -> None:
         "Motion": "warning",
         "Coverage": "note",
         "Gaps": "note",
-        "Unseen parts": "note",
+        "Unexposed parts": "note",
         "Sampling": "good",
     }
     texts = {finding.subject: finding.text for finding in bad}
