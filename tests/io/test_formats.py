@@ -1,4 +1,4 @@
-"""Gyro logs of apps and cameras: what each writes is read with its unit, axes and exact stamps, or refused."""
+"""Gyro logs of apps and cameras: each is read with its unit, axes and exact stamps, or refused."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rsdeblur.errors import FileFormatError, RsdeblurWarning
 from rsdeblur.io import open_gyro, read_gyro
 from rsdeblur.io.gyroflow import base91_decode
 
-# A stamp that float64 cannot hold, in ns, and the samples that all files below hold: t in ns, x, y, z in rad/s.
+# A stamp in ns that float64 cannot represent, and the samples in all files below: t in ns; x, y, z in rad/s.
 EPOCH = 1_766_385_749_427_863_801
 STEP = 5_000_000
 RATES = np.random.default_rng(0).normal(0.0, 0.5, (40, 3)).round(6)
@@ -39,15 +39,15 @@ def write(tmp_path: Path) -> Write:
 
 
 def rows(pattern: str, scale: float = 1.0) -> str:
-    """Return a line for each sample; `pattern` has t, s (seconds), x, y and z."""
+    """Return a line for each sample; `pattern` contains t, s (seconds), x, y and z."""
     return "".join(
         pattern.format(t=t, s=f"{t // 10**9}.{t % 10**9:09d}", x=x, y=y, z=z) + "\n"
         for t, (x, y, z) in zip(STAMPS.tolist(), (RATES / scale).tolist(), strict=True)
     )
 
 
-def assert_holds_the_samples(path: Path, format: str, axes: str, rates: np.ndarray = RATES) -> dict[str, Any]:
-    """Check every stamp and rate, and return what else the file says."""
+def assert_contains_the_samples(path: Path, format: str, axes: str, rates: np.ndarray = RATES) -> dict[str, Any]:
+    """Check every stamp and rate, and return the facts in the file."""
     file = open_gyro(path)
     assert (file.format, file.axes, file.log.epoch_ns) == (format, axes, EPOCH)
     np.testing.assert_array_equal(file.log.t, (STAMPS - EPOCH) * 1e-9)
@@ -95,7 +95,7 @@ TABLES = {
 
 @pytest.mark.parametrize(("header", "pattern", "format", "axes"), TABLES.values(), ids=TABLES)
 def test_tables(write: Write, header: str, pattern: str, format: str, axes: str) -> None:
-    assert_holds_the_samples(write(header + rows(pattern)), format, axes)
+    assert_contains_the_samples(write(header + rows(pattern)), format, axes)
 
 
 def test_opencamera_while_the_camera_turns_faster_and_faster(write: Write) -> None:
@@ -105,26 +105,26 @@ def test_opencamera_while_the_camera_turns_faster_and_faster(write: Write) -> No
 
 
 @pytest.mark.parametrize("unit", ["deg/s", "°/s", "dps", "degrees/s"])
-def test_degrees_are_told_by_the_header(write: Write, unit: str) -> None:
+def test_the_header_declares_degrees(write: Write, unit: str) -> None:
     header = f"timestamp (ns),gyro_x ({unit}),gyro_y ({unit}),gyro_z ({unit})\n"
     file = open_gyro(write(header + rows("{t},{x},{y},{z}", np.pi / 180)))
     assert file.rate_unit == "deg/s"
     np.testing.assert_allclose(file.log.omega, RATES, rtol=1e-12)
 
 
-def test_degrees_are_told_by_the_user(write: Write) -> None:
+def test_the_user_declares_degrees(write: Write) -> None:
     path = write(rows("{t},{x},{y},{z}", np.pi / 180))
     np.testing.assert_allclose(read_gyro(path, unit="deg/s").omega, RATES, rtol=1e-12)
 
 
 def test_decimal_commas(write: Write) -> None:
     header = '"Time (s)";"Gyroscope x (rad/s)";"Gyroscope y (rad/s)";"Gyroscope z (rad/s)"\n'
-    assert_holds_the_samples(write(header + rows("{s};{x};{y};{z}").replace(".", ",")), "phyphox", "phone")
-    assert_holds_the_samples(write(rows("{s}\t{x}\t{y}\t{z}").replace(".", ",")), "plain", "sensor")
+    assert_contains_the_samples(write(header + rows("{s};{x};{y};{z}").replace(".", ",")), "phyphox", "phone")
+    assert_contains_the_samples(write(rows("{s}\t{x}\t{y}\t{z}").replace(".", ",")), "plain", "sensor")
 
 
 def test_text_of_sixteen_bits(write: Write) -> None:
-    assert_holds_the_samples(write(rows("{t}\t{x}\t{y}\t{z}").encode("utf-16")), "plain", "sensor")
+    assert_contains_the_samples(write(rows("{t}\t{x}\t{y}\t{z}").encode("utf-16")), "plain", "sensor")
 
 
 def test_spreadsheets_round_stamps_but_keep_their_place(write: Write) -> None:
@@ -156,7 +156,7 @@ class TestZip:
             archive.writestr("session/GyroscopeUncalibrated.csv", content)
             archive.writestr("session/Gyroscope.csv", content)
             archive.writestr("session/Metadata.csv", "version,device name,platform\n3,SM-S931N,android\n")
-        facts = assert_holds_the_samples(tmp_path / "export.zip", "sensorlogger", "phone")
+        facts = assert_contains_the_samples(tmp_path / "export.zip", "sensorlogger", "phone")
         assert facts == {"device name": "SM-S931N", "platform": "android"}
 
     def test_without_a_gyroscope(self, tmp_path: Path) -> None:
@@ -185,7 +185,7 @@ class TestSensorLoggerJson:
     def test_the_gyroscope_is_found(self, write: Write) -> None:
         meta = {"sensor": "Metadata", "device name": "phone", "platform": "ios"}
         content = [meta, *self.entries("Accelerometer"), *self.entries("Gyroscope")]
-        facts = assert_holds_the_samples(write(json.dumps(content)), "sensorlogger-json", "phone")
+        facts = assert_contains_the_samples(write(json.dumps(content)), "sensorlogger-json", "phone")
         assert facts == {"sensor": "Gyroscope", "device name": "phone", "platform": "ios"}
 
     def test_without_a_gyroscope(self, write: Write) -> None:
@@ -212,7 +212,7 @@ def trailer(count: int = len(RATES), oldest: int = 7, total: int = 16384) -> byt
 class TestTrailer:
     def test_the_ring_is_unrolled(self, write: Write) -> None:
         path = write(trailer(), "IMG.jpg")
-        facts = assert_holds_the_samples(path, "gyrodata", "phone", RATES.astype(np.float32))
+        facts = assert_contains_the_samples(path, "gyrodata", "phone", RATES.astype(np.float32))
         assert facts == {"capture_ns": EPOCH + 99, "shutter_command_ns": EPOCH}
 
     @pytest.mark.parametrize(("count", "oldest"), [(0, 0), (700, 0), (40, 41), (2**32 - 1, 0)])
@@ -332,7 +332,7 @@ class TestVideo:
             read_gyro(write(b"\0\0\0\x18ftypmp42" + bytes(99), "video.mp4"))
 
 
-# What every sample of a gyro log is: format, axes, unit of the rates, samples, first stamp in ns, rate in Hz.
+# For each sample file: format, axes, unit of the rates, number of samples, first stamp in ns, rate in Hz.
 SAMPLES = {
     "euroc/data.csv": ("euroc", "sensor", "rad/s", 5000, 1_403_636_579_758_560_000, 200.0),
     "gcsv/docs_example_v1.3.gcsv": ("gcsv", "gyroflow", "rad/s", 16, 0, 1000.0),
@@ -375,6 +375,6 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("name", "reason"), REFUSED.items())
-def test_what_is_no_gyro_log_is_refused(data_dir: Path, name: str, reason: str) -> None:
+def test_other_files_are_refused(data_dir: Path, name: str, reason: str) -> None:
     with pytest.raises(FileFormatError, match=reason):
         read_gyro(data_dir / "formats" / name)
