@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image, ImageCms
+from PIL.JpegImagePlugin import JpegImageFile
 
 from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
 from rsdeblur.io import Picture, check_writable, pictures, read_picture, write_picture
@@ -101,6 +102,7 @@ def test_jpeg_round_trip(tmp_path: Path, channels: tuple[int, ...]) -> None:
     # Quality 95 quantises the coefficients in steps of 1 to 12 levels.
     assert np.abs(as_float(again.pixels) - image).max() < 4 / 255
     with Image.open(path) as opened:
+        assert isinstance(opened, JpegImageFile)
         assert channels == () or {layer[1:3] for layer in opened.layer} == {(1, 1)}
 
 
