@@ -68,7 +68,7 @@ def _member(source: Source, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) ->
     with archive.open(entry) as file:
         # A damaged member may unpack to more than its entry claims; the rest is not read.
         content = file.read(entry.file_size)
-    # Joined as text: joining paths, an absolute name would replace the archive's.
+    # Joined as text: an absolute name that is joined as a path would replace the archive's path.
     return Source(f"{source.path}/{entry.filename}", source.what, content)
 
 

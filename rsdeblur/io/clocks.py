@@ -31,7 +31,7 @@ class Clocks:
 
     @property
     def time_offset(self) -> float:
-        """Camera time minus gyro time in s: 0 on one clock, else that of a camera that stamps by `nanoTime()`."""
+        """Camera time minus gyro time in s: 0 for one clock, else assuming that the camera stamps by `nanoTime()`."""
         if self.source == "REALTIME":
             return 0.0
         return 0.0 - sum(self.differences) / len(self.differences) / 1e9

@@ -18,7 +18,7 @@ from rsdeblur.io.samples import Axes, Samples, table_samples
 from rsdeblur.io.text import Table, TextFile, cells_of, is_number, read_table, separator_of
 from rsdeblur.types import FloatArray
 
-# Nanoseconds in each unit of time a log may use.
+# Nanoseconds in each unit of time that a log may use.
 TIME_UNITS = {"s": Decimal(10**9), "ms": Decimal(10**6), "us": Decimal(10**3), "ns": Decimal(1)}
 # A gyro samples at 20 Hz to 8 kHz. The sample spacings (ns) then lie within a factor of 400, less than the 1000
 # between the units, so a spacing fits at most one unit.

@@ -156,7 +156,7 @@ def _project_samples(source: Source, project: dict[str, Any]) -> Samples:
         raise source.error(str(error)) from error
     # Applied in Gyroflow's order: bias (deg/s, raw axes, added), orientation, rotation (pitch, roll, yaw in degrees).
     bias = np.array(gyro.get("gyro_bias") or (0, 0, 0), dtype=np.float64) * (1.0 if unit == "deg/s" else np.pi / 180)
-    from scipy.spatial.transform import Rotation  # takes 0.25 s to import, which other formats need not wait
+    from scipy.spatial.transform import Rotation  # takes 0.25 s to import; only projects need it
 
     pitch, roll, yaw = gyro.get("rotation") or (0, 0, 0)
     turn = Rotation.from_euler("xyz", (yaw, pitch, roll), degrees=True).as_matrix() @ turn

@@ -222,7 +222,7 @@ def write_picture(
     Raises
     ------
     InputError
-        If `image` has a wrong shape or type, or holds NaN or infinity.
+        If `image` has a wrong shape or type, or contains NaN or infinity.
     OutputError
         If the extension is unknown, the format does not support `bits` or the size of the picture, the file exists and
         `force` is not set, or the file cannot be written.

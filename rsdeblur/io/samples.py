@@ -137,7 +137,9 @@ def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str
         raise error("the file contains no samples")
     if max(samples.rates.max(), -samples.rates.min()) > LARGEST_RATE:
         i = int(np.argwhere(np.abs(samples.rates) > LARGEST_RATE)[0, 0])
-        raise samples.error_at(f"impossible rates: {samples.rates[i].tolist()} {unit or samples.rate_unit}", i)
+        raise samples.error_at(
+            f"impossible rates: {samples.rates[i].tolist()} {unit or samples.rate_unit}; is the unit right?", i
+        )
     unit = unit or samples.rate_unit
     ns, rates, repairs = _repaired(samples)
     if samples.turn is not None:
