@@ -29,7 +29,7 @@ from rich.progress import track
 from benchmarks.captures import Image, SimulatedCapture, quality, simulated
 from benchmarks.tables import markdown, write
 from rsdeblur import GyroLog, Simulation, deblur
-from rsdeblur.deconv.fft import thread_count
+from rsdeblur._util.threads import thread_count
 from rsdeblur.deconv.priors import PRIORS, Prior
 from rsdeblur.image.transfer import from_linear, to_linear
 

@@ -41,7 +41,7 @@ def show_config(mode: Literal["stdout", "dict"] = "stdout") -> dict[str, str] | 
         If `mode` is another.
     """
     # Not at the top: it would load pyFFTW.
-    from rsdeblur.deconv.fft import thread_count
+    from rsdeblur._util.threads import thread_count
 
     validate.choice("mode", mode, ("stdout", "dict"))
     facts = {

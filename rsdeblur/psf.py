@@ -60,13 +60,16 @@ class PsfBank:
             object.__setattr__(self, name, centres)
 
     @classmethod
-    def from_paths(cls, paths: BlurPaths) -> PsfBank:
-        """Rasterise `paths`: energy even in time, kernel size from the longest reach, sum 1."""
+    def from_paths(cls, paths: BlurPaths, *, threads: int | None = None) -> PsfBank:
+        """Rasterise `paths`: energy even in time, kernel size from the longest reach, sum 1.
+
+        `threads` share the work; the default is all processors, and any number gives the same bits.
+        """
         # A splat needs the pixel beyond the last one touched.
         half_height, half_width = (int(np.floor(reach)) + 1 for reach in paths.extent)
         bands, strips, samples, _ = paths.displacements.shape
         flat = np.ascontiguousarray(paths.displacements.reshape(bands * strips, samples, 2))
-        kernels = rasterize(flat, half_height, half_width)
+        kernels = rasterize(flat, half_height, half_width, threads)
         return cls(kernels.reshape(bands, strips, *kernels.shape[1:]), paths.rows, paths.cols)
 
     @classmethod

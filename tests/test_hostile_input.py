@@ -201,7 +201,7 @@ class TestNumbersOfCameras:
     def test_refused(self, tmp_path: Path, line: str) -> None:
         path = tmp_path / "camera.toml"
         key = line.split()[0]
-        whole = {"width": "width = 640", "height": "height = 480", "focal_length": "focal = 500"}
+        whole = {"width": "width = 640", "height": "height = 480", "focal_length": "focal_length = 500"}
         path.write_text("\n".join([line, *(text for name, text in whole.items() if name != key)]))
         refusal(Camera.load, path)
 
@@ -216,7 +216,7 @@ def test_crops_of_lens_profiles(tmp_path: Path, crop: float) -> None:
 def test_focal_lengths_of_exif_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.jpg"
     path.write_bytes(seeds.jpeg())
-    monkeypatch.setattr(Exif, "focal_length_px", lambda *_: (1e-320, "a denormal"))
+    monkeypatch.setattr(Exif, "focal_px", lambda *_: (1e-320, "a denormal"))
     assert "focal_length must be positive" in refusal(open_camera, path)
 
 

@@ -26,7 +26,7 @@ from rsdeblur import (
     read_gyro,
     simulate,
 )
-from rsdeblur.deconv.fft import thread_count
+from rsdeblur._util.threads import thread_count
 from rsdeblur.image.transfer import to_linear
 from rsdeblur.io import read_picture
 

@@ -20,7 +20,7 @@ def shared_threads(jobs: int | None, threads: int | None, *, alone: bool = True)
 
     Workers of a cluster, which are not `alone` on their machine, take one thread each if nothing is said.
     """
-    from rsdeblur.deconv.fft import thread_count
+    from rsdeblur._util.threads import thread_count
 
     if not alone:
         return jobs or 1, threads or 1

@@ -18,14 +18,14 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._items import Item, read_items
 from rsdeblur.cli._jobs import jobs_option, shared_threads
-from rsdeblur.cli._options import Blur, Defaults, Solver
+from rsdeblur.cli._options import Defaults
 from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, write_json
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 from rsdeblur.errors import InputError, RsdeblurWarning
 
 if TYPE_CHECKING:
     from rsdeblur._util.records import Records
-    from rsdeblur.pipeline.settings import Mode
+    from rsdeblur.pipeline.options import Options
 
 TABLE, REPORT, RECORDS = "batch.csv", "batch.json", ".rsdeblur-batch"
 SOME_FAILED = 3
@@ -47,13 +47,9 @@ Examples:
     type=click.IntRange(0, 1),
     help="FOLDER: the number that the first frame has in the photos' names.  [default: told by the names]",
 )
-@_options.mode_option
-@_options.blur_options
-@_options.solver_options
+@_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE, *_options.ONE_RESULT)
 @_options.work_size_option
 @_options.nsr_from_iso_option
-@_options.max_memory_option
-@_options.fallback_option
 @jobs_option
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the work (they see the files).")
 @click.option("-o", "--output", type=_options.PATH, required=True, metavar="DIR", help="Folder to write to.")
@@ -64,13 +60,9 @@ def command(
     source: Path,
     defaults: Defaults,
     numbered_from: int | None,
-    mode: Mode,
-    blur: Blur,
-    solver: Solver,
+    options: Options,
     work_size: int | None,
     nsr_from_iso: bool,
-    max_memory: int | None,
-    fallback: bool,
     jobs: int | None,
     scheduler: str | None,
     output: Path,
@@ -94,15 +86,11 @@ def command(
     items = read_items(source, defaults, output, numbered_from=numbered_from)
     if not items:
         raise InputError(f"{source}: there is nothing to do: no photo is listed")
-    jobs, threads = shared_threads(jobs, solver.threads, alone=scheduler is None)
+    jobs, threads = shared_threads(jobs, options.threads, alone=scheduler is None)
     common = {
-        "mode": mode,
-        "blur": blur,
-        "solver": replace(solver, threads=threads),
+        "options": replace(options, threads=threads),
         "work_size": work_size,
         "nsr_from_iso": nsr_from_iso,
-        "max_memory": max_memory,
-        "fallback": fallback,
     }
     records = Records(output / RECORDS)
     if not dry_run:
@@ -230,7 +218,7 @@ def _fingerprint(job: PhotoJob) -> str:
     recording = job.recording
     files = [path for path in (job.photo, recording.gyro, recording.camera, recording.capture) if path is not None]
     # Any number of threads gives the same bits.
-    same = replace(job, force=False, dry_run=False, solver=replace(job.solver, threads=None))
+    same = replace(job, force=False, dry_run=False, options=replace(job.options, threads=None))
     return fingerprint(same, files)
 
 

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rsdeblur.choices import Prior
 from rsdeblur.cli import _options
-from rsdeblur.cli._options import Blur, Recording, Solver
+from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import prepare_folder, print_json, progress, write_json
 from rsdeblur.cli.compare import compare_modes, output_names, print_report
+from rsdeblur.pipeline.options import Options
 
 if TYPE_CHECKING:
-    from rsdeblur.deconv.priors import Prior
     from rsdeblur.motion.gyro import GyroLog
 
 EXPOSURE = 0.05  # s
@@ -66,10 +67,8 @@ def command(size: tuple[int, int], seed: int, output: Path, force: bool, as_json
         _capture(size, seed, output, force=force)
     # From here on the demo is a user with files.
     recording = Recording(gyro, camera, start=START, duration=EXPOSURE)
-    solver = Solver(PRIOR, "auto", 2 / 3, NSR, "auto", "keep", "blend", None, False, "ignore", "estimate", None)
-    report = compare_modes(
-        blurred, recording, Blur("auto", "auto", "rotation"), solver, truth=rolling, output=output, force=force
-    ).report
+    options = Options(prior=PRIOR, nsr=NSR)
+    report = compare_modes(blurred, recording, options, truth=rolling, output=output, force=force).report
     again = ["rsdeblur", "deblur", str(blurred), "--gyro", str(gyro), "--camera", str(camera)]
     again += ["--start", str(START), "--duration", str(EXPOSURE), "--prior", PRIOR, "--nsr", str(NSR)]
     again += ["-o", str(output / "again.png")]

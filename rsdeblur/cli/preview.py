@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +10,7 @@ import click
 
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of
-from rsdeblur.cli._options import Blur, Recording, Solver
+from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import print_json, progress
 from rsdeblur.errors import CoverageError, InputError
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rsdeblur.motion.camera import Camera
-    from rsdeblur.pipeline.settings import Mode
+    from rsdeblur.pipeline.options import Options
 
 EXAMPLES = """\b
 Examples:
@@ -48,9 +48,7 @@ class RegionType(click.ParamType[Region]):
 @click.command("preview", epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options
-@_options.mode_option
-@_options.blur_options
-@_options.solver_options
+@_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE)
 @click.option("--from", "first", type=_options.SecondsType(), default=-0.1, help="First shift.  [default: -100ms]")
 @click.option("--to", "last", type=_options.SecondsType(), default=0.1, help="Last shift.  [default: 100ms]")
 @click.option("--steps", type=click.IntRange(min=1), default=9, show_default=True, help="Number of shifts.")
@@ -62,9 +60,7 @@ class RegionType(click.ParamType[Region]):
 def command(
     photo: Path,
     recording: Recording,
-    mode: Mode,
-    blur: Blur,
-    solver: Solver,
+    options: Options,
     first: float,
     last: float,
     steps: int,
@@ -83,7 +79,7 @@ def command(
 
     from rsdeblur.io.camera_file import write_time_offset
     from rsdeblur.io.pictures import check_writable, write_picture
-    from rsdeblur.pipeline.deblur import deblur
+    from rsdeblur.pipeline.plan import plan
     from rsdeblur.report import contact_sheet
 
     check_writable(output, force=force)
@@ -92,7 +88,8 @@ def command(
     pixels = picture.pixels
     if region is not None:
         pixels, camera = _cut(pixels, camera, region)
-    arguments = asdict(blur) | asdict(solver) | {"transfer": transfer_of(picture, solver.transfer), "mode": mode}
+    transfer = transfer_of(picture, options.transfer)
+    options = replace(options, transfer=transfer, check=False)
     cells: list[tuple[str, NDArray[Any], NDArray[Any]]] = []
     listed: list[dict[str, Any]] = []
     refused: CoverageError | None = None
@@ -102,13 +99,13 @@ def command(
                 move(f"{1e3 * shift:+.1f} ms", i / steps)
             try:
                 moved = replace(camera, time_offset=camera.time_offset + shift)
-                result = deblur(pixels, log, moved, exposure, check=False, **arguments)
+                result = plan(log, moved, exposure, options).apply(pixels)
             except CoverageError as error:
                 refused = error
                 continue
             bands, strips = (n // 2 for n in result.psfs.kernels.shape[:2])
             label = f"{len(cells) + 1}: {1e3 * shift:+.1f} ms"
-            shown = display_values(result.image, arguments["transfer"])
+            shown = display_values(result.image, transfer)
             cells.append((label, shown, result.psfs.kernels[bands, strips]))
             listed.append({"cell": len(cells), "shift_s": shift, "time_offset_s": offset + shift})
         if not cells:

@@ -13,7 +13,7 @@ from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import prepare_folder, print_json, progress
 
 if TYPE_CHECKING:
-    from rsdeblur.image.transfer import Transfer
+    from rsdeblur.choices import Auto, Transfer
 
 EXAMPLES = """\b
 Examples:
@@ -42,7 +42,7 @@ Examples:
 def command(
     sharp: Path,
     recording: Recording,
-    transfer: Transfer | None,
+    transfer: Transfer | Auto,
     noise: float,
     seed: int,
     bits: str,

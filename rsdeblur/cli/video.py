@@ -6,7 +6,7 @@ import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,20 +15,17 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, read_device
 from rsdeblur.cli._jobs import jobs_option, shared_threads
-from rsdeblur.cli._options import Blur, Recording, Solver
+from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import print_json, progress
 from rsdeblur.errors import RsdeblurWarning
+from rsdeblur.video import PRIOR
 
 if TYPE_CHECKING:
-    from rsdeblur.image.transfer import Transfer
     from rsdeblur.motion.exposure import Exposure
-    from rsdeblur.pipeline.settings import Mode
+    from rsdeblur.pipeline.options import Options
     from rsdeblur.video.clip import Clip
-    from rsdeblur.video.plan import Plan
+    from rsdeblur.video.plan import ClipPlan
     from rsdeblur.video.segments import Encoding
-
-# FFmpeg's numbers of transfer characteristics.
-LINEAR, HDR = 8, (16, 18)
 
 EXAMPLES = """\b
 Examples:
@@ -38,12 +35,10 @@ Examples:
 """
 
 
-@click.command("video", epilog=EXAMPLES, context_settings={"default_map": {"prior": "wiener"}})
+@click.command("video", epilog=EXAMPLES, context_settings={"default_map": {"prior": PRIOR}})
 @click.argument("source", type=_options.PATH, metavar="VIDEO")
 @_options.clip_options
-@_options.mode_option
-@_options.blur_options
-@_options.solver_options
+@_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ENGINE)
 @click.option("--codec", metavar="NAME", help="FFmpeg's encoder, like libx265.  [default: as in VIDEO]")
 @click.option("--crf", type=click.IntRange(0, 63), default=17, show_default=True, help="Lower is better and larger.")
 @click.option(
@@ -57,9 +52,7 @@ Examples:
 def command(
     source: Path,
     recording: Recording,
-    mode: Mode,
-    blur: Blur,
-    solver: Solver,
+    options: Options,
     codec: str | None,
     crf: int,
     segment: int,
@@ -80,21 +73,15 @@ def command(
     from rsdeblur.video.segments import Encoding
 
     begin = time.perf_counter()
-    if solver.saturation != "ignore":
-        raise click.UsageError("--saturation is for single pictures", ctx=click.get_current_context())
-    if solver.normalize:
-        raise click.UsageError("--normalize would make a video flicker", ctx=click.get_current_context())
     check_output(output, force=force)
-    jobs, threads = shared_threads(jobs, solver.threads)
+    jobs, threads = shared_threads(jobs, options.threads)
+    options = replace(options, threads=threads)
     log, camera = read_device(recording)
-    settings: dict[str, Any] = asdict(blur) | asdict(solver) | {"threads": threads}
-    del settings["normalize"], settings["saturation"]
     with progress("video") as move, naming(source, recording):
         clip = open_clip(source)
         exposures = _exposures(clip, recording)
-        settings["transfer"] = _transfer(clip, solver.transfer)
         encoding = Encoding.like(clip, codec=codec, crf=crf)
-        plan, reasons = plan_clip(clip, log, camera, exposures, mode=mode, progress=move, **settings)
+        plan, reasons = plan_clip(clip, log, camera, exposures, options, progress=move)
         facts = _facts(clip, plan, encoding, output) | {"kept": sum(reason is not None for reason in reasons)}
         _warn(source, reasons)
         if not dry_run:
@@ -144,32 +131,20 @@ def _exposures(clip: Clip, recording: Recording) -> list[Exposure]:
     return exposures_from_stamps(clip, recording.duration, start=start, epoch_ns=recording.start_ns or 0)
 
 
-def _transfer(clip: Clip, given: Transfer | None) -> Transfer:
-    if given is not None:
-        return given
-    if clip.colours.transfer in HDR:
-        warnings.warn(
-            f"{clip.path}: is HDR (HLG or PQ), whose light is taken as if sRGB; --transfer GAMMA may fit better",
-            RsdeblurWarning,
-            stacklevel=2,
-        )
-    return "linear" if clip.colours.transfer == LINEAR else "srgb"
-
-
-def _facts(clip: Clip, plan: Plan, encoding: Encoding, output: Path) -> dict[str, Any]:
-    tall, wide = plan.size
+def _facts(clip: Clip, plan: ClipPlan, encoding: Encoding, output: Path) -> dict[str, Any]:
+    tall, wide = plan.grid.size
     return {
         "output": str(output),
         "frames": len(clip),
         "span_s": clip.times[-1],
         "size_px": [clip.width, clip.height],
-        "mode": plan.method.mode,
-        "bands": len(plan.rows),
-        "strips": len(plan.cols),
+        "mode": plan.options.mode,
+        "bands": len(plan.grid.rows),
+        "strips": len(plan.grid.cols),
         "psf_px": [wide, tall],
-        "prior": plan.method.prior,
-        "nsr": plan.method.nsr,
-        "weight": plan.method.weight,
+        "prior": plan.options.prior,
+        "nsr": plan.strengths.nsr,
+        "weight": plan.strengths.weight,
         "codec": encoding.codec,
         "pixels": encoding.pixels,
     }

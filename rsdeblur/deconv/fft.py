@@ -1,4 +1,4 @@
-"""The only place that talks to FFTW: planned transforms of lines on buffers they own, and the thread count.
+"""The only place that talks to FFTW: planned transforms of lines on buffers they own.
 
 A plan runs in the thread that calls it; threads share blocks of work (`rsdeblur.deconv.hybrid`), not transforms.
 
@@ -9,7 +9,6 @@ was measured once is found at once, by every later process and whatever planning
 from __future__ import annotations
 
 import hashlib
-import os
 import platform
 import threading
 import warnings
@@ -23,7 +22,6 @@ import platformdirs
 import pyfftw
 from numpy.typing import NDArray
 
-from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.files import read_file
 from rsdeblur.errors import FileFormatError, OutputError, RsdeblurWarning
@@ -36,13 +34,6 @@ PLANNINGS: tuple[Planning, ...] = ("estimate", "measure")
 
 # Bound on the time spent measuring one plan, s.
 PLANNING_TIME = 1.0
-
-
-def thread_count(threads: int | None) -> int:
-    """Return `threads`, or the number of processors this process may use if it is None."""
-    if threads is None:
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return validate.count("threads", threads)
 
 
 # FFTW is fast where vectors of 16 fit, and pays for every odd factor. Time per point over that of a power of two,

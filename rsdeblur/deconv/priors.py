@@ -17,7 +17,6 @@ and alternates between w, which is a shrinkage of `grad u`, and u, which is a li
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
@@ -26,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util import validate
-from rsdeblur.deconv.fft import thread_count
+from rsdeblur._util.threads import share
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.shrink import shrunk_grad_adjoint
 from rsdeblur.types import FloatImage
@@ -204,9 +203,9 @@ def half_quadratic(
     for penalty in penalties:
         # In units of (weight / beta)^(1 / (2 - p)) the shrinkage has no parameter but p.
         vanishing = np.float32(threshold(exponent) * penalty ** (-1.0 / (2.0 - exponent)))
-        _shrink(latent, vanishing, table, solver.periodic, spare, thread_count(threads))
+        _shrink(latent, vanishing, table, solver.periodic, spare, threads)
         latent, spare = solver.solve(weight * penalty, spare), latent
-        yield Step(latent, _change(spare, latent, thread_count(threads)))
+        yield Step(latent, _change(spare, latent, threads))
 
 
 def _shrink(
@@ -215,33 +214,30 @@ def _shrink(
     table: NDArray[np.float32],
     periodic: bool,
     grad_adjoint: FloatImage,
-    threads: int,
+    threads: int | None,
 ) -> None:
-    """Fill `grad_adjoint`, blocks of rows shared out to the threads."""
+    """Fill `grad_adjoint` with `D^T w`, w being the shrunk gradient of `latent`; threads share blocks of rows."""
     height = len(latent)
 
-    def block(top: int) -> None:
+    def block(_: int, top: int) -> None:
         shrunk_grad_adjoint(latent, top, min(ROWS, height - top), vanishing, table, periodic, grad_adjoint)
 
-    _by_blocks(block, height, threads)
+    share(block, range(0, height, ROWS), threads)
 
 
-def _change(before: FloatImage, after: FloatImage, threads: int) -> float:
-    """Return the norm of the difference by that of `after`."""
+def _change(before: FloatImage, after: FloatImage, threads: int | None) -> float:
+    """Return the norm of the difference as a share of the norm of `after`."""
+    # One sum per block of rows, so that the total does not depend on the threads.
+    squares = np.zeros((-(-len(after) // ROWS), 2))
 
-    def block(top: int) -> tuple[float, float]:
-        new = after[top : top + ROWS].ravel()
-        step = new - before[top : top + ROWS].ravel()
-        return float(np.dot(step, step)), float(np.dot(new, new))
+    def block(_: int, n: int) -> None:
+        new = after[n * ROWS : (n + 1) * ROWS].ravel()
+        step = new - before[n * ROWS : (n + 1) * ROWS].ravel()
+        squares[n] = np.dot(step, step), np.dot(new, new)
 
-    squares = np.sum(_by_blocks(block, len(after), threads), axis=0)
-    return float(np.sqrt(squares[0] / (squares[1] or 1.0)))
-
-
-def _by_blocks(work: Callable[[int], Any], height: int, threads: int) -> list[Any]:
-    """Call `work` with the first of each block of `ROWS` rows, which stay in the cache."""
-    with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(work, range(0, height, ROWS)))
+    share(block, range(len(squares)), threads)
+    change, norm = squares.sum(axis=0)
+    return float(np.sqrt(change / (norm or 1.0)))
 
 
 def check_exponent(exponent: float) -> float:

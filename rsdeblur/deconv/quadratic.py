@@ -102,5 +102,5 @@ class TileQuadratic(TileFilter):
                 self._filters[inside],
             )
 
-        self._share_tiles(plan, self._filters.shape[:2])
+        self._share_tiles(plan)
         return self._apply(self._filters, picture, out, None)

@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
+from rsdeblur._util.threads import thread_count
 from rsdeblur.deconv.border import BORDERS, Border
-from rsdeblur.deconv.fft import PLANNINGS, Planning, Real, empty, remember, thread_count
+from rsdeblur.deconv.fft import PLANNINGS, Planning, Real, empty, remember
 from rsdeblur.deconv.rowwise_blur import StripBlur, latent_rows
 from rsdeblur.deconv.rowwise_cg import NormalEquations, conjugate_gradients, is_faster
 from rsdeblur.deconv.rowwise_spectra import ROWS, RowSpectra
@@ -112,9 +113,10 @@ class RowDeconvolver:
         gap = int(np.ceil(min(max(LEAST_MARGIN, DECAY_MARGIN / self.nsr**0.5), MOST_GAP) * kernel))
         self._periodic = border == "periodic"
         self._tiling = Tiling.plan(paths.cols, width, kernel, gap, periodic=self._periodic)
-        self._strips = [StripBlur.from_paths(paths, s, self.top, latents) for s in range(len(paths.cols))]
+        threads = thread_count(threads)
+        self._strips = [StripBlur.from_paths(paths, s, self.top, latents, threads) for s in range(len(paths.cols))]
         channels = self.shape[2] if len(self.shape) == 3 else 1
-        self._lanes = RowSpectra(channels, self._tiling.length, planning=planning, threads=thread_count(threads))
+        self._lanes = RowSpectra(channels, self._tiling.length, planning=planning, threads=threads)
         self._data, self._latent = self._lanes.empty(height), self._lanes.empty(latents)
         blocks = range(self._lanes.blocks)
         self._tables = [[strip.table(b, self._lanes.length) for b in blocks] for strip in self._strips]

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
-from rsdeblur.deconv.fft import Real, empty, thread_count
+from rsdeblur._util.threads import thread_count
+from rsdeblur.deconv.fft import Real, empty
 from rsdeblur.deconv.rowwise_spectra import RowSpectra
 from rsdeblur.deconv.tiling import Tile, hat_weights
 from rsdeblur.errors import InputError
@@ -60,9 +61,9 @@ class StripBlur:
     shifts: int
 
     @classmethod
-    def from_paths(cls, paths: BlurPaths, strip: int, top: int, latents: int) -> StripBlur:
+    def from_paths(cls, paths: BlurPaths, strip: int, top: int, latents: int, threads: int | None = None) -> StripBlur:
         """Draw the PSF of every row of `strip` and sort it by latent row; there are `latents` rows from `top` on."""
-        row, down, across, weight = _draw(paths.displacements[:, strip])
+        row, down, across, weight = _draw(paths.displacements[:, strip], threads)
         # A PSF weighs displacements d = p - q of the recorded from the latent point.
         latent = row - down - top
         first = int(across.min())
@@ -119,9 +120,10 @@ class RowBlur:
         self.top, latents = latent_rows(paths)
         height = len(paths.rows)
         self.picture_shape, self.latent_shape = (height, width, channels), (latents, width, channels)
-        self._strips = [StripBlur.from_paths(paths, s, self.top, latents) for s in range(len(paths.cols))]
+        threads = thread_count(threads)
+        self._strips = [StripBlur.from_paths(paths, s, self.top, latents, threads) for s in range(len(paths.cols))]
         self._weights = hat_weights(paths.cols, width).astype(np.float32)
-        self._lanes = RowSpectra(channels, width, planning="estimate", threads=thread_count(threads))
+        self._lanes = RowSpectra(channels, width, planning="estimate", threads=threads)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -198,7 +200,7 @@ def latent_rows(paths: BlurPaths) -> tuple[int, int]:
     return top, -(-(end - top) // BLOCK) * BLOCK
 
 
-def _draw(paths: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], Real]:
+def _draw(paths: FloatArray, threads: int | None) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], Real]:
     """Draw paths (H, T, 2); return the row, the displacement down and across in px, and the weight of every pixel."""
     # Paths may lie far from zero (rectifying), so each is drawn about a pixel of its own.
     centres = np.round((paths.max(axis=1) + paths.min(axis=1)) / 2)
@@ -206,7 +208,7 @@ def _draw(paths: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArra
     half_width, half_height = (int(np.floor(reach)) + 1 for reach in np.abs(local).max(axis=(0, 1)))
     found = []
     for top in range(0, len(paths), ROWS_TOGETHER):
-        kernels = rasterize(local[top : top + ROWS_TOGETHER], half_height, half_width)
+        kernels = rasterize(local[top : top + ROWS_TOGETHER], half_height, half_width, threads)
         row, i, j = np.nonzero(kernels)
         across, down = centres[top + row].astype(np.intp).T
         found.append((top + row, down + i - half_height, across + j - half_width, kernels[row, i, j]))

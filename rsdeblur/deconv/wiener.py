@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from typing import Any
 
@@ -14,8 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
+from rsdeblur._util.threads import thread_count
 from rsdeblur.deconv.border import BORDERS, Border
-from rsdeblur.deconv.fft import PLANNINGS, Complex, LineTransform, Planning, RowTransform, remember, thread_count
+from rsdeblur.deconv.fft import PLANNINGS, Complex, LineTransform, Planning, RowTransform, remember
 from rsdeblur.deconv.hybrid import Hybrid
 from rsdeblur.deconv.tiling import Tiling
 from rsdeblur.errors import InputError
@@ -67,18 +67,18 @@ class TileFilter:
             Tiling.plan(centres, n, kernel, int(np.ceil(margin * kernel)), periodic=border == "periodic")
             for centres, n, kernel in zip((bank.rows, bank.cols), (height, width), bank.size, strict=True)
         )
-        self._threads = thread_count(threads)
+        threads = thread_count(threads)
         self._hybrid = Hybrid(
             (height, width, self.shape[2] if len(self.shape) == 3 else 1),
             self._bands,
             self._strips,
             border=border,
             planning=planning,
-            threads=self._threads,
+            threads=threads,
         )
         self._planners = [
             _OtfPlanner(bank.size[0], self._bands.length, self._strips.length)
-            for _ in range(min(self._threads, bank.kernels[..., 0, 0].size))
+            for _ in range(min(threads, bank.kernels[..., 0, 0].size))
         ]
         self._centres, self._kernel_size = (bank.rows, bank.cols), bank.size
         self._copy: NDArray[np.float32] | None = None
@@ -168,19 +168,12 @@ class TileFilter:
         def plan(thread: int, s: int, b: int) -> None:
             self._planners[thread].plan(bank.kernels[b, s], out[s, b, : self._hybrid.frequencies])
 
-        self._share_tiles(plan, out.shape[:2])
+        self._share_tiles(plan)
 
-    def _share_tiles(self, job: Callable[[int, int, int], None], tiles: tuple[int, ...]) -> None:
-        """Call `job(thread, s, b)` for every tile, shared out to the threads."""
-        places = list(np.ndindex(*tiles))
-        threads = min(self._threads, len(places))
-
-        def work(thread: int) -> None:
-            for s, b in places[thread::threads]:
-                job(thread, s, b)
-
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(work, range(threads)))
+    def _share_tiles(self, work: Callable[[int, int, int], None]) -> None:
+        """Call `work(thread, s, b)` for every strip s and band b, shared by the threads."""
+        strips, bands = len(self._strips.tiles), len(self._bands.tiles)
+        self._hybrid.team.share(lambda thread, tile: work(thread, *divmod(tile, bands)), range(strips * bands))
 
 
 class Deconvolver(TileFilter):
@@ -240,7 +233,7 @@ class Deconvolver(TileFilter):
             _wiener(self._filters[s, b, : self._hybrid.frequencies], np.float32(self.nsr), scale)
 
         self._fill_otfs(bank, self._filters)
-        self._share_tiles(invert, self._filters.shape[:2])
+        self._share_tiles(invert)
 
     def apply(
         self,

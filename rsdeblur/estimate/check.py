@@ -168,6 +168,7 @@ def assess(
     meter: UndershootMeter,
     *,
     resampled: bool,
+    threads: int | None = None,
 ) -> QualityCheck:
     """Check a result.
 
@@ -181,6 +182,8 @@ def assess(
         What it saw of both.
     resampled : bool
         Whether the result was straightened.
+    threads : int, optional
+        Threads that draw PSFs; default all processors.
 
     Returns
     -------
@@ -196,7 +199,7 @@ def assess(
         reason = f"The picture is narrower than {CELL} px, too small to judge the motion by."
         return replace(_judged(found, reason), verdict="bad" if ringing > BAD_RINGING else "doubtful")
     step = int(np.clip(length / REDUCED_BLUR, 1, max(1, min(height, width) // (2 * CELL))))
-    tiles = _Tiles(encoded, capture, step)
+    tiles = _Tiles(encoded, capture, step, threads)
     if not tiles.detailed:
         return _judged(found, "The picture shows no detail to judge the motion by.")
     scores = tiles.alternatives()
@@ -241,15 +244,15 @@ def _neighbouring(score: FloatArray) -> FloatArray:
 class _Tiles:
     """Some tiles of a picture, reduced by a whole factor, with the PSFs there; colours are averaged."""
 
-    def __init__(self, encoded: EncodedImage, capture: Capture, step: int) -> None:
-        self._step = step
+    def __init__(self, encoded: EncodedImage, capture: Capture, step: int, threads: int | None) -> None:
+        self._step, self._threads = step, threads
         self._corners = [_spread(n // step) for n in encoded.shape[:2]]
         self._blurred, finest = self._cells(encoded)
         self._noise = noise_level(_mosaic(finest)[..., None])
         rows, cols = (corners + (CELL + 1) / 2 for corners in self._corners)
         smaller = replace(capture, camera=capture.camera.scaled(1 / step))
         self._paths = BlurPaths.from_capture(smaller, rows, cols)
-        self._kernels = PsfBank.from_paths(self._paths).kernels
+        self._kernels = PsfBank.from_paths(self._paths, threads=threads).kernels
 
     @property
     def detailed(self) -> bool:
@@ -291,8 +294,11 @@ class _Tiles:
             "mirrored": lead(self._kernels[:, :, ::-1]),
             "exchanged": best((turned, turned[:, :, ::-1])),
             "still": lead(still),
-            "straight": best(_lines()),
-            **{f"{size:g} times": lead(PsfBank.from_paths(paths).kernels) for size, paths in sized.items()},
+            "straight": best(_lines(self._threads)),
+            **{
+                f"{size:g} times": lead(PsfBank.from_paths(paths, threads=self._threads).kernels)
+                for size, paths in sized.items()
+            },
         }
 
     def compare(self, result: EncodedImage, *, resampled: bool) -> tuple[float | None, float | None]:
@@ -325,13 +331,13 @@ def _mosaic(cells: NDArray[np.float32]) -> NDArray[np.float32]:
     return cells.swapaxes(1, 2).reshape(down * CELL, across * CELL)
 
 
-def _lines() -> list[NDArray[np.float32]]:
+def _lines(threads: int | None) -> list[NDArray[np.float32]]:
     """Straight blurs, as kernels of shape (1, 1, k, k)."""
     along = np.linspace(-0.5, 0.5, 129)[:, None]
     half = int(max(LINES) // 2) + 1
     angles = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     paths = [length * along * (np.cos(angle), np.sin(angle)) for length in LINES for angle in angles]
-    return [kernel[None, None] for kernel in rasterize(np.stack(paths), half, half)]
+    return [kernel[None, None] for kernel in rasterize(np.stack(paths), half, half, threads)]
 
 
 def fall_back(encoded: EncodedImage, check: QualityCheck, out: NDArray[Any]) -> QualityCheck:

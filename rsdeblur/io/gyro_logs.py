@@ -101,7 +101,7 @@ def open_gyro(
     """Read a gyro log with what its file says about it; see `read_gyro`."""
     given: dict[str, Any] = {}
     if orientation is not None:
-        given = {"turn": orientation_matrix(orientation), "axes": "gyroflow", "doubts": ()}
+        given = {"turn": orientation_matrix(orientation), "axes": "gyroflow", "cautions": ()}
     chosen, source, facts = _choose(path, format)
     samples, path = chosen.read(source), source.path
     # Its content is not needed any more, and may be a gigabyte.

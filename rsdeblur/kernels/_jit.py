@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numba
@@ -41,20 +40,3 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         return dispatcher
 
     return compiled
-
-
-# Parts for each thread: some take longer than others.
-PARTS = 4
-
-
-def in_parts(kernel: Callable[..., None], count: int, *arguments: Any) -> None:
-    """Call `kernel(first, stop, *arguments)` for parts of `range(count)`, in as many threads as there are processors.
-
-    Numba's own parallel loops end the process that runs one after a fork, and depending on its threading layer one
-    that runs two at once.
-    """
-    threads = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]  # set while it runs
-    size = -(-count // (PARTS * threads)) or 1
-    with ThreadPoolExecutor(threads) as pool:
-        for part in [pool.submit(kernel, i, min(i + size, count), *arguments) for i in range(0, count, size)]:
-            part.result()

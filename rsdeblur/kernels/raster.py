@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur.kernels._jit import in_parts, njit
+from rsdeblur._util.threads import share_range
+from rsdeblur.kernels._jit import njit
 
 # Two-point Gauss-Legendre nodes on [0, 1].
 GAUSS_LOW = 0.5 - 0.5 / 3.0**0.5
@@ -67,7 +68,9 @@ def _rasterize(first, stop, paths, kernels):
                 kernels[n, i, j] = kernel[i, j] / total
 
 
-def rasterize(paths: NDArray[np.float64], half_height: int, half_width: int) -> NDArray[np.float32]:
+def rasterize(
+    paths: NDArray[np.float64], half_height: int, half_width: int, threads: int | None = None
+) -> NDArray[np.float32]:
     """Render paths into kernels of odd size with the origin at the centre.
 
     Parameters
@@ -76,6 +79,8 @@ def rasterize(paths: NDArray[np.float64], half_height: int, half_width: int) -> 
         Displacements (x, y) in px at T >= 2 evenly spaced times, |x| < `half_width`, |y| < `half_height`.
     half_height, half_width : int
         The kernel is (2 half_height + 1) x (2 half_width + 1).
+    threads : int, optional
+        Threads that share the paths; default all processors. Any number gives the same bits.
 
     Returns
     -------
@@ -83,7 +88,7 @@ def rasterize(paths: NDArray[np.float64], half_height: int, half_width: int) -> 
         Kernels that sum to 1.
     """
     kernels = np.empty((len(paths), 2 * half_height + 1, 2 * half_width + 1), dtype=np.float32)
-    in_parts(_rasterize, len(paths), paths, kernels)
+    share_range(lambda first, stop: _rasterize(first, stop, paths, kernels), len(paths), threads)
     return kernels
 
 

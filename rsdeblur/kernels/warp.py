@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from rsdeblur.kernels._jit import in_parts, njit
+from rsdeblur._util.threads import share_range
+from rsdeblur.kernels._jit import njit
 
 
 @njit(nogil=True, inline="always")
@@ -60,7 +61,9 @@ def _average_warps(first, stop, coefficients, warps, out):
                 out[y, x, c] = value[c] / samples
 
 
-def average_warps(coefficients: NDArray[np.float32], warps: NDArray[np.float64], width: int) -> NDArray[np.float32]:
+def average_warps(
+    coefficients: NDArray[np.float32], warps: NDArray[np.float64], width: int, threads: int | None = None
+) -> NDArray[np.float32]:
     """Return the mean over t of the picture seen through `warps[y, t]`, for every output row y.
 
     Parameters
@@ -71,13 +74,15 @@ def average_warps(coefficients: NDArray[np.float32], warps: NDArray[np.float64],
         Homographies from output pixel (x, y, 1) to picture coordinates, one set per output row.
     width : int
         Width of the output.
+    threads : int, optional
+        Threads that share the rows; default all processors. Any number gives the same bits.
 
     Returns
     -------
     ndarray, shape (H, width, C), float32
     """
     out = np.empty((len(warps), width, coefficients.shape[2]), dtype=np.float32)
-    in_parts(_average_warps, len(out), coefficients, warps, out)
+    share_range(lambda first, stop: _average_warps(first, stop, coefficients, warps, out), len(out), threads)
     return out
 
 

@@ -19,7 +19,7 @@ from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.types import Progress
 from rsdeblur.video.clip import Clip
 from rsdeblur.video.joining import container_of, join
-from rsdeblur.video.plan import Plan
+from rsdeblur.video.plan import ClipPlan
 from rsdeblur.video.segments import Encoding, Segment, encode_segment
 
 SEGMENT = 32
@@ -68,7 +68,7 @@ def deblur_video(
     log: GyroLog,
     camera: Camera,
     exposures: Sequence[Exposure],
-    plan: Plan,
+    plan: ClipPlan,
     reasons: Sequence[str | None],
     output: Path,
     *,
@@ -86,8 +86,8 @@ def deblur_video(
     ----------
     clip, log, camera, exposures
         The video, the motion, the camera and the exposure of each frame.
-    plan, faults
-        See :func:`rsdeblur.video.plan.plan_clip`; frames with a fault are kept as they are.
+    plan, reasons
+        See :func:`rsdeblur.video.plan.plan_clip`; frames with a reason are kept as they are.
     output : Path
         Video to write; its extension chooses the container.
     encoding : Encoding
@@ -156,7 +156,7 @@ def _fingerprint(
     log: GyroLog,
     camera: Camera,
     exposures: Sequence[Exposure],
-    plan: Plan,
+    plan: ClipPlan,
     encoding: Encoding,
     segment: int,
 ) -> str:

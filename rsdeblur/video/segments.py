@@ -5,27 +5,21 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur.errors import InputError, OutputError
-from rsdeblur.image.encoded import EncodedImage, result_like
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.paths import BlurPaths, Capture
-from rsdeblur.motion.rectify import rectify
-from rsdeblur.pipeline.settings import TileSolve
-from rsdeblur.psf import PsfBank
+from rsdeblur.pipeline.plan import Plan
 from rsdeblur.video._av import av
 from rsdeblur.video.clip import Clip, frames
 from rsdeblur.video.pixels import frame_of, values_of
-from rsdeblur.video.plan import Plan, upright_capture
+from rsdeblur.video.plan import ClipPlan
 
 # Encoders for what decoders are called.
 ENCODERS = {
@@ -115,7 +109,7 @@ class Segment:
     exposures: Sequence[Exposure | None]
     log: GyroLog
     camera: Camera
-    plan: Plan
+    plan: ClipPlan
     encoding: Encoding
     output: Path
 
@@ -133,8 +127,9 @@ def encode_segment(segment: Segment) -> dict[str, Any]:
     FileFormatError, OutputError
         If a frame cannot be decoded, or the file not written.
     """
-    clip, plan = segment.clip, segment.plan
+    clip = segment.clip
     shown = zip(frames(clip, segment.first, segment.stop), segment.exposures, strict=True)
+    current: Plan | None = None
     try:
         with atomic_write(segment.output) as file, av.open(file, "w", format=CONTAINER) as container:
             stream = _stream(container, clip, segment.encoding)
@@ -143,8 +138,13 @@ def encode_segment(segment: Segment) -> dict[str, Any]:
                     sharp = frame.reformat(format=segment.encoding.pixels)
                     sharp.pict_type = 0  # the encoder's own choice
                 else:
-                    values = deblur_frame(values_of(frame), segment.log, segment.camera, exposure, plan)
-                    sharp = frame_of(values, frame, segment.encoding.pixels)
+                    if current is None:
+                        current = segment.plan.frame(segment.log, segment.camera, exposure)
+                    else:
+                        current = current.replan(segment.log, exposure)
+                    values = values_of(frame)
+                    sharp = current.apply(values, out=np.empty_like(values)).image
+                    sharp = frame_of(sharp, frame, segment.encoding.pixels)
                 container.mux(stream.encode(sharp))
             container.mux(stream.encode())
     except av.error.FFmpegError as error:
@@ -165,38 +165,3 @@ def _stream(container: Any, clip: Clip, encoding: Encoding) -> Any:
     context.thread_count = 1
     context.color_range, context.colorspace, context.color_primaries, context.color_trc = clip.colours
     return stream
-
-
-def deblur_frame(
-    values: NDArray[np.uint16], log: GyroLog, camera: Camera, exposure: Exposure, plan: Plan
-) -> NDArray[np.uint16]:
-    """Return a frame, RGB of shape (H, W, 3), deblurred as planned."""
-    capture = upright_capture(log, camera, exposure, plan.motion)
-    quarter = camera.horizontal_readout
-    encoded = EncodedImage.of(values, plan.transfer, quarter=quarter)
-    out, upright = result_like(values, np.empty_like(values), quarter=quarter)
-    light = _solved(encoded.linear(slice(None)), capture, plan)
-    if plan.geometry == "rectify":
-        light, _ = rectify(light, capture)
-    encoded.encode(light, slice(0, len(light)), upright)
-    return out
-
-
-def _solved(light: NDArray[np.float32], capture: Capture, plan: Plan) -> NDArray[np.float32]:
-    paths = BlurPaths.from_capture(capture, plan.rows, plan.cols)
-    bank = PsfBank.from_paths(paths)
-    if plan.method.mode == "rowwise" or any(new > most for new, most in zip(bank.size, plan.size, strict=True)):
-        return plan.method.planned(capture, bank, light.shape)(light, _silent)
-    tiles = _tiles(plan, light.shape)
-    tiles.replan(bank)
-    return tiles(light, _silent)
-
-
-@lru_cache(maxsize=1)
-def _tiles(plan: Plan, shape: tuple[int, int, int]) -> TileSolve:
-    """Plan once for all frames that a process gets."""
-    return plan.method.tiles(plan.largest(), shape)
-
-
-def _silent(_: float) -> None:
-    pass

@@ -311,7 +311,14 @@ distortion_coefficients: [-0.05, 0.001, 0.001, -0.002]
 
 
 def photo(path: Path, size: tuple[int, int] = (400, 300), **tags: Any) -> Path:
-    numbers = {"f35": 0xA405, "focal": 0x920A, "resolution": 0xA20E, "unit": 0xA210, "across": 0xA002, "zoom": 0xA404}
+    numbers = {
+        "f35": 0xA405,
+        "focal_length": 0x920A,
+        "resolution": 0xA20E,
+        "unit": 0xA210,
+        "across": 0xA002,
+        "zoom": 0xA404,
+    }
     exif = Image.Exif()
     block = exif.get_ifd(0x8769)
     for name, value in tags.items():
@@ -343,9 +350,9 @@ class TestExif:
         ("tags", "message"),
         [
             ({}, "tells no focal length in px"),
-            ({"focal": 4.2}, "only 4.2 mm"),
-            ({"f35": 0, "focal": 4.2}, "only 4.2 mm"),
-            ({"focal": 135.0, "resolution": 4438.0, "unit": 2}, "was resized since it was taken"),
+            ({"focal_length": 4.2}, "only 4.2 mm"),
+            ({"f35": 0, "focal_length": 4.2}, "only 4.2 mm"),
+            ({"focal_length": 135.0, "resolution": 4438.0, "unit": 2}, "was resized since it was taken"),
         ],
     )
     def test_refusals(self, tmp_path: Path, tags: dict[str, Any], message: str) -> None:

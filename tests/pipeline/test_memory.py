@@ -52,7 +52,7 @@ def planned(monkeypatch):
 
     slabs_planned = chunks.plan_chunks
     monkeypatch.setattr(chunks, "FIXED", 0)
-    monkeypatch.setattr("rsdeblur.pipeline.deblur.plan_slabs", plan)
+    monkeypatch.setattr("rsdeblur.pipeline.plan.plan_chunks", plan)
     return found
 
 
