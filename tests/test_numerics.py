@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from rsdeblur import Camera, Exposure, GyroLog, InputError, deblur
+from rsdeblur.choices import READOUT_DIRECTIONS
 from rsdeblur.deconv.priors import PRIORS
-from rsdeblur.motion.camera import READOUT_DIRECTIONS
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.pipeline.deblur import psfs
 from rsdeblur.pipeline.settings import MODES

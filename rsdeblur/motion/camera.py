@@ -7,7 +7,7 @@ import tomllib
 import warnings
 from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import tomli_w
@@ -16,18 +16,21 @@ from numpy.typing import ArrayLike
 from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.files import read_file
+from rsdeblur.choices import (
+    DISTORTIONS,
+    READOUT_DIRECTIONS,
+    TIMESTAMP_MARKS,
+    Distortion,
+    ReadoutDirection,
+    TimestampMarks,
+)
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.motion import axes, lens
-from rsdeblur.motion.lens import Distortion
 from rsdeblur.types import FloatArray
-
-ReadoutDirection = Literal["top-down", "bottom-up", "left-right", "right-left"]
-READOUT_DIRECTIONS: tuple[ReadoutDirection, ...] = ("top-down", "bottom-up", "left-right", "right-left")
 
 # Moments that the timestamp of a capture may mark, each as a share of the time from the start of the first row's
 # exposure to the end of the last row's. Android marks the start, Gyroflow the middle row's mid-exposure.
-TimestampMarks = Literal["start", "middle", "end"]
-TIMESTAMP_MARKS: dict[TimestampMarks, float] = {"start": 0.0, "middle": 0.5, "end": 1.0}
+TIMESTAMP_SHARES: dict[TimestampMarks, float] = {"start": 0.0, "middle": 0.5, "end": 1.0}
 
 # Former keys of camera files, which are still read.
 FORMER_KEYS = {
@@ -128,7 +131,7 @@ class Camera:
         put("readout_direction", validate.choice("readout_direction", readout_direction, READOUT_DIRECTIONS))
         put("imu_to_camera", _rotation(np.eye(3) if imu_to_camera is None else imu_to_camera))
         put("time_offset", validate.finite("time_offset", time_offset))
-        put("distortion_model", validate.choice("distortion_model", distortion_model, lens.COEFFICIENTS))
+        put("distortion_model", validate.choice("distortion_model", distortion_model, DISTORTIONS))
         put("distortion", _coefficients(self.distortion_model, distortion))
         put("timestamp_marks", validate.choice("timestamp_marks", timestamp_marks, TIMESTAMP_MARKS))
         self._check_distortion()
@@ -174,7 +177,7 @@ class Camera:
         duration : float
             Exposure time of every row in s.
         """
-        return TIMESTAMP_MARKS[self.timestamp_marks] * (self.readout_time * (self.lines - 1) / self.lines + duration)
+        return TIMESTAMP_SHARES[self.timestamp_marks] * (self.readout_time * (self.lines - 1) / self.lines + duration)
 
     def rays(self, points: FloatArray) -> FloatArray:
         """Return the viewing directions of pixels.
@@ -313,7 +316,7 @@ class Camera:
         skipped = self.reading_order(np.array([first, first + size - 1], dtype=np.float64)).min()
         cx, cy = self.principal_point
         # A timestamp of the middle or the end is that of the whole picture.
-        later = TIMESTAMP_MARKS[self.timestamp_marks] * (self.lines - size) - float(skipped)
+        later = TIMESTAMP_SHARES[self.timestamp_marks] * (self.lines - size) - float(skipped)
         return replace(
             self,
             width=width,

@@ -6,13 +6,11 @@ Points are in normalised coordinates, (pixel - principal point) / focal length; 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Literal
 
 import numpy as np
 
+from rsdeblur.choices import Distortion
 from rsdeblur.types import FloatArray
-
-Distortion = Literal["none", "radtan", "fisheye"]
 
 # Numbers of coefficients that each model may have: k1 k2 p1 p2 [k3 [k4 k5 k6]] for "radtan", k1 k2 k3 k4 for "fisheye".
 COEFFICIENTS: dict[Distortion, tuple[int, ...]] = {"none": (0,), "radtan": (4, 5, 8), "fisheye": (4,)}

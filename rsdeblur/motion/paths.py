@@ -27,17 +27,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rsdeblur._util import validate
+from rsdeblur.choices import GEOMETRIES, MOTIONS, Geometry, Motion
 from rsdeblur.errors import InputError
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog, OrientationTrack
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
-
-Motion = Literal["rotation", "small-angle"]
-MOTIONS: tuple[Motion, ...] = ("rotation", "small-angle")
-Geometry = Literal["keep", "rectify"]
-GEOMETRIES: tuple[Geometry, ...] = ("keep", "rectify")
 
 # Time samples per pixel of path. Rasterisation draws segments between them, so they need to follow the curve only.
 SAMPLES_PER_PIXEL = 4

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from rsdeblur.choices import READOUT_DIRECTIONS
 from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
-from rsdeblur.motion.camera import READOUT_DIRECTIONS, Camera
+from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 
 MOUNT = Rotation.from_rotvec([0.4, -2.0, 1.1]).as_matrix()
