@@ -18,7 +18,7 @@ from rich.progress import track
 
 from benchmarks.captures import SimulatedCapture, quality, simulated
 from rsdeblur import deblur
-from rsdeblur.motion.paths import GEOMETRIES, Geometry
+from rsdeblur.choices import GEOMETRIES, Geometry
 
 LADDER = (0.01, 0.03, 0.1, 0.3)
 METHODS: dict[str, dict[str, Any]] = {

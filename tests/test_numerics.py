@@ -21,11 +21,10 @@ from scipy.spatial.transform import Rotation
 
 import rsdeblur
 from rsdeblur import Camera, Exposure, GyroLog, InputError
+from rsdeblur.choices import MODES, READOUT_DIRECTIONS
 from rsdeblur.deconv.priors import PRIORS
-from rsdeblur.motion.camera import READOUT_DIRECTIONS
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.pipeline.deblur import psfs
-from rsdeblur.pipeline.settings import MODES
 
 # The published method's filter unless a test says otherwise: fast, and linear in the picture.
 deblur = partial(rsdeblur.deblur, prior="wiener")

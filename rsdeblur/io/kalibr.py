@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from rsdeblur.choices import Distortion
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request
 from rsdeblur.io.source import Source
 from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.lens import Distortion
 from rsdeblur.types import FloatArray
 
 # Distance of the principal point from the middle that hardly any lens exceeds, as a share of the picture's side.

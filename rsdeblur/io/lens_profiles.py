@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from rsdeblur.choices import Distortion
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request
 from rsdeblur.io.gyroflow import is_project, offset_ms, readout_of
 from rsdeblur.io.source import Source
 from rsdeblur.motion import lens
 from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.lens import Distortion
 
 # Readout times of real sensors, s. Those in the public database range from 0.01 to 100 ms.
 PLAUSIBLE_READOUT = (0.002, 0.050)

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rsdeblur.errors import FileFormatError, InputError, OutputError
-from rsdeblur.motion.camera import READOUT_DIRECTIONS, Camera
+from rsdeblur.choices import READOUT_DIRECTIONS
+from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
+from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 
 MOUNT = Rotation.from_rotvec([0.4, -2.0, 1.1]).as_matrix()
@@ -208,6 +209,12 @@ class TestFile:
         path = tmp_path / "camera.toml"
         path.write_text("width = 64\nheight = 48\nfocal_length = 80\n")
         assert_same(Camera.load(path), Camera(64, 48, 80.0))
+
+    def test_former_keys_are_read_with_a_warning(self, tmp_path):
+        path = tmp_path / "camera.toml"
+        path.write_text("width = 64\nheight = 48\nfocal = 80\n")
+        with pytest.warns(RsdeblurWarning, match="'focal' is now called 'focal_length'; rename it"):
+            assert_same(Camera.load(path), Camera(64, 48, 80.0))
 
     @pytest.mark.parametrize(
         ("text", "message"),

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from rsdeblur.choices import MOTIONS
 from rsdeblur.errors import ClockError, CoverageError, GapError, InputError
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.paths import MOTIONS, BlurPaths, Capture
+from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank, tile_centres
 
 WIDTH, HEIGHT, FOCAL = 96, 64, 110.0
