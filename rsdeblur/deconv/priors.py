@@ -17,12 +17,11 @@ and alternates between w, which is a shrinkage of `grad u`, and u, which is a li
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
-from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from dataclasses import dataclass, replace
+from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.threads import share
@@ -68,15 +67,59 @@ class QuadraticSolver(Protocol):
         """
 
 
-class PreparedQuadraticSolver(QuadraticSolver, Protocol):
-    """A :class:`QuadraticSolver` that is told the observation, whose frame its latent pictures have."""
+class PriorSolver(Protocol):
+    """A planned solver that takes a prior: :class:`rsdeblur.TileQuadratic`, :class:`rsdeblur.RowDeconvolver`."""
 
-    @property
-    def lock(self) -> AbstractContextManager[Any]:
-        """Held by a thread from `prepare` to its last `solve`."""
+    def apply(
+        self,
+        image: ArrayLike,
+        out: FloatImage | None = None,
+        *,
+        prior: GradientPrior,
+        progress: Callable[[float], None] | None = None,
+    ) -> FloatImage:
+        """Deblur a picture of the planned shape, linear light, under `prior`."""
 
-    def prepare(self, image: FloatImage) -> None:
-        """Take the observation g, shape (H, W, C), linear light."""
+
+@dataclass(frozen=True, slots=True)
+class GradientPrior:
+    """The penalty `weight sum |grad u|^p` on the sharp picture u, with its numbers.
+
+    Parameters
+    ----------
+    kind : {"gradient", "tv", "hyper-laplacian"}
+        The power p is 2, 1 or `exponent`.
+    weight : float
+        Weight of the penalty, positive: larger is smoother. :class:`rsdeblur.Tuning` derives one from a picture.
+    exponent : float, default 2/3
+        Exponent of the hyper-Laplacian, in (0, 1].
+    peak : float, optional
+        Value of the picture's bright parts, which the steps of the splitting go by; default :func:`brightness` of the
+        picture that is solved.
+
+    Raises
+    ------
+    InputError
+        If an argument is out of range.
+    """
+
+    kind: Prior
+    weight: float
+    exponent: float = EXPONENT
+    peak: float | None = None
+
+    def __post_init__(self) -> None:
+        validate.choice("prior", self.kind, PRIORS)
+        if self.kind == "wiener":
+            raise InputError('prior "wiener" is a filter, not a prior on the gradient: use rsdeblur.Deconvolver')
+        object.__setattr__(self, "weight", validate.finite("weight", self.weight, above=0.0))
+        object.__setattr__(self, "exponent", check_exponent(self.exponent))
+        if self.peak is not None:
+            object.__setattr__(self, "peak", validate.finite("peak", self.peak))
+
+    def with_peak_of(self, image: FloatImage) -> GradientPrior:
+        """Return this prior with the `peak` of `image`, linear light, unless it has one."""
+        return self if self.peak is not None else replace(self, peak=brightness(image))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,87 +139,88 @@ class Step:
 
 
 def restore(
-    solver: PreparedQuadraticSolver,
-    image: FloatImage,
+    solver: PriorSolver,
+    image: ArrayLike,
     *,
     prior: Prior,
     weight: float,
     exponent: float = EXPONENT,
     peak: float | None = None,
-    threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> FloatImage:
     """Deblur a picture with a prior on its gradient.
 
+    The same as ``solver.apply(image, prior=GradientPrior(prior, weight, exponent, peak))``.
+
     Parameters
     ----------
-    solver : PreparedQuadraticSolver
-        Solves for the picture given a wanted gradient, such as :class:`rsdeblur.deconv.quadratic.TileQuadratic`.
-    image : ndarray, shape (H, W, C), float32
-        Linear light, nominal range [0, 1].
-    prior : {"gradient", "tv", "hyper-laplacian"}
-        The exponent 2, 1 or `exponent`.
-    weight : float
-        Weight of the prior, positive.
-    exponent : float, default 2/3
-        Exponent of the hyper-Laplacian, in (0, 1].
-    peak : float, optional
-        Value of the picture's bright parts; default :func:`brightness`.
-    threads : int, optional
-        Threads that share the shrinking; default all processors.
+    solver : TileQuadratic or RowDeconvolver
+        Planned solver; its threads share the work.
+    image : array_like of the planned shape
+        Linear light, floats, nominal range [0, 1].
+    prior, weight, exponent, peak
+        See :class:`rsdeblur.GradientPrior`.
     progress : callable, optional
-        Called with the finished fraction after each solve. What it raises stops the work.
+        Called with the finished fraction after each solve. An exception that it raises stops the work.
 
     Returns
     -------
-    ndarray, shape (H, W, C), float32
+    ndarray of the planned shape, float32
+        Not clipped.
 
     Raises
     ------
     InputError
-        If an argument is out of range.
+        If an argument is out of range, or `image` has another shape, holds integers or is not finite.
     """
-    with solver.lock:
-        solver.prepare(image)
-        return minimise(
-            solver,
-            prior=prior,
-            weight=weight,
-            exponent=exponent,
-            peak=brightness(image) if peak is None else peak,
-            threads=threads,
-            progress=progress,
-        )
+    return solver.apply(image, prior=GradientPrior(prior, weight, exponent, peak), progress=progress)
 
 
 def brightness(image: FloatImage) -> float:
-    """Return the value of bright parts of a picture: every fourth row and column are enough."""
-    return float(np.percentile(image[::4, ::4], BRIGHTEST))
+    """Return the value of the bright parts of a picture; it looks at every fourth row and column.
+
+    Raises
+    ------
+    InputError
+        If a value there is not finite.
+    """
+    value = float(np.percentile(image[::4, ::4], BRIGHTEST))
+    if not np.isfinite(value):
+        raise InputError("image must be finite")
+    return value
 
 
 def minimise(
     solver: QuadraticSolver,
+    prior: GradientPrior,
     *,
-    prior: Prior,
-    weight: float,
-    exponent: float,
-    peak: float,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> FloatImage:
-    """Return the latent picture of a solver that knows its observation.
+    """Return the latent picture that minimises the data term of `solver` plus `prior`.
 
-    Parameters and errors are those of :func:`restore`; `peak` is the value of bright parts.
+    Parameters
+    ----------
+    solver : QuadraticSolver
+        Solver that holds its observation.
+    prior : GradientPrior
+        The prior; a `peak` of None counts as 1.
+    threads : int, optional
+        Threads that share the shrinking; default all processors. Any number gives the same bits.
+    progress : callable, optional
+        Called with the finished fraction after each solve.
+
+    Returns
+    -------
+    ndarray, shape (H', W', C), float32
+        In the frame of `solver`.
     """
-    validate.choice("prior", prior, PRIORS)
-    if prior == "wiener":
-        raise InputError('prior "wiener" is a filter, not a prior on the gradient: use rsdeblur.Deconvolver')
-    weight = validate.finite("weight", weight, above=0.0)
-    if prior == "gradient":
-        latent = solver.solve(weight, None)
+    if prior.kind == "gradient":
+        latent = solver.solve(prior.weight, None)
     else:
-        power = 1.0 if prior == "tv" else check_exponent(exponent)
-        steps = half_quadratic(solver, weight=weight, exponent=power, peak=peak, threads=threads)
+        exponent = 1.0 if prior.kind == "tv" else prior.exponent
+        peak = 1.0 if prior.peak is None else prior.peak
+        steps = half_quadratic(solver, weight=prior.weight, exponent=exponent, peak=peak, threads=threads)
         for done, step in enumerate(steps, 1):
             if progress is not None:
                 progress(done / len(PENALTIES))
@@ -194,7 +238,7 @@ def half_quadratic(
 ) -> Iterator[Step]:
     """Yield the pictures of the splitting, one for each of `PENALTIES`; stop asking to stop early.
 
-    Parameters are those of :func:`restore`; `solver` is prepared already, and `peak` is the value of bright parts.
+    Parameters are those of :func:`minimise` and, by name, those of :class:`GradientPrior`.
     """
     # Gradients are in proportion to the peak, and so shall be those that vanish.
     penalties = [penalty * max(peak, LEAST_PEAK) ** (exponent - 2.0) for penalty in PENALTIES]

@@ -21,6 +21,7 @@ from rsdeblur._util import validate
 from rsdeblur._util.threads import thread_count
 from rsdeblur.deconv.border import BORDERS, Border
 from rsdeblur.deconv.fft import PLANNINGS, Planning, Real, empty, remember
+from rsdeblur.deconv.priors import GradientPrior, minimise
 from rsdeblur.deconv.rowwise_blur import StripBlur, latent_rows
 from rsdeblur.deconv.rowwise_cg import NormalEquations, conjugate_gradients, is_faster
 from rsdeblur.deconv.rowwise_spectra import ROWS, RowSpectra
@@ -116,22 +117,22 @@ class RowDeconvolver:
         threads = thread_count(threads)
         self._strips = [StripBlur.from_paths(paths, s, self.top, latents, threads) for s in range(len(paths.cols))]
         channels = self.shape[2] if len(self.shape) == 3 else 1
-        self._lanes = RowSpectra(channels, self._tiling.length, planning=planning, threads=threads)
-        self._data, self._latent = self._lanes.empty(height), self._lanes.empty(latents)
-        blocks = range(self._lanes.blocks)
-        self._tables = [[strip.table(b, self._lanes.length) for b in blocks] for strip in self._strips]
+        self._spectra = RowSpectra(channels, self._tiling.length, planning=planning, threads=threads)
+        self._data, self._latent = self._spectra.empty(height), self._spectra.empty(latents)
+        blocks = range(self._spectra.blocks)
+        self._tables = [[strip.table(b, self._spectra.length) for b in blocks] for strip in self._strips]
         if solver == "auto":
             solver = "cg" if any(is_faster(strip.model, channels) for strip in self._strips) else "direct"
         self.solver = solver
         floats = max(strip.workspace_size(solve=self.solver == "direct") for strip in self._strips)
-        self._workspaces: list[Real] = [empty((floats,), np.float32) for _ in range(self._lanes.team.threads)]
+        self._workspaces: list[Real] = [empty((floats,), np.float32) for _ in range(self._spectra.team.threads)]
         if planning == "measure":
             remember()
 
     @property
     def blocks(self) -> int:
         """Blocks of 16 frequencies, each solved by one thread."""
-        return self._lanes.blocks
+        return self._spectra.blocks
 
     @property
     def coverage(self) -> NDArray[np.bool_]:
@@ -157,7 +158,7 @@ class RowDeconvolver:
         image: ArrayLike,
         out: NDArray[np.float32] | None = None,
         *,
-        minimise: Callable[[DataTerm], Real] | None = None,
+        prior: GradientPrior | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> NDArray[np.float32]:
         """Deblur one picture.
@@ -165,15 +166,13 @@ class RowDeconvolver:
         Parameters
         ----------
         image : array_like of the planned shape
-            Linear light; converted to float32.
+            Linear light, floats; converted to float32.
         out : ndarray, float32, optional
             Receives the result; may be `image` itself.
-        minimise : callable, optional
-            Finds the latent picture of each strip in place of the Wiener filter, such as
-            :func:`rsdeblur.deconv.priors.minimise`. It takes the strip's :class:`DataTerm` and returns a picture like
-            the one that `DataTerm.solve` returns.
+        prior : GradientPrior, optional
+            Penalty on the gradient of the sharp picture; without it the result is that of the Wiener filter.
         progress : callable, optional
-            Called with the finished fraction after each strip.
+            Called with the finished fraction after each strip and, with a prior, after each solve.
 
         Returns
         -------
@@ -183,30 +182,37 @@ class RowDeconvolver:
         Raises
         ------
         InputError
-            If `image` or `out` has another shape or type, or `image` is not finite.
+            If `image` or `out` has another shape or type, or `image` is not finite. Integers are no linear light:
+            :func:`rsdeblur.image.transfer.to_linear` converts them.
         """
         picture = validate.picture(image, self.shape)
         out = validate.output(out, self.shape)
         source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))
-        several = len(self._strips) > 1
-        if several:
+        prior = None if prior is None else prior.with_peak_of(picture)
+        strips = len(self._strips)
+        if strips > 1:
             # Strips are added up in `out`, so it cannot be read from any more.
             source = source.copy() if np.shares_memory(source, target) else source
             target[...] = 0
-        with self._lanes.team.lock:
+        with self._spectra.team.lock:
             for s, tile in enumerate(self._tiling.tiles):
-                self._lanes.load(
-                    source, self._data, start=tile.start, taper=self._tiling.taper, periodic=self._periodic
-                )
-                term = DataTerm(self, s)
-                if minimise is None:
+                report = None if progress is None else _part_of(progress, s, strips)
+                term = self._observe(source, s)
+                if prior is None:
                     term.filter()
-                    self._lanes.unload(self._latent, -self.top, target, tile, add=several)
+                    self._spectra.unload(self._latent, -self.top, target, tile, add=strips > 1)
+                    if report is not None:
+                        report(1.0)
                 else:
-                    self._place(validate.picture(minimise(term), term.shape), target, tile, add=several)
-                if progress is not None:
-                    progress((s + 1) / len(self._tiling.tiles))
+                    latent = minimise(term, prior, threads=self._spectra.team.threads, progress=report)
+                    self._place(latent, target, tile, add=strips > 1)
         return out
+
+    def _observe(self, source: Real, strip: int) -> DataTerm:
+        """Transform a strip of the observation (H, W, C) and return its data term."""
+        start, taper = self._tiling.tiles[strip].start, self._tiling.taper
+        self._spectra.load(source, self._data, start=start, taper=taper, periodic=self._periodic)
+        return DataTerm(self, strip)
 
     def _place(self, latent: Real, target: Real, tile: Tile, *, add: bool) -> None:
         """Put, or add, the frame's rows of a strip's latent picture (L, N, C) to `target` where `tile` counts."""
@@ -219,7 +225,7 @@ class RowDeconvolver:
             part = weights * source[rows]
             target[rows, columns] = target[rows, columns] + part if add else part
 
-        self._lanes.team.share(block, range(0, len(target), ROWS))
+        self._spectra.team.share(block, range(0, len(target), ROWS))
 
     def _solve(self, strip: int, ridge: Real, smooth: float, *, scale: float, with_grad_adjoint: bool) -> None:
         """Minimise for all frequencies of `strip`, leaving the result in the latent lanes.
@@ -252,11 +258,11 @@ class RowDeconvolver:
             if expected is not None:
                 latent += expected
 
-        self._lanes.team.share(block, range(self._lanes.blocks))
+        self._spectra.team.share(block, range(self._spectra.blocks))
 
     def _expectation(self, block: int, *, edges: bool) -> Real | None:
         """Return m, or without `edges` the mean alone, in latent lanes of one block; None where hardly any is left."""
-        frequency = (block * LANES + np.arange(LANES)) / self._lanes.length
+        frequency = (block * LANES + np.arange(LANES)) / self._spectra.length
         left = np.exp(-2 * (np.pi * EDGE_ROWS * frequency) ** 2).astype(np.float32)
         if left[0] < LEAST_EXPECTED or (block > 0 and not edges):
             return None
@@ -276,6 +282,11 @@ class RowDeconvolver:
         return expected
 
 
+def _part_of(progress: Callable[[float], None], part: int, parts: int) -> Callable[[float], None]:
+    """Return what reports the progress of one of several equal parts."""
+    return lambda fraction: progress((part + fraction) / parts)
+
+
 def _fading(first: int, length: int) -> Real:
     """Weights (n, 1, 1) from position `first` on: 1 up to 0, from there falling to 0 at `length`."""
     positions = np.arange(first, length, dtype=np.float32)
@@ -283,9 +294,9 @@ def _fading(first: int, length: int) -> Real:
 
 
 class DataTerm:
-    """`|A u - g|^2 + nsr |u - m|^2` for one strip of one picture: priors on the gradient minimise it with their own.
+    """The data term `|A u - g|^2 + nsr |u - m|^2` of one strip of one picture, to which a prior adds its own.
 
-    With a gradient term m is the picture's mean. Valid during the call that hands it out. It is a
+    With a gradient term m is the picture's mean. Valid until the solver's next strip. It is a
     :class:`rsdeblur.deconv.priors.QuadraticSolver`; as rows beyond the frame are its own, no gradient crosses an end.
 
     Attributes
@@ -298,9 +309,9 @@ class DataTerm:
 
     def __init__(self, solver: RowDeconvolver, strip: int) -> None:
         self._solver, self._strip = solver, strip
-        lanes = solver._lanes
-        self.shape = (solver._latent.shape[2], lanes.length, lanes.channels)
-        turns = np.arange(lanes.blocks * LANES).reshape(-1, LANES) / lanes.length
+        spectra = solver._spectra
+        self.shape = (solver._latent.shape[2], spectra.length, spectra.channels)
+        turns = np.arange(spectra.blocks * LANES).reshape(-1, LANES) / spectra.length
         self._wavenumbers = (2 - 2 * np.cos(2 * np.pi * turns)).astype(np.float32)
 
     def solve(self, beta: float, grad_adjoint: Real | None) -> Real:
@@ -310,8 +321,8 @@ class DataTerm:
         ----------
         beta : float
             At least 0.
-        pull : ndarray of the strip's shape, float32, or None
-            `D^T w`; None is zero. It is used up.
+        grad_adjoint : ndarray of the strip's shape, float32, or None
+            `D^T w`; None is zero. Its memory receives the result.
 
         Returns
         -------
@@ -319,14 +330,14 @@ class DataTerm:
             In the memory of `grad_adjoint`, if there is one.
         """
         beta = validate.finite("beta", beta, minimum=0.0)
-        lanes, latent = self._solver._lanes, self._solver._latent
+        spectra, latent = self._solver._spectra, self._solver._latent
         if grad_adjoint is not None:
             if grad_adjoint.shape != self.shape:
-                raise InputError(f"pull must have shape {self.shape}, got {grad_adjoint.shape}")
-            lanes.load(grad_adjoint, latent)
+                raise InputError(f"grad_adjoint must have shape {self.shape}, got {grad_adjoint.shape}")
+            spectra.load(grad_adjoint, latent)
         self._minimise(self._solver.nsr, beta, with_grad_adjoint=grad_adjoint is not None)
         u = np.empty(self.shape, dtype=np.float32) if grad_adjoint is None else grad_adjoint
-        lanes.unload(latent, 0, u, Tile(0, 0, np.ones(lanes.length, dtype=np.float32)))
+        spectra.unload(latent, 0, u, Tile(0, 0, np.ones(spectra.length, dtype=np.float32)))
         return u
 
     def filter(self) -> None:

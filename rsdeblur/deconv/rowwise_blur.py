@@ -123,7 +123,7 @@ class RowBlur:
         threads = thread_count(threads)
         self._strips = [StripBlur.from_paths(paths, s, self.top, latents, threads) for s in range(len(paths.cols))]
         self._weights = hat_weights(paths.cols, width).astype(np.float32)
-        self._lanes = RowSpectra(channels, width, planning="estimate", threads=threads)
+        self._spectra = RowSpectra(channels, width, planning="estimate", threads=threads)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -134,25 +134,25 @@ class RowBlur:
         """Blur the latent picture (L, W, C) or, with one channel, (L, W); return the recorded one, float32."""
         source = self._checked("latent", latent, self.latent_shape)
         out = np.zeros(self.picture_shape, dtype=np.float32)
-        into, lanes = self._lanes.empty(len(source)), self._lanes.empty(len(out))
-        with self._lanes.team.lock:
-            self._lanes.load(source, into)
+        into, lanes = self._spectra.empty(len(source)), self._spectra.empty(len(out))
+        with self._spectra.team.lock:
+            self._spectra.load(source, into)
             for strip, weights in zip(self._strips, self._weights, strict=True):
                 self._run(rowwise.forward, strip, lanes, into)
-                self._lanes.unload(lanes, 0, out, Tile(0, 0, weights), add=True)
+                self._spectra.unload(lanes, 0, out, Tile(0, 0, weights), add=True)
         return out.reshape(len(out), *np.shape(latent)[1:])
 
     def adjoint(self, picture: ArrayLike) -> Real:
         """Spread the recorded picture (H, W, C), or (H, W), over the latent one: the transpose of :meth:`forward`."""
         source = self._checked("picture", picture, self.picture_shape)
         out = np.zeros(self.latent_shape, dtype=np.float32)
-        lanes, into = self._lanes.empty(len(source)), self._lanes.empty(len(out))
+        lanes, into = self._spectra.empty(len(source)), self._spectra.empty(len(out))
         everywhere = Tile(0, 0, np.ones(source.shape[1], dtype=np.float32))
-        with self._lanes.team.lock:
+        with self._spectra.team.lock:
             for strip, weights in zip(self._strips, self._weights, strict=True):
-                self._lanes.load(source * weights[:, None], lanes)
+                self._spectra.load(source * weights[:, None], lanes)
                 self._run(rowwise.adjoint, strip, lanes, into)
-                self._lanes.unload(into, 0, out, everywhere, add=True)
+                self._spectra.unload(into, 0, out, everywhere, add=True)
         return out.reshape(len(out), *np.shape(picture)[1:])
 
     def as_linear_operator(self) -> LinearOperator:
@@ -168,12 +168,12 @@ class RowBlur:
 
     def _run(self, kernel: Callable[..., None], strip: StripBlur, lanes: Real, latent: Real) -> None:
         floats = strip.workspace_size(solve=False)
-        workspaces = [empty((floats,), np.float32) for _ in range(self._lanes.team.threads)]
+        workspaces = [empty((floats,), np.float32) for _ in range(self._spectra.team.threads)]
 
         def block(thread: int, b: int) -> None:
-            kernel(strip.model, strip.table(b, self._lanes.length), lanes[b], latent[b], workspaces[thread])
+            kernel(strip.model, strip.table(b, self._spectra.length), lanes[b], latent[b], workspaces[thread])
 
-        self._lanes.team.share(block, range(self._lanes.blocks))
+        self._spectra.team.share(block, range(self._spectra.blocks))
 
     @staticmethod
     def _checked(name: str, picture: ArrayLike, shape: tuple[int, int, int]) -> Real:

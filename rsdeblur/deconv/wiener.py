@@ -20,6 +20,7 @@ from rsdeblur.deconv.hybrid import Hybrid
 from rsdeblur.deconv.tiling import Tiling
 from rsdeblur.errors import InputError
 from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatImage
 
 # The inverse filter of a straight PSF of K px at NSR Phi rings with a decay length of K / (2 pi sqrt(Phi)): its poles
 # stand that far off the real axis. A tile is longer than its part by 0.2 K / sqrt(Phi), some 1.3 decay lengths, and at
@@ -69,7 +70,7 @@ class TileFilter:
         )
         threads = thread_count(threads)
         self._hybrid = Hybrid(
-            (height, width, self.shape[2] if len(self.shape) == 3 else 1),
+            self._channelled,
             self._bands,
             self._strips,
             border=border,
@@ -86,6 +87,17 @@ class TileFilter:
         self._scale = 1.0 / (self._bands.length * self._strips.length)
         if planning == "measure":
             remember()
+
+    @property
+    def _channelled(self) -> tuple[int, int, int]:
+        """The planned shape as (H, W, C)."""
+        height, width, *channels = self.shape
+        return height, width, channels[0] if channels else 1
+
+    @property
+    def threads(self) -> int:
+        """Number of threads that share the work."""
+        return self._hybrid.team.threads
 
     @property
     def lock(self) -> AbstractContextManager[Any]:
@@ -127,19 +139,27 @@ class TileFilter:
         progress: Callable[[float], None] | None,
     ) -> NDArray[np.float32]:
         """Filter a picture as :meth:`Deconvolver.apply` does, with `filters` (S, B, padded frequencies, L)."""
-        picture = np.ascontiguousarray(image, dtype=np.float32)
-        if picture.shape != self.shape:
-            raise InputError(f"image must have the planned shape {self.shape}, got {picture.shape}")
+        picture = validate.linear_light(image, self.shape)
         out = validate.output(out, self.shape)
+        self._filter(filters, picture.reshape(self._channelled), out.reshape(self._channelled), progress)
+        return out
+
+    def _filter(
+        self,
+        filters: Complex,
+        source: FloatImage,
+        target: FloatImage,
+        progress: Callable[[float], None] | None = None,
+    ) -> None:
+        """Filter `source` into `target`, both (H, W, C), contiguous, possibly the same memory."""
         several = len(self._strips.tiles) > 1
         with self.lock:
             if several:
-                # Strips are added up in `out`, so it cannot be read from any more, nor left half done.
-                if not all(np.isfinite(row).all() for row in picture):
+                # Strips are added up in `target`, so it cannot be read from any more, nor left half done.
+                if not all(np.isfinite(row).all() for row in source):
                     raise InputError("image must be finite")
-                picture = self._aside(picture) if np.shares_memory(picture, out) else picture
-                out[...] = 0
-            source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))
+                source = self._aside(source) if np.shares_memory(source, target) else source
+                target[...] = 0
             for s, strip in enumerate(self._strips.tiles):
                 if not self._hybrid.transform_rows(source, strip):
                     raise InputError("image must be finite")
@@ -147,7 +167,6 @@ class TileFilter:
                 self._hybrid.restore_rows(target, strip, add=several)
                 if progress is not None:
                     progress((s + 1) / len(self._strips.tiles))
-        return out
 
     def _aside(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return a copy of `picture`, made in memory that is kept for the next time."""
@@ -247,7 +266,7 @@ class Deconvolver(TileFilter):
         Parameters
         ----------
         image : array_like of the planned shape
-            Linear light; converted to float32.
+            Linear light, floats; converted to float32.
         out : ndarray, float32, optional
             Receives the result; may be `image` itself.
         progress : callable, optional
@@ -261,7 +280,8 @@ class Deconvolver(TileFilter):
         Raises
         ------
         InputError
-            If `image` or `out` has another shape or type, or `image` is not finite.
+            If `image` or `out` has another shape or type, or `image` is not finite. Integers are no linear light:
+        :func:`rsdeblur.image.transfer.to_linear` converts them.
         """
         return self._apply(self._filters, image, out, progress)
 

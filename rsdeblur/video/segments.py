@@ -20,7 +20,7 @@ from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.motion.rectify import rectify
-from rsdeblur.pipeline.settings import TileSolve
+from rsdeblur.pipeline.settings import TileSolver
 from rsdeblur.psf import PsfBank
 from rsdeblur.video._av import av
 from rsdeblur.video.clip import Clip, frames
@@ -193,7 +193,7 @@ def _solved(light: NDArray[np.float32], capture: Capture, plan: Plan) -> NDArray
 
 
 @lru_cache(maxsize=1)
-def _tiles(plan: Plan, shape: tuple[int, int, int]) -> TileSolve:
+def _tiles(plan: Plan, shape: tuple[int, int, int]) -> TileSolver:
     """Plan once for all frames that a process gets."""
     return plan.method.tiles(plan.largest(), shape)
 
