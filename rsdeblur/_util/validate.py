@@ -80,9 +80,10 @@ def real_array(
 
 
 def linear_light(image: ArrayLike, shape: tuple[int, ...] | None = None) -> NDArray[np.float32]:
-    """Return `image` as C-contiguous float32 of the planned `shape`; a copy only if it must be.
+    """Return `image` as C-contiguous float32 of the planned `shape`, by default any (H, W) or (H, W, C).
 
-    Integers are refused: they are encoded values, and would count as light of up to 255 or 65535.
+    It is copied only if it must be. Integers are refused: they are encoded values, and would count as light of up to
+    255 or 65535.
     """
     try:
         array = np.asarray(image)
@@ -97,13 +98,15 @@ def linear_light(image: ArrayLike, shape: tuple[int, ...] | None = None) -> NDAr
         )
     if kind != "f":
         raise InputError(f"image must be linear light as floats, got {array.dtype}")
+    if shape is None and (array.ndim not in (2, 3) or array.size == 0):
+        raise InputError(f"image must have shape (H, W) or (H, W, C), got {array.shape}")
     if shape is not None and array.shape != shape:
         raise InputError(f"image must have the planned shape {shape}, got {array.shape}")
     return np.ascontiguousarray(array, dtype=np.float32)
 
 
-def picture(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Return `image`, linear light, as finite, C-contiguous float32 of the planned `shape`."""
+def picture(image: ArrayLike, shape: tuple[int, ...] | None = None) -> NDArray[np.float32]:
+    """Return what :func:`linear_light` does if it is finite."""
     array = linear_light(image, shape)
     if not np.isfinite(array).all():
         raise InputError("image must be finite")
