@@ -16,7 +16,7 @@ from rsdeblur.kernels.responses import responses
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage
 
-# What a tile is longer than its part, in PSFs.
+# Margin of a tile: by how much it is longer than the part that it contributes, in PSF sizes.
 MARGIN = 3.0
 
 

@@ -34,8 +34,8 @@ from rsdeblur.motion.paths import BlurPaths
 
 Solver = Literal["auto", "direct", "cg"]
 SOLVERS: tuple[Solver, ...] = ("auto", "direct", "cg")
-# What a strip is longer than its part, at most, in PSFs: the tiny `nsr` of gradient priors would ask for a hundred.
-MOST_GAP = 3.0
+# Largest margin of a strip, in PSF widths: the tiny `nsr` of gradient priors would ask for a hundred.
+MOST_MARGIN = 3.0
 # What is expected beyond top and bottom: the average of this many rows, smoothed along x as much (standard deviation).
 EDGE_ROWS = 4
 # It fades away within the frame over this many rows more than paths reach beyond it.
@@ -111,9 +111,9 @@ class RowDeconvolver:
         if 2 * reach + 1 > width:
             raise InputError(f"the paths reach {reach} px sideways, more than the picture of {width} px can hold")
         kernel = 2 * reach + 1
-        gap = int(np.ceil(min(max(LEAST_MARGIN, DECAY_MARGIN / self.nsr**0.5), MOST_GAP) * kernel))
+        margin = int(np.ceil(min(max(LEAST_MARGIN, DECAY_MARGIN / self.nsr**0.5), MOST_MARGIN) * kernel))
         self._periodic = border == "periodic"
-        self._tiling = Tiling.plan(paths.cols, width, kernel, gap, periodic=self._periodic)
+        self._tiling = Tiling.plan(paths.cols, width, kernel, margin, periodic=self._periodic)
         threads = thread_count(threads)
         self._strips = [StripBlur.from_paths(paths, s, self.top, latents, threads) for s in range(len(paths.cols))]
         channels = self.shape[2] if len(self.shape) == 3 else 1

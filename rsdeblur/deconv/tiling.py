@@ -69,9 +69,9 @@ class Tiling:
         n : int
             Length of the axis, px.
         kernel : int
-            Size of the PSFs along the axis, px: what a tile of the whole axis is longer than that.
-        gap : int
-            What any other tile is longer than the part it contributes to, px.
+            Size of the PSFs along the axis, px. A tile of the whole axis is longer than the axis by that.
+        margin : int
+            By how much any other tile is longer than the part that it contributes, px.
         periodic : bool
             Whether the picture repeats; a single tile then has exactly its length.
 

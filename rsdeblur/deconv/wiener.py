@@ -22,9 +22,10 @@ from rsdeblur.errors import InputError
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage
 
-# The inverse filter of a straight PSF of K px at NSR Phi rings with a decay length of K / (2 pi sqrt(Phi)): its poles
-# stand that far off the real axis. A tile is longer than its part by 0.2 K / sqrt(Phi), some 1.3 decay lengths, and at
-# least by 1.5 PSFs; all of that is a fade between its two ends. The price of less is in docs/developer/decisions.md.
+# Margins of tiles, in PSF sizes: by how much a tile is longer than the part that it contributes. The margin is a fade
+# between the two ends of the tile. The inverse filter of a straight PSF of K px at NSR Phi rings with a decay length of
+# K / (2 pi sqrt(Phi)), so a margin of 0.2 K / sqrt(Phi) is some 1.3 decay lengths. docs/developer/decisions.md has
+# what smaller margins cost.
 DECAY_MARGIN = 0.2
 LEAST_MARGIN = 1.5
 
@@ -38,8 +39,8 @@ class TileFilter:
         B x S kernels.
     shape : (H, W) or (H, W, C)
         Shape of the pictures to come.
-    gap : float
-        What a tile is longer than its part, in PSFs.
+    margin : float
+        Margin of a tile: by how much it is longer than the part that it contributes, in PSF sizes.
     border, planning, threads
         See :class:`Deconvolver`.
 
@@ -182,7 +183,7 @@ class TileFilter:
         return filters
 
     def _fill_otfs(self, bank: PsfBank, out: Complex) -> None:
-        """Fill `out` with the transfer functions of all tiles."""
+        """Fill `out` with the OTFs of all tiles."""
 
         def plan(thread: int, s: int, b: int) -> None:
             self._planners[thread].plan(bank.kernels[b, s], out[s, b, : self._hybrid.frequencies])
@@ -326,7 +327,7 @@ class TileBlur(TileFilter):
 
 
 def _wiener(otf: Complex, nsr: np.float32, scale: np.float32) -> None:
-    """Turn a transfer function into its Wiener filter, in place."""
+    """Turn an OTF into its Wiener filter, in place."""
     gain = np.square(otf.real)
     gain += np.square(otf.imag)
     gain += nsr
@@ -336,14 +337,14 @@ def _wiener(otf: Complex, nsr: np.float32, scale: np.float32) -> None:
 
 
 class _OtfPlanner:
-    """Turns kernels into transfer functions of columns."""
+    """Transforms kernels into OTFs, column by column."""
 
     def __init__(self, kernel_height: int, slab_length: int, row_length: int) -> None:
         self._rows = RowTransform((kernel_height, row_length))
         self._columns = LineTransform((row_length // 2 + 1, slab_length))
 
     def plan(self, kernel: NDArray[np.float32], out: Complex) -> None:
-        """Fill `out` (K, L) with the transfer function of `kernel`."""
+        """Fill `out` (K, L) with the OTF of `kernel`."""
         # The kernel's centre goes to the origin, what precedes it to the end.
         down, across = (
             (np.arange(n) - n // 2) % length

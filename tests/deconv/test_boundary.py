@@ -16,7 +16,7 @@ H, W = 60, 85
 
 
 @pytest.fixture
-def linear():
+def light():
     return np.random.default_rng(0).random((H, W, 3), dtype=np.float32)
 
 
