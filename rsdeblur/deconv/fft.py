@@ -45,7 +45,7 @@ SHORT_OF_16_COST = 0.25
 
 
 def fast_length(minimum: int, *, excess: float) -> int:
-    """Return the even length that FFTW transforms fastest, from `minimum` to longer than that by the share `excess`."""
+    """Return the even length from `minimum` to about `minimum * (1 + excess)` that FFTW transforms fastest."""
     lengths = range(minimum + minimum % 2, max(int(minimum * (1 + excess)), minimum + 2) + 1, 2)
     return min(lengths, key=_cost)
 

@@ -1,4 +1,4 @@
-"""What priors on the gradient come down to, solved tile by tile in the hybrid domain."""
+"""The quadratic problem behind priors on the gradient, solved tile by tile in the hybrid domain."""
 
 from __future__ import annotations
 
@@ -21,21 +21,23 @@ MARGIN = 3.0
 
 
 class TileQuadratic(TileFilter):
-    """The quadratic problem for a bank of PSFs, solved by two passes of filters.
+    """Deconvolution with a bank of PSFs and a prior on the gradient, planned once and applied often.
+
+    As a :class:`rsdeblur.deconv.priors.QuadraticSolver` it solves, by two passes of filters,
 
         U = ((1 + nsr) conj(H) G + beta V) / (|H|^2 + nsr + beta |D|^2)
 
-    V is the pull. The factor 1 + nsr does what it does in :class:`rsdeblur.Deconvolver`. It is a
-    :class:`rsdeblur.deconv.priors.QuadraticSolver`.
+    for the observation G and V = D^T w. The factor 1 + nsr has the purpose that it has in
+    :class:`rsdeblur.Deconvolver`.
 
     Parameters
     ----------
     bank, border, planning, threads
         See :class:`rsdeblur.Deconvolver`.
     shape : (H, W) or (H, W, C)
-        Shape of the pictures to come.
+        Shape of the pictures.
     nsr : float, default 0.001
-        Share of the signal's power that the model gets wrong, such as at the borders; not negative.
+        Share of the signal's power that the model of the blur gets wrong, as at the borders; not negative.
 
     Raises
     ------
@@ -115,7 +117,7 @@ class TileQuadratic(TileFilter):
         return out
 
     def prepare(self, image: ArrayLike) -> None:
-        """Take the observation, of the planned shape, linear light."""
+        """Set the observation: linear light of the planned shape."""
         self._observation = validate.linear_light(image, self.shape).reshape(self._channelled)
 
     def solve(self, beta: float, grad_adjoint: FloatImage | None = None) -> FloatImage:

@@ -1,6 +1,6 @@
-"""Filters of tiles, global and banded, in the hybrid domain; the Wiener filter.
+"""Filters of tiles in the hybrid domain: the Wiener filter, and the blur itself.
 
-`global` is the case of one band and one strip, not another code path.
+Global mode is one band and one strip; it has no code of its own.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ LEAST_MARGIN = 1.5
 
 
 class TileFilter:
-    """The tiles of a bank on pictures of one shape, and what applies a filter of each to a picture.
+    """Base of all solvers of tiles: applies one filter per tile to pictures of one shape.
 
     Parameters
     ----------
     bank : PsfBank
         B x S kernels.
     shape : (H, W) or (H, W, C)
-        Shape of the pictures to come.
+        Shape of the pictures.
     margin : float
         Margin of a tile: by how much it is longer than the part that it contributes, in PSF sizes.
     border, planning, threads
@@ -84,7 +84,7 @@ class TileFilter:
         ]
         self._centres, self._kernel_size = (bank.rows, bank.cols), bank.size
         self._copy: NDArray[np.float32] | None = None
-        # The inverse transforms are not scaled; every filter takes this factor in.
+        # The inverse transforms are not scaled, so every filter contains this factor.
         self._scale = 1.0 / (self._bands.length * self._strips.length)
         if planning == "measure":
             remember()
@@ -102,11 +102,11 @@ class TileFilter:
 
     @property
     def lock(self) -> AbstractContextManager[Any]:
-        """What a thread holds while its picture is worked on; the same one may take it again."""
+        """Re-entrant lock. A thread holds it while it works on a picture."""
         return self._hybrid.team.lock
 
     def replan(self, bank: PsfBank) -> None:
-        """Undo other PSFs from now on, such as those of a video's next frame; plans and buffers stay.
+        """Use other PSFs from now on, such as those of the next frame of a video; FFTW plans and buffers are kept.
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class TileFilter:
         Raises
         ------
         InputError
-            If the kernels stand elsewhere or are larger.
+            If the kernels hold at other places or are larger.
         """
         places = all(map(np.array_equal, (bank.rows, bank.cols), self._centres))
         if not places or any(new > planned for new, planned in zip(bank.size, self._kernel_size, strict=True)):
@@ -129,7 +129,7 @@ class TileFilter:
             self._take(bank)
 
     def _take(self, bank: PsfBank) -> None:
-        """Make the filters, or what they are made of, for `bank`."""
+        """Compute the filters for `bank`, or the OTFs that they are computed from."""
         raise NotImplementedError
 
     def _apply(
@@ -156,7 +156,8 @@ class TileFilter:
         several = len(self._strips.tiles) > 1
         with self.lock:
             if several:
-                # Strips are added up in `target`, so it cannot be read from any more, nor left half done.
+                # Strips are added up in `target`, which may be `source`: check all values before it is overwritten, and
+                # work on a copy.
                 if not all(np.isfinite(row).all() for row in source):
                     raise InputError("image must be finite")
                 source = self._aside(source) if np.shares_memory(source, target) else source
@@ -170,14 +171,14 @@ class TileFilter:
                     progress((s + 1) / len(self._strips.tiles))
 
     def _aside(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return a copy of `picture`, made in memory that is kept for the next time."""
+        """Return a copy of `picture` in memory that is kept for the next call."""
         if self._copy is None:
             self._copy = np.empty_like(picture)
         np.copyto(self._copy, picture)
         return self._copy
 
     def _new_filters(self) -> Complex:
-        """Return zeros for a filter of each tile, shape (S, B, padded frequencies, L)."""
+        """Return zeros for one filter per tile, shape (S, B, padded frequencies, L)."""
         tiles = (len(self._strips.tiles), len(self._bands.tiles))
         filters: Complex = np.zeros((*tiles, self._hybrid.padded_frequencies, self._bands.length), np.complex64)
         return filters
@@ -203,31 +204,31 @@ class Deconvolver(TileFilter):
 
         U = (1 + nsr) conj(H) / (|H|^2 + nsr) G
 
-    which is eq. 7 of Sindelar and Sroubek (2013) times (1 + nsr): a constant picture keeps its brightness and no
-    motion is the identity at any `nsr`.
+    which is eq. 7 of Sindelar and Sroubek (2013) times (1 + nsr). With this factor a constant picture keeps its
+    brightness, and no motion is the identity, at any `nsr`.
 
     Parameters
     ----------
     bank : PsfBank
         B x S kernels; 1 x 1 is the global mode.
     shape : (H, W) or (H, W, C)
-        Shape of the pictures to come.
+        Shape of the pictures.
     nsr : float, default 0.01
         Noise-to-signal power ratio Phi, positive.
     border : {"blend", "periodic"}
-        "blend" continues the picture and fades opposite borders into each other over the PSF's size; "periodic" takes
-        the picture as repeating.
+        "blend" continues the picture and fades opposite borders into each other over the PSF's size; "periodic" assumes
+        that the picture repeats.
     planning : {"estimate", "measure"}
-        How FFTW plans: at once, or by trying out (up to a second per plan, for solvers that are applied often). What
-        was measured once is kept in the user's cache folder and used by both.
+        How FFTW plans: at once, or by trials of up to a second per plan, which pays for solvers that are applied often.
+        Measured plans are kept in the user's cache folder, and both kinds of planning use them.
     threads : int, optional
         Threads that share the work; default all processors. Any number gives the same bits.
 
     Raises
     ------
     InputError
-        If a kernel is larger than the picture, two kernels stand less than a pixel apart or outside the picture, or an
-        argument is out of range.
+        If a kernel is larger than the picture, two kernels are less than a pixel apart, one lies outside the picture,
+        or an argument is out of range.
     """
 
     def __init__(
@@ -288,10 +289,10 @@ class Deconvolver(TileFilter):
 
 
 class TileBlur(TileFilter):
-    """The blur of a bank of PSFs, each pixel's interpolated between tiles, and its adjoint.
+    """The blur of a bank of PSFs, interpolated between tiles, and its adjoint.
 
-    The adjoint weighs tiles where light arrives, not where it comes from: it is exact for one tile, and for others as
-    good as PSFs are alike over their own size.
+    The adjoint blends tiles by where light arrives, not by where it comes from. It is exact for one tile; for several
+    it is as accurate as the PSF is constant over its own size.
 
     Parameters
     ----------
@@ -318,11 +319,11 @@ class TileBlur(TileFilter):
         self._conjugates = self._filters.conj()
 
     def forward(self, latent: ArrayLike) -> NDArray[np.float32]:
-        """Blur a picture of the planned shape."""
+        """Return a picture of the planned shape blurred."""
         return self._apply(self._filters, latent, None, None)
 
     def adjoint(self, picture: ArrayLike) -> NDArray[np.float32]:
-        """Spread a picture of the planned shape back along the paths."""
+        """Return a picture of the planned shape with its light sent back along the paths."""
         return self._apply(self._conjugates, picture, None, None)
 
 
@@ -345,7 +346,7 @@ class _OtfPlanner:
 
     def plan(self, kernel: NDArray[np.float32], out: Complex) -> None:
         """Fill `out` (K, L) with the OTF of `kernel`."""
-        # The kernel's centre goes to the origin, what precedes it to the end.
+        # The kernel's centre goes to the origin; the rows and columns before it wrap around to the end.
         down, across = (
             (np.arange(n) - n // 2) % length
             for n, length in zip(kernel.shape, (self._columns.data.shape[1], self._rows.real.shape[1]), strict=True)
