@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal
 
 from rsdeblur.deconv.border import Border, Boundary
 from rsdeblur.deconv.boundary import extended, extended_shape
 from rsdeblur.deconv.fft import Planning
-from rsdeblur.deconv.priors import Prior, QuadraticSolver, minimise, restore
+from rsdeblur.deconv.priors import GradientPrior, Prior
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.deconv.rowwise import RowDeconvolver, Solver
-from rsdeblur.deconv.wiener import Deconvolver
+from rsdeblur.deconv.wiener import Deconvolver, TileFilter
 from rsdeblur.errors import InputError
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank
@@ -53,6 +54,10 @@ class SolverSettings:
     def _engine(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in ("nsr", "border", "planning", "threads")}
 
+    @property
+    def _gradient_prior(self) -> GradientPrior | None:
+        return None if self.weight is None else GradientPrior(self.prior, self.weight, self.exponent, self.peak)
+
     def planned(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:
         """Plan what turns a blurred picture and a report of progress into the sharp picture.
 
@@ -73,12 +78,15 @@ class SolverSettings:
             return self._rowwise(capture, bank, shape, first)
         return self.tiles(bank, shape)
 
-    def tiles(self, bank: PsfBank, shape: tuple[int, int, int]) -> TileSolve:
+    def tiles(self, bank: PsfBank, shape: tuple[int, int, int]) -> TileSolver:
         """Plan the same for a mode of tiles, so that it can be re-planned."""
         if self.mode == "rowwise":
             raise InputError('mode="rowwise" has no tiles')
-        kind = Deconvolver if self.weight is None else TileQuadratic
-        return TileSolve(self, kind(bank, shape, **self._engine))
+        if self._gradient_prior is None:
+            wiener = Deconvolver(bank, shape, **self._engine)
+            return TileSolver(wiener, wiener.apply)
+        quadratic = TileQuadratic(bank, shape, **self._engine)
+        return TileSolver(quadratic, partial(quadratic.apply, prior=self._gradient_prior))
 
     def _extended(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], boundary: Boundary) -> Solve:
         height, width, _ = shape
@@ -88,36 +96,15 @@ class SolverSettings:
     def _rowwise(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:
         paths = BlurPaths.every_row(capture, bank.cols, within=slice(first, first + shape[0]))
         rows = RowDeconvolver(replace(paths, rows=paths.rows - first), shape, solver=self.solver, **self._engine)
-        if self.weight is None:
-            return lambda light, report_progress: rows.apply(light, progress=report_progress)
-        weight, strips = self.weight, len(bank.cols)
-
-        def solve(light: FloatImage, report_progress: StageProgress) -> FloatImage:
-            done = iter(range(strips))
-
-            def with_prior(term: QuadraticSolver) -> FloatImage:
-                strip = next(done)
-                return minimise(
-                    term,
-                    prior=self.prior,
-                    weight=weight,
-                    exponent=self.exponent,
-                    peak=self.peak,
-                    threads=self.threads,
-                    progress=lambda fraction: report_progress((strip + fraction) / strips),
-                )
-
-            return rows.apply(light, minimise=with_prior)
-
-        return solve
+        return lambda light, report_progress: rows.apply(light, prior=self._gradient_prior, progress=report_progress)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TileSolve:
+class TileSolver:
     """Tiles planned for pictures of one shape, which take other PSFs at the same places without new plans."""
 
-    method: SolverSettings
-    filters: Deconvolver | TileQuadratic
+    filters: TileFilter
+    apply: Callable[..., FloatImage]
 
     def replan(self, bank: PsfBank) -> None:
         """Undo other PSFs from now on; see :meth:`rsdeblur.Deconvolver.replan`."""
@@ -125,16 +112,4 @@ class TileSolve:
 
     def __call__(self, light: FloatImage, report_progress: StageProgress) -> FloatImage:
         """Turn a blurred picture into the sharp one."""
-        if isinstance(self.filters, Deconvolver):
-            return self.filters.apply(light, progress=report_progress)
-        assert self.method.weight is not None
-        return restore(
-            self.filters,
-            light,
-            prior=self.method.prior,
-            weight=self.method.weight,
-            exponent=self.method.exponent,
-            peak=self.method.peak,
-            threads=self.method.threads,
-            progress=report_progress,
-        )
+        return self.apply(light, progress=report_progress)

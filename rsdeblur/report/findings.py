@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rsdeblur.image.highlights import at_full_scale
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -20,8 +21,6 @@ FEW_SAMPLES = 4
 SLOW_RATE = 50.0  # Hz
 # Share of clipped pixels above which the result visibly suffers.
 MUCH_CLIPPED = 1e-3
-# White of float pictures, whose type has no largest value.
-FLOAT_WHITE = 1.0
 # A gyro is at its limit where its largest magnitude occurs this often in a row and exceeds this rate (rad/s); a sensor
 # of coarse resolution repeats small rates.
 STUCK, FAST = 3, 4.0
@@ -142,8 +141,7 @@ def _gyro_range(log: GyroLog, t: NDArray[np.float64], opens: float, closes: floa
 
 def _saturation(pixels: NDArray[Any]) -> Finding:
     colours = pixels if pixels.ndim == 2 else pixels[..., : 3 if pixels.shape[2] >= 3 else 1]
-    white = np.iinfo(pixels.dtype).max if pixels.dtype.kind == "u" else FLOAT_WHITE
-    clipped = colours >= white
+    clipped = at_full_scale(colours)
     share = float(np.mean(clipped if clipped.ndim == 2 else clipped.any(axis=2)))
     text = f"{share:.2%} of the pixels are clipped at white."
     if share > MUCH_CLIPPED:

@@ -10,7 +10,14 @@ from rsdeblur import Camera, Exposure, GyroLog, InputError, PsfBank, Simulation,
 from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.image import highlights as saturation
 from rsdeblur.image.encoded import EncodedImage
-from rsdeblur.image.highlights import HighlightSplit, Patch, clipped, find_spots, separate_highlights
+from rsdeblur.image.highlights import (
+    HighlightSplit,
+    Patch,
+    at_full_scale,
+    clipped,
+    find_spots,
+    separate_highlights,
+)
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 
@@ -95,9 +102,11 @@ def test_clipped_is_full_scale_and_what_touches_it() -> None:
     as_float = values.astype(np.float32) / np.float32(255)
     np.testing.assert_array_equal(clipped(as_float), found)
     np.testing.assert_array_equal(clipped(values.astype(np.uint16) * 257), found)
-    # A float picture that holds more than 1 was not clipped there.
+    assert np.argwhere(at_full_scale(values)).tolist() == [[1, 1, 0]]
+    # A float picture that exceeds 1 was not clipped there.
     as_float[0, 0] = 1.5
     assert not clipped(as_float).any()
+    assert not at_full_scale(as_float).any()
 
 
 def test_a_picture_clipped_everywhere_is_left_alone() -> None:
