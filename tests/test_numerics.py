@@ -21,8 +21,7 @@ from scipy.spatial.transform import Rotation
 
 import rsdeblur
 from rsdeblur import Camera, Exposure, GyroLog, InputError
-from rsdeblur.choices import MODES, READOUT_DIRECTIONS
-from rsdeblur.deconv.priors import PRIORS
+from rsdeblur.choices import MODES, PRIORS, READOUT_DIRECTIONS
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.pipeline.deblur import psfs
 

@@ -13,9 +13,9 @@ from scipy.signal import fftconvolve
 from benchmarks.captures import DATA, NOISE, SimulatedCapture, quality
 from benchmarks.paper.figure import Figure, lines
 from rsdeblur import Camera, Exposure, GyroLog, deblur, psfs, read_gyro, simulate
+from rsdeblur.choices import MODES, Mode
 from rsdeblur.image.transfer import to_linear
 from rsdeblur.io import read_picture
-from rsdeblur.pipeline.settings import MODES, Mode
 
 LEVELS = (0.0, 0.007, 0.02, 0.035, 0.05, 0.065, 0.08, 0.1)
 REPETITIONS = 10

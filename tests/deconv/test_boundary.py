@@ -7,7 +7,7 @@ import pytest
 from skimage.metrics import peak_signal_noise_ratio
 
 from rsdeblur import Camera, Deconvolver, Exposure, InputError, PsfBank, deblur, simulate
-from rsdeblur.deconv.border import BOUNDARIES
+from rsdeblur.choices import BOUNDARIES
 from rsdeblur.deconv.boundary import extended, extended_shape, reflected, smooth, tapered
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
