@@ -17,6 +17,7 @@ from rich.console import Console
 from rich.progress import track
 
 from benchmarks.captures import SimulatedCapture, quality, simulated
+from benchmarks.tables import markdown
 from rsdeblur import deblur
 from rsdeblur.motion.paths import GEOMETRIES, Geometry
 
@@ -66,8 +67,11 @@ def run(captures: Sequence[SimulatedCapture]) -> dict[str, Any]:
             f"NSR chosen for the noise: {nsr} (banded auto x auto, PSNR in dB):",
             "| NSR | " + " | ".join(names) + " |\n|---|" + "---|" * len(names) + "\n" + rows,
             *tables,
-            "Gain over the blurred picture in dB at the best NSR of the ladder for each capture: "
-            + ", ".join(f"{name}: {gain:+.2f} (NSR {at})" for name, (gain, at) in worst.items()),
+            "Gain over the blurred picture at the best NSR of the ladder for each capture:",
+            markdown(
+                ("capture", "gain, dB", "at NSR"),
+                [(name, f"{gain:+.2f}", str(at)) for name, (gain, at) in worst.items()],
+            ),
         ]
     )
     return report
