@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from rsdeblur import RsdeblurWarning
+from rsdeblur.choices import PLANNINGS
 from rsdeblur.deconv import fft
 
 
@@ -21,7 +22,7 @@ def cache_dir(tmp_path, monkeypatch):
     return tmp_path / "rsdeblur"
 
 
-@pytest.mark.parametrize("planning", fft.PLANNINGS)
+@pytest.mark.parametrize("planning", PLANNINGS)
 def test_rows_are_numpys_transform_and_come_back(planning):
     rng = np.random.default_rng(0)
     rows = fft.RowTransform((2, 3, 30), planning)
