@@ -29,8 +29,9 @@ from rsdeblur.types import FloatArray
 
 Verdict = Literal["good", "doubtful", "bad"]
 
-# Bounds of "doubtful" and "bad": lead of the motion over the best alternative, nats per tile, and light below black as a
-# share of the picture's contrast. docs/developer/reliability.md says how they were chosen and how often they are right.
+# Bounds of "doubtful" and "bad": lead of the motion over the best alternative, nats per tile, and light below black as
+# a share of the picture's contrast. docs/developer/reliability.md says how they were chosen and how often they are
+# right.
 DOUBTFUL_LEAD, BAD_LEAD = -1.5, -4.0
 DOUBTFUL_RINGING, BAD_RINGING = 0.045, 0.09
 # Lead over every alternative, nats per tile, from which twice the ringing is allowed: such motion is right, and hard
@@ -59,8 +60,8 @@ NOISES = np.ones(1, dtype=np.float32)
 # Distance of the rows that are measured for light below black, in pictures of at least 64 such rows.
 ROW_STEP = 8
 
-# Alternatives that do not make a result bad. They mean that the motion is too small: too little blur is removed, but that
-# does little harm.
+# Alternatives that do not make a result bad. If one wins, the motion is too small: too little blur is removed, which does
+# little harm.
 LARGER = tuple(f"{size:g} times" for size in SIZES if size > 1)
 
 HINTS = {
