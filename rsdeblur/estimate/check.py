@@ -60,8 +60,8 @@ NOISES = np.ones(1, dtype=np.float32)
 # Distance of the rows that are measured for light below black, in pictures of at least 64 such rows.
 ROW_STEP = 8
 
-# Alternatives that do not make a result bad. If one wins, the motion is too small: too little blur is removed, which does
-# little harm.
+# Alternatives that do not make a result bad. If one wins, the motion is too small: too little blur is removed, which
+# does little harm.
 LARGER = tuple(f"{size:g} times" for size in SIZES if size > 1)
 
 HINTS = {
