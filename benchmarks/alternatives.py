@@ -1,11 +1,11 @@
-"""Everything that the speed benchmark times, behind one interface.
+"""The alternatives that the speed benchmark times, behind one interface.
 
-An alternative is built for a :class:`benchmarks.cases.Case` and a number of threads; building makes its plans and,
+An alternative is built for a :class:`benchmarks.cases.Case` and a number of threads. Building makes its plans and,
 where its library can, its filters. It takes the blurred picture (H, W, 3) float32 and returns a deblurred one of that
-shape. Alternatives import their library when they are built; a missing one is an ImportError.
+shape. Alternatives import their library when they are built; a missing library raises ImportError.
 
-The alternatives treat the picture as repeating. That is less work than continuing it beyond its border, and makes their
-result comparable with ours for ``border="periodic"`` to the last pixel.
+The alternatives assume that the picture repeats. That is less work than continuing it beyond its border, and makes
+their results comparable with ours for ``border="periodic"`` in every pixel.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from benchmarks.timing import Job
 from rsdeblur import Deconvolver, PsfBank
 from rsdeblur.pipeline.deblur import psfs
 
-# Read when MKL is loaded. Its threads would otherwise stay busy for 0.2 s after each call, on the cores that the next
-# alternative needs. MKL's own times are the same either way.
+# MKL reads this when it is loaded. Otherwise its threads stay busy for 0.2 s after each call, on the cores that the
+# next alternative needs. MKL's own times are the same with both settings.
 os.environ.setdefault("KMP_BLOCKTIME", "0")
 
 # Single precision rounds at 6e-8; the filter amplifies up to 1 / (2 sqrt(NSR)) = 5 times. Measured: below 1e-6.
 SAME = 1e-5
-# A border treated otherwise shows far inside, as the filter rings: measured 3e-4 (2048x1536) to 9e-3 (512x384) rms.
+# A different border shows far inside, because the filter rings: measured 3e-4 (2048x1536) to 9e-3 (512x384) rms.
 RINGING = 0.02
 # Patches repeat at their own borders, with one PSF each: measured 0.03 to 0.07; mirrored PSFs give over 0.12.
 PATCHED = 0.08
@@ -52,13 +52,13 @@ BANDS = (4, 8, 16, 32, 64)
 
 
 def banded(bands: int) -> str:
-    """Return the name of our alternative with so many bands."""
+    """Return the name of our alternative with `bands` bands."""
     return f"ours, {bands} bands"
 
 
 @dataclass(frozen=True)
 class Task:
-    """What is timed, and how its result becomes comparable where a library scales differently."""
+    """A function to time, and the scaling that makes its result comparable."""
 
     run: Job
     comparable: Callable[[Image], Image] = field(default=lambda picture: picture)
@@ -77,7 +77,7 @@ class Alternative:
     tolerance : float
         Bound on the difference from `like`, in units of the picture's white.
     measure : {"largest", "rms"}
-        Over the whole picture, or root mean square over its inner part.
+        Largest difference over the whole picture, or root mean square over its inner part.
     threaded : bool
         Whether the number of threads can be chosen; if not, it is timed once.
     """
@@ -90,8 +90,8 @@ class Alternative:
 
 
 def bare(case: Case, threads: int) -> Task:
-    """FFTW's own 2-D plans, one transform for the PSF and two per channel: no filter, no border, no copies."""
-    # Even, with prime factors 2, 3 and 5: FFTW is several times slower for some lengths with factors 11 and 13.
+    """FFTW's 2-D plans, one transform for the PSF and two per channel: no filter, no border, no copies."""
+    # Even lengths with prime factors 2, 3 and 5: FFTW is several times slower for some lengths with factors 11 and 13.
     needed = np.add(case.shape[:2], case.box[::-1])
     height, width = (2 * scipy.fft.next_fast_len(-(-int(n) // 2), real=True) for n in needed)
     spectrum = pyfftw.empty_aligned((height, width // 2 + 1), dtype=np.complex64)
@@ -122,7 +122,7 @@ def ours(bands: int, border: Literal["blend", "periodic"] = "blend") -> Callable
 
 
 def motion(bands: int) -> Callable[[Case, int], Task]:
-    """From the raw log to the PSFs."""
+    """Motion and PSFs, from the raw log."""
 
     def build(case: Case, threads: int) -> Task:
         log = case.log(bands)
@@ -132,7 +132,7 @@ def motion(bands: int) -> Callable[[Case, int], Task]:
 
 
 def replan(bands: int) -> Callable[[Case, int], Task]:
-    """From the raw log to filters that are ready, in a solver that is planned already."""
+    """Motion, PSFs and filters, from the raw log, in a solver that is planned already."""
 
     def build(case: Case, threads: int) -> Task:
         log = case.log(bands)
@@ -151,7 +151,7 @@ def replan(bands: int) -> Callable[[Case, int], Task]:
 
 
 def scipy_wiener(case: Case, threads: int) -> Task:
-    """SciPy's FFT."""
+    """Wiener filter with SciPy's FFT."""
     size, filter_ = case.shape[:2], wiener_filter(case)
 
     def deblur(plane: Image) -> Image:
@@ -164,7 +164,7 @@ def scipy_wiener(case: Case, threads: int) -> Task:
 
 
 def mkl_wiener(case: Case, threads: int) -> Task:
-    """Intel MKL's FFT."""
+    """Wiener filter with Intel MKL's FFT."""
     import mkl
     import mkl_fft
 
@@ -181,7 +181,7 @@ def mkl_wiener(case: Case, threads: int) -> Task:
 
 
 def opencv_wiener(case: Case, threads: int) -> Task:
-    """OpenCV's transform in its packed format, and its product of spectra."""
+    """Wiener filter with OpenCV's transform in its packed format, and its product of spectra."""
     import cv2
 
     response = scipy.fft.irfft2(wiener_filter(case), s=case.shape[:2])
@@ -197,7 +197,7 @@ def opencv_wiener(case: Case, threads: int) -> Task:
 
 
 def skimage_wiener(case: Case, threads: int) -> Task:
-    """`skimage.restoration.wiener`, which makes its filter anew each time; the regulariser is given transformed."""
+    """`skimage.restoration.wiener`, which makes its filter in each call, with our regulariser, already transformed."""
     from skimage.restoration import wiener
 
     kernel = case.bank(1).kernels[0, 0]
@@ -212,7 +212,7 @@ def skimage_wiener(case: Case, threads: int) -> Task:
 
 
 def skimage_as_is(case: Case, threads: int) -> Task:
-    """`skimage.restoration.wiener` as one calls it: it penalises the Laplacian and runs in one thread."""
+    """`skimage.restoration.wiener` with its defaults: it penalises the Laplacian and runs in one thread."""
     from skimage.restoration import wiener
 
     kernel = case.bank(1).kernels[0, 0]
@@ -233,7 +233,7 @@ def regularizepsf_patches(case: Case, threads: int) -> Task:
     source, target = (ArrayPSF(IndexedCube(corners, values)) for values in (kernels[nearest].astype(float), points))
     # Its regularised reciprocal is conj(H) / (|H|^2 + epsilon^2) for alpha = 1.
     transform = ArrayPSFTransform.construct(source, target, alpha=1.0, epsilon=NSR**0.5)
-    # Patches are weighed twice with sin^2, whose squares do not sum to a constant when patches overlap by half.
+    # Patches are weighted twice with sin^2, whose squares do not sum to a constant when patches overlap by half.
     weight = np.sin((np.arange(PATCH) + 0.5) * np.pi / PATCH) ** 4
     gains = (np.resize(weight + np.roll(weight, PATCH // 2), n) for n in case.shape[:2])
     gain = np.multiply.outer(*gains).astype(np.float32)[:, :, None]
@@ -253,7 +253,7 @@ def wiener_filter(case: Case) -> NDArray[np.complex64]:
 
 
 def by_channel(deblur: Callable[[Image], Image], case: Case) -> Task:
-    """Run a filter for planes on each channel: transforms of contiguous planes are faster, copies included."""
+    """Return a task that filters each channel as a contiguous plane, which is faster even with the copies."""
 
     def run() -> Image:
         out = np.empty(case.shape, dtype=np.float32)

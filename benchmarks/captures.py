@@ -1,4 +1,4 @@
-"""The captures that the benchmarks share: simulated ones with ground truth, and the real burst."""
+"""Captures for the benchmarks: simulated ones with ground truth, and the real burst."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ DATA = Path(os.environ.get("RSDEBLUR_DATA", ROOT.parent / "shared" / "data"))
 
 # 40 dB below full scale.
 NOISE = 0.01
-# Border left out of PSNR and SSIM, px.
+# Width of the border that PSNR and SSIM leave out, px.
 BORDER = 24
 READOUT = 0.03
 
@@ -43,11 +43,11 @@ class SimulatedCapture:
 
     @property
     def recording(self) -> tuple[GyroLog, Camera, Exposure]:
-        """What `deblur` takes after the picture."""
+        """Log, camera and exposure: the arguments of `deblur` after the picture."""
         return self.log, self.camera, self.exposure
 
 
-# Kodak picture, start in the log (s), exposure (s). The moments go from nearly still to shaken hard.
+# (Kodak picture, start in the log in s, exposure in s). The moments range from nearly still to shaken hard.
 MOMENTS = [
     ("kodim05", 3.0, 1 / 15),
     ("kodim19", 10.0, 1 / 30),
@@ -67,13 +67,13 @@ MOMENTS = [
 
 
 def require_data() -> None:
-    """Stop with a message where the recordings are missing."""
+    """Exit with a message if the recordings are missing."""
     if not DATA.is_dir():
-        sys.exit(f"no recordings at {DATA}: set RSDEBLUR_DATA to their folder")
+        sys.exit(f"no recordings in {DATA}: set RSDEBLUR_DATA to their folder")
 
 
 def simulated(count: int | None = None, *, noise: float = NOISE, enlarged: int = 2) -> Iterator[SimulatedCapture]:
-    """Simulate captures from Kodak pictures and a real phone's shake: 1024x768, or half of that if not `enlarged`."""
+    """Simulate captures from Kodak pictures and a real phone's shake, 1024x768 px, or 512x384 with `enlarged=1`."""
     require_data()
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
     camera = Camera(1024, 768, 1.1 * 1024, readout_time=READOUT).scaled(enlarged / 2)
@@ -87,7 +87,7 @@ def simulated(count: int | None = None, *, noise: float = NOISE, enlarged: int =
 
 
 def synthetic(*, noise: float = NOISE) -> SimulatedCapture:
-    """Make a small capture that needs no recordings."""
+    """Simulate a small capture that needs no recordings."""
     log, camera, exposure = (
         hand_shake(0.2, seed=3),
         Camera(256, 192, 280.0, readout_time=READOUT),
@@ -99,7 +99,7 @@ def synthetic(*, noise: float = NOISE) -> SimulatedCapture:
 
 
 def shield_burst() -> tuple[Image, GyroLog, Camera, Exposure]:
-    """Return the burst frame 0004.jpg in linear light; files count from 1, stamps from 0."""
+    """Return the burst frame 0004.jpg in linear light; files are numbered from 1, timestamps from 0."""
     require_data()
     folder = DATA / "real" / "shield-burst"
     pixels = _float32(read_picture(folder / "images" / "0004.jpg").pixels / 255)
@@ -113,7 +113,7 @@ def _float32(image: NDArray[Any]) -> Image:
 
 
 def quality(truth: Image, image: Image) -> tuple[float, float]:
-    """PSNR (dB) and SSIM of linear pictures, in sRGB, without the border."""
+    """Return PSNR (dB) and SSIM of pictures in linear light, compared in sRGB without the border."""
     inside = np.s_[BORDER:-BORDER, BORDER:-BORDER]
     a, b = (from_linear(x.clip(0, 1), "srgb")[inside] for x in (truth, image))
     psnr = peak_signal_noise_ratio(a, b, data_range=1.0)

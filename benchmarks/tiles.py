@@ -1,8 +1,9 @@
-"""What tiles cost in quality: ``python -m benchmarks.tiles [--captures N] [--markdown FILE]``.
+"""Cost of tiles in quality: ``python -m benchmarks.tiles [--captures N] [--markdown FILE]``.
 
-The engine is compared with the method it stands for: in double precision, the filter of every tile applied to the whole
-picture, whose continuation is as long as the engine's gap, and the results interpolated linearly. Differences in PSNR
-come from the finite tiles alone. Then the constants of the tiles are moved: their gap, and how far windows overlap.
+The engine is compared with the method that it approximates: in double precision, the filter of every tile is applied to
+the whole picture, whose continuation is as long as the margin of a tile, and the results are interpolated linearly.
+Differences in PSNR come from the finite tiles alone. Then two constants are changed: the margin, and the overlap of the
+windows.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from rsdeblur.deconv import tiling, wiener
 from rsdeblur.deconv.border import fade
 from rsdeblur.pipeline.deblur import psfs
 
-# Standard deviation of the noise and an NSR that suits it.
+# (standard deviation of the noise, an NSR that suits it)
 NOISES = ((0.01, 0.03), (0.003, 0.01), (0.001, 0.003))
 TILES = ((1, 1), (4, 1), (16, 1), (64, 1), (16, 4))
 SEED = 1
@@ -36,7 +37,7 @@ Weights = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--captures", type=int, default=6, help="only the first N of the 14 captures (6)")
     parser.add_argument("--markdown", type=Path, help="write the tables as Markdown")
@@ -53,7 +54,7 @@ def run(captures: Sequence[SimulatedCapture], tiles: Sequence[tuple[int, int]]) 
     """Return the tables as Markdown."""
     rows = []
     for capture, (noise, nsr), (bands, strips) in track(
-        [(c, n, t) for c in captures for n in NOISES for t in tiles], "whole-picture filters, gaps, windows"
+        [(c, n, t) for c in captures for n in NOISES for t in tiles], "whole-picture filters, margins, windows"
     ):
         shape = capture.pictures.blurred.shape
         drawn = np.random.default_rng(SEED).normal(scale=noise, size=shape).astype(np.float32)
@@ -72,24 +73,24 @@ def run(captures: Sequence[SimulatedCapture], tiles: Sequence[tuple[int, int]]) 
             mean = np.mean([s["whole"] for s in chosen])
             cells = [f"{d.mean():+.3f} ({d.min():+.3f})" for d in lost]
             lines.append([f"{at[0]}, {at[1]}", f"{count[0]} x {count[1]}", f"{mean:.2f}", *cells])
-    return "PSNR of the engine less that of filters of the whole picture, dB.\n\n" + markdown(head, lines)
+    return "PSNR of the engine minus that of filters of the whole picture, dB.\n\n" + markdown(head, lines)
 
 
 def variants(bank: PsfBank, blurred: Image, nsr: float) -> Iterator[tuple[str, Image]]:
-    """Return what the engine makes of a picture, as it is and with one constant moved."""
+    """Yield the results of the engine, unchanged and with one constant changed."""
     plain = tiling.hat_weights
     changes: dict[str, list[tuple[object, str, object]]] = {
         "engine": [],
-        "half the gap": [
+        "half the margin": [
             (wiener, "LEAST_MARGIN", wiener.LEAST_MARGIN / 2),
             (wiener, "DECAY_MARGIN", wiener.DECAY_MARGIN / 2),
         ],
-        "twice the gap": [
+        "twice the margin": [
             (wiener, "LEAST_MARGIN", wiener.LEAST_MARGIN * 2),
             (wiener, "DECAY_MARGIN", wiener.DECAY_MARGIN * 2),
         ],
         "half the overlap": [(tiling, "hat_weights", partial(_narrower, plain, 0.5))],
-        "a quarter of it": [(tiling, "hat_weights", partial(_narrower, plain, 0.25))],
+        "a quarter of the overlap": [(tiling, "hat_weights", partial(_narrower, plain, 0.25))],
     }
     for name, moved in changes.items():
         with ExitStack() as stack:
@@ -99,14 +100,14 @@ def variants(bank: PsfBank, blurred: Image, nsr: float) -> Iterator[tuple[str, I
 
 
 def _narrower(plain: Weights, overlap: float, centres: NDArray[np.float64], n: int) -> NDArray[np.float64]:
-    """Return weights that change over a share of the distance between centres, halfway between them."""
+    """Return weights that change within a share `overlap` of the distance between centres, in its middle."""
     steeper = ((plain(centres, n) - 0.5) / overlap + 0.5).clip(0.0, 1.0)
     narrowed: NDArray[np.float64] = steeper / steeper.sum(axis=0)
     return narrowed
 
 
 def whole(bank: PsfBank, blurred: Image, nsr: float) -> Image:
-    """Filter the whole picture with every kernel of the bank and interpolate, in double precision."""
+    """Return the picture filtered whole with every kernel of the bank, interpolated, in double precision."""
     height, width, _ = blurred.shape
     margin = max(wiener.LEAST_MARGIN, wiener.DECAY_MARGIN / nsr**0.5)
     needed = (int(n + margin * kernel) for n, kernel in zip((height, width), bank.size, strict=True))
@@ -124,7 +125,7 @@ def whole(bank: PsfBank, blurred: Image, nsr: float) -> Image:
 
 
 def _continued(picture: Plane, length: int) -> Plane:
-    """Continue a picture along its first axis: its reflection at one end fades into that at the other."""
+    """Return a picture continued along its first axis: the reflection at one end fades into that at the other."""
     beyond = length - len(picture)
     after = np.pad(picture, ((0, beyond), (0, 0), (0, 0)), mode="symmetric")[len(picture) :]
     before = np.pad(picture, ((beyond, 0), (0, 0), (0, 0)), mode="symmetric")[:beyond]

@@ -4,6 +4,7 @@
 
     errors      exceptions and warnings of the package
     types       names of array and callback types
+    choices     the named choices of options
     _util       checks of arguments, safe files, threads, worker processes
     kernels     inner loops in C or Numba, each with a NumPy twin
     config      how this installation was built

@@ -26,9 +26,12 @@ from .motion.gyro import GyroLog as GyroLog
 from .motion.paths import BlurPaths as BlurPaths
 from .motion.paths import Capture as Capture
 from .motion.translation import Translation as Translation
-from .pipeline.deblur import DeblurResult as DeblurResult
 from .pipeline.deblur import deblur as deblur
 from .pipeline.deblur import psfs as psfs
+from .pipeline.options import Options as Options
+from .pipeline.plan import DeblurResult as DeblurResult
+from .pipeline.plan import Plan as Plan
+from .pipeline.plan import plan as plan
 from .psf import PsfBank as PsfBank
 from .simulation.simulate import Simulation as Simulation
 from .simulation.simulate import simulate as simulate

@@ -1,4 +1,4 @@
-"""Names of the array and callback types that the whole package uses."""
+"""Array and callback types of the whole package."""
 
 from __future__ import annotations
 
@@ -8,13 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
-"""Numbers in double precision: times, angles, places."""
+"""Values in double precision: times, angles, positions."""
 
 FloatImage = NDArray[np.float32]
-"""A picture, or rows of one, in linear light unless stated otherwise."""
+"""Picture, or rows of one, in linear light unless stated otherwise."""
+
+Float32Array = NDArray[np.float32]
+"""Other values in single precision: lines, weights, tables, real and imaginary parts."""
+
+ComplexArray = NDArray[np.complex64]
+"""Spectra in single precision."""
 
 Progress = Callable[[str, float], None]
-"""Called as ``progress(stage, fraction)`` while long work goes on."""
+"""Function called as ``progress(stage, fraction)`` during long work; the fraction runs from 0 to 1."""
 
 StageProgress = Callable[[float], None]
-"""Called with the finished fraction of one stage."""
+"""Function called with the finished fraction of one stage, from 0 to 1."""

@@ -1,4 +1,4 @@
-"""Figure 7: points under a rolling shutter, and what the gyroscope says about them."""
+"""Figure 7: points under a rolling shutter, and the PSFs from the gyroscope."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def figures(quick: bool) -> Iterator[Figure]:
         "fig7",
         "Figure 7: a rolling shutter's point grid",
         "A grid of points, exposure 1/14 s, readout 30 ms, a real phone's shake; and the PSFs that the gyroscope gives "
-        "for exposures that start 40 to 100 ms after a stamp. Sizes in px.",
+        "for exposures that start 40 to 100 ms after a timestamp. Sizes in px.",
         f"Holds: points of one exposure trace different curves from row to row (those of the first and the last row "
         f"are up to {change:.1f} px apart at equal times), and the curves are those of the log read later.",
         ("start (ms)", "width", "height"),

@@ -29,6 +29,14 @@ def finite(name: str, value: float, *, minimum: float | None = None, above: floa
     return number
 
 
+def exponent(value: float) -> float:
+    """Return the exponent of a hyper-Laplacian, which must be in (0, 1]."""
+    number = finite("exponent", value, above=0.0)
+    if number > 1.0:
+        raise InputError(f'exponent must be at most 1, got {number:g}; for 2 use prior="gradient"')
+    return number
+
+
 def count(name: str, value: Any, *, minimum: int = 1, maximum: int | None = None) -> int:
     """Return `value` as an int; it must be a whole number of at least `minimum` and at most `maximum`."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):

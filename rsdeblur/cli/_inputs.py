@@ -16,8 +16,8 @@ from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from rsdeblur.choices import Auto, Transfer
     from rsdeblur.cli._options import Recording
-    from rsdeblur.image.transfer import Transfer
     from rsdeblur.io.pictures import Picture
     from rsdeblur.io.samples import GyroFile
     from rsdeblur.motion.camera import Camera
@@ -174,9 +174,9 @@ def _usage(message: str) -> click.UsageError:
     return click.UsageError(message, ctx=click.get_current_context(silent=True))
 
 
-def transfer_of(picture: Picture, given: Transfer | None) -> Transfer:
-    """Return how the picture encodes light: as given, else sRGB for integers, linear for floats and raw files."""
-    return given if given is not None else picture.transfer
+def transfer_of(picture: Picture, transfer: Transfer | Auto) -> Transfer:
+    """Return how the picture encodes light; "auto" is sRGB for integers, linear for floats and raw files."""
+    return picture.transfer if transfer == "auto" else transfer
 
 
 def display_values(values: NDArray[Any], transfer: Transfer) -> NDArray[Any]:

@@ -7,12 +7,14 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rsdeblur.errors import OutputError
-from rsdeblur.types import Progress
+
+if TYPE_CHECKING:
+    from rsdeblur.types import Progress
 
 
 def prepare_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:

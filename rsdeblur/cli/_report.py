@@ -15,10 +15,10 @@ from rsdeblur.errors import RsdeblurWarning
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from rsdeblur.choices import Mode, Transfer
     from rsdeblur.cli._inputs import Inputs
-    from rsdeblur.cli._options import Blur, Recording, Solver
-    from rsdeblur.image.transfer import Transfer
-    from rsdeblur.pipeline.settings import Mode
+    from rsdeblur.cli._options import Recording
+    from rsdeblur.pipeline.options import Options
     from rsdeblur.psf import PsfBank
     from rsdeblur.report import Page
 
@@ -55,7 +55,7 @@ def capture_warnings() -> Iterator[list[str]]:
         warnings.showwarning = show
 
 
-def report_page(compared: Compared, recording: Recording, blur: Blur, solver: Solver, remarks: Sequence[str]) -> Page:
+def report_page(compared: Compared, recording: Recording, options: Options, remarks: Sequence[str]) -> Page:
     """Fill the page of a comparison."""
     from rsdeblur.report import MotionPlot, Page, band_figures, findings
 
@@ -69,7 +69,7 @@ def report_page(compared: Compared, recording: Recording, blur: Blur, solver: So
         motion=MotionPlot.of(log, camera, exposure),
         bands=band_figures(shown, psf, across=camera.horizontal_readout),
         modes=report["modes"],
-        settings=_settings(compared, recording, blur, solver),
+        settings=_settings(compared, recording, options),
         findings=findings(
             *(picture.pixels, log, camera, exposure),
             psf=psf,
@@ -83,7 +83,7 @@ def report_page(compared: Compared, recording: Recording, blur: Blur, solver: So
     )
 
 
-def _settings(compared: Compared, recording: Recording, blur: Blur, solver: Solver) -> dict[str, dict[str, str]]:
+def _settings(compared: Compared, recording: Recording, options: Options) -> dict[str, dict[str, str]]:
     from rsdeblur.config import show_config
     from rsdeblur.io.exif import Exif
 
@@ -118,7 +118,7 @@ def _settings(compared: Compared, recording: Recording, blur: Blur, solver: Solv
     tables: dict[str, Mapping[str, Any]] = {
         "Picture": about_picture,
         "Recording": asdict(recording),
-        "Blur and solver": asdict(blur) | asdict(solver) | {"transfer": transfer},
+        "Blur and solver": asdict(options) | {"mode": ", ".join(report["modes"]), "transfer": transfer},
         "Exposure": times,
         "Gyro log": about_log,
         "Camera": {name: getattr(camera, name) for name in (*names, *lens)},

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rsdeblur.choices import Prior
 from rsdeblur.cli import _options
-from rsdeblur.cli._options import Blur, Recording, Solver
+from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import prepare_folder, print_json, progress, write_json
 from rsdeblur.cli.compare import compare_modes, output_names, print_report
+from rsdeblur.pipeline.options import Options
 
 if TYPE_CHECKING:
-    from rsdeblur.deconv.priors import Prior
     from rsdeblur.motion.gyro import GyroLog
 
 EXPOSURE = 0.05  # s
@@ -49,15 +50,14 @@ Examples:
     help="Size in px.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Scene, shake and noise.")
-@click.option("-o", "--output", type=_options.PATH, required=True, metavar="DIR", help="Folder to write to.")
-@_options.force_option
-@_options.json_option
-def command(size: tuple[int, int], seed: int, output: Path, force: bool, as_json: bool) -> None:
+@_options.target_options("DIR", "Folder to write to.")
+def command(size: tuple[int, int], seed: int, target: Target) -> None:
     """Draw a scene, shake a camera, and deblur in every mode; needs no data.
 
     Writes to DIR the sharp and the blurred picture, the gyro log, the camera file, the picture of each mode,
     side-by-side.png, psfs.png and demo.json, and prints the command that deblurs the blurred picture again.
     """
+    output, force = target.output, target.force
     blurred, rolling = output / "blurred.png", output / "rolling.png"
     gyro, camera = output / "gyro.csv", output / "camera.toml"
     own = (output / "sharp.png", blurred, rolling, gyro, camera)
@@ -66,16 +66,14 @@ def command(size: tuple[int, int], seed: int, output: Path, force: bool, as_json
         _capture(size, seed, output, force=force)
     # From here on the demo is a user with files.
     recording = Recording(gyro, camera, start=START, duration=EXPOSURE)
-    solver = Solver(PRIOR, "auto", 2 / 3, NSR, "auto", "keep", "blend", None, False, "ignore", "estimate", None)
-    report = compare_modes(
-        blurred, recording, Blur("auto", "auto", "rotation"), solver, truth=rolling, output=output, force=force
-    ).report
+    options = Options(prior=PRIOR, nsr=NSR)
+    report = compare_modes(blurred, recording, options, truth=rolling, output=output, force=force).report
     again = ["rsdeblur", "deblur", str(blurred), "--gyro", str(gyro), "--camera", str(camera)]
     again += ["--start", str(START), "--duration", str(EXPOSURE), "--prior", PRIOR, "--nsr", str(NSR)]
     again += ["-o", str(output / "again.png")]
     report["command"] = shlex.join(again)
     write_json(output / REPORT, report)
-    if as_json:
+    if target.as_json:
         print_json(report)
     else:
         print_report(report)

@@ -8,23 +8,10 @@ does this while it moves data.
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import NDArray
 
-Border = Literal["blend", "periodic"]
-BORDERS: tuple[Border, ...] = ("blend", "periodic")
 # Alternatives, which extend the picture before a periodic solve (`rsdeblur.deconv.boundary`).
-Boundary = Literal["reflect", "edge-taper", "smooth"]
-BOUNDARIES: tuple[Boundary, ...] = ("reflect", "edge-taper", "smooth")
-
-
-def split(border: Border | Boundary) -> tuple[Border, Boundary | None]:
-    """Return the border of the solver, and the boundary that makes the picture periodic first, if any."""
-    if border == "blend" or border == "periodic":
-        return border, None
-    return "periodic", border
 
 
 def fade(n: int) -> NDArray[np.float32]:

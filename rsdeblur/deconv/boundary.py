@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from rsdeblur.deconv.border import Boundary
+from rsdeblur.choices import Boundary
 from rsdeblur.deconv.fft import fast_length
 from rsdeblur.deconv.tiling import WHOLE_EXCESS
 from rsdeblur.psf import PsfBank

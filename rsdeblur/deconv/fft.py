@@ -15,7 +15,7 @@ import warnings
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import platformdirs
@@ -24,13 +24,12 @@ from numpy.typing import NDArray
 
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.files import read_file
+from rsdeblur.choices import Planning
 from rsdeblur.errors import FileFormatError, OutputError, RsdeblurWarning
 
 Complex = NDArray[np.complex64]
 Real = NDArray[np.float32]
 
-Planning = Literal["estimate", "measure"]
-PLANNINGS: tuple[Planning, ...] = ("estimate", "measure")
 
 # Bound on the time spent measuring one plan, s.
 PLANNING_TIME = 1.0

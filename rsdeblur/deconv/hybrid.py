@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.threads import ThreadTeam
-from rsdeblur.deconv.border import Border, fade
-from rsdeblur.deconv.fft import Complex, LineTransform, Planning, Real, RowTransform, empty
+from rsdeblur.choices import Border, Planning
+from rsdeblur.deconv.border import fade
+from rsdeblur.deconv.fft import Complex, LineTransform, Real, RowTransform, empty
 from rsdeblur.deconv.tiling import Tile, Tiling
 from rsdeblur.kernels import lines, spectral
 

@@ -18,19 +18,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.threads import share
+from rsdeblur.choices import PRIORS, Prior
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.shrink import shrunk_grad_adjoint
 from rsdeblur.types import FloatImage
 
-Prior = Literal["wiener", "gradient", "tv", "hyper-laplacian"]
-PRIORS: tuple[Prior, ...] = ("wiener", "gradient", "tv", "hyper-laplacian")
 EXPONENT = 2 / 3
 
 # beta / weight at each step, for pictures whose bright parts have the value 1.
@@ -113,7 +112,7 @@ class GradientPrior:
         if self.kind == "wiener":
             raise InputError('prior "wiener" is a filter, not a prior on the gradient: use rsdeblur.Deconvolver')
         object.__setattr__(self, "weight", validate.finite("weight", self.weight, above=0.0))
-        object.__setattr__(self, "exponent", check_exponent(self.exponent))
+        object.__setattr__(self, "exponent", validate.exponent(self.exponent))
         if self.peak is not None:
             object.__setattr__(self, "peak", validate.finite("peak", self.peak))
 
@@ -282,14 +281,6 @@ def _change(before: FloatImage, after: FloatImage, threads: int | None) -> float
     share(block, range(len(squares)), threads)
     change, norm = squares.sum(axis=0)
     return float(np.sqrt(change / (norm or 1.0)))
-
-
-def check_exponent(exponent: float) -> float:
-    """Return `exponent`, which must lie in (0, 1]."""
-    exponent = validate.finite("exponent", exponent, above=0.0)
-    if exponent > 1.0:
-        raise InputError(f'exponent must be at most 1, got {exponent:g}; for 2 use prior="gradient"')
-    return exponent
 
 
 def threshold(exponent: float) -> float:

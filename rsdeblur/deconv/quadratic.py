@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
-from rsdeblur.deconv.border import Border
-from rsdeblur.deconv.fft import Planning
+from rsdeblur.choices import Border, Planning
 from rsdeblur.deconv.priors import GradientPrior, minimise
 from rsdeblur.deconv.wiener import TileFilter
 from rsdeblur.kernels.responses import responses

@@ -12,15 +12,14 @@ and bottom the average of the outermost rows, smoothed.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.threads import thread_count
-from rsdeblur.deconv.border import BORDERS, Border
-from rsdeblur.deconv.fft import PLANNINGS, Planning, Real, empty, remember
+from rsdeblur.choices import BORDERS, PLANNINGS, SOLVERS, Border, Planning, Solver
+from rsdeblur.deconv.fft import Real, empty, remember
 from rsdeblur.deconv.priors import GradientPrior, minimise
 from rsdeblur.deconv.rowwise_blur import StripBlur, latent_rows
 from rsdeblur.deconv.rowwise_cg import NormalEquations, conjugate_gradients, is_faster
@@ -32,8 +31,6 @@ from rsdeblur.kernels import rowwise
 from rsdeblur.kernels.rowwise import LANES
 from rsdeblur.motion.paths import BlurPaths
 
-Solver = Literal["auto", "direct", "cg"]
-SOLVERS: tuple[Solver, ...] = ("auto", "direct", "cg")
 # Largest margin of a strip, in PSF widths: the tiny `nsr` of gradient priors would ask for a hundred.
 MOST_MARGIN = 3.0
 # Expectation beyond top and bottom: the average of this many outermost rows, smoothed along x by a Gaussian whose

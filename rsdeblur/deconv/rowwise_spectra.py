@@ -10,8 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from rsdeblur._util.threads import ThreadTeam
+from rsdeblur.choices import Planning
 from rsdeblur.deconv.border import fade
-from rsdeblur.deconv.fft import Planning, Real, RowTransform, empty
+from rsdeblur.deconv.fft import Real, RowTransform, empty
 from rsdeblur.deconv.tiling import Tile
 from rsdeblur.kernels import lines, rowwise
 

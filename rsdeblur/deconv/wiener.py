@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.threads import thread_count
-from rsdeblur.deconv.border import BORDERS, Border
-from rsdeblur.deconv.fft import PLANNINGS, Complex, LineTransform, Planning, RowTransform, remember
+from rsdeblur.choices import BORDERS, PLANNINGS, Border, Planning
+from rsdeblur.deconv.fft import Complex, LineTransform, RowTransform, remember
 from rsdeblur.deconv.hybrid import Hybrid
 from rsdeblur.deconv.tiling import Tiling
 from rsdeblur.errors import InputError

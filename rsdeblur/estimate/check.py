@@ -18,12 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 
-from rsdeblur.errors import InputError
 from rsdeblur.estimate.noise import noise_level
 from rsdeblur.estimate.spectra import TILE, TilePeriodograms
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.kernels.raster import rasterize
-from rsdeblur.motion.paths import BlurPaths, Capture, Motion
+from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
 
@@ -171,7 +170,6 @@ def assess(
     capture: Capture,
     meter: UndershootMeter,
     *,
-    motion: Motion,
     resampled: bool,
     threads: int | None = None,
 ) -> QualityCheck:
@@ -185,8 +183,6 @@ def assess(
         The motion that was undone.
     meter : UndershootMeter
         Measurements of both pictures.
-    motion : {"rotation", "small-angle"}
-        How paths are traced.
     resampled : bool
         Whether the result was straightened.
     threads : int, optional
@@ -198,7 +194,7 @@ def assess(
     """
     ringing, ringings = meter.ringing()
     check = QualityCheck("good", (), None, None, None, ringing, None, None, (), ringings)
-    length = float(BlurPaths.probe(capture, motion=motion).lengths.mean())
+    length = float(capture.probe.lengths.mean())
     height, width, _ = encoded.shape
     if length < SHORT:
         return _with_verdict(check, f"The motion explains {length:.1f} px of blur, too little to be judged.")
@@ -206,7 +202,7 @@ def assess(
         reason = f"The picture is narrower than {CELL} px, too small to judge the motion by."
         return replace(_with_verdict(check, reason), verdict="bad" if ringing > BAD_RINGING else "doubtful")
     step = int(np.clip(length / REDUCED_BLUR, 1, max(1, min(height, width) // (2 * CELL))))
-    tiles = _Tiles(encoded, capture, step, motion, threads)
+    tiles = _Tiles(encoded, capture, step, threads)
     if not tiles.detailed:
         return _with_verdict(check, "The picture shows no detail to judge the motion by.")
     scores = tiles.alternatives()
@@ -251,14 +247,14 @@ def _neighbouring(score: FloatArray) -> FloatArray:
 class _Tiles:
     """Some tiles of a picture, reduced by a whole factor and in grey, with the PSFs there."""
 
-    def __init__(self, encoded: EncodedImage, capture: Capture, step: int, motion: Motion, threads: int | None) -> None:
+    def __init__(self, encoded: EncodedImage, capture: Capture, step: int, threads: int | None) -> None:
         self._step, self._threads = step, threads
         self._corners = [_spread(n // step) for n in encoded.shape[:2]]
         self._blurred, finest = self._cells(encoded)
         self._noise = noise_level(_mosaic(finest)[..., None])
         rows, cols = (corners + (CELL + 1) / 2 for corners in self._corners)
         smaller = replace(capture, camera=capture.camera.scaled(1 / step))
-        self._paths = BlurPaths.from_capture(smaller, rows, cols, motion=motion)
+        self._paths = BlurPaths.from_capture(smaller, rows, cols)
         self._kernels = PsfBank.from_paths(self._paths, threads=threads).kernels
 
     @property
@@ -371,9 +367,3 @@ def _share(figures: tuple[float, ...], height: int, doubtful: float, bad: float)
     centres = (np.arange(len(figures)) + 0.5) * height / len(figures) - 0.5
     each_row: FloatArray = np.interp(np.arange(height), centres, shares)
     return each_row
-
-
-def refuse_fallback(geometry: str) -> None:
-    """Raise `InputError` where the result and the input do not coincide."""
-    if geometry == "rectify":
-        raise InputError('fallback=True blends with the input, which geometry="rectify" straightens; use "keep"')

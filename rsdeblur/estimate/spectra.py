@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from skimage.transform import resize
 
 from rsdeblur.errors import InputError
+from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.paths import BlurPaths, Capture
+from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
 
@@ -60,8 +61,7 @@ class TileSpectra:
         grey = light
         if self._scale < 1:
             grey = resize(light, (small.height, small.width), order=1, anti_aliasing=True)
-        self._quarter = camera.horizontal_readout
-        grey = np.rot90(grey, -1) if self._quarter else grey
+        grey = ReadoutFrame(small).image(grey)
         tops, lefts = (_places(n) for n in grey.shape)
         self._rows, self._cols = tops + (TILE - 1) / 2, lefts + (TILE - 1) / 2
         self._measured = TilePeriodograms(grey, tops, lefts)
@@ -74,8 +74,7 @@ class TileSpectra:
         CoverageError, ClockError, GapError
             If the log does not describe the exposure.
         """
-        small = camera.scaled(self._scale)
-        capture = Capture.from_log(log, small.turned() if self._quarter else small, exposure)
+        capture = ReadoutFrame(camera.scaled(self._scale)).capture(log, exposure)
         bank = PsfBank.from_paths(BlurPaths.from_capture(capture, self._rows, self._cols))
         return self._measured.fit(bank.kernels).ravel()
 

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from rsdeblur._util import validate
-from rsdeblur.deconv.priors import Prior
+from rsdeblur.choices import Prior
 from rsdeblur.estimate.noise import gradient_energy, noise_level
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
+from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.estimate.spectra import TileSpectra
 from rsdeblur.image.encoded import EncodedImage, check_size
-from rsdeblur.image.transfer import Transfer, check_transfer
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -74,7 +74,7 @@ def find_time_offset(
     exposure: Exposure,
     *,
     search: tuple[float, float] = (-0.06, 0.06),
-    transfer: Transfer = "linear",
+    transfer: Transfer | Auto = "auto",
     progress: Progress | None = None,
 ) -> OffsetSearch:
     """Find the time offset under which the picture's spectra are likeliest.
@@ -88,8 +88,8 @@ def find_time_offset(
     search : (float, float)
         First and last candidate relative to `camera.time_offset`, s. Candidates that the log does not cover are left
         out.
-    transfer : {"linear", "srgb"} or float
-        How stored values code light.
+    transfer : {"auto", "linear", "srgb"} or float
+        How values encode light, as for :func:`rsdeblur.deblur`.
     progress : callable, optional
         Called as ``progress(stage, fraction)``.
 
@@ -114,7 +114,7 @@ def find_time_offset(
     first, last = (validate.finite("search", end) for end in search)
     if last - first < 2 * COARSE_STEP:
         raise InputError(f"search must span at least {2 * COARSE_STEP:g} s, got {first:g} to {last:g}")
-    encoded = EncodedImage.of(image, check_transfer(transfer), quarter=False)
+    encoded = EncodedImage.of(image, transfer)
     check_size(encoded.shape, camera)
     light = encoded.linear(slice(None)).mean(2)
 

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
+from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
-from rsdeblur.image.transfer import Transfer, from_linear, to_linear
+from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
 from rsdeblur.motion.camera import Camera
 
 # Rows decoded or encoded at a time, which bounds the memory: a conversion takes several arrays of that size.
@@ -34,8 +36,12 @@ class EncodedImage:
     transfer: Transfer
 
     @classmethod
-    def of(cls, image: ArrayLike, transfer: Transfer, *, quarter: bool) -> EncodedImage:
-        """Check a picture, and turn it a quarter if its readout is horizontal; nothing is copied.
+    def of(
+        cls, image: ArrayLike, transfer: Transfer | Auto = "auto", frame: ReadoutFrame | None = None
+    ) -> EncodedImage:
+        """Check a picture that lies as stored, and take it into the upright frame, if one is given, without a copy.
+
+        A transfer of "auto" is sRGB for integers and linear for floats.
 
         Raises
         ------
@@ -47,7 +53,8 @@ class EncodedImage:
             raise InputError(f"image must have shape (H, W) or (H, W, C) with C from 1 to 4, got {array.shape}")
         if array.dtype not in (np.uint8, np.uint16) and not np.issubdtype(array.dtype, np.floating):
             raise InputError(f"image must be uint8, uint16 or float, got {array.dtype}")
-        return cls(_upright(array, quarter), transfer)
+        array = array if array.ndim == 3 else array[:, :, None]
+        return cls(frame.image(array) if frame else array, resolve_transfer(transfer, array.dtype))
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -89,7 +96,7 @@ class EncodedImage:
                 out[there, :, channels:] = _as_stored(_as_float(self.values[there, :, channels:]), out.dtype)
 
 
-def result_like(image: ArrayLike, out: NDArray[Any] | None, *, quarter: bool) -> tuple[NDArray[Any], NDArray[Any]]:
+def result_like(image: ArrayLike, out: NDArray[Any] | None, frame: ReadoutFrame) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the array for the result, `out` or a new float32 array, and its upright view.
 
     Raises
@@ -107,7 +114,7 @@ def result_like(image: ArrayLike, out: NDArray[Any] | None, *, quarter: bool) ->
         raise InputError("out must be writable")
     elif np.may_share_memory(out, np.asarray(image)):
         raise InputError("out must not overlap image")
-    return out, _upright(out, quarter)
+    return out, frame.image(out if out.ndim == 3 else out[:, :, None])
 
 
 def check_size(shape: tuple[int, ...], camera: Camera) -> None:
@@ -152,7 +159,7 @@ def reduced(image: ArrayLike, camera: Camera, side: int) -> tuple[NDArray[np.flo
     InputError
         If `image` is not a picture, or does not have the camera's size.
     """
-    values = _as_float(EncodedImage.of(image, "linear", quarter=False).values)
+    values = _as_float(EncodedImage.of(image, "linear").values)
     check_size(values.shape, camera)
     scale = validate.count("side", side) / max(values.shape[:2])
     if scale < 1:
@@ -164,11 +171,6 @@ def reduced(image: ArrayLike, camera: Camera, side: int) -> tuple[NDArray[np.flo
         smaller = [plane.resize((camera.width, camera.height), Image.Resampling.HAMMING) for plane in planes]
         values = np.stack([np.asarray(plane) for plane in smaller], axis=-1)
     return values.reshape(*values.shape[:2], *np.shape(image)[2:]), camera
-
-
-def _upright(array: NDArray[Any], quarter: bool) -> NDArray[Any]:
-    array = array if array.ndim == 3 else array[:, :, None]
-    return np.rot90(array, -1) if quarter else array
 
 
 def _blocks(rows: slice) -> Iterator[tuple[slice, slice]]:

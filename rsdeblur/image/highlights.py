@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +34,6 @@ from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage
 
 Mask = NDArray[np.bool_]
-Saturation = Literal["ignore", "auto"]
-SATURATIONS: tuple[Saturation, ...] = ("ignore", "auto")
 
 # Pixels that share an edge or a corner.
 TOUCHING = np.ones((3, 3), dtype=np.bool_)

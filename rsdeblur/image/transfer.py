@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util import validate
+from rsdeblur.choices import TRANSFERS, Auto, Transfer
 from rsdeblur.errors import InputError
-
-Transfer = Literal["linear", "srgb"] | float
 
 # IEC 61966-2-1: below these values the sRGB curve is a straight line.
 SRGB_LINEAR_END = 0.0031308
@@ -20,10 +19,17 @@ SRGB_STORED_END = 0.04045
 def check_transfer(transfer: Transfer) -> Transfer:
     """Return `transfer` if it is "linear", "srgb" or a positive gamma."""
     if isinstance(transfer, str):
-        if transfer not in ("linear", "srgb"):
+        if transfer not in TRANSFERS:
             raise InputError(f'transfer must be "linear", "srgb" or a gamma, got {transfer!r}')
         return transfer
     return validate.finite("transfer", transfer, above=0.0)
+
+
+def resolve_transfer(transfer: Transfer | Auto, dtype: np.dtype[Any]) -> Transfer:
+    """Return a checked transfer; "auto" is sRGB for integers and linear for floats."""
+    if transfer != "auto":
+        return check_transfer(transfer)
+    return "srgb" if dtype.kind == "u" else "linear"
 
 
 def to_linear(values: NDArray[np.float32], transfer: Transfer) -> NDArray[np.float32]:

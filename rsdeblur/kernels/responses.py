@@ -1,4 +1,4 @@
-"""Responses of the quadratic solver of tiles: the Numba kernel and its NumPy twin."""
+"""Filters of the quadratic solver of tiles: the Numba kernel and its NumPy twin."""
 
 from __future__ import annotations
 
@@ -10,19 +10,24 @@ from rsdeblur.kernels._jit import njit
 
 @njit(nogil=True)
 def responses(otf, across, down, nsr, beta, scale, of_grad_adjoint, out):
-    """Fill `out` with the filter that acts on the observation, or on the pull.
+    """Compute the frequency response of the filter for the observed picture, or for the adjoint gradient.
 
-    With `N = |H|^2 + nsr + beta (across + down)` they are `scale (1 + nsr) conj(H) / N` and `scale beta / N`.
+    With `N = |H|^2 + nsr + beta (across + down)`, they are `scale (1 + nsr) conj(H) / N` and `scale beta / N`.
 
     Parameters
     ----------
     otf : ndarray, shape (K, L), complex64
-        Transfer function H of the tile.
+        Optical transfer function H of the tile.
     across, down : ndarray, shape (K,) and (L,), float32
-        Squared magnitudes of the two differences' transfer functions.
-    nsr, beta, scale : float32
+        Squared magnitudes of the frequency responses of the horizontal and the vertical difference.
+    nsr, beta : float32
+        Weights of the squared picture and of the squared gradient.
+    scale : float32
+        Factor on the response.
     of_grad_adjoint : bool
+        Whether the filter is for the adjoint gradient.
     out : ndarray, shape (K, L), complex64
+        Output.
     """
     kept = np.float32(1.0) + nsr
     for k in range(otf.shape[0]):

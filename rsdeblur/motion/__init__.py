@@ -1,1 +1,1 @@
-"""From gyro log to blur paths: where each pixel's light comes from while its row is exposed."""
+"""From gyro log to blur paths: where the light of each pixel comes from while its row is exposed."""

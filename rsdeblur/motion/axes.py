@@ -1,4 +1,4 @@
-"""How an IMU sits in a camera: orientation strings and presets."""
+"""Orientation of the IMU in the camera: orientation strings and presets."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import numpy as np
 from rsdeblur.errors import InputError
 from rsdeblur.types import FloatArray
 
-# Gyroflow's frame is x up, y left, z back; a camera's x right, y down, z forward.
+# Gyroflow's axes are x up, y left, z back; the camera's are x right, y down, z forward.
 GYROFLOW_TO_CAMERA = ((0, -1, 0), (-1, 0, 0), (0, 0, -1))
 
-# Android's and iOS's device axes (x right, y up, z out of the screen, phone upright) and the rear camera: its picture
-# stored upright; as the sensor reads it, the phone's right side at the top; and both upside down.
+# The phone presets are for device axes of Android and iOS (x right, y up, z out of the screen, phone upright) and the
+# rear camera. Its picture is stored upright ("portrait") or as the sensor reads it, with the phone's right side at the
+# top ("landscape"); "reversed" means upside down.
 PRESETS = {
     "gyroflow": "XYZ",
     "phone-portrait": "YxZ",
@@ -24,24 +25,28 @@ PRESETS = {
 
 
 def orientation(letters: str) -> FloatArray:
-    """Return the matrix that an orientation string of Gyroflow describes, shape (3, 3).
+    """Return the matrix of one of Gyroflow's orientation strings.
 
-    It takes raw numbers to Gyroflow's frame. It is no rotation where the raw ones are left-handed, as those of some
-    action cameras are, whose strings are like ``"xZy"``.
+    The matrix takes raw rates to Gyroflow's axes. Some action cameras record rates in left-handed axes, with strings
+    like ``"xZy"``; their matrix is not a rotation.
 
     Parameters
     ----------
     letters : str
-        The raw axis that becomes Gyroflow's x (up), y (left) and z (back) axis each, lower case if it is negated:
-        ``"XYZ"`` changes nothing, ``"YxZ"`` is a phone held upright.
+        For each of Gyroflow's axes x (up), y (left) and z (back), the raw axis that it is taken from, in lower case if
+        the sign changes: ``"XYZ"`` changes nothing, ``"YxZ"`` is a phone held upright.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
 
     Raises
     ------
     InputError
-        If it is no such string.
+        If `letters` does not name each axis once.
     """
     if not re.fullmatch(r"[XYZxyz]{3}", letters) or len(set(letters.upper())) != 3:
-        raise InputError(f"{letters!r} is no orientation: it must name each of X, Y and Z once, like 'YxZ'")
+        raise InputError(f"{letters!r} is not an orientation: it must name each of X, Y and Z once, like 'YxZ'")
     matrix = np.zeros((3, 3))
     for row, letter in enumerate(letters):
         matrix[row, "XYZ".index(letter.upper())] = 1.0 if letter.isupper() else -1.0
@@ -49,12 +54,21 @@ def orientation(letters: str) -> FloatArray:
 
 
 def imu_to_camera(name: str) -> FloatArray:
-    """Return the matrix from IMU to camera axes that a preset or an orientation string stands for, shape (3, 3).
+    """Return the matrix from IMU axes to camera axes that a preset or an orientation string describes.
+
+    Parameters
+    ----------
+    name : str
+        A key of `PRESETS`, or an orientation string, see :func:`orientation`.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
 
     Raises
     ------
     InputError
-        If there is no such preset and it is no orientation string.
+        If `name` is neither a preset nor an orientation string.
     """
     if name not in PRESETS and not re.fullmatch(r"[XYZxyz]{3}", name):
         raise InputError(

@@ -1,13 +1,13 @@
-"""The camera: intrinsics and lens, rolling-shutter readout, and its relation to the IMU in space and time."""
+"""The camera: intrinsics and lens, rolling-shutter readout, and orientation and clock relative to the IMU."""
 
 from __future__ import annotations
 
 import os
 import tomllib
 import warnings
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
-from typing import Any, Literal, cast
+from typing import Any
 
 import numpy as np
 import tomli_w
@@ -16,35 +16,38 @@ from numpy.typing import ArrayLike
 from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.files import read_file
+from rsdeblur.choices import (
+    DISTORTIONS,
+    READOUT_DIRECTIONS,
+    TIMESTAMP_MARKS,
+    Distortion,
+    ReadoutDirection,
+    TimestampMarks,
+)
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.motion import axes, lens
-from rsdeblur.motion.lens import Distortion
 from rsdeblur.types import FloatArray
 
-ReadoutDirection = Literal["top-down", "bottom-up", "left-right", "right-left"]
-READOUT_DIRECTIONS: tuple[ReadoutDirection, ...] = ("top-down", "bottom-up", "left-right", "right-left")
+# Moments that the timestamp of a capture may mark, each as a share of the time from the start of the first row's
+# exposure to the end of the last row's. Android marks the start, Gyroflow the middle row's mid-exposure.
+TIMESTAMP_SHARES: dict[TimestampMarks, float] = {"start": 0.0, "middle": 0.5, "end": 1.0}
 
-# What the stamp of a capture marks, and the share of the time from the first row's opening to the last one's closing
-# that has passed by then. Android stamps the start, Gyroflow the middle row's mid-exposure.
-TimestampMarks = Literal["start", "middle", "end"]
-TIMESTAMP_MARKS: dict[TimestampMarks, float] = {"start": 0.0, "middle": 0.5, "end": 1.0}
-
-# Keys of camera files that were renamed before the first release.
+# Former keys of camera files, which are still read.
 FORMER_KEYS = {
     "focal": "focal_length", "principal": "principal_point", "readout": "readout_time", "stamp": "timestamp_marks",
 }  # fmt: skip
 
-# PNG ends there, and no other format that is read goes further.
+# Largest width and height, px: that of PNG, the largest of all formats that are read.
 MOST_PIXELS = 2**31 - 1
 
-# Of anything in px, and of coefficients: no lens is near it, and its eighth power is still a number.
+# Largest length in px and largest coefficient. No lens comes near it, and its eighth power does not overflow.
 LARGEST = 1e12
 
-# A rotation typed with four decimals is orthonormal to 1e-4; anything worse is not a rotation.
+# Largest deviation from orthonormality. A rotation typed with four decimals deviates by 1e-4.
 ROTATION_TOLERANCE = 1e-3
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, init=False)
 class Camera:
     """A camera with a rolling shutter and a rigidly mounted IMU.
 
@@ -55,46 +58,48 @@ class Camera:
     width, height : int
         Size of the picture in px.
     focal_length : float or (float, float)
-        Focal length in px, one or (fx, fy). Kept as (fx, fy).
+        Focal length in px, one for both axes or (fx, fy). The attribute is always (fx, fy).
     principal_point : (float, float), optional
         Principal point (cx, cy) in px; default the picture's centre ((width - 1)/2, (height - 1)/2).
     readout_time : float, default 0.0
-        Readout time in s: from the first row's start of exposure to one row past the last row's. 0 is a global shutter.
+        Readout time in s, at least 0: the start of exposure moves by `readout_time / lines` from one sensor row to the
+        next. 0 is a global shutter.
     readout_direction : {"top-down", "bottom-up", "left-right", "right-left"}
-        How the readout runs over the picture as stored.
+        Direction of the readout in the picture as stored.
     imu_to_camera : array_like, shape (3, 3), or str, optional
-        Rotation that takes IMU axes to camera axes; default identity. Its rows are the camera's axes in the IMU frame.
-        Or one of ``"phone-portrait"``, ``"phone-landscape"`` (rear camera, log in phone axes), ``"gyroflow"`` (log in
-        Gyroflow's axes), or an orientation string like ``"YxZ"``; see `rsdeblur.motion.axes`.
+        Rotation from IMU axes to camera axes; default identity. Its rows are the camera's axes in the IMU frame. A str
+        is a preset, ``"phone-portrait"``, ``"phone-landscape"`` (rear camera, log in phone axes) or ``"gyroflow"`` (log
+        in Gyroflow's axes), or an orientation string like ``"YxZ"``; see `rsdeblur.motion.axes`.
     time_offset : float, default 0.0
         `camera_time = gyro_time + time_offset`, in s.
     distortion_model : {"none", "radtan", "fisheye"}
-        OpenCV's models of lens distortion; Kalibr calls the last one equidistant.
+        Model of the lens distortion, as in OpenCV; Kalibr calls ``"fisheye"`` equidistant.
     distortion : array_like, default ()
         Coefficients: k1, k2, p1, p2[, k3[, k4, k5, k6]] of ``"radtan"``, k1, k2, k3, k4 of ``"fisheye"``.
     timestamp_marks : {"start", "middle", "end"}
-        What the stamp of a capture marks: the start of exposure of the first row read, the mid-exposure of the middle
-        row, or the end of exposure of the last one.
+        Moment that the timestamp of a capture marks: the start of exposure of the first row read, the mid-exposure of
+        the middle row, or the end of exposure of the last row read.
 
     Raises
     ------
     InputError
-        If a value is impossible, `imu_to_camera` is not a rotation, or the distortion folds the picture over itself.
+        If a value is out of its range, `imu_to_camera` is not a rotation, or the distortion maps two directions to one
+        pixel of the frame.
     """
 
     width: int
     height: int
     focal_length: tuple[float, float]
-    principal_point: tuple[float, float] = cast("tuple[float, float]", None)
-    readout_time: float = field(default=0.0, kw_only=True)
-    readout_direction: ReadoutDirection = field(default="top-down", kw_only=True)
-    imu_to_camera: FloatArray = field(default=cast(FloatArray, None), kw_only=True)
-    time_offset: float = field(default=0.0, kw_only=True)
-    distortion_model: Distortion = field(default="none", kw_only=True)
-    distortion: tuple[float, ...] = field(default=(), kw_only=True)
-    timestamp_marks: TimestampMarks = field(default="start", kw_only=True)
+    principal_point: tuple[float, float]
+    readout_time: float
+    readout_direction: ReadoutDirection
+    imu_to_camera: FloatArray
+    time_offset: float
+    distortion_model: Distortion
+    distortion: tuple[float, ...]
+    timestamp_marks: TimestampMarks
 
-    # The public signature takes one focal length, any pair and no principal point; the attributes are always whole.
+    # Written by hand, because arguments may have more types than the attributes: one focal length, any array, a preset.
     def __init__(
         self,
         width: int,
@@ -126,7 +131,7 @@ class Camera:
         put("readout_direction", validate.choice("readout_direction", readout_direction, READOUT_DIRECTIONS))
         put("imu_to_camera", _rotation(np.eye(3) if imu_to_camera is None else imu_to_camera))
         put("time_offset", validate.finite("time_offset", time_offset))
-        put("distortion_model", validate.choice("distortion_model", distortion_model, lens.COEFFICIENTS))
+        put("distortion_model", validate.choice("distortion_model", distortion_model, DISTORTIONS))
         put("distortion", _coefficients(self.distortion_model, distortion))
         put("timestamp_marks", validate.choice("timestamp_marks", timestamp_marks, TIMESTAMP_MARKS))
         self._check_distortion()
@@ -139,7 +144,7 @@ class Camera:
 
     @property
     def horizontal_readout(self) -> bool:
-        """Whether the readout runs along the picture's x axis."""
+        """Whether the readout runs along the x axis of the picture."""
         return self.readout_direction in ("left-right", "right-left")
 
     @property
@@ -148,16 +153,34 @@ class Camera:
         return self.width if self.horizontal_readout else self.height
 
     def reading_order(self, rows: FloatArray) -> FloatArray:
-        """Return how many rows are read before each of `rows`, counted along the readout axis of the picture."""
+        """Return how many sensor rows are read before each of `rows`.
+
+        Parameters
+        ----------
+        rows : ndarray
+            Positions along the readout axis of the picture as stored (y, or x for a horizontal readout); any shape,
+            fractions allowed.
+
+        Returns
+        -------
+        ndarray
+            Shaped like `rows`.
+        """
         backwards = self.readout_direction in ("bottom-up", "right-left")
         return self.lines - 1 - rows if backwards else rows
 
-    def stamp_delay(self, duration: float) -> float:
-        """Return how long after the first row's start of exposure the capture's stamp is, in s."""
-        return TIMESTAMP_MARKS[self.timestamp_marks] * (self.readout_time * (self.lines - 1) / self.lines + duration)
+    def timestamp_delay(self, duration: float) -> float:
+        """Return the time in s from the first row's start of exposure to the moment that the timestamp marks.
+
+        Parameters
+        ----------
+        duration : float
+            Exposure time of every row in s.
+        """
+        return TIMESTAMP_SHARES[self.timestamp_marks] * (self.readout_time * (self.lines - 1) / self.lines + duration)
 
     def rays(self, points: FloatArray) -> FloatArray:
-        """Return the directions that pixels see.
+        """Return the viewing directions of pixels.
 
         Parameters
         ----------
@@ -167,14 +190,25 @@ class Camera:
         Returns
         -------
         ndarray, shape (..., 3)
-            Camera axes, of any length; NaN beyond where the lens reaches.
+            In camera axes, of any length; NaN where the lens model has no direction.
         """
         (fx, fy), (cx, cy) = self.focal_length, self.principal_point
         normalised = np.stack([(points[..., 0] - cx) / fx, (points[..., 1] - cy) / fy], axis=-1)
         return lens.rays(normalised, self.distortion_model, self.distortion)
 
     def project(self, directions: FloatArray) -> FloatArray:
-        """Return the pixels (..., 2) that see directions (..., 3) in camera axes."""
+        """Return the pixels that see directions; the inverse of :meth:`rays`.
+
+        Parameters
+        ----------
+        directions : ndarray, shape (..., 3)
+            In camera axes, of any length.
+
+        Returns
+        -------
+        ndarray, shape (..., 2)
+            (x, y) in px.
+        """
         (fx, fy), (cx, cy) = self.focal_length, self.principal_point
         points = lens.project(directions, self.distortion_model, self.distortion)
         points *= (fx, fy)
@@ -182,13 +216,13 @@ class Camera:
         return points
 
     def _check_distortion(self) -> None:
-        """Raise `InputError` unless each pixel of the frame sees one direction."""
+        """Raise `InputError` unless each pixel of the frame sees exactly one direction."""
         if self.distortion_model == "none":
             return
         (fx, fy), (cx, cy) = self.focal_length, self.principal_point
         x, y = np.linspace(0, self.width - 1, 17), np.linspace(0, self.height - 1, 17)
         if self.distortion_model == "fisheye":
-            # In the corners the model may be continued.
+            # Only distances along the axes count, because the model may be extrapolated in the corners.
             farthest = max(abs(x - cx).max() / fx, abs(y - cy).max() / fy)
             folds = farthest > lens.reach(self.distortion)
         else:
@@ -196,32 +230,81 @@ class Camera:
         if folds:
             raise InputError(
                 f"the {self.distortion_model} distortion {self.distortion} folds the picture over itself within the "
-                "frame; check the coefficients, their order, and that focal_length and principal_point are of this size"
+                "frame; check the coefficients and their order, and that focal_length and principal_point are for this "
+                "size"
             )
 
     def scaled(self, s: float) -> Camera:
-        """Return the camera of the picture resized by the factor `s`; pixel centres stay at integers."""
+        """Return the camera of the picture resized by a factor; pixel centres stay at integers.
+
+        Parameters
+        ----------
+        s : float
+            Factor, positive; sizes are rounded to whole pixels.
+
+        Returns
+        -------
+        Camera
+
+        Raises
+        ------
+        InputError
+            If `s` is not positive and finite.
+        """
         s = validate.finite("s", s, above=0.0)
         return self.resized(max(round(self.width * s), 1), max(round(self.height * s), 1))
 
     def resized(self, width: int, height: int) -> Camera:
-        """Return the camera of the picture resized to `width` x `height` px; pixel centres stay at integers."""
+        """Return the camera of the picture resized to a given size; pixel centres stay at integers.
+
+        Parameters
+        ----------
+        width, height : int
+            New size in px.
+
+        Returns
+        -------
+        Camera
+
+        Raises
+        ------
+        InputError
+            If a size is not a whole number of at least 1.
+        """
         width, height = validate.count("width", width), validate.count("height", height)
         (fx, fy), (cx, cy) = self.focal_length, self.principal_point
-        # Sizes are whole pixels, so each axis follows its own ratio.
+        # Sizes are whole pixels, so the two ratios may differ.
         sx, sy = width / self.width, height / self.height
         principal_point = ((cx + 0.5) * sx - 0.5, (cy + 0.5) * sy - 0.5)
-        return self._with(width=width, height=height, focal_length=(fx * sx, fy * sy), principal_point=principal_point)
+        return replace(
+            self, width=width, height=height, focal_length=(fx * sx, fy * sy), principal_point=principal_point
+        )
 
     def delayed(self, dt: float) -> Camera:
-        """Return the camera whose clock is `dt` seconds later against the gyro's."""
-        return self._with(time_offset=self.time_offset + validate.finite("dt", dt))
+        """Return the camera with `dt` seconds added to its `time_offset`."""
+        return replace(self, time_offset=self.time_offset + validate.finite("dt", dt))
 
     def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
-        """Return the camera of the picture cut out at (`left`, `top`) with the given size in px.
+        """Return the camera of a part of the picture.
 
-        The readout shrinks with the rows that are left. The rows cut off before the first one are accounted for in
-        `time_offset`, so an `Exposure` of the whole picture stays valid for the cut-out.
+        The readout time shrinks in proportion to the rows. `time_offset` accounts for the rows cut off before the first
+        one, so an `Exposure` of the whole picture stays valid for the part.
+
+        Parameters
+        ----------
+        left, top : int
+            First column and row of the part in px.
+        width, height : int
+            Size of the part in px.
+
+        Returns
+        -------
+        Camera
+
+        Raises
+        ------
+        InputError
+            If a value is not a whole number, or the part does not fit into the picture.
         """
         left, top = validate.count("left", left, minimum=0), validate.count("top", top, minimum=0)
         width, height = validate.count("width", width), validate.count("height", height)
@@ -232,9 +315,10 @@ class Camera:
         first, size = (left, width) if self.horizontal_readout else (top, height)
         skipped = self.reading_order(np.array([first, first + size - 1], dtype=np.float64)).min()
         cx, cy = self.principal_point
-        # A stamp at the middle or the end marks that of the whole picture's rows.
-        later = TIMESTAMP_MARKS[self.timestamp_marks] * (self.lines - size) - float(skipped)
-        return self._with(
+        # A timestamp of the middle or the end is that of the whole picture.
+        later = TIMESTAMP_SHARES[self.timestamp_marks] * (self.lines - size) - float(skipped)
+        return replace(
+            self,
             width=width,
             height=height,
             principal_point=(cx - left, cy - top),
@@ -245,11 +329,11 @@ class Camera:
     def turned(self) -> Camera:
         """Return the camera of the picture turned a quarter clockwise (`numpy.rot90(picture, -1)`).
 
-        A horizontal readout becomes a vertical one; being a rotation, it keeps the handedness of the axes, which a
-        transposition would not.
+        A horizontal readout becomes a vertical one. A turn keeps the handedness of the axes; a transposition would
+        not.
         """
         (fx, fy), (cx, cy) = self.focal_length, self.principal_point
-        # New x runs against the old y, new y along the old x.
+        # The new x axis is the old -y axis, the new y axis the old x axis.
         quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
         turn: dict[ReadoutDirection, ReadoutDirection] = {
             "left-right": "top-down",
@@ -257,7 +341,8 @@ class Camera:
             "top-down": "right-left",
             "bottom-up": "left-right",
         }
-        return self._with(
+        return replace(
+            self,
             width=self.height,
             height=self.width,
             focal_length=(fy, fx),
@@ -266,9 +351,6 @@ class Camera:
             imu_to_camera=quarter @ self.imu_to_camera,
             distortion=lens.turned(self.distortion_model, self.distortion),
         )
-
-    def _with(self, **changes: Any) -> Camera:
-        return replace(self, **changes)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the camera as TOML (see ``docs/camera-file.md``); the file is replaced atomically.
@@ -296,16 +378,16 @@ class Camera:
         Raises
         ------
         FileFormatError
-            If the file cannot be read, is not TOML, lacks `width`, `height` or `focal_length`, has an unknown key, or a
-            value is impossible.
+            If the file cannot be read, is not TOML, lacks `width`, `height` or `focal_length`, has an unknown key, or
+            a value is out of its range.
 
         Warns
         -----
         RsdeblurWarning
-            If a key has its former name, such as `focal` for `focal_length`.
+            If a key has a former name, such as `focal` for `focal_length`.
         """
         try:
-            # An integer of thousands of digits is a ValueError too.
+            # A ValueError also where an integer has thousands of digits.
             table = tomllib.loads(read_file(path, "camera file").decode())
         except (ValueError, RecursionError) as error:
             raise FileFormatError(f"{path}: not a TOML camera file: {error}") from error
@@ -340,14 +422,14 @@ def _focal_length(value: Any) -> tuple[float, float]:
 def _coefficients(model: Distortion, value: ArrayLike) -> tuple[float, ...]:
     k = validate.real_array("distortion", value, (None,), most=LARGEST)
     if len(k) not in lens.COEFFICIENTS[model]:
-        wanted = " or ".join(map(str, lens.COEFFICIENTS[model]))
-        raise InputError(f"distortion of the model {model!r} must have {wanted} coefficients, got {len(k)}")
+        counts = " or ".join(map(str, lens.COEFFICIENTS[model]))
+        raise InputError(f"distortion of the model {model!r} must have {counts} coefficients, got {len(k)}")
     return tuple(k.tolist())
 
 
 def _rotation(value: ArrayLike | str) -> FloatArray:
-    given = axes.imu_to_camera(value) if isinstance(value, str) else value
-    matrix = validate.real_array("imu_to_camera", given, (3, 3), most=LARGEST)
+    rows = axes.imu_to_camera(value) if isinstance(value, str) else value
+    matrix = validate.real_array("imu_to_camera", rows, (3, 3), most=LARGEST)
     if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_TOLERANCE:
         raise InputError(
             f"imu_to_camera must be a rotation: its rows must be perpendicular unit vectors, got {matrix.tolist()}"

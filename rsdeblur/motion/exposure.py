@@ -1,4 +1,4 @@
-"""When the picture was taken, and when each of its rows was exposed."""
+"""Time of the exposure, of the whole picture and of each row."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from rsdeblur.types import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """One exposure, in camera time.
+    """Start and duration of one exposure, in camera time.
 
     Parameters
     ----------
     start : float
-        The capture's stamp, in s relative to `epoch_ns`: the start of exposure of the first row read, unless the
-        camera's `timestamp_marks` says that it marks another moment.
+        Timestamp of the capture, in s relative to `epoch_ns`. It is the start of exposure of the first row read, unless
+        the camera's `timestamp_marks` names another moment.
     duration : float
         Exposure time of every row in s, positive.
     epoch_ns : int, default 0
-        Origin of `start` in integer nanoseconds.
+        Origin of `start`, in nanoseconds, within 64 bits.
 
     Raises
     ------
     InputError
-        If a value is not finite or the duration is not positive.
+        If a value is not finite, the duration is not positive, or `epoch_ns` does not fit into 64 bits.
     """
 
     start: float
@@ -42,11 +42,11 @@ class Exposure:
         object.__setattr__(self, "epoch_ns", validate.stamp("epoch_ns", self.epoch_ns))
 
     def shifted(self, dt: float) -> Exposure:
-        """Return the exposure `dt` seconds later."""
+        """Return the exposure that is `dt` seconds later."""
         return replace(self, start=self.start + validate.finite("dt", dt))
 
     def window(self, rows: ArrayLike, camera: Camera) -> tuple[FloatArray, FloatArray]:
-        """Return when each row opens and closes.
+        """Return the times at which the exposure of each row starts and ends.
 
         Parameters
         ----------
@@ -54,19 +54,24 @@ class Exposure:
             Positions along the readout axis of the picture as stored (y, or x for a horizontal readout); any shape,
             fractions allowed.
         camera : Camera
-            Gives the readout time and its direction.
+            The camera, with its readout time, readout direction and `timestamp_marks`.
 
         Returns
         -------
         opens, closes : ndarray
             Times in s relative to `epoch_ns`, shaped like `rows`.
+
+        Raises
+        ------
+        InputError
+            If `rows` is not an array of finite numbers.
         """
         order = camera.reading_order(validate.real_array("rows", rows))
-        first = self.start - camera.stamp_delay(self.duration)
+        first = self.start - camera.timestamp_delay(self.duration)
         opens: FloatArray = first + camera.readout_time * order / camera.lines
         return opens, opens + self.duration
 
     def span(self, camera: Camera) -> tuple[float, float]:
-        """Return when the first row opens and the last row closes, in s relative to `epoch_ns`."""
+        """Return the start of the first row's exposure and the end of the last one's, in s relative to `epoch_ns`."""
         opens, closes = self.window(np.array([0.0, camera.lines - 1.0]), camera)
         return float(opens.min()), float(closes.max())

@@ -1,7 +1,7 @@
 """Gyroscope samples and the orientation track integrated from them.
 
-`GyroLog` is what the sensor recorded, in IMU axes and gyro time. `OrientationTrack` is what the camera did, in
-camera axes and camera time: `C(t)`, camera-from-world, with `dC/dt = -[omega]x C`.
+`GyroLog` contains the recorded rates, in IMU axes and gyro time. `OrientationTrack` contains the orientation of the
+camera, in camera axes and camera time: `C(t)`, camera-from-world, with `dC/dt = -[omega]x C`.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from rsdeblur.types import FloatArray
 if TYPE_CHECKING:
     from rsdeblur.motion.camera import Camera
 
-# A consumer gyro ends at 2000 deg/s = 34.9 rad/s, and a photo is not taken during a sustained turn of 5 rad/s
-# (286 deg/s; the fastest real pan at hand is 3.3 rad/s): beyond either, the log is probably in degrees.
+# rad/s. The range of a consumer gyro ends at 2000 deg/s = 34.9 rad/s, and nobody takes a photo during a sustained turn
+# of 5 rad/s (286 deg/s; the fastest pan measured is 3.3 rad/s). A log beyond either is probably in degrees per second.
 SUSPICIOUS_PEAK = 35.0
 SUSPICIOUS_MEDIAN = 5.0
 
-# rad/s. Whatever the unit was, no gyro gives larger numbers; squares of these still fit.
+# rad/s. No gyro gives larger numbers, whatever the unit, and the squares of these do not overflow.
 LARGEST_RATE = 1e12
 
-# A log further than this from the exposure (s) is not late or early: its clock has another origin.
+# s. A log further than this from the exposure is neither late nor early: its clock has another origin.
 UNRELATED_CLOCK = 60.0
 
-# Samples before and after an exposure that tell the usual interval between samples.
+# Samples before and after an exposure that the median interval is taken from.
 NEIGHBOURS = 1000
 
 
@@ -46,18 +46,19 @@ class GyroLog:
     omega : array_like, shape (n, 3)
         Angular rates in rad/s about the IMU's own x, y and z axes, right-handed.
     epoch_ns : int, default 0
-        Origin of `t` in integer nanoseconds. Stamps of 1e18 ns lose 200 ns in float64, so the origin stays exact
-        and only differences become floating point.
+        Origin of `t`, in nanoseconds, within 64 bits. It stays an exact integer, because timestamps of 1e18 ns lose
+        200 ns in float64.
 
     Raises
     ------
     InputError
-        If an array has a wrong shape, a value is not finite, or the times do not increase.
+        If an array has a wrong shape, a value is not finite, a rate is beyond 1e12 rad/s, the times do not increase, or
+        `epoch_ns` does not fit into 64 bits.
 
     Warns
     -----
     RsdeblurWarning
-        If the magnitudes suggest degrees per second.
+        If the rates look like degrees per second: their median is beyond 5 rad/s, or the largest beyond 35 rad/s.
     """
 
     t: FloatArray
@@ -80,7 +81,7 @@ class GyroLog:
             kind = "a duplicate" if step[i] == 0 else "out of order"
             raise InputError(
                 f"t must increase: sample {i + 1} (t = {t[i + 1]:.9f} s) is {kind} after sample {i} "
-                f"(t = {t[i]:.9f} s); sort the samples and drop repeated stamps"
+                f"(t = {t[i]:.9f} s); sort the samples and drop repeated timestamps"
             )
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "omega", omega)
@@ -99,7 +100,7 @@ class GyroLog:
             )
 
     def _derived(self, **changes: FloatArray | int) -> GyroLog:
-        """Return a changed copy of this valid log without checking, or warning, again."""
+        """Return a changed copy of this valid log, without the checks and without a second warning."""
         log = object.__new__(GyroLog)
         for name in ("t", "omega", "epoch_ns"):
             value = changes.get(name, getattr(self, name))
@@ -122,12 +123,22 @@ class GyroLog:
         return float(self.t[0]), float(self.t[-1])
 
     def gaps(self, *, factor: float = 3.0) -> FloatArray:
-        """Return the holes of the log: intervals longer than `factor` times the median interval.
+        """Return the gaps of the log: intervals longer than `factor` times the median interval.
+
+        Parameters
+        ----------
+        factor : float, default 3.0
+            Greater than 1.
 
         Returns
         -------
         ndarray, shape (k, 2)
-            Times in s relative to `epoch_ns` of the samples before and after each hole.
+            Times in s relative to `epoch_ns` of the samples before and after each gap.
+
+        Raises
+        ------
+        InputError
+            If `factor` is not a finite number greater than 1.
         """
         factor = validate.finite("factor", factor, above=1.0)
         step = np.diff(self.t)
@@ -135,16 +146,39 @@ class GyroLog:
         return np.stack([self.t[i], self.t[i + 1]], axis=1)
 
     def shifted(self, dt: float) -> GyroLog:
-        """Return the log with `dt` seconds added to every stamp."""
+        """Return the log with `dt` seconds added to every sample time.
+
+        Raises
+        ------
+        InputError
+            If `dt` is not finite, or is so large that rounding makes sample times equal.
+        """
         t = self.t + validate.finite("dt", dt)
         if (np.diff(t) <= 0).any():
-            raise InputError(f"dt = {dt:g} s is so large that stamps coincide; change epoch_ns instead")
+            raise InputError(
+                f"dt = {dt:g} s is so large that rounding makes sample times equal; change epoch_ns instead"
+            )
         return self._derived(t=t)
 
     def trimmed(self, t0: float, t1: float) -> GyroLog:
         """Return the samples from the last one at or before `t0` to the first one at or after `t1`.
 
-        The neighbours outside are kept so that rates interpolate over all of [t0, t1]; at least two samples remain.
+        The samples just outside are kept so that rates can be interpolated over all of [t0, t1]. At least two samples
+        remain.
+
+        Parameters
+        ----------
+        t0, t1 : float
+            Times in s relative to `epoch_ns`, `t0 <= t1`.
+
+        Returns
+        -------
+        GyroLog
+
+        Raises
+        ------
+        InputError
+            If a time is not finite, `t1` is before `t0`, or the log has no sample between them.
         """
         t0, t1 = validate.finite("t0", t0), validate.finite("t1", t1)
         if t1 < t0:
@@ -156,11 +190,37 @@ class GyroLog:
         return self._derived(t=self.t[first:last], omega=self.omega[first:last])
 
     def minus_bias(self, b: ArrayLike) -> GyroLog:
-        """Return the log with the constant rate `b`, shape (3,) in rad/s, taken off every sample."""
+        """Return the log with a constant rate subtracted from every sample.
+
+        Parameters
+        ----------
+        b : array_like, shape (3,)
+            Bias in rad/s about the IMU's axes.
+
+        Returns
+        -------
+        GyroLog
+
+        Raises
+        ------
+        InputError
+            If `b` does not have this shape or is not finite.
+        """
         return self._derived(omega=self.omega - validate.real_array("b", b, (3,)))
 
     def covering(self, t0: float, t1: float, epoch_ns: int) -> GyroLog:
-        """Return the samples that describe [t0, t1] (s relative to `epoch_ns`), re-based on that epoch.
+        """Return the samples that describe [t0, t1], with their times relative to another epoch.
+
+        Parameters
+        ----------
+        t0, t1 : float
+            Gyro time in s relative to the new epoch.
+        epoch_ns : int
+            The new epoch in nanoseconds.
+
+        Returns
+        -------
+        GyroLog
 
         Raises
         ------
@@ -169,9 +229,9 @@ class GyroLog:
         CoverageError
             If the log starts too late or ends too early.
         GapError
-            If the log has a hole inside [t0, t1].
+            If the log has a gap inside [t0, t1].
         """
-        # Epochs differ by exact integers; only the difference becomes a float.
+        # The difference of the epochs is exact: both are integers.
         shift = (self.epoch_ns - epoch_ns) * 1e-9
         start, end = (edge + shift for edge in self.span)
         late, early = start - t0, t1 - end
@@ -189,7 +249,7 @@ class GyroLog:
                 f"the gyro log does not cover the exposure: it misses {' and '.join(missing)}; "
                 "check the time offset, the capture's stamp and the readout time, or use a longer log"
             )
-        # The usual interval is that of the neighbourhood: looking at all of a day's takes a second.
+        # The median interval is taken from the neighbourhood: for all samples of a day it would take a second.
         first, last = np.searchsorted(self.t, (t0 - shift, t1 - shift))
         near = slice(max(first - NEIGHBOURS, 0), last + NEIGHBOURS)
         log = self._derived(t=self.t[near] + shift, omega=self.omega[near], epoch_ns=epoch_ns)
@@ -206,8 +266,8 @@ class GyroLog:
 class OrientationTrack:
     """Camera orientation `C(t)`, camera-from-world, between the samples of a gyro log.
 
-    Rates are taken as piecewise linear; each step is the exact rotation of the fourth-order Magnus expansion, so
-    that `C` stays a rotation and a constant rate is integrated without error.
+    Rates are interpolated linearly between samples. Each step is the rotation of the fourth-order Magnus expansion, so
+    `C` stays a rotation, and a constant rate is integrated without error.
 
     Parameters
     ----------
@@ -225,7 +285,7 @@ class OrientationTrack:
 
     @classmethod
     def from_log(cls, log: GyroLog, camera: Camera, t0: float, t1: float, epoch_ns: int) -> OrientationTrack:
-        """Integrate `log` over the camera times [t0, t1] (s relative to `epoch_ns`).
+        """Return the track of `log` over the camera times [t0, t1] (s relative to `epoch_ns`).
 
         Raises
         ------
@@ -244,15 +304,15 @@ class OrientationTrack:
         return cls(t, omega, rotations)
 
     def at(self, times: FloatArray) -> FloatArray:
-        """Return `C` at `times` (any shape, s, within the track) with shape `times.shape + (3, 3)`."""
+        """Return `C` at `times` (s, within the track, any shape); shape `times.shape + (3, 3)`."""
         i, elapsed, omega = self._segment(times)
         rotations: FloatArray = rotation_matrix(-_magnus(self.omega[i], omega, elapsed)) @ self.rotations[i]
         return rotations
 
     def angles(self, times: FloatArray) -> FloatArray:
-        """Return the plain integral of the rates at `times` (any shape), shape `times.shape + (3,)`, in rad.
+        """Return the integral of the rates up to `times` (s, any shape) in rad; shape `times.shape + (3,)`.
 
-        The small-angle picture of the motion: no order of rotations, zero at the first sample.
+        This is the small-angle approximation of the rotation since the first sample: rotations add up in any order.
         """
         i, elapsed, omega = self._segment(times)
         step = 0.5 * (self.omega[1:] + self.omega[:-1]) * np.diff(self.t)[:, None]
@@ -261,7 +321,7 @@ class OrientationTrack:
         return angles
 
     def _segment(self, times: FloatArray) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
-        """Sample before each time, the time since then, and the rate at that time."""
+        """Return the sample before each time, the time since that sample, and the rate at that time."""
         i = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 2)
         elapsed = times - self.t[i]
         fraction = elapsed / (self.t[i + 1] - self.t[i])
@@ -269,7 +329,7 @@ class OrientationTrack:
 
 
 def _magnus(omega0: FloatArray, omega1: FloatArray, dt: NDArray[np.float64]) -> FloatArray:
-    """Rotation vector of a step `dt` over which the rate goes linearly from `omega0` to `omega1`.
+    """Return the rotation vector of a step `dt` in which the rate changes linearly from `omega0` to `omega1`.
 
     Fourth-order Magnus expansion (Iserles and Norsett 1999): dt (w0 + w1)/2 + dt^2/12 (w0 x w1).
     """
@@ -278,7 +338,7 @@ def _magnus(omega0: FloatArray, omega1: FloatArray, dt: NDArray[np.float64]) -> 
 
 
 def rotation_matrix(vector: FloatArray) -> FloatArray:
-    """Rodrigues' formula: exp([v]x) for rotation vectors of shape (..., 3)."""
+    """Return the matrices `exp([v]x)` of rotation vectors v, shape (..., 3), by Rodrigues' formula."""
     angle = np.sqrt(np.sum(vector**2, axis=-1))[..., None, None]
     x, y, z = np.moveaxis(vector, -1, 0)
     zero = np.zeros_like(x)

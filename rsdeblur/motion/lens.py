@@ -6,28 +6,26 @@ Points are in normalised coordinates, (pixel - principal point) / focal length; 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Literal
 
 import numpy as np
 
+from rsdeblur.choices import Distortion
 from rsdeblur.types import FloatArray
 
-Distortion = Literal["none", "radtan", "fisheye"]
-
-# How many coefficients each model takes: k1 k2 p1 p2 [k3 [k4 k5 k6]], and k1 k2 k3 k4.
+# Numbers of coefficients that each model may have: k1 k2 p1 p2 [k3 [k4 k5 k6]] for "radtan", k1 k2 k3 k4 for "fisheye".
 COEFFICIENTS: dict[Distortion, tuple[int, ...]] = {"none": (0,), "radtan": (4, 5, 8), "fisheye": (4,)}
 
-# Newton's method doubles the digits at each step; ordinary lenses take five.
+# Most steps of Newton's method, which doubles the correct digits in each; ordinary lenses take five.
 STEPS = 30
 TOLERANCE = 1e-13
-# Below this slope of theta_d(theta) the fisheye's polynomial is about to turn back.
+# Least slope of the fisheye's polynomial theta_d(theta). Below it, the polynomial is about to decrease.
 FLAT = 0.1
-# What such a coefficient adds to the slope at 180 degrees is below 1e-8.
+# Coefficients up to this size add less than 1e-8 to the slope at 180 degrees.
 NEGLIGIBLE = 1e-12
 
 
 def project(directions: FloatArray, model: Distortion, k: tuple[float, ...]) -> FloatArray:
-    """Return where the lens puts directions (..., 3), as points (..., 2)."""
+    """Return the points (..., 2) to which the lens projects directions (..., 3)."""
     x, y, z = np.moveaxis(directions, -1, 0)
     if model == "fisheye":
         # theta_d = theta (1 + k1 theta^2 + ...), Kannala and Brandt (2006); sin(theta)/theta is regular at 0.
@@ -41,7 +39,7 @@ def project(directions: FloatArray, model: Distortion, k: tuple[float, ...]) -> 
 
 
 def rays(points: FloatArray, model: Distortion, k: tuple[float, ...]) -> FloatArray:
-    """Return the directions (..., 3) of points (..., 2); NaN where the lens puts none."""
+    """Return the directions (..., 3) that the lens projects to points (..., 2); NaN where there is none."""
     if model == "fisheye":
         bent = np.linalg.norm(points, axis=-1)
         with np.errstate(all="ignore"):
@@ -49,7 +47,7 @@ def rays(points: FloatArray, model: Distortion, k: tuple[float, ...]) -> FloatAr
         ratio = np.sin(theta) / np.where(bent > 0, bent, 1.0)
         ratio = np.where(bent > 0, ratio, 1.0)
         return np.stack([points[..., 0] * ratio, points[..., 1] * ratio, np.cos(theta)], axis=-1)
-    # Where no direction leads to a point, Newton's method wanders off, which is found out at its end.
+    # Where no direction leads to a point, Newton's method diverges, perhaps to infinity; the result is checked.
     with np.errstate(all="ignore"):
         plane = points if model == "none" else _flattened(points, k)
     return np.concatenate([plane, np.ones_like(plane[..., :1])], axis=-1)
@@ -57,25 +55,25 @@ def rays(points: FloatArray, model: Distortion, k: tuple[float, ...]) -> FloatAr
 
 @lru_cache
 def _fold(k: tuple[float, ...]) -> float:
-    """Return the angle where the fisheye's polynomial gets nearly flat, before it turns back; infinity if nowhere."""
+    """Return the angle at which the slope of the fisheye's polynomial falls to `FLAT`; infinity if it never does."""
     slope = [1.0 - FLAT, *((2 * i + 3) * value for i, value in enumerate(k))]
-    # Coefficients that bend nothing would be divided by.
+    # `roots` divides by the highest coefficient.
     squares = np.polynomial.Polynomial(slope).trim(NEGLIGIBLE).roots()
     real = squares.real[(np.abs(squares.imag) < 1e-9) & (squares.real > 0)]
     return float(np.sqrt(real.min())) if real.size else float("inf")
 
 
 def reach(k: tuple[float, ...]) -> float:
-    """Return the distance from the principal point up to which the fisheye model with `k` is one to one."""
+    """Return the distance from the principal point up to which the fisheye model with `k` is invertible."""
     fold = np.float64(_fold(k))
     return float(_fisheye(fold, k)[0]) if np.isfinite(fold) else float("inf")
 
 
 def _fisheye(theta: FloatArray | np.float64, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
-    """theta_d and its derivative.
+    """Return theta_d and its derivative.
 
-    Calibrations often do not reach a picture's corners, and there their polynomials may turn back, which no lens does:
-    from the fold on the model goes on straight.
+    Calibrations often do not reach the corners of the picture, and their polynomials may decrease there, which no real
+    lens does. From `_fold` on, the model continues along the tangent.
     """
     inside = np.minimum(theta, _fold(k))
     square = inside**2
@@ -89,7 +87,7 @@ def _fisheye(theta: FloatArray | np.float64, k: tuple[float, ...]) -> tuple[Floa
 
 
 def _straightened(bent: FloatArray, k: tuple[float, ...]) -> FloatArray:
-    """Invert theta_d(theta)."""
+    """Return theta for values `bent` of theta_d; NaN where there is none."""
     theta = np.minimum(bent, np.pi / 2)
     for _ in range(STEPS):
         value, slope = _fisheye(theta, k)
@@ -102,7 +100,7 @@ def _straightened(bent: FloatArray, k: tuple[float, ...]) -> FloatArray:
 
 
 def _radtan(plane: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
-    """Distorted points and the Jacobian (..., 2, 2), Brown (1971) with OpenCV's rational denominator."""
+    """Return the distorted points and the Jacobian (..., 2, 2): Brown (1971) with OpenCV's rational denominator."""
     k1, k2, p1, p2, k3, k4, k5, k6 = (*k, *(0.0,) * (8 - len(k)))
     x, y = plane[..., 0], plane[..., 1]
     r2 = x * x + y * y
@@ -129,12 +127,12 @@ def _radtan(plane: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatA
 
 
 def _flattened(points: FloatArray, k: tuple[float, ...]) -> FloatArray:
-    """Invert `_radtan`."""
+    """Return the undistorted points for distorted `points`; NaN where there is none."""
     plane = points
     for _ in range(STEPS):
         bent, j = _radtan(plane, k)
         ex, ey = np.moveaxis(bent - points, -1, 0)
-        # Cramer's rule; on a fold the determinant vanishes, and the point is given up below.
+        # Cramer's rule. On a fold the determinant vanishes; such a point is marked invalid below.
         determinant = j[..., 0, 0] * j[..., 1, 1] - j[..., 0, 1] * j[..., 1, 0]
         determinant = np.where(determinant == 0, np.inf, determinant)
         step = np.stack([j[..., 1, 1] * ex - j[..., 0, 1] * ey, j[..., 0, 0] * ey - j[..., 1, 0] * ex], axis=-1)
@@ -143,12 +141,12 @@ def _flattened(points: FloatArray, k: tuple[float, ...]) -> FloatArray:
         if np.abs(step).max(initial=0.0) < TOLERANCE:
             break
     bent, j = _radtan(plane, k)
-    # Beyond a fold a root may stand mirrored in one direction, or in both.
+    # Beyond a fold the solution may be mirrored in one direction or in both.
     folded = (j[..., 0, 0] * j[..., 1, 1] - j[..., 0, 1] * j[..., 1, 0] <= 0) | (j[..., 0, 0] + j[..., 1, 1] <= 0)
     wrong = folded | ~(np.abs(bent - points).max(axis=-1) < 1e-9)
     return np.where(wrong[..., None], np.nan, plane)
 
 
 def turned(model: Distortion, k: tuple[float, ...]) -> tuple[float, ...]:
-    """Return the coefficients for a picture turned a quarter clockwise."""
+    """Return the coefficients for the picture turned a quarter clockwise."""
     return (*k[:2], k[3], -k[2], *k[4:]) if model == "radtan" else k

@@ -1,49 +1,48 @@
-"""From the rolling-shutter picture to the one a global shutter would have seen."""
+"""Resampling a sharp rolling-shutter picture to the picture that a global shutter would have recorded."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur.motion.paths import FIXED_POINT_STEPS, Capture, RowPoses
+from rsdeblur.motion.paths import FIXED_POINT_STEPS, Capture
 from rsdeblur.types import FloatArray
 
-# Rows mapped at a time: bounds the memory of the float64 coordinates to some MB.
+# Rows mapped at a time, which bounds the memory for the float64 coordinates to some MB.
 CHUNK = 64
 
 
 def rectify(image: NDArray[np.float32], capture: Capture) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Resample a sharp rolling-shutter picture to one reference time, the middle row's mid-exposure.
+    """Return a sharp rolling-shutter picture resampled to one time, the mid-exposure of the middle row.
 
-    Output pixel p shows the direction `C(ref)^T K^-1 p`; the rolling picture shows that direction at
-    `q = K C(mid(q_y)) C(ref)^T K^-1 p`, a fixed point in q_y. Values are read there by cubic spline interpolation.
+    Output pixel p shows the direction `C(ref)^T K^-1 p`; the rolling-shutter picture shows that direction at
+    `q = K C(mid(q_y)) C(ref)^T K^-1 p`, a fixed point in q_y. Values at q come from cubic spline interpolation.
 
     Parameters
     ----------
     image : ndarray, shape (H, W, C), float32
-        Each row shows the scene at its own mid-exposure.
+        Picture in which each row shows the scene at its own mid-exposure.
     capture : Capture
-        The motion.
+        The exposure and the motion of the camera during it.
 
     Returns
     -------
     image : ndarray, shape (H, W, C), float32
-        Where no row saw the scene, the nearest border pixel is repeated.
+        The resampled picture. Where no row saw the scene, it repeats the nearest border pixel.
     coverage : ndarray, shape (H, W), bool
-        Whether some row saw what the pixel shows.
+        Whether some row saw the scene at this pixel.
     """
-    from scipy import ndimage  # a fifth of a second that the rolling geometry need not wait
+    from scipy import ndimage  # imported here: it takes 0.2 s, which geometry="keep" need not spend
 
     height, width, channels = image.shape
     splines = [ndimage.spline_filter(image[..., c], 3, output=np.float32, mode="mirror") for c in range(channels)]
     out = np.empty_like(image)
     coverage = np.empty((height, width), dtype=np.bool_)
-    poses = RowPoses.of(capture)
     for top in range(0, height, CHUNK):
         rows = slice(top, min(top + CHUNK, height))
-        x, y = _sources(np.arange(rows.start, rows.stop), width, capture, poses)
+        x, y = _sources(np.arange(rows.start, rows.stop), width, capture)
         coverage[rows] = (x > -0.5) & (x < width - 0.5) & (y > -0.5) & (y < height - 0.5)
-        # The mirrored spline is exact at the border pixels; beyond, hold them.
+        # The mirrored spline is exact at the border pixels, which are repeated beyond the picture.
         coordinates = [y.clip(0, height - 1), x.clip(0, width - 1)]
         for c in range(channels):
             ndimage.map_coordinates(
@@ -52,11 +51,11 @@ def rectify(image: NDArray[np.float32], capture: Capture) -> tuple[NDArray[np.fl
     return out, coverage
 
 
-def _sources(rows: NDArray[np.intp], width: int, capture: Capture, poses: RowPoses) -> tuple[FloatArray, FloatArray]:
-    """Where in the rolling picture each pixel of the output `rows` is found: x and y, shape (len(rows), width)."""
+def _sources(rows: NDArray[np.intp], width: int, capture: Capture) -> tuple[FloatArray, FloatArray]:
+    """Return where the rolling-shutter picture shows the pixels of the output `rows`: x and y, (len(rows), width)."""
     points = np.stack(np.meshgrid(np.arange(width), rows), axis=-1).astype(np.float64)
     world = capture.points(points) @ capture.track.at(capture.middle) + capture.position(capture.middle)
     q = points
     for _ in range(FIXED_POINT_STEPS):
-        q = poses.project(world, q[..., 1])
+        q = capture.row_poses.project(world, q[..., 1])
     return q[..., 0], q[..., 1]

@@ -1,4 +1,4 @@
-"""Where the camera was: the part of its motion that a gyroscope does not see, for scenes of one depth."""
+"""Positions of the camera: the part of its motion that a gyroscope does not measure, for scenes at one depth."""
 
 from __future__ import annotations
 
@@ -13,24 +13,25 @@ from rsdeblur.types import FloatArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Translation:
-    """Positions of the camera, and how far away the scene is.
+    """Positions of the camera over time, and the depth of the scene.
 
     Parameters
     ----------
     t : array_like, shape (n,)
         Times in s relative to `epoch_ns`, camera time, strictly increasing, n >= 2.
     position : array_like, shape (n, 3)
-        Where the camera's centre is, m, in the camera's own axes (x right, y down, z forward) as they stand when the
-        exposure begins; from any origin. Linear in between.
+        Positions of the camera's centre in m, in the camera's axes (x right, y down, z forward) at the start of the
+        exposure, from any origin; interpolated linearly between the times.
     depth : float
-        Distance of the scene along the optical axis, m, positive; one for all of it.
+        Distance of the whole scene along the optical axis in m, positive.
     epoch_ns : int, default 0
-        Origin of `t` in integer nanoseconds.
+        Origin of `t`, in nanoseconds, within 64 bits.
 
     Raises
     ------
     InputError
-        If an array has a wrong shape, a value is not finite, times do not increase, or the depth is not positive.
+        If an array has a wrong shape, a value is not finite, the times do not increase, the depth is not positive, or
+        `epoch_ns` does not fit into 64 bits.
     """
 
     t: FloatArray
@@ -51,26 +52,37 @@ class Translation:
         object.__setattr__(self, "epoch_ns", validate.stamp("epoch_ns", self.epoch_ns))
 
     def covering(self, t0: float, t1: float, epoch_ns: int) -> Translation:
-        """Return the track re-based on `epoch_ns`.
+        """Return the track with its times relative to another epoch.
+
+        Parameters
+        ----------
+        t0, t1 : float
+            Times that the track must cover, in s relative to the new epoch.
+        epoch_ns : int
+            The new epoch in nanoseconds.
+
+        Returns
+        -------
+        Translation
 
         Raises
         ------
         CoverageError
-            If it does not reach over [t0, t1] (s relative to `epoch_ns`).
+            If the track does not cover [t0, t1].
         """
         t = self.t + (self.epoch_ns - epoch_ns) * 1e-9
         if t[0] > t0 or t[-1] < t1:
             raise CoverageError(
                 f"the translation track spans {t[0]:.4f} s to {t[-1]:.4f} s, the exposure needs {t0:.4f} s to "
-                f"{t1:.4f} s; give a longer one"
+                f"{t1:.4f} s; use a longer track"
             )
         return replace(self, t=t, epoch_ns=epoch_ns)
 
     def at(self, times: FloatArray) -> FloatArray:
-        """Return the position in depths, shape `times.shape + (3,)`, at `times` in s relative to `epoch_ns`."""
+        """Return the positions at `times` (s relative to `epoch_ns`) as multiples of `depth`; shape (..., 3)."""
         return np.stack([np.interp(times, self.t, axis) for axis in self.position.T], axis=-1) / self.depth
 
     def turned(self) -> Translation:
-        """Return the track of the camera that is :meth:`rsdeblur.Camera.turned`."""
+        """Return the track in the axes of the turned camera, see :meth:`rsdeblur.Camera.turned`."""
         x, y, z = self.position.T
         return replace(self, position=np.stack([-y, x, z], axis=-1))

@@ -6,7 +6,7 @@ not even the integration of the rates, so that an error in one cannot hide in th
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +14,10 @@ from scipy import ndimage
 from scipy.spatial.transform import Rotation, Slerp
 
 from rsdeblur._util import validate
+from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
+from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
 from rsdeblur.kernels.warp import average_warps
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
@@ -58,13 +61,15 @@ def simulate(
     seed: int = 0,
     samples: int | Literal["auto"] = "auto",
     translation: Translation | None = None,
+    transfer: Transfer | Auto = "auto",
 ) -> Simulation:
     """Blur a sharp picture as a rolling-shutter camera with this motion would.
 
     Parameters
     ----------
     sharp : array_like, shape (h, w) or (h, w, C)
-        The scene in linear light, nominal range [0, 1], seen at the middle row's mid-exposure. At least as large as
+        The scene seen at the middle row's mid-exposure; floats of the nominal range [0, 1], or uint8 or uint16, which
+        are scaled to it. At least as large as
         the camera's picture; the frame is centred in it, so that the scene goes on beyond the frame. Where the camera
         looks beyond `sharp`, the scene is mirrored.
     log, camera, exposure
@@ -78,11 +83,13 @@ def simulate(
     translation : Translation, optional
         Moves the camera before the scene, which is then a plane at that depth, upright to the optical axis at the
         middle row's mid-exposure.
+    transfer : {"auto", "linear", "srgb"} or float
+        How values encode light, as for :func:`rsdeblur.deblur`: "auto" is sRGB for integers and linear for floats.
 
     Returns
     -------
     Simulation
-        ``(blurred, rectified, rolling)``, not clipped.
+        ``(blurred, rectified, rolling)``, float32, not clipped, encoded like `sharp`.
 
     Raises
     ------
@@ -91,9 +98,7 @@ def simulate(
     CoverageError, ClockError, GapError
         If the log does not describe the exposure.
     """
-    scene = validate.real_array("sharp", sharp).astype(np.float32)
-    if scene.ndim not in (2, 3) or scene.size == 0:
-        raise InputError(f"sharp must be a picture of shape (h, w) or (h, w, C), got {scene.shape}")
+    scene, transfer = _linear_scene(sharp, transfer)
     if scene.shape[0] < camera.height or scene.shape[1] < camera.width:
         raise InputError(
             f"sharp must be at least as large as the camera's picture, {camera.width}x{camera.height}, "
@@ -102,15 +107,28 @@ def simulate(
     noise = validate.finite("noise", noise, minimum=0.0)
     seed = validate.count("seed", seed, minimum=0)
     left, top = (scene.shape[1] - camera.width) // 2, (scene.shape[0] - camera.height) // 2
-    if camera.horizontal_readout:
-        corner = scene.shape[0] - camera.height - top, left
-        moved = translation and translation.turned()
-        turned = _simulate(np.rot90(scene, -1), corner, log, camera.turned(), exposure, samples, moved)
-        clean = Simulation(*(np.ascontiguousarray(np.rot90(picture)) for picture in turned))
-    else:
-        clean = _simulate(scene, (left, top), log, camera, exposure, samples, translation)
+    frame = ReadoutFrame(camera)
+    if frame.quarter:
+        left, top = scene.shape[0] - camera.height - top, left
+        translation = translation and translation.turned()
+    upright = _simulate(frame.image(scene), (left, top), log, frame.camera, exposure, samples, translation)
+    clean = Simulation(*(np.ascontiguousarray(frame.back(picture)) for picture in upright))
     grain = np.random.default_rng(seed).normal(0.0, noise, clean.blurred.shape)
-    return clean._replace(blurred=clean.blurred + grain.astype(np.float32))
+    noisy = clean._replace(blurred=clean.blurred + grain.astype(np.float32))
+    return Simulation(*(from_linear(picture, transfer) for picture in noisy))
+
+
+def _linear_scene(sharp: ArrayLike, transfer: Transfer | Auto) -> tuple[NDArray[np.float32], Transfer]:
+    """Return the scene in linear light, and how its values encoded it."""
+    values: NDArray[Any] = sharp if isinstance(sharp, np.ndarray) else validate.real_array("sharp", sharp)
+    if values.ndim not in (2, 3) or values.size == 0:
+        raise InputError(f"sharp must be a picture of shape (h, w) or (h, w, C), got {values.shape}")
+    if values.dtype not in (np.uint8, np.uint16) and not np.issubdtype(values.dtype, np.floating):
+        raise InputError(f"sharp must be uint8, uint16 or float, got {values.dtype}")
+    encoding = resolve_transfer(transfer, values.dtype)
+    if values.dtype.kind == "u":
+        values = values.astype(np.float32) / np.float32(np.iinfo(values.dtype).max)
+    return to_linear(validate.real_array("sharp", values).astype(np.float32), encoding), encoding
 
 
 def _simulate(

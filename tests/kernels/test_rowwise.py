@@ -141,16 +141,16 @@ class TestMisuse:
             ({"row_first": lambda a: a[:-1].copy()}, "same length"),
             ({"tap_weight": lambda a: a[:-1].copy()}, "same length"),
             ({"tap_start": lambda a: a[:-1].copy()}, "tap_start must have"),
-            ({"tap_start": lambda a: a[::-1].copy()}, "contradict"),
-            ({"tap_shift": lambda a: a + SHIFTS}, "contradict"),
-            ({"tap_shift": lambda a: a - SHIFTS}, "contradict"),
-            ({"coupled": lambda a: a + 1}, "contradict"),
-            ({"coupled": lambda a: a - 100}, "contradict"),
-            ({"row_first": lambda a: a - 1, "row_end": lambda a: a - 1}, "contradict"),
-            ({"row_first": lambda a: a + 1, "row_end": lambda a: a + 1}, "contradict"),
+            ({"tap_start": lambda a: a[::-1].copy()}, "inconsistent"),
+            ({"tap_shift": lambda a: a + SHIFTS}, "inconsistent"),
+            ({"tap_shift": lambda a: a - SHIFTS}, "inconsistent"),
+            ({"coupled": lambda a: a + 1}, "inconsistent"),
+            ({"coupled": lambda a: a - 100}, "inconsistent"),
+            ({"row_first": lambda a: a - 1, "row_end": lambda a: a - 1}, "inconsistent"),
+            ({"row_first": lambda a: a + 1, "row_end": lambda a: a + 1}, "inconsistent"),
         ],
     )
-    def test_contradicting_models(self, change, message):
+    def test_inconsistent_models(self, change, message):
         with pytest.raises(ValueError, match=message):
             self.solve(change)
 
@@ -161,7 +161,7 @@ class TestMisuse:
             ({"latent": c.latent[:, :-1].copy()}, "three rows per block"),
             ({"latent": c.latent[:1].copy()}, "same channels"),
             ({"table": c.table[:, :, :8].copy()}, "table must have shape"),
-            ({"data": c.data[:, :-3].copy()}, "contradict"),
+            ({"data": c.data[:, :-3].copy()}, "inconsistent"),
         ):
             with pytest.raises(ValueError, match=message):
                 self.solve({}, **replaced)
@@ -177,5 +177,5 @@ class TestMisuse:
         space = np.empty(native.rowwise_workspace(*model, c.table, c.rows, 1), np.float32)
         ridge = np.full(LANES, 0.1, np.float32)
         native.rowwise_solve(*model, c.table, c.data, c.latent, space, ridge, 0.0)
-        with pytest.raises(ValueError, match="contradict"):
+        with pytest.raises(ValueError, match="inconsistent"):
             native.rowwise_solve(*model, c.table, c.data, c.latent, space, ridge, 0.1)

@@ -42,9 +42,9 @@ def test_the_names_are_native_where_that_exists():
 @pytest.mark.parametrize("shape", [(1, 1, 1), (3, 7, 13), (4, 16, 129), (2, 0, 5), (0, 3, 5)])
 def test_multiply_is_the_complex_product(kernels, shape):
     rng = np.random.default_rng(1)
-    spectra, transfer = complex_noise(rng, *shape), complex_noise(rng, *shape[1:])
-    expected = spectra.astype(np.complex128) * transfer.astype(np.complex128)
-    assert kernels.multiply(spectra, transfer) is None
+    spectra, response = complex_noise(rng, *shape), complex_noise(rng, *shape[1:])
+    expected = spectra.astype(np.complex128) * response.astype(np.complex128)
+    assert kernels.multiply(spectra, response) is None
     np.testing.assert_allclose(spectra, expected, **TOLERANCE)
 
 
@@ -80,7 +80,7 @@ class TestMisuse:
         rng = np.random.default_rng(4)
         return SimpleNamespace(
             spectra=complex_noise(rng, 2, 5, 6),
-            transfer=complex_noise(rng, 5, 6),
+            response=complex_noise(rng, 5, 6),
             weights=np.ones(4, np.float32),
             whole=complex_noise(rng, 2, 5, 10),
         )
@@ -88,29 +88,29 @@ class TestMisuse:
     @pytest.mark.parametrize(
         ("change", "error", "message"),
         [
-            (lambda a: a.astype(np.complex128), TypeError, "transfer must be complex64, got a buffer of format 'Zd'"),
-            (lambda a: a.astype(">c8"), TypeError, "transfer must be complex64"),
-            (lambda a: a.real.copy(), TypeError, "transfer must be complex64"),
-            (lambda a: a[None], ValueError, "transfer must have 2 dimensions, got 3"),
-            (lambda a: np.asfortranarray(a), ValueError, "transfer must be C-contiguous"),
-            (lambda a: a[:, :4].copy(), ValueError, "transfer must have the shape of one channel"),
+            (lambda a: a.astype(np.complex128), TypeError, "response must be complex64, got a buffer of format 'Zd'"),
+            (lambda a: a.astype(">c8"), TypeError, "response must be complex64"),
+            (lambda a: a.real.copy(), TypeError, "response must be complex64"),
+            (lambda a: a[None], ValueError, "response must have 2 dimensions, got 3"),
+            (lambda a: np.asfortranarray(a), ValueError, "response must be C-contiguous"),
+            (lambda a: a[:, :4].copy(), ValueError, "response must have the shape of one channel"),
             (lambda a: a.tolist(), TypeError, "list"),
         ],
     )
     def test_multiply_names_the_argument(self, arrays, change, error, message):
         before = arrays.spectra.copy()
         with pytest.raises(error, match=message):
-            native.multiply(arrays.spectra, change(arrays.transfer))
+            native.multiply(arrays.spectra, change(arrays.response))
         np.testing.assert_array_equal(arrays.spectra, before)
 
     def test_read_only_and_overlap(self, arrays):
-        with pytest.raises(ValueError, match="spectra and transfer must not overlap"):
+        with pytest.raises(ValueError, match="spectra and response must not overlap"):
             native.multiply(arrays.spectra, arrays.spectra[1])
         with pytest.raises(ValueError, match="accumulator must not overlap"):
             native.blend(arrays.whole, arrays.whole, arrays.weights, 0, 4)
         arrays.spectra.flags.writeable = False
         with pytest.raises(ValueError, match="spectra is changed in place and must be writable"):
-            native.multiply(arrays.spectra, arrays.transfer)
+            native.multiply(arrays.spectra, arrays.response)
 
     def test_misaligned(self, arrays):
         weights = memoryview(bytearray(17))[1:].cast("f")

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rsdeblur.errors import FileFormatError, InputError, OutputError
-from rsdeblur.motion.camera import READOUT_DIRECTIONS, Camera
+from rsdeblur.choices import READOUT_DIRECTIONS
+from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
+from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 
 MOUNT = Rotation.from_rotvec([0.4, -2.0, 1.1]).as_matrix()
@@ -209,6 +210,12 @@ class TestFile:
         path.write_text("width = 64\nheight = 48\nfocal_length = 80\n")
         assert_same(Camera.load(path), Camera(64, 48, 80.0))
 
+    def test_former_keys_are_read_with_a_warning(self, tmp_path):
+        path = tmp_path / "camera.toml"
+        path.write_text("width = 64\nheight = 48\nfocal = 80\n")
+        with pytest.warns(RsdeblurWarning, match="'focal' is now called 'focal_length'; rename it"):
+            assert_same(Camera.load(path), Camera(64, 48, 80.0))
+
     @pytest.mark.parametrize(
         ("text", "message"),
         [
@@ -220,11 +227,11 @@ class TestFile:
             ("width = 6\nreadout_time = 0.1", "the camera file lacks height, focal"),
             ("", "the camera file lacks width, height, focal"),
             ("width = 6\nheight 4", "not a TOML camera file: .*line 2"),
-            ("width = 6\nheight = 4\nfocal = 'long'", "focal_length must be an array of real numbers"),
+            ("width = 6\nheight = 4\nfocal_length = 'long'", "focal_length must be an array of real numbers"),
             ("width = 6.5\nheight = 4\nfocal_length = 8", "width must be a whole number, got 6.5"),
-            ("width = 6\nheight = 4\nfocal = -8", "focal_length must be positive"),
-            ("width = 6\nheight = 4\nfocal = 8\nreadout_time = [0.1]", "readout_time must be a number"),
-            ("width = 6\nheight = 4\nfocal_length = 8\nreadout = nan", "readout_time must be finite"),
+            ("width = 6\nheight = 4\nfocal_length = -8", "focal_length must be positive"),
+            ("width = 6\nheight = 4\nfocal_length = 8\nreadout_time = [0.1]", "readout_time must be a number"),
+            ("width = 6\nheight = 4\nfocal_length = 8\nreadout_time = nan", "readout_time must be finite"),
             ("width = 6\nheight = 4\nfocal_length = 8\nreadout_direction = 1", "readout_direction must be one of"),
             (
                 "width = 6\nheight = 4\nfocal_length = 8\nimu_to_camera = [[1, 0], [0, 1]]",

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from rsdeblur.choices import READOUT_DIRECTIONS
 from rsdeblur.errors import InputError
-from rsdeblur.motion.camera import READOUT_DIRECTIONS, Camera
+from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 
 EXPOSURE = Exposure(2.0, 0.01)

@@ -248,7 +248,7 @@ class TestLog:
 
     def test_shifted_so_far_that_stamps_coincide_is_refused(self, log):
         # At 1e20 s neighbouring numbers of float64 are hours apart.
-        with pytest.raises(InputError, match="stamps coincide; change epoch_ns instead"):
+        with pytest.raises(InputError, match="makes sample times equal; change epoch_ns instead"):
             log.shifted(1e20)
 
     @pytest.mark.parametrize(

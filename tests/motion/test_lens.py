@@ -176,7 +176,7 @@ def test_a_picture_is_deblurred_through_its_lens(name: str, direction: str) -> N
     log = hand_shake(0.2, strength=2.5, seed=3)
     seen = simulate(scene(HEIGHT + 40, WIDTH + 40)[..., 1], log, camera, EXPOSURE, noise=0.001, samples=40)
     with_lens, without = (
-        quality(seen.rolling, deblur_picture(seen.blurred, log, c, EXPOSURE, mode="banded", nsr=0.01).image)
+        quality(seen.rolling, deblur_picture(seen.blurred, log, c, EXPOSURE, prior="wiener", nsr=0.01).image)
         for c in (camera, pinhole)
     )
     # Measured 18.8 to 19.2 dB blurred, 19.5 to 23.5 dB with the paths of a pinhole, 24.3 to 27.1 dB with the lens's.

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from rsdeblur.choices import MOTIONS
 from rsdeblur.errors import ClockError, CoverageError, GapError, InputError
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.paths import MOTIONS, BlurPaths, Capture, RowPoses
+from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank, tile_centres
 
 WIDTH, HEIGHT, FOCAL = 96, 64, 110.0
@@ -34,8 +36,8 @@ def constant(*rate):
     return GyroLog(np.linspace(0.0, 0.4, 81), np.tile(np.float64(rate), (81, 1)))
 
 
-def paths_of(log, camera, rows=ROWS, cols=COLS, exposure=EXPOSURE, **options):
-    return BlurPaths.from_capture(Capture.from_log(log, camera, exposure), rows, cols, **options)
+def paths_of(log, camera, rows=ROWS, cols=COLS, exposure=EXPOSURE, *, motion="rotation", **options):
+    return BlurPaths.from_capture(Capture.from_log(log, camera, exposure, motion=motion), rows, cols, **options)
 
 
 class TestSigns:
@@ -127,8 +129,9 @@ class TestSamples:
     @pytest.mark.parametrize("motion", MOTIONS)
     @pytest.mark.parametrize("focal_length", [110.0, 2000.0])
     def test_auto_takes_four_per_pixel_and_two_per_gyro_interval(self, shaky_log, motion, focal_length):
-        capture = Capture.from_log(shaky_log(), Camera(WIDTH, HEIGHT, focal_length, readout_time=0.03), EXPOSURE)
-        paths = BlurPaths.from_capture(capture, ROWS, COLS, motion=motion)
+        camera = Camera(WIDTH, HEIGHT, focal_length, readout_time=0.03)
+        capture = Capture.from_log(shaky_log(), camera, EXPOSURE, motion=motion)
+        paths = BlurPaths.from_capture(capture, ROWS, COLS)
         steps = paths.displacements.shape[2] - 1
         # The length was found with fewer samples, which cut corners by less than 1 %.
         assert steps >= 0.99 * 4 * paths.lengths.max()
@@ -187,7 +190,7 @@ def _kernels_of_size(paths, half):
     return PsfBank.from_paths(BlurPaths(displacements, np.append(paths.rows, 1e3), paths.cols)).kernels[:-1]
 
 
-class TestShot:
+class TestCapture:
     def test_refuses_what_the_log_does_not_describe(self):
         log, camera = constant(0, 0, 0), camera_of(0.03)
         with pytest.raises(CoverageError, match=r"misses 50\.000 ms at its start"):
@@ -206,6 +209,14 @@ class TestShot:
             Capture.from_log(constant(0, 0, 0), camera, EXPOSURE)
         Capture.from_log(constant(0, 0, 0), camera.turned(), EXPOSURE)
 
+    def test_probe_and_poses_are_computed_once_and_not_copied(self, shaky_log):
+        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
+        assert capture.probe is capture.probe
+        assert capture.row_poses is capture.row_poses
+        smaller = replace(capture, camera=capture.camera.scaled(0.5))
+        assert smaller.probe.extent[1] == pytest.approx(capture.probe.extent[1] / 2, rel=0.05)
+        assert smaller.row_poses.camera is smaller.camera
+
     def test_mid_is_between_open_and_close(self, shaky_log):
         capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
         opens, closes = EXPOSURE.window(ROWS, camera_of())
@@ -218,7 +229,7 @@ class TestRowPoses:
         world = np.random.default_rng(0).uniform([-0.3, -0.3, 0.7], [0.3, 0.3, 1.3], (5, 3))
         for row in (0.0, 17.0, 31.5, 63.0):
             u, v, w = capture.camera.matrix @ capture.track.at(capture.mid(np.array(row))) @ world.T
-            q = RowPoses.of(capture).project(world, np.full(5, row))
+            q = capture.row_poses.project(world, np.full(5, row))
             exact = np.stack([u / w, v / w], axis=1)
             np.testing.assert_allclose(q, exact, atol=1e-10 if row % 1 == 0 else BETWEEN_ROWS)
 
@@ -228,11 +239,11 @@ class TestRowPoses:
         world = np.array([0.1, 0.2, 1.0])
         for row in (-9.0, 70.0):
             u, v, w = capture.camera.matrix @ capture.track.at(capture.mid(np.array(row))) @ world
-            np.testing.assert_allclose(RowPoses.of(capture).project(world, np.array(row)), [u / w, v / w], atol=1e-9)
+            np.testing.assert_allclose(capture.row_poses.project(world, np.array(row)), [u / w, v / w], atol=1e-9)
 
     def test_a_picture_of_one_row(self, shaky_log):
         capture = Capture.from_log(shaky_log(), Camera(WIDTH, 1, FOCAL, readout_time=0.01), EXPOSURE)
-        assert np.isfinite(RowPoses.of(capture).project(np.array([[0.0, 0.0, 1.0]]), np.zeros(1))).all()
+        assert np.isfinite(capture.row_poses.project(np.array([[0.0, 0.0, 1.0]]), np.zeros(1))).all()
 
     def test_rays_undo_the_projection(self):
         camera = Camera(WIDTH, HEIGHT, (100.0, 120.0), (40.0, 30.0))
@@ -246,10 +257,10 @@ class TestChange:
 
     @pytest.mark.parametrize("motion", MOTIONS)
     def test_none_without_motion_or_change(self, motion):
-        still = BlurPaths.probe(Capture.from_log(constant(0, 0, 0), camera_of(), EXPOSURE), motion=motion)
+        still = Capture.from_log(constant(0, 0, 0), camera_of(), EXPOSURE, motion=motion)
         # A small-angle path at a constant rate is the same everywhere.
-        turning = Capture.from_log(constant(0.3, -0.2, 0.1), camera_of(), EXPOSURE)
-        for probe in (still, BlurPaths.probe(turning, motion="small-angle")):
+        turning = Capture.from_log(constant(0.3, -0.2, 0.1), camera_of(), EXPOSURE, motion="small-angle")
+        for probe in (still.probe, turning.probe):
             # Roundings of 1e-13 px in projected positions, times the squared number of rows.
             assert max(probe.change_down, probe.curvature_down, probe.curvature_across) < 1e-8
 
@@ -257,9 +268,9 @@ class TestChange:
     @pytest.mark.parametrize("bands", [2, 4, 8, 32])
     @pytest.mark.parametrize("seed", range(3))
     def test_neighbouring_bands_differ_by_no_more_than_their_share_of_the_change(self, shaky_log, motion, bands, seed):
-        capture = Capture.from_log(shaky_log(seed=seed), camera_of(), EXPOSURE)
-        probe = BlurPaths.probe(capture, motion=motion)
-        tiles = _paths_with_the_times_of(probe, capture, tile_centres(bands, HEIGHT), probe.cols, motion)
+        capture = Capture.from_log(shaky_log(seed=seed), camera_of(), EXPOSURE, motion=motion)
+        probe = capture.probe
+        tiles = _paths_with_the_times_of_the_probe(capture, tile_centres(bands, HEIGHT), probe.cols)
         steps = np.linalg.norm(np.diff(tiles, axis=0), axis=-1)
         # The grid is a row shorter than the picture, 1.6 % here, and 33 rows may miss a little of the fastest change.
         assert steps.max() <= 1.05 * probe.change_down / bands + 1e-3
@@ -271,13 +282,13 @@ class TestChange:
     @pytest.mark.parametrize("tiles", [2, 4, 8])
     @pytest.mark.parametrize("seed", range(3))
     def test_curvature_bounds_the_error_of_interpolation_between_tiles(self, shaky_log, motion, tiles, seed):
-        capture = Capture.from_log(shaky_log(seed=seed), camera_of(), EXPOSURE)
-        probe = BlurPaths.probe(capture, motion=motion)
+        capture = Capture.from_log(shaky_log(seed=seed), camera_of(), EXPOSURE, motion=motion)
+        probe = capture.probe
         for axis, curvature, length in ((0, probe.curvature_down, HEIGHT), (1, probe.curvature_across, WIDTH)):
             centres, grid = tile_centres(tiles, length), [probe.rows, probe.cols]
             between = np.linspace(centres[0], centres[-1], 41)
             coarse, true = (
-                _paths_with_the_times_of(probe, capture, *grid[:axis], places, *grid[axis + 1 :], motion)
+                _paths_with_the_times_of_the_probe(capture, *grid[:axis], places, *grid[axis + 1 :])
                 for places in (centres, between)
             )
             weights = np.stack([np.interp(between, centres, unit) for unit in np.eye(tiles)], axis=1)
@@ -292,27 +303,25 @@ class TestChange:
     @pytest.mark.parametrize("seed", range(6))
     def test_paths_change_no_faster_at_the_edges_than_inside(self, shaky_log, camera, seed):
         """Poses go on beyond the picture; held at its edge, they would bend the outer paths several times as much."""
-        probe = BlurPaths.probe(Capture.from_log(shaky_log(seed=seed), camera, EXPOSURE), motion="rotation")
+        probe = Capture.from_log(shaky_log(seed=seed), camera, EXPOSURE).probe
         for order in (1, 2):
             steps = np.linalg.norm(np.diff(probe.displacements, n=order, axis=0), axis=-1).max(axis=(1, 2))
             # Perspective makes the outer rows change faster, by up to 8 % here.
             assert max(steps[:2].max(), steps[-2:].max()) <= 1.2 * steps[2:-2].max()
 
 
-def _paths_with_the_times_of(probe, capture, rows, cols, motion):
-    samples = probe.displacements.shape[2]
-    return BlurPaths.from_capture(capture, rows, cols, motion=motion, samples=samples).displacements
+def _paths_with_the_times_of_the_probe(capture, rows, cols):
+    samples = capture.probe.displacements.shape[2]
+    return BlurPaths.from_capture(capture, rows, cols, samples=samples).displacements
 
 
 class TestEveryRow:
     @pytest.mark.parametrize("motion", MOTIONS)
-    def test_is_from_shot_at_all_rows(self, shaky_log, motion):
-        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
-        paths = BlurPaths.every_row(capture, COLS, motion=motion)
+    def test_is_from_capture_at_all_rows(self, shaky_log, motion):
+        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE, motion=motion)
+        paths = BlurPaths.every_row(capture, COLS)
         np.testing.assert_array_equal(paths.rows, np.arange(HEIGHT))
-        some = BlurPaths.from_capture(
-            capture, paths.rows[[5, 63]], COLS, motion=motion, samples=paths.displacements.shape[2]
-        )
+        some = BlurPaths.from_capture(capture, paths.rows[[5, 63]], COLS, samples=paths.displacements.shape[2])
         np.testing.assert_array_equal(paths.displacements[[5, 63]], some.displacements)
         assert not paths.displacements.flags.writeable
 

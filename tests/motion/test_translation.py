@@ -36,8 +36,8 @@ def sway(amplitude=0.02):
 
 
 def paths(log, translation, camera=CAMERA, motion="rotation"):
-    capture = Capture.from_log(log, camera, EXPOSURE, translation)
-    return BlurPaths.from_capture(capture, [10.0, 60.0, 110.0], [20.0, 80.0], motion=motion, samples=21)
+    capture = Capture.from_log(log, camera, EXPOSURE, translation, motion=motion)
+    return BlurPaths.from_capture(capture, [10.0, 60.0, 110.0], [20.0, 80.0], samples=21)
 
 
 def test_the_picture_moves_against_the_camera():
@@ -82,7 +82,16 @@ def test_what_the_simulator_moves_is_undone(shaky_log, turned, geometry, lens):
     truth = pictures.rectified if geometry == "rectify" else pictures.rolling
 
     def gain(translation):
-        image = deblur(pictures.blurred, log, camera, EXPOSURE, nsr=3e-3, geometry=geometry, translation=translation)
+        image = deblur(
+            pictures.blurred,
+            log,
+            camera,
+            EXPOSURE,
+            nsr=3e-3,
+            geometry=geometry,
+            translation=translation,
+            prior="wiener",
+        )
         return quality(image.image, truth) - quality(pictures.blurred, truth)
 
     # Without the translation half of the motion is unknown; with it the blur goes as it does for rotations (3 dB and

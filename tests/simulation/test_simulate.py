@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from rsdeblur.choices import READOUT_DIRECTIONS
 from rsdeblur.errors import ClockError, CoverageError, GapError, InputError
-from rsdeblur.motion.camera import READOUT_DIRECTIONS, Camera
+from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths, Capture
