@@ -1,10 +1,10 @@
-"""Whether to trust a result: how well the motion explains the blurred picture, and what undoing it did.
+"""Check of a result without a reference: whether the motion explains the blurred picture, and whether the result rings.
 
-A wrong PSF that was divided out and put back gives the input again, so re-blurring proves little. Two things tell
-without a reference. First, the blurred picture's own spectra, as in :mod:`rsdeblur.estimate.time_offset`: under the
-right motion they are likelier than under alternatives, namely other sizes of the motion, its mirror image, its axes
-exchanged, straight blurs and none. Second, light below black: a wrong inverse leaves waves, and dark places cannot hold
-them.
+To blur the result again proves little: a wrong PSF that was divided out gives the input again. Two other tests do prove
+something. The first uses the spectra of the blurred picture, as :mod:`rsdeblur.estimate.time_offset` does. Under the
+right motion they are likelier than under alternatives: other sizes of the motion, its mirror image, its axes exchanged,
+straight blurs and no blur. The second is light below black: a wrong inverse leaves waves, which in dark places fall
+below zero.
 """
 
 from __future__ import annotations
@@ -28,35 +28,39 @@ from rsdeblur.types import FloatArray
 
 Verdict = Literal["good", "doubtful", "bad"]
 
-# Nats per tile that the best alternative may lead by, and light below black as a share of the picture's contrast:
-# bounds of doubtful and bad. How they were chosen, and how often they are right: docs/developer/reliability.md.
+# Bounds of "doubtful" and "bad": lead of the motion over the best alternative, nats per tile, and light below black as
+# a share of the picture's contrast. docs/developer/reliability.md says how they were chosen and how often they are
+# right.
 DOUBTFUL_LEAD, BAD_LEAD = -1.5, -4.0
 DOUBTFUL_RINGING, BAD_RINGING = 0.045, 0.09
-# Where the motion leads every alternative by this much, hard edges on black may ring twice as much.
+# Lead over every alternative, nats per tile, from which twice the ringing is allowed: such motion is right, and hard
+# edges on black ring in any case.
 CLEAR_LEAD = 2.0
 
-# No tile counts for more nats: the edge of a door is no proof of a straight blur.
+# Largest lead that a tile counts for, nats. The edge of a door, say, looks like a straight blur beyond doubt.
 MOST_NATS = 10.0
-# Tiles are looked at where the blur has at most this many px, up to so many along each axis of the picture.
+# The picture is reduced until the blur is at most this long, px.
 REDUCED_BLUR = 16.0
+# Most tiles along each axis of the picture.
 MOST_TILES = 6
-# Standard deviation of a picture over that of its noise: below there is nothing but noise.
+# Least standard deviation of the tiles over that of their noise; with less there is no detail to compare.
 LEAST_DETAIL = 2.0
-# A tile with the pixel before it, which its first differences need.
+# Side of a tile with the pixel before it, which its first differences need, px.
 CELL = TILE + 1
-# Shorter paths, px, cannot be told from a lens's softness.
+# Mean length of the paths, px, below which a blur cannot be distinguished from the softness of a lens.
 SHORT = 3.0
 # Alternatives: the motion's size, and lengths (px) and directions of straight blurs.
 SIZES = (0.5, 0.7, 1.4, 2.0)
 LINES, DIRECTIONS = (3.0, 7.0, 15.0), 4
-# What the scene's power may be, as multiples of its mean, which strong edges dominate. The noise is what it is: with
-# less of it allowed, short blurs explain noise as detail.
+# Candidates for the power of the scene, as multiples of its mean, which strong edges dominate. For that of the noise
+# there is only its estimate: if less noise were possible, short blurs would explain noise as detail.
 GAINS = np.exp(np.linspace(-2.5, -0.4, 4)).astype(np.float32)
 NOISES = np.ones(1, dtype=np.float32)
-# Rows between those whose light below black is looked at, in pictures of 64 such steps or more.
+# Distance of the rows that are measured for light below black, in pictures of at least 64 such rows.
 ROW_STEP = 8
 
-# Motion that is too small undoes too little, and hardly does harm.
+# Alternatives that do not make a result bad. If one wins, the motion is too small: too little blur is removed, which
+# does little harm.
 LARGER = tuple(f"{size:g} times" for size in SIZES if size > 1)
 
 HINTS = {
@@ -72,34 +76,34 @@ HINTS = {
 
 @dataclass(frozen=True, slots=True)
 class QualityCheck:
-    """What `deblur` found when it checked its result.
+    """Check of a result of :func:`rsdeblur.deblur`.
 
     Parameters
     ----------
     verdict : {"good", "doubtful", "bad"}
         Whether to trust the result.
     reasons : tuple of str
-        Why, a sentence each; also what could not be judged.
+        Sentences that explain the verdict, or name what could not be judged.
     lead : float or None
-        How much likelier the motion makes the blurred picture than its best alternative does, in nats per tile, at most
-        10 in each; negative if the alternative wins, None if that cannot be judged.
+        Log-likelihood of the blurred picture under the motion minus that under the best alternative, in nats per tile,
+        where no tile counts for more than 10; negative if the alternative wins, None if it cannot be judged.
     alternative : str or None
-        That alternative, but not the motion enlarged where another one makes the result bad.
+        The best alternative. The enlarged motion is excluded where another alternative makes the result bad.
     weakest : float or None
-        The same in the two neighbouring rows of tiles that the motion fits worst. It says where to look, and does not
-        count: in parts of a picture the scene itself may look like an alternative.
+        Lead in the two neighbouring rows of tiles where it is least. It shows where to look and does not enter the
+        verdict: parts of a scene may look like an alternative.
     ringing : float
-        Light below black that deblurring made, root mean square, as a share of the picture's standard deviation.
+        Light below black that deblurring added, root mean square, as a share of the picture's standard deviation.
     noise_gain : float or None
         Noise of the result over that of the input.
     residual : float or None
-        Difference between the result blurred again and the input, root mean square, as a share of the picture's
-        standard deviation; None where the PSF is too large for a tile, or the result straightened.
+        Difference between the input and the result blurred again, root mean square, as a share of the picture's
+        standard deviation; None if the PSF is too large for a tile or the result was straightened.
     leads, ringings : tuple of float
-        The same in equal parts of the picture along the readout, each against the alternative that is best there, the
-        enlarged motion left out.
+        Lead and ringing in equal parts of the picture along the readout. A part's lead is over the alternative that is
+        best there, without the enlarged motion.
     blended : bool
-        Whether the result was blended towards the input after this was found.
+        Whether the result was blended towards the input because of this check.
     """
 
     verdict: Verdict
@@ -116,7 +120,7 @@ class QualityCheck:
 
 
 class UndershootMeter:
-    """Gathers, slab by slab, how much light below black deblurring makes.
+    """Measurement, chunk by chunk, of the light below black that deblurring adds.
 
     Parameters
     ----------
@@ -126,18 +130,18 @@ class UndershootMeter:
 
     def __init__(self, height: int) -> None:
         self._step = int(np.clip(height // 64, 1, ROW_STEP))
-        # The frame's first row rings more than others.
+        # Not row 0, because the first row of the frame rings more than others.
         self._first = self._step // 2
         self._part = np.arange(self._first, height, self._step) * MOST_TILES // height
         self._rows = np.zeros((4, len(self._part)))
 
     def before(self, light: NDArray[np.float32], rows: slice) -> None:
-        """Look at rows of the input."""
+        """Measure rows of the input."""
         light, at = self._some(light, rows)
         self._rows[:3, at] = light.mean((1, 2)), np.square(light).mean((1, 2)), _below_black(light)
 
     def after(self, light: NDArray[np.float32], rows: slice) -> None:
-        """Look at rows of the result, before they are clipped."""
+        """Measure rows of the result, before they are clipped."""
         light, at = self._some(light, rows)
         self._rows[3, at] = _below_black(light)
 
@@ -146,7 +150,7 @@ class UndershootMeter:
         return light[first * self._step + self._first - rows.start :: self._step], slice(first, stop)
 
     def ringing(self) -> tuple[float, tuple[float, ...]]:
-        """Return the ringing of the picture and of its parts."""
+        """Return the ringing of the whole picture and of each part."""
         mean, square, before, after = self._rows
         contrast = max(float(square.mean() - mean.mean() ** 2), 1e-12)
         gained = (after - before) / contrast
@@ -173,12 +177,12 @@ def assess(
 
     Parameters
     ----------
-    stored, result : Stored
+    encoded, result : EncodedImage
         The blurred picture and the sharp one, readout along y.
     capture : Capture
         The motion that was undone.
-    meter : Meter
-        What it saw of both.
+    meter : UndershootMeter
+        Measurements of both pictures.
     resampled : bool
         Whether the result was straightened.
     threads : int, optional
@@ -186,28 +190,28 @@ def assess(
 
     Returns
     -------
-    Check
+    QualityCheck
     """
     ringing, ringings = meter.ringing()
-    found = QualityCheck("good", (), None, None, None, ringing, None, None, (), ringings)
+    check = QualityCheck("good", (), None, None, None, ringing, None, None, (), ringings)
     length = float(capture.probe.lengths.mean())
     height, width, _ = encoded.shape
     if length < SHORT:
-        return _judged(found, f"The motion explains {length:.1f} px of blur, too little to be judged.")
+        return _with_verdict(check, f"The motion explains {length:.1f} px of blur, too little to be judged.")
     if min(height, width) < CELL:
         reason = f"The picture is narrower than {CELL} px, too small to judge the motion by."
-        return replace(_judged(found, reason), verdict="bad" if ringing > BAD_RINGING else "doubtful")
+        return replace(_with_verdict(check, reason), verdict="bad" if ringing > BAD_RINGING else "doubtful")
     step = int(np.clip(length / REDUCED_BLUR, 1, max(1, min(height, width) // (2 * CELL))))
     tiles = _Tiles(encoded, capture, step, threads)
     if not tiles.detailed:
-        return _judged(found, "The picture shows no detail to judge the motion by.")
+        return _with_verdict(check, "The picture shows no detail to judge the motion by.")
     scores = tiles.alternatives()
     means = {name: float(score.mean()) for name, score in scores.items()}
     harmful = {name: mean for name, mean in means.items() if name not in LARGER}
     alternative = min(harmful if min(harmful.values()) < BAD_LEAD else means, key=means.__getitem__)
     gain, residual = tiles.compare(result, resampled=resampled)
-    found = replace(
-        found,
+    check = replace(
+        check,
         lead=means[alternative],
         alternative=alternative,
         weakest=min(float(_neighbouring(score).min()) for score in scores.values()),
@@ -215,33 +219,33 @@ def assess(
         residual=residual,
         leads=tuple(map(float, np.min([scores[name] for name in harmful], axis=0))),
     )
-    return _judged(found)
+    return _with_verdict(check)
 
 
-def _judged(found: QualityCheck, *reasons: str) -> QualityCheck:
-    """Derive the verdict and its reasons from the figures."""
-    lead = np.inf if found.lead is None else found.lead
-    ringing = found.ringing / (2.0 if CLEAR_LEAD < lead < np.inf else 1.0)
-    bad = (lead < BAD_LEAD and found.alternative not in LARGER) or ringing > BAD_RINGING
-    said = list(reasons)
-    if lead < DOUBTFUL_LEAD and found.alternative is not None:
-        said.append(
+def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:
+    """Return `check` with the verdict and the reasons that follow from its figures."""
+    lead = np.inf if check.lead is None else check.lead
+    ringing = check.ringing / (2.0 if CLEAR_LEAD < lead < np.inf else 1.0)
+    bad = (lead < BAD_LEAD and check.alternative not in LARGER) or ringing > BAD_RINGING
+    sentences = list(reasons)
+    if lead < DOUBTFUL_LEAD and check.alternative is not None:
+        sentences.append(
             f"The motion {'does' if bad else 'may'} not fit. The picture is explained better by "
-            f"{HINTS[found.alternative]}"
+            f"{HINTS[check.alternative]}"
         )
     if ringing > DOUBTFUL_RINGING:
-        said.append(f"The result rings: light below black is {found.ringing:.1%} of the picture's contrast.")
-    doubtful = len(said) > len(reasons)
-    return replace(found, verdict="bad" if bad else "doubtful" if doubtful else "good", reasons=tuple(said))
+        sentences.append(f"The result rings: light below black is {check.ringing:.1%} of the picture's contrast.")
+    doubtful = len(sentences) > len(reasons)
+    return replace(check, verdict="bad" if bad else "doubtful" if doubtful else "good", reasons=tuple(sentences))
 
 
 def _neighbouring(score: FloatArray) -> FloatArray:
-    """Means of neighbouring rows of tiles."""
+    """Return the means of neighbouring rows of tiles."""
     return (score[1:] + score[:-1]) / 2 if len(score) > 1 else score
 
 
 class _Tiles:
-    """Some tiles of a picture, reduced by a whole factor, with the PSFs there; colours are averaged."""
+    """Some tiles of a picture, reduced by a whole factor and in grey, with the PSFs there."""
 
     def __init__(self, encoded: EncodedImage, capture: Capture, step: int, threads: int | None) -> None:
         self._step, self._threads = step, threads
@@ -255,11 +259,11 @@ class _Tiles:
 
     @property
     def detailed(self) -> bool:
-        """Whether the tiles show more than noise, which reducing them made weaker."""
+        """Whether the tiles show more than noise; the reduction has made the noise weaker."""
         return float(self._blurred.std()) > max(LEAST_DETAIL * self._noise / self._step, 1e-6)
 
     def _cells(self, encoded: EncodedImage) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Read the tiles, each with a pixel before it: reduced, and as much unreduced; shape (B, S, CELL, CELL)."""
+        """Return the tiles reduced, and corners of them of the same size unreduced, both (B, S, CELL, CELL)."""
         tops, lefts = (corners * self._step for corners in self._corners)
         reduced, finest = np.empty((2, len(tops), len(lefts), CELL, CELL), dtype=np.float32)
         channels, side = encoded.shape[2], CELL * self._step
@@ -274,13 +278,13 @@ class _Tiles:
         return reduced, finest
 
     def alternatives(self) -> dict[str, FloatArray]:
-        """Return the lead of the motion over each alternative in nats, mean of each row of tiles, shape (B,)."""
+        """Return the lead of the motion over each alternative, nats, as means of the rows of tiles, shape (B,)."""
         places = [np.arange(len(corners)) * CELL + 1 for corners in self._corners]
         fit = partial(TilePeriodograms(_mosaic(self._blurred), *places).fit, gains=GAINS, noises=NOISES)
-        claimed = fit(self._kernels)
+        of_motion = fit(self._kernels)
 
         def lead(kernels: NDArray[np.float32]) -> FloatArray:
-            each_row: FloatArray = (fit(kernels) - claimed).clip(-MOST_NATS, MOST_NATS).mean(axis=1)
+            each_row: FloatArray = (fit(kernels) - of_motion).clip(-MOST_NATS, MOST_NATS).mean(axis=1)
             return each_row
 
         def best(kernels: Iterable[NDArray[np.float32]]) -> FloatArray:
@@ -301,18 +305,18 @@ class _Tiles:
         }
 
     def compare(self, result: EncodedImage, *, resampled: bool) -> tuple[float | None, float | None]:
-        """Return the result's noise over the input's, and how far the result blurred again is from the input."""
+        """Return the noise gain and the residual of the result, see :class:`QualityCheck`."""
         sharp, finest = self._cells(result)
         gain = noise_level(_mosaic(finest)[..., None]) / self._noise if self._noise > 0 else None
         return gain, None if resampled else self._residual(sharp)
 
     def _residual(self, sharp: NDArray[np.float32]) -> float | None:
-        """Compare where a tile holds all that is needed."""
+        """Return the residual in the inner parts of the tiles, whose blur needs no pixels outside."""
         tall, wide = self._kernels.shape[2:]
         if max(tall, wide) > TILE // 2:
             return None
         spectra = rfft2(sharp, (TILE, TILE)) * rfft2(self._kernels, (TILE, TILE))
-        # What the periodic convolution holds for pixels whose neighbours all lie in the tile.
+        # The part of the periodic convolution that does not wrap around.
         again = irfft2(spectra, (TILE, TILE))[..., tall - 1 :, wide - 1 :]
         inner = np.s_[..., tall // 2 : TILE - tall // 2, wide // 2 : TILE - wide // 2]
         difference = float(np.sqrt(np.mean(np.square(again - self._blurred[inner]))))
@@ -320,7 +324,7 @@ class _Tiles:
 
 
 def _spread(length: int) -> NDArray[np.intp]:
-    """First pixels of tiles, with the one before, spread over `length` px; they overlap by half at most."""
+    """Return the first pixels of cells that are spread over `length` px and overlap by half at most."""
     count = min(MOST_TILES, 2 * length // CELL - 1)
     return np.round(np.linspace(0, length - CELL, count)).astype(np.intp)
 
@@ -331,7 +335,7 @@ def _mosaic(cells: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _lines(threads: int | None) -> list[NDArray[np.float32]]:
-    """Straight blurs, as kernels of shape (1, 1, k, k)."""
+    """Return straight blurs as kernels of shape (1, 1, k, k)."""
     along = np.linspace(-0.5, 0.5, 129)[:, None]
     half = int(max(LINES) // 2) + 1
     angles = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
@@ -340,7 +344,7 @@ def _lines(threads: int | None) -> list[NDArray[np.float32]]:
 
 
 def fall_back(encoded: EncodedImage, check: QualityCheck, out: NDArray[Any]) -> QualityCheck:
-    """Blend `out`, upright like the picture, towards the input where the check found it bad; light is blended."""
+    """Blend `out`, which is upright like the picture, towards the input where its figures are bad, in linear light."""
     height = encoded.shape[0]
     share = np.maximum(
         _share(check.ringings, height, DOUBTFUL_RINGING, BAD_RINGING),
@@ -356,7 +360,7 @@ def fall_back(encoded: EncodedImage, check: QualityCheck, out: NDArray[Any]) -> 
 
 
 def _share(figures: tuple[float, ...], height: int, doubtful: float, bad: float) -> FloatArray:
-    """Share of the input in every row, by figures in equal parts of the picture: 0 at `doubtful`, 1 at `bad`."""
+    """Return the share of the input in every row, from the figures of equal parts: 0 at `doubtful`, 1 at `bad`."""
     if not figures:
         return np.zeros(height)
     shares = ((np.array(figures) - doubtful) / (bad - doubtful)).clip(0.0, 1.0)

@@ -1,4 +1,4 @@
-"""How noisy a picture is, and how much goes on in it, both in linear light."""
+"""Noise level and gradient energy of a picture, both in linear light."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ MEDIAN = 0.67449
 def noise_level(light: FloatImage) -> float:
     """Estimate the standard deviation of the noise: the root mean square over the picture and its channels.
 
-    Noise that is even in stored values, or comes from photons, is stronger in bright light, and none is left where the
-    picture is clipped. So each block is estimated by itself, by the median magnitude of its second differences along
+    Noise that is even in encoded values, or comes from photons, is stronger in bright light, and none is left where the
+    picture is clipped. So each block has its own estimate, from the median magnitude of its second differences along
     both axes [1]_ [2]_, and the squares are averaged. Demosaicing, denoising and JPEG remove noise from the finest
-    scale first, so the picture at half its size is looked at too. Detail is taken for noise there, up to twofold in
-    pictures that are hardly blurred; half of that estimate counts where it is larger.
+    scale first, so the picture at half its size is estimated, too. There detail passes for noise: the estimate is up to
+    twice too high in pictures with little blur. So half of it is used, where that is larger than the first estimate.
 
     Parameters
     ----------
@@ -30,21 +30,21 @@ def noise_level(light: FloatImage) -> float:
     Returns
     -------
     float
-        In units of `light`; 0 for a picture of fewer than 3 x 3 px.
+        Noise in units of `light`; 0 for a picture of less than 3 x 3 px.
 
     References
     ----------
     .. [1] D. L. Donoho and I. M. Johnstone, "Ideal spatial adaptation by wavelet shrinkage", Biometrika 81, 1994.
     .. [2] J. Immerkaer, "Fast noise variance estimation", Computer Vision and Image Understanding 64, 1996.
     """
-    # What half the size averages over four pixels is half as noisy.
+    # Half of the estimate at half the size, times 2, because an average of four pixels has half the noise.
     return max(_blockwise(light), 0.5 * 2.0 * _blockwise(halved(light)))
 
 
 def gradient_energy(light: FloatImage, noise: float) -> float:
-    """Mean squared gradient of a picture at half its size, over both directions and all channels, without the noise's.
+    """Return the mean squared gradient of a picture at half its size, without the share of the noise.
 
-    At half the size it can be told from noise four times better than at full size.
+    Both directions and all channels are added up. At half the size noise has four times less weight than at full size.
 
     Parameters
     ----------
@@ -52,17 +52,22 @@ def gradient_energy(light: FloatImage, noise: float) -> float:
         Linear light.
     noise : float
         Standard deviation of the noise.
+
+    Returns
+    -------
+    float
+        Squared units of `light` per px of the halved picture.
     """
     half = halved(light)
-    # A difference of two pixels, each of the noise's variance / 4, in two directions.
+    # Two directions, each a difference of two pixels whose noise has a quarter of the variance.
     of_noise = light.shape[2] * 2 * 2 * noise**2 / 4
     energy = sum(float(np.square(part).sum(axis=2).mean()) for part in gradient(half, periodic=False))
-    # A tenth: where noise dominates, its estimate must not make the picture vanish.
+    # At least a tenth: where noise dominates, an error of its estimate must not leave a gradient of zero.
     return float(max(energy - of_noise, 0.1 * energy))
 
 
 def halved(light: FloatImage) -> FloatImage:
-    """Average 2 x 2 pixels; an odd last row or column is left out. A picture of a single one is returned as it is."""
+    """Return averages of 2 x 2 pixels, without an odd last row or column; a single row or column stays as it is."""
     if min(light.shape[:2]) < 2:
         return light
     height, width = (n - n % 2 for n in light.shape[:2])
@@ -72,8 +77,8 @@ def halved(light: FloatImage) -> FloatImage:
 
 
 def _blockwise(light: FloatImage) -> float:
-    """Root mean square of the noise estimates of all blocks and channels."""
-    # (1, -2, 1) along both axes: 36 times the variance of white noise.
+    """Return the root mean square of the noise estimates of all blocks and channels."""
+    # (1, -2, 1) along both axes has 36 times the variance of white noise.
     rough = np.abs(np.diff(np.diff(light, n=2, axis=0), n=2, axis=1)) / 6
     if rough.size == 0:
         return 0.0

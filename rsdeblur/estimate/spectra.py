@@ -1,4 +1,4 @@
-"""Power spectra of the parts of a blurred picture, and how likely they are under a camera's motion."""
+"""Power spectra of the tiles of a blurred picture, and how likely they are under a camera's motion."""
 
 from __future__ import annotations
 
@@ -18,32 +18,34 @@ from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
 
-# Side of the tiles whose spectra are compared, px, and how far they overlap. Small ones keep the PSF constant within.
+# Side of the tiles whose spectra are compared, px: small enough for the PSF to be constant within a tile.
 TILE = 64
 
-# Part of the frequencies that is compared, cycles/px: below, the window smears; above, there are corners only.
+# Frequencies that are compared, cycles/px. Below them the window smears; above them there are only the corners of the
+# spectrum.
 LOWEST, HIGHEST = 1.5 / TILE, 0.5
-# Frequencies that mostly hold noise; it is the weakest of eight directions there, and signal elsewhere.
+# Frequencies that mostly contain noise, cycles/px. Some directions may contain signal there, so the weakest of eight is
+# the noise.
 NOISE_BAND = 0.35, 0.5
 DIRECTIONS = 8
-# What the power of the scene and of the noise may be, as multiples of the first estimates.
+# Candidates for the power of the scene and of the noise, as multiples of their first estimates.
 GAINS = np.exp(np.linspace(-2.5, 2.5, 8)).astype(np.float32)
 NOISES = np.array([0.3, 1.0], dtype=np.float32)
-# Weight of outliers: power far above what is expected, as along a strong edge, counts by its logarithm.
+# Power above this multiple of what is expected, as along a strong edge, counts by its logarithm.
 TAIL = np.float32(2.0)
 
 
 class TileSpectra:
-    """Power spectra of the parts of a blurred picture, and how likely they are under a camera's motion.
+    """Power spectra of overlapping tiles of a blurred picture, and how likely they are under a camera's motion.
 
     Parameters
     ----------
     light : ndarray, shape (H, W)
         Linear light.
     camera : Camera
-        Of the picture; scores may be asked for other clocks and focal lengths, not for another size.
+        Camera of the picture. Other clocks and focal lengths can be scored, but not another size.
     side : int
-        The picture is reduced until its longer side has this many px.
+        Longer side of the picture after reduction, px.
 
     Raises
     ------
@@ -85,14 +87,14 @@ class TilePeriodograms:
     grey : ndarray, shape (H, W)
         Linear light.
     tops, lefts : ndarray, shape (B,) and (S,)
-        First pixels of the tiles.
+        First rows and first columns of the tiles.
     """
 
     def __init__(self, grey: NDArray[np.float32], tops: NDArray[np.intp], lefts: NDArray[np.intp]) -> None:
         fy, fx = np.meshgrid(scipy.fft.fftfreq(TILE), scipy.fft.rfftfreq(TILE), indexing="ij")
         radius = np.hypot(fx, fy)
         self._used = (radius > LOWEST) & (radius < HIGHEST)
-        # Response of the two differences together.
+        # Squared response of both differences together.
         gradient = 4 * np.sin(np.pi * fy) ** 2 + 4 * np.sin(np.pi * fx) ** 2
         power = _periodograms(grey, tops, lefts)
         self._noise = _noise(power, gradient, fy, fx)[..., None] * gradient[self._used].astype(np.float32)
@@ -120,12 +122,12 @@ class TilePeriodograms:
 
 
 def _places(n: int) -> NDArray[np.intp]:
-    """First pixels of tiles that overlap by half and span `n` px."""
+    """Return the first pixels of tiles that overlap by about half and span `n` px."""
     return np.round(np.linspace(0, n - TILE, -(-2 * (n - TILE) // TILE) + 1)).astype(np.intp)
 
 
 def _periodograms(grey: NDArray[np.float32], tops: NDArray[np.intp], lefts: NDArray[np.intp]) -> NDArray[np.float32]:
-    """Power of both differences in every tile under a Hann window, shape (B, S, TILE, TILE // 2 + 1)."""
+    """Return the power of both differences in every tile under a Hann window, shape (B, S, TILE, TILE // 2 + 1)."""
     hann = np.sin(np.pi * np.arange(TILE) / TILE) ** 2
     window = (np.outer(hann, hann) / np.sum(hann**2)).astype(np.float32)
     power = np.zeros((len(tops), len(lefts), TILE, TILE // 2 + 1), dtype=np.float32)
@@ -137,7 +139,11 @@ def _periodograms(grey: NDArray[np.float32], tops: NDArray[np.intp], lefts: NDAr
 
 
 def _noise(power: NDArray[np.float32], gradient: FloatArray, fy: FloatArray, fx: FloatArray) -> NDArray[np.float32]:
-    """Power of white noise per tile: the least of several directions at high frequencies."""
+    """Return the power of white noise in each tile: the least of several directions at high frequencies.
+
+    It is not :func:`rsdeblur.estimate.noise.noise_level`, which is the average over the picture: a likelihood needs the
+    noise of each tile, in the units of its periodogram, and not confused with detail that has a direction.
+    """
     radius, angle = np.hypot(fy, fx), np.arctan2(fy, fx) / np.pi + 0.5
     high = (radius > NOISE_BAND[0]) & (radius < NOISE_BAND[1])
     white = power / np.maximum(gradient, 1e-9)
@@ -147,14 +153,14 @@ def _noise(power: NDArray[np.float32], gradient: FloatArray, fy: FloatArray, fx:
 
 
 def _power_of(kernels: NDArray[np.float32]) -> NDArray[np.float32]:
-    """|H|^2 as the window shows it, shape (B, S, TILE, TILE // 2 + 1)."""
+    """Return |H|^2 as smoothed by the window, shape (B, S, TILE, TILE // 2 + 1)."""
     tall, wide = kernels.shape[2:]
-    # A PSF larger than a tile wraps: its spectrum is sampled as finely as the picture's.
+    # A PSF larger than a tile wraps around, so that its spectrum has the same frequencies as the tile's.
     down, across = (-(-n // TILE) for n in (tall, wide))
     room = ((0, 0), (0, 0), (0, down * TILE - tall), (0, across * TILE - wide))
     kernels = np.pad(kernels, room).reshape(*kernels.shape[:2], down, TILE, across, TILE).sum(axis=(2, 4))
     power: NDArray[Any] = np.abs(scipy.fft.fft2(kernels)) ** 2
     for axis in (2, 3):
-        # The power of a Hann window's transform: 1/6, 2/3, 1/6.
+        # Power of the Hann window's transform at neighbouring frequencies: 1/6, 2/3, 1/6.
         power = power * (2 / 3) + (np.roll(power, 1, axis) + np.roll(power, -1, axis)) / 6
     return power[..., : TILE // 2 + 1]

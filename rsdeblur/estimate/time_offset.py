@@ -1,9 +1,9 @@
-"""The clock offset between gyroscope and camera, from one blurred picture.
+"""Estimate of the clock offset between gyroscope and camera from one blurred picture.
 
-No picture is deblurred for it. A blur leaves its own spectrum in the picture: zeros where the PSF has zeros. Each
-candidate offset predicts a PSF for every part of the picture, hence how much power each part has at each frequency, and
-the offset under which the measured spectra are likeliest wins. The rolling shutter helps: every band judges another
-stretch of the log.
+Nothing is deblurred. A blur leaves its spectrum in the picture, with zeros where that of the PSF has zeros. Each
+candidate offset predicts a PSF for every tile of the picture, and so the power of each tile at each frequency. The
+offset under which the measured spectra are likeliest wins. The rolling shutter helps: every band tests another stretch
+of the log.
 """
 
 from __future__ import annotations
@@ -27,31 +27,32 @@ from rsdeblur.types import FloatArray, Progress
 # Longer side of the reduced picture in the coarse and in the fine search, px, and the steps there, s.
 COARSE_SIDE, COARSE_STEP = 320, 4e-3
 FINE_SIDE, FINE_STEP = 640, 1e-3
-# Minima of the coarse curve that are looked at again.
+# Minima of the coarse curve that the fine search examines.
 MINIMA = 6
 # Offsets nearer than this count as the same answer, s.
 SAME = 4e-3
 
-RESAMPLES = 200
-# Least lead over any other answer, in nats over the whole picture: a constant rate gives every offset the same PSF.
+# Resamplings of the tiles from which the confidence follows, and the least confidence of an answer.
+RESAMPLES, CONFIDENT = 200, 0.8
+# Least lead over any other answer, in nats over the whole picture. A constant rate of rotation gives every offset the
+# same PSF, and then nothing leads.
 LEAST_LEAD = 30.0
-CONFIDENT = 0.8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OffsetSearch:
-    """What `find_time_offset` found.
+    """Result of :func:`find_time_offset`.
 
     Parameters
     ----------
     time_offset : float or None
-        The camera's new `time_offset`, s; None if the picture cannot tell.
+        The camera's new `time_offset`, s; None if the picture does not determine it.
     best : float
-        The likeliest offset, s, trusted or not.
+        The likeliest offset, s, whether it is reliable or not.
     confidence : float
-        Share, in [0, 1], of resamplings of the picture's parts that give the same answer.
+        Share, in [0, 1], of resamplings of the picture's tiles that give the same answer.
     reason : str
-        Why there is no answer; empty if there is one.
+        Why `time_offset` is None; empty otherwise.
     offsets : ndarray, shape (n,)
         Candidates of the fine search, s, increasing.
     scores : ndarray, shape (n,)
@@ -95,7 +96,7 @@ def find_time_offset(
     Returns
     -------
     OffsetSearch
-        Its `time_offset` is None where the answer changes with the part of the picture that is asked.
+        Its `time_offset` is None where different tiles of the picture give different answers.
 
     Raises
     ------
@@ -122,24 +123,24 @@ def find_time_offset(
     coarse = _Curve(TileSpectra(light, camera, side=COARSE_SIDE), capture, first)
     coarse.extend(whole, lambda done: progress and progress("coarse", done))
     fine = _Curve(TileSpectra(light, camera, side=FINE_SIDE), capture, first)
-    wanted = _windows(coarse.minima()[:MINIMA], whole[-1])
-    while len(wanted):
-        fine.extend(wanted, lambda done: progress and progress("fine", done))
+    candidates = _windows(coarse.minima()[:MINIMA], whole[-1])
+    while len(candidates):
+        fine.extend(candidates, lambda done: progress and progress("fine", done))
         # The minimum may lie beside the window that the coarse curve chose.
-        wanted = np.setdiff1d(_windows(fine.minima()[:1], whole[-1]), fine.tried)
-        wanted = wanted if fine.at_edge() else wanted[:0]
-    return fine.judged()
+        candidates = np.setdiff1d(_windows(fine.minima()[:1], whole[-1]), fine.tried)
+        candidates = candidates if fine.at_edge() else candidates[:0]
+    return fine.result()
 
 
 def _windows(places: NDArray[np.intp], last: int) -> NDArray[np.intp]:
-    """Return all fine steps within a coarse one of `places`, from 0 to `last`."""
+    """Return all fine steps from 0 to `last` that are within a coarse step of one of `places`."""
     reach = round(COARSE_STEP / FINE_STEP)
     near = np.unique(places[:, None] + np.arange(-reach, reach + 1))
     return near[(near >= 0) & (near <= last)]
 
 
 class _Curve:
-    """Scores of all tiles over the candidates tried so far; candidate k is shifted by `first + k FINE_STEP`."""
+    """Scores of all tiles for the candidates tried so far; candidate k is the offset `first + k FINE_STEP`."""
 
     def __init__(self, spectra: TileSpectra, capture: tuple[GyroLog, Camera, Exposure], first: float) -> None:
         self._spectra, self._capture, self._first = spectra, capture, first
@@ -147,9 +148,15 @@ class _Curve:
         self.tried: list[int] = []
 
     def extend(self, places: NDArray[np.intp], progress: Callable[[float], object]) -> None:
-        """Score candidates; those that the log does not cover are left out, unless none is left."""
+        """Score candidates; those that the log does not cover are left out.
+
+        Raises
+        ------
+        CoverageError
+            If the log covers none of all candidates so far.
+        """
         log, camera, exposure = self._capture
-        refused: CoverageError | None = None
+        uncovered: CoverageError | None = None
         for i, place in enumerate(places.tolist()):
             progress(i / len(places))
             self.tried.append(place)
@@ -157,28 +164,28 @@ class _Curve:
             try:
                 self._scores[place] = self._spectra.score(log, moved, exposure)
             except CoverageError as error:
-                refused = error
-        if refused and not self._scores:
-            raise refused
+                uncovered = error
+        if uncovered and not self._scores:
+            raise uncovered
 
     def _table(self) -> tuple[NDArray[np.intp], FloatArray]:
         places = np.array(sorted(self._scores))
         return places, np.array([self._scores[place] for place in places.tolist()])
 
     def minima(self) -> NDArray[np.intp]:
-        """Places of the local minima, the deepest first."""
+        """Return the places of the local minima, the deepest first."""
         places, tiles = self._table()
         total = np.pad(tiles.sum(axis=1), 1, constant_values=np.inf)
-        (found,) = np.nonzero((total[1:-1] <= total[:-2]) & (total[1:-1] <= total[2:]))
-        return places[found[np.argsort(total[1:-1][found])]]
+        (minima,) = np.nonzero((total[1:-1] <= total[:-2]) & (total[1:-1] <= total[2:]))
+        return places[minima[np.argsort(total[1:-1][minima])]]
 
     def at_edge(self) -> bool:
-        """Whether a neighbour of the best candidate is unknown."""
+        """Return whether a neighbour of the best candidate has no score."""
         best = int(self.minima()[0])
         return best - 1 not in self._scores or best + 1 not in self._scores
 
-    def judged(self) -> OffsetSearch:
-        """Weigh the answer by resampling the tiles."""
+    def result(self) -> OffsetSearch:
+        """Return the best candidate, with its confidence from resampling the tiles."""
         places, tiles = self._table()
         total = tiles.sum(axis=1)
         at = int(total.argmin())
@@ -186,7 +193,7 @@ class _Curve:
         origin = self._capture[1].time_offset + self._first
         best = origin + float(places[at] + (0.0 if edge else _vertex(total[at - 1 : at + 2]))) * FINE_STEP
         far = np.abs(places - places[at]) * FINE_STEP > SAME
-        # As many draws from the tiles as there are, with repetition: what would the next picture have said?
+        # Bootstrap: as many draws as there are tiles, with repetition, stand for another picture of the same motion.
         count = tiles.shape[1]
         draws = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), RESAMPLES)
         resampled = draws @ tiles.T
@@ -197,14 +204,14 @@ class _Curve:
             reason = "the likeliest offset lies at the end of the search, or of the log; widen it"
         elif confidence < CONFIDENT:
             reason = "parts of the picture disagree: the motion is too uniform, or the scene without detail"
-        answer = None if reason else best
+        time_offset = None if reason else best
         return OffsetSearch(
-            answer, best, confidence, reason, origin + places * np.float64(FINE_STEP), total - total[at]
+            time_offset, best, confidence, reason, origin + places * np.float64(FINE_STEP), total - total[at]
         )
 
 
 def _vertex(scores: FloatArray) -> float:
-    """Offset in steps from the middle of three scores to the vertex of the parabola through them."""
+    """Return the offset, in steps, from the middle of three scores to the vertex of the parabola through them."""
     before, here, after = scores
     bend = before - 2 * here + after
     return 0.5 * float((before - after) / bend) if bend > 0 else 0.0

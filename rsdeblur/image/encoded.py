@@ -1,4 +1,4 @@
-"""Pictures as they are stored, and rows of them as light: the way in and out of `deblur()`."""
+"""Encoded pictures, as files store them, and their rows as linear light: the way into `deblur` and out of it."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
 from rsdeblur.motion.camera import Camera
 
-# Rows decoded or encoded at a time: conversions take several arrays of that size.
+# Rows decoded or encoded at a time, which bounds the memory: a conversion takes several arrays of that size.
 ROWS = 64
 
 
 @dataclass(frozen=True, slots=True)
 class EncodedImage:
-    """A picture whose readout runs along y: values as stored, with how they code light.
+    """A picture whose readout runs along y: encoded values and their tone curve.
 
     Parameters
     ----------
-    values : ndarray, shape (H, W, C)
-        C from 1 to 4; the last of 2 or 4 is alpha. uint8 and uint16 stand for [0, 1].
+    values : ndarray, shape (H, W, C), uint8, uint16 or float
+        C is 1 to 4; the last channel of 2 or 4 is alpha. The range of integers represents [0, 1].
     transfer : {"linear", "srgb"} or float
         See :func:`rsdeblur.deblur`.
     """
@@ -81,9 +81,9 @@ class EncodedImage:
         return light
 
     def encode(self, light: NDArray[np.float32], rows: slice, out: NDArray[Any]) -> None:
-        """Encode `light` as `rows` of `out`, which is upright like the picture, and copy alpha.
+        """Encode `light` into `rows` of `out`, which is upright like the picture, and copy alpha.
 
-        Results are clipped to [0, 1] if the picture or `out` holds integers, and rounded if `out` does.
+        Results are clipped to [0, 1] if the picture or `out` has integers, and rounded if `out` has.
         """
         channels = light.shape[2]
         clip = self.values.dtype.kind == "u" or out.dtype.kind == "u"
@@ -97,7 +97,7 @@ class EncodedImage:
 
 
 def result_like(image: ArrayLike, out: NDArray[Any] | None, frame: ReadoutFrame) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return where the result goes, `out` or a new float32 array, and its upright view.
+    """Return the array for the result, `out` or a new float32 array, and its upright view.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def result_like(image: ArrayLike, out: NDArray[Any] | None, frame: ReadoutFrame)
 
 
 def check_size(shape: tuple[int, ...], camera: Camera) -> None:
-    """Raise `InputError` unless a picture of this shape is the camera's."""
+    """Raise `InputError` unless a picture of `shape` has the camera's size."""
     height, width = shape[:2]
     if (height, width) == (camera.height, camera.width):
         return
@@ -134,29 +134,30 @@ def check_size(shape: tuple[int, ...], camera: Camera) -> None:
 
 
 def reduced(image: ArrayLike, camera: Camera, side: int) -> tuple[NDArray[np.float32], Camera]:
-    """Reduce a picture until its longer side has `side` px, and the camera with it.
+    """Reduce a picture, and the camera with it, until the longer side has `side` px.
 
-    Sindelar and Sroubek (2013) work on 2048x1536 of a sensor of 3264x2448.
+    Sindelar and Sroubek (2013) reduce pictures of 3264x2448 to 2048x1536.
 
     Parameters
     ----------
     image : array_like, shape (H, W) or (H, W, C)
         As for :func:`rsdeblur.deblur`.
     camera : Camera
-        Of that size.
+        Camera of the picture.
     side : int
         Longer side in px; a smaller picture keeps its size.
 
     Returns
     -------
     image : ndarray, float32
-        Values as they were stored, integers scaled to [0, 1].
+        Encoded values; integers are scaled to [0, 1].
     camera : Camera
+        Camera of the reduced picture.
 
     Raises
     ------
     InputError
-        If it is not a picture, or not the camera's.
+        If `image` is not a picture, or does not have the camera's size.
     """
     values = _as_float(EncodedImage.of(image, "linear").values)
     check_size(values.shape, camera)
@@ -166,14 +167,14 @@ def reduced(image: ArrayLike, camera: Camera, side: int) -> tuple[NDArray[np.flo
 
         camera = camera.scaled(scale)
         planes = [Image.fromarray(np.ascontiguousarray(plane)) for plane in np.moveaxis(values, -1, 0)]
-        # No overshoots, and no aliases: each new pixel weighs all that it covers.
+        # A filter without overshoots and aliases: each new pixel is an average of all pixels that it covers.
         smaller = [plane.resize((camera.width, camera.height), Image.Resampling.HAMMING) for plane in planes]
         values = np.stack([np.asarray(plane) for plane in smaller], axis=-1)
     return values.reshape(*values.shape[:2], *np.shape(image)[2:]), camera
 
 
 def _blocks(rows: slice) -> Iterator[tuple[slice, slice]]:
-    """Blocks of `rows`, counted from the first of them and from the picture's."""
+    """Yield blocks of `rows`, each counted from the first of `rows` and from the first row of the picture."""
     for top in range(rows.start, rows.stop, ROWS):
         stop = min(top + ROWS, rows.stop)
         yield slice(top - rows.start, stop - rows.start), slice(top, stop)

@@ -1,4 +1,4 @@
-"""Between stored picture values and light: blur happens in linear light."""
+"""Tone curves between encoded values and linear light, in which blur happens."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rsdeblur._util import validate
 from rsdeblur.choices import TRANSFERS, Auto, Transfer
 from rsdeblur.errors import InputError
 
-# IEC 61966-2-1: the curve is a line below these values.
+# IEC 61966-2-1: below these values the sRGB curve is a straight line.
 SRGB_LINEAR_END = 0.0031308
 SRGB_STORED_END = 0.04045
 
@@ -33,14 +33,20 @@ def resolve_transfer(transfer: Transfer | Auto, dtype: np.dtype[Any]) -> Transfe
 
 
 def to_linear(values: NDArray[np.float32], transfer: Transfer) -> NDArray[np.float32]:
-    """Decode stored values (nominal range [0, 1]) to linear light.
+    """Decode encoded values to linear light.
 
     Parameters
     ----------
     values : ndarray, float32
-        Stored values; negative ones are decoded with their sign kept.
+        Encoded values, nominal range [0, 1]; negative values keep their sign. Divide integers by their full scale, 255
+        or 65535, before.
     transfer : {"linear", "srgb"} or float
-        The curve; a number is a gamma: light = value ** gamma.
+        The tone curve; a number is a gamma: light = value ** gamma.
+
+    Returns
+    -------
+    ndarray, float32
+        `values` themselves if the curve is linear.
     """
     if transfer == "linear":
         return values
@@ -53,7 +59,7 @@ def to_linear(values: NDArray[np.float32], transfer: Transfer) -> NDArray[np.flo
 
 
 def from_linear(light: NDArray[np.float32], transfer: Transfer) -> NDArray[np.float32]:
-    """Encode linear light to stored values: the inverse of :func:`to_linear`."""
+    """Encode linear light; the inverse of :func:`to_linear`."""
     if transfer == "linear":
         return light
     magnitude = np.abs(light)
@@ -69,10 +75,10 @@ OUTLIERS = 1e-3
 
 
 def normalized(light: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Squeeze overshooting light into [0, 1]: outliers are clipped, the rest is scaled, contrast shrinks.
+    """Return overshooting light squeezed into [0, 1]: outliers are clipped and the rest is scaled, with less contrast.
 
-    The optional last step of Sindelar and Sroubek (2013): it helps where large blurs of bright scenes ring beyond the
-    range. Light that stays inside, outliers apart, is only clipped.
+    This is the optional last step of Sindelar and Sroubek (2013). It helps where large blurs of bright scenes ring
+    beyond the range. Light that is in the range, except for outliers, is only clipped.
     """
     low, high = np.quantile(light, [OUTLIERS, 1.0 - OUTLIERS])
     low, high = min(float(low), 0.0), max(float(high), 1.0)
