@@ -43,8 +43,8 @@ def main() -> None:
     print(f"{'(blurred input)':22s} {roughness(image):9.3f} {lean(image):6.1f}")
     for name, variant_log, variant_camera in variants(log, camera):
         recording = variant_log, variant_camera, exposure
-        keep = deblur(image, *recording, nsr=NSR["roughness"]).image
-        rectified = deblur(image, *recording, nsr=NSR["lean"], geometry="rectify").image
+        keep = deblur(image, *recording, nsr=NSR["roughness"], prior="wiener").image
+        rectified = deblur(image, *recording, nsr=NSR["lean"], geometry="rectify", prior="wiener").image
         results[name] = roughness(keep), lean(rectified)
         print(f"{name:22s} {results[name][0]:9.3f} {results[name][1]:6.1f}", flush=True)
         if options.pictures:

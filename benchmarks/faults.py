@@ -28,6 +28,7 @@ import numpy as np
 from benchmarks import load
 from rsdeblur import Camera, Deconvolver, PsfBank
 from rsdeblur._util.atomic import atomic_write
+from rsdeblur.choices import Planning
 from rsdeblur.deconv import fft
 from rsdeblur.errors import OutputError
 from rsdeblur.io import read_picture, write_picture
@@ -168,7 +169,7 @@ def damaged_wisdom(count: int) -> dict[str, int]:
     return found
 
 
-def _plan(planning: fft.Planning) -> None:
+def _plan(planning: Planning) -> None:
     image = np.random.default_rng(0).random((60, 70), dtype=np.float32)
     bank = PsfBank.for_picture(np.eye(5)[2:3].T @ np.eye(5)[2:3], image.shape)
     sharp = Deconvolver(bank, image.shape, nsr=1e-6, planning=planning, threads=1).apply(image)

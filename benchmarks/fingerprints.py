@@ -296,7 +296,7 @@ def tiled(border: Any, prior: Any) -> Fingerprint:
     height, width, channels = taken.light.shape
     solver = rs.TileQuadratic(bank, (height, width, channels), nsr=0.001, **settings)
     wanted: dict[str, Any] = {"prior": prior, "weight": 0.003, "exponent": 0.7, "peak": 0.9}
-    return {"image": digest(rs.restore(solver, taken.light, **wanted, threads=THREADS))}
+    return {"image": digest(rs.restore(solver, taken.light, **wanted))}
 
 
 def row_by_row(solver: Any, border: Any) -> Fingerprint:

@@ -19,9 +19,8 @@ from benchmarks.priors import noisy
 from benchmarks.saturation import recorded
 from benchmarks.tables import markdown, write
 from rsdeblur import deblur
-from rsdeblur.deconv.priors import PRIORS
+from rsdeblur.choices import MODES, PRIORS, Mode
 from rsdeblur.image.transfer import to_linear
-from rsdeblur.pipeline.settings import MODES, Mode
 
 
 class Situation(NamedTuple):

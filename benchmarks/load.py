@@ -57,7 +57,7 @@ def solvers(threads: int) -> dict[str, Apply]:
     quadratic = TileQuadratic(banks["banded and strips"], shape, threads=threads)
 
     def total_variation(picture: Image, out: Image | None = None) -> Image:
-        return _into(out, restore(quadratic, picture, prior="tv", weight=1e-3, threads=1))
+        return _into(out, restore(quadratic, picture, prior="tv", weight=1e-3))
 
     def row_blur(picture: Image, out: Image | None = None) -> Image:
         return _into(out, blur.forward(blur.adjoint(picture)))
@@ -129,7 +129,7 @@ def in_processes(method: str, count: int, limit: float = 60.0) -> Counter[str]:
 
 
 def _deblur(picture: Image, *, mode: Literal["banded", "rowwise"]) -> Image:
-    return deblur(picture, *_shot(), mode=mode).image
+    return deblur(picture, *_shot(), mode=mode, prior="wiener").image
 
 
 def _answer(queue: Any, inherited: dict[str, Apply] | None, picture: Image) -> None:

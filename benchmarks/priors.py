@@ -30,7 +30,7 @@ from benchmarks.captures import Image, SimulatedCapture, quality, simulated
 from benchmarks.tables import markdown, write
 from rsdeblur import GyroLog, Simulation, deblur
 from rsdeblur._util.threads import thread_count
-from rsdeblur.deconv.priors import PRIORS, Prior
+from rsdeblur.choices import PRIORS, Prior
 from rsdeblur.image.transfer import from_linear, to_linear
 
 # Another mode is one more entry.

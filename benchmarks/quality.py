@@ -78,7 +78,9 @@ def choose_nsr(captures: Sequence[SimulatedCapture]) -> tuple[float, dict[str, d
     ladder = {}
     for nsr in LADDER:
         row = {
-            c.name: quality(c.pictures.rolling, deblur(c.pictures.blurred, *c.recording, nsr=nsr).image)[0]
+            c.name: quality(
+                c.pictures.rolling, deblur(c.pictures.blurred, *c.recording, prior="wiener", nsr=nsr).image
+            )[0]
             for c in captures
         }
         ladder[str(nsr)] = row | {"mean": float(np.mean(list(row.values())))}
@@ -89,7 +91,7 @@ def best_loss(capture: SimulatedCapture) -> tuple[float, float]:
     """Gain over the blurred picture at the best NSR for this capture, dB, and that NSR."""
     truth = capture.pictures.rolling
     gains = {
-        nsr: quality(truth, deblur(capture.pictures.blurred, *capture.recording, nsr=nsr).image)[0]
+        nsr: quality(truth, deblur(capture.pictures.blurred, *capture.recording, prior="wiener", nsr=nsr).image)[0]
         for nsr in (*LADDER, 1.0)
     }
     best = max(gains, key=lambda nsr: gains[nsr])
@@ -102,7 +104,7 @@ def score(capture: SimulatedCapture, geometry: Geometry, nsr: float) -> dict[str
     truth = capture.pictures.rolling if geometry == "keep" else capture.pictures.rectified
     scores = {"blurred": quality(truth, blurred)}
     for name, kwargs in METHODS.items():
-        image = deblur(blurred, *capture.recording, nsr=nsr, geometry=geometry, **kwargs).image
+        image = deblur(blurred, *capture.recording, prior="wiener", nsr=nsr, geometry=geometry, **kwargs).image
         scores[name] = quality(truth, image)
     return scores
 

@@ -3,7 +3,7 @@
 Times `RowDeconvolver.apply` (Wiener, one strip, RGB) against the global mode's `Deconvolver.apply`, in turns as in
 `benchmarks.peers`, for PSFs 17, 31 and 77 rows tall (16, 31 and 76 rounded up: kernels have a centre pixel). Beside
 that one thread solves one block of 16 frequencies, on all rows and on so few that the factor stays in the cache: where
-both run at the same speed, arithmetic bounds the solve; where not, memory does. For PSFs 31 rows tall `priors.minimise`
+both run at the same speed, arithmetic bounds the solve; where not, memory does. For PSFs 31 rows tall a sparse prior
 with the hyper-Laplacian prior and all its steps is timed against the Wiener filter of the same solver.
 
 ``--quick`` shrinks everything and says nothing about speed.
@@ -25,8 +25,7 @@ from benchmarks.cases import EXPOSURE, NSR, Case
 from benchmarks.peers import QUICK_SIZE, SIZE, size
 from benchmarks.tables import markdown, print_table, write
 from benchmarks.timing import Job, interleave
-from rsdeblur import BlurPaths, Capture, Deconvolver, RowDeconvolver
-from rsdeblur.deconv import priors
+from rsdeblur import BlurPaths, Capture, Deconvolver, GradientPrior, RowDeconvolver
 from rsdeblur.deconv.rowwise_blur import StripBlur, latent_rows
 from rsdeblur.kernels import rowwise
 from rsdeblur.kernels.rowwise import BLOCK, LANES, RowModel
@@ -39,7 +38,7 @@ BANDS = 16
 # Height of the PSF for which a sparse prior is timed, the most that it may cost, in applies of the Wiener filter, and
 # the prior: its weight, which changes no time, is what the automatic one is about at 40 dB of noise.
 SPARSE, SPARSE_TARGET = 31, 8.0
-PRIOR: dict[str, Any] = {"prior": "hyper-laplacian", "weight": 0.003, "exponent": priors.EXPONENT, "peak": 1.0}
+PRIOR = GradientPrior("hyper-laplacian", weight=0.003, peak=1.0)
 # Rows of the picture whose factor is to stay in the cache, in heights of the PSF.
 FEW = 3
 COLUMNS = ("PSF rows", "apply ms", "/ global", "at most", "met", "MiB", "GFLOP/s", "in cache", "share of apply")
@@ -87,9 +86,7 @@ def run(size: tuple[int, int], rounds: int, threads: int) -> Record:
         few = BlurPaths(paths.displacements[: FEW * height], paths.rows[: FEW * height], paths.cols)
         for name, part in (("block", paths), ("cached", few)):
             jobs[name, height], work[name, height] = one_block(part, size[0])
-    jobs["sparse", SPARSE] = lambda: solvers[SPARSE].apply(
-        picture, out, minimise=lambda term: priors.minimise(term, threads=threads, **PRIOR)
-    )
+    jobs["sparse", SPARSE] = lambda: solvers[SPARSE].apply(picture, out, prior=PRIOR)
     times = interleave(jobs, rounds)
     record["sparse_s"] = times["sparse", SPARSE].median
     record["sparse_ratio"] = times["sparse", SPARSE] / times["apply", SPARSE]

@@ -27,10 +27,8 @@ from benchmarks.captures import BORDER, READOUT, Image, SimulatedCapture, qualit
 from benchmarks.priors import noisy
 from benchmarks.tables import markdown, write
 from rsdeblur import Camera, Exposure, Simulation, deblur, simulate
-from rsdeblur.deconv.priors import Prior
-from rsdeblur.image.highlights import SATURATIONS
+from rsdeblur.choices import MODES, SATURATIONS, Prior
 from rsdeblur.image.transfer import from_linear, to_linear
-from rsdeblur.pipeline.settings import MODES
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur import Camera, Exposure, GyroLog, deblur
-from rsdeblur.deconv.priors import PRIORS
+from rsdeblur.choices import MODES, PRIORS
 from rsdeblur.errors import InputError
-from rsdeblur.pipeline.settings import MODES
 
 # (height, width)
 SIZES = [

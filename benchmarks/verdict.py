@@ -29,7 +29,7 @@ from benchmarks.priors import FOCAL_ERROR, OFFSET_ERROR, RATE_NOISE, jpeg, noisy
 from benchmarks.tables import markdown, write
 from rsdeblur import GyroLog, QualityCheck, RsdeblurError, deblur
 from rsdeblur._util.threads import thread_count
-from rsdeblur.deconv.priors import PRIORS, Prior
+from rsdeblur.choices import PRIORS, Prior
 from rsdeblur.estimate.check import Verdict, fall_back
 from rsdeblur.image.encoded import EncodedImage
 

@@ -28,7 +28,7 @@ class Synthetic:
 
     def track_psnr(self, capture: SimulatedCapture, method: str) -> float:
         """PSNR against the true picture."""
-        image = deblur(capture.pictures.blurred, *capture.recording, nsr=NSR, **METHODS[method]).image
+        image = deblur(capture.pictures.blurred, *capture.recording, prior="wiener", nsr=NSR, **METHODS[method]).image
         return quality(capture.pictures.rolling, image)[0]
 
     track_psnr.unit = "dB"  # type: ignore[attr-defined]  # asv reads it from the function

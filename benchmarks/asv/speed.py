@@ -91,7 +91,9 @@ class Slabs:
     def time_deblur(self, max_memory: int | None) -> None:
         """From the log to the picture."""
         recording = self.log, self.case.camera, EXPOSURE
-        deblur(self.picture, *recording, bands=16, strips=1, nsr=NSR, max_memory=max_memory, out=self.out)
+        deblur(
+            self.picture, *recording, bands=16, strips=1, nsr=NSR, max_memory=max_memory, out=self.out, prior="wiener"
+        )
 
     def peakmem_deblur(self, max_memory: int | None) -> None:
         """Memory of the whole process."""

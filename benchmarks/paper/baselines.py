@@ -104,8 +104,8 @@ def methods(
     return {
         "blurred": lambda: [blurred],
         WIENER: lambda: [wiener(kernel)],
-        BANDED: lambda: [deblur(blurred, *capture, nsr=NSR).image],
-        "Wiener, rowwise": lambda: [deblur(blurred, *capture, nsr=NSR, mode="rowwise").image],
+        BANDED: lambda: [deblur(blurred, *capture, nsr=NSR, prior="wiener").image],
+        "Wiener, rowwise": lambda: [deblur(blurred, *capture, nsr=NSR, mode="rowwise", prior="wiener").image],
         TV: lambda: [baselines.tv_l1(blurred, kernel, weight=weight) for weight in WEIGHTS],
         "Richardson-Lucy": lambda: [baselines.richardson_lucy(blurred, kernel)],
         "unsupervised Wiener": lambda: [baselines.unsupervised_wiener(blurred, kernel)],

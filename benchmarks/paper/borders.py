@@ -12,7 +12,8 @@ from scipy.signal import fftconvolve
 from benchmarks.captures import DATA, Image
 from benchmarks.paper.figure import Cell, Figure, pictures
 from rsdeblur import BlurPaths, Camera, Capture, Deconvolver, Exposure, PsfBank, psfs, read_gyro
-from rsdeblur.deconv.border import Border, Boundary, fade
+from rsdeblur.choices import Border, Boundary
+from rsdeblur.deconv.border import fade
 from rsdeblur.deconv.boundary import extended
 from rsdeblur.deconv.rowwise import RowDeconvolver
 from rsdeblur.image.transfer import from_linear, to_linear

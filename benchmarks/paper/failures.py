@@ -43,7 +43,7 @@ def compared(
     capture = simulate(scene(), log, CAMERA, exposure, noise=NOISE, translation=translation)
     results = {"blurred": capture.blurred}
     for name, arguments in ways.items():
-        results[name] = deblur(capture.blurred, log, CAMERA, exposure, nsr=NSR, **arguments).image
+        results[name] = deblur(capture.blurred, log, CAMERA, exposure, prior="wiener", nsr=NSR, **arguments).image
     rows: list[tuple[Cell, ...]] = [(name, *quality(capture.rolling, image)) for name, image in results.items()]
     shown = {
         f"{name}\n{row[1]:.1f} dB": from_linear(image.clip(0, 1), "srgb")[SHOWN].mean(axis=2)

@@ -13,9 +13,9 @@ from scipy.signal import fftconvolve
 from benchmarks.captures import DATA, NOISE, SimulatedCapture, quality
 from benchmarks.paper.figure import Figure, lines
 from rsdeblur import Camera, Exposure, GyroLog, deblur, psfs, read_gyro, simulate
+from rsdeblur.choices import MODES, Mode
 from rsdeblur.image.transfer import to_linear
 from rsdeblur.io import read_picture
-from rsdeblur.pipeline.settings import MODES, Mode
 
 LEVELS = (0.0, 0.007, 0.02, 0.035, 0.05, 0.065, 0.08, 0.1)
 REPETITIONS = 10
@@ -70,7 +70,7 @@ def global_blur(repetitions: int) -> Figure:
     blurred = fftconvolve(padded, kernel, mode="valid") + np.random.default_rng(0).normal(0, NOISE, sharp.shape)
 
     def error(used: GyroLog) -> float:
-        result = deblur(blurred, used, camera, exposure, mode="global", motion="small-angle", nsr=NSR)
+        result = deblur(blurred, used, camera, exposure, mode="global", motion="small-angle", nsr=NSR, prior="wiener")
         return float(np.square(result.image - sharp)[24:-24, 24:-24].mean())
 
     def curve(deviation: Callable[[float], float]) -> list[float]:
@@ -105,7 +105,7 @@ def mean_quality(
 ) -> float:
     """Mean PSNR (dB) over captures deblurred with a spoilt description."""
     found = [
-        quality(c.pictures.rolling, deblur(c.pictures.blurred, *spoil(c), mode=mode, nsr=NSR).image)[0]
+        quality(c.pictures.rolling, deblur(c.pictures.blurred, *spoil(c), mode=mode, nsr=NSR, prior="wiener").image)[0]
         for c in captures
     ]
     return float(np.mean(found))

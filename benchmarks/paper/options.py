@@ -46,7 +46,7 @@ def sensitivity(names: tuple[str, ...]) -> Figure:
         for capture in captures:
             noisy = capture.blurred + np.float32((iso / 100) ** 0.5) * grain
             for way, nsr in zip(curves, (0.01, nsr_of_iso(iso), "auto"), strict=True):
-                image = deblur(noisy, *recording, mode="global", motion="small-angle", nsr=nsr).image  # type: ignore[arg-type]  # mypy joins the strengths to object
+                image = deblur(noisy, *recording, mode="global", motion="small-angle", nsr=nsr, prior="wiener").image  # type: ignore[arg-type]  # mypy joins the strengths to object
                 found[way].append(quality(capture.rolling, image)[0])
         for way, values in found.items():
             curves[way].append(float(np.mean(values)))
@@ -76,7 +76,15 @@ def normalisation() -> Figure:
     rows: list[tuple[Cell, ...]] = []
     shown: dict[str, Image] = {}
     for label, normalize in (("clipped", False), ("normalised", True)):
-        result = deblur(capture.blurred, *recording, mode="global", motion="small-angle", nsr=0.01, normalize=normalize)
+        result = deblur(
+            capture.blurred,
+            *recording,
+            mode="global",
+            motion="small-angle",
+            nsr=0.01,
+            normalize=normalize,
+            prior="wiener",
+        )
         kept = result.image.clip(0, 1)
         lost = float(((kept == 0) | (kept == 1)).mean())
         psnr, ssim = quality(truth, kept)

@@ -96,7 +96,9 @@ def process(case: Case, folder: Path, threads: int) -> Callable[[], object]:
 
     def run() -> None:
         pixels, camera = reduced(read_picture(photo).pixels, raw, max(case.camera.width, case.camera.height))
-        result = deblur(pixels, log, camera, EXPOSURE, mode="global", motion="small-angle", nsr=NSR, threads=threads)
+        result = deblur(
+            pixels, log, camera, EXPOSURE, mode="global", motion="small-angle", nsr=NSR, threads=threads, prior="wiener"
+        )
         write_picture(sharp, result.image, force=True)
 
     return run

@@ -29,6 +29,14 @@ def finite(name: str, value: float, *, minimum: float | None = None, above: floa
     return number
 
 
+def exponent(value: float) -> float:
+    """Return the exponent of a hyper-Laplacian, which must be in (0, 1]."""
+    number = finite("exponent", value, above=0.0)
+    if number > 1.0:
+        raise InputError(f'exponent must be at most 1, got {number:g}; for 2 use prior="gradient"')
+    return number
+
+
 def count(name: str, value: Any, *, minimum: int = 1, maximum: int | None = None) -> int:
     """Return `value` as an int; it must be a whole number of at least `minimum` and at most `maximum`."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
@@ -100,11 +108,35 @@ def real_array(
     return array
 
 
-def picture(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Return `image`, finite and of the planned `shape`, as C-contiguous float32; it is copied only if needed."""
-    array = np.ascontiguousarray(image, dtype=np.float32)
-    if array.shape != shape:
+def linear_light(image: ArrayLike, shape: tuple[int, ...] | None = None) -> NDArray[np.float32]:
+    """Return `image` as C-contiguous float32 of the planned `shape`, by default any (H, W) or (H, W, C).
+
+    It is copied only if needed. Integers are refused: they are encoded values, and would be taken as light of up to 255
+    or 65535.
+    """
+    try:
+        array = np.asarray(image)
+    except ValueError as error:
+        raise InputError(f"image must be an array of floats: {error}") from None
+    kind = array.dtype.kind
+    if kind in "iu":
+        white = np.iinfo(array.dtype).max if kind == "u" else "full_scale"
+        raise InputError(
+            f"image must be linear light as floats, got {array.dtype}; convert encoded values with "
+            f'rsdeblur.image.transfer.to_linear(image.astype("float32") / {white}, "srgb")'
+        )
+    if kind != "f":
+        raise InputError(f"image must be linear light as floats, got {array.dtype}")
+    if shape is None and (array.ndim not in (2, 3) or array.size == 0):
+        raise InputError(f"image must have shape (H, W) or (H, W, C), got {array.shape}")
+    if shape is not None and array.shape != shape:
         raise InputError(f"image must have the planned shape {shape}, got {array.shape}")
+    return np.ascontiguousarray(array, dtype=np.float32)
+
+
+def picture(image: ArrayLike, shape: tuple[int, ...] | None = None) -> NDArray[np.float32]:
+    """Return `image` as :func:`linear_light` does; it must be finite."""
+    array = linear_light(image, shape)
     if not np.isfinite(array).all():
         raise InputError("image must be finite")
     return array

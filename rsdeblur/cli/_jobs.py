@@ -2,16 +2,41 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import click
+
+from rsdeblur.cli._options import gathered
 
 # Threads of a process where nothing else is asked for: reading and writing a file uses one.
 THREADS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Workers:
+    """Where a batch is worked on."""
+
+    jobs: int | None
+    scheduler: str | None
+
 
 jobs_option = click.option(
     "--jobs",
     type=click.IntRange(min=1),
     metavar="N",
     help="Processes; --threads counts for each of them.  [default: half as many as cores]",
+)
+
+
+workers_options = gathered(
+    "workers",
+    Workers,
+    (
+        jobs_option,
+        click.option(
+            "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the work (they see the files)."
+        ),
+    ),
 )
 
 

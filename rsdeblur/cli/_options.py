@@ -150,7 +150,25 @@ class Defaults:
     readout_time: float | None
 
 
-def _gathered(name: str, kind: type, options: Sequence[Decorator], members: Sequence[str] | None = None) -> Decorator:
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Where the result goes, and what is printed about it."""
+
+    output: Path
+    force: bool
+    as_json: bool
+    dry_run: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoChanges:
+    """What is done to a photo or taken from its EXIF block before it is deblurred."""
+
+    work_size: int | None = None
+    nsr_from_iso: bool = False
+
+
+def gathered(name: str, kind: type, options: Sequence[Decorator], members: Sequence[str] | None = None) -> Decorator:
     """Return a decorator that adds `options` and passes their values as one `kind` called `name`."""
 
     def decorate(function: Command) -> Command:
@@ -208,7 +226,7 @@ _OVERRIDES = (
     click.option("--time-offset", type=SecondsType(), help="Camera time minus gyro time; replaces the camera file's."),
     click.option("--readout-time", type=SecondsType(), help="Readout time of the picture; replaces the camera file's."),
 )
-recording_options = _gathered(
+recording_options = gathered(
     "recording",
     Recording,
     (
@@ -221,7 +239,7 @@ recording_options = _gathered(
         *_OVERRIDES,
     ),
 )
-clip_options = _gathered(
+clip_options = gathered(
     "recording",
     Recording,
     (
@@ -237,7 +255,7 @@ clip_options = _gathered(
         *_OVERRIDES,
     ),
 )
-defaults_options = _gathered(
+defaults_options = gathered(
     "defaults",
     Defaults,
     (
@@ -335,7 +353,7 @@ ONE_RESULT = ("max_memory", "fallback")
 
 def solve_options(*names: str) -> Decorator:
     """Return a decorator that adds the options called `names` and passes them as one `options: Options`."""
-    return _gathered("options", Options, [_SOLVE[name] for name in names], names)
+    return gathered("options", Options, [_SOLVE[name] for name in names], names)
 
 
 work_size_option = click.option(
@@ -347,6 +365,14 @@ work_size_option = click.option(
 nsr_from_iso_option = click.option(
     "--nsr-from-iso", is_flag=True, help="Take --nsr from the picture's EXIF sensitivity: 0.01 at ISO 100."
 )
+photo_options = gathered("changes", PhotoChanges, (work_size_option, nsr_from_iso_option))
 force_option = click.option("--force", is_flag=True, help="Replace files that exist.")
 dry_run_option = click.option("--dry-run", is_flag=True, help="Read and check all inputs, and write nothing.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+
+
+def target_options(metavar: str, text: str, *, force: Decorator = force_option, dry_run: bool = False) -> Decorator:
+    """Return a decorator that adds --output, --force, --json and perhaps --dry-run, passed as one `target`."""
+    output = click.option("-o", "--output", type=PATH, required=True, metavar=metavar, help=text)
+    dry_runs = (dry_run_option,) if dry_run else ()
+    return gathered("target", Target, (output, force, *dry_runs, json_option))

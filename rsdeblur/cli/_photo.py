@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of
-from rsdeblur.cli._options import Recording
+from rsdeblur.cli._options import PhotoChanges, Recording
 from rsdeblur.cli._output import prepare_folder
 from rsdeblur.errors import InputError
 
@@ -25,8 +25,7 @@ class PhotoJob:
     photo: Path
     recording: Recording
     options: Options
-    work_size: int | None
-    nsr_from_iso: bool
+    changes: PhotoChanges
     output: Path
     force: bool = False
     dry_run: bool = False
@@ -59,13 +58,13 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     from rsdeblur.pipeline.plan import plan
 
     options = replace(job.options, transfer=transfer_of(picture, job.options.transfer))
-    if job.nsr_from_iso:
+    if job.changes.nsr_from_iso:
         options = replace(options, nsr=_nsr_of(job.photo, picture))
     pixels = picture.pixels
     begin = time.perf_counter()
-    if job.work_size is not None:
+    if job.changes.work_size is not None:
         with naming(job.photo, job.recording):
-            pixels, camera = reduced(pixels, camera, job.work_size)
+            pixels, camera = reduced(pixels, camera, job.changes.work_size)
     # Straight into what is to be written: a quarter of the memory that float32 would take.
     with (
         picture_to_fill(job.output, pixels.shape, like=picture, force=job.force, in_place=in_place) as out,
@@ -97,10 +96,10 @@ def _foreseen(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:
     picture, log, camera, exposure = inputs
     with naming(job.photo, job.recording):
         check_size(picture.pixels.shape, camera)
-        if job.nsr_from_iso:
+        if job.changes.nsr_from_iso:
             _nsr_of(job.photo, picture)
-        if job.work_size is not None:
-            camera = reduced(picture.pixels, camera, job.work_size)[1]
+        if job.changes.work_size is not None:
+            camera = reduced(picture.pixels, camera, job.changes.work_size)[1]
         options = job.options
         bank = psfs(
             *(log, camera, exposure),

@@ -17,8 +17,8 @@ import click
 
 from rsdeblur.cli import _options
 from rsdeblur.cli._items import Item, read_items
-from rsdeblur.cli._jobs import jobs_option, shared_threads
-from rsdeblur.cli._options import Defaults
+from rsdeblur.cli._jobs import Workers, shared_threads, workers_options
+from rsdeblur.cli._options import Defaults, PhotoChanges, Target
 from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, write_json
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 from rsdeblur.errors import InputError, RsdeblurWarning
@@ -48,27 +48,22 @@ Examples:
     help="FOLDER: the number that the first frame has in the photos' names.  [default: told by the names]",
 )
 @_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE, *_options.ONE_RESULT)
-@_options.work_size_option
-@_options.nsr_from_iso_option
-@jobs_option
-@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the work (they see the files).")
-@click.option("-o", "--output", type=_options.PATH, required=True, metavar="DIR", help="Folder to write to.")
-@click.option("--force", is_flag=True, help="Do finished items again, and replace files that exist.")
-@_options.dry_run_option
-@_options.json_option
+@_options.photo_options
+@workers_options
+@_options.target_options(
+    "DIR",
+    "Folder to write to.",
+    force=click.option("--force", is_flag=True, help="Do finished items again, and replace files that exist."),
+    dry_run=True,
+)
 def command(
     source: Path,
     defaults: Defaults,
     numbered_from: int | None,
     options: Options,
-    work_size: int | None,
-    nsr_from_iso: bool,
-    jobs: int | None,
-    scheduler: str | None,
-    output: Path,
-    force: bool,
-    dry_run: bool,
-    as_json: bool,
+    changes: PhotoChanges,
+    workers: Workers,
+    target: Target,
 ) -> None:
     """Deblur all photos of a manifest or a logger's folder; a photo that fails does not stop the others.
 
@@ -83,27 +78,22 @@ def command(
     from rsdeblur._util.records import Records
 
     begin = time.perf_counter()
-    items = read_items(source, defaults, output, numbered_from=numbered_from)
+    items = read_items(source, defaults, target.output, numbered_from=numbered_from)
     if not items:
         raise InputError(f"{source}: there is nothing to do: no photo is listed")
-    jobs, threads = shared_threads(jobs, options.threads, alone=scheduler is None)
-    common = {
-        "options": replace(options, threads=threads),
-        "work_size": work_size,
-        "nsr_from_iso": nsr_from_iso,
-    }
-    records = Records(output / RECORDS)
-    if not dry_run:
-        prepare_folder(output, [TABLE, REPORT], force=force or records.folder.is_dir())
+    jobs, threads = shared_threads(workers.jobs, options.threads, alone=workers.scheduler is None)
+    records = Records(target.output / RECORDS)
+    if not target.dry_run:
+        prepare_folder(target.output, [TABLE, REPORT], force=target.force or records.folder.is_dir())
         records.open()
-    batch = _Batch(output, common, records, force=force, dry_run=dry_run)
-    entries = batch.run(items, jobs, scheduler)
+    batch = _Batch(target, replace(options, threads=threads), changes, records)
+    entries = batch.run(items, jobs, workers.scheduler)
     counts = Counter(entry["state"] for entry in entries)
     report = {"items": entries, "counts": dict(counts), "seconds": time.perf_counter() - begin}
-    if not dry_run:
-        _write_table(output / TABLE, entries)
-        write_json(output / REPORT, report)
-    if as_json:
+    if not target.dry_run:
+        _write_table(target.output / TABLE, entries)
+        write_json(target.output / REPORT, report)
+    if target.as_json:
         print_json(report)
     else:
         _print(report)
@@ -117,9 +107,8 @@ def command(
 class _Batch:
     """The items on their way through the workers."""
 
-    def __init__(self, output: Path, common: dict[str, Any], records: Records, *, force: bool, dry_run: bool) -> None:
-        self._output, self._common, self._records = output, common, records
-        self._force, self._dry_run = force, dry_run
+    def __init__(self, target: Target, options: Options, changes: PhotoChanges, records: Records) -> None:
+        self._target, self._options, self._changes, self._records = target, options, changes, records
         self._under_way: dict[int, PhotoJob] = {}
 
     def run(self, items: list[Item], jobs: int, scheduler: str | None) -> list[dict[str, Any]]:
@@ -153,9 +142,9 @@ class _Batch:
         entry: dict[str, Any] = {"photo": str(item.photo)}
         if item.error is not None:
             return entry | {"state": "failed", "error": item.error}
-        entry["output"] = str(self._output / item.output)
+        entry["output"] = str(self._target.output / item.output)
         job = self._job(item)
-        facts = None if self._force else self._records.facts(str(item.output), _fingerprint(job))
+        facts = None if self._target.force else self._records.facts(str(item.output), _fingerprint(job))
         if facts is not None and job.output.is_file():
             return entry | {"state": "skipped"} | facts
         return entry
@@ -165,11 +154,12 @@ class _Batch:
         return PhotoJob(
             photo=item.photo,
             recording=item.recording,
-            output=self._output / item.output,
-            force=self._force,
-            dry_run=self._dry_run,
+            output=self._target.output / item.output,
+            force=self._target.force,
+            dry_run=self._target.dry_run,
             make_folder=True,
-            **self._common,
+            options=self._options,
+            changes=self._changes,
         )
 
     def _tasks(self, items: list[Item], entries: list[dict[str, Any]]) -> Iterator[tuple[int, PhotoJob]]:
@@ -180,8 +170,8 @@ class _Batch:
             job = self._job(item)
             fingerprint = _fingerprint(job)
             # What an interrupted run left under this name is this batch's own.
-            job = replace(job, force=self._force or self._records.claimed(str(item.output), fingerprint))
-            if not self._dry_run and (job.force or not job.output.exists()):
+            job = replace(job, force=self._target.force or self._records.claimed(str(item.output), fingerprint))
+            if not self._target.dry_run and (job.force or not job.output.exists()):
                 self._records.claim(str(item.output), fingerprint)
             self._under_way[i] = job
             yield i, job
@@ -189,8 +179,8 @@ class _Batch:
     def _finish(self, item: Item, job: PhotoJob, entry: dict[str, Any], facts: dict[str, Any]) -> None:
         for message in facts.pop("warnings"):
             warnings.warn(_naming(job.photo, message), RsdeblurWarning, stacklevel=2)
-        entry |= {"state": "checked" if self._dry_run else "done"} | facts
-        if not self._dry_run:
+        entry |= {"state": "checked" if self._target.dry_run else "done"} | facts
+        if not self._target.dry_run:
             self._records.finish(str(item.output), _fingerprint(job), facts)
 
 

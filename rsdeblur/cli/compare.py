@@ -12,7 +12,7 @@ import click
 from rsdeblur.choices import MODES, Auto, Mode, Transfer
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of, unit_range
-from rsdeblur.cli._options import Recording
+from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, write_json
 from rsdeblur.cli._report import Compared, capture_warnings, report_page
 from rsdeblur.errors import InputError, OutputError
@@ -41,21 +41,17 @@ Examples:
 @_options.recording_options
 @_options.solve_options(*_options.BLUR[1:], *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE)
 @click.option("--truth", type=_options.PATH, metavar="FILE", help="The sharp picture, to measure PSNR and SSIM.")
-@click.option("-o", "--output", type=_options.PATH, required=True, metavar="DIR", help="Folder to write to.")
+@_options.target_options("DIR", "Folder to write to.")
 @click.option(
     "--report", type=_options.PATH, metavar="HTML", help="Also write a page to look at the results in a browser."
 )
-@_options.force_option
-@_options.json_option
 def command(
     photo: Path,
     recording: Recording,
     options: Options,
     truth: Path | None,
-    output: Path,
     report: Path | None,
-    force: bool,
-    as_json: bool,
+    target: Target,
 ) -> None:
     """Deblur PHOTO in every mode and lay the results side by side.
 
@@ -65,6 +61,7 @@ def command(
     --report writes one page that needs no network: any two pictures under a slider, the kernels over them, the
     gyroscope's rates with the window of each row, figures band by band, all settings, and what to be wary of.
     """
+    output, force = target.output, target.force
     prepare_folder(output, [*output_names(photo), REPORT], force=force)
     if report is not None:
         check_page(report, force=force)
@@ -76,7 +73,7 @@ def command(
         write_page(report, report_page(compared, recording, options, remarks))
         compared.report["report"] = str(report)
     write_json(output / REPORT, compared.report)
-    if as_json:
+    if target.as_json:
         print_json(compared.report)
     else:
         print_report(compared.report)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rsdeblur.cli import _options
-from rsdeblur.cli._options import Recording
+from rsdeblur.cli._options import PhotoChanges, Recording, Target
 from rsdeblur.cli._output import print_json, progress
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 
@@ -27,44 +27,35 @@ Examples:
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options
 @_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE, *_options.ONE_RESULT)
-@_options.work_size_option
-@_options.nsr_from_iso_option
-@click.option("-o", "--output", type=_options.PATH, required=True, metavar="OUT", help="Picture to write.")
-@_options.force_option
-@_options.dry_run_option
-@_options.json_option
+@_options.photo_options
+@_options.target_options("OUT", "Picture to write.", dry_run=True)
 def command(
     photo: Path,
     recording: Recording,
     options: Options,
-    work_size: int | None,
-    nsr_from_iso: bool,
-    output: Path,
-    force: bool,
-    dry_run: bool,
-    as_json: bool,
+    changes: PhotoChanges,
+    target: Target,
 ) -> None:
     """Deblur PHOTO; EXIF, colour profile and bit depth are kept."""
     job = PhotoJob(
         photo=photo,
         recording=recording,
         options=options,
-        work_size=work_size,
-        nsr_from_iso=nsr_from_iso,
-        output=output,
-        force=force,
-        dry_run=dry_run,
+        changes=changes,
+        output=target.output,
+        force=target.force,
+        dry_run=target.dry_run,
     )
     with progress("deblur") as move:
         facts = deblur_photo(job, move)
-    if as_json:
+    if target.as_json:
         print_json(facts)
         return
     wide, tall = facts["psf_px"]
-    if dry_run:
+    if target.dry_run:
         size = "{} x {}".format(*facts["size_px"])
         click.echo(
-            f"{photo}: {size} px, all inputs fit; would write {output} ({options.mode}, PSFs of up to "
+            f"{photo}: {size} px, all inputs fit; would write {target.output} ({options.mode}, PSFs of up to "
             f"{wide} x {tall} px, {options.prior})"
         )
         return
@@ -72,7 +63,7 @@ def command(
     kernels = f"{facts['bands']} x {facts['strips']} PSFs ({tiles} x strips) of {wide} x {tall} px"
     strength = f"NSR {facts['nsr']:.2g}" if facts["weight"] is None else f"weight {facts['weight']:.2g}"
     click.echo(
-        f"{output}: {options.mode}, {kernels}, {options.prior}, {strength}, "
+        f"{target.output}: {options.mode}, {kernels}, {options.prior}, {strength}, "
         f"{facts['seconds']:.2f} s{_verdict(facts['check'])}"
     )
 

@@ -10,7 +10,7 @@ import click
 
 from rsdeblur.choices import Prior
 from rsdeblur.cli import _options
-from rsdeblur.cli._options import Recording
+from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import prepare_folder, print_json, progress, write_json
 from rsdeblur.cli.compare import compare_modes, output_names, print_report
 from rsdeblur.pipeline.options import Options
@@ -50,15 +50,14 @@ Examples:
     help="Size in px.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Scene, shake and noise.")
-@click.option("-o", "--output", type=_options.PATH, required=True, metavar="DIR", help="Folder to write to.")
-@_options.force_option
-@_options.json_option
-def command(size: tuple[int, int], seed: int, output: Path, force: bool, as_json: bool) -> None:
+@_options.target_options("DIR", "Folder to write to.")
+def command(size: tuple[int, int], seed: int, target: Target) -> None:
     """Draw a scene, shake a camera, and deblur in every mode; needs no data.
 
     Writes to DIR the sharp and the blurred picture, the gyro log, the camera file, the picture of each mode,
     side-by-side.png, psfs.png and demo.json, and prints the command that deblurs the blurred picture again.
     """
+    output, force = target.output, target.force
     blurred, rolling = output / "blurred.png", output / "rolling.png"
     gyro, camera = output / "gyro.csv", output / "camera.toml"
     own = (output / "sharp.png", blurred, rolling, gyro, camera)
@@ -74,7 +73,7 @@ def command(size: tuple[int, int], seed: int, output: Path, force: bool, as_json
     again += ["-o", str(output / "again.png")]
     report["command"] = shlex.join(again)
     write_json(output / REPORT, report)
-    if as_json:
+    if target.as_json:
         print_json(report)
     else:
         print_report(report)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +10,7 @@ import click
 
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of
-from rsdeblur.cli._options import Recording
+from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import print_json, progress
 from rsdeblur.errors import CoverageError, InputError
 
@@ -45,30 +45,41 @@ class RegionType(click.ParamType[Region]):
         return left, top, width, height
 
 
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """Shifts of the gyroscope's clock, s, evenly spaced."""
+
+    first: float
+    last: float
+    steps: int
+
+
 @click.command("preview", epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options
 @_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE)
-@click.option("--from", "first", type=_options.SecondsType(), default=-0.1, help="First shift.  [default: -100ms]")
-@click.option("--to", "last", type=_options.SecondsType(), default=0.1, help="Last shift.  [default: 100ms]")
-@click.option("--steps", type=click.IntRange(min=1), default=9, show_default=True, help="Number of shifts.")
+@_options.gathered(
+    "sweep",
+    Sweep,
+    (
+        click.option(
+            "--from", "first", type=_options.SecondsType(), default=-0.1, help="First shift.  [default: -100ms]"
+        ),
+        click.option("--to", "last", type=_options.SecondsType(), default=0.1, help="Last shift.  [default: 100ms]"),
+        click.option("--steps", type=click.IntRange(min=1), default=9, show_default=True, help="Number of shifts."),
+    ),
+)
 @click.option("--region", type=RegionType(), help="Only this part of the picture, in px.")
 @click.option("--choose", type=click.IntRange(min=1), metavar="N", help="Write cell N's offset into the camera file.")
-@click.option("-o", "--output", type=_options.PATH, required=True, metavar="OUT", help="Contact sheet to write.")
-@_options.force_option
-@_options.json_option
+@_options.target_options("OUT", "Contact sheet to write.")
 def command(
     photo: Path,
     recording: Recording,
     options: Options,
-    first: float,
-    last: float,
-    steps: int,
+    sweep: Sweep,
     region: Region | None,
     choose: int | None,
-    output: Path,
-    force: bool,
-    as_json: bool,
+    target: Target,
 ) -> None:
     """Deblur PHOTO with the gyroscope's clock shifted in steps, and lay the results out to choose from.
 
@@ -82,7 +93,7 @@ def command(
     from rsdeblur.pipeline.plan import plan
     from rsdeblur.report import contact_sheet
 
-    check_writable(output, force=force)
+    check_writable(target.output, force=target.force)
     picture, log, camera, exposure = read_inputs(photo, recording)
     offset = camera.time_offset
     pixels = picture.pixels
@@ -94,9 +105,9 @@ def command(
     listed: list[dict[str, Any]] = []
     refused: CoverageError | None = None
     with progress("preview") as move, naming(photo, recording):
-        for i, shift in enumerate(np.linspace(first, last, steps).tolist()):
+        for i, shift in enumerate(np.linspace(sweep.first, sweep.last, sweep.steps).tolist()):
             if move is not None:
-                move(f"{1e3 * shift:+.1f} ms", i / steps)
+                move(f"{1e3 * shift:+.1f} ms", i / sweep.steps)
             try:
                 moved = replace(camera, time_offset=camera.time_offset + shift)
                 result = plan(log, moved, exposure, options).apply(pixels)
@@ -112,14 +123,17 @@ def command(
             raise refused or InputError("there is no shift to show")
         if choose is not None and choose > len(cells):
             raise InputError(f"there is no cell {choose}: the sheet has {len(cells)}")
-    write_picture(output, contact_sheet(cells, marked=None if choose is None else choose - 1), force=force)
+    marked = None if choose is None else choose - 1
+    write_picture(target.output, contact_sheet(cells, marked=marked), force=target.force)
     chosen = None if choose is None else listed[choose - 1]
     if chosen is not None:
         write_time_offset(recording.camera, chosen["time_offset_s"])
-    if as_json:
-        print_json({"output": str(output), "cells": listed, "chosen": chosen})
+    if target.as_json:
+        print_json({"output": str(target.output), "cells": listed, "chosen": chosen})
         return
-    click.echo(f"{output}: {len(cells)} of {steps} shifts, {1e3 * first:g} to {1e3 * last:g} ms")
+    click.echo(
+        f"{target.output}: {len(cells)} of {sweep.steps} shifts, {1e3 * sweep.first:g} to {1e3 * sweep.last:g} ms"
+    )
     if chosen is not None:
         click.echo(f"{recording.camera}: time_offset = {1e3 * chosen['time_offset_s']:.2f} ms")
 

@@ -26,14 +26,7 @@ Examples:
 
 @click.command("psf", epilog=EXAMPLES)
 @_options.recording_options
-@_options.solve_options(*_options.BLUR)
-@click.option(
-    "--nsr",
-    type=click.FloatRange(min=0.0, min_open=True),
-    default=0.01,
-    show_default=True,
-    help="Noise-to-signal ratio, which the number of bands follows.",
-)
+@_options.solve_options(*_options.BLUR, "nsr")
 @click.option("-o", "--output", type=_options.PATH, metavar="PNG", help="Draw the kernels where they belong.")
 @click.option("--picture", "photo", type=_options.PATH, metavar="PHOTO", help="Show this picture below the kernels.")
 @click.option("--bank", type=_options.PATH, metavar="NPZ", help="Save the kernels and their places.")
@@ -42,14 +35,16 @@ Examples:
 def command(
     recording: Recording,
     options: Options,
-    nsr: float,
     output: Path | None,
     photo: Path | None,
     bank: Path | None,
     force: bool,
     as_json: bool,
 ) -> None:
-    """Compute the kernels that `deblur` would undo; no picture is needed."""
+    """Compute the kernels that `deblur` would undo; no picture is needed.
+
+    The automatic number of bands follows --nsr, which is 0.01 here if it is auto.
+    """
     from rsdeblur._util.atomic import check_target
     from rsdeblur.io.pictures import check_writable, write_picture
 
@@ -64,13 +59,14 @@ def command(
         pixels, log, camera, exposure = read_inputs(photo, recording)
         picture = display_values(unit_range(pixels.pixels), transfer_of(pixels, "auto"))
 
+    from rsdeblur.pipeline.deblur import NSR
     from rsdeblur.pipeline.plan import plan
     from rsdeblur.psf import PsfBank
     from rsdeblur.report import psf_map
 
     with progress("psf"), naming(photo, recording):
         planned = plan(log, camera, exposure, options)
-        paths = planned.tile_paths(nsr)
+        paths = planned.tile_paths(NSR if options.nsr == "auto" else options.nsr)
         kernels = planned.frame.bank(PsfBank.from_paths(paths))
         if output is not None:
             drawing = psf_map(kernels, (camera.height, camera.width), picture=picture)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,7 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, read_device
 from rsdeblur.cli._jobs import jobs_option, shared_threads
-from rsdeblur.cli._options import Recording
+from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import print_json, progress
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.video import PRIOR
@@ -35,32 +35,45 @@ Examples:
 """
 
 
+@dataclass(frozen=True, slots=True)
+class Encode:
+    """How the video is encoded."""
+
+    codec: str | None
+    crf: int
+    segment: int
+
+
 @click.command("video", epilog=EXAMPLES, context_settings={"default_map": {"prior": PRIOR}})
 @click.argument("source", type=_options.PATH, metavar="VIDEO")
 @_options.clip_options
 @_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ENGINE)
-@click.option("--codec", metavar="NAME", help="FFmpeg's encoder, like libx265.  [default: as in VIDEO]")
-@click.option("--crf", type=click.IntRange(0, 63), default=17, show_default=True, help="Lower is better and larger.")
-@click.option(
-    "--segment", type=click.IntRange(min=1), default=32, show_default=True, help="Frames that are encoded together."
+@_options.gathered(
+    "encode",
+    Encode,
+    (
+        click.option("--codec", metavar="NAME", help="FFmpeg's encoder, like libx265.  [default: as in VIDEO]"),
+        click.option(
+            "--crf", type=click.IntRange(0, 63), default=17, show_default=True, help="Lower is better and larger."
+        ),
+        click.option(
+            "--segment",
+            type=click.IntRange(min=1),
+            default=32,
+            show_default=True,
+            help="Frames that are encoded together.",
+        ),
+    ),
 )
 @jobs_option
-@click.option("-o", "--output", type=_options.PATH, required=True, metavar="OUT", help="Video: .mp4 .mov .mkv .webm.")
-@_options.force_option
-@_options.dry_run_option
-@_options.json_option
+@_options.target_options("OUT", "Video: .mp4 .mov .mkv .webm.", dry_run=True)
 def command(
     source: Path,
     recording: Recording,
     options: Options,
-    codec: str | None,
-    crf: int,
-    segment: int,
+    encode: Encode,
     jobs: int | None,
-    output: Path,
-    force: bool,
-    dry_run: bool,
-    as_json: bool,
+    target: Target,
 ) -> None:
     """Deblur every frame of VIDEO with its own exposure window; sound, timing, rotation and colour tags are kept.
 
@@ -73,32 +86,34 @@ def command(
     from rsdeblur.video.segments import Encoding
 
     begin = time.perf_counter()
-    check_output(output, force=force)
+    output = target.output
+    check_output(output, force=target.force)
     jobs, threads = shared_threads(jobs, options.threads)
     options = replace(options, threads=threads)
     log, camera = read_device(recording)
     with progress("video") as move, naming(source, recording):
         clip = open_clip(source)
         exposures = _exposures(clip, recording)
-        encoding = Encoding.like(clip, codec=codec, crf=crf)
-        plan, reasons = plan_clip(clip, log, camera, exposures, options, progress=move)
-        facts = _facts(clip, plan, encoding, output) | {"kept": sum(reason is not None for reason in reasons)}
-        _warn(source, reasons)
-        if not dry_run:
+        encoding = Encoding.like(clip, codec=encode.codec, crf=encode.crf)
+        plan = plan_clip(clip, log, camera, exposures, options, progress=move)
+        facts = _facts(plan, encoding, output) | {"kept": sum(reason is not None for reason in plan.reasons)}
+        _warn(source, plan.reasons)
+        if not target.dry_run:
             with _telling_of_parts(output):
                 result = deblur_video(
-                    *(clip, log, camera, exposures, plan, reasons, output),
+                    plan,
+                    output,
                     encoding=encoding,
-                    segment=segment,
+                    segment=encode.segment,
                     jobs=jobs,
-                    force=force,
+                    force=target.force,
                     progress=move,
                 )
             facts |= asdict(result) | {"seconds": time.perf_counter() - begin}
-    if as_json:
-        print_json(facts | {"dry_run": dry_run})
+    if target.as_json:
+        print_json(facts | {"dry_run": target.dry_run})
     else:
-        _print(source, output, facts, dry_run)
+        _print(source, output, facts, target.dry_run)
 
 
 @contextmanager
@@ -131,8 +146,8 @@ def _exposures(clip: Clip, recording: Recording) -> list[Exposure]:
     return exposures_from_stamps(clip, recording.duration, start=start, epoch_ns=recording.start_ns or 0)
 
 
-def _facts(clip: Clip, plan: ClipPlan, encoding: Encoding, output: Path) -> dict[str, Any]:
-    tall, wide = plan.grid.size
+def _facts(plan: ClipPlan, encoding: Encoding, output: Path) -> dict[str, Any]:
+    clip, (tall, wide) = plan.clip, plan.grid.size
     return {
         "output": str(output),
         "frames": len(clip),
@@ -150,7 +165,7 @@ def _facts(clip: Clip, plan: ClipPlan, encoding: Encoding, output: Path) -> dict
     }
 
 
-def _warn(source: Path, reasons: list[str | None]) -> None:
+def _warn(source: Path, reasons: Sequence[str | None]) -> None:
     kept = [(i, reason) for i, reason in enumerate(reasons) if reason is not None]
     if kept:
         warnings.warn(

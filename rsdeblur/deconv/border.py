@@ -1,33 +1,23 @@
-"""What a tile sees where the picture ends, and how its two ends are made to meet.
+"""Borders: how tiles continue beyond the picture, and how the two ends of a tile meet.
 
-A discrete Fourier transform repeats its input; a step from the last row to the first would ring through the result.
-As in Sindelar and Sroubek (2013), opposite ends are blended over the PSF's width. The picture itself is left alone: it
-is continued by reflection, and only the continuation fades from one end into the other. The work is done while data are
-moved, in `rsdeblur.kernels.lines`.
+A discrete Fourier transform repeats its input, so a step from the last row to the first would ring through the result.
+As in Sindelar and Sroubek (2013), opposite ends are blended over the PSF's width. The picture itself does not change:
+it is continued by reflection, and only the continuation fades from one end into the other. `rsdeblur.kernels.lines`
+does this while it moves data.
 """
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import NDArray
 
-Border = Literal["blend", "periodic"]
-BORDERS: tuple[Border, ...] = ("blend", "periodic")
-# Alternatives, made before a periodic solve (`rsdeblur.deconv.boundary`).
-Boundary = Literal["reflect", "edge-taper", "smooth"]
-BOUNDARIES: tuple[Boundary, ...] = ("reflect", "edge-taper", "smooth")
-
-
-def split(border: Border | Boundary) -> tuple[Border, Boundary | None]:
-    """Return the border of the solver, and the boundary that makes the picture periodic first, if any."""
-    if border == "blend" or border == "periodic":
-        return border, None
-    return "periodic", border
+# Alternatives, which extend the picture before a periodic solve (`rsdeblur.deconv.boundary`).
 
 
 def fade(n: int) -> NDArray[np.float32]:
-    """Return a smooth ramp of `n` values strictly between 0 and 1: the share of what precedes a tile in its end."""
+    """Return a smooth ramp of `n` values strictly between 0 and 1.
+
+    At the end of a tile it is the weight of the pixels that precede the tile.
+    """
     ramp: NDArray[np.float32] = (0.5 - 0.5 * np.cos(np.pi * np.arange(1, n + 1) / (n + 1))).astype(np.float32)
     return ramp

@@ -1,7 +1,7 @@
-"""Alternatives of the default border: the picture is made to repeat without a seam before it is solved as periodic.
+"""Alternatives to the default border: the picture is made periodic without a seam, and then solved as periodic.
 
-All but the taper put more rows after the last and more columns after the last one; over them the picture goes from its
-end to its start. What a solver makes of them is cut off again.
+All but the edge taper add rows and columns after the last ones, over which the picture leads from its end to its start.
+After the solve they are cut off again.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from rsdeblur.deconv.border import Boundary
+from rsdeblur.choices import Boundary
 from rsdeblur.deconv.fft import fast_length
 from rsdeblur.deconv.tiling import WHOLE_EXCESS
 from rsdeblur.psf import PsfBank
@@ -18,14 +18,15 @@ from rsdeblur.types import FloatImage
 
 
 def extended(light: FloatImage, bank: PsfBank, boundary: Boundary) -> FloatImage:
-    """Return the picture (H, W, C) made periodic, of `extended_shape`, where its own rows and columns come first.
+    """Return the picture made periodic; its own rows and columns come first, and `extended_shape` is its shape.
 
     Parameters
     ----------
     light : ndarray, shape (H, W, C), float32
+        Linear light.
     bank : PsfBank
-        Of the picture.
-    extension : {"reflect", "edge-taper", "smooth"}
+        PSFs of the picture.
+    boundary : {"reflect", "edge-taper", "smooth"}
         See :func:`rsdeblur.deblur`.
     """
     if boundary == "edge-taper":
@@ -35,7 +36,7 @@ def extended(light: FloatImage, bank: PsfBank, boundary: Boundary) -> FloatImage
 
 
 def extended_shape(shape: tuple[int, ...], bank: PsfBank, boundary: Boundary) -> tuple[int, int, int]:
-    """Return the shape of `extended`: larger by a PSF at least, unless the picture itself is tapered."""
+    """Return the shape of :func:`extended`: larger by at least a PSF, except for the edge taper, which adds nothing."""
     height, width, channels = shape
     if boundary != "edge-taper":
         tall, wide = bank.size
@@ -45,7 +46,7 @@ def extended_shape(shape: tuple[int, ...], bank: PsfBank, boundary: Boundary) ->
 
 
 def reflected(light: FloatImage, height: int, width: int) -> FloatImage:
-    """Mirror the picture at its end as far as half of what is added, and at its start for the rest."""
+    """Fill the first half of the added pixels with a reflection at the end, the rest with one at the start."""
     rows, columns = (_mirrored(n, length) for n, length in zip(light.shape, (height, width), strict=False))
     return light[rows[:, None], columns]
 
@@ -59,10 +60,10 @@ def _mirrored(n: int, length: int) -> NDArray[np.intp]:
 
 
 def tapered(light: FloatImage, kernel: NDArray[np.floating]) -> FloatImage:
-    """Fade the picture towards its borders into itself blurred as if it repeated.
+    """Fade the picture towards its borders into its periodic blur (the "edgetaper" of image processing toolboxes).
 
-    What is left of it at a distance from the border is one minus the PSF's autocorrelation there, along each axis: the
-    share of the blur that does not reach across (the "edgetaper" of image processing toolboxes).
+    Along each axis, the weight of the picture at a distance from the border is one minus the PSF's autocorrelation at
+    that distance: the share of the blur that does not reach across the border.
     """
     height, width, _ = light.shape
     shares = []
@@ -84,10 +85,10 @@ def tapered(light: FloatImage, kernel: NDArray[np.floating]) -> FloatImage:
 
 
 def smooth(light: FloatImage, height: int, width: int) -> FloatImage:
-    """Fill in what has no Laplacian: no bend but what the borders ask for, in the manner of Liu and Jia (2008).
+    """Fill the added pixels with harmonic functions (zero Laplacian), in the manner of Liu and Jia (2008).
 
-    First what joins the last row to the first, then what joins the last column to the first, then the corner that
-    meets both.
+    First the rows that join the last row to the first, then the columns that join the last column to the first, then
+    the corner between both.
     """
     out = np.empty((height, width, light.shape[2]), dtype=np.float32)
     tall, wide, _ = light.shape
@@ -96,7 +97,8 @@ def smooth(light: FloatImage, height: int, width: int) -> FloatImage:
     right = _between(light[:, -1], light[:, 0], width - wide)
     out[tall:, :wide] = below
     out[:tall, wide:] = right.swapaxes(0, 1)
-    # The corner's four sides: across from the last column of `below` to its first, down likewise.
+    # The corner lies between the last and, as the picture repeats, the first row of `right`, and so it does between
+    # the last and the first column of `below`.
     ring = np.zeros((height - tall + 2, width - wide + 2, light.shape[2]))
     ring[0, 1:-1], ring[-1, 1:-1] = right[:, -1], right[:, 0]
     ring[1:-1, 0], ring[1:-1, -1] = below[:, -1], below[:, 0]
@@ -108,7 +110,7 @@ def _between(start: FloatImage, end: FloatImage, count: int) -> NDArray[np.float
     """Return `count` lines, shape (count, n, C), that lead harmonically from `start` to `end` (n, C)."""
     ring = np.zeros((count + 2, *start.shape))
     ring[0], ring[-1] = start, end
-    # At its ends a strip's lines go straight from corner to corner.
+    # The two short sides lead straight from corner to corner.
     step = np.linspace(0, 1, count + 2)[:, None]
     for side in (0, -1):
         ring[:, side] = (1 - step) * start[side] + step * end[side]
@@ -118,7 +120,7 @@ def _between(start: FloatImage, end: FloatImage, count: int) -> NDArray[np.float
 
 
 def _harmonic(ring: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inside of `ring` (h + 2, w + 2, C), whose own inside is not read, without a Laplacian."""
+    """Return the harmonic function inside the border of `ring` (h + 2, w + 2, C); only that border is read."""
     inner = ring.shape[0] - 2, ring.shape[1] - 2
     known = np.zeros((*inner, ring.shape[2]))
     if not known.size:

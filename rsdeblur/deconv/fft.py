@@ -1,9 +1,9 @@
-"""The only place that talks to FFTW: planned transforms of lines on buffers they own.
+"""The only module that calls FFTW: planned transforms of lines, in buffers that belong to the transforms.
 
-A plan runs in the thread that calls it; threads share blocks of work (`rsdeblur.deconv.hybrid`), not transforms.
+A transform runs in the thread that calls it; threads share blocks of work (`rsdeblur.deconv.hybrid`), not transforms.
 
-What FFTW learns by measuring is kept in the user's cache folder, one file per FFTW version and processor: a plan that
-was measured once is found at once, by every later process and whatever planning it asks for.
+Measured plans are kept in the user's cache folder, in one file per FFTW version and processor. Every later process
+uses them, for either kind of planning.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import warnings
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import platformdirs
@@ -24,34 +24,33 @@ from numpy.typing import NDArray
 
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.files import read_file
+from rsdeblur.choices import Planning
 from rsdeblur.errors import FileFormatError, OutputError, RsdeblurWarning
 
 Complex = NDArray[np.complex64]
 Real = NDArray[np.float32]
 
-Planning = Literal["estimate", "measure"]
-PLANNINGS: tuple[Planning, ...] = ("estimate", "measure")
 
 # Bound on the time spent measuring one plan, s.
 PLANNING_TIME = 1.0
 
 
-# FFTW is fast where vectors of 16 fit, and pays for every odd factor. Time per point over that of a power of two,
-# fitted to measured plans of lengths 96 to 2310 (float32, AVX-512): what each factor adds, what each 3 beyond the first
-# adds again, and what each factor of 2 short of 16 adds.
+# Time per point of a transform, relative to that of a power of two. FFTW is fast for multiples of 16, and each odd
+# factor costs time. Fitted to measured plans of lengths 96 to 2310 (float32, AVX-512): what each factor adds, what each
+# 3 after the first adds in addition, and what each factor of 2 that is missing to 16 adds.
 FACTOR_COST = {3: 0.15, 5: 0.15, 7: 0.4, 11: 1.0, 13: 1.3}
 FURTHER_3_COST = 0.35
 SHORT_OF_16_COST = 0.25
 
 
 def fast_length(minimum: int, *, excess: float) -> int:
-    """Return the even length from `minimum` up, longer by the share `excess` at most, that FFTW transforms fastest."""
+    """Return the even length from `minimum` to about `minimum * (1 + excess)` that FFTW transforms fastest."""
     lengths = range(minimum + minimum % 2, max(int(minimum * (1 + excess)), minimum + 2) + 1, 2)
     return min(lengths, key=_cost)
 
 
 def _cost(length: int) -> float:
-    """Predicted time of a transform; an unknown prime costs like a direct sum over it."""
+    """Return the predicted time of a transform; a prime above 13 costs as much as a direct sum over it."""
     rest, powers = length, dict.fromkeys((2, *FACTOR_COST), 0)
     for factor in powers:
         while rest % factor == 0:
@@ -63,16 +62,16 @@ def _cost(length: int) -> float:
 
 
 def empty(shape: tuple[int, ...], dtype: type[Any]) -> NDArray[Any]:
-    """Uninitialised array aligned for SIMD."""
+    """Return an uninitialised array that is aligned for SIMD."""
     buffer: NDArray[Any] = pyfftw.empty_aligned(shape, dtype=dtype)
     return buffer
 
 
 class RowTransform:
-    """Real transform along the last axis: `real` (..., n), owned here, <-> `spectrum` (..., n // 2 + 1).
+    """Real transform along the last axis: `real` (..., n) <-> `spectrum` (..., n // 2 + 1).
 
-    `spectrum` is owned too unless one is given; :meth:`move` then points to another place of the same layout. The
-    inverse is not scaled and destroys `spectrum`.
+    Both buffers are created here, unless a `spectrum` is passed; :meth:`move` then replaces it by another one of the
+    same layout. The inverse is not scaled and destroys `spectrum`.
     """
 
     def __init__(
@@ -86,19 +85,19 @@ class RowTransform:
         self._inverse = _plan(self.spectrum, self.real, "FFTW_BACKWARD", planning)
         self.forward: Callable[[], None] = self._forward.execute
         self.inverse: Callable[[], None] = self._inverse.execute
-        # Blocks may be filled in part, and transforms run over all of them.
+        # A caller may fill the buffer in part, but the transform reads all of it.
         self.real[...] = 0
         self.spectrum[...] = 0
 
     def move(self, spectrum: Complex) -> None:
-        """Transform to and from `spectrum` from now on: same shape, strides and alignment."""
+        """Use `spectrum` from now on; it must have the shape, strides and alignment of the one before."""
         self._forward.update_arrays(self.real, spectrum)
         self._inverse.update_arrays(spectrum, self.real)
         self.spectrum = spectrum
 
 
 class LineTransform:
-    """Complex transform in place along the last axis of `data`, owned here. The inverse is not scaled."""
+    """Complex transform in place along the last axis of `data`, which is created here. The inverse is not scaled."""
 
     def __init__(self, shape: tuple[int, ...], planning: Planning = "estimate") -> None:
         self.data: Complex = empty(shape, np.complex64)
@@ -110,7 +109,7 @@ class LineTransform:
 def _plan(source: NDArray[Any], target: NDArray[Any], direction: str, planning: Planning) -> Any:
     """Return the transform of lines from `source` to `target`, unscaled; it may destroy `source`."""
     _recall()
-    # FFTW's planner and its wisdom are one per process.
+    # FFTW has one planner and one wisdom (its measured plans) per process.
     with _planner:
         return pyfftw.FFTW(
             source,
@@ -126,7 +125,7 @@ _planner = threading.Lock()
 
 
 def wisdom_file() -> Path:
-    """Return where this machine's measured plans are kept."""
+    """Return the path of the file with this machine's measured plans."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         processor = next(line for line in lines if line.startswith("model name"))
@@ -138,7 +137,7 @@ def wisdom_file() -> Path:
 
 @cache
 def _recall() -> None:
-    """Load what was measured before, once per process."""
+    """Load the plans that earlier processes measured, once per process."""
     _read_wisdom()
 
 
@@ -147,7 +146,7 @@ def _read_wisdom() -> None:
         seal, _, single = read_file(wisdom_file(), "wisdom").partition(b"\n")
     except FileFormatError:
         return
-    # FFTW refuses what is of another build, and then knows as much as before; what is damaged may make it abort.
+    # FFTW ignores wisdom of another build, but damaged wisdom may make it abort the process; hence the seal.
     if seal == _seal(single):
         with _planner:
             pyfftw.import_wisdom((b"", single, b""))
@@ -158,12 +157,12 @@ def _seal(wisdom: bytes) -> bytes:
 
 
 def remember() -> None:
-    """Keep what was measured by now, together with what other processes kept meanwhile.
+    """Store all plans measured so far, together with those that other processes stored meanwhile.
 
     Warns
     -----
     RsdeblurWarning
-        Once per process, if the cache folder cannot be written: planning is then repeated next time.
+        Once per process, if the cache folder cannot be written. The next process then measures again.
     """
     file = wisdom_file()
     _read_wisdom()

@@ -1,11 +1,15 @@
-"""The hybrid domain: picture rows transformed along x, every row frequency then a column along y.
+"""The hybrid domain: picture rows are transformed along x, and each row frequency is then a column along y.
 
-The blur of a tile does not change along a row, so rows are transformed once for all bands, and what differs from band
-to band happens on columns. Every stage works on blocks that fit a processor's cache: a few picture rows are cut and
-transformed into their place among the spectra; then a few columns at a time are transposed into the cache, where all
-bands are cut, transformed, filtered, transformed back and blended, and go back to their place; then rows come back as
-they went. Nothing as large as the picture is touched more than once per stage. Blocks are independent, so threads share
-them, and any number of threads gives the same bits.
+The blur of a tile does not change along a row. So rows are transformed once for all bands, and bands differ only in
+what happens to columns. There are three stages; each works on blocks that fit a processor's cache, and touches all data
+once:
+
+1. A few rows at a time are cut out of the picture and transformed into the spectra.
+2. A few columns of the spectra at a time are transposed into the cache. There all bands are cut, transformed, filtered,
+   transformed back and blended, and the columns go back to their place.
+3. A few rows of the spectra at a time are transformed back into the picture.
+
+Blocks are independent, so threads share them, and any number of threads gives the same bits.
 """
 
 from __future__ import annotations
@@ -14,21 +18,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.threads import ThreadTeam
-from rsdeblur.deconv.border import Border, fade
-from rsdeblur.deconv.fft import Complex, LineTransform, Planning, Real, RowTransform, empty
+from rsdeblur.choices import Border, Planning
+from rsdeblur.deconv.border import fade
+from rsdeblur.deconv.fft import Complex, LineTransform, Real, RowTransform, empty
 from rsdeblur.deconv.tiling import Tile, Tiling
 from rsdeblur.kernels import lines, spectral
 
 # Picture rows per block. 16 rows of 2048 RGB pixels and their spectrum are 0.8 MB, within a second-level cache of 1 to
 # 2 MB.
 ROWS = 16
-# Columns per block, two cache lines of complex values, and bytes of slabs worked on at a time within it.
+# Columns per block: two cache lines of complex values. A slab holds one band of a block of columns; so many bytes of
+# slabs are transformed together.
 COLUMNS = 16
 SLAB_BYTES = 400_000
 
 
 class Hybrid:
-    """Transforms of pictures of one shape under one tiling; owns the spectra and each thread's buffers and plans.
+    """Transforms of pictures of one shape under one tiling, with the spectra and each thread's buffers and plans.
 
     Parameters
     ----------
@@ -37,7 +43,7 @@ class Hybrid:
     bands, strips : Tiling
         Tiles along y and along x.
     border : {"blend", "periodic"}
-        How tiles go on beyond the picture.
+        How tiles continue beyond the picture.
     planning : {"estimate", "measure"}
         How FFTW plans.
     threads : int
@@ -58,8 +64,8 @@ class Hybrid:
         self.bands, self.strips = bands, strips
         self._periodic = border == "periodic"
         self.frequencies = strips.length // 2 + 1
-        # Whole blocks; the columns that fill up the last one stay zero. One cache line more makes their number in a row
-        # odd: with rows a multiple of 4096 bytes apart, all rows would share cache sets.
+        # Whole blocks of columns; those that fill up the last block stay zero. The 8 columns more in `_spectra` make
+        # the number of cache lines in a row odd: with rows a multiple of 4096 bytes apart, all would share cache sets.
         self.padded_frequencies = -(-self.frequencies // COLUMNS) * COLUMNS
         padded_height = -(-self.height // ROWS) * ROWS
         self._spectra: Complex = empty((channels, padded_height, self.padded_frequencies + 8), np.complex64)
@@ -75,7 +81,7 @@ class Hybrid:
     def transform_rows(self, picture: Real, strip: Tile) -> bool:
         """Cut `strip` out of `picture` (H, W, C) and transform its rows.
 
-        Returns whether all that was read is finite: looked at here, it costs no pass over the picture.
+        Return whether all values that were read are finite. To check it here costs no further pass over the picture.
         """
         taper = fade(self.strips.taper)
         finite = [True]
@@ -98,7 +104,7 @@ class Hybrid:
 
         def block(thread: int, first: int) -> None:
             worker = self._workers[thread]
-            # A single tile is extended where it stands; several are cut out and added up elsewhere.
+            # A single tile is extended in place; several are cut out, and their sum is collected elsewhere.
             columns = worker.slabs.data[0] if single else worker.columns
             lines.rows_to_columns(self._spectra, first, self.height, columns)
             if not single:
@@ -121,7 +127,7 @@ class Hybrid:
         self.team.share(block, range(0, self.padded_frequencies, COLUMNS))
 
     def restore_rows(self, out: Real, strip: Tile, *, add: bool) -> None:
-        """Transform rows back and put them, or add them, to `out` (H, W, C) where `strip` counts."""
+        """Transform rows back; write them to `out` (H, W, C), or add them, where `strip` contributes."""
 
         def block(thread: int, top: int) -> None:
             worker = self._workers[thread]
@@ -133,12 +139,12 @@ class Hybrid:
         self.team.share(block, range(0, self.height, ROWS))
 
     def _rows(self, top: int) -> Complex:
-        """Where the spectra of a block of rows stand."""
+        """Return a view of the spectra of a block of rows."""
         return self._spectra[:, top : top + ROWS, : self.frequencies]
 
 
 class _Worker:
-    """What one thread works on: a block of rows and a group of slabs, with their transforms."""
+    """Buffers of one thread: a block of rows and a group of slabs, with their transforms."""
 
     def __init__(
         self, spectrum: Complex, height: int, slab_length: int, row_length: int, slabs: int, planning: Planning

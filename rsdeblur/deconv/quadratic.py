@@ -1,38 +1,42 @@
-"""What priors on the gradient come down to, solved tile by tile in the hybrid domain."""
+"""The quadratic problem behind priors on the gradient, solved tile by tile in the hybrid domain."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
-from rsdeblur.deconv.border import Border
-from rsdeblur.deconv.fft import Planning
+from rsdeblur.choices import Border, Planning
+from rsdeblur.deconv.priors import GradientPrior, minimise
 from rsdeblur.deconv.wiener import TileFilter
 from rsdeblur.kernels.responses import responses
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage
 
-# What a tile is longer than its part, in PSFs.
+# Margin of a tile: by how much it is longer than the part that it contributes, in PSF sizes.
 MARGIN = 3.0
 
 
 class TileQuadratic(TileFilter):
-    """The quadratic problem for a bank of PSFs, solved by two passes of filters.
+    """Deconvolution with a bank of PSFs and a prior on the gradient, planned once and applied often.
+
+    As a :class:`rsdeblur.deconv.priors.QuadraticSolver` it solves, by two passes of filters,
 
         U = ((1 + nsr) conj(H) G + beta V) / (|H|^2 + nsr + beta |D|^2)
 
-    V is the pull. The factor 1 + nsr does what it does in :class:`rsdeblur.Deconvolver`. It is a
-    :class:`rsdeblur.deconv.priors.QuadraticSolver`.
+    for the observation G and V = D^T w. The factor 1 + nsr has the purpose that it has in
+    :class:`rsdeblur.Deconvolver`.
 
     Parameters
     ----------
     bank, border, planning, threads
         See :class:`rsdeblur.Deconvolver`.
-    shape : (H, W, C)
-        Shape of the pictures to come.
+    shape : (H, W) or (H, W, C)
+        Shape of the pictures.
     nsr : float, default 0.001
-        Share of the signal's power that the model gets wrong, such as at the borders; not negative.
+        Share of the signal's power that the model of the blur gets wrong, as at the borders; not negative.
 
     Raises
     ------
@@ -43,7 +47,7 @@ class TileQuadratic(TileFilter):
     def __init__(
         self,
         bank: PsfBank,
-        shape: tuple[int, int, int],
+        shape: tuple[int, ...],
         *,
         nsr: float = 0.001,
         border: Border = "blend",
@@ -67,28 +71,73 @@ class TileQuadratic(TileFilter):
     def _take(self, bank: PsfBank) -> None:
         self._fill_otfs(bank, self._otf)
 
-    def prepare(self, image: ArrayLike) -> None:
-        """Take the observation, of the planned shape, linear light."""
-        self._observation = np.ascontiguousarray(image, dtype=np.float32)
+    def apply(
+        self,
+        image: ArrayLike,
+        out: NDArray[np.float32] | None = None,
+        *,
+        prior: GradientPrior,
+        progress: Callable[[float], None] | None = None,
+    ) -> NDArray[np.float32]:
+        """Deblur one picture.
 
-    def solve(self, beta: float, grad_adjoint: FloatImage | None = None) -> FloatImage:
-        """Return the minimiser for the observation; `grad_adjoint` is `D^T w`, None is zero, and is used up.
+        Parameters
+        ----------
+        image : array_like of the planned shape
+            Linear light, floats; converted to float32.
+        out : ndarray, float32, optional
+            Receives the result; may be `image` itself.
+        prior : GradientPrior
+            Penalty on the gradient of the sharp picture.
+        progress : callable, optional
+            Called with the finished fraction after each solve.
+
+        Returns
+        -------
+        ndarray, float32
+            `out`, or a new array; not clipped.
 
         Raises
         ------
         InputError
-            If the observation has another shape than planned or is not finite.
+            If `image` or `out` has another shape or type, or `image` is not finite. Integers are no linear light:
+            :func:`rsdeblur.image.transfer.to_linear` converts them.
         """
-        observed = self._respond(beta, self._observation, None, of_grad_adjoint=False)
-        if grad_adjoint is None:
-            return observed
-        found = self._respond(beta, grad_adjoint, grad_adjoint, of_grad_adjoint=True)
-        found += observed
-        return found
+        if out is not None:
+            out = validate.output(out, self.shape)
+        with self.lock:
+            self.prepare(image)
+            prior = prior.with_peak_of(self._observation)
+            latent = minimise(self, prior, threads=self.threads, progress=progress).reshape(self.shape)
+            del self._observation
+        if out is None:
+            return latent
+        out[...] = latent
+        return out
 
-    def _respond(
-        self, beta: float, picture: FloatImage, out: FloatImage | None, *, of_grad_adjoint: bool
-    ) -> FloatImage:
+    def prepare(self, image: ArrayLike) -> None:
+        """Set the observation: linear light of the planned shape."""
+        self._observation = validate.linear_light(image, self.shape).reshape(self._channelled)
+
+    def solve(self, beta: float, grad_adjoint: FloatImage | None = None) -> FloatImage:
+        """Return the minimiser (H, W, C) for the observation.
+
+        `grad_adjoint` (H, W, C) is `D^T w`, None is zero; its memory receives the result.
+
+        Raises
+        ------
+        InputError
+            If the observation is not finite.
+        """
+        latent = np.empty(self._channelled, dtype=np.float32)
+        self._respond(beta, self._observation, latent, of_grad_adjoint=False)
+        if grad_adjoint is None:
+            return latent
+        self._respond(beta, grad_adjoint, grad_adjoint, of_grad_adjoint=True)
+        grad_adjoint += latent
+        return grad_adjoint
+
+    def _respond(self, beta: float, source: FloatImage, target: FloatImage, *, of_grad_adjoint: bool) -> None:
         def plan(_: int, s: int, b: int) -> None:
             inside = np.s_[s, b, : self._hybrid.frequencies]
             responses(
@@ -103,4 +152,4 @@ class TileQuadratic(TileFilter):
             )
 
         self._share_tiles(plan)
-        return self._apply(self._filters, picture, out, None)
+        self._filter(self._filters, source, target)

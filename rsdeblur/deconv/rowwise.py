@@ -4,23 +4,23 @@ For each frequency along x the blur is a banded matrix A along y (:mod:`rsdeblur
 
     minimise |A u - g|^2 + nsr |u - m|^2 + beta |grad u - w|^2
 
-is a banded Hermitian positive definite system: gradients are diagonal along x and tridiagonal along y. Where data say
-nothing u falls back on m: the picture's mean and, without a gradient term, towards top and bottom what its outermost
-rows show, smoothed.
+is a banded Hermitian positive definite system: the gradient term is diagonal along x and tridiagonal along y. Where the
+data do not determine u, it falls back on m, the expectation: the picture's mean and, without a gradient term, near top
+and bottom the average of the outermost rows, smoothed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.threads import thread_count
-from rsdeblur.deconv.border import BORDERS, Border
-from rsdeblur.deconv.fft import PLANNINGS, Planning, Real, empty, remember
+from rsdeblur.choices import BORDERS, PLANNINGS, SOLVERS, Border, Planning, Solver
+from rsdeblur.deconv.fft import Real, empty, remember
+from rsdeblur.deconv.priors import GradientPrior, minimise
 from rsdeblur.deconv.rowwise_blur import StripBlur, latent_rows
 from rsdeblur.deconv.rowwise_cg import NormalEquations, conjugate_gradients, is_faster
 from rsdeblur.deconv.rowwise_spectra import ROWS, RowSpectra
@@ -31,57 +31,59 @@ from rsdeblur.kernels import rowwise
 from rsdeblur.kernels.rowwise import LANES
 from rsdeblur.motion.paths import BlurPaths
 
-Solver = Literal["auto", "direct", "cg"]
-SOLVERS: tuple[Solver, ...] = ("auto", "direct", "cg")
-# What a strip is longer than its part, at most, in PSFs: the tiny `nsr` of gradient priors would ask for a hundred.
-MOST_GAP = 3.0
-# What is expected beyond top and bottom: the average of this many rows, smoothed along x as much (standard deviation).
+# Largest margin of a strip, in PSF widths: the tiny `nsr` of gradient priors would ask for a hundred.
+MOST_MARGIN = 3.0
+# Expectation beyond top and bottom: the average of this many outermost rows, smoothed along x by a Gaussian whose
+# standard deviation is as many px.
 EDGE_ROWS = 4
-# It fades away within the frame over this many rows more than paths reach beyond it.
+# Inside the frame the expectation fades to the mean over this many rows more than paths reach beyond the frame.
 EDGE_FADE = 16
-# Smoothed so, frequencies with less than this left need no expectation.
+# Frequencies that the smoothing reduces to a smaller share than this are expected to be zero.
 LEAST_EXPECTED = 1e-3
 
-# The normal matrix has elements up to 1, and float32 rounds them by 6e-8, many of them on the way through the factor.
+# Least `nsr`. The normal matrix has elements up to 1, which float32 rounds by 6e-8, and the factorisation adds up many
+# such errors.
 LEAST_RIDGE = np.float32(1e-6)
 
 
 class RowDeconvolver:
     """Deconvolution with the PSF of every row, planned once and applied often.
 
-    Minimises `|A u - g|^2 + nsr |u - m|^2` exactly (A is :class:`rsdeblur.RowBlur`). What differs from m, the picture's
-    mean and near top and bottom what its outermost rows show, is then multiplied by (1 + nsr): no motion is the
-    identity, and a constant picture keeps its brightness.
+    Minimises `|A u - g|^2 + nsr |u - m|^2` exactly. A is :class:`rsdeblur.RowBlur`; m is the picture's mean and, near
+    top and bottom, the smoothed average of its outermost rows. The difference u - m is then multiplied by (1 + nsr).
+    With this factor no motion is the identity, and a constant picture keeps its brightness.
 
     Parameters
     ----------
     paths : BlurPaths
-        Of every row of the picture (:meth:`rsdeblur.BlurPaths.every_row`), in one or more strips.
+        Paths of every row of the picture (:meth:`rsdeblur.BlurPaths.every_row`), in one or more strips.
     shape : (H, W) or (H, W, C)
-        Shape of the pictures to come.
+        Shape of the pictures.
     nsr : float, default 0.01
-        Noise-to-signal power ratio Phi, positive; less than 1e-6 counts as 1e-6, which is as far as float32 goes.
+        Noise-to-signal power ratio Phi, positive; less than 1e-6, the limit of float32, counts as 1e-6.
     solver : {"auto", "direct", "cg"}
-        Banded Cholesky; conjugate gradients with a banded Wiener filter as preconditioner, to a relative residual of
-        1e-3; or whichever is predicted to be faster.
+        "direct" is a banded Cholesky factorisation. "cg" is conjugate gradients with a banded Wiener filter as
+        preconditioner, to a relative residual of 1e-3. "auto" takes the one that is predicted to be faster.
     border : {"blend", "periodic"}
-        How the picture goes on along x, see :class:`rsdeblur.Deconvolver`. Along y, rows beyond the frame are unknowns.
+        How the picture continues along x, see :class:`rsdeblur.Deconvolver`. Along y, rows beyond the frame are
+        unknowns.
     planning : {"estimate", "measure"}
-        How FFTW plans.
+        How FFTW plans, see :class:`rsdeblur.Deconvolver`.
     threads : int, optional
         Threads that share the work; default all processors. Any number gives the same bits.
 
     Attributes
     ----------
     solver : {"direct", "cg"}
-        The one in use.
+        The solver in use.
     top : int
-        Row of the picture at which the first latent row stands; 0 or less.
+        Row of the picture at which the first latent row lies; 0 or less.
 
     Raises
     ------
     InputError
-        If `paths` are not those of the picture's rows or reach further than it, or an argument is out of range.
+        If `paths` are not those of the picture's rows or reach further than the picture, or an argument is out of
+        range.
     """
 
     def __init__(
@@ -110,34 +112,34 @@ class RowDeconvolver:
         if 2 * reach + 1 > width:
             raise InputError(f"the paths reach {reach} px sideways, more than the picture of {width} px can hold")
         kernel = 2 * reach + 1
-        gap = int(np.ceil(min(max(LEAST_MARGIN, DECAY_MARGIN / self.nsr**0.5), MOST_GAP) * kernel))
+        margin = int(np.ceil(min(max(LEAST_MARGIN, DECAY_MARGIN / self.nsr**0.5), MOST_MARGIN) * kernel))
         self._periodic = border == "periodic"
-        self._tiling = Tiling.plan(paths.cols, width, kernel, gap, periodic=self._periodic)
+        self._tiling = Tiling.plan(paths.cols, width, kernel, margin, periodic=self._periodic)
         threads = thread_count(threads)
         self._strips = [StripBlur.from_paths(paths, s, self.top, latents, threads) for s in range(len(paths.cols))]
         channels = self.shape[2] if len(self.shape) == 3 else 1
-        self._lanes = RowSpectra(channels, self._tiling.length, planning=planning, threads=threads)
-        self._data, self._latent = self._lanes.empty(height), self._lanes.empty(latents)
-        blocks = range(self._lanes.blocks)
-        self._tables = [[strip.table(b, self._lanes.length) for b in blocks] for strip in self._strips]
+        self._spectra = RowSpectra(channels, self._tiling.length, planning=planning, threads=threads)
+        self._data, self._latent = self._spectra.empty(height), self._spectra.empty(latents)
+        blocks = range(self._spectra.blocks)
+        self._tables = [[strip.table(b, self._spectra.length) for b in blocks] for strip in self._strips]
         if solver == "auto":
             solver = "cg" if any(is_faster(strip.model, channels) for strip in self._strips) else "direct"
         self.solver = solver
         floats = max(strip.workspace_size(solve=self.solver == "direct") for strip in self._strips)
-        self._workspaces: list[Real] = [empty((floats,), np.float32) for _ in range(self._lanes.team.threads)]
+        self._workspaces: list[Real] = [empty((floats,), np.float32) for _ in range(self._spectra.team.threads)]
         if planning == "measure":
             remember()
 
     @property
     def blocks(self) -> int:
         """Blocks of 16 frequencies, each solved by one thread."""
-        return self._lanes.blocks
+        return self._spectra.blocks
 
     @property
     def coverage(self) -> NDArray[np.bool_]:
-        """Pixels (H, W) in rows that some recorded row saw; the others hold what the prior makes of their neighbours.
+        """Mask (H, W) of the pixels that some recorded row saw; the prior fills the others from their neighbours.
 
-        Paths of the rolling picture see every row; those of the rectified one may not.
+        Paths with ``geometry="keep"`` see every row; those with ``geometry="rectify"`` may not.
         """
         covered = np.zeros(self.shape[:2], dtype=np.bool_)
         for strip, tile in zip(self._strips, self._tiling.tiles, strict=True):
@@ -147,7 +149,7 @@ class RowDeconvolver:
 
     @property
     def memory(self) -> int:
-        """Bytes held between and during calls, pictures not counted."""
+        """Bytes held between and during calls, not counting pictures."""
         tables = [table for tables in self._tables for table in tables]
         models = [array for strip in self._strips for array in strip.model]
         return sum(array.nbytes for array in (self._data, self._latent, *self._workspaces, *tables, *models))
@@ -157,7 +159,7 @@ class RowDeconvolver:
         image: ArrayLike,
         out: NDArray[np.float32] | None = None,
         *,
-        minimise: Callable[[DataTerm], Real] | None = None,
+        prior: GradientPrior | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> NDArray[np.float32]:
         """Deblur one picture.
@@ -165,15 +167,13 @@ class RowDeconvolver:
         Parameters
         ----------
         image : array_like of the planned shape
-            Linear light; converted to float32.
+            Linear light, floats; converted to float32.
         out : ndarray, float32, optional
             Receives the result; may be `image` itself.
-        minimise : callable, optional
-            Finds the latent picture of each strip in place of the Wiener filter, such as
-            :func:`rsdeblur.deconv.priors.minimise`. It takes the strip's :class:`DataTerm` and returns a picture like
-            the one that `DataTerm.solve` returns.
+        prior : GradientPrior, optional
+            Penalty on the gradient of the sharp picture; without it the result is that of the Wiener filter.
         progress : callable, optional
-            Called with the finished fraction after each strip.
+            Called with the finished fraction after each strip and, with a prior, after each solve.
 
         Returns
         -------
@@ -183,33 +183,40 @@ class RowDeconvolver:
         Raises
         ------
         InputError
-            If `image` or `out` has another shape or type, or `image` is not finite.
+            If `image` or `out` has another shape or type, or `image` is not finite. Integers are no linear light:
+            :func:`rsdeblur.image.transfer.to_linear` converts them.
         """
         picture = validate.picture(image, self.shape)
         out = validate.output(out, self.shape)
         source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))
-        several = len(self._strips) > 1
-        if several:
-            # Strips are added up in `out`, so it cannot be read from any more.
+        prior = None if prior is None else prior.with_peak_of(picture)
+        strips = len(self._strips)
+        if strips > 1:
+            # Strips are added up in `out`, so it cannot be the source as well.
             source = source.copy() if np.shares_memory(source, target) else source
             target[...] = 0
-        with self._lanes.team.lock:
+        with self._spectra.team.lock:
             for s, tile in enumerate(self._tiling.tiles):
-                self._lanes.load(
-                    source, self._data, start=tile.start, taper=self._tiling.taper, periodic=self._periodic
-                )
-                term = DataTerm(self, s)
-                if minimise is None:
+                report = None if progress is None else _part_of(progress, s, strips)
+                term = self._observe(source, s)
+                if prior is None:
                     term.filter()
-                    self._lanes.unload(self._latent, -self.top, target, tile, add=several)
+                    self._spectra.unload(self._latent, -self.top, target, tile, add=strips > 1)
+                    if report is not None:
+                        report(1.0)
                 else:
-                    self._place(validate.picture(minimise(term), term.shape), target, tile, add=several)
-                if progress is not None:
-                    progress((s + 1) / len(self._tiling.tiles))
+                    latent = minimise(term, prior, threads=self._spectra.team.threads, progress=report)
+                    self._place(latent, target, tile, add=strips > 1)
         return out
 
+    def _observe(self, source: Real, strip: int) -> DataTerm:
+        """Transform a strip of the observation (H, W, C), and return the strip's data term."""
+        start, taper = self._tiling.tiles[strip].start, self._tiling.taper
+        self._spectra.load(source, self._data, start=start, taper=taper, periodic=self._periodic)
+        return DataTerm(self, strip)
+
     def _place(self, latent: Real, target: Real, tile: Tile, *, add: bool) -> None:
-        """Put, or add, the frame's rows of a strip's latent picture (L, N, C) to `target` where `tile` counts."""
+        """Write a strip's latent picture (L, N, C) to `target` (H, W, C), or add it, where `tile` contributes."""
         columns, weights = slice(tile.first, tile.first + len(tile.weights)), tile.weights[:, None]
         shown = slice(tile.first - tile.start, tile.first - tile.start + len(weights))
         source = latent[-self.top : len(target) - self.top, shown]
@@ -219,13 +226,13 @@ class RowDeconvolver:
             part = weights * source[rows]
             target[rows, columns] = target[rows, columns] + part if add else part
 
-        self._lanes.team.share(block, range(0, len(target), ROWS))
+        self._spectra.team.share(block, range(0, len(target), ROWS))
 
     def _solve(self, strip: int, ridge: Real, smooth: float, *, scale: float, with_grad_adjoint: bool) -> None:
-        """Minimise for all frequencies of `strip`, leaving the result in the latent lanes.
+        """Minimise for all frequencies of `strip`, and leave the result in the latent spectra.
 
-        `ridge` is (blocks, 16). If `pulled`, the latent lanes hold `D^T w`, which `smooth` multiplies on the
-        right-hand side. What differs from m is scaled in the end.
+        `ridge` has shape (blocks, 16). `with_grad_adjoint` means that the latent spectra hold `D^T w`, which enters the
+        right-hand side times `smooth`. The difference u - m is scaled in the end.
         """
         model, tables = self._strips[strip].model, self._tables[strip]
 
@@ -252,11 +259,11 @@ class RowDeconvolver:
             if expected is not None:
                 latent += expected
 
-        self._lanes.team.share(block, range(self._lanes.blocks))
+        self._spectra.team.share(block, range(self._spectra.blocks))
 
     def _expectation(self, block: int, *, edges: bool) -> Real | None:
-        """Return m, or without `edges` the mean alone, in latent lanes of one block; None where hardly any is left."""
-        frequency = (block * LANES + np.arange(LANES)) / self._lanes.length
+        """Return the spectra of m in one block, without `edges` those of the mean; None where they are next to zero."""
+        frequency = (block * LANES + np.arange(LANES)) / self._spectra.length
         left = np.exp(-2 * (np.pi * EDGE_ROWS * frequency) ** 2).astype(np.float32)
         if left[0] < LEAST_EXPECTED or (block > 0 and not edges):
             return None
@@ -268,7 +275,7 @@ class RowDeconvolver:
             return np.repeat(mean, self._latent.shape[2], axis=1)
         first, last = (left * (rows.mean(axis=1) - mean[:, 0]) for rows in (data[:, :EDGE_ROWS], data[:, -EDGE_ROWS:]))
         expected = np.repeat(mean, self._latent.shape[2], axis=1)
-        # Rows beyond the frame, counted from its first and its last row, have all of it.
+        # Positions are counted from the first and from the last row of the frame; beyond the frame the weight is 1.
         above = _fading(self.top, EDGE_FADE - self.top)
         below = _fading(data.shape[1] - self.top - expected.shape[1], EDGE_FADE - self.top)
         expected[:, : len(above)] += (above * first[:, None])[:, : expected.shape[1]]
@@ -276,17 +283,22 @@ class RowDeconvolver:
         return expected
 
 
+def _part_of(progress: Callable[[float], None], part: int, parts: int) -> Callable[[float], None]:
+    """Return the function that reports the progress of one of several equal parts."""
+    return lambda fraction: progress((part + fraction) / parts)
+
+
 def _fading(first: int, length: int) -> Real:
-    """Weights (n, 1, 1) from position `first` on: 1 up to 0, from there falling to 0 at `length`."""
+    """Return weights (n, 1, 1) for positions from `first` on: 1 up to position 0, falling to 0 at `length`."""
     positions = np.arange(first, length, dtype=np.float32)
     return (0.5 + 0.5 * np.cos(np.pi * positions.clip(0) / length)).astype(np.float32)[:, None, None]
 
 
 class DataTerm:
-    """`|A u - g|^2 + nsr |u - m|^2` for one strip of one picture: priors on the gradient minimise it with their own.
+    """Data term `|A u - g|^2 + nsr |u - m|^2` of one strip of one picture, to which a prior adds a gradient term.
 
-    With a gradient term m is the picture's mean. Valid during the call that hands it out. It is a
-    :class:`rsdeblur.deconv.priors.QuadraticSolver`; as rows beyond the frame are its own, no gradient crosses an end.
+    It is a :class:`rsdeblur.deconv.priors.QuadraticSolver`, valid until the solver observes the next strip. With a
+    gradient term m is the picture's mean. Rows beyond the frame are unknowns, so no gradient crosses an end.
 
     Attributes
     ----------
@@ -298,9 +310,9 @@ class DataTerm:
 
     def __init__(self, solver: RowDeconvolver, strip: int) -> None:
         self._solver, self._strip = solver, strip
-        lanes = solver._lanes
-        self.shape = (solver._latent.shape[2], lanes.length, lanes.channels)
-        turns = np.arange(lanes.blocks * LANES).reshape(-1, LANES) / lanes.length
+        spectra = solver._spectra
+        self.shape = (solver._latent.shape[2], spectra.length, spectra.channels)
+        turns = np.arange(spectra.blocks * LANES).reshape(-1, LANES) / spectra.length
         self._wavenumbers = (2 - 2 * np.cos(2 * np.pi * turns)).astype(np.float32)
 
     def solve(self, beta: float, grad_adjoint: Real | None) -> Real:
@@ -309,30 +321,30 @@ class DataTerm:
         Parameters
         ----------
         beta : float
-            At least 0.
-        pull : ndarray of the strip's shape, float32, or None
-            `D^T w`; None is zero. It is used up.
+            Weight of the gradient term, at least 0.
+        grad_adjoint : ndarray of the strip's shape, float32, or None
+            `D^T w`; None is zero. Its memory receives the result.
 
         Returns
         -------
         ndarray of the strip's shape, float32
-            In the memory of `grad_adjoint`, if there is one.
+            The latent picture u, in the memory of `grad_adjoint` if there is one.
         """
         beta = validate.finite("beta", beta, minimum=0.0)
-        lanes, latent = self._solver._lanes, self._solver._latent
+        spectra, latent = self._solver._spectra, self._solver._latent
         if grad_adjoint is not None:
             if grad_adjoint.shape != self.shape:
-                raise InputError(f"pull must have shape {self.shape}, got {grad_adjoint.shape}")
-            lanes.load(grad_adjoint, latent)
+                raise InputError(f"grad_adjoint must have shape {self.shape}, got {grad_adjoint.shape}")
+            spectra.load(grad_adjoint, latent)
         self._minimise(self._solver.nsr, beta, with_grad_adjoint=grad_adjoint is not None)
         u = np.empty(self.shape, dtype=np.float32) if grad_adjoint is None else grad_adjoint
-        lanes.unload(latent, 0, u, Tile(0, 0, np.ones(lanes.length, dtype=np.float32)))
+        spectra.unload(latent, 0, u, Tile(0, 0, np.ones(spectra.length, dtype=np.float32)))
         return u
 
     def filter(self) -> None:
-        """Minimise the term alone, leaving the result in the latent lanes."""
+        """Minimise the term alone, and leave the result in the solver's latent spectra."""
         nsr = self._solver.nsr
-        # The factor makes no motion the identity at any nsr.
+        # With this factor no motion is the identity at any nsr.
         self._minimise(nsr, 0.0, scale=1.0 + nsr)
 
     def _minimise(self, ridge: float, beta: float, *, scale: float = 1.0, with_grad_adjoint: bool = False) -> None:

@@ -1,13 +1,13 @@
-"""The rolling-shutter blur itself, exact for every row, and its adjoint.
+"""The rolling-shutter blur, exact for every row, and its adjoint.
 
 Row y of the recorded picture is the gather `g(p) = mean_t u(p - d(y, t))` over the path of row y. Transformed along x,
 where the blur of a strip does not change, it is a sum over latent rows j for each frequency k:
 
     G[y] = sum_j A[y, j] U[j],    A[y, j] = mean_t hat(y - d_y(y, t) - j) exp(-2 pi i k d_x(y, t) / N)
 
-linear between rows and, like every PSF of this package, between columns. Row y touches only the rows that its own
-path visits, some of them beyond the frame: the latent picture is taller than the recorded one, and nothing wraps around
-in y.
+where hat is linear interpolation between rows; between columns, too, PSFs are drawn by linear interpolation. Row y
+touches only the rows that its own path visits. Some of them lie beyond the frame, so the latent picture is taller than
+the recorded one, and nothing wraps around in y.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ from rsdeblur.types import FloatArray
 if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator
 
-# Rows drawn at a time: bounds the memory of their dense kernels.
+# Rows drawn at a time, which bounds the memory for their dense kernels.
 ROWS_TOGETHER = 256
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StripBlur:
-    """The blur of every row in one strip, as taps that do not depend on the picture's width.
+    """Blur of every row in one strip, as taps that do not depend on the picture's width.
 
     Parameters
     ----------
@@ -49,9 +49,9 @@ class StripBlur:
     rows : int
         Rows of the recorded picture.
     top : int
-        Where the first latent row stands, in rows of the recorded picture; 0 or less.
+        Row of the recorded picture at which the first latent row lies; 0 or less.
     first_shift, shifts : int
-        Smallest shift along x, px, and how many there are.
+        Smallest shift along x, px, and the number of shifts.
     """
 
     model: RowModel
@@ -62,7 +62,7 @@ class StripBlur:
 
     @classmethod
     def from_paths(cls, paths: BlurPaths, strip: int, top: int, latents: int, threads: int | None = None) -> StripBlur:
-        """Draw the PSF of every row of `strip` and sort it by latent row; there are `latents` rows from `top` on."""
+        """Draw the PSF of every row of `strip`, and sort it by latent row; they are `latents` rows from `top` on."""
         row, down, across, weight = _draw(paths.displacements[:, strip], threads)
         # A PSF weighs displacements d = p - q of the recorded from the latent point.
         latent = row - down - top
@@ -75,7 +75,7 @@ class StripBlur:
         return rowwise.phase_table(block, self.first_shift, self.shifts, length)
 
     def workspace_size(self, *, solve: bool) -> int:
-        """Return how many floats of workspace one thread needs to apply the blur, or to solve with it."""
+        """Return the number of floats of workspace that one thread needs to apply the blur, or to solve with it."""
         return rowwise.workspace_size(self.model, self.table(0, 1), self.rows, solve)
 
     @property
@@ -87,18 +87,18 @@ class StripBlur:
 
 
 class RowBlur:
-    """The row-exact blur of a rolling-shutter picture, a linear operator, and its adjoint.
+    """Row-exact blur of a rolling-shutter picture as a linear operator, and its adjoint.
 
-    The picture repeats along x. Several strips are blended linearly between their centres.
+    The picture repeats along x. Strips are blended linearly between their centres.
 
     Parameters
     ----------
     paths : BlurPaths
-        Of every row of the picture (:meth:`rsdeblur.BlurPaths.every_row`), in one or more strips.
+        Paths of every row of the picture (:meth:`rsdeblur.BlurPaths.every_row`), in one or more strips.
     width : int
         Width of the picture, px.
     channels : int, default 1
-        Channels of the pictures; all are blurred alike.
+        Channels of the pictures; each has the same blur.
     threads : int, optional
         Threads that share the work; default all processors. Any number gives the same bits.
 
@@ -107,7 +107,7 @@ class RowBlur:
     picture_shape, latent_shape : (H, W, C) and (L, W, C)
         Shapes of the recorded and of the latent picture.
     top : int
-        Row of the recorded picture at which the first latent row stands; 0 or less.
+        Row of the recorded picture at which the first latent row lies; 0 or less.
 
     Raises
     ------
@@ -123,40 +123,40 @@ class RowBlur:
         threads = thread_count(threads)
         self._strips = [StripBlur.from_paths(paths, s, self.top, latents, threads) for s in range(len(paths.cols))]
         self._weights = hat_weights(paths.cols, width).astype(np.float32)
-        self._lanes = RowSpectra(channels, width, planning="estimate", threads=threads)
+        self._spectra = RowSpectra(channels, width, planning="estimate", threads=threads)
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Shape of the matrix: values of the recorded and of the latent picture."""
+        """Shape of the matrix: number of values of the recorded and of the latent picture."""
         return int(np.prod(self.picture_shape)), int(np.prod(self.latent_shape))
 
     def forward(self, latent: ArrayLike) -> Real:
-        """Blur the latent picture (L, W, C) or, with one channel, (L, W); return the recorded one, float32."""
+        """Return the recorded picture, float32, of a latent one (L, W, C) or, with one channel, (L, W)."""
         source = self._checked("latent", latent, self.latent_shape)
         out = np.zeros(self.picture_shape, dtype=np.float32)
-        into, lanes = self._lanes.empty(len(source)), self._lanes.empty(len(out))
-        with self._lanes.team.lock:
-            self._lanes.load(source, into)
+        into, lanes = self._spectra.empty(len(source)), self._spectra.empty(len(out))
+        with self._spectra.team.lock:
+            self._spectra.load(source, into)
             for strip, weights in zip(self._strips, self._weights, strict=True):
                 self._run(rowwise.forward, strip, lanes, into)
-                self._lanes.unload(lanes, 0, out, Tile(0, 0, weights), add=True)
+                self._spectra.unload(lanes, 0, out, Tile(0, 0, weights), add=True)
         return out.reshape(len(out), *np.shape(latent)[1:])
 
     def adjoint(self, picture: ArrayLike) -> Real:
-        """Spread the recorded picture (H, W, C), or (H, W), over the latent one: the transpose of :meth:`forward`."""
+        """Return the transpose of :meth:`forward` applied to a picture (H, W, C) or, with one channel, (H, W)."""
         source = self._checked("picture", picture, self.picture_shape)
         out = np.zeros(self.latent_shape, dtype=np.float32)
-        lanes, into = self._lanes.empty(len(source)), self._lanes.empty(len(out))
+        lanes, into = self._spectra.empty(len(source)), self._spectra.empty(len(out))
         everywhere = Tile(0, 0, np.ones(source.shape[1], dtype=np.float32))
-        with self._lanes.team.lock:
+        with self._spectra.team.lock:
             for strip, weights in zip(self._strips, self._weights, strict=True):
-                self._lanes.load(source * weights[:, None], lanes)
+                self._spectra.load(source * weights[:, None], lanes)
                 self._run(rowwise.adjoint, strip, lanes, into)
-                self._lanes.unload(into, 0, out, everywhere, add=True)
+                self._spectra.unload(into, 0, out, everywhere, add=True)
         return out.reshape(len(out), *np.shape(picture)[1:])
 
     def as_linear_operator(self) -> LinearOperator:
-        """Return the SciPy operator on flattened pictures."""
+        """Return this blur as a SciPy operator on flattened pictures."""
         from scipy.sparse.linalg import LinearOperator
 
         return LinearOperator(
@@ -168,12 +168,12 @@ class RowBlur:
 
     def _run(self, kernel: Callable[..., None], strip: StripBlur, lanes: Real, latent: Real) -> None:
         floats = strip.workspace_size(solve=False)
-        workspaces = [empty((floats,), np.float32) for _ in range(self._lanes.team.threads)]
+        workspaces = [empty((floats,), np.float32) for _ in range(self._spectra.team.threads)]
 
         def block(thread: int, b: int) -> None:
-            kernel(strip.model, strip.table(b, self._lanes.length), lanes[b], latent[b], workspaces[thread])
+            kernel(strip.model, strip.table(b, self._spectra.length), lanes[b], latent[b], workspaces[thread])
 
-        self._lanes.team.share(block, range(self._lanes.blocks))
+        self._spectra.team.share(block, range(self._spectra.blocks))
 
     @staticmethod
     def _checked(name: str, picture: ArrayLike, shape: tuple[int, int, int]) -> Real:
@@ -184,7 +184,9 @@ class RowBlur:
 
 
 def latent_rows(paths: BlurPaths) -> tuple[int, int]:
-    """Return where the latent rows that paths visit or the frame holds begin, and how many there are.
+    """Return the first latent row, in rows of the picture, and the number of latent rows.
+
+    Latent rows are those that paths visit, and those of the frame.
 
     Raises
     ------
@@ -202,17 +204,17 @@ def latent_rows(paths: BlurPaths) -> tuple[int, int]:
 
 def _draw(paths: FloatArray, threads: int | None) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], Real]:
     """Draw paths (H, T, 2); return the row, the displacement down and across in px, and the weight of every pixel."""
-    # Paths may lie far from zero (rectifying), so each is drawn about a pixel of its own.
+    # Rectifying puts paths far from zero, so each is drawn around the pixel nearest to its own centre.
     centres = np.round((paths.max(axis=1) + paths.min(axis=1)) / 2)
     local = np.ascontiguousarray(paths - centres[:, None])
     half_width, half_height = (int(np.floor(reach)) + 1 for reach in np.abs(local).max(axis=(0, 1)))
-    found = []
+    taps = []
     for top in range(0, len(paths), ROWS_TOGETHER):
         kernels = rasterize(local[top : top + ROWS_TOGETHER], half_height, half_width, threads)
         row, i, j = np.nonzero(kernels)
         across, down = centres[top + row].astype(np.intp).T
-        found.append((top + row, down + i - half_height, across + j - half_width, kernels[row, i, j]))
-    row, down, across, weight = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        taps.append((top + row, down + i - half_height, across + j - half_width, kernels[row, i, j]))
+    row, down, across, weight = (np.concatenate(parts) for parts in zip(*taps, strict=True))
     return row, down, across, weight
 
 
@@ -224,14 +226,14 @@ def _sorted(
     latents: int,
     rows: int,
 ) -> RowModel:
-    """Sort taps into a model."""
+    """Return the model that holds the taps, sorted by block, latent row and picture row."""
     blocks, block = latents // BLOCK, latent // BLOCK
     first, end = np.full(blocks, rows), np.zeros(blocks, dtype=np.intp)
     np.minimum.at(first, block, row)
     np.maximum.at(end, block, row + 1)
     first[end == 0] = 0
-    # The first block that each row sees, and so the first that rows of a block share with others; a block is coupled to
-    # the one before by gradients in any case.
+    # The first block that each row sees, and from it the first block to which each block is coupled by the rows that it
+    # shares. Gradients couple a block to the one before in any case.
     earliest = np.full(rows, blocks)
     np.minimum.at(earliest, row, block)
     before = [

@@ -1,8 +1,8 @@
-"""The rowwise solve by conjugate gradients, for PSFs so tall that a factorisation takes too long or too much memory.
+"""The rowwise solve by conjugate gradients, for PSFs so tall that a factorisation takes too much time or memory.
 
-The preconditioner is the banded Wiener filter made symmetric: with the PSF of a row as if it held in a whole slab
-around it, the normal matrix is diagonal in the slab's Fourier domain. Slabs overlap, and the square roots of the
-weights that blend them are applied on both sides.
+The preconditioner is the banded Wiener filter, made symmetric. Within a slab of rows the PSF of the middle row is used
+for all rows, which makes the normal matrix diagonal in the slab's Fourier domain. Slabs overlap; the square roots of
+their blending weights are applied before and after.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from rsdeblur.kernels import rowwise
 from rsdeblur.kernels.rowwise import LANES, RowModel
 from rsdeblur.psf import tile_centres
 
-# The norm of what is left over, by that of the right-hand side: 60 dB below the direct solve's picture, in some 9 steps
-# whatever the height of the PSFs (docs/developer/decisions.md).
+# Norm of the residual as a share of that of the right-hand side. The error against the direct solve is then 60 dB below
+# the picture, after some 9 steps for PSFs of any height (docs/developer/decisions.md).
 TOLERANCE = 1e-3
 MOST_STEPS = 60
-# Rows from slab to slab, in heights of the tallest PSF. More, shorter slabs hardly save steps.
+# Distance between slabs in heights of the tallest PSF. A smaller one hardly saves steps.
 SLAB_PITCH = 2.0
 
-# Predicted time of a block of 16 frequencies, measured with AVX-512: a factorisation takes so many seconds per latent
-# row and squared height of its coupling; a step of conjugate gradients so many per latent row and channel, and per
-# height.
+# Predicted time for a block of 16 frequencies, measured with AVX-512. A factorisation costs FACTOR_COST seconds per
+# latent row and squared height of its coupling. Conjugate gradients take STEPS steps; each costs, per latent row and
+# channel, STEP_COST seconds and STEP_COST_PER_ROW seconds per row of the coupling's height.
 FACTOR_COST = 1e-9
 STEPS = 9
 STEP_COST, STEP_COST_PER_ROW = 8e-7, 6e-9
@@ -36,7 +36,7 @@ STEP_COST, STEP_COST_PER_ROW = 8e-7, 6e-9
 class NormalEquations:
     """`A^H A + diag(ridge) + smooth D^T D` for one block of frequencies, and an approximate inverse.
 
-    Vectors are latent lanes of one block, shape (C, L, 2, 16).
+    Vectors are latent spectra of one block, shape (C, L, 2, 16); the axis of 2 is real and imaginary part.
     """
 
     def __init__(self, model: RowModel, table: Real, rows: int, ridge: Real, smooth: float, workspace: Real) -> None:
@@ -45,7 +45,7 @@ class NormalEquations:
         self._plan()
 
     def multiply(self, vector: Real) -> Real:
-        """Apply the matrix."""
+        """Return the matrix times `vector`."""
         blurred = np.empty((len(vector), self._rows, 2, LANES), dtype=np.float32)
         result = np.empty_like(vector)
         rowwise.forward(self._model, self._table, blurred, vector, self._workspace)
@@ -58,7 +58,7 @@ class NormalEquations:
         return result
 
     def precondition(self, vector: Real) -> Real:
-        """Apply the approximate inverse."""
+        """Return the approximate inverse times `vector`."""
         values = vector[:, :, 0] + 1j * vector[:, :, 1]
         result = np.zeros_like(values)
         for block, weights, inverse in self._blocks:
@@ -72,7 +72,7 @@ class NormalEquations:
         tall = rowwise.BLOCK * int((np.arange(len(self._model.coupled)) - self._model.coupled).max() + 1)
         count = max(1, round(latents / (SLAB_PITCH * tall)))
         windows = np.sqrt(hat_weights(tile_centres(count, latents), latents)).astype(np.float32)
-        # Rows of A, one to a channel: what the adjoint makes of a unit vector, conjugated.
+        # Some rows of A, conjugated, one per channel: the adjoint of unit vectors.
         unit = np.zeros((count, self._rows, 2, LANES), dtype=np.float32)
         unit[np.arange(count), np.round(tile_centres(count, self._rows)).astype(int), 0] = 1.0
         kernels = np.empty((count, latents, 2, LANES), dtype=np.float32)
@@ -81,7 +81,7 @@ class NormalEquations:
         for window, kernel in zip(windows, kernels, strict=True):
             at = np.flatnonzero(window)
             length = fft.next_fast_len(len(at) + tall)
-            # Where the kernel stands does not matter for its power, if it is not cut in two.
+            # The power spectrum does not depend on where the kernel lies, as long as it is in one piece.
             seen = np.flatnonzero(kernel.any(axis=(1, 2)))
             part = kernel[seen[0] : seen[-1] + 1]
             power = np.abs(fft.fft(part[:, 0] + 1j * part[:, 1], length, axis=0)) ** 2
@@ -91,7 +91,7 @@ class NormalEquations:
 
 
 def is_faster(model: RowModel, channels: int) -> bool:
-    """Predict whether conjugate gradients take less time than a factorisation."""
+    """Return whether conjugate gradients are predicted to take less time than a factorisation."""
     heights = rowwise.BLOCK * (np.arange(len(model.coupled)) - model.coupled + 1.0)
     factor = FACTOR_COST * np.square(heights).mean()
     return bool(STEPS * channels * (STEP_COST + STEP_COST_PER_ROW * heights.mean()) < factor)
@@ -100,7 +100,10 @@ def is_faster(model: RowModel, channels: int) -> bool:
 def conjugate_gradients(
     multiply: Callable[[Real], Real], precondition: Callable[[Real], Real], right: Real, *, tolerance: float = TOLERANCE
 ) -> Real:
-    """Solve for every channel and frequency of `right` (C, L, 2, 16) on its own; all take the same number of steps."""
+    """Return the solution for the right-hand side `right` (C, L, 2, 16).
+
+    Every channel and frequency is a system of its own; all take the same number of steps.
+    """
     solution, rest = np.zeros_like(right), right.copy()
     enough = tolerance**2 * _dot(right, right)
     direction = correction = precondition(rest)
@@ -119,11 +122,11 @@ def conjugate_gradients(
 
 
 def _dot(a: Real, b: Real) -> Real:
-    """Real part of the inner product along y, shape (C, 1, 1, 16)."""
+    """Return the real part of the inner product along y, shape (C, 1, 1, 16)."""
     product: Real = np.einsum("cyzl,cyzl->cl", a, b)[:, None, None]
     return product
 
 
 def _ratio(a: Real, b: Real) -> Real:
-    """Return `a / b`, and 0 where there is nothing left to divide by."""
+    """Return `a / b`, and 0 where `b` is 0."""
     return np.divide(a, b, out=np.zeros_like(a), where=b > 0)

@@ -1,7 +1,8 @@
-"""From pictures to lanes and back: row spectra sorted into blocks of 16 frequencies, which the rowwise kernels take.
+"""Row spectra in blocks of 16 frequencies, the layout of the rowwise kernels: from pictures and back.
 
-Every frequency is a problem of its own, along y. A block of 16 of them, one to a SIMD lane, is worked on by one thread;
-threads share blocks of picture rows and blocks of frequencies, and any number of threads gives the same bits.
+Every frequency is an independent problem along y. One thread works on a block of 16 frequencies, one per SIMD lane, so
+arrays in this layout are called lanes. Threads share blocks of picture rows and blocks of frequencies, and any number
+of threads gives the same bits.
 """
 
 from __future__ import annotations
@@ -9,8 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from rsdeblur._util.threads import ThreadTeam
+from rsdeblur.choices import Planning
 from rsdeblur.deconv.border import fade
-from rsdeblur.deconv.fft import Planning, Real, RowTransform, empty
+from rsdeblur.deconv.fft import Real, RowTransform, empty
 from rsdeblur.deconv.tiling import Tile
 from rsdeblur.kernels import lines, rowwise
 
@@ -19,14 +21,14 @@ ROWS = 16
 
 
 class RowSpectra:
-    """Row transforms of one length for pictures of `channels`, shared out to `threads`.
+    """Row transforms of one length, shared by threads.
 
     Parameters
     ----------
     channels, length : int
         Channels of the pictures and transform length in px.
     planning : {"estimate", "measure"}
-        How FFTW plans.
+        How FFTW plans, see :class:`rsdeblur.Deconvolver`.
     threads : int
         Number of threads.
     """
@@ -37,13 +39,13 @@ class RowSpectra:
         self._rows = [RowTransform((channels, ROWS, length), planning) for _ in range(threads)]
 
     def empty(self, rows: int) -> Real:
-        """Return lanes for `rows` rows, zero: frequencies that fill up the last block stay so."""
+        """Return zeroed lanes for `rows` rows; frequencies that only fill up the last block stay zero."""
         lanes: Real = empty((self.blocks, self.channels, rows, 2, rowwise.LANES), np.float32)
         lanes[...] = 0
         return lanes
 
     def load(self, picture: Real, lanes: Real, *, start: int = 0, taper: int = 0, periodic: bool = True) -> None:
-        """Transform the rows of `picture` (H, W, C), each cut from `start` on, into `lanes`."""
+        """Transform the rows of `picture` (H, W, C), read from column `start` on, into `lanes`."""
         ramp = fade(taper)
         height = lanes.shape[2]
 
@@ -56,7 +58,7 @@ class RowSpectra:
         self.team.share(block, range(0, height, ROWS))
 
     def unload(self, lanes: Real, first: int, out: Real, tile: Tile, *, add: bool = False) -> None:
-        """Transform rows `first` on of `lanes` back and put, or add, them to `out` (H, W, C) where `tile` counts."""
+        """Transform `lanes` back from row `first` on; write to `out` (H, W, C), or add, where `tile` contributes."""
         weights = tile.weights * np.float32(1 / self.length)
 
         def block(thread: int, top: int) -> None:

@@ -1,4 +1,4 @@
-"""How one axis of the picture is cut into overlapping tiles, and how their results are put together.
+"""Tiling of one axis of the picture: overlapping tiles, and the weights that blend their results.
 
 Results are interpolated linearly between the tile centres. At a distance x from its centre a tile's PSF is wrong by an
 amount that grows like x with a sign, so with linear weights the first-order errors of two neighbours cancel:
@@ -16,20 +16,20 @@ from rsdeblur.deconv.fft import fast_length
 from rsdeblur.errors import InputError
 from rsdeblur.types import FloatArray
 
-# How much longer a transform may be than needed, as a share, for FFTW's sake. Two whole axes stay within 8 % more
-# pixels; tiles overlap anyway, and a length of 256 in place of 243 is three times as fast.
+# Share by which a transform may be longer than needed, so that FFTW is fast. Along both whole axes this adds at most
+# 8 % of pixels. Tiles overlap anyway, and a length of 256 instead of 243 is three times as fast.
 WHOLE_EXCESS = 0.038
 TILE_EXCESS = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tile:
-    """One tile along an axis: where it is read, and what it contributes.
+    """One tile along an axis: the positions that it reads, and those that it contributes to.
 
     Parameters
     ----------
     start : int
-        First position read; may be negative, where the border takes over.
+        First position read; may be negative: the border continues the picture there.
     first : int
         First position that the tile contributes to.
     weights : ndarray, shape (m,), float32
@@ -50,8 +50,9 @@ class Tiling:
     length : int
         Transform length, px.
     taper : int
-        Number of positions at the end of each tile that fade into what precedes its start.
+        Number of positions at the end of each tile that fade into those before its start.
     tiles : tuple of Tile
+        Tiles by position.
     """
 
     length: int
@@ -69,16 +70,21 @@ class Tiling:
         n : int
             Length of the axis, px.
         kernel : int
-            Size of the PSFs along the axis, px: what a tile of the whole axis is longer than that.
-        gap : int
-            What any other tile is longer than the part it contributes to, px.
+            Size of the PSFs along the axis, px. A tile of the whole axis is longer than the axis by that.
+        margin : int
+            By how much any other tile is longer than the part that it contributes, px.
         periodic : bool
             Whether the picture repeats; a single tile then has exactly its length.
 
         Returns
         -------
         Tiling
-            A single tile, or tiles no shorter than that, span the whole axis.
+            A single tile spans the whole axis, and so do all tiles if they would be no shorter.
+
+        Raises
+        ------
+        InputError
+            If two centres are less than a pixel apart, or one is outside the picture.
         """
         weights = hat_weights(centres, n)
         supports = [np.flatnonzero(row) for row in weights]
@@ -100,7 +106,7 @@ class Tiling:
 
 
 def hat_weights(centres: FloatArray, n: int) -> FloatArray:
-    """Weights of linear interpolation between `centres` at positions 0 to n - 1, constant beyond the outer ones.
+    """Return weights of linear interpolation between `centres` at positions 0 to n - 1, constant beyond the outer ones.
 
     Returns
     -------

@@ -1,6 +1,6 @@
-"""Filters of tiles, global and banded, in the hybrid domain; the Wiener filter.
+"""Filters of tiles in the hybrid domain: the Wiener filter, and the blur itself.
 
-`global` is the case of one band and one strip, not another code path.
+Global mode is one band and one strip; it has no code of its own.
 """
 
 from __future__ import annotations
@@ -14,31 +14,33 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.threads import thread_count
-from rsdeblur.deconv.border import BORDERS, Border
-from rsdeblur.deconv.fft import PLANNINGS, Complex, LineTransform, Planning, RowTransform, remember
+from rsdeblur.choices import BORDERS, PLANNINGS, Border, Planning
+from rsdeblur.deconv.fft import Complex, LineTransform, RowTransform, remember
 from rsdeblur.deconv.hybrid import Hybrid
 from rsdeblur.deconv.tiling import Tiling
 from rsdeblur.errors import InputError
 from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatImage
 
-# The inverse filter of a straight PSF of K px at NSR Phi rings with a decay length of K / (2 pi sqrt(Phi)): its poles
-# stand that far off the real axis. A tile is longer than its part by 0.2 K / sqrt(Phi), some 1.3 decay lengths, and at
-# least by 1.5 PSFs; all of that is a fade between its two ends. The price of less is in docs/developer/decisions.md.
+# Margins of tiles, in PSF sizes: by how much a tile is longer than the part that it contributes. The margin is a fade
+# between the two ends of the tile. The inverse filter of a straight PSF of K px at NSR Phi rings with a decay length of
+# K / (2 pi sqrt(Phi)), so a margin of 0.2 K / sqrt(Phi) is some 1.3 decay lengths. docs/developer/decisions.md has
+# what smaller margins cost.
 DECAY_MARGIN = 0.2
 LEAST_MARGIN = 1.5
 
 
 class TileFilter:
-    """The tiles of a bank on pictures of one shape, and what applies a filter of each to a picture.
+    """Base of all solvers of tiles: applies one filter per tile to pictures of one shape.
 
     Parameters
     ----------
     bank : PsfBank
         B x S kernels.
     shape : (H, W) or (H, W, C)
-        Shape of the pictures to come.
-    gap : float
-        What a tile is longer than its part, in PSFs.
+        Shape of the pictures.
+    margin : float
+        Margin of a tile: by how much it is longer than the part that it contributes, in PSF sizes.
     border, planning, threads
         See :class:`Deconvolver`.
 
@@ -69,7 +71,7 @@ class TileFilter:
         )
         threads = thread_count(threads)
         self._hybrid = Hybrid(
-            (height, width, self.shape[2] if len(self.shape) == 3 else 1),
+            self._channelled,
             self._bands,
             self._strips,
             border=border,
@@ -82,18 +84,29 @@ class TileFilter:
         ]
         self._centres, self._kernel_size = (bank.rows, bank.cols), bank.size
         self._copy: NDArray[np.float32] | None = None
-        # The inverse transforms are not scaled; every filter takes this factor in.
+        # The inverse transforms are not scaled, so every filter contains this factor.
         self._scale = 1.0 / (self._bands.length * self._strips.length)
         if planning == "measure":
             remember()
 
     @property
+    def _channelled(self) -> tuple[int, int, int]:
+        """The planned shape as (H, W, C)."""
+        height, width, *channels = self.shape
+        return height, width, channels[0] if channels else 1
+
+    @property
+    def threads(self) -> int:
+        """Number of threads that share the work."""
+        return self._hybrid.team.threads
+
+    @property
     def lock(self) -> AbstractContextManager[Any]:
-        """What a thread holds while its picture is worked on; the same one may take it again."""
+        """Re-entrant lock. A thread holds it while it works on a picture."""
         return self._hybrid.team.lock
 
     def replan(self, bank: PsfBank) -> None:
-        """Undo other PSFs from now on, such as those of a video's next frame; plans and buffers stay.
+        """Use other PSFs from now on, such as those of the next frame of a video; FFTW plans and buffers are kept.
 
         Parameters
         ----------
@@ -103,7 +116,7 @@ class TileFilter:
         Raises
         ------
         InputError
-            If the kernels stand elsewhere or are larger.
+            If the kernels hold at other places or are larger.
         """
         places = all(map(np.array_equal, (bank.rows, bank.cols), self._centres))
         if not places or any(new > planned for new, planned in zip(bank.size, self._kernel_size, strict=True)):
@@ -116,7 +129,7 @@ class TileFilter:
             self._take(bank)
 
     def _take(self, bank: PsfBank) -> None:
-        """Make the filters, or what they are made of, for `bank`."""
+        """Compute the filters for `bank`, or the OTFs that they are computed from."""
         raise NotImplementedError
 
     def _apply(
@@ -127,19 +140,28 @@ class TileFilter:
         progress: Callable[[float], None] | None,
     ) -> NDArray[np.float32]:
         """Filter a picture as :meth:`Deconvolver.apply` does, with `filters` (S, B, padded frequencies, L)."""
-        picture = np.ascontiguousarray(image, dtype=np.float32)
-        if picture.shape != self.shape:
-            raise InputError(f"image must have the planned shape {self.shape}, got {picture.shape}")
+        picture = validate.linear_light(image, self.shape)
         out = validate.output(out, self.shape)
+        self._filter(filters, picture.reshape(self._channelled), out.reshape(self._channelled), progress)
+        return out
+
+    def _filter(
+        self,
+        filters: Complex,
+        source: FloatImage,
+        target: FloatImage,
+        progress: Callable[[float], None] | None = None,
+    ) -> None:
+        """Filter `source` into `target`, both (H, W, C), contiguous, possibly the same memory."""
         several = len(self._strips.tiles) > 1
         with self.lock:
             if several:
-                # Strips are added up in `out`, so it cannot be read from any more, nor left half done.
-                if not all(np.isfinite(row).all() for row in picture):
+                # Strips are added up in `target`, which may be `source`: check all values before it is overwritten, and
+                # work on a copy.
+                if not all(np.isfinite(row).all() for row in source):
                     raise InputError("image must be finite")
-                picture = self._aside(picture) if np.shares_memory(picture, out) else picture
-                out[...] = 0
-            source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))
+                source = self._aside(source) if np.shares_memory(source, target) else source
+                target[...] = 0
             for s, strip in enumerate(self._strips.tiles):
                 if not self._hybrid.transform_rows(source, strip):
                     raise InputError("image must be finite")
@@ -147,23 +169,22 @@ class TileFilter:
                 self._hybrid.restore_rows(target, strip, add=several)
                 if progress is not None:
                     progress((s + 1) / len(self._strips.tiles))
-        return out
 
     def _aside(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return a copy of `picture`, made in memory that is kept for the next time."""
+        """Return a copy of `picture` in memory that is kept for the next call."""
         if self._copy is None:
             self._copy = np.empty_like(picture)
         np.copyto(self._copy, picture)
         return self._copy
 
     def _new_filters(self) -> Complex:
-        """Return zeros for a filter of each tile, shape (S, B, padded frequencies, L)."""
+        """Return zeros for one filter per tile, shape (S, B, padded frequencies, L)."""
         tiles = (len(self._strips.tiles), len(self._bands.tiles))
         filters: Complex = np.zeros((*tiles, self._hybrid.padded_frequencies, self._bands.length), np.complex64)
         return filters
 
     def _fill_otfs(self, bank: PsfBank, out: Complex) -> None:
-        """Fill `out` with the transfer functions of all tiles."""
+        """Fill `out` with the OTFs of all tiles."""
 
         def plan(thread: int, s: int, b: int) -> None:
             self._planners[thread].plan(bank.kernels[b, s], out[s, b, : self._hybrid.frequencies])
@@ -183,31 +204,31 @@ class Deconvolver(TileFilter):
 
         U = (1 + nsr) conj(H) / (|H|^2 + nsr) G
 
-    which is eq. 7 of Sindelar and Sroubek (2013) times (1 + nsr): a constant picture keeps its brightness and no
-    motion is the identity at any `nsr`.
+    which is eq. 7 of Sindelar and Sroubek (2013) times (1 + nsr). With this factor a constant picture keeps its
+    brightness, and no motion is the identity, at any `nsr`.
 
     Parameters
     ----------
     bank : PsfBank
         B x S kernels; 1 x 1 is the global mode.
     shape : (H, W) or (H, W, C)
-        Shape of the pictures to come.
+        Shape of the pictures.
     nsr : float, default 0.01
         Noise-to-signal power ratio Phi, positive.
     border : {"blend", "periodic"}
-        "blend" continues the picture and fades opposite borders into each other over the PSF's size; "periodic" takes
-        the picture as repeating.
+        "blend" continues the picture and fades opposite borders into each other over the PSF's size; "periodic" assumes
+        that the picture repeats.
     planning : {"estimate", "measure"}
-        How FFTW plans: at once, or by trying out (up to a second per plan, for solvers that are applied often). What
-        was measured once is kept in the user's cache folder and used by both.
+        How FFTW plans: at once, or by trials of up to a second per plan, which pays for solvers that are applied often.
+        Measured plans are kept in the user's cache folder, and both kinds of planning use them.
     threads : int, optional
         Threads that share the work; default all processors. Any number gives the same bits.
 
     Raises
     ------
     InputError
-        If a kernel is larger than the picture, two kernels stand less than a pixel apart or outside the picture, or an
-        argument is out of range.
+        If a kernel is larger than the picture, two kernels are less than a pixel apart, one lies outside the picture,
+        or an argument is out of range.
     """
 
     def __init__(
@@ -247,7 +268,7 @@ class Deconvolver(TileFilter):
         Parameters
         ----------
         image : array_like of the planned shape
-            Linear light; converted to float32.
+            Linear light, floats; converted to float32.
         out : ndarray, float32, optional
             Receives the result; may be `image` itself.
         progress : callable, optional
@@ -261,16 +282,17 @@ class Deconvolver(TileFilter):
         Raises
         ------
         InputError
-            If `image` or `out` has another shape or type, or `image` is not finite.
+            If `image` or `out` has another shape or type, or `image` is not finite. Integers are no linear light:
+        :func:`rsdeblur.image.transfer.to_linear` converts them.
         """
         return self._apply(self._filters, image, out, progress)
 
 
 class TileBlur(TileFilter):
-    """The blur of a bank of PSFs, each pixel's interpolated between tiles, and its adjoint.
+    """The blur of a bank of PSFs, interpolated between tiles, and its adjoint.
 
-    The adjoint weighs tiles where light arrives, not where it comes from: it is exact for one tile, and for others as
-    good as PSFs are alike over their own size.
+    The adjoint blends tiles by where light arrives, not by where it comes from. It is exact for one tile; for several
+    it is as accurate as the PSF is constant over its own size.
 
     Parameters
     ----------
@@ -297,16 +319,16 @@ class TileBlur(TileFilter):
         self._conjugates = self._filters.conj()
 
     def forward(self, latent: ArrayLike) -> NDArray[np.float32]:
-        """Blur a picture of the planned shape."""
+        """Return a picture of the planned shape blurred."""
         return self._apply(self._filters, latent, None, None)
 
     def adjoint(self, picture: ArrayLike) -> NDArray[np.float32]:
-        """Spread a picture of the planned shape back along the paths."""
+        """Return a picture of the planned shape with its light sent back along the paths."""
         return self._apply(self._conjugates, picture, None, None)
 
 
 def _wiener(otf: Complex, nsr: np.float32, scale: np.float32) -> None:
-    """Turn a transfer function into its Wiener filter, in place."""
+    """Turn an OTF into its Wiener filter, in place."""
     gain = np.square(otf.real)
     gain += np.square(otf.imag)
     gain += nsr
@@ -316,15 +338,15 @@ def _wiener(otf: Complex, nsr: np.float32, scale: np.float32) -> None:
 
 
 class _OtfPlanner:
-    """Turns kernels into transfer functions of columns."""
+    """Transforms kernels into OTFs, column by column."""
 
     def __init__(self, kernel_height: int, slab_length: int, row_length: int) -> None:
         self._rows = RowTransform((kernel_height, row_length))
         self._columns = LineTransform((row_length // 2 + 1, slab_length))
 
     def plan(self, kernel: NDArray[np.float32], out: Complex) -> None:
-        """Fill `out` (K, L) with the transfer function of `kernel`."""
-        # The kernel's centre goes to the origin, what precedes it to the end.
+        """Fill `out` (K, L) with the OTF of `kernel`."""
+        # The kernel's centre goes to the origin; the rows and columns before it wrap around to the end.
         down, across = (
             (np.arange(n) - n // 2) % length
             for n, length in zip(kernel.shape, (self._columns.data.shape[1], self._rows.real.shape[1]), strict=True)

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 
-from rsdeblur.errors import InputError
 from rsdeblur.estimate.noise import noise_level
 from rsdeblur.estimate.spectra import TILE, TilePeriodograms
 from rsdeblur.image.encoded import EncodedImage
@@ -364,9 +363,3 @@ def _share(figures: tuple[float, ...], height: int, doubtful: float, bad: float)
     centres = (np.arange(len(figures)) + 0.5) * height / len(figures) - 0.5
     each_row: FloatArray = np.interp(np.arange(height), centres, shares)
     return each_row
-
-
-def refuse_fallback(geometry: str) -> None:
-    """Raise `InputError` where the result and the input do not lie on each other."""
-    if geometry == "rectify":
-        raise InputError('fallback=True blends with the input, which geometry="rectify" straightens; use "keep"')

@@ -22,11 +22,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 from scipy import fft
 
 from rsdeblur._util import validate
-from rsdeblur.deconv.priors import Prior
+from rsdeblur.choices import Prior
 from rsdeblur.estimate.noise import gradient_energy, noise_level
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
@@ -83,20 +83,27 @@ class Tuning:
     spectra: Spectra = field(repr=False)
 
     @classmethod
-    def of(
-        cls, light: NDArray[np.float32], bank: PsfBank, *, one_filter: bool = False, continued: bool = True
-    ) -> Tuning:
-        """Look at a blurred picture (H, W, C) in linear light, and at its PSFs.
-
-        A few PSFs that are spread over the picture will do.
+    def of(cls, light: ArrayLike, bank: PsfBank, *, one_filter: bool = False, continued: bool = True) -> Tuning:
+        """Measure a blurred picture and its PSFs.
 
         Parameters
         ----------
-        one_filter : bool
-            Whether the middle PSF is to be undone everywhere.
-        continued : bool
-            Whether the picture is continued beyond its top and bottom; rows there may be unknowns instead.
+        light : array_like, shape (H, W) or (H, W, C)
+            The blurred picture in linear light, floats.
+        bank : PsfBank
+            PSFs of the picture; a few that are spread over it are enough.
+        one_filter : bool, default False
+            Whether the middle PSF is undone everywhere, as in ``mode="global"``.
+        continued : bool, default True
+            Whether the solver continues the picture beyond its top and bottom. In rowwise, rows there are unknowns.
+
+        Raises
+        ------
+        InputError
+            If `light` has another shape, holds integers, or is not finite.
         """
+        light = validate.picture(light)
+        light = light.reshape(*light.shape[:2], -1)
         spectra = Spectra.of(bank, one_filter=one_filter)
         noise = noise_level(light)
         # In an even picture there is nothing to restore, and any energy will do.

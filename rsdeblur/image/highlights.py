@@ -1,15 +1,16 @@
-"""Highlights beyond full scale: found where the picture is clipped, taken out before it is solved, put back after.
+"""Highlights beyond full scale: found where the picture is clipped, removed before the solve, added back after it.
 
-A clipped trail of a lamp is no blurred lamp, and a lamp is so bright that a small error of its PSF outshines what is
-around: both make streaks, in every mode and with every prior. So the picture is parted into highlights l, which are
-found by themselves, and a rest, which has none and is solved as usual,
+The clipped trail of a lamp is not a blurred lamp, and a lamp is so bright that a small error of its PSF outshines its
+surroundings. Both make streaks, in every mode and with every prior. So the picture g is separated into highlights l,
+which are estimated on their own, and a remainder without highlights, which is solved as usual:
 
-    g = A l + rest,    restored = l + solved(rest).
+    g = A l + remainder,    restored = l + solved(remainder).
 
-Highlights are light, so never negative, and stand only where clipped pixels can have come from: in boxes around them,
-beyond which the picture is as it was. Richardson-Lucy keeps both; a clipped pixel asks for no more than to be at least
-as bright as it is recorded (Whyte et al. 2014 [1]_ model the sensor alike; Cho et al. 2011 [2]_ leave such pixels out).
-What highlights spoil is filled in from beside them.
+Highlights are never negative, and they lie only where the light of clipped pixels can have come from: in boxes around
+these pixels, outside of which the picture does not change. The Richardson-Lucy iteration keeps both properties. A
+clipped pixel demands no more than to be at least as bright as it is recorded; Whyte et al. (2014) [1]_ model the sensor
+in the same way, while Cho et al. (2011) [2]_ leave such pixels out. Pixels that highlights spoil are filled in from
+their surroundings.
 
 .. [1] O. Whyte, J. Sivic and A. Zisserman, "Deblurring shaken and partially saturated images", IJCV 110, 2014.
 .. [2] S. Cho, J. Wang and S. Lee, "Handling outliers in non-blind image deconvolution", ICCV 2011.
@@ -20,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,38 +34,38 @@ from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage
 
 Mask = NDArray[np.bool_]
-Saturation = Literal["ignore", "auto"]
-SATURATIONS: tuple[Saturation, ...] = ("ignore", "auto")
 
 # Pixels that share an edge or a corner.
 TOUCHING = np.ones((3, 3), dtype=np.bool_)
-# Share of full scale that counts as clipped beside pixels at full scale, which JPEG and resampling soften: 250 of 255.
+# Share of full scale, 250 of 255, from which a pixel counts as clipped if it touches one at full scale: JPEG and
+# resampling soften the edges of clipped spots.
 NEAR = 0.98
-# Share of a point's light that must have gone to clipped pixels for it to be taken for a highlight.
+# Least share of a point's light that must have reached clipped pixels for the point to be a highlight.
 SEEN = 0.2
-# A trail is larger than what left it. Where points that sent so much of their light to a spot take up so much of it,
-# it is a wall, the sky, a sheet of paper: little was cut off, and filling it in would cost more than it mends.
+# The trail of a lamp is larger than the lamp. A spot is a wall, the sky or a sheet of paper if points that sent more
+# than MOSTLY of their light to it cover more than WALL of it. Little of its light was cut off, and to fill it in would
+# do more harm than good.
 MOSTLY, WALL = 0.7, 0.5
-# So is a spot whose surroundings have more light than this, and without a closer look one of more than the square of so
-# many PSFs: a trail that is no wall by the above is shorter.
+# The same holds for a spot whose surroundings have more light than BRIGHT, and for a spot with more pixels than a
+# square of WIDEST PSFs: trails are smaller.
 BRIGHT, WIDEST = 0.5, 5
-# Around clipped pixels so many px are spoiled too, and all that highlights give more than this light to: PSFs are good
-# to some percent of it.
+# Distance from clipped pixels, px, up to which pixels are spoiled too. Spoiled are also all pixels to which highlights
+# give more than LIT of light: PSFs have errors of some percent of that.
 SPOILED, LIT = 2, 0.03
 ITERATIONS = 30
-# Least light that is divided by, and standard deviation in px of what smooths the filling.
+# Least divisor in units of light, and standard deviation of the Gaussian that smooths filled pixels, px.
 DARK, SMOOTH = 1e-3, 2.0
-# Boxes reach as far beyond their spots as PSFs do from there and back, and as the filling is smoothed. They end at
-# whole cells of so many px.
+# A box extends beyond its spots by a PSF, there and back, and by this margin for the smoothing, px. Its ends lie at
+# multiples of CELL px.
 MARGIN, CELL = SPOILED + int(4 * SMOOTH), 8
-# Pixels that spots are looked for in at a time: bounds the memory to some 70 MB.
+# Pixels that are searched for spots at a time, which bounds the memory to some 70 MB.
 LOOKED_AT = 3_000_000
-# Bytes that a box takes for each of its values while it is parted (measured: 108 to 134), and as a patch afterwards.
+# Bytes per value of a box while its highlights are estimated (measured: 108 to 134), and as a patch afterwards.
 BOX_BYTES, PATCH_BYTES = 150, 8
 
 
 class Spot(NamedTuple):
-    """Clipped pixels that touch: where they are, and which of the values there, shape (h, w, C)."""
+    """Connected clipped pixels: their bounding box, and a mask (h, w, C) of the clipped values in it."""
 
     rows: slice
     cols: slice
@@ -72,7 +73,7 @@ class Spot(NamedTuple):
 
 
 class Patch(NamedTuple):
-    """A box of the picture as highlights, sharp, and the blurred rest; both of shape (h, w, C), linear light."""
+    """A box of the picture: its sharp highlights and its blurred remainder, both (h, w, C) in linear light."""
 
     rows: slice
     cols: slice
@@ -82,21 +83,21 @@ class Patch(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class HighlightSplit:
-    """A picture without its highlights, which are kept aside.
+    """A picture separated into highlights and a remainder.
 
     Parameters
     ----------
-    stored : Stored
+    encoded : EncodedImage
         The picture.
     patches : tuple of Patch
-        Boxes that hold highlights; they do not overlap.
+        Boxes that contain highlights; they do not overlap.
     """
 
     encoded: EncodedImage
     patches: tuple[Patch, ...] = ()
 
     def remainder(self, rows: slice, step: int = 1) -> FloatImage:
-        """Return linear light of `rows` without highlights; with `step` of every so manieth of them and of columns."""
+        """Return linear light of `rows` without highlights; `step` selects every `step`-th row and column."""
         first, stop, _ = rows.indices(self.encoded.shape[0])
         light = replace(self.encoded, values=self.encoded.values[first:stop:step, ::step]).linear(slice(None))
         for patch in self.patches:
@@ -104,22 +105,18 @@ class HighlightSplit:
             if top >= bottom:
                 continue
             down, across = -(top - first) % step, -patch.cols.start % step
-            separate_highlights = patch.remainder[
-                top - patch.rows.start + down : bottom - patch.rows.start : step, across::step
-            ]
+            part = patch.remainder[top - patch.rows.start + down : bottom - patch.rows.start : step, across::step]
             row, col = (top - first + down) // step, (patch.cols.start + across) // step
-            light[row : row + separate_highlights.shape[0], col : col + separate_highlights.shape[1]] = (
-                separate_highlights
-            )
+            light[row : row + part.shape[0], col : col + part.shape[1]] = part
         return light
 
     @property
     def nbytes(self) -> int:
-        """Memory that the patches take."""
+        """Bytes that the patches take."""
         return sum(patch.highlights.nbytes + patch.remainder.nbytes for patch in self.patches)
 
     def add_highlights(self, light: FloatImage, first: int) -> None:
-        """Add the highlights to sharp `light`, rows of the picture from `first` on."""
+        """Add the highlights to the sharp `light` of the picture's rows from `first` on."""
         for patch in self.patches:
             top, bottom = max(patch.rows.start, first), min(patch.rows.stop, first + light.shape[0])
             if top < bottom:
@@ -127,28 +124,46 @@ class HighlightSplit:
                 light[top - first : bottom - first, patch.cols] += patch.highlights[top - start : bottom - start]
 
 
+def at_full_scale(values: NDArray[Any]) -> Mask:
+    """Return which encoded values, uint8, uint16 or float, are at full scale.
+
+    Full scale is 255, 65535 or 1. In a float picture that exceeds 1 anywhere, nothing was clipped at 1.
+    """
+    white = _full_scale(values)
+    if values.max() != white:
+        return np.zeros(values.shape, dtype=np.bool_)
+    full: Mask = values == white
+    return full
+
+
 def clipped(values: NDArray[Any]) -> Mask:
-    """Return which values are clipped: full scale, and those beside it that are nearly so.
+    """Return which values are clipped: those at full scale, and those next to them that are nearly so.
 
     Parameters
     ----------
     values : ndarray, shape (H, W, C), uint8, uint16 or float
-        As stored, without alpha. Floats that exceed 1 anywhere were not clipped there.
+        Encoded values without alpha.
     """
-    integer = values.dtype.kind == "u"
-    white = np.iinfo(values.dtype).max if integer else 1.0
-    if values.max() != white:
-        return np.zeros(values.shape, dtype=np.bool_)
-    # Beside a whole number, integers are compared as they are.
-    near: Mask = values >= (ceil(NEAR * white) if integer else NEAR)
+    full = at_full_scale(values)
+    if not full.any():
+        return full
+    # Integers are compared with an integer: no float copy of the picture is made.
+    near: Mask = values >= (ceil(NEAR * _full_scale(values)) if values.dtype.kind == "u" else NEAR)
     spots, count = ndimage.label(_any(near), TOUCHING)
-    full = np.zeros(count + 1, dtype=np.bool_)
-    full[spots[_any(values == white)]] = True
-    return near & full[spots][..., None]
+    has_full = np.zeros(count + 1, dtype=np.bool_)
+    has_full[spots[_any(full)]] = True
+    return near & has_full[spots][..., None]
+
+
+def _full_scale(values: NDArray[Any]) -> float:
+    return np.iinfo(values.dtype).max if values.dtype.kind == "u" else 1.0
 
 
 def find_spots(encoded: EncodedImage) -> list[Spot]:
-    """Return the clipped spots of a picture; those that cross rows at which the look is cut come in pieces."""
+    """Return the clipped spots of a picture.
+
+    It is searched in parts, a number of rows at a time; a spot that crosses from one part to the next comes in pieces.
+    """
     height, width, channels = encoded.shape
     values = encoded.values[..., :channels]
     if values.dtype.kind != "u" and values.max() > 1:
@@ -166,14 +181,14 @@ def separate_highlights(
     max_memory: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> HighlightSplit:
-    """Take the highlights out of a picture.
+    """Separate a picture into highlights and a remainder.
 
     Parameters
     ----------
-    stored : Stored
+    encoded : EncodedImage
         The picture.
     spots : list of Spot
-        Of that picture, see :func:`find_spots`.
+        Clipped spots of that picture, see :func:`find_spots`.
     bank : PsfBank
         PSFs of the picture.
     threads : int, optional
@@ -183,10 +198,14 @@ def separate_highlights(
     progress : callable, optional
         Called with the finished fraction.
 
+    Returns
+    -------
+    HighlightSplit
+
     Raises
     ------
     InputError
-        If `max_memory` is too little.
+        If `max_memory` is too small for the largest box.
     """
     widest = (WIDEST * max(bank.size)) ** 2
     spots = [spot for spot in spots if spot.lost.any(axis=2).sum() <= widest]
@@ -204,7 +223,7 @@ def separate_highlights(
 
 
 def filled(light: FloatImage, spoiled: Mask) -> FloatImage:
-    """Fill pixels (H, W) that are spoiled, in any channel, with the nearest others, smoothed."""
+    """Return `light` (H, W, C) with its spoiled pixels (H, W) filled from the nearest other pixels, smoothed."""
     if not spoiled.any() or spoiled.all():
         return light
     row, col = ndimage.distance_transform_edt(spoiled, return_distances=False, return_indices=True)
@@ -214,7 +233,7 @@ def filled(light: FloatImage, spoiled: Mask) -> FloatImage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Box:
-    """A part of the picture, and the spots that have to do with it."""
+    """A box of the picture, with the spots in it."""
 
     rows: slice
     cols: slice
@@ -239,7 +258,7 @@ class _Box:
         return replace(self.encoded, values=self.encoded.values[self.rows, self.cols]).linear(slice(None))
 
     def lost(self) -> tuple[Mask, NDArray[np.int32]]:
-        """Return which values of the spots are clipped (h, w, C), and the number of each pixel's spot, from 1."""
+        """Return a mask (h, w, C) of the clipped values, and for each pixel the number of its spot, from 1, or 0."""
         lost = np.zeros((*self.shape, self.encoded.shape[2]), dtype=np.bool_)
         numbers = np.zeros(self.shape, dtype=np.int32)
         for number, spot in enumerate(self.spots, 1):
@@ -249,7 +268,7 @@ class _Box:
         return lost, numbers
 
     def blur(self, threads: int | None) -> TileBlur:
-        """Plan the blur in the box."""
+        """Return the planned blur in the box."""
         bank = self.bank.cut(self.rows, self.cols)
         bank = replace(bank, rows=bank.rows - self.rows.start, cols=bank.cols - self.cols.start)
         return TileBlur(bank, (*self.shape, self.encoded.shape[2]), threads=threads)
@@ -265,7 +284,7 @@ def _spots(lost: Mask, top: int) -> Iterator[Spot]:
 
 
 def _boxes(encoded: EncodedImage, spots: list[Spot], bank: PsfBank) -> Iterator[_Box]:
-    """Yield boxes around spots; where they would overlap they are one."""
+    """Yield boxes around spots; boxes that would overlap are merged."""
     shape = encoded.shape[:2]
     reach_down, reach_across = (n + MARGIN for n in bank.size)
     covered = np.zeros([-(-n // CELL) for n in shape], dtype=np.bool_)
@@ -273,11 +292,11 @@ def _boxes(encoded: EncodedImage, spots: list[Spot], bank: PsfBank) -> Iterator[
         covered[_cells(spot.rows, reach_down), _cells(spot.cols, reach_across)] = True
     count = -1
     while True:
-        numbers, found = ndimage.label(covered)
+        numbers, boxes = ndimage.label(covered)
         places = ndimage.find_objects(numbers)
-        if found == count:
+        if boxes == count:
             break
-        count = found
+        count = boxes
         for place in places:
             covered[place] = True
     owned: list[list[Spot]] = [[] for _ in places]
@@ -288,26 +307,26 @@ def _boxes(encoded: EncodedImage, spots: list[Spot], bank: PsfBank) -> Iterator[
         yield _Box(rows, cols, encoded, own, bank)
 
 
-def _cells(separate_highlights: slice, reach: int) -> slice:
-    """Return the cells within `reach` px of a part of an axis."""
-    return slice(max(separate_highlights.start - reach, 0) // CELL, -(-(separate_highlights.stop + reach) // CELL))
+def _cells(span: slice, reach: int) -> slice:
+    """Return the cells within `reach` px of a span of an axis."""
+    return slice(max(span.start - reach, 0) // CELL, -(-(span.stop + reach) // CELL))
 
 
 def _check_memory(boxes: list[_Box], max_memory: int | None) -> None:
-    """Refuse a box that takes too much beside all patches."""
+    """Raise `InputError` if the largest box and all patches together need more memory."""
     if max_memory is None or not boxes:
         return
     largest = max(boxes, key=lambda box: box.size)
     needed = BOX_BYTES * largest.size + PATCH_BYTES * sum(box.size for box in boxes)
     if needed > max_memory:
         raise InputError(
-            f"max_memory is {max_memory >> 20} MiB, but the highlights about row {largest.rows.start} and column "
-            f'{largest.cols.start} need {needed >> 20} MiB: allow for that, or take saturation="ignore"'
+            f"max_memory is {max_memory >> 20} MiB, but the highlights near row {largest.rows.start}, column "
+            f'{largest.cols.start} need {needed >> 20} MiB; allow that much, or use saturation="ignore"'
         )
 
 
 def _trails(box: _Box, threads: int | None) -> list[Spot]:
-    """Return the spots that highlights may have left."""
+    """Return the spots that may be trails of highlights."""
     lost, numbers = box.lost()
     each = np.arange(1, len(box.spots) + 1)
     sent = box.blur(threads).adjoint(lost.astype(np.float32)).max(axis=2)
@@ -318,20 +337,20 @@ def _trails(box: _Box, threads: int | None) -> list[Spot]:
 
 
 def _patch(box: _Box, threads: int | None) -> Patch:
-    """Part a box by Richardson-Lucy."""
+    """Separate a box by Richardson-Lucy iteration."""
     light, (lost, _), blur = box.linear, box.lost(), box.blur(threads)
-    # One place for all channels, or highlights would have coloured fringes.
+    # The same places for all channels; otherwise highlights would have coloured fringes.
     possible = (blur.adjoint(lost.astype(np.float32)) > SEEN).any(axis=2, keepdims=True)
     around = _around(light, lost).clip(DARK)
-    found = np.where(possible, (light - around).clip(DARK), np.float32(0))
+    highlights = np.where(possible, (light - around).clip(DARK), np.float32(0))
     for _ in range(ITERATIONS):
-        given = blur.forward(found).clip(0) + around
-        ratio = light.clip(0) / given
+        blurred = blur.forward(highlights).clip(0) + around
+        ratio = light.clip(0) / blurred
         np.maximum(ratio, 1, out=ratio, where=lost)
-        found *= blur.adjoint(ratio).clip(0)
-    given = blur.forward(found).clip(0)
-    lit = (given > LIT).any(axis=2)
-    return Patch(box.rows, box.cols, found, filled(light - given, _spoiled(lost) | lit))
+        highlights *= blur.adjoint(ratio).clip(0)
+    blurred = blur.forward(highlights).clip(0)
+    lit = (blurred > LIT).any(axis=2)
+    return Patch(box.rows, box.cols, highlights, filled(light - blurred, _spoiled(lost) | lit))
 
 
 def _spoiled(lost: Mask) -> Mask:
@@ -340,16 +359,16 @@ def _spoiled(lost: Mask) -> Mask:
 
 
 def _around(light: FloatImage, lost: Mask) -> FloatImage:
-    """Return the light that clipped spots would have without highlights."""
+    """Return the light without highlights: clipped spots are filled in, where that makes them darker."""
     return np.minimum(filled(light, _spoiled(lost)), light)
 
 
 def _any(mask: Mask) -> Mask:
-    """Return what holds in any channel; ten times as fast as NumPy's own."""
+    """Return where `mask` holds in any channel; ten times as fast as `numpy.any` along the last axis."""
     any_channel: Mask = np.logical_or.reduce([mask[..., c] for c in range(mask.shape[2])])
     return any_channel
 
 
-def _from(start: int, separate_highlights: slice) -> slice:
-    """Count from `start`."""
-    return slice(separate_highlights.start - start, separate_highlights.stop - start)
+def _from(start: int, span: slice) -> slice:
+    """Return `span` counted from `start`."""
+    return slice(span.start - start, span.stop - start)

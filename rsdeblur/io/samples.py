@@ -1,4 +1,4 @@
-"""What a gyro log's reader finds, and the log that is made of it: units, harmless faults repaired, others refused."""
+"""Samples as a reader returns them, and the log made from them: units applied, faults repaired or refused."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from rsdeblur.io.text import INT64_LIMIT, Table, line_error
 from rsdeblur.motion.gyro import LARGEST_RATE, GyroLog
 from rsdeblur.types import FloatArray
 
-# rad/s in each unit of rate a log may use.
+# rad/s in each unit of rate that a log may use.
 RATE_UNITS = {"rad/s": 1.0, "deg/s": pi / 180, "mrad/s": 1e-3, "mdeg/s": pi / 180e3}
 
 # The frame of the rates: a phone's (x right, y up, z out of the screen, whichever app wrote them), Gyroflow's (x up,
 # y left, z back), or the sensor's own, which only its owner knows.
 Axes = Literal["phone", "gyroflow", "sensor"]
 
-# Samples that arrive late by up to ten intervals, no more than one in a hundred, were sent late; anything else is
-# another recording or a broken clock, which sorting would hide.
+# Samples that come late by up to ten intervals, at most one in a hundred, are harmless delays. Anything else is another
+# recording or a broken clock, which sorting would hide.
 LATE_INTERVALS = 10
 LATE_SHARE = 0.01
 
@@ -36,28 +36,28 @@ ErrorAt = Callable[[str, int], FileFormatError]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """What a reader found.
+    """Samples as they are in a file.
 
     Parameters
     ----------
     ns : ndarray of int64, shape (n,)
-        Stamps.
+        Stamps in ns.
     rates : ndarray, shape (n, 3)
-        In `rate_unit`, as they stand in the file.
-    fault : callable
-        Makes the error for a message about sample i.
+        Rates as in the file, in `rate_unit`.
+    error_at : callable
+        Returns the error for a message about sample i.
     rate_unit : str
         One of `RATE_UNITS`.
     axes : {"phone", "gyroflow", "sensor"}
-        The frame of the rates, once turned.
+        The frame of the rates after `turn`.
     turn : ndarray, shape (3, 3), optional
-        Takes the rates in the file to `axes`.
+        Rotation from the file's axes to `axes`.
     time_unit : str
-        The unit of the stamps in the file, for reports.
+        Unit of the stamps in the file, for reports.
     facts : mapping
-        What else the file says, for reports.
-    doubts : sequence of str
-        What makes the log doubtful; each becomes a warning.
+        Other content of the file, for reports.
+    cautions : sequence of str
+        Reasons to distrust the log; each becomes a warning.
     """
 
     ns: NDArray[np.int64]
@@ -73,7 +73,7 @@ class Samples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroFile:
-    """A gyro log with what its file says about it.
+    """A gyro log with the other content of its file.
 
     Parameters
     ----------
@@ -84,9 +84,9 @@ class GyroFile:
     axes : {"phone", "gyroflow", "sensor"}
         The frame of the rates: a phone's, Gyroflow's, or one that the file does not name.
     time_unit, rate_unit : str
-        The units in the file.
+        Units in the file.
     facts : mapping
-        What else the file says: readout time, device, clock offsets.
+        Other content of the file: readout time, device, clock offsets.
     """
 
     log: GyroLog
@@ -97,17 +97,17 @@ class GyroFile:
     facts: Mapping[str, Any]
 
 
-def table_samples(table: Table, ns: NDArray[np.int64], *, scale: float = 1.0, **found: Any) -> Samples:
-    """Return the samples of a text table, its rates times `scale`; faults name its lines."""
-    # Not the text, which may be a gigabyte.
+def table_samples(table: Table, ns: NDArray[np.int64], *, scale: float = 1.0, **fields: Any) -> Samples:
+    """Return the samples of a text table, its rates times `scale`; errors name its lines."""
+    # The errors must not keep the text alive, which may be a gigabyte.
     path, rows = table.text.path, table.rows
     rates = table.values if scale == 1 else table.values * scale
-    return Samples(ns, rates, lambda message, i: line_error(path, message, rows[i]), **found)
+    return Samples(ns, rates, lambda message, i: line_error(path, message, rows[i]), **fields)
 
 
 def nanoseconds(milliseconds: FloatArray, error_at: ErrorAt) -> NDArray[np.int64]:
-    """Return stamps, finite and in ms, as integers; the first that does not fit makes the error of its sample."""
-    # One short of the limit, so that rounding stays inside.
+    """Return finite stamps in ms as integers in ns; raise the error of the first one that does not fit."""
+    # float64 is coarser than 1 ns near the limit: a margin keeps rounding inside.
     (beyond,) = np.nonzero(np.abs(milliseconds) >= (INT64_LIMIT - 1024) / 1e6)
     if beyond.size:
         i = int(beyond[0])
@@ -121,20 +121,25 @@ def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str
     Raises
     ------
     FileFormatError
-        If there are fewer than two samples, stamps conflict, or the samples are an accelerometer's.
+        If there are fewer than two samples, a rate is impossible, stamps conflict, or the samples are those of an
+        accelerometer.
+    InputError
+        If `unit` is unknown.
 
     Warns
     -----
     RsdeblurWarning
-        If the reader has doubts, or something was repaired.
+        For each caution of the reader and for each repair.
     """
     if unit is not None and unit not in RATE_UNITS:
         raise InputError(f"unit must be one of {', '.join(RATE_UNITS)}; got {unit!r}")
     if not len(samples.ns):
-        raise error("the file holds no samples")
+        raise error("the file contains no samples")
     if max(samples.rates.max(), -samples.rates.min()) > LARGEST_RATE:
         i = int(np.argwhere(np.abs(samples.rates) > LARGEST_RATE)[0, 0])
-        raise samples.error_at(f"impossible rates: {samples.rates[i].tolist()} {unit or samples.rate_unit}", i)
+        raise samples.error_at(
+            f"impossible rates: {samples.rates[i].tolist()} {unit or samples.rate_unit}; is the unit right?", i
+        )
     unit = unit or samples.rate_unit
     ns, rates, repairs = _repaired(samples)
     if samples.turn is not None:
@@ -144,8 +149,8 @@ def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str
     magnitude = np.sqrt(np.einsum("ij,ij->i", rates, rates))
     if np.mean((magnitude > GRAVITY[0]) & (magnitude < GRAVITY[1])) > 0.9:
         raise error(
-            "these are the samples of an accelerometer at rest, 9.8 m/s^2 in all of them, not of a gyro; "
-            "give the gyro's file, or the unit if it is another than rad/s"
+            "these look like the samples of an accelerometer at rest (9.8 m/s^2), not of a gyro; "
+            "give the gyro's file, or the unit if it is not rad/s"
         )
     # Ordered int64 differ by at most 2**64 - 1: unsigned, the difference cannot overflow.
     t = (ns.view(np.uint64) - ns[:1].view(np.uint64)).astype(np.float64) * 1e-9
@@ -159,8 +164,8 @@ def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str
 
 
 def _repaired(samples: Samples) -> tuple[NDArray[np.int64], FloatArray, list[str]]:
-    """Return stamps and rates in order and without repetitions, and what was done."""
-    ns, rates, done = samples.ns, samples.rates, []
+    """Return stamps and rates in order and without repetitions, and a note of each repair."""
+    ns, rates, repairs = samples.ns, samples.rates, []
     origin = np.arange(len(ns))
     (backward,) = np.nonzero(ns[1:] < ns[:-1])
     if backward.size:
@@ -171,12 +176,12 @@ def _repaired(samples: Samples) -> tuple[NDArray[np.int64], FloatArray, list[str
             i = int(backward[0]) + 1
             raise samples.error_at(
                 f"stamp out of order: {ns[i]} ns comes after {ns[i - 1]} ns; the samples are too disordered to sort "
-                "them safely: they may be of several recordings, or of a clock that was set back",
+                "them safely; they may come from several recordings, or from a clock that was set back",
                 i,
             )
         origin = np.argsort(ns, kind="stable")
         ns, rates = ns[origin], rates[origin]
-        done.append(f"{backward.size} samples came late and were sorted in")
+        repairs.append(f"{backward.size} samples came late and were sorted in")
     (twice,) = np.nonzero(ns[1:] == ns[:-1])
     if twice.size:
         differ = twice[(rates[twice] != rates[twice + 1]).any(axis=1)]
@@ -184,5 +189,5 @@ def _repaired(samples: Samples) -> tuple[NDArray[np.int64], FloatArray, list[str
             i = int(origin[differ[0] + 1])
             raise samples.error_at(f"duplicate stamp {samples.ns[i]} ns with another value; keep one of the samples", i)
         ns, rates = np.delete(ns, twice + 1), np.delete(rates, twice + 1, axis=0)
-        done.append(f"{twice.size} repeated samples were dropped")
-    return ns, rates, done
+        repairs.append(f"{twice.size} repeated samples were dropped")
+    return ns, rates, repairs

@@ -31,6 +31,9 @@ from rsdeblur.pipeline.plan import DeblurResult, plan
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import Progress
 
+# Noise-to-signal ratio that the number of bands goes by where no picture says it.
+NSR = 0.01
+
 
 def deblur(
     image: ArrayLike,
@@ -171,7 +174,7 @@ def psfs(
     mode: Mode = "banded",
     bands: Count = "auto",
     strips: Count = "auto",
-    nsr: float = 0.01,
+    nsr: float = NSR,
     motion: Motion = "rotation",
     translation: Translation | None = None,
 ) -> PsfBank:

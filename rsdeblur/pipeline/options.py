@@ -96,9 +96,7 @@ class Options:
         for name in ("nsr", "weight"):
             if getattr(self, name) != "auto":
                 checked[name] = validate.finite(name, getattr(self, name), above=0.0)
-        checked["exponent"] = validate.finite("exponent", self.exponent, above=0.0)
-        if self.exponent > 1.0:
-            raise InputError(f'exponent must be at most 1, got {self.exponent:g}; for 2 use prior="gradient"')
+        checked["exponent"] = validate.exponent(self.exponent)
         for name in ("threads", "max_memory"):
             if getattr(self, name) is not None:
                 checked[name] = validate.count(name, getattr(self, name))

@@ -26,7 +26,7 @@ from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.motion.rectify import rectify
 from rsdeblur.pipeline.memory import Chunk, plan_chunks
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.settings import Solve, SolverSettings, TileSolve
+from rsdeblur.pipeline.settings import Solve, SolverSettings, TileSolver
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.tiles import Grid, tile_paths
 from rsdeblur.psf import PsfBank
@@ -348,10 +348,10 @@ class _KeptSolver:
         # Held while the solver has the PSFs of one capture.
         self.lock = threading.Lock()
         self._planned_for: tuple[SolverSettings, Grid, tuple[int, int, int]] | None = None
-        self._solver: TileSolve | None = None
+        self._solver: TileSolver | None = None
         self._bank: PsfBank | None = None
 
-    def planned(self, settings: SolverSettings, bank: PsfBank, grid: Grid, shape: tuple[int, int, int]) -> TileSolve:
+    def planned(self, settings: SolverSettings, bank: PsfBank, grid: Grid, shape: tuple[int, int, int]) -> TileSolver:
         """Return the solver for `bank`, whose kernels are at the places of the grid and no larger than its size."""
         if self._solver is None or self._planned_for != (settings, grid, shape):
             self._bank = bank if bank.size == grid.size else grid.still()

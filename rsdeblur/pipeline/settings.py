@@ -1,40 +1,39 @@
-"""How a picture, or a slab of its rows, is solved: the mode, the prior and their numbers in one place."""
+"""How a picture, or a chunk of its rows, is solved: mode, prior and numbers, with nothing left automatic."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from functools import partial
+from typing import Any
 
-from rsdeblur.deconv.border import Border, Boundary
+from rsdeblur.choices import Border, Boundary, Mode, Planning, Prior, Solver
 from rsdeblur.deconv.boundary import extended, extended_shape
-from rsdeblur.deconv.fft import Planning
-from rsdeblur.deconv.priors import Prior, QuadraticSolver, minimise, restore
+from rsdeblur.deconv.priors import GradientPrior
 from rsdeblur.deconv.quadratic import TileQuadratic
-from rsdeblur.deconv.rowwise import RowDeconvolver, Solver
-from rsdeblur.deconv.wiener import Deconvolver
+from rsdeblur.deconv.rowwise import RowDeconvolver
+from rsdeblur.deconv.wiener import Deconvolver, TileFilter
 from rsdeblur.errors import InputError
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage, StageProgress
 
-Mode = Literal["global", "banded", "rowwise"]
-MODES: tuple[Mode, ...] = ("global", "banded", "rowwise")
 Solve = Callable[[FloatImage, StageProgress], FloatImage]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SolverSettings:
-    """Everything but the blur that a solution depends on; the names are those of :func:`rsdeblur.deblur`.
+    """Everything except the blur that a solution depends on; the names are those of :func:`rsdeblur.deblur`.
 
     Parameters
     ----------
     nsr, weight : float
-        Numbers, no longer "auto"; `weight` is None for the Wiener filter.
+        Numbers, never "auto"; `weight` is None for the Wiener filter.
     peak : float
         Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
-    border, extension
-        See :func:`rsdeblur.deconv.border.split`.
+    border, boundary
+        How the solver continues the picture, and what makes it periodic first, if anything; see
+        :class:`rsdeblur.Options`.
     """
 
     mode: Mode
@@ -53,19 +52,23 @@ class SolverSettings:
     def _engine(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in ("nsr", "border", "planning", "threads")}
 
+    @property
+    def _gradient_prior(self) -> GradientPrior | None:
+        return None if self.weight is None else GradientPrior(self.prior, self.weight, self.exponent, self.peak)
+
     def planned(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:
-        """Plan what turns a blurred picture and a report of progress into the sharp picture.
+        """Plan the solver. The returned function restores one picture and reports its progress.
 
         Parameters
         ----------
         capture : Capture
-            Of the whole picture.
+            The motion of the whole picture.
         bank : PsfBank
-            Placed in the picture to be solved.
+            PSFs, their places counted in the rows to be solved.
         shape : (H, W, C)
-            Of the picture to be solved: rows of the whole one ...
+            Shape of the rows to be solved.
         first : int
-            ... from this one on.
+            Row of the whole picture at which they start.
         """
         if self.boundary is not None:
             return self._extended(capture, bank, shape, self.boundary)
@@ -73,68 +76,38 @@ class SolverSettings:
             return self._rowwise(capture, bank, shape, first)
         return self.tiles(bank, shape)
 
-    def tiles(self, bank: PsfBank, shape: tuple[int, int, int]) -> TileSolve:
-        """Plan the same for a mode of tiles, so that it can be re-planned."""
+    def tiles(self, bank: PsfBank, shape: tuple[int, int, int]) -> TileSolver:
+        """Plan a solver of tiles that takes other PSFs later."""
         if self.mode == "rowwise":
             raise InputError('mode="rowwise" has no tiles')
-        kind = Deconvolver if self.weight is None else TileQuadratic
-        return TileSolve(self, kind(bank, shape, **self._engine))
+        if self._gradient_prior is None:
+            wiener = Deconvolver(bank, shape, **self._engine)
+            return TileSolver(wiener, wiener.apply)
+        quadratic = TileQuadratic(bank, shape, **self._engine)
+        return TileSolver(quadratic, partial(quadratic.apply, prior=self._gradient_prior))
 
     def _extended(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], boundary: Boundary) -> Solve:
         height, width, _ = shape
         solve = replace(self, boundary=None).planned(capture, bank, extended_shape(shape, bank, boundary))
-        return lambda light, report_progress: solve(extended(light, bank, boundary), report_progress)[:height, :width]
+        return lambda light, progress: solve(extended(light, bank, boundary), progress)[:height, :width]
 
     def _rowwise(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:
         paths = BlurPaths.every_row(capture, bank.cols, within=slice(first, first + shape[0]))
         rows = RowDeconvolver(replace(paths, rows=paths.rows - first), shape, solver=self.solver, **self._engine)
-        if self.weight is None:
-            return lambda light, report_progress: rows.apply(light, progress=report_progress)
-        weight, strips = self.weight, len(bank.cols)
-
-        def solve(light: FloatImage, report_progress: StageProgress) -> FloatImage:
-            done = iter(range(strips))
-
-            def with_prior(term: QuadraticSolver) -> FloatImage:
-                strip = next(done)
-                return minimise(
-                    term,
-                    prior=self.prior,
-                    weight=weight,
-                    exponent=self.exponent,
-                    peak=self.peak,
-                    threads=self.threads,
-                    progress=lambda fraction: report_progress((strip + fraction) / strips),
-                )
-
-            return rows.apply(light, minimise=with_prior)
-
-        return solve
+        return lambda light, progress: rows.apply(light, prior=self._gradient_prior, progress=progress)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TileSolve:
+class TileSolver:
     """Tiles planned for pictures of one shape, which take other PSFs at the same places without new plans."""
 
-    method: SolverSettings
-    filters: Deconvolver | TileQuadratic
+    filters: TileFilter
+    apply: Callable[..., FloatImage]
 
     def replan(self, bank: PsfBank) -> None:
-        """Undo other PSFs from now on; see :meth:`rsdeblur.Deconvolver.replan`."""
+        """Take other PSFs; see :meth:`rsdeblur.Deconvolver.replan`."""
         self.filters.replan(bank)
 
-    def __call__(self, light: FloatImage, report_progress: StageProgress) -> FloatImage:
-        """Turn a blurred picture into the sharp one."""
-        if isinstance(self.filters, Deconvolver):
-            return self.filters.apply(light, progress=report_progress)
-        assert self.method.weight is not None
-        return restore(
-            self.filters,
-            light,
-            prior=self.method.prior,
-            weight=self.method.weight,
-            exponent=self.method.exponent,
-            peak=self.method.peak,
-            threads=self.method.threads,
-            progress=report_progress,
-        )
+    def __call__(self, light: FloatImage, progress: StageProgress) -> FloatImage:
+        """Restore one picture."""
+        return self.apply(light, progress=progress)

@@ -123,7 +123,7 @@ def simulate(
 
 def _linear_scene(sharp: ArrayLike, transfer: Transfer | Auto) -> tuple[NDArray[np.float32], Transfer]:
     """Return the scene in linear light, and how its values encoded it."""
-    values: NDArray[Any] = np.asarray(sharp)
+    values: NDArray[Any] = sharp if isinstance(sharp, np.ndarray) else validate.real_array("sharp", sharp)
     if values.ndim not in (2, 3) or values.size == 0:
         raise InputError(f"sharp must be a picture of shape (h, w) or (h, w, C), got {values.shape}")
     if values.dtype not in (np.uint8, np.uint16) and not np.issubdtype(values.dtype, np.floating):

@@ -34,10 +34,16 @@ LINEAR, HDR = 8, (16, 18)
 
 @dataclass(frozen=True, slots=True)
 class ClipPlan:
-    """Options, strengths and tiles that all frames of a video share.
+    """A video with its motion, and the options, strengths and tiles that all its frames share.
 
     Parameters
     ----------
+    clip, log, camera
+        The video, the motion and the camera.
+    exposures : tuple of Exposure
+        The exposure of each frame.
+    reasons : tuple of str or None
+        Why each frame is kept as it is, None where it is deblurred.
     options : Options
         Options of every frame.
     strengths : Strengths
@@ -46,19 +52,21 @@ class ClipPlan:
         Places of the PSFs, and the size of the largest kernel.
     """
 
+    clip: Clip
+    log: GyroLog
+    camera: Camera
+    exposures: tuple[Exposure, ...]
+    reasons: tuple[str | None, ...]
     options: Options
     strengths: Strengths
     grid: Grid
 
-    def frame(self, log: GyroLog, camera: Camera, exposure: Exposure) -> Plan:
-        """Return the plan of one frame; `Plan.replan` makes those of the next frames from it.
-
-        Raises
-        ------
-        CoverageError, ClockError, GapError
-            If the log does not describe the exposure.
-        """
-        return replace(plan(log, camera, exposure, self.options), strengths=self.strengths, grid=self.grid)
+    def frame(self, index: int, previous: Plan | None = None) -> Plan:
+        """Return the plan of a frame that is deblurred; it shares the solver of a `previous` frame's plan."""
+        if previous is not None:
+            return previous.replan(self.log, self.exposures[index])
+        alone = plan(self.log, self.camera, self.exposures[index], self.options)
+        return replace(alone, strengths=self.strengths, grid=self.grid)
 
 
 def plan_clip(
@@ -69,7 +77,7 @@ def plan_clip(
     options: Options | None = None,
     *,
     progress: Progress | None = None,
-) -> tuple[ClipPlan, list[str | None]]:
+) -> ClipPlan:
     """Find the largest blur of all frames, and the strengths that suit the video.
 
     Warns where the motion does not explain the sample frames, whose results are checked.
@@ -85,9 +93,7 @@ def plan_clip(
 
     Returns
     -------
-    plan : ClipPlan
-    reasons : list
-        Why each frame cannot be deblurred, None where it can.
+    ClipPlan
 
     Raises
     ------
@@ -119,8 +125,12 @@ def plan_clip(
     _warn_of_bad(checks, clip)
     grids = [sample.grid for sample in samples if sample.grid is not None]
     rows, cols = (max((getattr(grid, axis) for grid in grids), key=len) for axis in ("rows", "cols"))
-    shared = ClipPlan(replace(options, check=False), _median_strengths(samples), Grid(rows, cols, size))
-    return shared, reasons
+    return ClipPlan(
+        *(clip, log, camera, tuple(exposures), tuple(reasons)),
+        options=replace(options, check=False),
+        strengths=_median_strengths(samples),
+        grid=Grid(rows, cols, size),
+    )
 
 
 def _check_options(options: Options) -> None:

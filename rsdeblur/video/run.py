@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,7 @@ from rsdeblur._util import workers
 from rsdeblur._util.atomic import check_target, remove_unfinished
 from rsdeblur._util.records import Records, fingerprint
 from rsdeblur.errors import OutputError, RsdeblurError
-from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.exposure import Exposure
-from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.types import Progress
-from rsdeblur.video.clip import Clip
 from rsdeblur.video.joining import container_of, join
 from rsdeblur.video.plan import ClipPlan
 from rsdeblur.video.segments import Encoding, Segment, encode_segment
@@ -64,12 +60,7 @@ def check_output(output: Path, *, force: bool) -> None:
 
 
 def deblur_video(
-    clip: Clip,
-    log: GyroLog,
-    camera: Camera,
-    exposures: Sequence[Exposure],
     plan: ClipPlan,
-    reasons: Sequence[str | None],
     output: Path,
     *,
     encoding: Encoding,
@@ -84,9 +75,7 @@ def deblur_video(
 
     Parameters
     ----------
-    clip, log, camera, exposures
-        The video, the motion, the camera and the exposure of each frame.
-    plan, reasons
+    plan : ClipPlan
         See :func:`rsdeblur.video.plan.plan_clip`; frames with a reason are kept as they are.
     output : Path
         Video to write; its extension chooses the container.
@@ -115,7 +104,8 @@ def deblur_video(
     except OSError as error:
         raise OutputError(f"{parts.folder}: cannot make the folder: {error.strerror}") from error
     report_progress = progress or (lambda stage, fraction: None)
-    fingerprint = _fingerprint(clip, log, camera, exposures, plan, encoding, segment)
+    clip = plan.clip
+    fingerprint = _fingerprint(plan, encoding, segment)
     starts = range(0, len(clip), segment)
     paths = [parts.folder / f"{first:07d}.mkv" for first in starts]
     done = [parts.facts(path.name, fingerprint) is not None and path.is_file() for path in paths]
@@ -124,9 +114,8 @@ def deblur_video(
     def tasks() -> Iterator[Segment]:
         for first, path, ready in zip(starts, paths, done, strict=True):
             stop = min(first + segment, len(clip))
-            wanted = [None if reasons[i] else exposures[i] for i in range(first, stop)]
             if not ready:
-                yield Segment(clip, first, stop, wanted, log, camera, plan, encoding, path)
+                yield Segment(plan, first, stop, encoding, path)
 
     finished = resumed
     report_progress(f"{min(finished * segment, len(clip))} of {len(clip)} frames", finished / len(paths))
@@ -143,7 +132,7 @@ def deblur_video(
             remove_unfinished(path)
     dropped = join(clip, paths, output)
     shutil.rmtree(parts.folder)
-    kept = sum(reason is not None for reason in reasons)
+    kept = sum(reason is not None for reason in plan.reasons)
     return VideoResult(len(clip), kept, len(paths), resumed, dropped)
 
 
@@ -151,15 +140,9 @@ def _tidy(segment: Segment) -> None:
     remove_unfinished(segment.output)
 
 
-def _fingerprint(
-    clip: Clip,
-    log: GyroLog,
-    camera: Camera,
-    exposures: Sequence[Exposure],
-    plan: ClipPlan,
-    encoding: Encoding,
-    segment: int,
-) -> str:
-    """Return what all that the segments' bits depend on makes of them."""
-    settings: list[Any] = [clip, log.epoch_ns, log.t.tobytes(), log.omega.tobytes(), repr(camera), camera.imu_to_camera]
-    return fingerprint([*settings, list(exposures), plan, encoding, segment], [clip.path])
+def _fingerprint(plan: ClipPlan, encoding: Encoding, segment: int) -> str:
+    """Return a fingerprint of all that a segment's bits depend on."""
+    log, camera = plan.log, plan.camera
+    motion: list[Any] = [log.epoch_ns, log.t.tobytes(), log.omega.tobytes(), repr(camera), camera.imu_to_camera]
+    shared = [plan.clip, plan.exposures, plan.reasons, replace(plan.options, threads=None), plan.strengths, plan.grid]
+    return fingerprint([*motion, *shared, encoding, segment], [plan.clip.path])

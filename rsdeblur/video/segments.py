@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,9 +11,6 @@ import numpy as np
 
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur.errors import InputError, OutputError
-from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.exposure import Exposure
-from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.pipeline.plan import Plan
 from rsdeblur.video._av import av
 from rsdeblur.video.clip import Clip, frames
@@ -93,23 +89,11 @@ def _encoder(name: str) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """Frames `first` to before `stop` of a video, and all that is needed to deblur them.
+    """Frames `first` to before `stop` of a planned video, and the file that they are encoded into."""
 
-    Parameters
-    ----------
-    exposures : sequence of Exposure or None
-        One for each of the frames; None for a frame that is kept as it is.
-    log : GyroLog
-        At least the part that the exposures need.
-    """
-
-    clip: Clip
+    plan: ClipPlan
     first: int
     stop: int
-    exposures: Sequence[Exposure | None]
-    log: GyroLog
-    camera: Camera
-    plan: ClipPlan
     encoding: Encoding
     output: Path
 
@@ -127,21 +111,17 @@ def encode_segment(segment: Segment) -> dict[str, Any]:
     FileFormatError, OutputError
         If a frame cannot be decoded, or the file not written.
     """
-    clip = segment.clip
-    shown = zip(frames(clip, segment.first, segment.stop), segment.exposures, strict=True)
+    clip = segment.plan.clip
     current: Plan | None = None
     try:
         with atomic_write(segment.output) as file, av.open(file, "w", format=CONTAINER) as container:
             stream = _stream(container, clip, segment.encoding)
-            for frame, exposure in shown:
-                if exposure is None:
+            for index, frame in enumerate(frames(clip, segment.first, segment.stop), segment.first):
+                if segment.plan.reasons[index] is not None:
                     sharp = frame.reformat(format=segment.encoding.pixels)
                     sharp.pict_type = 0  # the encoder's own choice
                 else:
-                    if current is None:
-                        current = segment.plan.frame(segment.log, segment.camera, exposure)
-                    else:
-                        current = current.replan(segment.log, exposure)
+                    current = segment.plan.frame(index, current)
                     values = values_of(frame)
                     sharp = current.apply(values, out=np.empty_like(values)).image
                     sharp = frame_of(sharp, frame, segment.encoding.pixels)

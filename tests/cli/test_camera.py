@@ -73,7 +73,7 @@ def test_what_is_given_is_no_longer_doubted(run: Run, files: Files, tmp_path: Pa
     profile = tmp_path / "profile.json"
     lens = {"camera_matrix": [[110, 0, 48], [0, 110, 36], [0, 0, 1]], "distortion_coeffs": [0, 0, 0, 0]}
     profile.write_text(json.dumps({"calib_dimension": {"w": 96, "h": 72}, "fisheye_params": lens}))
-    doubt = "does not tell the readout time"
+    doubt = "does not contain the readout time"
     assert doubt in run("camera", "import", profile, "-o", tmp_path / "a.toml").stdout
     assert doubt not in run("camera", "import", profile, "--readout-time", "20ms", "-o", tmp_path / "b.toml").stdout
     recording = ["--gyro", files.gyro, "--camera", profile, "--start", START, "--duration", DURATION]

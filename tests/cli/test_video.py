@@ -224,32 +224,55 @@ def test_frames_beyond_the_log_are_kept(run: Run, here: None, movie: Movie, tmp_
 
 def test_horizontal_readout_is_the_turned_problem(movie: Movie) -> None:
     from rsdeblur.io import read_gyro
-    from rsdeblur.pipeline import deblur as pipeline
+    from rsdeblur.pipeline.options import Options
+    from rsdeblur.pipeline.plan import plan
     from rsdeblur.video.clip import open_clip
     from rsdeblur.video.plan import plan_clip
-    from rsdeblur.video.segments import deblur_frame
 
     log, clip = read_gyro(movie.gyro), open_clip(movie.path)
     camera = Camera(WIDTH, HEIGHT, 1.1 * WIDTH, readout_time=0.02, readout_direction="right-left")
     exposures = [Exposure(START + t, DURATION) for t in clip.times]
-    settings: dict[str, Any] = {"bands": 6, "strips": 2, "prior": "wiener", "nsr": 0.02, "weight": "auto"}
-    settings |= {
-        "exponent": 2 / 3,
-        "solver": "auto",
-        "border": "blend",
-        "motion": "rotation",
-        "planning": "estimate",
-        "threads": 1,
-    }
-    plan, faults = plan_clip(clip, log, camera, exposures, mode="banded", transfer="srgb", **settings)
-    assert faults == [None] * FRAMES
-    assert (len(plan.rows), len(plan.cols)) == (6, 2)
+    options = Options(prior="wiener", bands=6, strips=2, nsr=0.02, threads=1)
+    shared = plan_clip(clip, log, camera, exposures, options)
+    assert shared.reasons == (None,) * FRAMES
+    # Upright: bands run along the readout.
+    assert (len(shared.grid.rows), len(shared.grid.cols)) == (6, 2)
     values = np.random.default_rng(0).integers(0, 65536, (HEIGHT, WIDTH, 3)).astype(np.uint16)
-    for exposure in exposures[:3]:
-        frame = deblur_frame(values, log, camera, exposure, plan)
-        alone = pipeline.deblur(values, log, camera, exposure, mode="banded", transfer="srgb", **settings).image
+    current = None
+    for index, exposure in enumerate(exposures[:3]):
+        current = shared.frame(index, current)
+        frame = current.apply(values).image
+        alone = plan(log, camera, exposure, options).apply(values).image
         # The same PSFs in larger tiles: they differ by what the tiles' fading ends differ.
-        assert peak_signal_noise_ratio(alone, frame / 65535, data_range=1.0) > 30
+        assert peak_signal_noise_ratio(alone, frame, data_range=1.0) > 30
+
+
+def test_borders_that_photos_take_work_for_videos(run: Run, here: None, movie: Movie, tmp_path: Path) -> None:
+    out = tmp_path / "out.mp4"
+    result = run(*movie.arguments(*movie.stamped, *STRENGTHS, "--border", "smooth", "-o", out))
+    assert result.exit_code == 0, result.stderr
+    assert out.is_file()
+
+
+def test_a_clip_is_planned_with_the_documented_defaults(movie: Movie) -> None:
+    from rsdeblur.errors import InputError
+    from rsdeblur.io import read_camera, read_gyro
+    from rsdeblur.pipeline.options import Options
+    from rsdeblur.video.clip import open_clip
+    from rsdeblur.video.plan import plan_clip
+
+    clip = open_clip(movie.path)
+    inputs = (
+        clip,
+        read_gyro(movie.gyro),
+        read_camera(movie.camera),
+        [Exposure(START + t, DURATION) for t in clip.times],
+    )
+    shared = plan_clip(*inputs)
+    assert (shared.options.prior, shared.options.transfer, shared.strengths.weight) == ("wiener", "srgb", None)
+    for options in (Options(normalize=True), Options(saturation="auto"), Options(fallback=True), Options(max_memory=1)):
+        with pytest.raises(InputError, match=r"would make a video flicker|is for single pictures"):
+            plan_clip(*inputs, options)
 
 
 def test_an_interrupted_video_goes_on_to_the_same_file(
@@ -311,8 +334,8 @@ def test_dry_run_writes_nothing(run: Run, movie: Movie, tmp_path: Path) -> None:
         (("-o", "x.avi", "--duration", "0.01"), 1, "unknown video extension '.avi'"),
         (("-o", "x.mp4"), 2, "the exposure time is not given"),
         (("-o", "x.mp4", "--duration", "0.01", "--start", "1", "--start-ns", "1"), 2, "exclude each other"),
-        (("-o", "x.mp4", "--duration", "0.01", "--saturation", "auto"), 2, "single pictures"),
-        (("-o", "x.mp4", "--duration", "0.01", "--normalize"), 2, "flicker"),
+        (("-o", "x.mp4", "--duration", "0.01", "--saturation", "auto"), 2, "No such option"),
+        (("-o", "x.mp4", "--duration", "0.01", "--normalize"), 2, "No such option"),
         (("-o", "x.mp4", "--duration", "0.01", "--codec", "aac"), 1, "no video encoder called 'aac'"),
     ],
 )

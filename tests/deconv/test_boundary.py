@@ -7,7 +7,7 @@ import pytest
 from skimage.metrics import peak_signal_noise_ratio
 
 from rsdeblur import Camera, Deconvolver, Exposure, InputError, PsfBank, deblur, simulate
-from rsdeblur.deconv.border import BOUNDARIES
+from rsdeblur.choices import BOUNDARIES
 from rsdeblur.deconv.boundary import extended, extended_shape, reflected, smooth, tapered
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -86,7 +86,7 @@ def test_every_alternative_beats_the_seam(capture, arguments):
     pictures, capture = capture
 
     def psnr(border):
-        image = deblur(pictures.blurred, *capture, nsr=3e-3, border=border, **arguments).image
+        image = deblur(pictures.blurred, *capture, nsr=3e-3, border=border, **{"prior": "wiener", **arguments}).image
         return peak_signal_noise_ratio(pictures.rolling, image, data_range=1.0)
 
     seam = psnr("periodic")
@@ -97,8 +97,8 @@ def test_every_alternative_beats_the_seam(capture, arguments):
 def test_rowwise_has_no_use_for_alternatives(shaky_log):
     camera, exposure = Camera(160, 120, 300.0), Exposure(0.05, 0.04)
     with pytest.raises(InputError, match='takes no border="smooth"'):
-        deblur(np.zeros((120, 160)), shaky_log(), camera, exposure, mode="rowwise", border="smooth")
+        deblur(np.zeros((120, 160)), shaky_log(), camera, exposure, mode="rowwise", border="smooth", prior="wiener")
     with pytest.raises(InputError, match="border must be one of"):
-        deblur(np.zeros((120, 160)), shaky_log(), camera, exposure, border="mirror")
+        deblur(np.zeros((120, 160)), shaky_log(), camera, exposure, border="mirror", prior="wiener")
     with pytest.raises(InputError, match="border"):
         Deconvolver(PsfBank.for_picture(np.ones((1, 1)), (8, 8)), (8, 8), border="smooth")

@@ -8,7 +8,16 @@ from scipy import ndimage
 from skimage.metrics import peak_signal_noise_ratio
 
 from rsdeblur import Deconvolver, InputError, PsfBank
-from rsdeblur.deconv.priors import PENALTIES, TABLE, half_quadratic, restore, shrinkage, threshold
+from rsdeblur.deconv.priors import (
+    PENALTIES,
+    TABLE,
+    GradientPrior,
+    brightness,
+    half_quadratic,
+    restore,
+    shrinkage,
+    threshold,
+)
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.kernels import responses
 from rsdeblur.kernels.shrink import gradient
@@ -24,14 +33,14 @@ def kernel() -> np.ndarray:
     return values / values.sum()
 
 
-def transfer() -> np.ndarray:
+def otf() -> np.ndarray:
     placed = np.zeros((H, W))
     placed[:7, :11] = kernel()
     return np.fft.fft2(np.roll(placed, (-3, -5), axis=(0, 1)))[:, :, None]
 
 
 def blur(picture: np.ndarray) -> np.ndarray:
-    return np.fft.ifft2(transfer() * np.fft.fft2(picture, axes=(0, 1)), axes=(0, 1)).real
+    return np.fft.ifft2(otf() * np.fft.fft2(picture, axes=(0, 1)), axes=(0, 1)).real
 
 
 @pytest.fixture(scope="module")
@@ -74,10 +83,8 @@ def test_global_is_the_equation(blurred: np.ndarray, beta: float) -> None:
     own.prepare(blurred)
     y, x = np.fft.fftfreq(H)[:, None, None], np.fft.fftfreq(W)[:, None]
     differences = 4 * np.sin(np.pi * y) ** 2 + 4 * np.sin(np.pi * x) ** 2
-    above = (1 + NSR) * transfer().conj() * np.fft.fft2(blurred, axes=(0, 1)) + beta * np.fft.fft2(
-        grad_adjoint, axes=(0, 1)
-    )
-    normal = np.abs(transfer()) ** 2 + NSR + beta * differences
+    above = (1 + NSR) * otf().conj() * np.fft.fft2(blurred, axes=(0, 1)) + beta * np.fft.fft2(grad_adjoint, axes=(0, 1))
+    normal = np.abs(otf()) ** 2 + NSR + beta * differences
     expected = np.fft.ifft2(above / normal, axes=(0, 1)).real
     # float32 transforms, times a gain of at most 1 / (2 sqrt(nsr)) = 9.
     np.testing.assert_allclose(own.solve(beta, grad_adjoint), expected, atol=5e-5)
@@ -157,8 +164,7 @@ def test_exponent_one_is_total_variation(blurred: np.ndarray) -> None:
 def test_threads_change_nothing(blurred: np.ndarray) -> None:
     kernels = np.broadcast_to(kernel(), (3, 2, 7, 11))
     one, three = (
-        restore(solver(kernels=kernels, border="blend", threads=n), blurred, prior="tv", weight=0.01, threads=n)
-        for n in (1, 3)
+        restore(solver(kernels=kernels, border="blend", threads=n), blurred, prior="tv", weight=0.01) for n in (1, 3)
     )
     np.testing.assert_array_equal(one, three)
 
@@ -204,5 +210,38 @@ def test_bad_solvers_and_pictures_are_refused(blurred: np.ndarray) -> None:
         solver(nsr=-1.0)
     with pytest.raises(InputError, match="planned shape"):
         restore(solver(), blurred[1:], prior="gradient", weight=0.01)
-    with pytest.raises(InputError, match="finite"):
-        restore(solver(), np.full_like(blurred, np.nan), prior="gradient", weight=0.01)
+    for bad in (np.full_like(blurred, np.nan), np.where(blurred == blurred[1, 1], np.inf, blurred)):
+        with pytest.raises(InputError, match="image must be finite"):
+            restore(solver(), bad, prior="gradient", weight=0.01)
+    for encoded in (blurred.astype(np.uint8), blurred.astype(int).tolist(), blurred > 0.5, blurred.astype(complex)):
+        with pytest.raises(InputError, match="linear light as floats"):
+            restore(solver(), encoded, prior="gradient", weight=0.01)
+    with pytest.raises(InputError, match="out must be a float32 array"):
+        solver().apply(blurred, out=np.empty(blurred.shape), prior=GradientPrior("tv", 0.01))
+
+
+@pytest.mark.parametrize("prior", ["gradient", "tv"])
+def test_a_grey_picture_is_one_channel(blurred: np.ndarray, prior: str) -> None:
+    grey = np.ascontiguousarray(blurred[..., 0])
+    bank = PsfBank.for_picture(kernel(), (H, W))
+    flat, deep = (
+        restore(TileQuadratic(bank, picture.shape), picture, prior=prior, weight=0.01)
+        for picture in (grey, grey[..., None])
+    )
+    assert flat.shape == (H, W)
+    np.testing.assert_array_equal(flat, deep[..., 0])
+
+
+def test_out_may_be_the_input(blurred: np.ndarray) -> None:
+    prior = GradientPrior("tv", 0.01)
+    expected, work = solver().apply(blurred, prior=prior), blurred.copy()
+    assert solver().apply(work, out=work, prior=prior) is work
+    np.testing.assert_array_equal(work, expected)
+
+
+def test_the_peak_is_that_of_the_picture(blurred: np.ndarray) -> None:
+    prior = GradientPrior("hyper-laplacian", 0.01)
+    dim, bright = 0.1 * blurred, GradientPrior("hyper-laplacian", 0.01, peak=brightness(0.1 * blurred))
+    np.testing.assert_array_equal(solver().apply(dim, prior=prior), solver().apply(dim, prior=bright))
+    full = GradientPrior("hyper-laplacian", 0.01, peak=1.0)
+    assert np.abs(solver().apply(dim, prior=prior) - solver().apply(dim, prior=full)).max() > 1e-3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur import InputError, RowBlur, RowDeconvolver
+from rsdeblur import GradientPrior, InputError, RowBlur, RowDeconvolver, restore
 from rsdeblur.kernels import rowwise
 from rsdeblur.simulation.scene import scene
 from tests.deconv.test_rowwise_blur import H, W, still_paths, wavy_paths
@@ -39,31 +39,43 @@ def dense_gradients(rows: int) -> tuple[np.ndarray, np.ndarray]:
 def test_solve_is_the_dense_minimum(picture, solver, nsr, beta, monkeypatch):
     monkeypatch.setattr("rsdeblur.deconv.rowwise_cg.conjugate_gradients.__kwdefaults__", {"tolerance": 1e-6})
     paths, rng = wavy_paths(down=2.0), np.random.default_rng(3)
-    grey = picture[..., 0]
-    found = {}
-
-    def minimise(term):
-        across, down = dense_gradients(term.shape[0])
-        grad_adjoint = across.T @ rng.normal(size=len(across)) + down.T @ rng.normal(size=len(down))
-        found["pull"] = grad_adjoint.reshape(term.shape).astype(np.float32)
-        found["u"] = term.solve(beta, found["pull"].copy())
-        return found["u"]
-
-    deconvolver = RowDeconvolver(paths, grey.shape, nsr=nsr, border="periodic", solver=solver)
-    result = deconvolver.apply(grey, minimise=minimise)
+    grey = np.ascontiguousarray(picture[..., 0])
+    term = RowDeconvolver(paths, grey.shape, nsr=nsr, border="periodic", solver=solver)._observe(grey[..., None], 0)
+    across, down = dense_gradients(term.shape[0])
+    grad_adjoint = across.T @ rng.normal(size=len(across)) + down.T @ rng.normal(size=len(down))
+    latent = term.solve(beta, grad_adjoint.reshape(term.shape).astype(np.float32)).ravel()
     blur = dense_blur(paths)
-    across, down = dense_gradients(len(found["u"]))
     normal = blur.T @ blur + nsr * np.eye(blur.shape[1]) + beta * (across.T @ across + down.T @ down)
     if beta:
         mean = np.full(blur.shape[1], grey.mean(dtype=float))
-        right = blur.T @ grey.ravel() + nsr * mean + beta * found["pull"].ravel()
-        np.testing.assert_allclose(found["u"].ravel(), np.linalg.solve(normal, right), atol=1e-4)
+        right = blur.T @ grey.ravel() + nsr * mean + beta * grad_adjoint
+        np.testing.assert_allclose(latent, np.linalg.solve(normal, right), atol=1e-4)
     else:
         # What is expected beyond the frame is no matter of taste where data are: the gradient of the misfit tells.
-        excess = normal @ found["u"].ravel() - blur.T @ grey.ravel()
+        excess = normal @ latent - blur.T @ grey.ravel()
         assert np.abs(excess).max() < 1.01 * nsr
-    # The picture is transformed once more on its way out.
-    np.testing.assert_allclose(result, found["u"][-deconvolver.top : H - deconvolver.top, :, 0], atol=5e-6)
+
+
+def test_a_prior_shows_the_frames_rows_of_its_minimum(picture):
+    paths = wavy_paths(down=2.0)
+    grey = np.ascontiguousarray(picture[..., 0])
+    deconvolver = RowDeconvolver(paths, grey.shape, border="periodic")
+    latent = deconvolver._observe(grey[..., None], 0).solve(0.3, None)
+    result = deconvolver.apply(grey, prior=GradientPrior("gradient", 0.3))
+    np.testing.assert_array_equal(result, latent[-deconvolver.top : H - deconvolver.top, :, 0])
+
+
+def test_restore_is_apply_with_a_prior(picture):
+    deconvolver = RowDeconvolver(wavy_paths(cols=(8.0, 24.0)), picture.shape, nsr=1e-3)
+    progress = []
+    work = picture.copy()
+    sharp = restore(deconvolver, picture, prior="hyper-laplacian", weight=0.01, exponent=0.7, progress=progress.append)
+    prior = GradientPrior("hyper-laplacian", 0.01, 0.7)
+    assert deconvolver.apply(work, out=work, prior=prior) is work
+    np.testing.assert_array_equal(sharp, work)
+    assert progress == sorted(progress)
+    assert 0.5 in progress
+    assert progress[-1] == 1.0
 
 
 def test_undoes_its_own_blur():
@@ -85,12 +97,12 @@ def test_no_motion_is_the_identity(picture, cols, border):
     np.testing.assert_allclose(result, picture, atol=FLOAT32)
 
 
-@pytest.mark.parametrize("minimise", [None, lambda term: term.solve(0.1, None)], ids=["wiener", "gradient"])
+@pytest.mark.parametrize("prior", [None, GradientPrior("gradient", 0.1)], ids=["wiener", "gradient"])
 @pytest.mark.parametrize("solver", ["direct", "cg"])
-def test_constant_picture_keeps_its_brightness(minimise, solver):
+def test_constant_picture_keeps_its_brightness(prior, solver):
     picture = np.full((H, W), 0.7, dtype=np.float32)
     paths = wavy_paths(cols=(8.0, 24.0))
-    result = RowDeconvolver(paths, (H, W), nsr=0.1, solver=solver).apply(picture, minimise=minimise)
+    result = RowDeconvolver(paths, (H, W), nsr=0.1, solver=solver).apply(picture, prior=prior)
     np.testing.assert_allclose(result, 0.7, atol=FLOAT32)
 
 
@@ -187,3 +199,17 @@ def test_bad_pictures_are_refused(picture):
         deconvolver.apply(np.where(picture > 0.99, np.nan, picture))
     with pytest.raises(InputError, match="out must be a float32 array"):
         deconvolver.apply(picture, out=np.empty(picture.shape))
+
+
+@pytest.mark.parametrize("prior", [None, GradientPrior("tv", 0.01)])
+def test_encoded_values_are_refused(picture, prior):
+    deconvolver = RowDeconvolver(wavy_paths(), picture.shape)
+    for encoded in (picture.astype(np.uint8), picture.astype(int).tolist(), picture > 0.5, picture.astype(complex)):
+        with pytest.raises(InputError, match="linear light as floats"):
+            deconvolver.apply(encoded, prior=prior)
+
+
+def test_a_grey_picture_is_one_channel(picture):
+    grey, prior = np.ascontiguousarray(picture[..., 0]), GradientPrior("tv", 0.01)
+    flat, deep = (RowDeconvolver(wavy_paths(), shape) for shape in (grey.shape, (*grey.shape, 1)))
+    np.testing.assert_array_equal(flat.apply(grey, prior=prior), deep.apply(grey[..., None], prior=prior)[..., 0])

@@ -1,4 +1,4 @@
-"""Laws of the tiles: their weights sum to one, and each is longer than its part by the gap."""
+"""Laws of the tiles: their weights sum to one, and each is longer than its part by the margin."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rsdeblur.psf import tile_centres
 
 N = 1000
 
-# (centres, kernel, gap): even tiles, uneven ones, ones beyond the picture's ends, and one for each position.
+# (centres, kernel, margin): even tiles, uneven ones, ones beyond the picture's ends, and one for each position.
 CASES = {
     "one": (tile_centres(1, N), 9, 20),
     "two": (tile_centres(2, N), 9, 20),

@@ -42,8 +42,8 @@ def test_global_is_the_wiener_equation(picture: np.ndarray, nsr: float) -> None:
     placed = np.zeros((H, W))
     placed[:9, :13] = kernel
     otf = np.fft.fft2(np.roll(placed, (-4, -6), axis=(0, 1)))
-    transfer = (1 + nsr) * otf.conj() / (np.abs(otf) ** 2 + nsr)
-    expected = np.fft.ifft2(transfer[..., None] * np.fft.fft2(picture, axes=(0, 1)), axes=(0, 1)).real
+    wiener = (1 + nsr) * otf.conj() / (np.abs(otf) ** 2 + nsr)
+    expected = np.fft.ifft2(wiener[..., None] * np.fft.fft2(picture, axes=(0, 1)), axes=(0, 1)).real
     # The gain, and float32's error with it, grows like 1 / (2 sqrt(nsr)).
     np.testing.assert_allclose(result, expected, atol=2e-6 / nsr**0.5)
 
@@ -75,7 +75,7 @@ def test_same_kernel_everywhere_equals_global() -> None:
     # At the frame's border even the continuation differs (nearer opposite ends): leave three PSFs out.
     inside = np.s_[27:-27, 27:-27]
     leak = np.sqrt(np.mean((tiled - whole)[inside] ** 2))
-    # Across a gap of 1.3 decay lengths the filter's response still holds some percent of its own size;
+    # Across a margin of 1.3 decay lengths the filter's response still holds some percent of its own size;
     # measured 0.6 % of what the filter adds to the picture.
     assert leak < 0.02 * np.sqrt(np.mean((whole - picture)[inside] ** 2))
 
@@ -156,6 +156,13 @@ def test_bad_pictures_are_refused(picture: np.ndarray) -> None:
         solver.apply(picture[:-1])
     with pytest.raises(InputError, match="finite"):
         solver.apply(np.where(picture > 0.99, np.nan, picture))
+    for encoded in (picture.astype(np.uint8), picture.astype(int).tolist(), picture > 0.5, picture.astype(complex)):
+        with pytest.raises(InputError, match="linear light as floats"):
+            solver.apply(encoded)
+    with pytest.raises(InputError, match=r'to_linear\(image.astype\("float32"\) / 65535, "srgb"\)'):
+        solver.apply(picture.astype(np.uint16))
+    with pytest.raises(InputError, match="array of floats"):
+        solver.apply([[0.5, 0.5], [0.5]])
     with pytest.raises(InputError, match="out must be a float32 array"):
         solver.apply(picture, out=np.empty(picture.shape))
     with pytest.raises(InputError, match="got list"):

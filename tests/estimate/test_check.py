@@ -51,8 +51,8 @@ def test_readout_direction_changes_nothing(capture):
     aside = Camera(256, 320, 350.0, readout_time=0.02, readout_direction="left-right")
     # The picture turned counter-clockwise with its camera: x becomes -y, y becomes x.
     moved = replace(log, omega=log.omega[:, [1, 0, 2]] * (1.0, -1.0, 1.0))
-    check = deblur(turned, moved, aside, exposure).check
-    straight = deblur(blurred, log, camera, exposure).check
+    check = deblur(turned, moved, aside, exposure, prior="wiener").check
+    straight = deblur(blurred, log, camera, exposure, prior="wiener").check
     assert check.verdict == straight.verdict
     # The same tiles seen from the side; their paths agree to float32.
     assert check.lead == pytest.approx(straight.lead, rel=0.02)
@@ -60,29 +60,29 @@ def test_readout_direction_changes_nothing(capture):
 
 def test_what_cannot_be_judged_is_said(capture):
     blurred, log, camera, exposure = capture
-    still = deblur(blurred, replace(log, omega=0 * log.omega), camera, exposure).check
+    still = deblur(blurred, replace(log, omega=0 * log.omega), camera, exposure, prior="wiener").check
     assert (still.verdict, still.lead) == ("good", None)
     assert "too little" in still.reasons[0]
-    small = deblur(blurred[:60, :60], log, camera.cropped(0, 0, 60, 60), exposure).check
+    small = deblur(blurred[:60, :60], log, camera.cropped(0, 0, 60, 60), exposure, prior="wiener").check
     assert (small.verdict, small.lead) == ("doubtful", None)
     assert "too small" in small.reasons[0]
-    assert deblur(blurred, log, camera, exposure, check=False).check is None
+    assert deblur(blurred, log, camera, exposure, check=False, prior="wiener").check is None
 
 
 def test_pictures_without_detail_are_not_judged_and_give_no_warnings(capture):
     _, log, camera, exposure = capture
     noise = np.random.default_rng(0).normal(0.5, 0.01, (256, 320)).astype(np.float32)
     for picture in (np.zeros((256, 320), np.float32), np.full((256, 320), 128, np.uint8), noise):
-        check = deblur(picture, log, camera, exposure).check
+        check = deblur(picture, log, camera, exposure, prior="wiener").check
         assert (check.verdict, check.lead) == ("good", None)
         assert "no detail" in check.reasons[0]
 
 
 def test_neighbouring_rows_of_tiles_are_told(capture):
     blurred, log, camera, exposure = capture
-    right = deblur(blurred, log, camera, exposure).check
+    right = deblur(blurred, log, camera, exposure, prior="wiener").check
     # Half of the readout is right, the other half is of another moment.
-    later = deblur(blurred, log, replace(camera, readout_time=0.1), exposure).check
+    later = deblur(blurred, log, replace(camera, readout_time=0.1), exposure, prior="wiener").check
     assert later.weakest < right.weakest
     np.testing.assert_array_equal(_neighbouring(np.array([4.0, -10.0, 2.0])), [-3.0, -4.0])
     np.testing.assert_array_equal(_neighbouring(np.array([4.0])), [4.0])
@@ -99,7 +99,7 @@ def test_fallback_blends_only_where_it_is_bad(capture):
     kept = deblur(light, log, camera, exposure, prior="tv", fallback=True)
     np.testing.assert_array_equal(kept.image, good.image)
     with pytest.raises(InputError, match="fallback"):
-        deblur(light, log, camera, exposure, geometry="rectify", fallback=True)
+        deblur(light, log, camera, exposure, geometry="rectify", fallback=True, prior="wiener")
 
     # The upper half is bad, the lower good: rows go from the input to the result.
     check = replace(result.check, leads=(-99.0, 99.0), ringings=())

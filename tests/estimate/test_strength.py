@@ -152,3 +152,28 @@ def test_nsr_grows_with_the_sensitivity():
     assert nsr_of_iso(800) == pytest.approx(0.08)
     with pytest.raises(InputError, match="iso"):
         nsr_of_iso(0)
+
+
+def test_a_grey_picture_is_one_channel(sharp: np.ndarray) -> None:
+    picture = blurred(sharp, kernel(), 0.01)
+    bank = PsfBank.for_picture(kernel(), sharp.shape)
+    flat, deep = Tuning.of(picture[..., 0], bank), Tuning.of(picture, bank)
+    assert (flat.noise, flat.energy, flat.wiener_nsr) == (deep.noise, deep.energy, deep.wiener_nsr)
+
+
+def test_pictures_that_are_no_linear_light_are_refused(sharp: np.ndarray) -> None:
+    bank = PsfBank.for_picture(kernel(), sharp.shape)
+    for encoded in (
+        sharp.astype(np.uint8),
+        sharp.astype(int),
+        sharp > 0.5,
+        sharp.astype(complex),
+        sharp.astype(object),
+    ):
+        with pytest.raises(InputError, match="linear light as floats"):
+            Tuning.of(encoded, bank)
+    with pytest.raises(InputError, match="image must be finite"):
+        Tuning.of(np.where(sharp == sharp[3, 3], np.nan, sharp), bank)
+    for shape in ((SIDE,), (0, SIDE), (1, 2, 3, 4)):
+        with pytest.raises(InputError, match="image must have shape"):
+            Tuning.of(np.zeros(shape, np.float32), bank)

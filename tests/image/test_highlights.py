@@ -10,7 +10,14 @@ from rsdeblur import Camera, Exposure, GyroLog, InputError, PsfBank, Simulation,
 from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.image import highlights as saturation
 from rsdeblur.image.encoded import EncodedImage
-from rsdeblur.image.highlights import HighlightSplit, Patch, clipped, find_spots, separate_highlights
+from rsdeblur.image.highlights import (
+    HighlightSplit,
+    Patch,
+    at_full_scale,
+    clipped,
+    find_spots,
+    separate_highlights,
+)
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 
@@ -61,7 +68,9 @@ def test_without_clipped_pixels_nothing_changes(log: GyroLog, mode: str) -> None
     picture = simulate(0.9 * scene(168, 200), log, CAMERA, EXPOSURE).blurred.clip(0, 0.99)
     stored = np.rint(picture * 255).astype(np.uint8)
     for image in (picture, stored):
-        a, b = (deblur(image, log, CAMERA, EXPOSURE, mode=mode, saturation=s) for s in ("ignore", "auto"))
+        a, b = (
+            deblur(image, log, CAMERA, EXPOSURE, mode=mode, saturation=s, prior="wiener") for s in ("ignore", "auto")
+        )
         np.testing.assert_array_equal(a.image, b.image)
 
 
@@ -70,7 +79,7 @@ def test_a_bright_wall_is_no_highlight(log: GyroLog) -> None:
     wall = np.full((168, 200), 0.8, dtype=np.float32)
     wall[40:100, 60:140] = 1.2
     picture = simulate(wall, log, CAMERA, EXPOSURE).blurred.clip(0, 1)
-    a, b = (deblur(picture, log, CAMERA, EXPOSURE, saturation=s) for s in ("ignore", "auto"))
+    a, b = (deblur(picture, log, CAMERA, EXPOSURE, saturation=s, prior="wiener") for s in ("ignore", "auto"))
     np.testing.assert_array_equal(a.image, b.image)
 
 
@@ -78,7 +87,7 @@ def test_readout_along_x_is_the_same_turned(night: Simulation, log: GyroLog) -> 
     """A picture whose readout runs along x gets its highlights back where they stood."""
     camera = Camera(160, 128, 180.0, readout_time=0.03, readout_direction="left-right")
     seen = simulate(np.pad(night.rolling, ((20, 20), (20, 20), (0, 0)), mode="reflect"), log, camera, EXPOSURE)
-    careful = deblur(seen.blurred.clip(0, 1), log, camera, EXPOSURE, saturation="auto").image
+    careful = deblur(seen.blurred.clip(0, 1), log, camera, EXPOSURE, saturation="auto", prior="wiener").image
     places = [np.unravel_index(picture.max(axis=-1).argmax(), picture.shape[:2]) for picture in (careful, seen.rolling)]
     # The brightest lamp is a disc of 1 px.
     assert np.abs(np.subtract(*places)).max() <= 2
@@ -93,9 +102,11 @@ def test_clipped_is_full_scale_and_what_touches_it() -> None:
     as_float = values.astype(np.float32) / np.float32(255)
     np.testing.assert_array_equal(clipped(as_float), found)
     np.testing.assert_array_equal(clipped(values.astype(np.uint16) * 257), found)
-    # A float picture that holds more than 1 was not clipped there.
+    assert np.argwhere(at_full_scale(values)).tolist() == [[1, 1, 0]]
+    # A float picture that exceeds 1 was not clipped there.
     as_float[0, 0] = 1.5
     assert not clipped(as_float).any()
+    assert not at_full_scale(as_float).any()
 
 
 def test_a_picture_clipped_everywhere_is_left_alone() -> None:
@@ -109,7 +120,9 @@ def test_overexposed_daylight_is_harmed_little(log: GyroLog) -> None:
     seen = simulate(5 * scene(168, 200), log, CAMERA, EXPOSURE, noise=0.003)
     recorded = seen.blurred.clip(0, 1)
     assert (recorded == 1).any(axis=2).mean() > 0.7
-    plain, careful = (deblur(recorded, log, CAMERA, EXPOSURE, saturation=s).image for s in ("ignore", "auto"))
+    plain, careful = (
+        deblur(recorded, log, CAMERA, EXPOSURE, saturation=s, prior="wiener").image for s in ("ignore", "auto")
+    )
     error, then = (np.square(image.clip(0, 1) - seen.rolling.clip(0, 1)).mean() for image in (plain, careful))
     # Measured: 1.006 times as large, and 1.5 times with walls taken for highlights.
     assert then < 1.1 * error
@@ -169,13 +182,13 @@ def test_tile_blur_is_adjoint() -> None:
 
 def test_memory_is_bounded_or_refused(night: Simulation, log: GyroLog) -> None:
     arguments = (night.blurred.clip(0, 1), log, CAMERA, EXPOSURE)
-    whole = deblur(*arguments, nsr=0.01, saturation="auto")
-    bounded = deblur(*arguments, nsr=0.01, saturation="auto", max_memory=2**30)
+    whole = deblur(*arguments, nsr=0.01, saturation="auto", prior="wiener")
+    bounded = deblur(*arguments, nsr=0.01, saturation="auto", max_memory=2**30, prior="wiener")
     np.testing.assert_array_equal(bounded.image, whole.image)
     with pytest.raises(InputError, match=r"max_memory is 1 MiB, but the highlights .* need \d+ MiB"):
-        deblur(*arguments, saturation="auto", max_memory=2**20)
+        deblur(*arguments, saturation="auto", max_memory=2**20, prior="wiener")
 
 
 def test_unknown_words_are_refused(night: Simulation, log: GyroLog) -> None:
     with pytest.raises(InputError, match="saturation"):
-        deblur(night.blurred, log, CAMERA, EXPOSURE, saturation="maybe")
+        deblur(night.blurred, log, CAMERA, EXPOSURE, saturation="maybe", prior="wiener")

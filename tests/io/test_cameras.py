@@ -95,7 +95,7 @@ class TestLensProfile:
         assert open_camera(write(profile())).camera.principal_point == (199.5, 149.5)
         assert open_camera(write(profile(asymmetrical=True))).camera.principal_point == (190.0, 160.0)
 
-    def test_other_opencv_models_are_told_by_name(self, write: Write) -> None:
+    def test_other_opencv_models_are_recognised_by_name(self, write: Write) -> None:
         camera = open_camera(write(profile(distortion_model="opencv_standard"))).camera
         assert (camera.distortion_model, camera.distortion) == ("radtan", (0.05, -0.02, 0.01, -0.003))
 
@@ -103,7 +103,7 @@ class TestLensProfile:
         assert open_camera(write(profile(crop=1.25))).camera.focal_length == (168.0, 168.8)
 
     @pytest.mark.parametrize(
-        ("time", "said", "readout_time", "direction"),
+        ("time", "word", "readout_time", "direction"),
         [
             (-15.0, None, 0.015, "bottom-up"),
             (15.0, "BottomToTop", 0.015, "bottom-up"),
@@ -113,13 +113,15 @@ class TestLensProfile:
         ],
     )
     def test_readout(
-        self, write: Write, time: float | None, said: str | None, readout_time: float, direction: str
+        self, write: Write, time: float | None, word: str | None, readout_time: float, direction: str
     ) -> None:
-        file = open_camera(write(profile(frame_readout_time=time, frame_readout_direction=said)))
+        file = open_camera(write(profile(frame_readout_time=time, frame_readout_direction=word)))
         assert (file.camera.readout_time, file.camera.readout_direction) == (readout_time, direction)
-        assert any("does not tell the readout" in assumption.text for assumption in file.assumptions) == (time is None)
+        assert any("does not contain the readout" in assumption.text for assumption in file.assumptions) == (
+            time is None
+        )
 
-    def test_an_implausible_readout_is_doubted(self, write: Write) -> None:
+    def test_an_implausible_readout_is_an_assumption(self, write: Write) -> None:
         assert "implausible" in open_camera(write(profile(frame_readout_time=0.41))).assumptions[0].text
         assert open_camera(write(profile(frame_readout_time=None, global_shutter=True))).assumptions == ()
 
@@ -136,7 +138,13 @@ class TestLensProfile:
             (199.5, 99.5),
         )
         assert file.camera.readout_time == pytest.approx(0.01)
-        assert "another shape" in file.assumptions[-1].text
+        assert "another aspect ratio" in file.assumptions[-1].text
+
+    @pytest.mark.parametrize("size", [(400, 0), (-1, 300), (400, 2.5)])
+    def test_impossible_sizes_are_refused(self, write: Write, size: Any) -> None:
+        for path in (write(profile()), write("width = 4\nheight = 3\nfocal_length = 5\n", "camera.toml")):
+            with pytest.raises(InputError, match="size must be"):
+                open_camera(path, size=size)
 
     def test_settings_of_that_size_replace_those_of_the_profile(self, write: Write) -> None:
         settings = [
@@ -146,7 +154,7 @@ class TestLensProfile:
             {"width": 100, "height": 75, "fps": 99.0, "frame_readout_time": 2.0},
         ]
         path = write(profile(compatible_settings=settings))
-        # the rate of the profile itself, if none is given
+        # the rate of the profile itself, if none is requested
         assert open_camera(path, size=(200, 150)).camera.readout_time == 0.008
         fast = open_camera(path, size=(200, 150), fps=59.94).camera
         assert (fast.readout_time, fast.focal_length[0]) == (0.004, 84.0)
@@ -168,12 +176,12 @@ class TestLensProfile:
     @pytest.mark.parametrize(
         ("changes", "message"),
         [
-            ({"fisheye_params": {"camera_matrix": []}}, "holds no calibration"),
-            ({"calib_dimension": {"w": 0, "h": 0}}, "holds no calibration"),
+            ({"fisheye_params": {"camera_matrix": []}}, "contains no calibration"),
+            ({"calib_dimension": {"w": 0, "h": 0}}, "contains no calibration"),
             ({"distortion_model": "poly3"}, "lens model poly3 .* is not supported"),
             ({"digital_lens": "gopro_superview"}, r"bends the picture digitally \(gopro_superview\)"),
             ({"input_horizontal_stretch": 1.33}, "stretches the picture"),
-            ({"fisheye_params": {"camera_matrix": [[1, 2], [3, 4]]}}, "holds no calibration"),
+            ({"fisheye_params": {"camera_matrix": [[1, 2], [3, 4]]}}, "contains no calibration"),
             ({"crop": "half"}, "the lens profile is damaged"),
         ],
     )
@@ -193,7 +201,7 @@ class TestLensProfile:
         assert (file.camera.width, file.camera.readout_time) == (200, 0.012)
         assert file.camera.time_offset == pytest.approx(-0.025)
         assert any("drift by 10.0 ms" in assumption.text for assumption in file.assumptions)
-        with pytest.raises(FileFormatError, match="holds no calibration"):
+        with pytest.raises(FileFormatError, match="contains no calibration"):
             open_camera(write(project | {"calibration_data": {}}))
 
 
@@ -283,7 +291,7 @@ distortion_coefficients: [-0.05, 0.001, 0.001, -0.002]
     def test_one_of_several(self, write: Write) -> None:
         path = write(CHAIN + CHAIN.replace("cam0", "cam1").replace("210.0", "220.0"))
         assert open_camera(path, name="cam1").camera.focal_length[0] == 220.0
-        assert "2 cameras (cam0, cam1); cam0 is taken" in open_camera(path).assumptions[0].text
+        assert "2 cameras (cam0, cam1); cam0 is used" in open_camera(path).assumptions[0].text
         with pytest.raises(FileFormatError, match="no camera 'cam7' in the file, only cam0, cam1"):
             open_camera(path, name="cam7")
 
@@ -337,7 +345,7 @@ class TestExif:
         np.testing.assert_array_equal(camera.imu_to_camera, imu_to_camera("phone-landscape"))
 
     def test_focal_plane(self, tmp_path: Path) -> None:
-        # 4000 px on 20 mm, halved ten times to 400 px
+        # 4000 px on 20 mm, reduced to a tenth, 400 px
         path = photo(tmp_path / "a.jpg", focal_length=50.0, resolution=4000 / 20 * 25.4, unit=2, across=4000)
         assert open_camera(path).camera.focal_length[0] == pytest.approx(50 / 20 * 400, rel=1e-3)
 
@@ -349,7 +357,7 @@ class TestExif:
     @pytest.mark.parametrize(
         ("tags", "message"),
         [
-            ({}, "tells no focal length in px"),
+            ({}, "contains no focal length in px"),
             ({"focal_length": 4.2}, "only 4.2 mm"),
             ({"f35": 0, "focal_length": 4.2}, "only 4.2 mm"),
             ({"focal_length": 135.0, "resolution": 4438.0, "unit": 2}, "was resized since it was taken"),
@@ -394,7 +402,7 @@ def test_samples(data_dir: Path, name: str, expected: tuple[Any, ...]) -> None:
 
 @pytest.mark.usefixtures("yaml")
 def test_the_axes_of_the_kalibr_samples(data_dir: Path) -> None:
-    # Both are IMU to camera, though the files say it the one and the other way.
+    # Both are IMU to camera; one file contains the inverse.
     euroc = open_camera(data_dir / "formats/kalibr/euroc_mav_kalibr_imucam_chain.yaml").camera.imu_to_camera
     np.testing.assert_allclose(euroc[0], [0.0148655, 0.9995572, -0.0257744], atol=1e-6)
     tum = open_camera(data_dir / "formats/kalibr/tum_vi_kalibr_imucam_chain.yaml").camera.imu_to_camera
@@ -404,7 +412,7 @@ def test_the_axes_of_the_kalibr_samples(data_dir: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
-        ("gyroflow-project/VID_20220615_110533_00_001.gyroflow", "holds no calibration"),
+        ("gyroflow-project/VID_20220615_110533_00_001.gyroflow", "contains no calibration"),
         ("exif/Canon_40D.jpg", "was resized since it was taken"),
         ("euroc/sensor.yaml", "unknown camera file format"),
         ("gcsv/movie.gcsv", "unknown camera file format"),

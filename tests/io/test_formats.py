@@ -1,4 +1,4 @@
-"""Gyro logs of apps and cameras: what each writes is read with its unit, axes and exact stamps, or refused."""
+"""Gyro logs of apps and cameras: each is read with its unit, axes and exact stamps, or refused."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from rsdeblur.errors import FileFormatError, RsdeblurWarning
 from rsdeblur.io import open_gyro, read_gyro
 from rsdeblur.io.gyroflow import base91_decode
 
-# A stamp that float64 cannot hold, in ns, and the samples that all files below hold: t in ns, x, y, z in rad/s.
+# A stamp in ns that float64 cannot represent, and the samples in all files below: t in ns; x, y, z in rad/s.
 EPOCH = 1_766_385_749_427_863_801
 STEP = 5_000_000
 RATES = np.random.default_rng(0).normal(0.0, 0.5, (40, 3)).round(6)
-TIMESTAMP_MARKS = EPOCH + STEP * np.arange(len(RATES))
+STAMPS = EPOCH + STEP * np.arange(len(RATES))
 
 Write = Callable[..., Path]
 
@@ -39,18 +39,18 @@ def write(tmp_path: Path) -> Write:
 
 
 def rows(pattern: str, scale: float = 1.0) -> str:
-    """Return a line for each sample; `pattern` has t, s (seconds), x, y and z."""
+    """Return a line for each sample; `pattern` contains t, s (seconds), x, y and z."""
     return "".join(
         pattern.format(t=t, s=f"{t // 10**9}.{t % 10**9:09d}", x=x, y=y, z=z) + "\n"
-        for t, (x, y, z) in zip(TIMESTAMP_MARKS.tolist(), (RATES / scale).tolist(), strict=True)
+        for t, (x, y, z) in zip(STAMPS.tolist(), (RATES / scale).tolist(), strict=True)
     )
 
 
-def assert_holds_the_samples(path: Path, format: str, axes: str, rates: np.ndarray = RATES) -> dict[str, Any]:
-    """Check every stamp and rate, and return what else the file says."""
+def assert_contains_the_samples(path: Path, format: str, axes: str, rates: np.ndarray = RATES) -> dict[str, Any]:
+    """Check every stamp and rate, and return the facts in the file."""
     file = open_gyro(path)
     assert (file.format, file.axes, file.log.epoch_ns) == (format, axes, EPOCH)
-    np.testing.assert_array_equal(file.log.t, (TIMESTAMP_MARKS - EPOCH) * 1e-9)
+    np.testing.assert_array_equal(file.log.t, (STAMPS - EPOCH) * 1e-9)
     # a unit costs one multiplication
     np.testing.assert_allclose(file.log.omega, rates, rtol=1e-15)
     return dict(file.facts)
@@ -95,7 +95,7 @@ TABLES = {
 
 @pytest.mark.parametrize(("header", "pattern", "format", "axes"), TABLES.values(), ids=TABLES)
 def test_tables(write: Write, header: str, pattern: str, format: str, axes: str) -> None:
-    assert_holds_the_samples(write(header + rows(pattern)), format, axes)
+    assert_contains_the_samples(write(header + rows(pattern)), format, axes)
 
 
 def test_opencamera_while_the_camera_turns_faster_and_faster(write: Write) -> None:
@@ -105,26 +105,26 @@ def test_opencamera_while_the_camera_turns_faster_and_faster(write: Write) -> No
 
 
 @pytest.mark.parametrize("unit", ["deg/s", "°/s", "dps", "degrees/s"])
-def test_degrees_are_told_by_the_header(write: Write, unit: str) -> None:
+def test_the_header_declares_degrees(write: Write, unit: str) -> None:
     header = f"timestamp (ns),gyro_x ({unit}),gyro_y ({unit}),gyro_z ({unit})\n"
     file = open_gyro(write(header + rows("{t},{x},{y},{z}", np.pi / 180)))
     assert file.rate_unit == "deg/s"
     np.testing.assert_allclose(file.log.omega, RATES, rtol=1e-12)
 
 
-def test_degrees_are_told_by_the_user(write: Write) -> None:
+def test_the_user_declares_degrees(write: Write) -> None:
     path = write(rows("{t},{x},{y},{z}", np.pi / 180))
     np.testing.assert_allclose(read_gyro(path, unit="deg/s").omega, RATES, rtol=1e-12)
 
 
 def test_decimal_commas(write: Write) -> None:
     header = '"Time (s)";"Gyroscope x (rad/s)";"Gyroscope y (rad/s)";"Gyroscope z (rad/s)"\n'
-    assert_holds_the_samples(write(header + rows("{s};{x};{y};{z}").replace(".", ",")), "phyphox", "phone")
-    assert_holds_the_samples(write(rows("{s}\t{x}\t{y}\t{z}").replace(".", ",")), "plain", "sensor")
+    assert_contains_the_samples(write(header + rows("{s};{x};{y};{z}").replace(".", ",")), "phyphox", "phone")
+    assert_contains_the_samples(write(rows("{s}\t{x}\t{y}\t{z}").replace(".", ",")), "plain", "sensor")
 
 
 def test_text_of_sixteen_bits(write: Write) -> None:
-    assert_holds_the_samples(write(rows("{t}\t{x}\t{y}\t{z}").encode("utf-16")), "plain", "sensor")
+    assert_contains_the_samples(write(rows("{t}\t{x}\t{y}\t{z}").encode("utf-16")), "plain", "sensor")
 
 
 def test_spreadsheets_round_stamps_but_keep_their_place(write: Write) -> None:
@@ -137,7 +137,7 @@ def test_spreadsheets_round_stamps_but_keep_their_place(write: Write) -> None:
 @pytest.mark.parametrize("pattern", ["time,seconds_elapsed,z,y,x\n{t},0,{z},{y},{x}", "{x},{y},{z},{t}"])
 def test_another_sensor_of_the_same_columns_is_refused(write: Write, name: str, pattern: str) -> None:
     header, _, line = pattern.rpartition("\n")
-    with pytest.raises(FileFormatError, match="by its name these are the samples of another sensor"):
+    with pytest.raises(FileFormatError, match="the file is named after another sensor"):
         read_gyro(write(f"{header}\n{rows(line)}", name))
 
 
@@ -156,7 +156,7 @@ class TestZip:
             archive.writestr("session/GyroscopeUncalibrated.csv", content)
             archive.writestr("session/Gyroscope.csv", content)
             archive.writestr("session/Metadata.csv", "version,device name,platform\n3,SM-S931N,android\n")
-        facts = assert_holds_the_samples(tmp_path / "export.zip", "sensorlogger", "phone")
+        facts = assert_contains_the_samples(tmp_path / "export.zip", "sensorlogger", "phone")
         assert facts == {"device name": "SM-S931N", "platform": "android"}
 
     def test_without_a_gyroscope(self, tmp_path: Path) -> None:
@@ -167,7 +167,7 @@ class TestZip:
             read_gyro(path)
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("picture.png", b"")
-        with pytest.raises(FileFormatError, match=r"export\.zip: the archive holds no gyro log"):
+        with pytest.raises(FileFormatError, match=r"export\.zip: the archive contains no gyro log"):
             read_gyro(path)
 
     def test_damaged(self, write: Write) -> None:
@@ -179,13 +179,13 @@ class TestSensorLoggerJson:
     def entries(self, sensor: str) -> list[dict[str, str]]:
         return [
             {"sensor": sensor, "time": str(t), "seconds_elapsed": "0.1", "x": str(x), "y": str(y), "z": str(z)}
-            for t, (x, y, z) in zip(TIMESTAMP_MARKS.tolist(), RATES.tolist(), strict=True)
+            for t, (x, y, z) in zip(STAMPS.tolist(), RATES.tolist(), strict=True)
         ]
 
     def test_the_gyroscope_is_found(self, write: Write) -> None:
         meta = {"sensor": "Metadata", "device name": "phone", "platform": "ios"}
         content = [meta, *self.entries("Accelerometer"), *self.entries("Gyroscope")]
-        facts = assert_holds_the_samples(write(json.dumps(content)), "sensorlogger-json", "phone")
+        facts = assert_contains_the_samples(write(json.dumps(content)), "sensorlogger-json", "phone")
         assert facts == {"sensor": "Gyroscope", "device name": "phone", "platform": "ios"}
 
     def test_without_a_gyroscope(self, write: Write) -> None:
@@ -203,7 +203,7 @@ class TestSensorLoggerJson:
 
 def trailer(count: int = len(RATES), oldest: int = 7, total: int = 16384) -> bytes:
     """Return a JPEG with a ring buffer of samples at its end."""
-    ring = [struct.pack("<q3fi", t, *rate, 0) for t, rate in zip(TIMESTAMP_MARKS.tolist(), RATES.tolist(), strict=True)]
+    ring = [struct.pack("<q3fi", t, *rate, 0) for t, rate in zip(STAMPS.tolist(), RATES.tolist(), strict=True)]
     ring = ring[len(ring) - oldest :] + ring[: len(ring) - oldest]
     header = struct.pack("<16sqIIq", b"GYRODATA", EPOCH + 99, count, oldest, EPOCH)
     return b"\xff\xd8\xff\xe0 a picture \xff\xd9" + (header + b"".join(ring)).ljust(total, b"\0")
@@ -212,7 +212,7 @@ def trailer(count: int = len(RATES), oldest: int = 7, total: int = 16384) -> byt
 class TestTrailer:
     def test_the_ring_is_unrolled(self, write: Write) -> None:
         path = write(trailer(), "IMG.jpg")
-        facts = assert_holds_the_samples(path, "gyrodata", "phone", RATES.astype(np.float32))
+        facts = assert_contains_the_samples(path, "gyrodata", "phone", RATES.astype(np.float32))
         assert facts == {"capture_ns": EPOCH + 99, "shutter_command_ns": EPOCH}
 
     @pytest.mark.parametrize(("count", "oldest"), [(0, 0), (700, 0), (40, 41), (2**32 - 1, 0)])
@@ -328,11 +328,11 @@ class TestVideo:
 
     def test_without_telemetry(self, write: Write) -> None:
         pytest.importorskip("telemetry_parser")
-        with pytest.raises(FileFormatError, match=r"video\.mp4: the video holds no gyro data"):
+        with pytest.raises(FileFormatError, match=r"video\.mp4: the video contains no gyro data"):
             read_gyro(write(b"\0\0\0\x18ftypmp42" + bytes(99), "video.mp4"))
 
 
-# What every sample of a gyro log is: format, axes, unit of the rates, samples, first stamp in ns, rate in Hz.
+# For each sample file: format, axes, unit of the rates, number of samples, first stamp in ns, rate in Hz.
 SAMPLES = {
     "euroc/data.csv": ("euroc", "sensor", "rad/s", 5000, 1_403_636_579_758_560_000, 200.0),
     "gcsv/docs_example_v1.3.gcsv": ("gcsv", "gyroflow", "rad/s", 16, 0, 1000.0),
@@ -375,6 +375,6 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("name", "reason"), REFUSED.items())
-def test_what_is_no_gyro_log_is_refused(data_dir: Path, name: str, reason: str) -> None:
+def test_other_files_are_refused(data_dir: Path, name: str, reason: str) -> None:
     with pytest.raises(FileFormatError, match=reason):
         read_gyro(data_dir / "formats" / name)

@@ -14,7 +14,7 @@ from rsdeblur.io import detect_gyro_format, read_gyro
 from rsdeblur.io.gyro_logs import FORMATS
 from rsdeblur.motion.axes import imu_to_camera
 
-# A stamp that float64 cannot hold: its neighbours there are 256 ns apart.
+# A stamp that float64 cannot represent: its neighbours there are 256 ns apart.
 EPOCH = 1_766_385_749_427_863_801
 STEP = 5_000_000
 RATES = [(0.1, -0.2, 0.3), (0.11, -0.21, 3.8e-4), (-1.5, 0.0, 2.0), (0.0, 1.0, -1.0)]
@@ -56,13 +56,13 @@ def test_plain_separators_and_headers(write: Write, separator: str, header: str)
 
 
 @pytest.mark.parametrize("unit", [1, 10**3, 10**6, 10**9], ids=["ns", "us", "ms", "s"])
-def test_plain_units_are_told_from_the_spacing_and_stamps_stay_exact(write: Write, unit: int) -> None:
+def test_plain_units_follow_from_the_spacing_and_stamps_stay_exact(write: Write, unit: int) -> None:
     assert_is_reference(write(table(unit=unit)), "plain")
 
 
 @pytest.mark.parametrize(("unit", "name"), [(10**9, "s"), (10**6, "ms"), (10**3, "us"), (1, "ns")])
 @pytest.mark.parametrize("rate", [20, 8000])
-def test_the_slowest_and_the_fastest_gyro_are_told_apart_in_all_units(
+def test_the_slowest_and_the_fastest_gyro_are_recognised_in_all_units(
     write: Write, unit: int, name: str, rate: int
 ) -> None:
     step = Decimal(10**9) / rate / unit
@@ -102,7 +102,7 @@ def test_mars(write: Write, header: str, separator: str) -> None:
     assert_is_reference(write(f"{header}\n{body}"), "mars")
 
 
-def test_mars_needs_no_gyro_rate_to_tell_its_unit(write: Write) -> None:
+def test_mars_states_its_unit_whatever_the_rate(write: Write) -> None:
     assert read_gyro(write(f"{MARS_HEADER}\n0,0,0,0\n1000000000,0,0,0\n")).rate == pytest.approx(1)
 
 
@@ -128,7 +128,7 @@ def test_gcsv(write: Write, first: str, mark: str, columns: str) -> None:
 
 
 def test_gcsv_defaults_are_milliseconds_and_radians(write: Write) -> None:
-    with pytest.warns(RsdeblurWarning, match="orientation xzY, is taken"):
+    with pytest.warns(RsdeblurWarning, match="default, xzY, is assumed"):
         log = read_gyro(write("GYROFLOW IMU LOG\nt,gx,gy,gz\n0,1,2,3\n4,1,2,3\n"))
     np.testing.assert_array_equal(log.t, [0, 4_000_000 * 1e-9])
     np.testing.assert_array_equal(log.omega[0], [-1, -3, 2])
@@ -238,14 +238,14 @@ WHOLE_FILE_FAULTS = {
     "blank": ("\n \n", "empty"),
     "comments only": ("# t wx wy wz\n", "empty but for comments"),
     "binary": ("t,wx,wy,wz\n\0\1\2", "binary"),
-    "header only": ("t,wx,wy,wz\n", "holds no samples"),
-    "mars header only": (MARS_HEADER, "holds no samples"),
+    "header only": ("t,wx,wy,wz\n", "no samples"),
+    "mars header only": (MARS_HEADER, "no samples"),
     "gcsv without columns": (GCSV, "no line `t,gx,gy,gz`"),
-    "gcsv without samples": (GCSV + "t,gx,gy,gz\n", "holds no samples"),
+    "gcsv without samples": (GCSV + "t,gx,gy,gz\n", "no samples"),
     "deepgyro without gyro": ("1 0 1 2 3\n2 5 1 2 3\n", "no line is of type 4"),
     "one mars sample": (f"{MARS_HEADER}\n0,1,2,3\n", "at least 2 samples"),
-    "10 Hz": ("0.0,1,2,3\n0.1,1,2,3\n0.2,1,2,3\n", "cannot tell the unit of time: .*0.1"),
-    "10 kHz in ns": ("0,1,2,3\n100000,1,2,3\n", "cannot tell the unit of time"),
+    "10 Hz": ("0.0,1,2,3\n0.1,1,2,3\n0.2,1,2,3\n", "cannot determine the unit of time: .*0.1"),
+    "10 kHz in ns": ("0,1,2,3\n100000,1,2,3\n", "cannot determine the unit of time"),
 }
 
 

@@ -1,4 +1,4 @@
-"""Pictures that stay in their files: what is mapped is what is read, and a file appears whole or not at all."""
+"""Pictures that stay in their files: maps equal what is read, and a file appears whole or not at all."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def pixels_of(dtype: str, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def exif_of(picture: Picture) -> tuple[object, object, object]:
-    found = Image.Exif()
-    found.load(picture.exif)
-    return found[271], found[274], found.get_ifd(34665)[33434]
+    block = Image.Exif()
+    block.load(picture.exif)
+    return block[271], block[274], block.get_ifd(34665)[33434]
 
 
 @pytest.mark.parametrize("suffix", [".tif", ".npy"])

@@ -1,4 +1,4 @@
-"""Pictures: what is read is what is stored, what is written comes back, and nothing is lost on the way."""
+"""Pictures: reading returns what is stored, what is written comes back, and nothing is lost between."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image, ImageCms
+from PIL.JpegImagePlugin import JpegImageFile
 
 from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
 from rsdeblur.io import Picture, check_writable, pictures, read_picture, write_picture
 
 RGB_PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
-# The same header fields as a real grey profile; nothing here looks further.
+# It has the header fields of a real grey profile; nothing here reads more.
 GREY_PROFILE = RGB_PROFILE[:16] + b"GRAY" + RGB_PROFILE[20:]
-BOUNDARIES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".PNG")
+EXTENSIONS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".PNG")
 
 
 def exif_block() -> bytes:
@@ -101,6 +102,7 @@ def test_jpeg_round_trip(tmp_path: Path, channels: tuple[int, ...]) -> None:
     # Quality 95 quantises the coefficients in steps of 1 to 12 levels.
     assert np.abs(as_float(again.pixels) - image).max() < 4 / 255
     with Image.open(path) as opened:
+        assert isinstance(opened, JpegImageFile)
         assert channels == () or {layer[1:3] for layer in opened.layer} == {(1, 1)}
 
 
@@ -113,7 +115,7 @@ def test_jpeg_round_trip(tmp_path: Path, channels: tuple[int, ...]) -> None:
         ("uint8", ".tif", "uint8"),
     ],
 )
-def test_depth_is_that_of_like_as_far_as_the_format_goes(
+def test_depth_is_that_of_like_or_the_next_lower_one(
     tmp_path: Path, source: str, extension: str, expected: str
 ) -> None:
     path = tmp_path / f"picture{extension}"
@@ -130,7 +132,7 @@ def test_bits_override_like(tmp_path: Path) -> None:
         write_picture(tmp_path / "picture.jpg", np.zeros((4, 4)), bits=16)
 
 
-@pytest.mark.parametrize("extension", BOUNDARIES)
+@pytest.mark.parametrize("extension", EXTENSIONS)
 @pytest.mark.parametrize("value", [0.0, 0.5, 1.0])
 def test_constant_pictures(tmp_path: Path, extension: str, value: float) -> None:
     path = tmp_path / f"picture{extension}"
@@ -172,7 +174,7 @@ def test_tiff_without_metadata_has_no_exif(tmp_path: Path) -> None:
     assert (picture.exif, picture.icc_profile) == (None, None)
 
 
-def test_damaged_exif_does_not_cost_the_tiff(tmp_path: Path) -> None:
+def test_damaged_exif_does_not_prevent_the_tiff(tmp_path: Path) -> None:
     with pytest.warns(RsdeblurWarning, match="EXIF block is damaged"):
         write_picture(tmp_path / "picture.tif", np.ones((4, 4)), like=Picture(np.zeros(1, np.uint8), b"Exif\0\0junk"))
     assert read_picture(tmp_path / "picture.tif").pixels.min() == 255
@@ -224,7 +226,7 @@ FOREIGN = {
 
 
 @pytest.mark.parametrize(("data", "expected"), FOREIGN.values(), ids=FOREIGN)
-def test_what_others_write(tmp_path: Path, data: bytes, expected: np.ndarray[Any, Any]) -> None:
+def test_files_of_other_programs(tmp_path: Path, data: bytes, expected: np.ndarray[Any, Any]) -> None:
     pixels = read_bytes(tmp_path, data).pixels
     assert pixels.dtype == expected.dtype
     np.testing.assert_array_equal(pixels, expected)
@@ -276,7 +278,7 @@ DAMAGED = {
 def test_damaged_files_are_refused_by_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, data: bytes, message: str
 ) -> None:
-    # No test writes a TIFF of 500 megapixels.
+    # The limit is lowered, because a TIFF of 500 megapixels is too large for a test.
     if "4x4" in message:
         monkeypatch.setattr(pictures, "MAX_PIXELS", 15)
     with pytest.raises(FileFormatError, match=f"^{tmp_path / 'picture'}: .*{message}"):
@@ -297,7 +299,7 @@ def test_missing_file_and_folder(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["PNG", "TIFF"])
-def test_the_own_size_limit_rules_and_lets_200_megapixels_through(
+def test_our_size_limit_replaces_pillows_and_admits_200_megapixels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
     data = encoded(OPENED, kind)

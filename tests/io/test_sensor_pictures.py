@@ -1,4 +1,4 @@
-"""Pictures as phones and cameras store them: HEIC and raw files, in the sensor's own axes and in light."""
+"""HEIC and raw files: pixels are in the sensor's axes, and those of raw files linear in light."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def exif_of(orientation: int) -> bytes:
 class TestHeif:
     @pytest.mark.parametrize("orientation", [1, 3, 6, 8])
     def test_the_sensors_axes_are_kept(self, tmp_path: Path, orientation: int) -> None:
-        """Viewers turn it, as they do a JPEG of the same phone; the pixels stay as the sensor read them."""
+        """Viewers turn the picture, as they do a JPEG of the same phone; the pixels stay in the sensor's axes."""
         heif = pytest.importorskip("pillow_heif")
         heif.register_heif_opener()
         stored = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3)).astype(np.uint8)
@@ -65,7 +65,7 @@ class TestHeif:
 
 
 def dng(path: Path, mosaic: np.ndarray, orientation: int = 1) -> Path:
-    """Write the smallest DNG: an RGGB mosaic of a camera whose colours are those of sRGB."""
+    """Write a minimal DNG: an RGGB mosaic of a camera whose primaries are those of sRGB."""
 
     def rationals(*values: float) -> tuple[int, ...]:
         return tuple(number for value in values for number in (round(value * 10000), 10000))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from decimal import Decimal
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from rsdeblur.io import text
 from rsdeblur.io.text import Table, TextFile, read_table
 
 UNITS = [Decimal(1), Decimal(10**9), Decimal("976562.5"), Decimal("0.3"), Decimal("0.5"), Decimal("1e-3")]
-FORMS = {
+FORMS: dict[str, Callable[[np.random.Generator], str]] = {
     "whole": lambda rng: str(rng.integers(-(10**6), 10**17)),
     "halves": lambda rng: f"{rng.integers(10**6)}{rng.choice(['', '.5', '.25', '.50'])}",
     "decimals": lambda rng: f"{rng.uniform(-10, 1e6):.{rng.integers(10)}f}",

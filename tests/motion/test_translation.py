@@ -82,7 +82,16 @@ def test_what_the_simulator_moves_is_undone(shaky_log, turned, geometry, lens):
     truth = pictures.rectified if geometry == "rectify" else pictures.rolling
 
     def gain(translation):
-        image = deblur(pictures.blurred, log, camera, EXPOSURE, nsr=3e-3, geometry=geometry, translation=translation)
+        image = deblur(
+            pictures.blurred,
+            log,
+            camera,
+            EXPOSURE,
+            nsr=3e-3,
+            geometry=geometry,
+            translation=translation,
+            prior="wiener",
+        )
         return quality(image.image, truth) - quality(pictures.blurred, truth)
 
     # Without the translation half of the motion is unknown; with it the blur goes as it does for rotations (3 dB and

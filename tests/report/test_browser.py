@@ -1,6 +1,6 @@
 """The report's page in a real browser: divider, zoom, keyboard, touch, choice of pictures, and no error on the console.
 
-Wants the package playwright (extra `browser-test`) and a Chromium: the one that RSDEBLUR_CHROMIUM names, or one on the
+Needs the package playwright (extra `browser-test`) and a Chromium: the one named by RSDEBLUR_CHROMIUM, or one on the
 path.
 """
 
@@ -47,7 +47,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def show(browser, report_page, tmp_path):
-    """Open a report in a new window; at the end there must have been no error and no request but for the page."""
+    """Open a report in a new window; at the end, there must be no error and no request other than for the page."""
     complaints: list[str] = []
     contexts = []
 
@@ -100,7 +100,7 @@ def centre(tab: Tab, x: float = 0.5, y: float = 0.5) -> tuple[float, float]:
 
 
 def pointed(tab: Tab, x: float, y: float) -> tuple[int, int]:
-    """Return the picture's pixel under these shares of the stage, as the page tells it."""
+    """Return the picture's pixel under these shares of the stage, as the page shows it."""
     tab.mouse.move(*centre(tab, x, y))
     words = tab.inner_text("#pointer").replace(",", "").replace(":", "").split()
     return int(words[1]), int(words[3])

@@ -1,4 +1,4 @@
-"""Drawings show what they are meant to show, where it belongs."""
+"""Drawings: each part is shown, and at its place."""
 
 from __future__ import annotations
 

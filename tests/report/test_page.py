@@ -1,4 +1,4 @@
-"""The report's page without a browser: its structure, its escaping, its size, and what it tells."""
+"""The report's page without a browser: its structure, its escaping, its size, and its figures and findings."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+import rsdeblur
 from rsdeblur.errors import InputError, OutputError
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
@@ -68,6 +69,15 @@ def test_the_page_is_whole_and_accessible(report_page) -> None:
     columns = outline.texts["th"]
     assert {"mode", "time s", "apply s", "global", "banded", "0 to 16"} <= set(columns)
     assert "Recording" in outline.texts["h3"]
+
+
+def test_every_stage_of_deblurring_has_a_column(report_page, shaky_log) -> None:
+    picture = np.random.default_rng(0).random((64, 64), dtype=np.float32)
+    capture = shaky_log(), Camera(64, 64, 90.0, readout_time=0.03), Exposure(0.1, 0.04)
+    timings = rsdeblur.deblur(picture, *capture, saturation="auto", geometry="rectify").timings
+    page = report_page()
+    page = replace(page, modes={"banded": {**page.modes["banded"], "timings": timings}})
+    assert {f"{stage} s" for stage in timings} <= set(Outline(render(page)).texts["th"])
 
 
 def test_nothing_is_fetched_and_no_foreign_script_may_run(report_page) -> None:
@@ -151,25 +161,25 @@ def test_the_plot_shows_camera_axes_and_each_lines_window(shaky_log, direction) 
     np.testing.assert_allclose(plot.rates[0], camera.imu_to_camera @ log.omega[i])
 
 
-def test_sharper_edges_and_waves_are_told_apart() -> None:
+def test_sharpness_and_ringing_are_separated() -> None:
     y, x = np.mgrid[:128, :160].astype(float)
     # Edges as boxes of 21 and 7 px leave them: ramps.
     blurred, sharp = (0.3 + 0.4 * np.clip((x - 120) / width + 0.5, 0, 1) for width in (21, 7))
     # Waves of 1 % amplitude, hence 0.71 % root mean square, in the lower four bands where the input is even.
     ringing = sharp + np.where((y >= 64) & (x < 90), 0.01 * np.sin(2 * np.pi * x / 10), 0.0)
-    found = band_figures({"input": blurred, "sharp": sharp, "ringing": ringing}, (9, 21))
-    assert found.edges == tuple(range(0, 129, 16))
-    assert found.sharpness["input"] == (1.0,) * 8
-    # Single precision; at half the size both ramps still have pixels that see nothing else.
-    np.testing.assert_allclose(found.sharpness["sharp"], 3.0, rtol=1e-4)
+    figures = band_figures({"input": blurred, "sharp": sharp, "ringing": ringing}, (9, 21))
+    assert figures.edges == tuple(range(0, 129, 16))
+    assert figures.sharpness["input"] == (1.0,) * 8
+    # Single precision; at half the size both ramps still have pixels whose gradient depends on the ramp alone.
+    np.testing.assert_allclose(figures.sharpness["sharp"], 3.0, rtol=1e-4)
     # A window of 21 px that lies where the input is even never meets the edge itself.
-    np.testing.assert_allclose(found.ringing["sharp"], 0.0, atol=0.05)
-    upper, lower = np.split(np.array(found.ringing["ringing"]), 2)
+    np.testing.assert_allclose(figures.ringing["sharp"], 0.0, atol=0.05)
+    upper, lower = np.split(np.array(figures.ringing["ringing"]), 2)
     np.testing.assert_allclose(upper[:3], 0.0, atol=0.05)
     # Of the 160 columns, some 110 are even and 90 hold waves; halving and the window's mean take a tenth.
     np.testing.assert_allclose(lower[1:], 0.9 * 0.71 * np.sqrt(90 / 110), rtol=0.15)
     turned = band_figures({"input": blurred.T, "sharp": sharp.T}, (21, 9), across=True)
-    np.testing.assert_allclose(turned.sharpness["sharp"], found.sharpness["sharp"], rtol=1e-5)
+    np.testing.assert_allclose(turned.sharpness["sharp"], figures.sharpness["sharp"], rtol=1e-5)
 
 
 def test_noise_alone_shows_no_edges_and_texture_nothing_even() -> None:
@@ -182,8 +192,8 @@ def test_noise_alone_shows_no_edges_and_texture_nothing_even() -> None:
         band_figures({"a": noise, "b": texture}, (5, 5))
 
 
-def levels(found) -> dict[str, str]:
-    return {finding.subject: finding.level for finding in found}
+def levels(outcomes) -> dict[str, str]:
+    return {finding.subject: finding.level for finding in outcomes}
 
 
 def test_findings_of_a_good_and_of_a_bad_capture() -> None:
@@ -206,7 +216,7 @@ def test_findings_of_a_good_and_of_a_bad_capture() -> None:
         "Motion": "warning",
         "Coverage": "note",
         "Gaps": "note",
-        "Unseen parts": "note",
+        "Unexposed parts": "note",
         "Sampling": "good",
     }
     texts = {finding.subject: finding.text for finding in bad}
