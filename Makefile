@@ -26,6 +26,7 @@ lint: $(VENV_PYTHON)
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/codespell
+	$(BIN)/numpydoc lint rsdeblur/*.py rsdeblur/*/*.py
 
 # The C test program: plain, under sanitizers, and under valgrind where that is installed.
 test-c: $(VENV_PYTHON)
