@@ -36,4 +36,5 @@ from .psf import PsfBank as PsfBank
 from .simulation.simulate import Simulation as Simulation
 from .simulation.simulate import simulate as simulate
 
+__all__: list[str]
 __version__: str

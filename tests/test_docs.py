@@ -85,7 +85,8 @@ def test_options_are_those_of_the_commands(page: Path) -> None:
         if not line.startswith("rsdeblur "):
             continue
         words = line.replace("\\\n", " ").split()[1:]
-        command, context = main, click.Context(main)
+        command: click.Command = main
+        context = click.Context(main)
         while isinstance(command, click.Group):
             found = command.get_command(context, words.pop(0))
             assert found is not None, line

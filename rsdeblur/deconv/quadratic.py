@@ -31,12 +31,14 @@ class TileQuadratic(TileFilter):
 
     Parameters
     ----------
-    bank, border, planning, threads
+    bank : PsfBank
         See :class:`rsdeblur.Deconvolver`.
     shape : (H, W) or (H, W, C)
         Shape of the pictures.
     nsr : float, default 0.001
         Share of the signal's power that the model of the blur gets wrong, as at the borders; not negative.
+    border, planning, threads
+        See :class:`rsdeblur.Deconvolver`.
 
     Raises
     ------

@@ -182,10 +182,12 @@ def psfs(
 
     Parameters
     ----------
-    log, camera, exposure, mode, bands, strips, motion, translation
+    log, camera, exposure, mode, bands, strips
         See :func:`deblur`.
     nsr : float, default 0.01
         Noise-to-signal ratio that the automatic number of bands goes by; :func:`deblur` derives it from the picture.
+    motion, translation
+        See :func:`deblur`.
 
     Returns
     -------

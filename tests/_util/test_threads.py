@@ -78,7 +78,7 @@ def test_drawing_and_warping_give_the_same_bits(threads: int) -> None:
 @pytest.mark.parametrize("mode", ["global", "banded", "rowwise"])
 @pytest.mark.parametrize("prior", ["wiener", "tv"])
 def test_one_thread_is_the_callers(mode: str, prior: str, no_new_threads: None) -> None:
-    capture = load._shot()
+    capture = load._recording()
     picture = load._pictures(1)[0]
     deblur(picture, *capture, mode=mode, prior=prior, saturation="auto", threads=1)
     paths = BlurPaths.every_row(Capture.from_log(*capture), [20.0])

@@ -81,7 +81,7 @@ def test_what_was_changed_is_not_given_to_fftw(cache_dir, monkeypatch):
     fft.remember()
     (kept,) = cache_dir.iterdir()
     given = []
-    monkeypatch.setattr(fft.pyfftw, "import_wisdom", given.append)
+    monkeypatch.setattr("rsdeblur.deconv.fft.pyfftw.import_wisdom", given.append)
     fft._read_wisdom()
     assert len(given) == 1
     good = kept.read_bytes()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rsdeblur import GradientPrior, InputError, RowBlur, RowDeconvolver, restore
-from rsdeblur.kernels import rowwise
+from rsdeblur.kernels import native, rowwise
 from rsdeblur.simulation.scene import scene
 from tests.deconv.test_rowwise_blur import H, W, still_paths, wavy_paths
 
@@ -125,7 +125,7 @@ def test_threads_change_nothing(picture):
 def test_conjugate_gradients_agree(picture):
     paths = wavy_paths(down=6.0)
     direct, cg = (RowDeconvolver(paths, picture.shape, solver=solver) for solver in ("direct", "cg"))
-    if rowwise.native:
+    if native:
         assert cg.memory < direct.memory
     difference = direct.apply(picture) - cg.apply(picture)
     # A residual of 1e-3 leaves some 60 dB.

@@ -45,8 +45,8 @@ def random_model(rng, rows, tallest):
     ]
     start = np.cumsum([0, *map(len, order)])
     shift, weight = zip(*[(s, w) for pair in order for _, _, s, w in pair], strict=True)
-    index = [np.array(values, dtype=np.int32) for values in (first, end, coupled, start, shift)]
-    return RowModel(*index, np.array(weight, dtype=np.float32)), taps
+    arrays = [np.array(values, dtype=np.int32) for values in (first, end, coupled, start, shift)]
+    return RowModel._make([*arrays, np.array(weight, dtype=np.float32)]), taps
 
 
 def case(rows=20, tallest=7, channels=3, seed=0):

@@ -28,6 +28,12 @@ def irregular_times(n, span, seed=0):
     return np.concatenate([[0.0], np.cumsum(steps)]) * span / steps.sum()
 
 
+def whole_track(log, camera):
+    """Return the track over the whole log."""
+    start, end = log.span
+    return OrientationTrack.from_log(log, camera, start, end, 0)
+
+
 class TestIntegration:
     @pytest.mark.filterwarnings("ignore:gyro rates look like degrees")
     @pytest.mark.parametrize("rate", [(0, 0, 0), (3, 0, 0), (0, -0.7, 0), (0, 0, 25), (1.3, -2.1, 0.4)])
@@ -79,7 +85,7 @@ class TestIntegration:
 
     def test_starts_at_identity_and_meets_its_own_samples(self, shaky_log):
         log = shaky_log()
-        track = OrientationTrack.from_log(log, CAMERA, *log.span, 0)
+        track = whole_track(log, CAMERA)
         assert np.array_equal(track.rotations[0], np.eye(3))
         np.testing.assert_allclose(track.at(track.t), track.rotations, atol=ROUNDING)
         assert track.at(np.zeros((4, 5))).shape == (4, 5, 3, 3)
@@ -95,7 +101,7 @@ class TestIntegration:
     @pytest.mark.parametrize("axis", range(3))
     def test_about_a_fixed_axis_angles_are_the_rotation(self, shaky_log, axis):
         log = shaky_log(np.eye(3)[axis])
-        track = OrientationTrack.from_log(log, CAMERA, *log.span, 0)
+        track = whole_track(log, CAMERA)
         times = np.linspace(*log.span, 55)
         expected = Rotation.from_rotvec(-track.angles(times)).as_matrix()
         np.testing.assert_allclose(track.at(times), expected, atol=ROUNDING)
@@ -104,8 +110,8 @@ class TestIntegration:
         log = shaky_log()
         turn = Rotation.from_rotvec([0.3, -1.2, 2.0]).as_matrix()
         turned = Camera(64, 48, 80.0, imu_to_camera=turn)
-        straight = OrientationTrack.from_log(log, CAMERA, *log.span, 0)
-        rotated = OrientationTrack.from_log(log, turned, *log.span, 0)
+        straight = whole_track(log, CAMERA)
+        rotated = whole_track(log, turned)
         times = np.linspace(*log.span, 23)
         # A change of basis: exp(-[R w]x) = R exp(-[w]x) R^T.
         np.testing.assert_allclose(rotated.at(times), turn @ straight.at(times) @ turn.T, atol=ROUNDING)
@@ -155,7 +161,7 @@ class TestCovering:
         assert len(part) == 21
 
     def test_the_log_may_end_with_the_window(self, log):
-        assert len(log.covering(*log.span, 0)) == len(log)
+        assert len(log.covering(*log.span, epoch_ns=0)) == len(log)
 
     def test_late(self, log):
         with pytest.raises(CoverageError, match=r"misses 12\.500 ms at its start; check") as caught:
@@ -193,12 +199,12 @@ class TestCovering:
     def test_window_that_touches_a_gap(self, log, window):
         holed = GyroLog(np.delete(log.t, slice(40, 50)), np.delete(log.omega, slice(40, 50), axis=0))
         with pytest.raises(GapError):
-            holed.covering(*window, 0)
+            holed.covering(window[0], window[1], 0)
 
     @pytest.mark.parametrize("window", [(0.05, 0.195), (0.25, 0.4)])
     def test_gap_outside_is_no_matter(self, log, window):
         holed = GyroLog(np.delete(log.t, slice(40, 50)), np.delete(log.omega, slice(40, 50), axis=0))
-        assert holed.covering(*window, 0).span == pytest.approx(window)
+        assert holed.covering(window[0], window[1], 0).span == pytest.approx(window)
 
     def test_the_neighbourhood_tells_what_a_gap_is(self):
         # The second half of the log has a fifth of the sampling rate of the first half, and a gap.

@@ -288,7 +288,7 @@ class TestChange:
             centres, grid = tile_centres(tiles, length), [probe.rows, probe.cols]
             between = np.linspace(centres[0], centres[-1], 41)
             coarse, true = (
-                _paths_with_the_times_of_the_probe(capture, *grid[:axis], places, *grid[axis + 1 :])
+                _paths_with_the_times_of_the_probe(capture, *((places, grid[1]) if axis == 0 else (grid[0], places)))
                 for places in (centres, between)
             )
             weights = np.stack([np.interp(between, centres, unit) for unit in np.eye(tiles)], axis=1)

@@ -66,4 +66,4 @@ def test_levels_are_those_of_a_real_phone(data_dir: Path, band: str) -> None:
 )
 def test_refuses_what_makes_no_log(arguments: dict[str, float]) -> None:
     with pytest.raises(InputError):
-        hand_shake(**arguments)  # type: ignore[arg-type]  # the seed, an int, is not among them
+        hand_shake(**arguments)
