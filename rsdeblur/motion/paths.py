@@ -145,9 +145,9 @@ class Capture:
         """Poses of all rows, from half a height above the picture to half a height below; paths may leave it."""
         rows = np.arange(2.0 * self.camera.lines) - self.camera.lines // 2
         mid = self.mid(rows)
-        turned = self.track.at(mid)
-        moved = -turned @ self.position(mid)[..., None]
-        return RowPoses(self.camera, np.concatenate([turned, moved], axis=-1).reshape(-1, 12))
+        rotations = self.track.at(mid)
+        shifts = -rotations @ self.position(mid)[..., None]
+        return RowPoses(self.camera, np.concatenate([rotations, shifts], axis=-1).reshape(-1, 12))
 
     def position(self, times: FloatArray) -> FloatArray:
         """Return the positions of the camera at `times`, in units of the scene's depth; shape `times.shape + (3,)`."""
@@ -339,10 +339,10 @@ def _rotation_paths(
 ) -> FloatArray:
     camera = capture.camera
     points = np.stack(np.meshgrid(cols, rows), axis=-1)[:, :, None, :]  # (B, S, 1, 2), x before y
-    seen = capture.points(points)[:, :, 0]
+    scene = capture.points(points)[:, :, 0]
     times = capture.times(rows, samples)
     orientation = capture.track.at(times)  # (B, T, 3, 3)
-    world = np.einsum("btji,bsj->bsti", orientation, seen) + capture.position(times)[:, None]
+    world = np.einsum("btji,bsj->bsti", orientation, scene) + capture.position(times)[:, None]
     if geometry == "rectify":
         return points - camera.project((world - capture.position(capture.middle)) @ capture.track.at(capture.middle).T)
     # The reference orientation of the pixel's own row is nearly right.
@@ -358,10 +358,10 @@ def _small_angle_paths(
     reference = capture.mid(rows) if geometry == "keep" else np.repeat(capture.middle, len(rows))
     times = capture.times(rows, samples)
     angles = capture.track.angles(times) - capture.track.angles(reference)[:, None]
-    moved = capture.position(times) - capture.position(reference)[:, None]
+    shifts = capture.position(times) - capture.position(reference)[:, None]
     fx, fy = capture.camera.focal_length
     # The picture moves by f (-theta_y, +theta_x), and opposite to the camera's translation.
-    d = np.stack([-fx * (angles[..., 1] + moved[..., 0]), fy * (angles[..., 0] - moved[..., 1])], axis=-1)
+    d = np.stack([-fx * (angles[..., 1] + shifts[..., 0]), fy * (angles[..., 0] - shifts[..., 1])], axis=-1)
     return np.repeat(d[:, None], len(cols), axis=1)
 
 
