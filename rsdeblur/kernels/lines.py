@@ -43,6 +43,7 @@ def picture_to_lines_numpy(
     Parameters
     ----------
     picture : ndarray, shape (H, W, C), float32
+        Values to copy.
     top, rows : int
         First row, and number of rows.
     start : int

@@ -123,6 +123,7 @@ def forward_numpy(
     Parameters
     ----------
     model : RowModel
+        The blur.
     table : ndarray, shape (n, 2, 16), float32
         Phases of the block, see :func:`phase_table`.
     data : ndarray, shape (C, H, 2, 16), float32

@@ -60,6 +60,7 @@ def shrunk_grad_adjoint(picture, top, rows, threshold, table, periodic, out):
     Parameters
     ----------
     picture : ndarray, shape (H, W, C), float32, C-contiguous
+        Values whose gradient is shrunk.
     top, rows : int
         First row to compute, and number of rows.
     threshold : float32
