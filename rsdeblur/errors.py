@@ -21,7 +21,10 @@ class InputError(RsdeblurError, ValueError):
 class FileFormatError(RsdeblurError, ValueError):
     """A file is empty, truncated, of another format, or contains an invalid value.
 
-    The message names the file and, for text, the line.
+    Parameters
+    ----------
+    message : str
+        Text that names the file and, in text files, the line; cut off after 8000 characters.
     """
 
     def __init__(self, message: str) -> None:

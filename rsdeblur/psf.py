@@ -77,6 +77,7 @@ class PsfBank:
         Returns
         -------
         PsfBank
+            Bank with one kernel per path.
         """
         # Bilinear weights reach the pixel beyond the last one.
         half_height, half_width = (int(np.floor(reach)) + 1 for reach in paths.extent)
@@ -99,6 +100,7 @@ class PsfBank:
         Returns
         -------
         PsfBank
+            Bank with these kernels.
 
         Raises
         ------
@@ -153,12 +155,18 @@ class PsfBank:
         Returns
         -------
         PsfBank
+            Bank with turned kernels and positions.
         """
         kernels = np.rot90(np.rot90(self.kernels, axes=(0, 1)), axes=(2, 3))
         return PsfBank(kernels, (height - 1 - self.cols)[::-1], self.rows)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the bank as a compressed NumPy archive; the file is replaced atomically.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
 
         Raises
         ------
@@ -171,6 +179,16 @@ class PsfBank:
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> PsfBank:
         """Read a bank written by :meth:`save`.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
+
+        Returns
+        -------
+        PsfBank
+            The bank.
 
         Raises
         ------

@@ -82,6 +82,7 @@ def real_array(
     Returns
     -------
     ndarray, float64, C-contiguous
+        The copy.
 
     Raises
     ------

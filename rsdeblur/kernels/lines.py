@@ -43,7 +43,7 @@ def picture_to_lines_numpy(
     Parameters
     ----------
     picture : ndarray, shape (H, W, C), float32
-        Input.
+        Values to copy.
     top, rows : int
         First row, and number of rows.
     start : int

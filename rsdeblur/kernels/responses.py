@@ -29,7 +29,7 @@ def responses(otf, across, down, nsr, beta, scale, of_grad_adjoint, out):
     out : ndarray, shape (K, L), complex64
         Output.
     """
-    kept = np.float32(1.0) + nsr
+    norm = np.float32(1.0) + nsr
     for k in range(otf.shape[0]):
         for j in range(otf.shape[1]):
             h = otf[k, j]
@@ -37,7 +37,7 @@ def responses(otf, across, down, nsr, beta, scale, of_grad_adjoint, out):
             if of_grad_adjoint:
                 out[k, j] = np.complex64(beta * gain)
             else:
-                out[k, j] = np.complex64(complex(kept * gain * h.real, -kept * gain * h.imag))
+                out[k, j] = np.complex64(complex(norm * gain * h.real, -norm * gain * h.imag))
 
 
 def responses_numpy(

@@ -123,7 +123,7 @@ def forward_numpy(
     Parameters
     ----------
     model : RowModel
-        Taps of the blur A.
+        The blur.
     table : ndarray, shape (n, 2, 16), float32
         Phases of the block, see :func:`phase_table`.
     data : ndarray, shape (C, H, 2, 16), float32
@@ -182,10 +182,14 @@ def solve_numpy(
 
 def _matrices(model: RowModel, table: Float32Array, rows: int) -> list[sparse.csr_array]:
     """Return the matrix A of each lane, shape (H, L)."""
-    seen = np.repeat(model.row_end - model.row_first, BLOCK)
+    row_counts = np.repeat(model.row_end - model.row_first, BLOCK)
     first = np.repeat(model.row_first, BLOCK)
-    latent = np.repeat(np.arange(model.latents), seen)
-    row = np.arange(len(latent)) - np.repeat(np.cumsum(seen) - seen, seen) + np.repeat(first, seen)
+    latent = np.repeat(np.arange(model.latents), row_counts)
+    row = (
+        np.arange(len(latent))
+        - np.repeat(np.cumsum(row_counts) - row_counts, row_counts)
+        + np.repeat(first, row_counts)
+    )
     taps = np.diff(model.tap_start)
     at = np.repeat(row, taps), np.repeat(latent, taps)
     phases = table[model.tap_shift, 0] + 1j * table[model.tap_shift, 1].astype(np.complex128)

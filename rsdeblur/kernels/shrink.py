@@ -19,24 +19,24 @@ def _differ(minuend, subtrahend, out):
 
 
 @njit(nogil=True, error_model="numpy")  # a check for division by zero would prevent SIMD code
-def _keep(across, down, threshold, table, kept):
-    """Compute the factor `kept` by which the gradient `across`, `down` of each pixel is shortened; all (W, C)."""
-    width, channels = kept.shape
+def _fill_factors(across, down, threshold, table, factors):
+    """Compute the factors by which the gradients `across`, `down` of pixels are shortened; all arrays are (W, C)."""
+    width, channels = factors.shape
     least, last = threshold * threshold, np.float32(len(table) - 1)
     following = table[1:]
     for x in range(width):
         squared = np.float32(0.0)
         for c in range(channels):
             squared += across[x, c] * across[x, c] + down[x, c] * down[x, c]
-        kept[x, 0] = squared
+        factors[x, 0] = squared
     for x in range(width):
-        place = last * (threshold / np.sqrt(max(kept[x, 0], least)))
+        place = last * (threshold / np.sqrt(max(factors[x, 0], least)))
         i = min(np.int32(place), np.int32(len(following) - 1))
         share = table[i] + (place - np.float32(i)) * (following[i] - table[i])
-        kept[x, 0] = share if kept[x, 0] > least else np.float32(0.0)
+        factors[x, 0] = share if factors[x, 0] > least else np.float32(0.0)
     for x in range(width):
         for c in range(1, channels):
-            kept[x, c] = kept[x, 0]
+            factors[x, c] = factors[x, 0]
 
 
 @njit(nogil=True)
@@ -60,7 +60,7 @@ def shrunk_grad_adjoint(picture, top, rows, threshold, table, periodic, out):
     Parameters
     ----------
     picture : ndarray, shape (H, W, C), float32, C-contiguous
-        Input.
+        Values whose gradient is shrunk.
     top, rows : int
         First row to compute, and number of rows.
     threshold : float32
@@ -75,11 +75,11 @@ def shrunk_grad_adjoint(picture, top, rows, threshold, table, periodic, out):
     height, width, channels = picture.shape
     n = width * channels
     values, adjoint = picture.reshape(height, n), out.reshape(height, n)
-    above, down = np.zeros(n, np.float32), np.empty(n, np.float32)  # vertical part of w, previous and current row
-    across = np.zeros(
-        n + channels, np.float32
-    )  # horizontal part, one pixel later: the pixel before the first comes first
-    kept = np.empty((width, channels), np.float32)
+    # Vertical part of w, in the previous and in the current row.
+    above, down = np.zeros(n, np.float32), np.empty(n, np.float32)
+    # Horizontal part of w, shifted by one pixel: it begins with the pixel before the first one.
+    across = np.zeros(n + channels, np.float32)
+    factors = np.empty((width, channels), np.float32)
     for y in range(top - 1, top + rows):
         if y < 0 and not periodic:
             continue
@@ -90,9 +90,9 @@ def shrunk_grad_adjoint(picture, top, rows, threshold, table, periodic, out):
             _differ(row[:channels], row[n - channels :], across[n:])
         _differ(below, row, down)
         here = across[channels:]
-        _keep(here.reshape(width, channels), down.reshape(width, channels), threshold, table, kept)
-        _scale(here, kept.reshape(n))
-        _scale(down, kept.reshape(n))
+        _fill_factors(here.reshape(width, channels), down.reshape(width, channels), threshold, table, factors)
+        _scale(here, factors.reshape(n))
+        _scale(down, factors.reshape(n))
         if y >= top:
             across[:channels] = across[n:]
             _grad_adjoint(across[:n], here, above, down, adjoint[y])
@@ -115,8 +115,8 @@ def shrunk_grad_adjoint_numpy(
     across, down = gradient(picture, periodic=periodic)
     magnitude = np.sqrt((across**2 + down**2).sum(axis=2, keepdims=True))
     places = threshold / np.maximum(magnitude, threshold)
-    kept = np.where(magnitude > threshold, np.interp(places, np.linspace(0, 1, len(table)), table), 0.0)
-    across, down = kept * across, kept * down
+    factors = np.where(magnitude > threshold, np.interp(places, np.linspace(0, 1, len(table)), table), 0.0)
+    across, down = factors * across, factors * down
     # Rolling is correct without wrapping around too: differences in the last row and column are then zero.
     grad_adjoint = np.roll(across, 1, 1) - across + np.roll(down, 1, 0) - down
     out[top : top + rows] = grad_adjoint[top : top + rows]

@@ -19,7 +19,7 @@ def multiply_numpy(spectra: ComplexArray, response: ComplexArray) -> None:
     spectra : ndarray, shape (C, K, L), complex64, C-contiguous
         Changed in place; it must not overlap `response`.
     response : ndarray, shape (K, L), complex64, C-contiguous
-        Filter of these K columns.
+        One factor per frequency.
     """
     spectra *= response
 

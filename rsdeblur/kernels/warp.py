@@ -80,6 +80,7 @@ def average_warps(
     Returns
     -------
     ndarray, shape (H, width, C), float32
+        The averaged picture.
     """
     out = np.empty((len(warps), width, coefficients.shape[2]), dtype=np.float32)
     share_range(lambda first, stop: _average_warps(first, stop, coefficients, warps, out), len(out), threads)

@@ -39,6 +39,7 @@ def orientation(letters: str) -> FloatArray:
     Returns
     -------
     ndarray, shape (3, 3)
+        Matrix M of `gyroflow = M @ raw`.
 
     Raises
     ------
@@ -64,6 +65,7 @@ def imu_to_camera(name: str) -> FloatArray:
     Returns
     -------
     ndarray, shape (3, 3)
+        Matrix for the parameter `imu_to_camera` of :class:`rsdeblur.Camera`.
 
     Raises
     ------

@@ -245,6 +245,7 @@ class Camera:
         Returns
         -------
         Camera
+            The same camera for the resized picture.
 
         Raises
         ------
@@ -265,6 +266,7 @@ class Camera:
         Returns
         -------
         Camera
+            The same camera for the resized picture.
 
         Raises
         ------
@@ -281,7 +283,23 @@ class Camera:
         )
 
     def delayed(self, dt: float) -> Camera:
-        """Return the camera with `dt` seconds added to its `time_offset`."""
+        """Return the camera with another time offset.
+
+        Parameters
+        ----------
+        dt : float
+            Seconds added to `time_offset`.
+
+        Returns
+        -------
+        Camera
+            The same camera, whose clock shows `dt` more for the same gyro time.
+
+        Raises
+        ------
+        InputError
+            If `dt` is not finite.
+        """
         return replace(self, time_offset=self.time_offset + validate.finite("dt", dt))
 
     def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
@@ -300,6 +318,7 @@ class Camera:
         Returns
         -------
         Camera
+            The same camera for the part.
 
         Raises
         ------
@@ -355,6 +374,11 @@ class Camera:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the camera as TOML (see ``docs/camera-file.md``); the file is replaced atomically.
 
+        Parameters
+        ----------
+        path : path-like
+            The file.
+
         Raises
         ------
         OutputError
@@ -374,6 +398,17 @@ class Camera:
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Camera:
         """Read a camera from TOML.
+
+        Parameters
+        ----------
+        path : path-like
+            A file written by :meth:`save`, or by hand; all keys except `width`, `height` and `focal_length` are
+            optional.
+
+        Returns
+        -------
+        Camera
+            The camera.
 
         Raises
         ------

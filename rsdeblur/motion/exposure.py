@@ -42,7 +42,23 @@ class Exposure:
         object.__setattr__(self, "epoch_ns", validate.nanoseconds("epoch_ns", self.epoch_ns))
 
     def shifted(self, dt: float) -> Exposure:
-        """Return the exposure that is `dt` seconds later."""
+        """Return the exposure at another time.
+
+        Parameters
+        ----------
+        dt : float
+            Seconds added to `start`.
+
+        Returns
+        -------
+        Exposure
+            The exposure that is `dt` later.
+
+        Raises
+        ------
+        InputError
+            If `dt` is not finite.
+        """
         return replace(self, start=self.start + validate.finite("dt", dt))
 
     def window(self, rows: ArrayLike, camera: Camera) -> tuple[FloatArray, FloatArray]:
@@ -58,8 +74,10 @@ class Exposure:
 
         Returns
         -------
-        opens, closes : ndarray
-            Times in s relative to `epoch_ns`, shaped like `rows`.
+        opens : ndarray
+            Starts in s relative to `epoch_ns`, shaped like `rows`.
+        closes : ndarray
+            Ends in s relative to `epoch_ns`, shaped like `rows`.
 
         Raises
         ------
@@ -72,6 +90,19 @@ class Exposure:
         return opens, opens + self.duration
 
     def span(self, camera: Camera) -> tuple[float, float]:
-        """Return the start of the first row's exposure and the end of the last one's, in s relative to `epoch_ns`."""
+        """Return the start and the end of the exposure of the whole picture.
+
+        Parameters
+        ----------
+        camera : Camera
+            The camera, as for :meth:`window`.
+
+        Returns
+        -------
+        opens : float
+            Start of the first row's exposure in s relative to `epoch_ns`.
+        closes : float
+            End of the last row's exposure in s relative to `epoch_ns`.
+        """
         opens, closes = self.window(np.array([0.0, camera.lines - 1.0]), camera)
         return float(opens.min()), float(closes.max())

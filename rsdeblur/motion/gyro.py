@@ -146,7 +146,17 @@ class GyroLog:
         return np.stack([self.t[i], self.t[i + 1]], axis=1)
 
     def shifted(self, dt: float) -> GyroLog:
-        """Return the log with `dt` seconds added to every sample time.
+        """Return the log with other sample times.
+
+        Parameters
+        ----------
+        dt : float
+            Seconds added to every sample time.
+
+        Returns
+        -------
+        GyroLog
+            The log that is `dt` later.
 
         Raises
         ------
@@ -174,6 +184,7 @@ class GyroLog:
         Returns
         -------
         GyroLog
+            Part of the log.
 
         Raises
         ------
@@ -200,6 +211,7 @@ class GyroLog:
         Returns
         -------
         GyroLog
+            The log without the bias.
 
         Raises
         ------
@@ -221,6 +233,7 @@ class GyroLog:
         Returns
         -------
         GyroLog
+            Part of the log, with the new epoch.
 
         Raises
         ------
@@ -285,7 +298,23 @@ class OrientationTrack:
 
     @classmethod
     def from_log(cls, log: GyroLog, camera: Camera, t0: float, t1: float, epoch_ns: int) -> OrientationTrack:
-        """Return the track of `log` over the camera times [t0, t1] (s relative to `epoch_ns`).
+        """Return the track over a span of time, integrated from a gyro log.
+
+        Parameters
+        ----------
+        log : GyroLog
+            Rates that cover the span.
+        camera : Camera
+            The camera, with the orientation of the IMU and its time offset.
+        t0, t1 : float
+            Span in camera time, s relative to `epoch_ns`.
+        epoch_ns : int
+            Origin of the track's times in nanoseconds.
+
+        Returns
+        -------
+        OrientationTrack
+            Track from the last sample before `t0` to the first one after `t1`.
 
         Raises
         ------
@@ -304,15 +333,34 @@ class OrientationTrack:
         return cls(t, omega, rotations)
 
     def at(self, times: FloatArray) -> FloatArray:
-        """Return `C` at `times` (s, within the track, any shape); shape `times.shape + (3, 3)`."""
+        """Return the orientation at given times.
+
+        Parameters
+        ----------
+        times : ndarray
+            Times in s within the track; any shape.
+
+        Returns
+        -------
+        ndarray, shape ``times.shape + (3, 3)``
+            Matrices `C`.
+        """
         i, elapsed, omega = self._segment(times)
         rotations: FloatArray = rotation_matrix(-_magnus(self.omega[i], omega, elapsed)) @ self.rotations[i]
         return rotations
 
     def angles(self, times: FloatArray) -> FloatArray:
-        """Return the integral of the rates up to `times` (s, any shape) in rad; shape `times.shape + (3,)`.
+        """Return the integral of the rates since the first sample, the small-angle approximation of the rotation.
 
-        This is the small-angle approximation of the rotation since the first sample: rotations add up in any order.
+        Parameters
+        ----------
+        times : ndarray
+            Times in s within the track; any shape.
+
+        Returns
+        -------
+        ndarray, shape ``times.shape + (3,)``
+            Angles in rad about the camera's axes, in no order of rotations.
         """
         i, elapsed, omega = self._segment(times)
         step = 0.5 * (self.omega[1:] + self.omega[:-1]) * np.diff(self.t)[:, None]

@@ -109,6 +109,7 @@ class Capture:
         Returns
         -------
         Capture
+            The capture.
 
         Raises
         ------
@@ -145,12 +146,23 @@ class Capture:
         """Poses of all rows, from half a height above the picture to half a height below; paths may leave it."""
         rows = np.arange(2.0 * self.camera.lines) - self.camera.lines // 2
         mid = self.mid(rows)
-        turned = self.track.at(mid)
-        moved = -turned @ self.position(mid)[..., None]
-        return RowPoses(self.camera, np.concatenate([turned, moved], axis=-1).reshape(-1, 12))
+        rotations = self.track.at(mid)
+        shifts = -rotations @ self.position(mid)[..., None]
+        return RowPoses(self.camera, np.concatenate([rotations, shifts], axis=-1).reshape(-1, 12))
 
     def position(self, times: FloatArray) -> FloatArray:
-        """Return the positions of the camera at `times`, in units of the scene's depth; shape `times.shape + (3,)`."""
+        """Return the positions of the camera at given times; zeros without a translation.
+
+        Parameters
+        ----------
+        times : ndarray
+            Times in s relative to the exposure's epoch; any shape.
+
+        Returns
+        -------
+        ndarray, shape ``times.shape + (3,)``
+            Positions in units of the scene's depth.
+        """
         return np.zeros((*times.shape, 3)) if self.translation is None else self.translation.at(times)
 
     def points(self, pixels: FloatArray) -> FloatArray:
@@ -170,7 +182,18 @@ class Capture:
         return rays if self.translation is None else rays / rays[..., 2:]
 
     def mid(self, rows: FloatArray) -> FloatArray:
-        """Return the mid-exposure times of `rows`."""
+        """Return the mid-exposure times of rows.
+
+        Parameters
+        ----------
+        rows : ndarray
+            Picture rows in px, fractions allowed; any shape.
+
+        Returns
+        -------
+        ndarray
+            Times in s relative to the exposure's epoch, shaped like `rows`.
+        """
         opens, closes = self.exposure.window(rows, self.camera)
         return 0.5 * (opens + closes)
 
@@ -180,7 +203,20 @@ class Capture:
         return self.mid(np.array((self.camera.height - 1) / 2))
 
     def times(self, rows: FloatArray, samples: int) -> FloatArray:
-        """Return times spread evenly over each row's exposure, both ends included; shape (len(rows), samples)."""
+        """Return times spread evenly over the exposure of each row.
+
+        Parameters
+        ----------
+        rows : ndarray, shape (B,)
+            Picture rows in px, fractions allowed.
+        samples : int
+            Number of times per row.
+
+        Returns
+        -------
+        ndarray, shape (B, samples)
+            Times in s relative to the exposure's epoch, with both ends of the exposure.
+        """
         opens, closes = self.exposure.window(rows, self.camera)
         return opens[:, None] + (closes - opens)[:, None] * np.linspace(0.0, 1.0, samples)
 
@@ -230,6 +266,7 @@ class BlurPaths:
         Returns
         -------
         BlurPaths
+            Paths on the grid.
 
         Raises
         ------
@@ -339,10 +376,10 @@ def _rotation_paths(
 ) -> FloatArray:
     camera = capture.camera
     points = np.stack(np.meshgrid(cols, rows), axis=-1)[:, :, None, :]  # (B, S, 1, 2), x before y
-    seen = capture.points(points)[:, :, 0]
+    scene = capture.points(points)[:, :, 0]
     times = capture.times(rows, samples)
     orientation = capture.track.at(times)  # (B, T, 3, 3)
-    world = np.einsum("btji,bsj->bsti", orientation, seen) + capture.position(times)[:, None]
+    world = np.einsum("btji,bsj->bsti", orientation, scene) + capture.position(times)[:, None]
     if geometry == "rectify":
         return points - camera.project((world - capture.position(capture.middle)) @ capture.track.at(capture.middle).T)
     # The reference orientation of the pixel's own row is nearly right.
@@ -358,19 +395,27 @@ def _small_angle_paths(
     reference = capture.mid(rows) if geometry == "keep" else np.repeat(capture.middle, len(rows))
     times = capture.times(rows, samples)
     angles = capture.track.angles(times) - capture.track.angles(reference)[:, None]
-    moved = capture.position(times) - capture.position(reference)[:, None]
+    shifts = capture.position(times) - capture.position(reference)[:, None]
     fx, fy = capture.camera.focal_length
     # The picture moves by f (-theta_y, +theta_x), and opposite to the camera's translation.
-    d = np.stack([-fx * (angles[..., 1] + moved[..., 0]), fy * (angles[..., 0] - moved[..., 1])], axis=-1)
+    d = np.stack([-fx * (angles[..., 1] + shifts[..., 0]), fy * (angles[..., 0] - shifts[..., 1])], axis=-1)
     return np.repeat(d[:, None], len(cols), axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RowPoses:
-    """Camera poses at the mid-exposures of all rows, for projection."""
+    """Camera poses at the mid-exposures of all rows, for projection.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera, with a picture of H rows.
+    matrices : ndarray, shape (2 H, 12)
+        Matrices `C(mid(y)) [I | -P(mid(y))]` for the rows y from -H/2 on.
+    """
 
     camera: Camera
-    matrices: FloatArray  # (2 H, 12): C(mid(y)) [I | -P(mid(y))] for rows y from -H/2 on
+    matrices: FloatArray
 
     def project(self, world: FloatArray, rows: FloatArray) -> FloatArray:
         """Return the pixels at which points appear, each with the pose of a row.

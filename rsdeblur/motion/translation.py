@@ -64,6 +64,7 @@ class Translation:
         Returns
         -------
         Translation
+            The whole track, with the new epoch.
 
         Raises
         ------
@@ -79,7 +80,18 @@ class Translation:
         return replace(self, t=t, epoch_ns=epoch_ns)
 
     def at(self, times: FloatArray) -> FloatArray:
-        """Return the positions at `times` (s relative to `epoch_ns`) as multiples of `depth`; shape (..., 3)."""
+        """Return the positions at given times.
+
+        Parameters
+        ----------
+        times : ndarray
+            Times in s relative to `epoch_ns`; any shape.
+
+        Returns
+        -------
+        ndarray, shape ``times.shape + (3,)``
+            Positions in units of `depth`.
+        """
         return np.stack([np.interp(times, self.t, axis) for axis in self.position.T], axis=-1) / self.depth
 
     def turned(self) -> Translation:

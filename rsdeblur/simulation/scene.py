@@ -53,7 +53,19 @@ AUTHORS = ("ARNOLD", "BELL", "CORTEZ", "DUVAL", "ERIKSEN", "FONTANA", "GREY", "H
 
 
 class Canvas(NamedTuple):
-    """The enlarged drawing, its pen, the unit of length (the height) in subpixels and the random generator."""
+    """The enlarged drawing and the means to draw.
+
+    Parameters
+    ----------
+    image : Image
+        The drawing, in subpixels.
+    pen : ImageDraw
+        Pen of the drawing.
+    unit : float
+        Unit of length, the height of the drawing, in subpixels.
+    random : Generator
+        Generator of random numbers.
+    """
 
     image: Image.Image
     pen: ImageDraw.ImageDraw

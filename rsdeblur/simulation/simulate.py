@@ -36,7 +36,7 @@ SAMPLES_PER_PIXEL = 2
 class Simulation(NamedTuple):
     """Result of :func:`simulate`; all pictures are float32 and have the size of the camera's picture.
 
-    Attributes
+    Parameters
     ----------
     blurred : ndarray
         The recorded picture, with noise.
