@@ -31,12 +31,14 @@ class TileQuadratic(TileFilter):
 
     Parameters
     ----------
-    bank, border, planning, threads
-        See :class:`rsdeblur.Deconvolver`.
+    bank : PsfBank
+        B x S kernels; 1 x 1 is the global mode.
     shape : (H, W) or (H, W, C)
         Shape of the pictures.
     nsr : float, default 0.001
         Share of the signal's power that the model of the blur gets wrong, as at the borders; not negative.
+    border, planning, threads
+        See :class:`rsdeblur.Deconvolver`.
 
     Raises
     ------
@@ -116,13 +118,28 @@ class TileQuadratic(TileFilter):
         return out
 
     def prepare(self, image: ArrayLike) -> None:
-        """Set the observation: linear light of the planned shape."""
+        """Set the observation.
+
+        Parameters
+        ----------
+        image : array_like of the planned shape
+            Linear light, floats.
+        """
         self._observation = validate.linear_light(image, self.shape).reshape(self._channelled)
 
     def solve(self, beta: float, grad_adjoint: FloatImage | None = None) -> FloatImage:
-        """Return the minimiser (H, W, C) for the observation.
+        """Return the minimiser for the observation.
 
-        `grad_adjoint` (H, W, C) is `D^T w`, None is zero; its memory receives the result.
+        Parameters
+        ----------
+        beta : float
+            Weight of the gradient term, at least 0.
+        grad_adjoint : ndarray, shape (H, W, C), float32, optional
+            `D^T w`; None is zero. Its memory receives the result.
+
+        Returns
+        -------
+        ndarray, shape (H, W, C), float32
 
         Raises
         ------
