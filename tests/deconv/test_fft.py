@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from rsdeblur import RsdeblurWarning
+from rsdeblur.choices import PLANNINGS
 from rsdeblur.deconv import fft
 
 
@@ -21,7 +22,7 @@ def cache_dir(tmp_path, monkeypatch):
     return tmp_path / "rsdeblur"
 
 
-@pytest.mark.parametrize("planning", fft.PLANNINGS)
+@pytest.mark.parametrize("planning", PLANNINGS)
 def test_rows_are_numpys_transform_and_come_back(planning):
     rng = np.random.default_rng(0)
     rows = fft.RowTransform((2, 3, 30), planning)
@@ -74,15 +75,15 @@ def test_measured_plans_are_kept_and_damage_is_harmless(cache_dir):
     assert [path.name for path in cache_dir.iterdir()] == [kept.name]
 
 
-def test_what_was_changed_is_not_given_to_fftw(cache_dir, monkeypatch):
-    # It asserts, and aborts the process, where plans contradict themselves.
+def test_changed_wisdom_does_not_reach_fftw(cache_dir, monkeypatch):
+    # FFTW aborts the process where plans contradict themselves.
     fft.LineTransform((3, 48), "measure")
     fft.remember()
     (kept,) = cache_dir.iterdir()
-    given = []
-    monkeypatch.setattr(fft.pyfftw, "import_wisdom", given.append)
+    imports = []
+    monkeypatch.setattr(fft.pyfftw, "import_wisdom", imports.append)
     fft._read_wisdom()
-    assert len(given) == 1
+    assert len(imports) == 1
     good = kept.read_bytes()
     for place in range(0, len(good), 50):
         kept.write_bytes(good[:place] + bytes([good[place] ^ 1]) + good[place + 1 :])
@@ -90,18 +91,18 @@ def test_what_was_changed_is_not_given_to_fftw(cache_dir, monkeypatch):
     kept.unlink()
     os.mkfifo(kept)
     fft._read_wisdom()
-    assert len(given) == 1
+    assert len(imports) == 1
 
 
 def test_a_cache_that_cannot_be_written_costs_one_warning(cache_dir):
-    # A file where the folder should be stops root too.
+    # A file in place of the folder: unlike permissions, it stops root, too.
     cache_dir.write_text("")
     with pytest.warns(RsdeblurWarning, match="cannot be kept"):
         fft.remember()
     fft.remember()  # a second warning would be an error
 
 
-def test_another_process_finds_what_was_kept(tmp_path):
+def test_another_process_uses_stored_plans(tmp_path):
     program = (
         "from rsdeblur.deconv import fft; import pyfftw, sys\n"
         "fft._recall()\n"
