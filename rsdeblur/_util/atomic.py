@@ -1,4 +1,4 @@
-"""Writing files so that a reader sees the old file or the new one, never a part of either."""
+"""Atomic writing: a reader sees the old file or the new one, never a part of either."""
 
 from __future__ import annotations
 
@@ -13,19 +13,27 @@ from typing import BinaryIO
 
 from rsdeblur.errors import OutputError
 
-# Characters of the file's name that the temporary one repeats: of 4 bytes each, with the rest they fit into 255.
+# Characters of the file's name that begin the name of the temporary file, which must not exceed 255 bytes; a character
+# has up to 4.
 PREFIX = 50
 UNFINISHED = ".part"
 
 
 def check_target(path: str | os.PathLike[str], *, force: bool) -> None:
-    """Check cheaply that `atomic_write` may write `path`, before the work whose result is to go there.
+    """Check, before long work, that `atomic_write` can write its result to `path`.
+
+    Parameters
+    ----------
+    path : path-like
+        File to be written later.
+    force : bool
+        Whether an existing file may be replaced.
 
     Raises
     ------
     OutputError
         If the folder is missing or not writable, `path` is a folder, a pipe or a device, or it exists and `force` is
-        not set.
+        False.
     """
     target = _target(path)
     if target.exists() and not force:
@@ -38,9 +46,20 @@ def check_target(path: str | os.PathLike[str], *, force: bool) -> None:
 
 @contextmanager
 def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """Open a temporary file beside `path` for writing and reading; on success it replaces `path`, else it vanishes.
+    """Open a temporary file beside `path`, for writing and reading, which replaces `path` at the end.
 
-    A symbolic link stays one: the file that it leads to is replaced.
+    If the block raises, the temporary file is removed and `path` is unchanged. If `path` is a symbolic link, the file
+    that it points to is replaced.
+
+    Parameters
+    ----------
+    path : path-like
+        File to be written.
+
+    Yields
+    ------
+    file
+        Binary file.
 
     Raises
     ------
@@ -48,7 +67,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         If the folder is missing or not writable, the disk is full, or `path` is a folder, a pipe or a device.
     """
     target = _target(path)
-    # A name of its own, which its maker takes away; made in the common way, so that it has the mode of any new file.
+    # `tempfile` would give the file a mode of its own; this one has the mode of any new file.
     temporary = target.with_name(f".{target.name[:PREFIX]}.{secrets.token_hex(8)}{UNFINISHED}")
     try:
         with open(temporary, "x+b") as file:
@@ -65,20 +84,20 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
 
 def remove_unfinished(path: str | os.PathLike[str]) -> None:
-    """Remove what `atomic_write` left of `path` in a process that was killed."""
+    """Remove temporary files of `path` that killed processes left behind."""
     target = _target(path)
     for part in target.parent.glob(f".{escape(target.name[:PREFIX])}.*{UNFINISHED}"):
         part.unlink(missing_ok=True)
 
 
 def _target(path: str | os.PathLike[str]) -> Path:
-    """Return the file that `path` leads to; a folder, a pipe or a device must not be replaced by one."""
+    """Return the file that `path` points to; refuse a folder, a pipe or a device."""
     try:
         target = Path(os.path.realpath(path))
         mode = target.stat().st_mode
     except FileNotFoundError:
         return target
-    # Names that no file can have, with NUL or lone surrogates, are a ValueError.
+    # A ValueError is raised for names that no file can have, with NUL or lone surrogates.
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else None
         raise OutputError(f"{path}: cannot write the file: {reason or error}") from error

@@ -1,4 +1,4 @@
-"""Checks shared by the public doors: each returns the cleaned value or raises `InputError`."""
+"""Checks of arguments: each returns the normalised value or raises `InputError`."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def count(name: str, value: Any, *, minimum: int = 1, maximum: int | None = None
     return int(value)
 
 
-def stamp(name: str, value: Any) -> int:
+def nanoseconds(name: str, value: Any) -> int:
     """Return `value` as an int; it must be a whole number of nanoseconds that fits into 64 bits."""
     number = count(name, value, minimum=-(2**63))
     if number >= 2**63:
@@ -66,7 +66,28 @@ def choice(name: str, value: object, allowed: Collection[str]) -> str:
 def real_array(
     name: str, value: ArrayLike, shape: tuple[int | None, ...] | None = None, *, most: float | None = None
 ) -> FloatArray:
-    """Return a read-only float64 copy of `value`, finite and no larger than `most`; None in `shape` is any length."""
+    """Return a read-only float64 copy of `value`.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for messages.
+    value : array_like
+        Finite real numbers.
+    shape : tuple of int or None, optional
+        Expected shape, in which None is any length; default any shape.
+    most : float, optional
+        Largest absolute value.
+
+    Returns
+    -------
+    ndarray, float64, C-contiguous
+
+    Raises
+    ------
+    InputError
+        If `value` does not fit.
+    """
     try:
         if np.iscomplexobj(value):
             raise TypeError("it is complex")
@@ -74,10 +95,10 @@ def real_array(
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} must be an array of real numbers: {error}") from None
     if shape is not None and (
-        array.ndim != len(shape) or any(want not in (None, got) for want, got in zip(shape, array.shape, strict=True))
+        array.ndim != len(shape) or any(n not in (None, length) for n, length in zip(shape, array.shape, strict=True))
     ):
-        wanted = ", ".join("n" if want is None else str(want) for want in shape)
-        raise InputError(f"{name} must have shape ({wanted}), got {array.shape}")
+        expected = ", ".join("n" if n is None else str(n) for n in shape)
+        raise InputError(f"{name} must have shape ({expected}), got {array.shape}")
     bad = np.argwhere(~np.isfinite(array))
     if bad.size:
         raise InputError(f"{name} must be finite, got {array[tuple(bad[0])]} at index {tuple(map(int, bad[0]))}")
@@ -90,8 +111,8 @@ def real_array(
 def linear_light(image: ArrayLike, shape: tuple[int, ...] | None = None) -> NDArray[np.float32]:
     """Return `image` as C-contiguous float32 of the planned `shape`, by default any (H, W) or (H, W, C).
 
-    It is copied only if it must be. Integers are refused: they are encoded values, and would count as light of up to
-    255 or 65535.
+    It is copied only if needed. Integers are refused: they are encoded values, and would be taken as light of up to 255
+    or 65535.
     """
     try:
         array = np.asarray(image)
@@ -114,7 +135,7 @@ def linear_light(image: ArrayLike, shape: tuple[int, ...] | None = None) -> NDAr
 
 
 def picture(image: ArrayLike, shape: tuple[int, ...] | None = None) -> NDArray[np.float32]:
-    """Return what :func:`linear_light` does if it is finite."""
+    """Return `image` as :func:`linear_light` does; it must be finite."""
     array = linear_light(image, shape)
     if not np.isfinite(array).all():
         raise InputError("image must be finite")
@@ -122,7 +143,7 @@ def picture(image: ArrayLike, shape: tuple[int, ...] | None = None) -> NDArray[n
 
 
 def output(out: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Return `out`, which must be a writable float32 array of `shape`, or a new one if it is None."""
+    """Return `out`, which must be a writable C-contiguous float32 array of `shape`, or a new one if `out` is None."""
     if out is None:
         return np.empty(shape, dtype=np.float32)
     if not isinstance(out, np.ndarray) or out.shape != shape or out.dtype != np.float32:

@@ -146,7 +146,7 @@ def _unit_from_spacing(table: Table) -> str:
     table.check_range(TIME_UNITS["ns"])
     if len(table.rows) < 2:
         raise table.text.error("a gyro log needs at least 2 samples, got 1", table.rows[0])
-    spacing = float(np.median(np.abs(np.diff(table.stamps).astype(np.float64)))) / 10**table.decimals
+    spacing = float(np.median(np.abs(np.diff(table.stamps).astype(np.float64))))
     for name, unit in TIME_UNITS.items():
         if SPACING[0] <= spacing * float(unit) <= SPACING[1]:
             return name
@@ -248,12 +248,12 @@ def _sniff_tagged(text: TextFile) -> bool:
         return False
     if cells[0].isdecimal() and separator_of(text.head) is None:
         return True
-    return any(_type_of(line) in (GYRO_TYPE, UNCALIBRATED_TYPE) for line in text.lines.of(text.rows))
+    return any(_type_of(line) in (GYRO_TYPE, UNCALIBRATED_TYPE) for line in text.filled())
 
 
 def _read_tagged(text: TextFile) -> Samples:
     rows: dict[str, list[int]] = {}
-    for row, line in zip(text.rows.tolist(), text.lines.of(text.rows), strict=True):
+    for row, line in zip(text.rows.tolist(), text.filled(), strict=True):
         kind = _type_of(line)
         if not (kind.isdecimal() or (kind.isalpha() and len(kind) > 2)):
             raise text.error(f"{kind[:40]!r} is not a sensor type; lines must read `type t_ns x y z`", row)

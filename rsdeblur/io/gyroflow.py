@@ -67,7 +67,7 @@ def _read_gcsv(text: TextFile) -> Samples:
     if not _sniff_gcsv(text):
         raise text.error(f"not a Gyroflow log: the first line must read {' or '.join(TITLES)}", 0)
     keys: dict[str, tuple[str, int]] = {}
-    for i, (row, line) in enumerate(zip(text.rows, text.lines.of(text.rows), strict=True)):
+    for i, (row, line) in enumerate(zip(text.rows, text.filled(), strict=True)):
         names = [cell.lower() for cell in cells_of(line)]
         if len(names) >= 4 and names[0] in ("t", "time") and {"gx", "gy", "gz"} <= set(names):
             places = [0, *(names.index(name) for name in ("gx", "gy", "gz"))]

@@ -1,4 +1,4 @@
-"""Numba's compiler with a cache that never fails: where it cannot be read or written, functions are compiled again."""
+"""Numba's compiler, which compiles again where its cache on disk is damaged, full or unwritable."""
 
 from __future__ import annotations
 
@@ -7,36 +7,47 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
-from numba.core.caching import FunctionCache
 
 
-class _Cache(FunctionCache):
-    """Cache that ignores damaged files and a full disk; with Numba's own, they are errors at every start."""
+class _ToleratedCache:
+    """Numba's cache of a function on disk, whose faults only cost another compilation.
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return a compiled function, or None if the cache has none that can be read."""
+    Numba's own raises at every later call what unpickling a damaged file raises, and fails where a disk is full.
+    """
+
+    def __init__(self, cache: Any) -> None:
+        self._cache = cache
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._cache, name)
+
+    def load_overload(self, *arguments: Any) -> Any:
+        """Return a compiled function, or None if there is none that can be read."""
         try:
-            return super().load_overload(sig, target_context)
+            return self._cache.load_overload(*arguments)
         except Exception:  # unpickling damaged data may raise anything
             # A damaged index would prevent a new one.
             with contextlib.suppress(OSError):
-                self.flush()
+                self._cache.flush()
             return None
 
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Store a compiled function, unless the cache cannot be written."""
+    def save_overload(self, *arguments: Any) -> None:
+        """Keep a compiled function if that is possible."""
         with contextlib.suppress(OSError):
-            super().save_overload(sig, data)
+            self._cache.save_overload(*arguments)
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Return the decorator `numba.njit(**options)`, with a cache on disk if a folder for it is writable."""
 
     def compiled(function: Callable[..., Any]) -> Any:
-        dispatcher = numba.njit(**options)(function)
-        # Raised where no folder is writable, neither the package's nor the user's.
-        with contextlib.suppress(RuntimeError):
-            dispatcher._cache = _Cache(function)
+        try:
+            dispatcher = numba.njit(cache=True, **options)(function)
+        except RuntimeError:  # neither the package's folder nor the user's is writable
+            return numba.njit(**options)(function)
+        # Private to Numba: a version without it keeps its own cache.
+        if hasattr(dispatcher, "_cache"):
+            dispatcher._cache = _ToleratedCache(dispatcher._cache)
         return dispatcher
 
     return compiled

@@ -39,7 +39,7 @@ class Exposure:
     def __post_init__(self) -> None:
         object.__setattr__(self, "start", validate.finite("start", self.start))
         object.__setattr__(self, "duration", validate.finite("duration", self.duration, above=0.0))
-        object.__setattr__(self, "epoch_ns", validate.stamp("epoch_ns", self.epoch_ns))
+        object.__setattr__(self, "epoch_ns", validate.nanoseconds("epoch_ns", self.epoch_ns))
 
     def shifted(self, dt: float) -> Exposure:
         """Return the exposure that is `dt` seconds later."""

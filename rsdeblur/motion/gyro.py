@@ -85,7 +85,7 @@ class GyroLog:
             )
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "omega", omega)
-        object.__setattr__(self, "epoch_ns", validate.stamp("epoch_ns", self.epoch_ns))
+        object.__setattr__(self, "epoch_ns", validate.nanoseconds("epoch_ns", self.epoch_ns))
         self._warn_if_degrees()
 
     def _warn_if_degrees(self) -> None:

@@ -49,7 +49,7 @@ class Translation:
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "depth", validate.finite("depth", self.depth, above=0.0))
-        object.__setattr__(self, "epoch_ns", validate.stamp("epoch_ns", self.epoch_ns))
+        object.__setattr__(self, "epoch_ns", validate.nanoseconds("epoch_ns", self.epoch_ns))
 
     def covering(self, t0: float, t1: float, epoch_ns: int) -> Translation:
         """Return the track with its times relative to another epoch.

@@ -1,1 +1,1 @@
-"""The forward model, which shares no code with `motion` and `psf`, with a test scene and a hand's shake."""
+"""Simulated photos: a forward model that shares no code with the blur paths and PSFs, a test scene and hand shake."""

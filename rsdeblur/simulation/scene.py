@@ -1,4 +1,4 @@
-"""A procedural test picture: a bookcase by lamplight, sharp at every scale and free of anyone's rights."""
+"""A procedural test picture: a bookcase by lamplight, sharp at every scale and free of copyright."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from rsdeblur.types import FloatImage
 Colour = tuple[int, int, int]
 Box = tuple[int, int, int, int]
 
+# Smallest width and height, px.
 SMALLEST = 64
 
-# Subpixels along an edge of a pixel: 9 or 4 samples make an edge smooth; large pictures have pixels to spare.
+# Subpixels along a pixel's edge, and the number of pixels above which fewer are used: 9 samples per pixel, or 4.
 SUBPIXELS, SUBPIXELS_LARGE, LARGE = 3, 2, 4_000_000
 
-# Colours are sRGB, as a designer would give them; light is added later, in linear light.
+# Colours in sRGB, 0 to 255. Lamplight is added later, in linear light.
 WALL, WOOD, WOOD_EDGE, PAPER, INK, GOLD = (
     (186, 170, 148),
     (124, 82, 50),
@@ -52,7 +53,7 @@ AUTHORS = ("ARNOLD", "BELL", "CORTEZ", "DUVAL", "ERIKSEN", "FONTANA", "GREY", "H
 
 
 class Canvas(NamedTuple):
-    """The enlarged drawing, its pen, the unit of length in subpixels and the source of chance."""
+    """The enlarged drawing, its pen, the unit of length (the height) in subpixels and the random generator."""
 
     image: Image.Image
     pen: ImageDraw.ImageDraw
@@ -61,22 +62,22 @@ class Canvas(NamedTuple):
 
 
 def scene(height: int, width: int, *, seed: int = 0) -> FloatImage:
-    """Draw a bookcase: coloured spines with titles, a Siemens star, fine print, plaster, wood and lamplight.
+    """Return a picture of a bookcase: spines with titles, a Siemens star, fine print, wood and lamplight.
 
-    Every pixel is the mean of several subpixels taken in linear light, so edges are antialiased as by a lens and a
-    sensor. Objects scale with the height; a wider picture shows more books.
+    Every pixel is the mean of several subpixels in linear light, so edges are antialiased as by a lens and a sensor.
+    Objects scale with the height; a wider picture shows more books.
 
     Parameters
     ----------
     height, width : int
         Size in px, each at least 64.
     seed : int, default 0
-        Chooses the books, their colours and the texture.
+        Seed of the books, their colours and the texture; at least 0.
 
     Returns
     -------
     ndarray, shape (height, width, 3), float32
-        Linear light in [0, 1]; :func:`rsdeblur.image.transfer.from_linear` makes it presentable.
+        Linear light in [0, 1]; :func:`rsdeblur.image.transfer.from_linear` encodes it for display.
 
     Raises
     ------
@@ -99,7 +100,7 @@ def scene(height: int, width: int, *, seed: int = 0) -> FloatImage:
 
 
 def _shelf(canvas: Canvas, top: float, bottom: float) -> None:
-    """Draw a board with its front edge from `bottom` on, and books standing on it (heights as parts of the picture)."""
+    """Draw a board, whose upper edge is at `bottom`, with books on it; heights are fractions of the picture's."""
     image, pen, unit, random = canvas
     floor = round(bottom * unit)
     thick = round(0.04 * unit)
@@ -122,7 +123,7 @@ def _shelf(canvas: Canvas, top: float, bottom: float) -> None:
 
 
 def _book(canvas: Canvas, wide: int, tall: int) -> Image.Image:
-    """Return one spine: cloth rounded by shading, bands, a title along it and an author across."""
+    """Return one spine: cloth with shading, printed bands, a title along it and an author across it."""
     random = canvas.random
     cloth = np.array(CLOTH[random.integers(len(CLOTH))]) * random.uniform(0.85, 1.1)
     dark = cloth.mean() < 130
@@ -148,7 +149,7 @@ def _book(canvas: Canvas, wide: int, tall: int) -> Image.Image:
 
 
 def _fitted(text: str, wide: int, tall: int, colour: Colour) -> Image.Image:
-    """Return `text` as large as fits `wide` x `tall`, cut out on a clear ground."""
+    """Return `text` on a transparent ground, as large as fits into `wide` x `tall`."""
     size = max(tall, 1)
     font = ImageFont.load_default(size)
     left, top, right, bottom = font.getbbox(text)
@@ -161,7 +162,7 @@ def _fitted(text: str, wide: int, tall: int, colour: Colour) -> Image.Image:
 
 
 def _grain(canvas: Canvas, box: Box) -> None:
-    """Darken wood along wavy lines."""
+    """Draw wavy lines of darker and lighter wood."""
     left, top, right, bottom = box
     x = np.linspace(left, right, 200)
     for _ in range(14):
@@ -173,7 +174,7 @@ def _grain(canvas: Canvas, box: Box) -> None:
 
 
 def _still_life(canvas: Canvas) -> None:
-    """Put a framed Siemens star, a page of fine print, a chart of bars and a glazed ball before the books."""
+    """Draw a framed Siemens star, a page of fine print, a chart of bars and a glazed ball in front of the books."""
     unit, across = canvas.unit, canvas.image.width
     star = _card(canvas, (0.06 * across, 0.375 * unit), (0.25 * unit, 0.25 * unit))
     _siemens_star(canvas, star)
@@ -209,7 +210,7 @@ def _siemens_star(canvas: Canvas, box: Box, spokes: int = 36) -> None:
 
 
 def _fine_print(canvas: Canvas, box: Box) -> None:
-    """Fill `box` with lines of text, each smaller than the one before."""
+    """Fill `box` with lines of text of decreasing size."""
     left, top, right, bottom = box
     size = 0.15 * (bottom - top)
     y = top + 0.04 * (bottom - top)
@@ -224,7 +225,7 @@ def _fine_print(canvas: Canvas, box: Box) -> None:
 
 
 def _line_pairs(canvas: Canvas, box: Box) -> None:
-    """Fill `box` with rows of upright bars, each row finer, and patches of colour below."""
+    """Fill `box` with rows of vertical bars, each row finer than the last, and patches of colour below."""
     left, top, right, bottom = box
     wide, tall = right - left, bottom - top
     for row, pairs in enumerate((6, 12, 24, 48)):
@@ -239,7 +240,7 @@ def _line_pairs(canvas: Canvas, box: Box) -> None:
 
 
 def _ball(canvas: Canvas, foot: tuple[float, float], radius: float) -> None:
-    """Draw a glazed ball that stands on `foot`: a smooth gradient and two highlights."""
+    """Draw a glazed ball, a smooth gradient with two highlights, whose lowest point is at `foot`."""
     size = round(2 * radius)
     y, x = np.mgrid[-1.0 : 1.0 : size * 1j, -1.0 : 1.0 : size * 1j]
     z = np.sqrt(np.maximum(1.0 - x**2 - y**2, 0.0))
@@ -265,10 +266,10 @@ def _linear_mean(image: Image.Image, fine: int) -> FloatImage:
 
 
 def _texture(height: int, width: int, random: np.random.Generator) -> FloatImage:
-    """Return 1/f noise about 1, the statistics of natural surfaces, as (height, width, 1)."""
+    """Return 1/f noise around 1, like the texture of natural surfaces; shape (height, width, 1)."""
     fy, fx = np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None, :]
     radius = np.hypot(fy, fx)
-    # The lowest frequencies are left to the lamp.
+    # Flat below 4 cycles per height: at that scale, the lamp sets the brightness.
     spectrum = np.fft.rfft2(random.standard_normal((height, width))) / np.maximum(radius, 4.0 / height)
     noise = np.fft.irfft2(spectrum, s=(height, width))
     texture: FloatImage = (1.0 + 0.07 * noise / noise.std())[..., None].astype(np.float32)
@@ -276,7 +277,7 @@ def _texture(height: int, width: int, random: np.random.Generator) -> FloatImage
 
 
 def _lamplight(height: int, width: int) -> FloatImage:
-    """Return the light that falls on the scene: a warm pool, cool fill and the shadows below the boards."""
+    """Return the light on the scene: a warm pool, cool fill light and shadows below the boards."""
     y = ((np.arange(height) + 0.5) / height)[:, None]
     x = ((np.arange(width) + 0.5) / height)[None, :]
     middle = 0.5 * width / height

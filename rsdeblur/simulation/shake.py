@@ -1,4 +1,4 @@
-"""A model of how a hand shakes a phone, for simulations that need no recording."""
+"""Model of hand shake, for simulations without a recording."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ DRIFT = (0.1, 2.0, (0.30, 0.26, 0.19))
 SWAY = (3.0, 7.0, (0.72, 0.74, 0.50))
 TREMOR = (8.0, 12.0, (0.61, 0.72, 0.27))
 
-# Sinusoids in a band and axis: a sum of 32 is Gaussian to the eye and never repeats.
+# Sinusoids per band and axis: the sum of 32 looks Gaussian and does not repeat.
 WAVES = 32
 
 
 def hand_shake(duration: float, *, rate: float = 200.0, strength: float = 1.0, seed: int = 0) -> GyroLog:
-    """Return the gyro log of a phone in a shaking hand.
+    """Return the simulated gyro log of a phone in a shaking hand.
 
-    Three bands of noise add up on each axis: slow *drift* of the body (0.1 to 2 Hz), *sway* of the arm with the
-    mass it holds (3 to 7 Hz), and the physiological *tremor* of the hand (8 to 12 Hz). Each band is a sum of
-    sinusoids with frequencies and phases drawn once from `seed`, so the motion is a function of time: another
-    duration or rate samples the same motion.
+    The rate about each axis is the sum of three bands of noise: slow *drift* of the body (0.1 to 2 Hz), *sway* of the
+    arm with the mass that it holds (3 to 7 Hz), and the physiological *tremor* of the hand (8 to 12 Hz). Each band is a
+    sum of sinusoids whose frequencies and phases depend on `seed` only, so another duration or sampling rate gives
+    samples of the same motion.
 
     Parameters
     ----------
     duration : float
-        Length in s, positive; samples cover [0, duration].
+        Length in s, positive. Samples cover [0, duration].
     rate : float, default 200.0
-        Sampling rate in Hz, above twice the tremor's upper edge (24 Hz).
+        Sampling rate in Hz, above 24 Hz, which is twice the highest frequency of the tremor.
     strength : float, default 1.0
-        Factor on all rates, at least 0. At 1 each band has the rms of a real recording of a phone shaken on
-        purpose (57 s at 210 Hz; 1.0, 1.1 and 0.6 rad/s rms about x, y and z); about 0.03 is a steady hold.
+        Factor on all rates, at least 0. At 1, each band has the rms of a real recording of a phone shaken on purpose
+        (57 s at 210 Hz; 1.0, 1.1 and 0.6 rad/s rms about x, y and z). About 0.03 is a steady hold.
     seed : int, default 0
-        Chooses the motion.
+        Seed of the motion, at least 0.
 
     Returns
     -------
     GyroLog
-        Times from 0 s with epoch 0, rates in rad/s in axes that may serve as camera axes (z along the view).
+        Log with times from 0 s and epoch 0. Its axes are camera axes: z is the viewing direction.
 
     Raises
     ------
@@ -48,9 +48,10 @@ def hand_shake(duration: float, *, rate: float = 200.0, strength: float = 1.0, s
 
     Notes
     -----
-    Physiological hand tremor peaks between 6 and 12 Hz [1]_; the frequency of its mechanical part goes with
-    sqrt(stiffness / inertia) [2]_, so an arm that holds a phone swings at a few Hz. A steady hold follows from the
-    photographers' rule: at 1/f s (f in mm, 35 mm film) blur stays near 1/30 mm, hence about 0.03 rad/s.
+    Physiological hand tremor peaks between 6 and 12 Hz [1]_. The frequency of its mechanical part is proportional to
+    sqrt(stiffness / inertia) [2]_, so an arm that holds a phone swings at a few Hz. The strength of a steady hold
+    follows from a photographers' rule: with an exposure of 1/f s (f in mm, 35 mm film), blur stays near 1/30 mm, hence
+    the rate is about 0.03 rad/s.
 
     References
     ----------
@@ -66,7 +67,7 @@ def hand_shake(duration: float, *, rate: float = 200.0, strength: float = 1.0, s
     t = np.arange(np.ceil(duration * rate) + 1.0) / rate
     omega = np.zeros((len(t), 3))
     for low, high, rms in (DRIFT, SWAY, TREMOR):
-        # One frequency from each of WAVES equal slices: the whole band is always present.
+        # One frequency from each of WAVES equal slices, so that the waves cover the whole band.
         slices = np.arange(WAVES) + random.random((3, WAVES))
         frequency = low + (high - low) / WAVES * slices
         phase = 2.0 * np.pi * random.random((3, WAVES))

@@ -1,7 +1,7 @@
-"""A physical forward model: what a rolling-shutter camera records of a sharp scene while it shakes.
+"""Forward model: the picture that a shaking rolling-shutter camera records of a sharp scene.
 
-The scene is warped at many times per row and averaged. Nothing here is shared with the PSF branch (`motion`, `psf`),
-not even the integration of the rates, so that an error in one cannot hide in the other.
+Each row is the average of the scene warped at many times. The model shares no code with the paths and PSFs, not even
+the integration of the rates, so that an error in one is visible against the other.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
 
-# Steps of the orientation integral per second. At 10 rad/s and 1000 rad/s^2 the midpoint rule over 50 us errs by
-# less than 1e-7 rad over 0.1 s, far below a hundredth of a pixel.
+# Integration steps of the orientation per second. At 10 rad/s and 1000 rad/s^2, the midpoint rule with steps of 50 us
+# errs by less than 1e-7 rad over 0.1 s, far below a hundredth of a pixel.
 STEPS_PER_SECOND = 20_000
 
-# Warps per pixel of path: steps of half a pixel alias at 2 cycles/px, four times beyond what a picture holds.
+# Warps per pixel of path: steps of half a pixel alias at 2 cycles/px, four times the highest frequency of a picture.
 SAMPLES_PER_PIXEL = 2
 
 
 class Simulation(NamedTuple):
-    """What `simulate` returns; all pictures are float32 and shaped like the frame.
+    """Result of :func:`simulate`; all pictures are float32 and have the size of the camera's picture.
 
     Attributes
     ----------
     blurred : ndarray
         The recorded picture, with noise.
     rectified : ndarray
-        The sharp scene seen at one time: the middle row's mid-exposure. Truth for ``geometry="rectify"``.
+        The sharp scene at the mid-exposure of the middle row: the ideal result for ``geometry="rectify"``.
     rolling : ndarray
-        The sharp scene with each row seen at its own mid-exposure. Truth for ``geometry="keep"``.
+        The sharp scene, each row at its own mid-exposure: the ideal result for ``geometry="keep"``.
     """
 
     blurred: NDArray[np.float32]
@@ -63,26 +63,29 @@ def simulate(
     translation: Translation | None = None,
     transfer: Transfer | Auto = "auto",
 ) -> Simulation:
-    """Blur a sharp picture as a rolling-shutter camera with this motion would.
+    """Return a sharp picture blurred as a rolling-shutter camera with this motion would record it.
 
     Parameters
     ----------
     sharp : array_like, shape (h, w) or (h, w, C)
-        The scene seen at the middle row's mid-exposure; floats of the nominal range [0, 1], or uint8 or uint16, which
-        are scaled to it. At least as large as
-        the camera's picture; the frame is centred in it, so that the scene goes on beyond the frame. Where the camera
-        looks beyond `sharp`, the scene is mirrored.
-    log, camera, exposure
-        The motion, the camera and the time of the exposure.
+        The scene at the mid-exposure of the middle row; floats of the nominal range [0, 1], or uint8 or uint16, which
+        are scaled to it. It must be at least as large as the camera's picture, which is centred in it; the rest is
+        visible when the camera turns. Beyond its borders, the scene is mirrored.
+    log : GyroLog
+        Motion of the camera.
+    camera : Camera
+        The camera.
+    exposure : Exposure
+        Time of the exposure.
     noise : float, default 0.0
-        Standard deviation of white Gaussian noise on the [0, 1] range; 40 dB is 0.01.
+        Standard deviation of white Gaussian noise, in linear light of range [0, 1]; 0.01 is 40 dB.
     seed : int, default 0
-        Seed of the noise.
+        Seed of the noise, at least 0.
     samples : int or "auto"
-        Warps per row; "auto" takes at least 2 per pixel of the longest path.
+        Number of warps per row, at least 1; "auto" takes at least 2 per pixel of the longest path.
     translation : Translation, optional
-        Moves the camera before the scene, which is then a plane at that depth, upright to the optical axis at the
-        middle row's mid-exposure.
+        Positions of the camera. The scene is then a plane at `translation.depth`, perpendicular to the optical axis at
+        the mid-exposure of the middle row.
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light, as for :func:`rsdeblur.deblur`: "auto" is sRGB for integers and linear for floats.
 
@@ -94,9 +97,9 @@ def simulate(
     Raises
     ------
     InputError
-        If `sharp` is smaller than the camera's picture or not a finite picture.
+        If an argument is out of its range, or `sharp` is smaller than the camera's picture or not finite.
     CoverageError, ClockError, GapError
-        If the log does not describe the exposure.
+        If the log or the translation does not describe the exposure.
     """
     scene, transfer = _linear_scene(sharp, transfer)
     if scene.shape[0] < camera.height or scene.shape[1] < camera.width:
@@ -168,7 +171,7 @@ def _simulate(
 
 
 class _CameraPath:
-    """Pose of the camera; its orientation by brute force, midpoint steps of the interpolated rates."""
+    """Pose of the camera over time; its orientation is integrated by many midpoint steps of the interpolated rates."""
 
     def __init__(
         self,
@@ -185,7 +188,7 @@ class _CameraPath:
         self.nodes = np.linspace(t0, t1, max(2, int(np.ceil((t1 - t0) * STEPS_PER_SECOND)) + 1))
         centres = 0.5 * (self.nodes[1:] + self.nodes[:-1])
         self.rates = np.stack([np.interp(centres, t, omega[:, axis]) for axis in range(3)], axis=1)
-        # A far point moves by dX/dt = -omega x X.
+        # In camera axes, a far point X moves by dX/dt = -omega x X.
         steps = Rotation.from_rotvec(-self.rates * np.diff(self.nodes)[:, None])
         orientation = [Rotation.identity()]
         for step in steps:
@@ -195,10 +198,10 @@ class _CameraPath:
         self.places = translation and translation.covering(t0, t1, epoch_ns)
 
     def longest(self, opens: FloatArray, closes: FloatArray) -> float:
-        """Bound on the length in px of any pixel's path within any of the windows."""
+        """Return an upper bound in px on the length of all paths between `opens` and `closes`."""
         focal_length, (cx, cy) = max(self.camera.focal_length), self.camera.principal_point
         radius = np.hypot(max(cx, self.camera.width - 1 - cx), max(cy, self.camera.height - 1 - cy))
-        # At a distance r from the principal point perspective magnifies f by 1 + (r/f)^2.
+        # At a distance r from the principal point, perspective multiplies f by 1 + (r/f)^2.
         tilt, roll = np.hypot(self.rates[:, 0], self.rates[:, 1]), np.abs(self.rates[:, 2])
         speed = focal_length * (1.0 + (radius / min(self.camera.focal_length)) ** 2) * tilt + radius * roll
         steps = speed * np.diff(self.nodes)
@@ -209,13 +212,13 @@ class _CameraPath:
         return float(lengths.max())
 
     def turns(self, times: FloatArray, reference: float) -> FloatArray:
-        """Matrices, shape `times.shape + (3, 3)`, from directions of the camera at `times` to those at `reference`."""
+        """Return the matrices from camera directions at `times` to those at `reference`, `times.shape + (3, 3)`."""
         at_reference = self.orientation([reference]).as_matrix()[0]
         at_times = self.orientation(times.ravel()).as_matrix().reshape(*times.shape, 3, 3)
         turns: FloatArray = at_reference @ np.swapaxes(at_times, -1, -2)
         if self.places is None:
             return turns
-        # Seen from s in reference axes, direction r meets the plane z = 1 at s + r (1 - s_z) / r_z.
+        # From position s, in reference axes, direction r meets the plane z = 1 at s + r (1 - s_z) / r_z.
         s = (self.places.at(times) - self.places.at(np.array(reference))) @ at_reference.T
         meeting = (1.0 - s[..., 2, None, None]) * np.eye(3)
         meeting[..., 2] += s
@@ -223,7 +226,7 @@ class _CameraPath:
         return moved
 
     def warps(self, times: FloatArray, reference: float, left: int, top: int) -> FloatArray:
-        """Homographies, shape `times.shape + (3, 3)`, from a frame pixel at `times` to the scene at `reference`."""
+        """Return the homographies from a pixel at `times` to the scene at `reference`, shape `times.shape + (3, 3)`."""
         k = self.camera.matrix
         to_scene = np.array([[1.0, 0.0, left], [0.0, 1.0, top], [0.0, 0.0, 1.0]]) @ k
         warps: FloatArray = to_scene @ self.turns(times, reference) @ np.linalg.inv(k)
@@ -233,7 +236,7 @@ class _CameraPath:
 def _through_lens(
     coefficients: NDArray[np.float32], path: _CameraPath, times: FloatArray, reference: float, left: int, top: int
 ) -> NDArray[np.float32]:
-    """`average_warps` for a lens that distorts: no homography, so each pixel is followed by itself."""
+    """Return the same as `average_warps` for a distorting lens, whose warps are not homographies: pixels are traced."""
     camera = path.camera
     grid = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
     directions = _undistorted((grid - np.array(camera.principal_point)) / np.array(camera.focal_length), camera)
@@ -252,14 +255,14 @@ def _through_lens(
     return out
 
 
-# The lens once more, written from OpenCV's documentation and inverted by other means than in `lens`.
+# A second implementation of the lens, from OpenCV's documentation, with other inverses than `rsdeblur.motion.lens`.
 def _distorted(directions: FloatArray, camera: Camera) -> FloatArray:
     k = camera.distortion
     if camera.distortion_model == "fisheye":
         a, b, c = np.moveaxis(directions, -1, 0)
         r = np.sqrt(a**2 + b**2)
         theta = np.arccos(c / np.sqrt(r**2 + c**2))
-        # theta (1 + k1 theta^2 + ...) as a polynomial, the highest power first; where r is 0, so is the result
+        # theta (1 + k1 theta^2 + ...) as a polynomial, the highest power first. Where r is 0, the result is 0.
         bent = np.polyval([k[3], 0, k[2], 0, k[1], 0, k[0], 0, 1, 0], theta)
         ratio: FloatArray = bent / np.maximum(r, 1e-300)
         return directions[..., :2] * ratio[..., None]
@@ -270,7 +273,7 @@ def _distorted(directions: FloatArray, camera: Camera) -> FloatArray:
 
 
 def _brown(plane: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
-    """Radial factor and tangential shift."""
+    """Return the radial factor and the tangential shift."""
     full = np.zeros(8)
     full[: len(k)] = k
     k1, k2, p1, p2, k3, k4, k5, k6 = full
@@ -285,14 +288,14 @@ def _undistorted(plane: FloatArray, camera: Camera) -> FloatArray:
     if camera.distortion_model == "fisheye":
         theta = np.linspace(0.0, np.pi, 300_001)
         bent = np.polyval([k[3], 0, k[2], 0, k[1], 0, k[0], 0, 1, 0], theta)
-        # Up to where the model turns back; beyond, no pixel of the frame lies.
+        # Only where the polynomial increases; no pixel of the frame lies beyond.
         end = int(np.argmax(np.append(np.diff(bent) <= 0, True))) + 1
         radius = np.linalg.norm(plane, axis=-1)
         angle = np.interp(radius, bent[:end], theta[:end])
         sideways = plane * (np.sin(angle) / np.maximum(radius, 1e-300))[..., None]
         return np.concatenate([sideways, np.cos(angle)[..., None]], axis=-1)
     flat = plane
-    # OpenCV's fixed point; each step shrinks the error by the share of the distortion.
+    # OpenCV's fixed-point iteration; each step multiplies the error by the relative size of the distortion.
     for _ in range(300):
         radial, shift = _brown(flat, k)
         flat = (plane - shift) / radial

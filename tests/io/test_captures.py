@@ -66,7 +66,7 @@ def test_formats(tmp_path: Path, text: str) -> None:
 
 
 FAULTS = {
-    "null stamp": (f"{ANDROID}\nnull,1,1,1,5000000,1,1\n", 2, "stamp 'null' is not a finite number"),
+    "null stamp": (f"{ANDROID}\nnull,1,1,1,5000000,1,1\n", 2, "'null' in column 1 is not a number"),
     "zero exposure": (f"{IOS}\n1,1,1,1,1,5000000\n2,1,1,1,1,0\n", 3, "impossible exposure time of 0 ns"),
     "negative exposure": ("1 100\n2 -100\n", 2, "impossible exposure time of -100 ns"),
     "too few columns": ("1 100\n2\n3 100\n", 2, "too few columns: 1 found, at least 2"),

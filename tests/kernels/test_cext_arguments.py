@@ -1,4 +1,4 @@
-"""What the C extension is given: every array of every function in every wrong form is refused, and none is changed."""
+"""Arguments of the C extension: an array of any wrong form is refused, in every function, and none is changed."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ def pairs(*shape: int) -> Array:
 
 
 def model() -> list[Array]:
-    """Arrays of a rowwise model: six rows that each see one latent row of the same number."""
+    """Return the arrays of a rowwise model: six rows, each of which sees the latent row of the same number."""
     index = [np.array(values, np.int32) for values in ([0, 3], [3, 6], [0, 0])]
     start = np.cumsum([0, *[int(row == latent) for latent in range(3) for row in range(3)] * 2]).astype(np.int32)
     return [*index, start, np.zeros(6, np.int32), floats(6), rowwise.phase_table(0, 0, 1, 50)]
 
 
-# Arguments of a valid call, and which of the arrays are written.
+# Arguments of a valid call, and positions of the arrays that it writes.
 CALLS: dict[str, tuple[Callable[[], list[Any]], set[int]]] = {
     "multiply": (lambda: [pairs(2, 5, 6), pairs(5, 6)], {0}),
     "blend": (lambda: [pairs(2, 5, 9), pairs(2, 5, 6), floats(4), 1, 2], {0}),
@@ -150,7 +150,7 @@ def test_numbers_that_are_none_or_too_large(name: str) -> None:
                 given = arguments()
                 given[place] = wrong
                 if name == "rowwise_workspace":
-                    # `solve` is a truth value, and any larger picture has the rows that are seen.
+                    # `solve` may be any number, and a larger picture contains all rows of the model.
                     with pytest.raises((TypeError, ValueError, OverflowError)):
                         native.rowwise_workspace(*given[:place], {7: -1, 8: None}[place], *given[place + 1 :])
                     continue

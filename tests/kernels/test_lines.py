@@ -1,6 +1,6 @@
 """Laws of moving lines, on the C kernels and on their NumPy twins.
 
-The picture is left alone, and what goes on beyond it meets itself smoothly.
+The picture is unchanged, and its continuation joins smoothly.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def complex_noise(*shape):
 
 @pytest.fixture
 def extended(kernels):
-    """Cut a tile of `length` at `start` out of the rows of `source` (N, C)."""
+    """Function that returns a tile of `length` at `start` of the rows of `source` (N, C)."""
 
     def cut(source, length, start, *, taper=0, border="blend"):
         out = np.full((source.shape[1], 1, length), np.nan, dtype=np.float32)
@@ -73,11 +73,11 @@ def test_inside_is_untouched(extended, noise, border, length, start, taper):
 @pytest.mark.parametrize(("length", "start", "taper"), [(64, -6, 16), (56, 0, 16), (36, 10, 16)])
 def test_ends_of_a_smooth_picture_meet_smoothly(extended, length, start, taper):
     x = np.linspace(0.0, 1.0, N)
-    # A ramp and a curve: as they are, their ends are 0.9 apart.
+    # A ramp and a curve, whose two ends differ by 0.9.
     picture = (0.9 * x + 0.1 * np.sin(7 * x)).astype(np.float32)[:, None]
     out = extended(picture, length, start, taper=taper)[:, 0]
     steps = np.abs(np.diff(np.append(out, out[0])))
-    # The fade crosses at most the whole range with the slope of half a cosine period over `taper`, and comes on top of
+    # The fade crosses at most the whole range, with the slope of half a cosine period over `taper`, in addition to
     # the picture's own steps on both sides.
     allowed = 0.9 * np.pi / 2 / taper + 2 * np.abs(np.diff(picture[:, 0])).max()
     assert steps[-1] <= 2 * np.abs(np.diff(picture[:, 0])).max()
@@ -94,7 +94,7 @@ def test_without_a_taper_the_ends_do_not_meet(extended):
 def test_the_taper_fades_from_one_end_into_the_other(extended):
     low, high = np.zeros((20, 1), np.float32), np.ones((20, 1), np.float32)
     out = extended(np.concatenate([low, high]), 52, 0, taper=12)[:, 0]
-    # After the last, bright row the continuation falls to the dark first row.
+    # After the last row, which is bright, the continuation falls to the first row, which is dark.
     end = out[40:]
     assert np.all(np.diff(end) < 0)
     assert 0.95 < end[0] < 1
@@ -109,7 +109,7 @@ def test_the_taper_ends_where_the_start_begins(extended, noise, length, start):
     after = wide[300 + start + length - taper : 300 + start + length]
     before = wide[300 + start - taper : 300 + start]
     share = (extended(noise, length, start, taper=taper)[-taper:] - after) / (before - after)
-    # One rising share for all channels; differences of noise are often small, hence the tolerance.
+    # One increasing weight for all channels; differences of noise are often small, hence the tolerance.
     np.testing.assert_allclose(share, np.repeat(share[:, :1], 3, axis=1), atol=1e-3)
     assert np.all(np.diff(share, axis=0) > 0)
 
@@ -159,7 +159,7 @@ def test_what_is_not_finite_is_reported_where_it_is_read(kernels, bad, channels)
     seen = [kernels.picture_to_lines(picture, 1, 1, start, fade(0), False, line) for start in (0, 10, 11, 20, 21)]
     assert seen == [True, True, False, False, True]
     assert kernels.picture_to_lines(picture, 0, 1, 15, fade(0), False, line)
-    # Huge but finite, and the smallest there is.
+    # Values that are huge but finite, and the smallest ones.
     picture[1, 20] = [[3e38], [1e-45]][channels == 1]
     assert kernels.picture_to_lines(picture, 1, 1, 15, fade(0), False, line)
 
@@ -180,7 +180,7 @@ def test_lines_go_back_to_their_place(kernels, noise, add, channels):
 
 @needs_native
 class TestMisuse:
-    """The binding refuses what would make the C code read or write elsewhere."""
+    """The binding refuses arguments that would make the C code read or write beyond an array."""
 
     picture, lines = np.zeros((4, 12, 3), np.float32), np.zeros((3, 4, 20), np.float32)
     rows, columns = np.zeros((3, 9, 30), np.complex64), np.zeros((3, 16, 9), np.complex64)

@@ -20,7 +20,7 @@ def raster(request):
 
 
 def random_paths(count=30, samples=17, seed=0):
-    """Smooth paths with a reach of 8 px down and 11 px across; every third one moves along one axis only."""
+    """Return smooth paths that reach 8 px down and 11 px across; every third one moves along one axis only."""
     rng = np.random.default_rng(seed)
     t = np.linspace(0.0, 2 * np.pi, samples)
     waves = rng.normal(size=(count, 3, 2))[:, :, None] * np.sin(np.arange(1, 4)[:, None] * t + 1.0)[None, :, :, None]
@@ -37,7 +37,7 @@ def centroid(kernel):
 
 
 def time_mean(path):
-    """Of a path traced segment by segment, each in the same time."""
+    """Return the mean position over time of a path whose segments take equal times."""
     return 0.5 * (path[1:] + path[:-1]).mean(axis=0)
 
 
@@ -49,7 +49,7 @@ def test_numba_equals_numpy():
 
 
 def test_numba_equals_numpy_on_grid_lines_and_turns():
-    # Corners on pixels, standing still, moving along a grid line, diagonally through pixels, back and forth.
+    # Corners on pixels, no motion, motion along a grid line, diagonally through pixels, back and forth.
     path = [[0, 0], [3, 0], [3, 0], [3, 3], [0, 0], [-1, 2], [-1, 2.5], [-1, -2.5], [1e-13, 0], [11, 8], [-11, -8]]
     paths = np.array([path], dtype=np.float64)
     np.testing.assert_allclose(
@@ -86,16 +86,16 @@ def test_a_point_between_pixels_is_bilinear(raster):
 
 
 def test_a_straight_path_is_integrated_exactly(raster):
-    # A pixel inside gets the integral of its tent, one pixel's share; the end pixels get half of one.
+    # An inner pixel gets the integral of its tent, one share; the end pixels get half a share.
     kernel = raster([[-4, 0], [4, 0]])
     row = np.array([0.5, *[1.0] * 7, 0.5]) / 8
     np.testing.assert_allclose(kernel[HALF_HEIGHT, HALF_WIDTH - 4 : HALF_WIDTH + 5], row, atol=ATOL)
-    # Along the diagonal of a cell the corners share: the integral of (1 - t)^2 is 1/3, of t (1 - t) 1/6.
+    # Shares of the corners along the diagonal of a cell: the integral of (1 - t)^2 is 1/3, of t (1 - t) 1/6.
     np.testing.assert_allclose(raster([[0, 0], [1, 1]])[9:11, 12:14], [[1 / 3, 1 / 6], [1 / 6, 1 / 3]], atol=ATOL)
 
 
 def test_dwelling_gives_energy_in_proportion(raster):
-    # Three of four equal times at (2, 1), the fourth on the way to (6, 1) along the pixels between.
+    # Three of four equal times are spent at (2, 1), the fourth on the way to (6, 1).
     kernel = raster([[2, 1], [2, 1], [2, 1], [2, 1], [6, 1]])
     row = 0.25 * np.array([0.5, 1, 1, 1, 0.5]) / 4
     row[0] += 0.75
@@ -105,7 +105,7 @@ def test_dwelling_gives_energy_in_proportion(raster):
 @pytest.mark.parametrize("parts", [2, 3, 7])
 @pytest.mark.parametrize("path", random_paths(4, seed=2))
 def test_splitting_segments_changes_nothing(raster, path, parts):
-    # Every segment is cut at each k / parts of its time, so times stay even.
+    # Every segment is cut into equal parts, so times stay even.
     knots = np.arange(len(path))
     fine = np.linspace(0, len(path) - 1, parts * (len(path) - 1) + 1)
     split = np.stack([np.interp(fine, knots, path[:, axis]) for axis in (0, 1)], axis=1)

@@ -23,7 +23,7 @@ def kernels(request):
 
 
 def random_model(rng, rows, tallest):
-    """Rows that see 1 to `tallest` latent rows somewhere near their own place."""
+    """Return a model whose rows see 1 to `tallest` latent rows near their own position."""
     taps = [
         (y, first + n, int(rng.integers(SHIFTS)), rng.random() / tallest)
         for y in range(rows)
@@ -62,7 +62,7 @@ def workspace(kernels, c, solve):
 
 
 def dense(c):
-    """A of each lane by its definition, shape (16, H, L)."""
+    """Return the matrices A of all lanes, computed by definition, shape (16, H, L)."""
     matrices = np.zeros((LANES, c.rows, c.model.latents), dtype=complex)
     for y, latent, shift, weight in c.taps:
         matrices[:, y, latent] += weight * np.exp(-2j * np.pi * (LANES + np.arange(LANES)) * (shift - 4) / LENGTH)
@@ -70,11 +70,11 @@ def dense(c):
 
 
 def values(lanes):
-    """Lanes as complex numbers, shape (16, R, C)."""
+    """Return lanes as complex numbers, shape (16, R, C)."""
     return np.moveaxis(lanes[:, :, 0] + 1j * lanes[:, :, 1].astype(complex), (0, 1, 2), (2, 1, 0))
 
 
-# Channels on both sides of the block of three.
+# Numbers of channels below and above the block of three.
 CASES = [(20, 7, 3), (50, 16, 1), (33, 9, 2), (7, 3, 4), (9, 1, 5)]
 
 
@@ -123,7 +123,7 @@ def test_spectra_and_lanes():
 
 @needs_native
 class TestMisuse:
-    """The binding refuses what would make the C code read or write elsewhere."""
+    """The binding refuses arguments that would make the C code read or write beyond an array."""
 
     def solve(self, change, **replaced):
         c = case()

@@ -34,7 +34,7 @@ def picture(request):
 
 @pytest.mark.parametrize("periodic", [False, True])
 def test_what_is_not_shrunk_is_the_laplacian(grad_adjoint, picture, periodic):
-    # Every share that is kept is 1.
+    # Gradients that do not vanish are kept whole.
     out = grad_adjoint(picture, 1e-9, table=np.ones(2, np.float32), periodic=periodic)
     wide = np.pad(picture, ((1, 1), (1, 1), (0, 0)), mode="wrap" if periodic else "edge")
     expected = 4 * picture - wide[2:, 1:-1] - wide[:-2, 1:-1] - wide[1:-1, 2:] - wide[1:-1, :-2]

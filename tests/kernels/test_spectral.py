@@ -73,7 +73,7 @@ def test_slabs_with_windows_that_sum_to_one_rebuild_the_picture(kernels):
 
 @needs_native
 class TestMisuse:
-    """The binding refuses what would make the C code read or write elsewhere, and changes nothing."""
+    """The binding refuses arguments that would make the C code read or write beyond an array, and changes nothing."""
 
     @pytest.fixture
     def arrays(self):

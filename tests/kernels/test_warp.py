@@ -31,14 +31,14 @@ def noise(height=HEIGHT, width=WIDTH, channels=2):
 
 
 def shifts(*displacements, rows=HEIGHT):
-    """Warps to (x + dx, y + dy), the same for all rows."""
+    """Return warps to (x + dx, y + dy), equal for all rows."""
     warps = np.tile(np.eye(3), (rows, len(displacements), 1, 1))
     warps[..., :2, 2] = displacements
     return warps
 
 
 def random_warps(rows=HEIGHT, samples=5):
-    """Homographies near the identity, another for each row and time, some of which look beyond the picture."""
+    """Return homographies near the identity, different for each row and time; some reach beyond the picture."""
     rng = np.random.default_rng(1)
     warps = np.eye(3) + rng.normal(size=(rows, samples, 3, 3)) * [[0.05, 0.05, 4], [0.05, 0.05, 4], [1e-4, 1e-4, 0.01]]
     return warps

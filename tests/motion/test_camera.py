@@ -1,4 +1,4 @@
-"""Laws of the camera: turning, resizing and cutting keep rays and times; files say what is wrong with them."""
+"""Laws of the camera: turning, resizing and cropping keep rays and times; errors in files are named."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def camera(request):
 
 
 def directions(camera, points):
-    """Unit-depth rays through points (n, 2)."""
+    """Return the rays of unit depth through points (n, 2)."""
     return np.column_stack([points, np.ones(len(points))]) @ np.linalg.inv(camera.matrix).T
 
 
@@ -36,7 +36,7 @@ def project(camera, rays):
 
 
 def gyro_windows(camera, exposure, rows):
-    """When each row is open, on the gyro's clock."""
+    """Return the exposure times of each row, in gyro time."""
     opens, closes = exposure.window(rows, camera)
     return opens - camera.time_offset, closes - camera.time_offset
 
@@ -73,7 +73,7 @@ class TestTurned:
         turned = np.rot90(picture, -1)
         after = camera.turned()
         assert (after.height, after.width) == turned.shape
-        # The ray through a pixel, in the turned axes (x' = -y, y' = x), meets the same pixel of the turned picture.
+        # In the turned axes (x' = -y, y' = x), the ray through a pixel meets the same pixel of the turned picture.
         points = np.array([[0, 0], [95, 0], [17, 60]])
         x, y, z = directions(camera, points).T
         x1, y1 = np.rint(project(after, np.stack([-y, x, z], axis=1))).astype(int).T
@@ -95,7 +95,7 @@ class TestTurned:
     def test_rows_keep_their_times(self, camera):
         exposure, after = Exposure(1.0, 0.01), camera.turned()
         rows = np.arange(camera.lines)
-        # Readout along x becomes readout along y unchanged; along y, it runs against the new x.
+        # Readout along x becomes readout along y; readout along y becomes readout against the new x axis.
         moved = rows if camera.horizontal_readout else camera.height - 1 - rows
         np.testing.assert_array_equal(exposure.window(moved, after), exposure.window(rows, camera))
 
@@ -105,7 +105,7 @@ class TestScaled:
     def test_rays_keep_their_pixel_edges(self, camera, s):
         small = camera.scaled(s)
         assert (small.width, small.height) == (round(96 * s), round(64 * s))
-        # Pixel centres are at integers: pixel edges, which are at halves, are what resizing maps onto each other.
+        # Resizing maps pixel edges onto each other. They are at halves, because pixel centres are at integers.
         ratio = np.array([small.width / 96, small.height / 64])
         np.testing.assert_allclose(
             directions(small, (POINTS + 0.5) * ratio - 0.5), directions(camera, POINTS), atol=1e-12
@@ -238,7 +238,7 @@ class TestFile:
                 "imu_to_camera must have shape",
             ),
             ("width = 6\nheight = 4\nfocal_length = [[1, 2], [3]]", "focal_length must be an array of real numbers"),
-            # TOML has integers of any length.
+            # TOML allows integers of any length.
             (
                 f"width = 6\nheight = 4\nfocal_length = 1{'0' * 400}",
                 "focal_length must be an array of real numbers: .* too large",

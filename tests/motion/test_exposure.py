@@ -1,4 +1,4 @@
-"""Laws of the exposure: when each row is open, for the four directions of readout."""
+"""Laws of the exposure: times of each row, for the four readout directions."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_lines_are_evenly_spaced_fractions_and_beyond_included(direction):
     rows = np.linspace(-3.0, camera.lines + 2.0, 31)
     opens, _ = EXPOSURE.window(rows, camera)
     sign = 1 if direction in ("top-down", "left-right") else -1
-    # Times of 2 s round at 4e-16.
+    # Times of 2 s are rounded by 4e-16 s.
     np.testing.assert_allclose(np.diff(opens), sign * np.diff(rows) * 0.03 / camera.lines, atol=1e-14)
 
 

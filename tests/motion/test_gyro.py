@@ -15,7 +15,7 @@ from rsdeblur.motion.gyro import GyroLog, OrientationTrack
 CAMERA = Camera(64, 48, 80.0)
 EPOCH = 1_700_000_000_123_456_789
 
-# A product of n rotation matrices of float64 is off by some n roundings of 2e-16; n is below 500 here.
+# A product of n rotation matrices in float64 errs by about n roundings of 2e-16; n is below 500 here.
 ROUNDING = 1e-12
 
 
@@ -59,7 +59,7 @@ class TestIntegration:
             bound += 1.5 * (a**3 * b / 720 + a * b**2 / 240) + a * b / (12 * substeps**2)
             error = np.abs(track.at(t[k + 1]) - orientation.as_matrix()).max()
             assert error <= bound
-        # Without the cross product, steps of 70 ms at 3 rad/s would each be wrong by a b / 12, about 5e-3.
+        # Without the cross product, steps of 70 ms at 3 rad/s would each err by a b / 12, about 5e-3.
         assert bound < 3e-3
 
     def test_halved_samples_change_nothing_where_rates_are_linear(self):
@@ -67,7 +67,7 @@ class TestIntegration:
         middle = 0.5 * (t[1:] + t[:-1])
         both = np.sort(np.concatenate([t, middle]))
         fine = np.stack([np.interp(both, t, omega[:, axis]) for axis in range(3)], axis=1)
-        # Steps of 10 ms at 3.5 rad/s: 29 times (3.5e-2)^3 / 240 and little more.
+        # 29 steps of 10 ms at 3.5 rad/s, each with an error of little more than (3.5e-2)^3 / 240.
         np.testing.assert_allclose(track_of(both, fine).at(t), track_of(t, omega).at(t), atol=1e-5)
 
     def test_stays_a_rotation(self):
@@ -128,7 +128,7 @@ class TestTime:
         times = np.linspace(0.1, 0.2, 50)
         straight = OrientationTrack.from_log(log, CAMERA, 0.1, 0.2, 0)
         moved = OrientationTrack.from_log(log.shifted(dt), Camera(64, 48, 80.0, time_offset=-dt), 0.1, 0.2, 0)
-        # Stamps of some seconds round at 1e-15 s; rates are a few rad/s.
+        # Times of some seconds are rounded by 1e-15 s; rates are a few rad/s.
         np.testing.assert_allclose(moved.at(times), straight.at(times), atol=ROUNDING)
 
     @pytest.mark.parametrize("ns", [1, -1, 37, 123_456_789])
@@ -138,7 +138,7 @@ class TestTime:
         based = dated.covering(0.15, 0.2, EPOCH + ns)
         assert based.epoch_ns == EPOCH + ns
         kept = log.trimmed(0.15 + ns * 1e-9, 0.2 + ns * 1e-9)
-        # Float64 would round the whole stamps to 256 ns; the difference keeps a millionth of a nanosecond.
+        # Float64 would round whole timestamps to 256 ns; the difference is right to a millionth of a nanosecond.
         np.testing.assert_allclose(based.t, kept.t - ns * 1e-9, rtol=0, atol=1e-15)
         assert np.array_equal(based.omega, kept.omega)
 
@@ -201,7 +201,7 @@ class TestCovering:
         assert holed.covering(*window, 0).span == pytest.approx(window)
 
     def test_the_neighbourhood_tells_what_a_gap_is(self):
-        # The log's second half is sampled at a fifth of the first one's rate, and has a hole.
+        # The second half of the log has a fifth of the sampling rate of the first half, and a gap.
         t = np.concatenate([np.arange(10_000) / 200, 50 + np.delete(np.arange(4_000), slice(2_000, 2_010)) / 40])
         log = GyroLog(t, np.zeros((len(t), 3)))
         for t0 in (10.0, 70.0):
@@ -247,7 +247,7 @@ class TestLog:
         assert np.array_equal(later.omega, log.omega)
 
     def test_shifted_so_far_that_stamps_coincide_is_refused(self, log):
-        # At 1e20 s neighbouring numbers of float64 are hours apart.
+        # Near 1e20 s, neighbouring float64 values are hours apart.
         with pytest.raises(InputError, match="makes sample times equal; change epoch_ns instead"):
             log.shifted(1e20)
 
@@ -300,7 +300,7 @@ class TestLog:
     def test_degrees_are_suspected_once(self, log):
         with pytest.warns(RsdeblurWarning):
             suspicious = GyroLog(log.t, 180 / np.pi * log.omega)
-        # Warnings are errors here.
+        # Warnings are errors in tests.
         suspicious.shifted(1.0).minus_bias([0, 0, 0]).trimmed(1.1, 1.3).covering(1.15, 1.2, 0)
 
     def test_one_peak_beyond_a_gyro_is_suspected(self, log):

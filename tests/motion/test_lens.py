@@ -38,7 +38,7 @@ class TestInverse:
     @MODELS
     def test_rays_are_projected_back(self, model, k, pixels):
         camera = camera_of(model, k)
-        # Newton stops at 1e-13 in normalised coordinates.
+        # Newton's method stops at 1e-13 in normalised coordinates.
         np.testing.assert_allclose(camera.project(camera.rays(pixels)), pixels, atol=1e-9)
 
     @MODELS
@@ -86,7 +86,7 @@ class TestOracles:
         directions = camera.rays(pixels)
         points = (pixels - camera.principal_point) / camera.focal_length
         np.testing.assert_allclose(_distorted(directions, camera), points, atol=1e-11)
-        # The simulator's table of the fisheye is linear between angles 1e-5 apart.
+        # The simulator interpolates its table of the fisheye linearly between angles 1e-5 apart.
         np.testing.assert_allclose(_undistorted(points, camera), directions, atol=1e-9)
 
     @MODELS
@@ -108,7 +108,7 @@ class TestTurned:
         camera = camera_of(model, k)
         turned = camera.turned()
         x, y = pixels[..., 0], pixels[..., 1]
-        # New x runs against the old y: so do directions.
+        # The new x axis is the old -y axis, for pixels and for directions.
         a, b, c = np.moveaxis(camera.rays(pixels), -1, 0)
         seen = turned.rays(np.stack([HEIGHT - 1 - y, x], axis=-1))
         np.testing.assert_allclose(seen, np.stack([-b, a, c], axis=-1), atol=1e-12)
@@ -129,7 +129,7 @@ EXPOSURE = Exposure(0.05, 0.025)
 class TestMotion:
     @MODELS
     def test_paths_are_those_of_brute_force(self, model, k):
-        """A global shutter: what a pixel sees at time t, projected at mid-exposure."""
+        """With a global shutter, a path is the direction of the pixel at time t, projected at mid-exposure."""
         camera = camera_of(model, k)
         capture = Capture.from_log(hand_shake(0.2, strength=3, seed=3), camera, EXPOSURE)
         rows, cols = np.array([3.0, 80.0, 155.0]), np.array([2.0, 100.0, 190.0])
@@ -145,7 +145,7 @@ class TestMotion:
                     moved = middle @ capture.track.at(np.array(time)).T @ direction
                     plane = moved[:2] / moved[2] if model == "none" else _distorted(moved, camera)
                     q = plane * camera.focal_length + camera.principal_point
-                    # The poses of rows are interpolated, though they are all the same here.
+                    # Poses are interpolated between rows, although they are all equal here.
                     np.testing.assert_allclose(paths.displacements[b, s, t], [x, y] - q, atol=1e-6)
 
     def test_the_distortion_changes_the_corners_and_not_the_middle(self):
@@ -179,13 +179,13 @@ def test_a_picture_is_deblurred_through_its_lens(name: str, direction: str) -> N
         quality(seen.rolling, deblur_picture(seen.blurred, log, c, EXPOSURE, prior="wiener", nsr=0.01).image)
         for c in (camera, pinhole)
     )
-    # Measured 18.8 to 19.2 dB blurred, 19.5 to 23.5 dB with the paths of a pinhole, 24.3 to 27.1 dB with the lens's.
+    # Measured 18.8 to 19.2 dB blurred, 19.5 to 23.5 dB with the paths of a pinhole, 24.3 to 27.1 dB with the lens.
     assert with_lens > without + 1.5
     assert with_lens > quality(seen.rolling, seen.blurred) + 3
 
 
 def test_wild_coefficients_are_refused_or_right(pixels: np.ndarray) -> None:
-    """No warning of NumPy's, and never a direction that is not projected back."""
+    """NumPy does not warn, and every direction is projected back to its pixel."""
     rng = np.random.default_rng(0)
     for _ in range(200):
         model, count = (("radtan", int(rng.choice([4, 5, 8]))), ("fisheye", 4))[rng.integers(2)]

@@ -1,4 +1,4 @@
-"""Laws of the paths: signs, the anchor of each row, and agreement with independent ways to the same numbers."""
+"""Laws of the paths: signs, the reference of each row, and agreement with independent computations."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ CENTRE = (np.array([31.5]), np.array([47.5]))
 ROWS, COLS = np.array([0.0, 10.0, 31.5, 50.0, 63.0]), np.array([0.0, 40.0, 95.0])
 EXPOSURE = Exposure(0.1, 0.04)
 
-# Poses are tabulated at rows, dt = 0.47 ms apart here, and linear between: at up to 200 rad/s^2 they err by
-# dt^2 / 8 x 200 = 5e-6 rad, times the focal length and its growth by a third towards the corners.
+# Poses are tabulated at rows, here dt = 0.47 ms apart, and interpolated linearly. At up to 200 rad/s^2 they err by
+# dt^2 / 8 x 200 = 5e-6 rad, times the focal length, which perspective increases by a third towards the corners.
 BETWEEN_ROWS = 8e-4  # px
 
 
@@ -32,7 +32,7 @@ def camera_of(readout_time=0.03, **options):
 
 
 def constant(*rate):
-    """A log of 0.4 s with one rate throughout."""
+    """Return a log of 0.4 s with a constant rate."""
     return GyroLog(np.linspace(0.0, 0.4, 81), np.tile(np.float64(rate), (81, 1)))
 
 
@@ -41,7 +41,7 @@ def paths_of(log, camera, rows=ROWS, cols=COLS, exposure=EXPOSURE, *, motion="ro
 
 
 class TestSigns:
-    """Displacements d = p - q at the time t against the angle theta turned since mid-exposure."""
+    """Displacements d = p - q at time t, compared with the angle theta turned since mid-exposure."""
 
     THETA = np.linspace(-0.02, 0.02, 9)  # 1 rad/s for 40 ms
 
@@ -51,7 +51,7 @@ class TestSigns:
     )
     def test_centre_moves_by_f_times_minus_theta_y_theta_x(self, motion, rate, direction):
         d = paths_of(constant(*rate), camera_of(0.0), *CENTRE, motion=motion, samples=9).displacements[0, 0]
-        # The rotation has the tangent of the angle, f theta^3 / 3 = 3e-4 px more.
+        # The rotation moves by f tan(theta), which is f theta^3 / 3 = 3e-4 px more.
         np.testing.assert_allclose(d, FOCAL * self.THETA[:, None] * direction, atol=4e-4)
 
     def test_roll_moves_a_point_by_theta_z_times_y_minus_x(self):
@@ -65,7 +65,7 @@ class TestSigns:
         camera = Camera(WIDTH, HEIGHT, (100.0, 200.0))
         for motion in MOTIONS:
             d = paths_of(constant(1, 1, 0), camera, *CENTRE, motion=motion, samples=3).displacements[0, 0, -1]
-            # Relative to a tangent: theta^2 = 4e-4.
+            # tan(theta) differs by a relative theta^2 = 4e-4 at most.
             np.testing.assert_allclose(d, [-2.0, 4.0], rtol=1e-3)
 
     @pytest.mark.parametrize("scale", [1.0, 0.1])
@@ -73,7 +73,7 @@ class TestSigns:
         log = shaky_log()
         log = GyroLog(log.t, scale * log.omega)
         both = [paths_of(log, camera_of(0.0), *CENTRE, motion=motion, samples=101) for motion in MOTIONS]
-        # At 2 rad/s, 20 ms from mid-exposure: angles below scale x 0.05 rad; what small angles leave out is quadratic.
+        # At 2 rad/s, 20 ms from mid-exposure: angles below scale x 0.05 rad; the error of small angles is quadratic.
         error = np.abs(both[0].displacements - both[1].displacements).max()
         assert 0 < error < FOCAL * (0.05 * scale) ** 2
         assert both[0].lengths.min() > 2 * scale
@@ -84,7 +84,7 @@ class TestAnchor:
     @pytest.mark.parametrize("readout_time", [0.0, 0.03])
     def test_no_motion_is_no_path(self, motion, readout_time):
         paths = paths_of(constant(0, 0, 0), camera_of(readout_time), motion=motion)
-        # Projected and back in float64.
+        # Rounding in float64, of a projection and its inverse.
         np.testing.assert_allclose(paths.displacements, 0.0, atol=1e-12)
 
     @pytest.mark.parametrize("motion", MOTIONS)
@@ -100,7 +100,7 @@ class TestAnchor:
         paths = BlurPaths.from_capture(capture, ROWS, COLS, samples=9)
         times = capture.times(ROWS, 9)
         for (b, y), (s, x), t in itertools.product(enumerate(ROWS), enumerate(COLS), range(9)):
-            # What the pixel sees at that time stands where a row, at its own mid-exposure, shows it.
+            # The point that the pixel sees at that time appears on the row that shows it at its own mid-exposure.
             world = capture.track.at(times[b, t]).T @ np.linalg.inv(camera.matrix) @ [x, y, 1.0]
 
             def shown(row, world=world):
@@ -108,7 +108,7 @@ class TestAnchor:
                 return np.array([u / w, v / w])
 
             row = brentq(lambda row, shown=shown: shown(row)[1] - row, -30.0, 100.0, xtol=1e-10)
-            # Three steps of the fixed point leave (speed x line time)^3 of the path, here (0.1)^3 of 3 px at worst.
+            # Three steps of the iteration leave (speed x line time)^3 of the path, here at most 0.1^3 of 3 px.
             np.testing.assert_allclose(paths.displacements[b, s, t], [x, y] - shown(row), atol=3e-3)
 
     def test_readout_shifts_the_window_down_the_picture(self, shaky_log):
@@ -133,7 +133,7 @@ class TestSamples:
         capture = Capture.from_log(shaky_log(), camera, EXPOSURE, motion=motion)
         paths = BlurPaths.from_capture(capture, ROWS, COLS)
         steps = paths.displacements.shape[2] - 1
-        # The length was found with fewer samples, which cut corners by less than 1 %.
+        # "auto" measures the length with fewer samples, which cut corners by less than 1 %.
         assert steps >= 0.99 * 4 * paths.lengths.max()
         assert steps >= 2 * len(capture.track.t)
 
@@ -144,7 +144,7 @@ class TestSamples:
         double = BlurPaths.from_capture(capture, ROWS, COLS, samples=2 * auto.displacements.shape[2] - 1)
         half = (auto.extent[0] + 2, auto.extent[1] + 2)
         kernels = [_kernels_of_size(paths, half) for paths in (auto, double)]
-        # Half a percent of the energy moves, and by a fraction of a pixel.
+        # Half a percent of the energy may move, by a fraction of a pixel.
         assert np.abs(kernels[0] - kernels[1]).sum(axis=(2, 3)).max() < 5e-3
 
     def test_a_number_is_taken(self, shaky_log):
@@ -178,12 +178,12 @@ class TestSamples:
         corner = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, -1.0]])
         paths = BlurPaths(np.stack([corner, 0 * corner])[:, None], np.arange(2.0), np.zeros(1))
         assert paths.lengths.tolist() == [[10.0], [0.0]]
-        # Along y before along x.
+        # The extent along y comes before the one along x.
         assert paths.extent == (4.0, 3.0)
 
 
 def _kernels_of_size(paths, half):
-    """Kernels of all paths on one common size: a corner path makes it."""
+    """Return the kernels of all paths at one size, forced by an additional path to the corner."""
     size = [int(np.ceil(n)) for n in half]
     frame = np.full((1, 1, paths.displacements.shape[2], 2), size[::-1], dtype=np.float64)
     displacements = np.concatenate([paths.displacements, np.repeat(frame, len(paths.cols), axis=1)])
@@ -234,7 +234,7 @@ class TestRowPoses:
             np.testing.assert_allclose(q, exact, atol=1e-10 if row % 1 == 0 else BETWEEN_ROWS)
 
     def test_rows_go_on_beyond_the_picture(self, shaky_log):
-        """A path that leaves the picture does not bend at its edge."""
+        """A path that leaves the picture does not bend at the border."""
         capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
         world = np.array([0.1, 0.2, 1.0])
         for row in (-9.0, 70.0):
@@ -253,7 +253,7 @@ class TestRowPoses:
 
 
 class TestChange:
-    """What the numbers of bands and strips are chosen by."""
+    """Changes and curvatures, from which the numbers of bands and strips follow."""
 
     @pytest.mark.parametrize("motion", MOTIONS)
     def test_none_without_motion_or_change(self, motion):
@@ -275,7 +275,7 @@ class TestChange:
         # The grid is a row shorter than the picture, 1.6 % here, and 33 rows may miss a little of the fastest change.
         assert steps.max() <= 1.05 * probe.change_down / bands + 1e-3
         if bands == 32:
-            # Nor is it more than they need: bands as narrow as the grid's steps find the fastest change again.
+            # The bound is not too large: bands as narrow as the rows of the grid have the fastest change too.
             assert steps.max() >= 0.95 * probe.change_down / bands
 
     @pytest.mark.parametrize("motion", MOTIONS)
@@ -294,7 +294,7 @@ class TestChange:
             weights = np.stack([np.interp(between, centres, unit) for unit in np.eye(tiles)], axis=1)
             guess = np.moveaxis(np.tensordot(weights, coarse, axes=(1, axis)), 0, axis)
             error = np.linalg.norm(guess - true, axis=-1).max()
-            # Curvature is measured at 33 and 9 places and so may miss a little of the largest.
+            # Curvature is measured at 33 and 9 positions, which may miss a little of the largest.
             assert error <= 1.05 * curvature / (8 * tiles**2) + 1e-3
 
     @pytest.mark.parametrize(
@@ -302,7 +302,7 @@ class TestChange:
     )
     @pytest.mark.parametrize("seed", range(6))
     def test_paths_change_no_faster_at_the_edges_than_inside(self, shaky_log, camera, seed):
-        """Poses go on beyond the picture; held at its edge, they would bend the outer paths several times as much."""
+        """Poses continue beyond the picture; constant ones would bend the outer paths several times as much."""
         probe = Capture.from_log(shaky_log(seed=seed), camera, EXPOSURE).probe
         for order in (1, 2):
             steps = np.linalg.norm(np.diff(probe.displacements, n=order, axis=0), axis=-1).max(axis=(1, 2))
@@ -337,8 +337,8 @@ class TestRectify:
         np.testing.assert_allclose(flat.displacements, keep.displacements, atol=1e-9)
 
     def test_holds_the_skew(self):
-        """Turning evenly about y, a row is off by what has turned since the middle row's mid-exposure."""
+        """At a constant rate about y, a row is displaced by the angle since the mid-exposure of the middle row."""
         paths = paths_of(constant(0, 0.5, 0), camera_of(), cols=CENTRE[1], geometry="rectify", samples=5)
         since = (ROWS[:, None] - 31.5) / HEIGHT * 0.03 + np.linspace(-0.02, 0.02, 5)
-        # The tangent, on a row a third of f off the centre.
+        # Tolerance for the tangent, on a row that is a third of f away from the centre.
         np.testing.assert_allclose(paths.displacements[:, 0, :, 0], -FOCAL * 0.5 * since, atol=0.01)

@@ -1,4 +1,4 @@
-"""Laws of the rectification: the rolling-shutter picture becomes the one of a single moment."""
+"""Laws of the rectification: a rolling-shutter picture becomes the picture of a single moment."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def camera_of(readout_time=0.03, **options):
 
 @pytest.fixture(scope="module")
 def large():
-    """A scene that goes on beyond the frame and holds no detail finer than a spline can follow."""
+    """Return a scene that continues beyond the frame and contains no detail too fine for a spline."""
     picture = scene(HEIGHT + 2 * PAD, WIDTH + 2 * PAD, seed=2)
     spectrum = np.fft.rfft2(picture, axes=(0, 1))
     fy, fx = np.fft.fftfreq(picture.shape[0])[:, None, None], np.fft.rfftfreq(picture.shape[1])[:, None]
@@ -42,7 +42,7 @@ def test_the_rolling_picture_becomes_the_rectified_one(large, shaky_log, directi
     before, after = (
         peak_signal_noise_ratio(truth.rectified[INSIDE], p[INSIDE], data_range=1) for p in (truth.rolling, image)
     )
-    # Two spline interpolations of a picture blurred with 0.8 px; the skew of a pixel or more is gone.
+    # Errors of two spline interpolations of a picture blurred by 0.8 px; a skew of a pixel or more would be larger.
     assert after > 45
     assert after > before + 12
     assert coverage[INSIDE].all()
@@ -77,17 +77,17 @@ def test_the_middle_row_stays(large, shaky_log):
 @pytest.mark.parametrize("direction", ["top-down", "bottom-up"])
 def test_each_pixel_is_read_where_a_row_saw_it(shaky_log, direction):
     camera = camera_of(readout_direction=direction)
-    # 2.5 times the usual shake, slower than the warning about degrees.
+    # 2.5 times the usual shake, below the rates that cause the warning about degrees.
     log = shaky_log((2.5, 2.5, 2.5), seed=2)
     capture = Capture.from_log(log, camera, EXPOSURE)
     y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
-    # The picture holds its own coordinates, so the result says where it was read.
+    # The picture contains its own coordinates, so the result shows where it was read.
     read, _ = rectify(np.stack([x, y], axis=-1), capture)
     reference = capture.track.at(capture.mid(np.array((HEIGHT - 1) / 2)))
     world = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.matrix).T @ reference
     poses = camera.matrix @ capture.track.at(capture.mid(read[..., 1].astype(np.float64)))
     shown = np.einsum("yxij,yxj->yxi", poses, world)
-    # Poses are linear between rows 0.4 ms apart, the last step of the fixed point moves 1e-3 px, and positions up to
+    # Poses are linear between rows 0.4 ms apart, the last step of the iteration moves by 1e-3 px, and positions up to
     # 100 px are float32.
     np.testing.assert_allclose(read[INSIDE], (shown[..., :2] / shown[..., 2:])[INSIDE], atol=5e-3)
     assert np.abs(read - np.stack([x, y], axis=-1))[INSIDE].max() > 3
@@ -99,14 +99,14 @@ def test_coverage_marks_what_no_row_saw(rate):
     log = GyroLog(np.linspace(0, 0.4, 81), np.tile([0.0, rate, 0.0], (81, 1)))
     ramp = np.tile(np.arange(WIDTH, dtype=np.float32)[:, None], (HEIGHT, 1, 1))
     image, coverage = rectify(ramp, Capture.from_log(log, camera_of(), EXPOSURE))
-    # Positive rates move the scene to the left: the first rows show it too far right, so their right end lacks.
+    # Positive rates move the scene to the left: the first rows show it too far right and miss its right end.
     corners = coverage[[0, 0, -1, -1], [0, -1, 0, -1]]
     np.testing.assert_array_equal(corners, [True, False, False, True] if rate > 0 else [False, True, True, False])
     assert coverage[:, 3:-3].all()
     assert coverage[HEIGHT // 2].all()
-    # What nothing saw repeats the border pixel.
+    # Where no row saw the scene, the border pixel is repeated.
     np.testing.assert_allclose(image[~coverage][:, 0] % (WIDTH - 1), 0.0, atol=1e-3)
-    # What was seen is the ramp, moved back.
+    # Elsewhere the ramp is moved back.
     assert image[0, 40, 0] - 40 == pytest.approx(np.sign(rate) * 1.65, abs=0.1)
 
 

@@ -1,4 +1,4 @@
-"""A camera that moves sideways before a scene of one depth: paths, restoration, and the simulator as the oracle."""
+"""A camera that moves sideways in front of a scene at one depth: paths and restoration, checked by simulation."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ DEPTH = 0.5
 
 
 def sway(amplitude=0.02):
-    """Centimetres to and fro within 0.1 s: some 10 px at half a metre."""
+    """Return a sway of centimetres within 0.1 s: about 10 px for a scene at half a metre."""
     x, y = amplitude * np.sin(25 * T), 0.7 * amplitude * np.cos(31 * T)
     return Translation(T, np.stack([x, y, 0.1 * x], axis=-1), DEPTH)
 
@@ -94,8 +94,8 @@ def test_what_the_simulator_moves_is_undone(shaky_log, turned, geometry, lens):
         )
         return quality(image.image, truth) - quality(pictures.blurred, truth)
 
-    # Without the translation half of the motion is unknown; with it the blur goes as it does for rotations (3 dB and
-    # more on such a small picture, whose borders are a large part).
+    # Without the translation half of the motion is unknown. With it, the gain is that for rotations: 3 dB and more on
+    # such a small picture, whose borders are a large part.
     assert gain(track) > max(gain(None), 0) + 3
 
 

@@ -16,7 +16,7 @@ BANDS = {"drift": (0.1, 2.0), "sway": (3.0, 7.0), "tremor": (8.0, 12.0)}
 
 
 def band_rms(log: GyroLog, low: float, high: float) -> np.ndarray:
-    """Rms per axis of the part of the log between two frequencies in Hz."""
+    """Return the rms rate per axis of a log between two frequencies in Hz."""
     t = np.arange(*log.span, 1.0 / 200.0)
     even = np.stack([np.interp(t, log.t, log.omega[:, axis]) for axis in range(3)], axis=1)
     frequency, power = signal.welch(even, 200.0, nperseg=2000, axis=0)
@@ -57,7 +57,7 @@ def test_levels_are_those_of_a_real_phone(data_dir: Path, band: str) -> None:
     stamps, *rates = np.loadtxt(data_dir / "gyro" / "phone-210hz.txt", unpack=True)
     real = GyroLog((stamps - stamps[0]) * 1e-9, np.stack(rates, axis=1))
     ratio = band_rms(hand_shake(57.0), *BANDS[band]) / band_rms(real, *BANDS[band])
-    # The real log has no sharp bands, and what lies between them is given to their neighbours.
+    # The real log has no sharp bands: what lies between two bands counts for both neighbours.
     assert np.all((ratio > 0.7) & (ratio < 1.5)), ratio
 
 

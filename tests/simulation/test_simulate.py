@@ -20,7 +20,7 @@ from rsdeblur.simulation.simulate import _CameraPath, simulate
 SIZE, FOCAL = 80, 100.0
 EXPOSURE = Exposure(0.12, 0.05)
 
-# Half the side of the windows in which a dot is looked at, px.
+# Half the side of the window around a dot, px.
 RADIUS = 16
 
 # Spline coefficients and weights are float32: some roundings of 6e-8 of values up to 1.
@@ -36,7 +36,7 @@ def still():
 
 
 def turning(*acceleration):
-    """A log of which the rate grows through zero: blur is one-sided, so that its signs show, and changes with the row.
+    """Return a log whose rate increases through zero: blur is one-sided, shows its sign, and changes with the row.
 
     The angle since mid-exposure has the mean acceleration x duration^2 / 24, about 1 px for 100 rad/s^2.
     """
@@ -50,7 +50,7 @@ def dots(places, sigma=2.5):
 
 
 def moments(picture):
-    """Sum, centroid (x, y), and covariance xx, yy, xy of a picture."""
+    """Return the sum, the centroid (x, y) and the covariances xx, yy, xy of a picture."""
     total = picture.sum(dtype=np.float64)
     weights = picture / total
     y, x = np.mgrid[: picture.shape[0], : picture.shape[1]]
@@ -94,7 +94,7 @@ class TestIdentities:
         blob = dots([(40, 40)], sigma=4)
         blurred = simulate(blob, shaky_log(axes), camera_of(0.0), EXPOSURE).blurred
         # A homography changes areas by 3 theta r / f: with a turn below 0.05 rad and a blob of radius 10 px at the
-        # centre 1.5 %, of either sign on either side; what is left is quadratic, 1.5 theta^2.
+        # centre 1.5 %, with opposite signs on opposite sides; the rest is quadratic, 1.5 theta^2.
         assert blurred.sum() == pytest.approx(blob.sum(), rel=4e-3)
 
     def test_rolling_is_rectified_without_readout(self, picture, shaky_log):
@@ -112,7 +112,7 @@ class TestIdentities:
     def test_auto_takes_enough_samples(self, picture, shaky_log):
         seen = simulate(picture, shaky_log(), camera_of(), EXPOSURE).blurred
         many = simulate(picture, shaky_log(), camera_of(), EXPOSURE, samples=400).blurred
-        # Midpoints half a pixel apart alias at 2 cycles/px, where a picture of pixels holds next to nothing.
+        # Midpoints half a pixel apart alias at 2 cycles/px, where a picture has hardly any energy.
         assert np.abs(seen - many).max() < 2e-3
 
     @pytest.mark.parametrize(
@@ -210,7 +210,7 @@ class TestNoise:
 
 
 class TestOracle:
-    """The blur of isolated smooth dots by warping, against PSFs traced and rasterised at their places."""
+    """The blur of isolated smooth dots by warping, compared with PSFs traced and rasterised at their positions."""
 
     PLACES = ((22, 20), (58, 20), (21, 59), (57, 58))
 
@@ -230,19 +230,19 @@ class TestOracle:
             total, centre, spread = moments(seen.blurred[window])
             expected_total, expected_centre, expected_spread = moments(_gathered(seen.rolling, capture, x, y))
             assert total == pytest.approx(expected_total, rel=1e-3)
-            # Poses linear between rows 0.4 ms apart, and the last step of the fixed point, leave some 1e-3 px.
+            # Poses linear between rows 0.4 ms apart, and the last step of the iteration, leave about 1e-3 px.
             np.testing.assert_allclose(centre, expected_centre, atol=0.02)
             # Bilinear drawing of the path adds f (1 - f) to the variances, at most 1/4 px^2, and none between x and y.
             excess = expected_spread - spread
             assert np.all((excess[:2] > -0.03) & (excess[:2] < 0.28)), excess
             assert abs(excess[2]) < 0.03, excess
             shifts.append(np.abs(centre - moments(seen.rolling[window])[1]).max())
-        # The law bites: with a wrong sign the centroid would be off by twice this.
+        # The test can fail: with a wrong sign, the centroid would err by twice this.
         assert min(shifts) > 0.2
 
 
 def _gathered(sharp, capture, x, y):
-    """The blur g(p) = sum_d h(p, d) u(p - d) around (x, y), with a PSF of its own for each pixel p."""
+    """Return the blur g(p) = sum_d h(p, d) u(p - d) around (x, y), with a separate PSF h for each pixel p."""
     reach = np.arange(-RADIUS, RADIUS + 1.0)
     bank = PsfBank.from_paths(BlurPaths.from_capture(capture, y + reach, x + reach))
     height, width = bank.size
