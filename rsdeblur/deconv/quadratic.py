@@ -32,7 +32,7 @@ class TileQuadratic(TileFilter):
     Parameters
     ----------
     bank : PsfBank
-        B x S kernels; 1 x 1 is the global mode.
+        See :class:`rsdeblur.Deconvolver`.
     shape : (H, W) or (H, W, C)
         Shape of the pictures.
     nsr : float, default 0.001

@@ -71,7 +71,7 @@ class Tuning:
     radius : float
         Root mean square radius of the PSFs, px.
     border_error : float
-        b, share of the signal's power that the continuation beyond the frame gets wrong; it is also the `nsr` to use
+        Share b of the signal's power that the continuation beyond the frame gets wrong; it is also the `nsr` to use
         with priors on the gradient.
     spectra : Spectra
         Spectra of the PSFs.

@@ -80,10 +80,10 @@ def test_changed_wisdom_does_not_reach_fftw(cache_dir, monkeypatch):
     fft.LineTransform((3, 48), "measure")
     fft.remember()
     (kept,) = cache_dir.iterdir()
-    imports = []
-    monkeypatch.setattr(fft.pyfftw, "import_wisdom", imports.append)
+    given = []
+    monkeypatch.setattr(fft.pyfftw, "import_wisdom", given.append)
     fft._read_wisdom()
-    assert len(imports) == 1
+    assert len(given) == 1
     good = kept.read_bytes()
     for place in range(0, len(good), 50):
         kept.write_bytes(good[:place] + bytes([good[place] ^ 1]) + good[place + 1 :])
@@ -91,7 +91,7 @@ def test_changed_wisdom_does_not_reach_fftw(cache_dir, monkeypatch):
     kept.unlink()
     os.mkfifo(kept)
     fft._read_wisdom()
-    assert len(imports) == 1
+    assert len(given) == 1
 
 
 def test_a_cache_that_cannot_be_written_costs_one_warning(cache_dir):
