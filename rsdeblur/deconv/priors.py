@@ -237,7 +237,22 @@ def half_quadratic(
 ) -> Iterator[Step]:
     """Yield the pictures of the splitting, one for each of `PENALTIES`; the caller may stop early.
 
-    Parameters are those of :func:`minimise` and, by name, those of :class:`GradientPrior`.
+    Parameters
+    ----------
+    solver : QuadraticSolver
+        Solver that holds its observation.
+    weight : float
+        Weight of the prior, positive.
+    exponent : float
+        Power p of the gradient, in (0, 1].
+    peak : float, default 1.0
+        Value of the picture's bright parts.
+    threads : int, optional
+        Threads that share the shrinking; default all processors.
+
+    Yields
+    ------
+    Step
     """
     # Gradients are proportional to the peak, so the largest gradient that vanishes must be, too.
     penalties = [penalty * max(peak, LEAST_PEAK) ** (exponent - 2.0) for penalty in PENALTIES]

@@ -118,13 +118,28 @@ class TileQuadratic(TileFilter):
         return out
 
     def prepare(self, image: ArrayLike) -> None:
-        """Set the observation: linear light of the planned shape."""
+        """Set the observation.
+
+        Parameters
+        ----------
+        image : array_like of the planned shape
+            Linear light, floats.
+        """
         self._observation = validate.linear_light(image, self.shape).reshape(self._channelled)
 
     def solve(self, beta: float, grad_adjoint: FloatImage | None = None) -> FloatImage:
-        """Return the minimiser (H, W, C) for the observation.
+        """Return the minimiser for the observation.
 
-        `grad_adjoint` (H, W, C) is `D^T w`, None is zero; its memory receives the result.
+        Parameters
+        ----------
+        beta : float
+            Weight of the gradient term, at least 0.
+        grad_adjoint : ndarray, shape (H, W, C), float32, optional
+            `D^T w`; None is zero. Its memory receives the result.
+
+        Returns
+        -------
+        ndarray, shape (H, W, C), float32
 
         Raises
         ------

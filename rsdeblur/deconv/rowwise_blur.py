@@ -131,7 +131,22 @@ class RowBlur:
         return int(np.prod(self.picture_shape)), int(np.prod(self.latent_shape))
 
     def forward(self, latent: ArrayLike) -> Real:
-        """Return the recorded picture, float32, of a latent one (L, W, C) or, with one channel, (L, W)."""
+        """Return the blur of a latent picture.
+
+        Parameters
+        ----------
+        latent : array_like, shape (L, W, C) or, with one channel, (L, W)
+            Latent picture; converted to float32.
+
+        Returns
+        -------
+        ndarray, shape (H, W, C) or (H, W), float32
+
+        Raises
+        ------
+        InputError
+            If `latent` has another shape.
+        """
         source = self._checked("latent", latent, self.latent_shape)
         out = np.zeros(self.picture_shape, dtype=np.float32)
         into, lanes = self._spectra.empty(len(source)), self._spectra.empty(len(out))
@@ -143,7 +158,22 @@ class RowBlur:
         return out.reshape(len(out), *np.shape(latent)[1:])
 
     def adjoint(self, picture: ArrayLike) -> Real:
-        """Return the transpose of :meth:`forward` applied to a picture (H, W, C) or, with one channel, (H, W)."""
+        """Return the transpose of :meth:`forward` applied to a recorded picture.
+
+        Parameters
+        ----------
+        picture : array_like, shape (H, W, C) or, with one channel, (H, W)
+            Recorded picture; converted to float32.
+
+        Returns
+        -------
+        ndarray, shape (L, W, C) or (L, W), float32
+
+        Raises
+        ------
+        InputError
+            If `picture` has another shape.
+        """
         source = self._checked("picture", picture, self.picture_shape)
         out = np.zeros(self.latent_shape, dtype=np.float32)
         lanes, into = self._spectra.empty(len(source)), self._spectra.empty(len(out))

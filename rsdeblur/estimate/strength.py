@@ -120,7 +120,15 @@ class Tuning:
         return self._best(lambda weight: self.border_error + weight * self.spectra.gradient)
 
     def weight(self, prior: Prior, exponent: float) -> float:
-        """Return the weight of a prior on the gradient; `exponent` is that of the hyper-Laplacian."""
+        """Return the weight of a prior on the gradient.
+
+        Parameters
+        ----------
+        prior : {"gradient", "tv", "hyper-laplacian"}
+            The prior.
+        exponent : float
+            Exponent of the hyper-Laplacian, in (0, 1]; the other priors ignore it.
+        """
         weight = self.gradient_weight
         if prior == "gradient":
             return weight

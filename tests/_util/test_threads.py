@@ -7,11 +7,11 @@ import threading
 import numpy as np
 import pytest
 
-from benchmarks import load
-from rsdeblur import BlurPaths, Capture, InputError, PsfBank, deblur
+from rsdeblur import BlurPaths, Camera, Capture, Exposure, InputError, PsfBank, deblur
 from rsdeblur._util.threads import ThreadTeam, share, share_range
 from rsdeblur.kernels.raster import rasterize
 from rsdeblur.kernels.warp import average_warps
+from rsdeblur.simulation.shake import hand_shake
 
 ANYWHERE = pytest.mark.parametrize("threads", [1, 2, 7])
 
@@ -78,8 +78,9 @@ def test_drawing_and_warping_give_the_same_bits(threads: int) -> None:
 @pytest.mark.parametrize("mode", ["global", "banded", "rowwise"])
 @pytest.mark.parametrize("prior", ["wiener", "tv"])
 def test_one_thread_is_the_callers(mode: str, prior: str, no_new_threads: None) -> None:
-    capture = load._recording()
-    picture = load._pictures(1)[0]
+    capture = hand_shake(0.3, seed=1), Camera(64, 48, 60.0, readout_time=0.03), Exposure(0.1, 0.03)
+    picture = np.random.default_rng(0).random((48, 64, 3), dtype=np.float32)
+    picture[20:22, 30:33] = 1.0
     deblur(picture, *capture, mode=mode, prior=prior, saturation="auto", threads=1)
     paths = BlurPaths.every_row(Capture.from_log(*capture), [20.0])
     PsfBank.from_paths(paths, threads=1)

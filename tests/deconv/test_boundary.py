@@ -1,4 +1,4 @@
-"""Pictures made periodic: nothing is changed where it was, and no seam is left."""
+"""Pictures made periodic: the picture itself does not change, and no seam is left."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ def test_reflection_repeats_the_border_pixels(light):
 def test_the_smooth_filling_has_no_laplacian(light):
     longer = smooth(light, H + 11, W + 9).astype(np.float64)
     laplacian = sum(np.roll(longer, by, axis) for axis in (0, 1) for by in (-1, 1)) - 4 * longer
-    # Where strips meet the corner, and along straight sides, each part keeps its own promise only.
+    # Not where two parts meet, and not along their straight sides: each part is harmonic on its own.
     for part in (np.s_[H:, 1 : W - 1], np.s_[1 : H - 1, W:], np.s_[H + 1 : -1, W + 1 : -1]):
         np.testing.assert_allclose(laplacian[part], 0, atol=1e-5)
-    # What is harmonic stays between its borders.
+    # A harmonic function stays within the range of its border.
     assert light.min() - 1e-6 <= longer.min()
     assert longer.max() <= light.max() + 1e-6
 

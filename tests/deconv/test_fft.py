@@ -75,8 +75,8 @@ def test_measured_plans_are_kept_and_damage_is_harmless(cache_dir):
     assert [path.name for path in cache_dir.iterdir()] == [kept.name]
 
 
-def test_what_was_changed_is_not_given_to_fftw(cache_dir, monkeypatch):
-    # It asserts, and aborts the process, where plans contradict themselves.
+def test_changed_wisdom_does_not_reach_fftw(cache_dir, monkeypatch):
+    # FFTW aborts the process where plans contradict themselves.
     fft.LineTransform((3, 48), "measure")
     fft.remember()
     (kept,) = cache_dir.iterdir()
@@ -95,14 +95,14 @@ def test_what_was_changed_is_not_given_to_fftw(cache_dir, monkeypatch):
 
 
 def test_a_cache_that_cannot_be_written_costs_one_warning(cache_dir):
-    # A file where the folder should be stops root too.
+    # A file in place of the folder: unlike permissions, it stops root, too.
     cache_dir.write_text("")
     with pytest.warns(RsdeblurWarning, match="cannot be kept"):
         fft.remember()
     fft.remember()  # a second warning would be an error
 
 
-def test_another_process_finds_what_was_kept(tmp_path):
+def test_another_process_uses_stored_plans(tmp_path):
     program = (
         "from rsdeblur.deconv import fft; import pyfftw, sys\n"
         "fft._recall()\n"

@@ -45,7 +45,7 @@ def blur(picture: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def sharp() -> np.ndarray:
-    # Twice enlarged: photographs, other than drawings, have little detail of single pixels.
+    # Enlarged twofold: unlike drawings, photographs have little detail at the scale of single pixels.
     return ndimage.zoom(scene(64, 64), (2, 2, 1), order=1)[:H, :W]
 
 
@@ -60,7 +60,7 @@ def solver(*, kernels: np.ndarray | None = None, border: str = "periodic", nsr: 
     return TileQuadratic(bank, (H, W, 3), nsr=nsr, border=border, threads=threads)
 
 
-def pull_of(across: np.ndarray, down: np.ndarray) -> np.ndarray:
+def grad_adjoint_of(across: np.ndarray, down: np.ndarray) -> np.ndarray:
     return (np.roll(across, 1, 1) - across + np.roll(down, 1, 0) - down).astype(np.float32)
 
 
@@ -77,8 +77,8 @@ def test_shrinkage_minimises(exponent: float) -> None:
 
 @pytest.mark.parametrize("beta", [0.003, 0.1, 3.0])
 def test_global_is_the_equation(blurred: np.ndarray, beta: float) -> None:
-    wanted = np.random.default_rng(4).normal(0, 0.1, (2, H, W, 3))
-    grad_adjoint = pull_of(*wanted)
+    target = np.random.default_rng(4).normal(0, 0.1, (2, H, W, 3))
+    grad_adjoint = grad_adjoint_of(*target)
     own = solver()
     own.prepare(blurred)
     y, x = np.fft.fftfreq(H)[:, None, None], np.fft.fftfreq(W)[:, None]
@@ -109,10 +109,10 @@ def test_without_blur_the_picture_and_its_gradient_agree(sharp: np.ndarray, grid
     own = solver(kernels=kernels, border=border)
     own.prepare(sharp)
     across, down = gradient(sharp, periodic=border == "periodic")
-    found = own.solve(1.0, pull_of(across, down))
-    # Away from the frame: beyond it, a tile's end fades into its start, and there the pull is another picture's.
-    # The response of the pull decays by e per px.
-    np.testing.assert_allclose(found[8:-8, 8:-8], sharp[8:-8, 8:-8], atol=3e-3)
+    latent = own.solve(1.0, grad_adjoint_of(across, down))
+    # Not near the frame: beyond it a tile's end fades into its start, where `D^T w` belongs to another picture. The
+    # response to `D^T w` decays by e per px.
+    np.testing.assert_allclose(latent[8:-8, 8:-8], sharp[8:-8, 8:-8], atol=3e-3)
 
 
 @pytest.mark.parametrize("exponent", [0.5, 2 / 3, 1.0])
@@ -134,7 +134,7 @@ def test_the_splitting_descends(blurred: np.ndarray, exponent: float) -> None:
         before = now
         changes.append(step.change)
     assert len(changes) == len(PENALTIES)
-    # Measured 0.4 to 0.8 of what the first solve had.
+    # Measured: 0.4 to 0.8 of the first change.
     assert changes[-1] < changes[1]
 
 
@@ -171,21 +171,21 @@ def test_threads_change_nothing(blurred: np.ndarray) -> None:
 
 def test_a_settled_picture_stops_early() -> None:
     flat = np.full((H, W, 3), 0.4, dtype=np.float32)
-    told: list[float] = []
-    result = restore(solver(), flat, prior="tv", weight=0.01, progress=told.append)
+    fractions: list[float] = []
+    result = restore(solver(), flat, prior="tv", weight=0.01, progress=fractions.append)
     np.testing.assert_allclose(result, flat, atol=1e-5)
-    assert told == [1 / len(PENALTIES), 2 / len(PENALTIES), 1.0]
+    assert fractions == [1 / len(PENALTIES), 2 / len(PENALTIES), 1.0]
 
 
 def test_gradients_that_all_vanish_stop_nothing() -> None:
     # A weak prior, but a penalty so small against the peak that no gradient of the noise survives the first shrinkages.
     noise = np.random.default_rng(5).normal(0.4, 0.01, (H, W, 3)).astype(np.float32)
-    told: list[float] = []
-    result = restore(solver(), noise, prior="hyper-laplacian", weight=0.001, progress=told.append)
-    assert len(told) > 2
+    fractions: list[float] = []
+    result = restore(solver(), noise, prior="hyper-laplacian", weight=0.001, progress=fractions.append)
+    assert len(fractions) > 2
     first = solver()
     first.prepare(noise)
-    # The picture where it stopped before has the noise that the deconvolution makes of it.
+    # The first solve alone amplifies the noise.
     assert result.std() < first.solve(0.001 * PENALTIES[0]).std() / 2
 
 

@@ -1,4 +1,4 @@
-"""RowDeconvolver: against dense systems, and the laws of every solver of this package."""
+"""RowDeconvolver: against dense systems, and the laws of all solvers of this package."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def picture() -> np.ndarray:
 
 
 def dense_blur(paths) -> np.ndarray:
-    """The matrix of RowBlur on one channel, a latent pixel per channel of one call."""
+    """Return the matrix of RowBlur for one channel; a single call has one channel per latent pixel."""
     pixels = RowBlur(paths, W).shape[1]
     blur = RowBlur(paths, W, channels=pixels)
     return blur.forward(np.eye(pixels).reshape(blur.latent_shape)).reshape(-1, pixels).astype(float)
@@ -51,7 +51,7 @@ def test_solve_is_the_dense_minimum(picture, solver, nsr, beta, monkeypatch):
         right = blur.T @ grey.ravel() + nsr * mean + beta * grad_adjoint
         np.testing.assert_allclose(latent, np.linalg.solve(normal, right), atol=1e-4)
     else:
-        # What is expected beyond the frame is no matter of taste where data are: the gradient of the misfit tells.
+        # The right-hand side is blur.T g + nsr m, and the expectation m is at most 1.
         excess = normal @ latent - blur.T @ grey.ravel()
         assert np.abs(excess).max() < 1.01 * nsr
 
@@ -79,7 +79,7 @@ def test_restore_is_apply_with_a_prior(picture):
 
 
 def test_undoes_its_own_blur():
-    """Without noise a tiny nsr gives the picture back: 50 dB and more."""
+    """Without noise a tiny nsr restores the picture to 50 dB and more."""
     paths = wavy_paths(rows=90, cols=(60.0,), down=1.0, across=2.0)
     blur = RowBlur(paths, 120)
     sharp = scene(*blur.latent_shape[:2])[..., 1]
@@ -107,7 +107,7 @@ def test_constant_picture_keeps_its_brightness(prior, solver):
 
 
 def test_twins_agree(picture, monkeypatch):
-    """The twin computes in double precision: float32 costs next to nothing."""
+    """The twin computes in double precision; float32 makes hardly a difference."""
     paths = wavy_paths()
     native = RowDeconvolver(paths, picture.shape).apply(picture)
     for name in ("forward", "solve", "workspace_size"):
@@ -146,12 +146,12 @@ def test_strips_leave_no_seams():
     whole, striped = (RowDeconvolver(p, picture.shape).apply(picture) for p in (paths, several))
     inside = np.s_[:, 24:-24]
     leak = np.sqrt(np.mean((striped - whole)[inside] ** 2))
-    # As for Deconvolver.
+    # The same bound as for Deconvolver.
     assert leak < 0.02 * np.sqrt(np.mean((whole - picture)[inside] ** 2))
 
 
-def test_rows_that_no_row_saw_are_reported_and_filled(picture):
-    """Paths 5 rows off: the first rows see what stands 5 rows lower, and nobody sees the first 5."""
+def test_unseen_rows_are_reported_and_filled(picture):
+    """Paths displaced by 5 rows: every row sees the row 5 rows below it, and no row sees the first 5."""
     paths = still_paths()
     moved = type(paths)(paths.displacements - np.array([0.0, 5.0]), paths.rows, paths.cols)
     assert RowDeconvolver(paths, picture.shape).coverage.all()
@@ -167,10 +167,10 @@ def test_rows_that_no_row_saw_are_reported_and_filled(picture):
 def test_out_may_be_the_input(picture, cols):
     deconvolver = RowDeconvolver(wavy_paths(cols=cols), picture.shape)
     expected = deconvolver.apply(picture)
-    work, told = picture.copy(), []
-    assert deconvolver.apply(work, out=work, progress=told.append) is work
+    work, fractions = picture.copy(), []
+    assert deconvolver.apply(work, out=work, progress=fractions.append) is work
     np.testing.assert_array_equal(work, expected)
-    assert told[-1] == 1.0
+    assert fractions[-1] == 1.0
 
 
 @pytest.mark.parametrize(

@@ -47,13 +47,13 @@ def test_weights_sum_to_one_and_are_positive(case, periodic):
 
 
 @pytest.mark.parametrize("periodic", [False, True])
-def test_a_tile_is_longer_than_its_part_by_a_gap_that_fades(case, periodic):
+def test_a_tile_is_longer_than_its_part_by_a_margin_that_fades(case, periodic):
     centres, kernel, margin = case
     tiling = Tiling.plan(centres, N, kernel, margin, periodic=periodic)
     longest = max(len(tile.weights) for tile in tiling.tiles)
     for tile in tiling.tiles:
         assert tile.start <= tile.first
-        # What fades at the tile's end is not the picture any more.
+        # The fade at the tile's end lies beyond its part of the picture.
         assert tile.first + len(tile.weights) <= tile.start + tiling.length - tiling.taper
     if tiling.length < N:
         assert tiling.taper == tiling.length - longest >= margin
@@ -64,7 +64,7 @@ def test_a_single_tile_spans_all():
     (tile,) = tiling.tiles
     assert (tile.start, tile.first) == (0, 0)
     assert np.all(tile.weights == 1)
-    # The continuation that the ends are blended in is at least as long as the PSF.
+    # The continuation, in which the ends are blended, is at least as long as the PSF.
     assert tiling.length - N == tiling.taper >= 9
 
 
@@ -74,7 +74,7 @@ def test_a_single_periodic_tile_has_exactly_its_length(n):
     assert (tiling.length, tiling.taper) == (n, 0)
 
 
-def test_tiles_with_wide_gaps_span_all_but_never_more():
+def test_tiles_with_wide_margins_span_all_but_never_more():
     tiling = Tiling.plan(tile_centres(4, N), N, 9, 800, periodic=False)
     single = Tiling.plan(tile_centres(1, N), N, 9, 400, periodic=False)
     assert (tiling.length, tiling.taper) == (single.length, single.taper)

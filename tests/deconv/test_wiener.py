@@ -63,7 +63,7 @@ def test_constant_picture_keeps_its_brightness() -> None:
 
 
 def test_same_kernel_everywhere_equals_global() -> None:
-    """Tiles that share one kernel differ from the whole only by what their gaps fade."""
+    """Tiles that share one kernel differ from the whole only by the fade in their margins."""
     picture = scene(150, 200)
     kernel = random_kernels(7, 9)
     whole, tiled = (
@@ -72,10 +72,10 @@ def test_same_kernel_everywhere_equals_global() -> None:
         )
         for grid in ((1, 1), (4, 3))
     )
-    # At the frame's border even the continuation differs (nearer opposite ends): leave three PSFs out.
+    # Leave out three PSFs at the border, where the continuation differs: the opposite ends are nearer.
     inside = np.s_[27:-27, 27:-27]
     leak = np.sqrt(np.mean((tiled - whole)[inside] ** 2))
-    # Across a margin of 1.3 decay lengths the filter's response still holds some percent of its own size;
+    # Across a margin of 1.3 decay lengths the filter's response still has some percent of its size;
     # measured 0.6 % of what the filter adds to the picture.
     assert leak < 0.02 * np.sqrt(np.mean((whole - picture)[inside] ** 2))
 

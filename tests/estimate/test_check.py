@@ -41,7 +41,7 @@ def test_the_right_motion_is_good_and_a_wrong_one_bad(capture):
     assert "does not fit" in " ".join(bad.reasons)
     assert good.lead > bad.lead
     assert good.ringing < bad.ringing
-    # Blurred again the right result is much nearer to the input than it was itself, whose contrast is 1.
+    # Blurred again, the right result is much nearer to the input than 1, the contrast of the input.
     assert good.residual < 0.25
 
 
@@ -54,11 +54,11 @@ def test_readout_direction_changes_nothing(capture):
     check = deblur(turned, moved, aside, exposure, prior="wiener").check
     straight = deblur(blurred, log, camera, exposure, prior="wiener").check
     assert check.verdict == straight.verdict
-    # The same tiles seen from the side; their paths agree to float32.
+    # The same tiles, turned; their paths agree to float32.
     assert check.lead == pytest.approx(straight.lead, rel=0.02)
 
 
-def test_what_cannot_be_judged_is_said(capture):
+def test_a_reason_is_given_where_nothing_can_be_judged(capture):
     blurred, log, camera, exposure = capture
     still = deblur(blurred, replace(log, omega=0 * log.omega), camera, exposure, prior="wiener").check
     assert (still.verdict, still.lead) == ("good", None)
@@ -78,7 +78,7 @@ def test_pictures_without_detail_are_not_judged_and_give_no_warnings(capture):
         assert "no detail" in check.reasons[0]
 
 
-def test_neighbouring_rows_of_tiles_are_told(capture):
+def test_the_weakest_neighbouring_rows_of_tiles(capture):
     blurred, log, camera, exposure = capture
     right = deblur(blurred, log, camera, exposure, prior="wiener").check
     # Half of the readout is right, the other half is of another moment.
@@ -126,7 +126,7 @@ def test_fallback_does_no_harm(pictures, prior):
             )
             for fallback in (False, True)
         )
-        # Measured 2.4 to 5.8 dB below the input; the whole picture is bad, and the whole is given back.
+        # Measured: 2.4 to 5.8 dB below the input. The whole picture is bad, so the input is returned.
         assert harmed < before - 1
         assert saved > before - 0.1
 

@@ -1,4 +1,4 @@
-"""The noise level: what it must find, and what it must not be fooled by."""
+"""The noise level: noise that it must measure, and detail that it must not mistake for noise."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def grain(shape: tuple[int, ...], sigma: float) -> np.ndarray:
 @pytest.mark.parametrize("channels", [1, 3])
 def test_white_noise_is_measured(clean: np.ndarray, sigma: float, channels: int) -> None:
     noisy = (clean + grain(clean.shape, sigma))[..., :channels]
-    # 120000 values in 24 blocks: 0.5 % by chance; what is left of detail adds a few per cent to the weakest.
+    # 120000 values in 24 blocks: 0.5 % by chance; remaining detail adds a few percent to the weakest.
     assert noise_level(noisy) == pytest.approx(sigma, rel=0.1)
 
 
@@ -33,7 +33,7 @@ def test_noise_of_stored_values_is_averaged_over_bright_and_dark(clean: np.ndarr
     stored = from_linear(clean, "srgb")
     noisy = to_linear(stored + grain(clean.shape, 0.01), "srgb")
     truth = float(np.sqrt(np.mean((noisy - clean) ** 2)))
-    # One median over the picture would be that of its darker half: measured 40 % less.
+    # A single median over the picture would be that of its darker half; measured 40 % less.
     assert noise_level(noisy) == pytest.approx(truth, rel=0.15)
 
 

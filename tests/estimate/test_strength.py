@@ -27,7 +27,7 @@ def no_lens(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def as_modelled(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pictures and blurs of these tests are as the equations say."""
+    """Set all corrections to zero: the pictures and blurs of these tests follow the equations exactly."""
     for name, value in (("FINE_NOISE", 1.0), ("PATH_ERROR", 0.0), ("PATH_ERROR_SHARE", 0.0)):
         monkeypatch.setattr(tuning, name, value)
 
@@ -54,9 +54,9 @@ def blurred(sharp: np.ndarray, psf: np.ndarray, noise: float) -> np.ndarray:
 def test_energy_of_the_sharp_picture_is_found(sharp: np.ndarray, size: tuple[int, int]) -> None:
     psf = np.full(size, 1 / np.prod(size), dtype=np.float32)
     bank = PsfBank.for_picture(psf, sharp.shape)
-    found = Tuning.of(blurred(sharp, psf, 0.003), bank)
+    tuned = Tuning.of(blurred(sharp, psf, 0.003), bank)
     # The gradient across 128 x 128 differences of half the size, some of them alike: a few per cent by chance.
-    assert found.energy == pytest.approx(0.01, rel=0.15)
+    assert tuned.energy == pytest.approx(0.01, rel=0.15)
 
 
 @pytest.mark.usefixtures("as_modelled")
@@ -69,8 +69,8 @@ def test_nsr_is_the_best_one(sharp: np.ndarray, noise: float) -> None:
         result = Deconvolver(bank, picture.shape, nsr=nsr, border="periodic").apply(picture)
         return float(np.sqrt(np.mean((result - sharp) ** 2)))
 
-    found = Tuning.of(picture, bank).wiener_nsr
-    assert error(found) < 1.02 * min(error(nsr) for nsr in np.geomspace(1e-3, 3, 15))
+    best = Tuning.of(picture, bank).wiener_nsr
+    assert error(best) < 1.02 * min(error(nsr) for nsr in np.geomspace(1e-3, 3, 15))
 
 
 @pytest.mark.usefixtures("as_modelled")
@@ -83,8 +83,8 @@ def test_weight_is_the_best_one(sharp: np.ndarray, noise: float) -> None:
         tiles = TileQuadratic(bank, picture.shape, nsr=1e-6, border="periodic")
         return float(np.sqrt(np.mean((restore(tiles, picture, prior="gradient", weight=weight) - sharp) ** 2)))
 
-    found = Tuning.of(picture, bank).gradient_weight
-    assert error(found) < 1.02 * min(error(weight) for weight in np.geomspace(1e-3, 3, 15))
+    best = Tuning.of(picture, bank).gradient_weight
+    assert error(best) < 1.02 * min(error(weight) for weight in np.geomspace(1e-3, 3, 15))
 
 
 @pytest.mark.usefixtures("as_modelled")
@@ -141,8 +141,8 @@ def test_weights_scale_with_brightness(sharp: np.ndarray) -> None:
 
 @pytest.mark.parametrize("level", [0.0, 0.7])
 def test_an_even_picture_gets_numbers(level: float) -> None:
-    found = Tuning.of(np.full((40, 50, 3), level, dtype=np.float32), PsfBank.for_picture(kernel(), (40, 50, 3)))
-    strengths = [found.wiener_nsr, found.gradient_nsr, *(found.weight(p, 0.5) for p in ("gradient", "tv"))]
+    tuned = Tuning.of(np.full((40, 50, 3), level, dtype=np.float32), PsfBank.for_picture(kernel(), (40, 50, 3)))
+    strengths = [tuned.wiener_nsr, tuned.gradient_nsr, *(tuned.weight(p, 0.5) for p in ("gradient", "tv"))]
     assert np.isfinite(strengths).all()
     assert min(strengths) > 0
 

@@ -1,4 +1,4 @@
-"""Clipped highlights: found, taken out, put back."""
+"""Clipped highlights: found, separated from the picture, added back."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def night(log: GyroLog) -> Simulation:
 
 
 def streaks(truth: np.ndarray, image: np.ndarray) -> float:
-    """Mean squared error around the lamps, but not of them."""
+    """Return the mean squared error around the lamps, without the lamps."""
     lamps = ndimage.binary_dilation(truth.max(axis=-1) > 0.5, iterations=2)
     near = ndimage.binary_dilation(lamps, iterations=20) & ~lamps
     return float(np.square(image.clip(0, 1) - truth.clip(0, 1))[near].mean())
@@ -59,7 +59,7 @@ def test_streaks_around_lamps_drop(night: Simulation, log: GyroLog, mode: str, p
     )
     # Measured factors of 44 to 107: the shelf is dim, and in light streaks are nearly all of the error.
     assert streaks(night.rolling, careful) < streaks(night.rolling, plain) / 10
-    # Recorded as 1, the brightest pixel had 20; found were 10.
+    # The brightest pixel has a light of 20, recorded as 1. Measured: restored to 10.
     assert careful.max() > 5
 
 
@@ -75,7 +75,7 @@ def test_without_clipped_pixels_nothing_changes(log: GyroLog, mode: str) -> None
 
 
 def test_a_bright_wall_is_no_highlight(log: GyroLog) -> None:
-    """What was cut off beside light that is nearly as bright is little, so the picture stays as it is."""
+    """Next to light that is nearly as bright, little was cut off: the picture does not change."""
     wall = np.full((168, 200), 0.8, dtype=np.float32)
     wall[40:100, 60:140] = 1.2
     picture = simulate(wall, log, CAMERA, EXPOSURE).blurred.clip(0, 1)
@@ -84,7 +84,7 @@ def test_a_bright_wall_is_no_highlight(log: GyroLog) -> None:
 
 
 def test_readout_along_x_is_the_same_turned(night: Simulation, log: GyroLog) -> None:
-    """A picture whose readout runs along x gets its highlights back where they stood."""
+    """A picture whose readout runs along x gets its highlights back in their places."""
     camera = Camera(160, 128, 180.0, readout_time=0.03, readout_direction="left-right")
     seen = simulate(np.pad(night.rolling, ((20, 20), (20, 20), (0, 0)), mode="reflect"), log, camera, EXPOSURE)
     careful = deblur(seen.blurred.clip(0, 1), log, camera, EXPOSURE, saturation="auto", prior="wiener").image
@@ -97,11 +97,11 @@ def test_clipped_is_full_scale_and_what_touches_it() -> None:
     values = np.zeros((6, 6, 1), dtype=np.uint8)
     values[1, 1:4, 0] = 255, 251, 249
     values[5, 5, 0] = 252
-    found = clipped(values)
-    assert np.argwhere(found[..., 0]).tolist() == [[1, 1], [1, 2]]
+    mask = clipped(values)
+    assert np.argwhere(mask[..., 0]).tolist() == [[1, 1], [1, 2]]
     as_float = values.astype(np.float32) / np.float32(255)
-    np.testing.assert_array_equal(clipped(as_float), found)
-    np.testing.assert_array_equal(clipped(values.astype(np.uint16) * 257), found)
+    np.testing.assert_array_equal(clipped(as_float), mask)
+    np.testing.assert_array_equal(clipped(values.astype(np.uint16) * 257), mask)
     assert np.argwhere(at_full_scale(values)).tolist() == [[1, 1, 0]]
     # A float picture that exceeds 1 was not clipped there.
     as_float[0, 0] = 1.5
@@ -116,7 +116,7 @@ def test_a_picture_clipped_everywhere_is_left_alone() -> None:
 
 
 def test_overexposed_daylight_is_harmed_little(log: GyroLog) -> None:
-    """White books and walls in the sun are no lamps, though they are clipped as well."""
+    """White books and walls in the sun are clipped, too, but they are not lamps."""
     seen = simulate(5 * scene(168, 200), log, CAMERA, EXPOSURE, noise=0.003)
     recorded = seen.blurred.clip(0, 1)
     assert (recorded == 1).any(axis=2).mean() > 0.7
@@ -124,14 +124,14 @@ def test_overexposed_daylight_is_harmed_little(log: GyroLog) -> None:
         deblur(recorded, log, CAMERA, EXPOSURE, saturation=s, prior="wiener").image for s in ("ignore", "auto")
     )
     error, then = (np.square(image.clip(0, 1) - seen.rolling.clip(0, 1)).mean() for image in (plain, careful))
-    # Measured: 1.006 times as large, and 1.5 times with walls taken for highlights.
+    # Measured: 1.006 times as large; 1.5 times if walls count as highlights.
     assert then < 1.1 * error
 
 
 def test_boxes_give_the_highlights_of_the_whole_picture(
     night: Simulation, log: GyroLog, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A margin of the PSF there and back is enough."""
+    """A margin of twice the PSF is enough."""
     stored = EncodedImage(night.blurred.clip(0, 1), "linear")
     bank = psfs(log, CAMERA, EXPOSURE)
     spots = find_spots(stored)
@@ -140,16 +140,16 @@ def test_boxes_give_the_highlights_of_the_whole_picture(
     monkeypatch.setattr(saturation, "MARGIN", 200)
     whole = separate_highlights(stored, spots, bank)
     assert whole.patches[0].remainder.shape == stored.shape
-    found, expected = (np.zeros(stored.shape, dtype=np.float32) for _ in range(2))
-    boxes.add_highlights(found, 0)
+    result, expected = (np.zeros(stored.shape, dtype=np.float32) for _ in range(2))
+    boxes.add_highlights(result, 0)
     whole.add_highlights(expected, 0)
-    # Of light of up to 10. Measured: 0.004 and 0.0008, as tiles fade into their ends at other places.
-    np.testing.assert_allclose(found, expected, atol=0.01)
+    # For light of up to 10. Measured: 0.004 and 0.0008, because tiles fade at other places.
+    np.testing.assert_allclose(result, expected, atol=0.01)
     np.testing.assert_allclose(boxes.remainder(slice(None)), whole.remainder(slice(None)), atol=2e-3)
 
 
-def test_patches_stand_where_they_belong() -> None:
-    """Some rows, or every third row and column, are those of the whole."""
+def test_patches_are_in_their_places() -> None:
+    """A range of rows, or every third row and column, equals that part of the whole."""
     rng = np.random.default_rng(0)
     stored = EncodedImage(rng.random((40, 50, 3), dtype=np.float32), "linear")
     places = ((slice(3, 17), slice(5, 20)), (slice(20, 40), slice(31, 50)))
