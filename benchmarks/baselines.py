@@ -1,6 +1,6 @@
-"""What others do with a blurred picture: fair baselines for experiments, one PSF for the whole picture.
+"""Published deconvolution methods as baselines for experiments, with one PSF for the whole picture.
 
-All take a picture in linear light, (H, W) or (H, W, C), and give float32 of the same shape. Borders are tapered alike.
+All take a picture in linear light, (H, W) or (H, W, C), and return float32 of the same shape. All treat borders alike.
 """
 
 from __future__ import annotations
@@ -16,40 +16,42 @@ from skimage import restoration
 from skimage.transform import resize
 
 from rsdeblur._util import validate
+from rsdeblur.deconv.boundary import tapered
 from rsdeblur.errors import InputError
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
 
 Image = NDArray[np.float32]
 
-# Continuation of TV-L1: both quadratic penalties start loose and are halved until they are as good as hard.
+# Continuation of TV-L1: both quadratic penalties start loose and are halved until they act as hard constraints.
 LOOSEST, TIGHTEST = 1.0, 2.0**-9
 
-# Blind estimation: pyramid steps, rounds per level, the smallest kernel, and the part of the picture that is looked at,
-# px. The more of it, the slower; kernels get no better beyond some 20 kernels' sides.
+# Blind estimation: scale between pyramid levels, rounds per level, the smallest kernel and the part of the picture that
+# is used (px). A larger part is slower, and kernels do not improve beyond a part of about 20 times their size.
 PYRAMID_STEP = 2**0.5
 ROUNDS = 6
 SMALLEST_KERNEL = 5
-LOOKED_AT = 384
-# Weight of each gradient that is not zero, for light in [0, 1]: at first, per round, and at last.
+USED_PART = 384
+# Weight of each non-zero gradient, for light in [0, 1]: the first, its decay per round, and the least.
 L0_WEIGHT, L0_DECAY, L0_LEAST = 4e-3, 1.1, 1e-4
-# Splitting penalty: doubled from 2 weights to this, where gradients are either whole or gone.
+# Splitting penalty: doubled from 2 weights up to this value, at which gradients are either kept whole or removed.
 L0_TIGHTEST = 1e4
-# Gradients kept in the poorest of four directions, in units of sqrt(picture pixels x kernel pixels).
+# Gradients kept in the direction (of four) that has the fewest, in units of sqrt(picture pixels x kernel pixels).
 KEPT = 2.0
 # Regularisation of the kernel, as a share of the mean spectral power.
 KERNEL_WEIGHT = 0.02
-# Kernel values below this share of the peak, and parts with less than this share of the largest part's mass, are noise.
+# Noise: kernel values below the first share of the peak, and connected parts below the second share of the largest
+# part's mass.
 KERNEL_FLOOR, SPECK = 0.05, 0.1
 
 
 def richardson_lucy(image: ArrayLike, psf: ArrayLike, *, iterations: int = 30) -> Image:
-    """Deconvolve by Richardson and Lucy's iteration (scikit-image), light taken as not negative.
+    """Deconvolve by Richardson and Lucy's iteration (scikit-image); negative light is set to 0.
 
     Raises
     ------
     InputError
-        If the picture or the PSF is not one, or the PSF is larger than the picture.
+        If the picture or the PSF is invalid, or the PSF is larger than the picture.
     """
     iterations = validate.count("iterations", iterations)
 
@@ -88,7 +90,7 @@ def tv_l1(image: ArrayLike, psf: ArrayLike, *, weight: float = 0.005) -> Image:
     Parameters
     ----------
     weight : float, default 0.005
-        Of the total variation, positive: larger is smoother.
+        Weight of the total variation, positive; a larger one gives a smoother result.
 
     Raises
     ------
@@ -98,7 +100,7 @@ def tv_l1(image: ArrayLike, psf: ArrayLike, *, weight: float = 0.005) -> Image:
     weight = validate.finite("weight", weight, above=0.0)
 
     def solve(plane: FloatArray, kernel: FloatArray) -> FloatArray:
-        h, dx, dy = _transfers(kernel, plane.shape)
+        h, dx, dy = _otfs(kernel, plane.shape)
         power, slope = np.abs(h) ** 2, np.abs(dx) ** 2 + np.abs(dy) ** 2
         observed = scipy.fft.rfft2(plane)
         u = observed
@@ -122,22 +124,22 @@ def tv_l1(image: ArrayLike, psf: ArrayLike, *, weight: float = 0.005) -> Image:
 def estimate_psf(image: ArrayLike, size: int) -> Image:
     """Estimate one PSF from a blurred picture alone, coarse to fine.
 
-    On each level, in turns: the picture is deconvolved under a penalty on the *number* of its gradients, which leaves
-    salient edges only, without what the kernel cannot explain (Xu, Zheng and Jia 2013); the strongest are kept, evenly
-    over directions (Cho and Lee 2009, 2.2); and the kernel that takes them to the blurred picture's gradients is found
-    by regularised least squares.
+    Each level repeats three steps. The picture is deconvolved under a penalty on the *number* of its gradients, which
+    leaves only salient edges (Xu, Zheng and Jia 2013). The strongest gradients are kept, evenly over directions (Cho
+    and Lee 2009, 2.2). Regularised least squares finds the kernel that turns these gradients into those of the blurred
+    picture.
 
     Parameters
     ----------
     image : array_like
         Linear light.
     size : int
-        Odd size of the kernel in px, at least 5; no smaller than the blur.
+        Size of the kernel in px: odd, at least 5, and not smaller than the blur.
 
     Returns
     -------
     ndarray, shape (size, size), float32
-        Not negative, sum 1, its centroid at the centre.
+        The PSF: not negative, sum 1, its centroid at the centre.
 
     Raises
     ------
@@ -150,9 +152,9 @@ def estimate_psf(image: ArrayLike, size: int) -> Image:
         raise InputError(f"size must be odd, got {size}")
     if 4 * size > min(planes.shape[:2]):
         raise InputError(f"the picture must be at least four kernels of {size} px wide and high, got {planes.shape}")
-    y, x = (max(0, n - LOOKED_AT) // 2 for n in planes.shape[:2])
-    grey = planes[y : y + LOOKED_AT, x : x + LOOKED_AT].mean(axis=2)
-    # Two pixels side by side: no blur would be a fixed point.
+    y, x = (max(0, n - USED_PART) // 2 for n in planes.shape[:2])
+    grey = planes[y : y + USED_PART, x : x + USED_PART].mean(axis=2)
+    # The start is two pixels side by side, because a single pixel (no blur) is a fixed point of the iteration.
     kernel = np.zeros((SMALLEST_KERNEL, SMALLEST_KERNEL))
     kernel[SMALLEST_KERNEL // 2, SMALLEST_KERNEL // 2 : SMALLEST_KERNEL // 2 + 2] = 0.5
     weight = L0_WEIGHT
@@ -176,7 +178,7 @@ def _differences(u: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _few_gradients(blurred: FloatArray, kernel: FloatArray, weight: float) -> FloatArray:
     """Minimise `sum |h * u - g|^2 + weight (number of gradients)` by half-quadratic splitting."""
-    h, dx, dy = _transfers(kernel, blurred.shape)
+    h, dx, dy = _otfs(kernel, blurred.shape)
     power, slope = np.abs(h) ** 2, np.abs(dx) ** 2 + np.abs(dy) ** 2
     observed = np.conj(h) * scipy.fft.rfft2(blurred)
     u, beta = blurred, 2 * weight
@@ -191,7 +193,7 @@ def _few_gradients(blurred: FloatArray, kernel: FloatArray, weight: float) -> Fl
 
 
 def _salient(u: FloatArray, width: int) -> tuple[FloatArray, FloatArray]:
-    """Keep the strongest gradients, as many as leave enough of them in each of four directions."""
+    """Keep the strongest gradients, with a threshold that leaves enough of them in each of four directions."""
     gx, gy = _differences(u)
     size = np.hypot(gx, gy)
     direction = np.floor(np.mod(np.arctan2(gy, gx), np.pi) / (np.pi / 4)).astype(int) % 4
@@ -205,14 +207,14 @@ def _salient(u: FloatArray, width: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _kernel(blurred: FloatArray, gradients: tuple[FloatArray, FloatArray], size: int) -> FloatArray:
-    """Least squares: the kernel that takes `gradients` to those of `blurred`."""
+    """Return the kernel that turns `gradients` into those of `blurred`, by least squares."""
     (fx, fy), (bx, by) = (tuple(map(scipy.fft.rfft2, pair)) for pair in (gradients, _differences(blurred)))
     power = np.abs(fx) ** 2 + np.abs(fy) ** 2
     ratio = (np.conj(fx) * bx + np.conj(fy) * by) / (power + KERNEL_WEIGHT * power.mean())
     whole = np.roll(_inverse(ratio, blurred.shape), (size // 2, size // 2), axis=(0, 1))
     kernel = whole[:size, :size].clip(0.0)
     kernel[kernel < KERNEL_FLOOR * kernel.max()] = 0.0
-    # Specks away from the trail are chance.
+    # Specks away from the trail are noise.
     parts, count = ndimage.label(kernel > 0, np.ones((3, 3)))
     if count > 1:
         mass = ndimage.sum_labels(kernel, parts, np.arange(1, count + 1))
@@ -224,7 +226,7 @@ def _kernel(blurred: FloatArray, gradients: tuple[FloatArray, FloatArray], size:
 
 
 def _centred(kernel: FloatArray) -> FloatArray:
-    """Shift a kernel by whole pixels until its centroid is at its centre; picture and kernel share this freedom."""
+    """Shift a kernel by whole pixels until its centroid is at its centre; the picture moves the other way."""
     middle = ndimage.center_of_mass(kernel)
     moved = ndimage.shift(kernel, [n // 2 - round(m) for n, m in zip(kernel.shape, middle, strict=True)], order=0)
     return np.asarray(moved / moved.sum())
@@ -238,13 +240,14 @@ def kernel_similarity(a: ArrayLike, b: ArrayLike) -> float:
 
 
 def _each(image: ArrayLike, psf: ArrayLike, solve: Callable[[FloatArray, FloatArray], FloatArray]) -> Image:
-    """Run `solve` on every channel, tapered beyond the frame, and cut the frame out."""
+    """Run `solve` on every channel, mirrored and tapered beyond the frame, and cut the frame out."""
     planes = _planes(image)
     kernel = PsfBank.for_picture(validate.real_array("psf", psf, (None, None)), planes.shape).kernels[0, 0]
     kernel = kernel.astype(np.float64)
     if kernel.shape[0] > planes.shape[0] or kernel.shape[1] > planes.shape[1]:
         raise InputError(f"the PSF of shape {kernel.shape} is larger than the picture of shape {planes.shape[:2]}")
-    down, across = kernel.shape
+    # The taper changes the outer half of what is added; the inner half continues the picture.
+    down, across = (2 * n for n in kernel.shape)
     out = []
     for plane in np.moveaxis(planes, -1, 0):
         padded = _tapered(np.pad(plane, ((down, down), (across, across)), mode="symmetric"), kernel)
@@ -260,24 +263,17 @@ def _planes(image: ArrayLike) -> FloatArray:
 
 
 def _tapered(plane: FloatArray, kernel: FloatArray) -> FloatArray:
-    """Fade the picture's ends into a copy blurred across them, so that repeating it makes no steps (edge taper)."""
-    blurred = _inverse(scipy.fft.rfft2(plane) * _transfers(kernel, plane.shape)[0], plane.shape)
-    ramps = []
-    for n, width in zip(plane.shape, kernel.shape, strict=True):
-        distance = np.minimum(np.arange(n), np.arange(n)[::-1])
-        ramps.append(0.5 - 0.5 * np.cos(np.pi * np.minimum(distance / width, 1.0)))
-    share = np.outer(*ramps)
-    return np.asarray(share * plane + (1 - share) * blurred)
+    return tapered(plane[:, :, None].astype(np.float32), kernel)[:, :, 0].astype(np.float64)
 
 
-def _transfers(kernel: FloatArray, shape: tuple[int, ...]) -> tuple[NDArray[np.complex128], ...]:
-    """Transfer functions of the kernel and of differences along x and y."""
-    found = []
+def _otfs(kernel: FloatArray, shape: tuple[int, ...]) -> tuple[NDArray[np.complex128], ...]:
+    """Return the transfer functions of the kernel and of differences along x and y."""
+    otfs = []
     for part in (kernel, np.array([[1.0, -1.0, 0.0]]), np.array([[1.0], [-1.0], [0.0]])):
         whole = np.zeros(shape)
         whole[: part.shape[0], : part.shape[1]] = part
-        found.append(scipy.fft.rfft2(np.roll(whole, [-(n // 2) for n in part.shape], axis=(0, 1))))
-    return tuple(found)
+        otfs.append(scipy.fft.rfft2(np.roll(whole, [-(n // 2) for n in part.shape], axis=(0, 1))))
+    return tuple(otfs)
 
 
 def _inverse(spectrum: NDArray[np.complex128], shape: tuple[int, ...]) -> FloatArray:

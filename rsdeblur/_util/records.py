@@ -1,4 +1,4 @@
-"""Which tasks of a long run are finished, kept on disk so that an interrupted run goes on where it stopped."""
+"""Which tasks of a long run are finished, kept on disk so that an interrupted run continues where it stopped."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from rsdeblur._util.atomic import atomic_write
 
 
 def fingerprint(settings: Any, files: Iterable[Path]) -> str:
-    """Return what changes if `settings` (of which `repr` must tell all) or a file's size or date does."""
+    """Return a text that changes with `settings`, compared by their `repr`, and with the files' sizes and dates."""
     stamps = [(str(path), *_stamp(path)) for path in files]
     return hashlib.sha256(repr((settings, stamps)).encode()).hexdigest()
 
 
 def _stamp(path: Path) -> tuple[int, int]:
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return 0, 0
-    return found.st_size, found.st_mtime_ns
+    return status.st_size, status.st_mtime_ns
 
 
 class Records:
@@ -31,7 +31,7 @@ class Records:
     Parameters
     ----------
     folder : Path
-        Made by `open`; a folder that exists says that what lies around it is this run's own.
+        Made by `open`. If it exists, an earlier run has written the files around it.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -41,22 +41,22 @@ class Records:
         """Make the folder."""
         self.folder.mkdir(parents=True, exist_ok=True)
 
-    def claim(self, name: str, fingerprint_: str) -> None:
-        """Note, before a task begins, that what it leaves under `name` is its own."""
-        self._write(name, {"mark": fingerprint_})
+    def claim(self, name: str, fingerprint: str) -> None:
+        """Record, before a task begins, that its output `name` belongs to this run and may be replaced."""
+        self._write(name, {"mark": fingerprint})
 
-    def claimed(self, name: str, fingerprint_: str) -> bool:
-        """Whether the task called `name` was begun with the same `fingerprint`."""
-        return self._read(name).get("mark") == fingerprint_
+    def claimed(self, name: str, fingerprint: str) -> bool:
+        """Whether the task `name` was begun with the same `fingerprint`."""
+        return self._read(name).get("mark") == fingerprint
 
-    def finish(self, name: str, fingerprint_: str, facts: dict[str, Any]) -> None:
-        """Note that the task is done, and what came out."""
-        self._write(name, {"mark": fingerprint_, "facts": facts})
+    def finish(self, name: str, fingerprint: str, facts: dict[str, Any]) -> None:
+        """Record that the task is done, with the facts about its result."""
+        self._write(name, {"mark": fingerprint, "facts": facts})
 
-    def facts(self, name: str, fingerprint_: str) -> dict[str, Any] | None:
-        """Return what came out of the finished task with the same `fingerprint`, else None."""
-        found = self._read(name)
-        facts: dict[str, Any] | None = found.get("facts") if found.get("mark") == fingerprint_ else None
+    def facts(self, name: str, fingerprint: str) -> dict[str, Any] | None:
+        """Return the facts of the finished task with the same `fingerprint`, else None."""
+        record = self._read(name)
+        facts: dict[str, Any] | None = record.get("facts") if record.get("mark") == fingerprint else None
         return facts
 
     def _path(self, name: str) -> Path:
@@ -68,7 +68,7 @@ class Records:
 
     def _read(self, name: str) -> dict[str, Any]:
         try:
-            found = json.loads(self._path(name).read_bytes())
+            record = json.loads(self._path(name).read_bytes())
         except (OSError, ValueError):
             return {}
-        return found if isinstance(found, dict) else {}
+        return record if isinstance(record, dict) else {}

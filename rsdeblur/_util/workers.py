@@ -1,6 +1,6 @@
-"""Many tasks in processes of their own, or on a Dask cluster.
+"""Many tasks in worker processes, or on a Dask cluster.
 
-A task that fails does not stop the others, and one whose process dies is tried once more. `work` and the tasks travel
+A task that fails does not stop the others. A task whose process dies is tried once more. `work` and the tasks are sent
 to the processes, so `work` must be a function of a module, and tasks and answers must pickle.
 """
 
@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -25,15 +24,15 @@ Task = TypeVar("Task")
 Answer = TypeVar("Answer")
 
 ATTEMPTS = 2
-# What a worker may take to leave no unfinished file when it is interrupted (s).
+# Time for an interrupted worker to remove its unfinished files (s).
 PATIENCE = 10.0
-# Tasks that wait at a cluster per thread that it has.
+# Tasks that wait at a cluster, per thread of it.
 AHEAD = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """What came instead of an answer.
+    """A task that failed.
 
     Parameters
     ----------
@@ -57,20 +56,20 @@ def run(
 ) -> Generator[tuple[Task, Answer | Failure], None, None]:
     """Do `work` on every task and yield each with its answer, in the order in which they finish.
 
-    Close the iterator (`contextlib.closing`) to stop early: tasks under way are interrupted then.
+    To stop early, close the iterator (`contextlib.closing`): it interrupts the tasks under way.
 
     Parameters
     ----------
     work : callable
-        Of one task.
+        Takes a task and returns its answer.
     tasks : iterable
-        Taken as workers get free.
+        Read as workers become free.
     jobs : int, default 1
-        Number of processes, always others than the caller's.
+        Number of worker processes; the calling process does no work.
     scheduler : str, optional
         Address of a Dask scheduler, whose workers take the place of the processes; they must see the same files.
     lost : callable, optional
-        Called with a task whose process died, before it is tried again: to tidy up.
+        Called with a task whose process died, before the next attempt: to remove what the process left.
 
     Raises
     ------
@@ -85,20 +84,18 @@ def run(
 def _in_processes(
     work: Callable[[Task], Answer], tasks: Iterable[Task], lost: Callable[[Task], None], jobs: int
 ) -> Iterator[tuple[Task, Answer | Failure]]:
-    waiting = iter(tasks)
-    again: deque[tuple[Task, int]] = deque()
+    waiting, idle = iter(tasks), list[_Worker]()
     busy: dict[Connection, tuple[_Worker, Task, int]] = {}
-    idle: list[_Worker] = []
+
+    def begin(task: Task, attempt: int) -> None:
+        worker = idle.pop() if idle else _Worker(work)
+        busy[worker.pipe] = worker, task, attempt
+        worker.send(task)
+
     try:
         while True:
-            while len(busy) < jobs:
-                fresh = [again.popleft()] if again else [(task, 1) for task in islice(waiting, 1)]
-                if not fresh:
-                    break
-                task, attempt = fresh[0]
-                worker = idle.pop() if idle else _Worker(work)
-                busy[worker.pipe] = worker, task, attempt
-                worker.give(task)
+            for task in islice(waiting, jobs - len(busy)):
+                begin(task, 1)
             if not busy:
                 return
             ready = connection.wait(list(busy))
@@ -108,14 +105,14 @@ def _in_processes(
                 if isinstance(answer, Failure) and answer.died:
                     lost(task)
                     if attempt < ATTEMPTS:
-                        again.append((task, attempt + 1))
+                        begin(task, attempt + 1)
                         continue
                 else:
                     idle.append(worker)
                 yield task, answer
     finally:
-        # A second Ctrl-C must not stop the tidying up after the first.
-        with _deaf_to_interrupts():
+        # A second Ctrl-C must not stop the cleanup after the first.
+        with _interrupts_ignored():
             workers = [*idle, *(worker for worker, _, _ in busy.values())]
             for worker in workers:
                 worker.interrupt()
@@ -131,13 +128,13 @@ class _Worker:
         context = get_context("spawn")
         self.pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs, work), daemon=True)
-        with _deaf_to_interrupts():
+        with _interrupts_ignored():
             self._process.start()
-        # The last copy of that end is the worker's, so the pipe breaks when it dies.
+        # Only the worker keeps that end open, so the pipe breaks when it dies.
         theirs.close()
 
-    def give(self, task: Any) -> None:
-        # That it died, `answer` will tell.
+    def send(self, task: Any) -> None:
+        # `answer` reports a worker that has died.
         with suppress(BrokenPipeError):
             self.pipe.send(task)
 
@@ -147,11 +144,11 @@ class _Worker:
         except (EOFError, ConnectionResetError):
             self._process.join()
             code = self._process.exitcode or 0
-            how = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
-            return Failure(f"its process {how} (out of memory, perhaps), {ATTEMPTS} times", died=True)
+            cause = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
+            return Failure(f"its process {cause} (out of memory, perhaps), {ATTEMPTS} times", died=True)
 
     def interrupt(self) -> None:
-        """Ask the worker to leave its task."""
+        """Ask the worker to leave its task; on Windows this ends the process."""
         if self._process.is_alive() and self._process.pid is not None:
             os.kill(self._process.pid, signal.SIGINT)
         self.pipe.close()
@@ -165,32 +162,28 @@ class _Worker:
 
 def _serve(pipe: Connection, work: Callable[[Any], Any]) -> None:
     """Do tasks until the pipe closes or an interrupt arrives during one."""
-    while True:
-        try:
+    # A closed pipe raises EOFError, and ConnectionError if the parent left an answer unread.
+    with suppress(EOFError, ConnectionError, KeyboardInterrupt):
+        while True:
             task = pipe.recv()
-        except (EOFError, ConnectionError):  # the latter if the parent left an answer unread
-            return
-        try:
             signal.signal(signal.SIGINT, _interrupt_once)
-            # No second task comes before the answer: the parent has gone, and its interrupt may have come too early.
+            # No task comes before the answer to the last one, so the pipe is closed: the interrupt came too early.
             if pipe.poll():
                 return
             answer = _attempt(work, task)
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             pipe.send(answer)
-        except (KeyboardInterrupt, ConnectionError):
-            return
 
 
 def _interrupt_once(*_: object) -> None:
-    # The terminal and the parent both send it; the second one must not stop the tidying up after the first.
+    # The terminal and the parent both send it; the second one must not stop the cleanup after the first.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     raise KeyboardInterrupt
 
 
 @contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """Ignore interrupts; processes started inside do so until they have their own handler."""
+def _interrupts_ignored() -> Iterator[None]:
+    """Ignore Ctrl-C; processes started inside ignore it until they set their own handler."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -208,7 +201,7 @@ def _attempt(work: Callable[[Any], Any], task: Any) -> Any:
         return Failure(_one_line(error))
     except MemoryError:
         return Failure("not enough memory")
-    except Exception as error:  # one task's bug shall not stop the others
+    except Exception as error:  # one task's bug must not stop the others
         return Failure(f"{type(error).__name__}: {_one_line(error)}")
 
 
@@ -239,7 +232,7 @@ def _on_cluster(
             done = as_completed(send(AHEAD * max(1, sum(client.ncores().values()))))
             for future in done:
                 task = sent.pop(future)
-                # `_attempt` raises nothing: what went wrong is the worker, which Dask replaced a few times.
+                # `_attempt` catches what `work` raises, so a future fails only if its worker died several times.
                 died = future.status != "finished"
                 answer = Failure("its worker died, several times", died=True) if died else future.result()
                 if died:

@@ -11,7 +11,7 @@ from skimage.metrics import peak_signal_noise_ratio
 from benchmarks import baselines
 from rsdeblur import Deconvolver, InputError, PsfBank
 
-# A photograph that comes with scikit-image, in what may pass for linear light.
+# A photograph that comes with scikit-image, roughly in linear light.
 SHARP = (data.camera()[32:416, 32:416] / 255.0) ** 2.2
 NOISE = 0.003
 
@@ -40,7 +40,7 @@ def psnr(image, truth=SHARP):
 def test_a_known_psf_is_undone(name, psf, blurred):
     result = getattr(baselines, name)(blurred, psf)
     assert result.dtype == np.float32
-    # Half of the squared error at least goes away; all three do far better on this picture.
+    # At least half of the squared error is removed; all three do far better on this picture.
     assert psnr(result) > psnr(blurred) + 3
 
 
@@ -51,18 +51,18 @@ def test_no_blur_is_left_alone(name):
     point[1, 1] = 1
     result = getattr(baselines, name)(picture, point)
     assert result.shape == picture.shape
-    # TV-L1 takes off what its weight of 0.005 allows.
+    # TV-L1 smooths as much as its weight of 0.005 allows.
     assert np.abs(result - picture).mean() < 0.01
 
 
 def test_the_blind_estimator_finds_a_15_px_kernel(psf, blurred):
-    found = baselines.estimate_psf(blurred, 21)
-    assert found.min() >= 0
-    assert found.sum() == pytest.approx(1, abs=1e-5)
+    estimate = baselines.estimate_psf(blurred, 21)
+    assert estimate.min() >= 0
+    assert estimate.sum() == pytest.approx(1, abs=1e-5)
     # Two different trails in a box of 15 px correlate by 0.5 to 0.6; published estimators reach 0.8 to 0.95.
-    assert baselines.kernel_similarity(found, psf) > 0.8
-    restored = Deconvolver(PsfBank.for_picture(found, blurred.shape), blurred.shape, nsr=0.01).apply(blurred)
-    # The kernel is found up to a shift.
+    assert baselines.kernel_similarity(estimate, psf) > 0.8
+    restored = Deconvolver(PsfBank.for_picture(estimate, blurred.shape), blurred.shape, nsr=0.01).apply(blurred)
+    # The kernel is estimated up to a shift.
     shifts = [np.roll(restored, (dy, dx), (0, 1)) for dy in range(-2, 3) for dx in range(-2, 3)]
     assert max(map(psnr, shifts)) > psnr(blurred) + 1
 
@@ -73,7 +73,7 @@ def test_similarity_ignores_shifts_and_sizes(psf):
     assert baselines.kernel_similarity(psf, np.eye(15)) < 0.9
 
 
-def test_what_is_no_picture_or_psf_is_refused(psf):
+def test_invalid_pictures_and_psfs_are_refused(psf):
     with pytest.raises(InputError, match="larger than the picture"):
         baselines.tv_l1(np.zeros((10, 10)), psf)
     with pytest.raises(InputError, match="must be odd"):
