@@ -1,29 +1,35 @@
 # Every target works on a fresh clone with nothing but Python 3.11+ and a C compiler:  make demo,  make test
 PYTHON ?= python3
 VENV ?= .venv
-BIN = $(VENV)/bin
+LAYOUT = $(if $(filter Windows_NT,$(OS)),Scripts,bin)
+EXE = $(if $(filter Windows_NT,$(OS)),.exe)
+BIN = $(VENV)/$(LAYOUT)
+VENV_PYTHON = $(BIN)/python$(EXE)
 PIP = $(BIN)/python -m pip install --quiet
 CBUILD = build/c
 
 .PHONY: demo test lint test-c docs dist clean
 
-demo: $(BIN)/python
+demo: $(VENV_PYTHON)
 	$(PIP) .
 	$(BIN)/rsdeblur demo --force -o demo-output
 
 # Safe path: programs that tests start here must find the installed package, not the bare source folder.
-test: $(BIN)/python
+test: $(VENV_PYTHON)
 	$(PIP) '.[test]' 'meson>=1.4' ninja
 	$(call run-c,plain,)
 	PYTHONSAFEPATH=1 $(BIN)/pytest
 
-lint: $(BIN)/python
+lint: $(VENV_PYTHON)
 	$(PIP) '.[lint]'
 	$(BIN)/ruff check
+	$(BIN)/ruff format --check
 	$(BIN)/mypy
+	$(BIN)/codespell
+	$(BIN)/numpydoc lint rsdeblur/*.py rsdeblur/*/*.py
 
 # The C test program: plain, under sanitizers, and under valgrind where that is installed.
-test-c: $(BIN)/python
+test-c: $(VENV_PYTHON)
 	$(PIP) 'meson>=1.4' ninja
 	$(call run-c,plain,)
 	$(call run-c,sanitize,-Db_sanitize=address$(comma)undefined -Db_lundef=false)
@@ -31,30 +37,29 @@ test-c: $(BIN)/python
 	  $(MESON) test -C $(CBUILD)/plain --wrap 'valgrind --quiet --leak-check=full --error-exitcode=1'; fi
 
 # The documentation site, in site/.
-docs: $(BIN)/python
+docs: $(VENV_PYTHON)
 	$(PIP) '.[docs,video]'
 	$(BIN)/python -P -m sphinx -W --keep-going -n -q -b html docs site
 
 # The source distribution, the wheel made of it, and that wheel in an empty environment without any compiler.
-dist: $(BIN)/python
+dist: $(VENV_PYTHON)
 	$(PIP) build
 	rm -rf dist build/empty
 	$(BIN)/python -m build -o dist
 	$(PYTHON) -m venv build/empty
-	build/empty/bin/python -m pip install --quiet --only-binary :all: dist/*.whl
-	env -i PATH="$(abspath build/empty/bin)" CC=/bin/false HOME="$(abspath build/empty)" \
+	build/empty/$(LAYOUT)/python -m pip install --quiet --only-binary :all: dist/*.whl
+	env -i PATH="$(abspath build/empty/$(LAYOUT))" CC=/bin/false HOME="$(abspath build/empty)" \
 	  rsdeblur demo --size 320x240 -o "$(abspath build/empty/demo)"
 
 clean:
 	rm -rf $(VENV) build dist site docs/generated demo-output .mypy_cache .pytest_cache .ruff_cache
 
-$(BIN)/python:
+$(VENV_PYTHON):
 	$(PYTHON) -c 'import sys; sys.exit("rsdeblur needs Python 3.11 or newer" if sys.version_info < (3, 11) else 0)'
 	$(PYTHON) -m venv $(VENV)
 
 comma = ,
-# Meson finds ninja on the PATH.
-MESON = PATH="$(abspath $(BIN)):$$PATH" $(BIN)/meson
+MESON = NINJA="$(abspath $(BIN)/ninja$(EXE))" $(BIN)/meson
 # run-c(folder, options): build all C code anew, warnings as errors, and run its test program.
 define run-c
 rm -rf $(CBUILD)/$(1)

@@ -1,4 +1,4 @@
-"""The captures that the benchmarks share: simulated ones with ground truth, and the real burst."""
+"""Captures for the benchmarks: simulated ones with ground truth, and the real burst."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from skimage.transform import rescale
 
 from rsdeblur import Camera, Exposure, GyroLog, Simulation, read_camera, read_captures, read_gyro, simulate
+from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.io import read_picture
-from rsdeblur.scene import scene
-from rsdeblur.shake import hand_shake
-from rsdeblur.transfer import from_linear, to_linear
+from rsdeblur.simulation.scene import scene
+from rsdeblur.simulation.shake import hand_shake
 
 Image = NDArray[np.float32]
 ROOT = Path(__file__).resolve().parents[1]
@@ -26,13 +26,13 @@ DATA = Path(os.environ.get("RSDEBLUR_DATA", ROOT.parent / "shared" / "data"))
 
 # 40 dB below full scale.
 NOISE = 0.01
-# Border left out of PSNR and SSIM, px.
+# Width of the border that PSNR and SSIM leave out, px.
 BORDER = 24
 READOUT = 0.03
 
 
 @dataclass(frozen=True)
-class Capture:
+class SimulatedCapture:
     """A simulated capture with its ground truth."""
 
     name: str
@@ -42,12 +42,12 @@ class Capture:
     pictures: Simulation
 
     @property
-    def shot(self) -> tuple[GyroLog, Camera, Exposure]:
-        """What `deblur` takes after the picture."""
+    def recording(self) -> tuple[GyroLog, Camera, Exposure]:
+        """Log, camera and exposure: the arguments of `deblur` after the picture."""
         return self.log, self.camera, self.exposure
 
 
-# Kodak picture, start in the log (s), exposure (s). The moments go from nearly still to shaken hard.
+# (Kodak picture, start in the log in s, exposure in s). The moments range from nearly still to shaken hard.
 MOMENTS = [
     ("kodim05", 3.0, 1 / 15),
     ("kodim19", 10.0, 1 / 30),
@@ -67,33 +67,39 @@ MOMENTS = [
 
 
 def require_data() -> None:
-    """Stop with a message where the recordings are missing."""
+    """Exit with a message if the recordings are missing."""
     if not DATA.is_dir():
-        sys.exit(f"no recordings at {DATA}: set RSDEBLUR_DATA to their folder")
+        sys.exit(f"no recordings in {DATA}: set RSDEBLUR_DATA to their folder")
 
 
-def simulated(count: int | None = None, *, noise: float = NOISE, enlarged: int = 2) -> Iterator[Capture]:
-    """Simulate captures from Kodak pictures and a real phone's shake: 1024x768, or half of that if not `enlarged`."""
+def simulated(count: int | None = None, *, noise: float = NOISE, enlarged: int = 2) -> Iterator[SimulatedCapture]:
+    """Simulate captures from Kodak pictures and a real phone's shake, 1024x768 px, or 512x384 with `enlarged=1`."""
     require_data()
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
-    camera = Camera(1024, 768, 1.1 * 1024, readout=READOUT).scaled(enlarged / 2)
+    camera = Camera(1024, 768, 1.1 * 1024, readout_time=READOUT).scaled(enlarged / 2)
     for picture, start, duration in MOMENTS[:count]:
         stored = _float32(read_picture(DATA / "sharp" / f"{picture}.png").pixels / 255)
         shown = _float32(rescale(stored, enlarged, order=3, channel_axis=-1).clip(0, 1)) if enlarged > 1 else stored
         sharp = to_linear(shown, "srgb")
         exposure = Exposure(start, duration, log.epoch_ns)
         name = f"{picture} {start:g} s 1/{round(1 / duration)}"
-        yield Capture(name, log, camera, exposure, simulate(sharp, log, camera, exposure, noise=noise))
+        yield SimulatedCapture(name, log, camera, exposure, simulate(sharp, log, camera, exposure, noise=noise))
 
 
-def synthetic(*, noise: float = NOISE) -> Capture:
-    """Make a small capture that needs no recordings."""
-    log, camera, exposure = hand_shake(0.2, seed=3), Camera(256, 192, 280.0, readout=READOUT), Exposure(0.05, 1 / 30)
-    return Capture("synthetic", log, camera, exposure, simulate(scene(240, 304), *(log, camera, exposure), noise=noise))
+def synthetic(*, noise: float = NOISE) -> SimulatedCapture:
+    """Simulate a small capture that needs no recordings."""
+    log, camera, exposure = (
+        hand_shake(0.2, seed=3),
+        Camera(256, 192, 280.0, readout_time=READOUT),
+        Exposure(0.05, 1 / 30),
+    )
+    return SimulatedCapture(
+        "synthetic", log, camera, exposure, simulate(scene(240, 304), *(log, camera, exposure), noise=noise)
+    )
 
 
 def shield_burst() -> tuple[Image, GyroLog, Camera, Exposure]:
-    """Return the burst frame 0004.jpg in linear light; files count from 1, stamps from 0."""
+    """Return the burst frame 0004.jpg in linear light; files are numbered from 1, timestamps from 0."""
     require_data()
     folder = DATA / "real" / "shield-burst"
     pixels = _float32(read_picture(folder / "images" / "0004.jpg").pixels / 255)
@@ -107,7 +113,7 @@ def _float32(image: NDArray[Any]) -> Image:
 
 
 def quality(truth: Image, image: Image) -> tuple[float, float]:
-    """PSNR (dB) and SSIM of linear pictures, in sRGB, without the border."""
+    """Return PSNR (dB) and SSIM of pictures in linear light, compared in sRGB without the border."""
     inside = np.s_[BORDER:-BORDER, BORDER:-BORDER]
     a, b = (from_linear(x.clip(0, 1), "srgb")[inside] for x in (truth, image))
     psnr = peak_signal_noise_ratio(a, b, data_range=1.0)

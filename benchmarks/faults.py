@@ -1,7 +1,7 @@
-"""Faults while files are written, kept and planned: ``python -m benchmarks.faults [--kills N]``.
+"""Faults while files are written and FFTs are planned: ``python -m benchmarks.faults [--kills N]``.
 
-Processes are killed, interrupted, deprived of disk and given damaged caches; what is left on disk must be the old file
-or the new one, and the next run must work.
+Processes are killed, interrupted, run out of disk and get damaged caches. The file left on disk must be the old one or
+the new one, and the next run must work.
 """
 
 from __future__ import annotations
@@ -26,8 +26,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks import load
-from rsdeblur import Camera, Deconvolver, PsfBank, fft
-from rsdeblur._atomic import atomic_write
+from rsdeblur import Camera, Deconvolver, PsfBank
+from rsdeblur._util.atomic import atomic_write
+from rsdeblur.choices import Planning
+from rsdeblur.deconv import fft
 from rsdeblur.errors import OutputError
 from rsdeblur.io import read_picture, write_picture
 
@@ -64,9 +66,9 @@ def _write_for_ever(write: Callable[[Path, int], None], path: Path, ready: Any) 
 
 
 def kills(name: str, count: int) -> dict[str, int]:
-    """Kill a process that writes one file again and again, at random moments; return what was found how often."""
+    """Kill a process that writes one file repeatedly, at random moments; count what was left on disk."""
     write, read = WRITERS[name]
-    found = {"the old or the new file": 0, "another file": 0, "temporary files left": 0}
+    counts = {"the old or the new file": 0, "another file": 0, "temporary files left": 0}
     rng = random.Random(name)
     context = get_context("fork")
     with tempfile.TemporaryDirectory() as folder:
@@ -84,18 +86,18 @@ def kills(name: str, count: int) -> dict[str, int]:
             process.kill()
             process.join()
             read(path)
-            found["the old or the new file" if path.read_bytes() in whole else "another file"] += 1
+            counts["the old or the new file" if path.read_bytes() in whole else "another file"] += 1
             rest = [other for other in path.parent.iterdir() if other != path]
-            found["temporary files left"] += len(rest)
+            counts["temporary files left"] += len(rest)
             for other in rest:
                 other.unlink()
-    return found
+    return counts
 
 
 def full_disk(name: str, count: int) -> dict[str, int]:
-    """Write where only part of the file fits; return what happened how often."""
+    """Write where only part of the file fits; count the outcomes."""
     write, _ = WRITERS[name]
-    found = {"refused, the old file whole": 0, "else": 0}
+    counts = {"refused, the old file whole": 0, "else": 0}
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / name
@@ -111,18 +113,18 @@ def full_disk(name: str, count: int) -> dict[str, int]:
             finally:
                 resource.setrlimit(resource.RLIMIT_FSIZE, limits)
             as_before = path.read_bytes() == old and [path] == list(path.parent.iterdir())
-            found["refused, the old file whole" if refused and as_before else "else"] += 1
-    return found
+            counts["refused, the old file whole" if refused and as_before else "else"] += 1
+    return counts
 
 
 def heed_interrupts() -> None:
-    """Undo that a shell's background jobs ignore them."""
+    """Restore the default action: background jobs of a shell ignore interrupts."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def interrupts(count: int) -> dict[str, int]:
-    """Interrupt `rsdeblur demo` at random moments; return how often it ended how."""
-    found: dict[str, int] = {}
+    """Interrupt `rsdeblur demo` at random moments; count the outcomes."""
+    counts: dict[str, int] = {}
     rng = random.Random(0)
     for _ in range(count):
         with tempfile.TemporaryDirectory() as folder:
@@ -140,15 +142,15 @@ def interrupts(count: int) -> dict[str, int]:
             left = list(Path(folder).rglob("*.part"))
             how = f"exit {process.returncode}" + ", traceback" * ("Traceback" in message)
             how += ", temporary left" * bool(left)
-            found[how] = found.get(how, 0) + 1
+            counts[how] = counts.get(how, 0) + 1
             if process.returncode not in (0, 130):
                 print(how, message[-500:])
-    return found
+    return counts
 
 
 def damaged_wisdom(count: int) -> dict[str, int]:
-    """Plan with wisdom that is spoilt in random places, each time in a process of its own."""
-    found: dict[str, int] = {}
+    """Plan with wisdom that is damaged in random places, each time in a new process; count the exit codes."""
+    counts: dict[str, int] = {}
     rng = random.Random(0)
     with tempfile.TemporaryDirectory() as folder:
         os.environ["XDG_CACHE_HOME"] = folder
@@ -163,11 +165,11 @@ def damaged_wisdom(count: int) -> dict[str, int]:
             process = get_context("fork").Process(target=_plan_anew)
             process.start()
             process.join()
-            found[f"exit {process.exitcode}"] = found.get(f"exit {process.exitcode}", 0) + 1
-    return found
+            counts[f"exit {process.exitcode}"] = counts.get(f"exit {process.exitcode}", 0) + 1
+    return counts
 
 
-def _plan(planning: fft.Planning) -> None:
+def _plan(planning: Planning) -> None:
     image = np.random.default_rng(0).random((60, 70), dtype=np.float32)
     bank = PsfBank.for_picture(np.eye(5)[2:3].T @ np.eye(5)[2:3], image.shape)
     sharp = Deconvolver(bank, image.shape, nsr=1e-6, planning=planning, threads=1).apply(image)
@@ -175,14 +177,14 @@ def _plan(planning: fft.Planning) -> None:
 
 
 def _plan_anew() -> None:
-    # The parent has recalled its wisdom already.
+    # The parent has loaded its wisdom already.
     fft._recall.cache_clear()
     _plan("estimate")
 
 
 def two_planners(count: int) -> dict[str, int]:
-    """Let two processes measure plans and keep them at once, from nothing; return how the pairs ended."""
-    found: dict[str, int] = {}
+    """Let two processes measure and store plans at once, without earlier plans; count the outcomes."""
+    counts: dict[str, int] = {}
     for _ in range(count):
         with tempfile.TemporaryDirectory() as folder:
             os.environ["XDG_CACHE_HOME"] = folder
@@ -194,16 +196,16 @@ def two_planners(count: int) -> dict[str, int]:
             codes = sorted(process.exitcode or 0 for process in pair)
             files = [path.suffix for path in Path(folder).rglob("*") if path.is_file()]
             how = f"exits {codes}, files {files}"
-            found[how] = found.get(how, 0) + 1
-    return found
+            counts[how] = counts.get(how, 0) + 1
+    return counts
 
 
 def killed_workers(count: int) -> dict[str, int]:
-    """Kill workers of `rsdeblur batch` at random moments; return what became of the pictures.
+    """Kill workers of `rsdeblur batch` at random moments; count the outcomes of the pictures.
 
-    An item whose worker was killed twice is reported; then the batch is started again, until nothing fails.
+    An item whose worker was killed twice is reported. Then the batch is started again, until nothing fails.
     """
-    found = dict.fromkeys(("kills", "runs", "items reported", "pictures of other bytes", "pictures lost"), 0)
+    counts = dict.fromkeys(("kills", "runs", "items reported", "pictures of other bytes", "pictures lost"), 0)
     rng = random.Random(0)
     with tempfile.TemporaryDirectory() as name:
         folder, sharp = Path(name), Path(name) / "sharp"
@@ -212,32 +214,34 @@ def killed_workers(count: int) -> dict[str, int]:
         whole = {path.name: path.read_bytes() for path in sharp.glob("*.png")}
         assert len(whole) == 60
         code = 0
-        while found["kills"] < count or code:
+        while counts["kills"] < count or code:
             if code == 0:
                 shutil.rmtree(sharp)
             with load.start(folder, *arguments) as process:
                 while process.poll() is None:
                     time.sleep(rng.uniform(0, 5))
                     workers = load.workers_of(process)
-                    if workers and found["kills"] < count:
+                    if workers and counts["kills"] < count:
                         with contextlib.suppress(ProcessLookupError):
                             os.kill(rng.choice(workers), signal.SIGKILL)
-                            found["kills"] += 1
+                            counts["kills"] += 1
             code = process.returncode
             items = json.loads((sharp / "batch.json").read_text())["items"]
-            found["runs"] += 1
-            found["items reported"] += sum(item["state"] == "failed" for item in items)
+            counts["runs"] += 1
+            counts["items reported"] += sum(item["state"] == "failed" for item in items)
             made = {path.name: path.read_bytes() for path in sharp.glob("*.png")}
-            found["pictures of other bytes"] += sum(made[name] != whole[name] for name in made)
+            counts["pictures of other bytes"] += sum(made[name] != whole[name] for name in made)
             if code == 0:
-                found["pictures lost"] += len(whole) - len(made)
-    return found
+                counts["pictures lost"] += len(whole) - len(made)
+    return counts
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run everything and print a line for each."""
+    """Run all parts and print a line for each."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.faults", description=__doc__)
-    parser.add_argument("--kills", type=int, default=200, help="kills for each kind of file; the others in proportion")
+    parser.add_argument(
+        "--kills", type=int, default=200, help="kills for each kind of file; other counts in proportion"
+    )
     count = parser.parse_args(arguments).kills
     for name in WRITERS:
         print(f"{name}: killed {count} times: {kills(name, count)}", flush=True)

@@ -37,8 +37,8 @@ if __name__ == "__main__":
 
 import rsdeblur as rs
 from rsdeblur.cli import main as command_line
-from rsdeblur.scene import scene
-from rsdeblur.shake import hand_shake
+from rsdeblur.simulation.scene import scene
+from rsdeblur.simulation.shake import hand_shake
 
 # Hashes by what they are of: image, psfs, facts, check; or the text of an error.
 Fingerprint = dict[str, str]
@@ -137,8 +137,8 @@ class Capture(NamedTuple):
     translation: rs.Translation | None
 
     @property
-    def shot(self) -> tuple[rs.GyroLog, rs.Camera, rs.Exposure]:
-        """What most functions take."""
+    def recording(self) -> tuple[rs.GyroLog, rs.Camera, rs.Exposure]:
+        """The log, the camera and the exposure, as most functions take them."""
         return self.log, self.camera, self.exposure
 
 
@@ -152,14 +152,15 @@ def capture(words: str) -> Capture:
     if "lens" in given:
         changes |= {"distortion_model": "radtan", "distortion": (-0.1, 0.02, 1e-3, -1e-3)}
     if "fisheye" in given:
-        changes |= {"distortion_model": "fisheye", "distortion": (0.05, -0.01, 2e-3, 0.0), "stamp": "middle"}
+        changes |= {"distortion_model": "fisheye", "distortion": (0.05, -0.01, 2e-3, 0.0)}
+        changes |= {"timestamp_marks": "middle"}
         exposure = exposure.shifted(0.03)
     if "mounted" in given:
         changes |= {"imu_to_camera": "phone-landscape", "time_offset": 0.004}
         exposure, log = rs.Exposure(0.05, 1 / 30, EPOCH), replace(log, epoch_ns=EPOCH)
     # Pictures through a lens take long to simulate.
     width, height = (128, 448) if tall else (160, 120) if "distortion" in changes else (256, 192)
-    camera = rs.Camera(width, height, 280.0, readout=0.03, **changes)
+    camera = rs.Camera(width, height, 280.0, readout_time=0.03, **changes)
     track = None
     if "moved" in given:
         t = np.linspace(-0.1, 0.5, 61)
@@ -232,7 +233,7 @@ def deblurred(case: Case) -> Fingerprint:
         settings["translation"] = taken.translation
     if "out" in settings:
         settings["out"] = np.zeros(pixels.shape, settings["out"])
-    result = rs.deblur(pixels, *taken.shot, **settings)
+    result = rs.deblur(pixels, *taken.recording, **settings)
     return {
         "image": digest(result.image),
         "psfs": digest(*arrays(result.psfs)),
@@ -274,13 +275,13 @@ def kernels(words: str, **settings: Any) -> Fingerprint:
     """Return the hash of what `psfs` returns."""
     taken = capture(words)
     chosen = {name: SETTINGS[name] for name in ("mode", "bands", "strips", "motion")} | {"nsr": 0.01} | settings
-    return {"psfs": digest(*arrays(rs.psfs(*taken.shot, **chosen, translation=taken.translation)))}
+    return {"psfs": digest(*arrays(rs.psfs(*taken.recording, **chosen, translation=taken.translation)))}
 
 
 def offset(words: str) -> Fingerprint:
     """Return the hash of what `find_time_offset` finds."""
     taken = capture(words)
-    found = rs.find_time_offset(taken.light, *taken.shot, search=(-0.05, 0.05), transfer="linear")
+    found = rs.find_time_offset(taken.light, *taken.recording, search=(-0.05, 0.05), transfer="linear")
     answer = repr((found.time_offset, found.best, found.confidence, found.reason))
     return {"facts": digest(answer, found.offsets, found.scores)}
 
@@ -288,21 +289,21 @@ def offset(words: str) -> Fingerprint:
 def tiled(border: Any, prior: Any) -> Fingerprint:
     """Return the hash of a picture that the solvers of tiles make when called by themselves; no prior is Wiener's."""
     taken = capture("plain")
-    bank = rs.psfs(*taken.shot, mode="banded", bands=6, strips=3, nsr=0.01, motion="rotation")
+    bank = rs.psfs(*taken.recording, mode="banded", bands=6, strips=3, nsr=0.01, motion="rotation")
     settings: dict[str, Any] = {"border": border, "planning": "estimate", "threads": THREADS}
     if prior is None:
         return {"image": digest(rs.Deconvolver(bank, taken.light.shape, nsr=0.02, **settings).apply(taken.light))}
     height, width, channels = taken.light.shape
     solver = rs.TileQuadratic(bank, (height, width, channels), nsr=0.001, **settings)
     wanted: dict[str, Any] = {"prior": prior, "weight": 0.003, "exponent": 0.7, "peak": 0.9}
-    return {"image": digest(rs.restore(solver, taken.light, **wanted, threads=THREADS))}
+    return {"image": digest(rs.restore(solver, taken.light, **wanted))}
 
 
 def row_by_row(solver: Any, border: Any) -> Fingerprint:
     """Return the hash of what `RowDeconvolver` makes, or without a solver `RowBlur` and its adjoint."""
     taken = capture("plain")
-    shot = rs.Shot.from_log(*taken.shot)
-    paths = rs.BlurPaths.every_row(shot, [60.0, 190.0], motion="rotation", geometry="keep")
+    traced = rs.Capture.from_log(*taken.recording, motion="rotation")
+    paths = rs.BlurPaths.every_row(traced, [60.0, 190.0], geometry="keep")
     if solver is not None:
         settings: dict[str, Any] = {"nsr": 0.02, "solver": solver, "border": border, "planning": "estimate"}
         return {"image": digest(rs.RowDeconvolver(paths, taken.light.shape, **settings, threads=2).apply(taken.light))}
@@ -338,7 +339,7 @@ def write_inputs(folder: Path) -> None:
     log = hand_shake(0.6, strength=0.4, seed=3)
     table = np.column_stack([log.t, log.omega])
     np.savetxt(folder / "gyro.csv", table, "%.9f", ",", header="t,wx,wy,wz", comments="")
-    upright = rs.Camera(WIDTH, HEIGHT, 1.1 * WIDTH, readout=0.02)
+    upright = rs.Camera(WIDTH, HEIGHT, 1.1 * WIDTH, readout_time=0.02)
     upright.save(folder / "camera.toml")
     turned = replace(upright, readout_direction="right-left")
     turned.save(folder / "turned.toml")
@@ -346,7 +347,7 @@ def write_inputs(folder: Path) -> None:
     for name, camera in (("clip", upright), ("turned", turned)):
         starts = [0.05 + i / 30 for i in range(FRAMES)]
         taken = [rs.simulate(sharp, log, camera, rs.Exposure(t, 1 / 30), noise=0.005, seed=6) for t in starts]
-        frames = [stored(shot.blurred, "uint8") for shot in taken]
+        frames = [stored(simulation.blurred, "uint8") for simulation in taken]
         write_clip(folder / f"{name}.mkv", frames)
         Image.fromarray(frames[0]).save(folder / f"{name}.png")
         Image.fromarray(stored(taken[0].rolling, "uint8")).save(folder / f"{name}-truth.png")

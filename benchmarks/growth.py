@@ -1,11 +1,11 @@
-"""How time and memory grow: ``python -m benchmarks.growth [--rounds 5] [--json FILE] [--plots FOLDER]``.
+"""Growth of time and memory: ``python -m benchmarks.growth [--rounds 5] [--json FILE] [--plots FOLDER]``.
 
-Four series for RGB float32, each starting from 2048x1536, a PSF of 17x59 px and 16 bands: over the picture's size, the
-PSF's height, the number of bands and the number of strips. Each point has a process of its own: the peak of its memory
-is its own, and so are its plans. Time is the median of `apply` into a given array; extra memory is the most that the
-process held while the solver was built and applied, less the pictures in and out.
+Four series for RGB float32, each starting from 2048x1536, a PSF of 17x59 px and 16 bands: over the size of the picture,
+the height of the PSF, the number of bands and the number of strips. Each point is measured in a separate process, which
+has its own peak of memory and its own plans. Time is the median of `apply` into a given array. Extra memory is the peak
+of the process while the solver was built and applied, less the pictures in and out.
 
-``--quick`` shrinks everything and says nothing about speed.
+``--quick`` uses small pictures; its times mean nothing.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Series:
     Parameters
     ----------
     label : str
-        Of the axis.
+        Label of the axis.
     x : sequence of float
         Position of each point.
     modes : dict of list of Point
@@ -91,9 +91,9 @@ QUICK = series(Point(256, 192, 9, 17, 4), sizes=((256, 192), (512, 384)), height
 
 
 def main() -> None:
-    """Measure all series, print and draw them."""
+    """Measure all series, print them and draw them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, help="times that each point is timed (5)")
+    parser.add_argument("--rounds", type=int, help="rounds of timing for each point (5)")
     parser.add_argument("--threads", type=int, default=2, help="threads (2)")
     parser.add_argument("--quick", action="store_true", help="few small points, to see that it runs")
     parser.add_argument("--json", type=Path, help="write the record")
@@ -106,9 +106,9 @@ def main() -> None:
         return
     record = run(QUICK if options.quick else FULL, rounds, options.threads)
     record["command"] = "python -m benchmarks.growth " + " ".join(sys.argv[1:])
-    for found in record["series"]:
+    for curve in record["series"]:
         print()
-        print_table(columns(found), rows(found))
+        print_table(columns(curve), rows(curve))
     for note in machine.busy(record["load"]):
         print(note)
     if options.json:
@@ -119,10 +119,10 @@ def main() -> None:
 
 
 def run(planned: Sequence[Series], rounds: int, threads: int) -> Record:
-    """Measure every point in a process of its own."""
+    """Measure every point in a separate process."""
     load = machine.load()
     points = list(dict.fromkeys(point for s in planned for mode in s.modes.values() for point in mode))
-    found = {point: _in_new_process(point, rounds, threads) for point in progress(points, "measuring")}
+    by_point = {point: _in_new_process(point, rounds, threads) for point in progress(points, "measuring")}
     return {
         "machine": machine.facts(),
         "load": load,
@@ -133,7 +133,7 @@ def run(planned: Sequence[Series], rounds: int, threads: int) -> Record:
                 "label": s.label,
                 "x": list(s.x),
                 "logarithmic": s.logarithmic,
-                "modes": {name: [found[point] for point in points] for name, points in s.modes.items()},
+                "modes": {name: [by_point[point] for point in points] for name, points in s.modes.items()},
             }
             for s in planned
         ],
@@ -141,7 +141,7 @@ def run(planned: Sequence[Series], rounds: int, threads: int) -> Record:
 
 
 def measure(point: Point, rounds: int, threads: int) -> Record:
-    """Return the time and the extra memory of one point; memory is None where the system does not tell."""
+    """Return the time and the extra memory of one point; memory is None where the system does not report it."""
     case = Case(point.width, point.height, (point.psf_width, point.psf_height))
     bank = case.bank(point.bands, point.strips)
     picture, out = case.sharp, np.ones(case.shape, dtype=np.float32)
@@ -165,17 +165,17 @@ def _in_new_process(point: Point, rounds: int, threads: int) -> Record:
     return record
 
 
-def columns(found: Record) -> list[str]:
-    """Return the head of a series' table."""
+def columns(curve: Record) -> list[str]:
+    """Return the column titles of the table of a series."""
     quantities = ("ms", "ns/px", "extra MiB")
-    return [found["label"], *(f"{mode}: {quantity}" for mode in found["modes"] for quantity in quantities)]
+    return [curve["label"], *(f"{mode}: {quantity}" for mode in curve["modes"] for quantity in quantities)]
 
 
-def rows(found: Record) -> list[list[str]]:
-    """Return the table of a series."""
+def rows(curve: Record) -> list[list[str]]:
+    """Return the rows of the table of a series."""
     return [
-        [f"{x:.3g}", *(cell for mode in found["modes"].values() for cell in _cells(mode[i]))]
-        for i, x in enumerate(found["x"])
+        [f"{x:.3g}", *(cell for mode in curve["modes"].values() for cell in _cells(mode[i]))]
+        for i, x in enumerate(curve["x"])
     ]
 
 
@@ -188,31 +188,31 @@ def _cells(point: Record) -> list[str]:
 
 def plot_names(record: Record) -> list[str]:
     """Return the file name of each series' plot."""
-    return [f"growth-{found['label'].split(' (')[0].replace(' ', '-').lower()}.svg" for found in record["series"]]
+    return [f"growth-{curve['label'].split(' (')[0].replace(' ', '-').lower()}.svg" for curve in record["series"]]
 
 
 def draw(record: Record, folder: Path) -> list[Path]:
-    """Draw time and extra memory of each series; returns the files."""
+    """Draw time and extra memory of each series; return the files."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
-    # Same curves, same file: no date, no random names.
+    # No date and no random names: the same curves give the same file.
     with mpl.rc_context({"svg.hashsalt": "rsdeblur", "svg.fonttype": "none"}):
-        for found, name in zip(record["series"], plot_names(record), strict=True):
+        for curve, name in zip(record["series"], plot_names(record), strict=True):
             figure = Figure(figsize=(9, 3.4), layout="constrained")
             for axes, quantity in zip(figure.subplots(1, 2), ("time of apply (ms)", "extra memory (MiB)"), strict=True):
-                for mode, points in found["modes"].items():
-                    axes.plot(found["x"], [_value(point, quantity) for point in points], "o-", label=mode)
-                if found["logarithmic"]:
+                for mode, points in curve["modes"].items():
+                    axes.plot(curve["x"], [_value(point, quantity) for point in points], "o-", label=mode)
+                if curve["logarithmic"]:
                     axes.set(xscale="log", yscale="log")
-                    axes.set_xticks(found["x"], [f"{x:.2g}" for x in found["x"]])
+                    axes.set_xticks(curve["x"], [f"{x:.2g}" for x in curve["x"]])
                     axes.minorticks_off()
                     axes.yaxis.set_major_formatter("{x:g}")
                 else:
                     axes.set_ylim(bottom=0)
-                axes.set(xlabel=found["label"], ylabel=quantity)
+                axes.set(xlabel=curve["label"], ylabel=quantity)
                 axes.grid(alpha=0.3)
                 axes.legend()
             paths.append(folder / name)

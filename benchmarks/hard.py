@@ -1,8 +1,8 @@
 """Noise, JPEG and 8 bits: ``python -m benchmarks.hard [--captures N] [--markdown FILE]``.
 
 Captures of 512x384 px in 8 bits of sRGB: with white noise of 20 to 50 dB in light, and at 40 dB as JPEG of quality 50
-to 95. Every mode and prior deblurs them with automatic strengths. The table holds the gain in PSNR over the input, in
-dB: mean over the captures, and in brackets the least. It ought not to be below zero.
+to 95. Every mode and prior deblurs them with automatic strengths. The table shows the gain in PSNR over the input, in
+dB: the mean over the captures, and in brackets the least. A gain below zero means that deblurring did harm.
 """
 
 from __future__ import annotations
@@ -14,24 +14,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.captures import Capture, quality, simulated
+from benchmarks.captures import SimulatedCapture, quality, simulated
 from benchmarks.priors import noisy
 from benchmarks.saturation import recorded
 from benchmarks.tables import markdown, write
 from rsdeblur import deblur
-from rsdeblur.method import MODES, Mode
-from rsdeblur.priors import PRIORS
-from rsdeblur.transfer import to_linear
+from rsdeblur.choices import MODES, PRIORS, Mode
+from rsdeblur.image.transfer import to_linear
 
 
 class Situation(NamedTuple):
-    """Noise in dB, infinite for none, and quality of the JPEG, None for a file without losses."""
+    """Noise in dB (infinite: no noise) and quality of the JPEG (None: a lossless file)."""
 
     noise: float
     jpeg: int | None
 
     def __str__(self) -> str:
-        """Name it in the table."""
+        """Return the name in the table."""
         noise = f"{self.noise:g} dB" if np.isfinite(self.noise) else "no noise"
         return noise if self.jpeg is None else f"{noise}, JPEG {self.jpeg}"
 
@@ -42,22 +41,24 @@ SITUATIONS = (
 )
 
 
-def gains(capture: Capture, situation: Situation, mode: Mode) -> list[float]:
-    """Return the gain of every prior, dB; `capture` has no noise."""
-    shot = noisy(capture, situation.noise)
-    pixels = recorded(shot.pictures.blurred, situation.jpeg)
+def gains(capture: SimulatedCapture, situation: Situation, mode: Mode) -> list[float]:
+    """Return the gain of every prior, dB, on a capture without noise of its own."""
+    noisy_capture = noisy(capture, situation.noise)
+    pixels = recorded(noisy_capture.pictures.blurred, situation.jpeg)
     images = [np.divide(pixels, 255, dtype=np.float32)]
-    images += [deblur(pixels, *shot.shot, mode=mode, prior=prior, transfer="srgb").image for prior in PRIORS]
-    before, *after = (quality(shot.pictures.rolling, to_linear(image, "srgb"))[0] for image in images)
+    images += [
+        deblur(pixels, *noisy_capture.recording, mode=mode, prior=prior, transfer="srgb").image for prior in PRIORS
+    ]
+    before, *after = (quality(noisy_capture.pictures.rolling, to_linear(image, "srgb"))[0] for image in images)
     return [score - before for score in after]
 
 
-def rows(captures: Sequence[Capture]) -> Iterator[list[str]]:
-    """Yield the lines of the table."""
+def rows(captures: Sequence[SimulatedCapture]) -> Iterator[list[str]]:
+    """Yield the rows of the table."""
     for situation in SITUATIONS:
         for mode in MODES:
-            found = np.array([gains(capture, situation, mode) for capture in captures])
-            yield [str(situation), mode, *(f"{prior.mean():+.1f} ({prior.min():+.1f})" for prior in found.T)]
+            all_gains = np.array([gains(capture, situation, mode) for capture in captures])
+            yield [str(situation), mode, *(f"{prior.mean():+.1f} ({prior.min():+.1f})" for prior in all_gains.T)]
 
 
 def main() -> None:

@@ -1,8 +1,11 @@
 """Load: ``python -m benchmarks.load batch|threads|processes|log``.
 
-``batch``: many small pictures through `rsdeblur batch`, and the memory of its processes over time. ``threads``: solvers
-used by several threads at once. ``processes``: solvers used after a fork, and in fresh processes. ``log``: long gyro
-logs, read and used. Memory is what processes have of their own (Linux: RssAnon).
+- ``batch``: many small pictures through `rsdeblur batch`, and the memory of its processes over time.
+- ``threads``: solvers used by several threads at once.
+- ``processes``: solvers used after a fork, and in new processes.
+- ``log``: long gyro logs, read and used.
+
+Memory is the private memory of processes (Linux: RssAnon).
 """
 
 from __future__ import annotations
@@ -26,15 +29,15 @@ import numpy as np
 
 from benchmarks.captures import Image
 from benchmarks.tables import print_table
-from rsdeblur import BlurPaths, Camera, Deconvolver, Exposure, RowBlur, RowDeconvolver, Shot, deblur, psfs, restore
+from rsdeblur import BlurPaths, Camera, Capture, Deconvolver, Exposure, RowBlur, RowDeconvolver, deblur, psfs, restore
+from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.io import write_picture
-from rsdeblur.quadratic import TileQuadratic
-from rsdeblur.shake import hand_shake
+from rsdeblur.simulation.shake import hand_shake
 
 THREADS = 8
 POLL = 0.05
 HEIGHT, WIDTH = 48, 64
-CAMERA = Camera(WIDTH, HEIGHT, 60.0, readout=0.03)
+CAMERA = Camera(WIDTH, HEIGHT, 60.0, readout_time=0.03)
 EXPOSURE = Exposure(0.1, 0.03)
 Apply = Callable[..., Image]
 
@@ -43,30 +46,30 @@ def _pictures(count: int, channels: int = 3) -> Image:
     return np.random.default_rng(0).random((count, HEIGHT, WIDTH, channels), dtype=np.float32)
 
 
-def _shot() -> tuple[Any, ...]:
+def _recording() -> tuple[Any, ...]:
     return hand_shake(0.3, seed=1), CAMERA, EXPOSURE
 
 
 def solvers(threads: int) -> dict[str, Apply]:
-    """Return every kind of solver that is planned once, as a function of a picture and of `out`."""
+    """Return a solver of each kind, planned once, as a function of a picture and `out`."""
     shape = (HEIGHT, WIDTH, 3)
     tiles = {"global": (1, 1), "banded": (4, 1), "banded and strips": (4, 3)}
-    banks = {name: psfs(*_shot(), bands=bands, strips=strips) for name, (bands, strips) in tiles.items()}
-    paths = BlurPaths.every_row(Shot.from_log(*_shot()), banks["banded and strips"].cols)
+    banks = {name: psfs(*_recording(), bands=bands, strips=strips) for name, (bands, strips) in tiles.items()}
+    paths = BlurPaths.every_row(Capture.from_log(*_recording()), banks["banded and strips"].cols)
     blur = RowBlur(paths, WIDTH, channels=3, threads=threads)
     quadratic = TileQuadratic(banks["banded and strips"], shape, threads=threads)
 
     def total_variation(picture: Image, out: Image | None = None) -> Image:
-        return _into(out, restore(quadratic, picture, prior="tv", weight=1e-3, threads=1))
+        return _into(out, restore(quadratic, picture, prior="tv", weight=1e-3))
 
     def row_blur(picture: Image, out: Image | None = None) -> Image:
         return _into(out, blur.forward(blur.adjoint(picture)))
 
-    found: dict[str, Apply] = {name: Deconvolver(bank, shape, threads=threads).apply for name, bank in banks.items()}
+    by_name: dict[str, Apply] = {name: Deconvolver(bank, shape, threads=threads).apply for name, bank in banks.items()}
     methods: tuple[Literal["direct", "cg"], ...] = ("direct", "cg")
     for method in methods:
-        found[f"rowwise, {method}"] = RowDeconvolver(paths, shape, solver=method, threads=threads).apply
-    return found | {"total variation": total_variation, "RowBlur": row_blur}
+        by_name[f"rowwise, {method}"] = RowDeconvolver(paths, shape, solver=method, threads=threads).apply
+    return by_name | {"total variation": total_variation, "RowBlur": row_blur}
 
 
 def _into(out: Image | None, result: Image) -> Image:
@@ -77,34 +80,34 @@ def _into(out: Image | None, result: Image) -> Image:
 
 
 def shared_by_threads(apply: Apply, count: int) -> Counter[str]:
-    """Let 8 threads apply one solver to `count` pictures each, and compare with one thread's results."""
+    """Let 8 threads apply one solver to `count` pictures each; compare with the results of one thread."""
     pictures = _pictures(THREADS)
-    wanted = [apply(picture).tobytes() for picture in pictures]
+    expected = [apply(picture).tobytes() for picture in pictures]
     start = threading.Barrier(THREADS)
 
     def work(thread: int) -> list[str]:
-        found = []
+        outcomes = []
         start.wait()
         for i in range(count):
             which = (3 * thread + i) % len(pictures)
-            # With a new array for the result, with one that is given, and in place.
+            # Write to a new array, to a given array, and in place.
             picture = pictures[which].copy()
             out = (None, np.empty_like(picture), picture)[i % 3]
-            found.append("the same bits" if apply(picture, out).tobytes() == wanted[which] else "other bits")
-        return found
+            outcomes.append("the same bits" if apply(picture, out).tobytes() == expected[which] else "other bits")
+        return outcomes
 
     with ThreadPoolExecutor(THREADS) as pool:
         return Counter(state for states in pool.map(work, range(THREADS)) for state in states)
 
 
 def in_processes(method: str, count: int, limit: float = 60.0) -> Counter[str]:
-    """Use solvers, and `deblur`, in `count` processes that are forked from one that used them, or spawned by it."""
+    """Use solvers and `deblur` in `count` processes, forked or spawned by a process that used them before."""
     picture = _pictures(1)[0]
     mine = solvers(threads=2)
     mine |= {f"deblur, {mode}": partial(_deblur, mode=mode) for mode in ("banded", "rowwise")}
-    wanted = {name: apply(picture).tobytes() for name, apply in mine.items()}
-    context, found = get_context(method), Counter[str]()
-    # A forked process gets the solvers as they are, another thread of the parent being at work with them.
+    expected = {name: apply(picture).tobytes() for name, apply in mine.items()}
+    context, outcomes = get_context(method), Counter[str]()
+    # A forked process inherits the solvers while another thread of the parent uses them.
     busy, working = threading.Event(), mine["banded"]
     other = threading.Thread(target=lambda: [working(picture) for _ in iter(busy.is_set, True)])
     other.start()
@@ -116,20 +119,22 @@ def in_processes(method: str, count: int, limit: float = 60.0) -> Counter[str]:
             process.start()
             try:
                 answers = queue.get(timeout=limit)
-                found.update("the same bits" if answers[name] == wanted[name] else "other bits" for name in wanted)
-            except Exception:  # nothing came in time
-                found["no answer"] += 1
+                outcomes.update(
+                    "the same bits" if answers[name] == expected[name] else "other bits" for name in expected
+                )
+            except Exception:  # no answer in time
+                outcomes["no answer"] += 1
                 process.kill()
             process.join()
-            found[f"exit {process.exitcode}"] += 1
+            outcomes[f"exit {process.exitcode}"] += 1
     finally:
         busy.set()
         other.join()
-    return found
+    return outcomes
 
 
 def _deblur(picture: Image, *, mode: Literal["banded", "rowwise"]) -> Image:
-    return deblur(picture, *_shot(), mode=mode).image
+    return deblur(picture, *_recording(), mode=mode, prior="wiener").image
 
 
 def _answer(queue: Any, inherited: dict[str, Apply] | None, picture: Image) -> None:
@@ -140,7 +145,7 @@ def _answer(queue: Any, inherited: dict[str, Apply] | None, picture: Image) -> N
 
 
 def write_batch(folder: Path, count: int, size: tuple[int, int] = (HEIGHT, WIDTH)) -> list[str]:
-    """Write ten pictures, a log, a camera and a manifest of `count` items; return the arguments of `batch`."""
+    """Write ten pictures, a log, a camera and a manifest of `count` items; return the arguments for `batch`."""
     rng, (height, width) = np.random.default_rng(0), size
     for i in range(10):
         write_picture(folder / f"{i}.png", rng.integers(0, 256, (height, width, 3), np.uint8))
@@ -148,20 +153,20 @@ def write_batch(folder: Path, count: int, size: tuple[int, int] = (HEIGHT, WIDTH
     np.savetxt(
         folder / "gyro.csv", np.column_stack([log.t, log.omega]), delimiter=",", header="t,wx,wy,wz", comments=""
     )
-    Camera(width, height, 0.9 * width, readout=0.03).save(folder / "camera.toml")
+    Camera(width, height, 0.9 * width, readout_time=0.03).save(folder / "camera.toml")
     items = (f"{i % 10}.png,{i}.png,{0.1 + 0.7 * i / count:.6f},0.03" for i in range(count))
     (folder / "manifest.csv").write_text("\n".join(["photo,output,start,duration", *items]) + "\n")
     return ["batch", "manifest.csv", "--gyro", "gyro.csv", "--camera", "camera.toml", "-o", "sharp"]
 
 
 def start(folder: Path, *arguments: str) -> subprocess.Popen[bytes]:
-    """Start a command of rsdeblur, its output thrown away."""
+    """Start a command of rsdeblur and discard its output."""
     command, nowhere = [sys.executable, "-P", "-m", "rsdeblur", *arguments], subprocess.DEVNULL
     return subprocess.Popen(command, cwd=folder, stdout=nowhere, stderr=nowhere)
 
 
 def workers_of(process: subprocess.Popen[bytes]) -> list[int]:
-    """Return the ids of a command's workers, without the helper that multiprocessing starts too."""
+    """Return the process ids of the workers of a command, without the helper process of multiprocessing."""
     try:
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
         return [int(pid) for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
@@ -178,7 +183,7 @@ def _own(pid: int) -> int:
 
 
 def batch(count: int, jobs: int) -> None:
-    """Print how much memory the parent and the workers of a batch had, by tenths of its pictures."""
+    """Print the memory of the parent and the workers of a batch, by tenths of its pictures."""
     with tempfile.TemporaryDirectory() as name:
         folder, seen = Path(name), list[list[int]]()
         begin = time.perf_counter()
@@ -208,7 +213,7 @@ FORMATS = {
 
 
 def _lines(name: str, count: int, rate: float) -> Iterator[str]:
-    """Return the samples of a log in parts of 100,000, rates from a pool of as many."""
+    """Yield the lines of a log, 100,000 samples at a time, with rates from a pool of that size."""
     rates = np.random.default_rng(0).normal(0, 0.1, (100_000, 3))
     written = "%d,%d,%d" if name == "gcsv" else "%.15g,%.15g,%.15g" if name == "sensorlogger" else "%.9g,%.9g,%.9g"
     pool = [written % tuple(1e3 * rate if name == "gcsv" else rate) for rate in rates]
@@ -231,20 +236,30 @@ def _used() -> float:
 
 
 def long_log(samples: int, formats: Sequence[str], folder: Path | None) -> None:
-    """Print time and memory of reading, describing and using logs of `samples` over 24 hours."""
+    """Print time and memory of `info` and `deblur` with logs of `samples` samples over 24 hours."""
     rows = []
     with tempfile.TemporaryDirectory(dir=folder) as name:
         place = Path(name)
         write_picture(place / "photo.png", np.zeros((HEIGHT, WIDTH, 3), np.uint8))
-        Camera(WIDTH, HEIGHT, 110.0, readout=0.03).save(place / "camera.toml")
+        Camera(WIDTH, HEIGHT, 110.0, readout_time=0.03).save(place / "camera.toml")
         for format in formats:
             with (place / "log.csv").open("w") as file:
                 file.write(FORMATS[format])
                 file.writelines(_lines(format, samples, samples / 86400))
             length = (place / "log.csv").stat().st_size / 2**20
             at = {"plain, ns": 1309154983495295, "sensorlogger": 1766385749427863800}.get(format, 0) + 43_200 * 10**9
-            shot = ["--camera", "camera.toml", "--start-ns", str(at), "--duration", "0.03", "-o", "out.png", "--force"]
-            for command in (["info", "log.csv"], ["deblur", "photo.png", "--gyro", "log.csv", *shot]):
+            recording = [
+                "--camera",
+                "camera.toml",
+                "--start-ns",
+                str(at),
+                "--duration",
+                "0.03",
+                "-o",
+                "out.png",
+                "--force",
+            ]
+            for command in (["info", "log.csv"], ["deblur", "photo.png", "--gyro", "log.csv", *recording]):
                 begin, used, peak = time.perf_counter(), _used(), 0
                 with start(place, *command) as process:
                     while process.poll() is None:
@@ -258,20 +273,22 @@ def long_log(samples: int, formats: Sequence[str], folder: Path | None) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run one part and print its table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.load", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.load", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("part", choices=["batch", "threads", "processes", "log"])
     parser.add_argument("--count", type=int, help="pictures, rounds, processes or samples (1000, 100, 10, 20000000)")
     parser.add_argument("--jobs", type=int, default=2, help="batch: processes (2)")
-    parser.add_argument("--format", choices=FORMATS, action="append", help="log: only these (all)")
-    parser.add_argument("--folder", type=Path, help="log: where it goes meanwhile (the system's temporary folder)")
+    parser.add_argument("--format", choices=FORMATS, action="append", help="log: only these formats (all)")
+    parser.add_argument("--folder", type=Path, help="log: folder for the log (the system's temporary folder)")
     options = parser.parse_args(arguments)
     if options.part == "batch":
         batch(options.count or 1000, options.jobs)
     elif options.part == "threads":
         for threads in (1, 2):
             for name, apply in solvers(threads).items():
-                found = dict(shared_by_threads(apply, options.count or 100))
-                print(f"{name}, {threads} threads of its own: {found}", flush=True)
+                outcomes = dict(shared_by_threads(apply, options.count or 100))
+                print(f"{name}, {threads} internal threads: {outcomes}", flush=True)
     elif options.part == "processes":
         for method in ("fork", "spawn"):
             print(f"{method}: {dict(in_processes(method, options.count or 10))}", flush=True)

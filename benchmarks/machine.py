@@ -1,4 +1,4 @@
-"""What a benchmark ran on: the facts without which its figures mean nothing."""
+"""The machine and the versions that a benchmark ran on."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import rsdeblur
 
-# Load above which somebody else is computing.
+# Load above which other processes disturb the times.
 BUSY = 0.5
 PEERS = ("scikit-image", "opencv-python-headless", "mkl_fft", "mkl", "regularizepsf")
 
@@ -28,24 +28,24 @@ def facts() -> dict[str, str]:
 
 
 def load() -> float:
-    """Return how many processes computed in the last minute, on average; 0 where the system does not say."""
+    """Return the average number of running processes in the last minute; 0 where the system does not report it."""
     return os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
 
 
 def busy(load: float) -> list[str]:
-    """Return a warning if somebody else computed when the benchmark began."""
+    """Return a warning if other processes were running when the benchmark began."""
     if load <= BUSY:
         return []
-    return [f"The machine was busy (load {load:.1f}): figures for several threads mean little."]
+    return [f"The machine was busy (load {load:.1f}), so figures for several threads mean little."]
 
 
 def peak_memory() -> int | None:
-    """Return the most memory that this process held since :func:`forget_peak`, bytes; None where Linux does not say."""
+    """Return the peak memory of this process since :func:`forget_peak`, bytes; None without Linux's `/proc`."""
     return _status("VmHWM")
 
 
 def forget_peak() -> int | None:
-    """Start a new peak; returns the memory held now, bytes, or None where Linux does not say."""
+    """Start a new peak; return the memory in use, bytes, or None without Linux's `/proc`."""
     try:
         Path("/proc/self/clear_refs").write_text("5")  # 5: reset the peak (proc(5))
     except OSError:

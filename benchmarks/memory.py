@@ -1,8 +1,8 @@
 """Large pictures in bounded memory: ``python -m benchmarks.memory [--size 8000x6000] [--max-memory 1GiB]``.
 
-Deblurs a generated, uncompressed RGB TIFF of 8 bits with the command line, which leaves picture and result in their
-files, and watches how much memory the process has of its own (Linux: RssAnon; pages of mapped files are the system's to
-take back). Extra is what that exceeds the same command on a small picture by. Modes can be chosen: --mode global.
+Deblurs a generated, uncompressed RGB TIFF of 8 bits with the command line, which maps picture and result from their
+files. Measures the private memory of the process (Linux: RssAnon; the system may reclaim pages of mapped files). Extra
+is that memory less that of the same command on a small picture. ``--mode global`` measures one mode.
 """
 
 from __future__ import annotations
@@ -34,42 +34,51 @@ POLL = 0.02
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", default="8000x6000", help="width x height, px (8000x6000)")
-    parser.add_argument("--max-memory", default="1GiB", help="what is asked for (1GiB)")
-    parser.add_argument("--mode", choices=MODES, action="append", help="only these (all)")
-    parser.add_argument("--folder", type=Path, help="where the pictures go while it runs (the system's temporary one)")
+    parser.add_argument("--max-memory", default="1GiB", help="the bound (1GiB)")
+    parser.add_argument("--mode", choices=MODES, action="append", help="only these modes (all)")
+    parser.add_argument("--folder", type=Path, help="folder for the pictures (the system's temporary folder)")
     options = parser.parse_args()
     width, height = map(int, options.size.split("x"))
     rows = []
     with tempfile.TemporaryDirectory(dir=options.folder) as folder:
         for name in options.mode or MODES:
             small, _, _ = run(Path(folder), SMALL, name, "1GiB")
-            peak, seconds, said = run(Path(folder), (width, height), name, options.max_memory)
+            peak, seconds, output = run(Path(folder), (width, height), name, options.max_memory)
             extra = (peak - small) / 2**20
-            rows.append([name, options.size, options.max_memory, f"{extra:.0f}", f"{seconds:.1f}", said])
-    print_table(["mode", "size", "asked for", "extra MiB", "seconds", "what it said"], rows)
+            rows.append([name, options.size, options.max_memory, f"{extra:.0f}", f"{seconds:.1f}", output])
+    print_table(["mode", "size", "bound", "extra MiB", "seconds", "output"], rows)
 
 
 def run(folder: Path, size: tuple[int, int], mode: str, max_memory: str) -> tuple[int, float, str]:
-    """Deblur a picture of `size`; returns the most memory that the process had, bytes, the time, and its last words."""
+    """Deblur a picture of `size`; return the peak memory of the process, bytes, the time, s, and its output."""
     camera, log = capture(folder, size)
     camera.save(folder / "camera.toml")
     samples = np.column_stack([log.t, log.omega])
     np.savetxt(folder / "gyro.csv", samples, delimiter=",", header="t,wx,wy,wz", comments="")
-    shot = ["--start", str(EXPOSURE.start), "--duration", str(EXPOSURE.duration), "--nsr", str(NSR), "--unit", "rad/s"]
+    recording = [
+        "--start",
+        str(EXPOSURE.start),
+        "--duration",
+        str(EXPOSURE.duration),
+        "--nsr",
+        str(NSR),
+        "--unit",
+        "rad/s",
+    ]
     files = ["photo.tif", "--gyro", "gyro.csv", "--camera", "camera.toml", "-o", "sharp.tif", "--force"]
-    command = [sys.executable, "-m", "rsdeblur", "deblur", *files, *shot, *MODES[mode], "--max-memory", max_memory]
+    command = [sys.executable, "-m", "rsdeblur", "deblur", *files, *recording, *MODES[mode], "--max-memory", max_memory]
     begin = time.perf_counter()
     with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as process:
         peak = _watch(process)
-        said = process.stdout.read().strip() if process.stdout else ""
-    return peak, time.perf_counter() - begin, said.split(": ", 1)[-1] or f"refused, exit code {process.returncode}"
+        output = process.stdout.read().strip() if process.stdout else ""
+    return peak, time.perf_counter() - begin, output.split(": ", 1)[-1] or f"refused, exit code {process.returncode}"
 
 
 def capture(folder: Path, size: tuple[int, int]) -> tuple[Camera, GyroLog]:
-    """Write photo.tif, small scenes side by side, and return the camera and the log."""
+    """Write photo.tif, made of small scenes side by side, and return the camera and the log."""
     case = Case(2048, 1536, BOX)
     tile = (255 * Case(512, 384, (9, 9)).sharp).astype(np.uint8)
     width, height = size
@@ -78,9 +87,11 @@ def capture(folder: Path, size: tuple[int, int]) -> tuple[Camera, GyroLog]:
     for top in range(0, height, len(tile)):
         picture[top : top + len(tile)] = wide[: min(len(tile), height - top)]
     picture.flush()
-    # The PSF keeps its size in px.
+    # Rates shrink so that the PSF keeps its size in px.
     log, slower = case.log(16), case.width / width
-    return Camera(width, height, case.camera.focal[0] / slower, readout=READOUT), GyroLog(log.t, slower * log.omega)
+    return Camera(width, height, case.camera.focal_length[0] / slower, readout_time=READOUT), GyroLog(
+        log.t, slower * log.omega
+    )
 
 
 def _watch(process: subprocess.Popen[str]) -> int:

@@ -27,38 +27,38 @@ those:
 {commands}
 ```
 
-Compare ratios, not milliseconds: everything in one table was timed in turns by one process on one machine, in an order
-drawn anew for every round. Other machines have other ratios too; run the commands to see yours.
+Compare ratios, not milliseconds. One process on one machine timed all rows of a table in turns, in a new random order
+for every round. Other machines have other ratios; run the commands to see yours.
 
-## Beside others
+## Compared with other libraries
 
 All get the same blurred picture and PSFs, the paths of a shaken hand scaled to fill 17x59 and 73x77 px (width x height;
-16x59 and 72x76 of Sindelar and Sroubek 2013, rounded up to odd sizes). What is timed:
+16x59 and 72x76 of Sindelar and Sroubek 2013, rounded up to odd sizes). The alternatives:
 
-- **bare 7 FFTs**: FFTW's own 2-D real transforms of the padded size as pyFFTW plans them (`FFTW_MEASURE`), one for the
-  PSF and two per channel. No filter, no border, no copies: the floor for this method.
-- **ours**: all of `Deconvolver.apply` into a given array: checks, border, transforms, filters, blending. *Periodic* is
-  without the border.
-- **SciPy FFT, MKL-FFT, OpenCV**: a Wiener filter with that library's real transforms, the filter made beforehand, the
-  picture taken as repeating: less work than ours.
+- **bare 7 FFTs**: FFTW's 2-D real transforms of the padded size, planned by pyFFTW (`FFTW_MEASURE`), one for the PSF
+  and two per channel. No filter, no border, no copies: the lower bound for this method.
+- **ours**: all of `Deconvolver.apply` into a given array: checks, border, transforms, filters, blending. *Periodic*
+  omits the border.
+- **SciPy FFT, MKL-FFT, OpenCV**: a Wiener filter with the real transforms of that library. The filter is made
+  beforehand and the picture is assumed to repeat, which is less work than ours.
 - **scikit-image**: `restoration.wiener` per channel, which makes its filter in each call. *As is*: with its own
-  regulariser, the Laplacian, and in one thread. Otherwise with ours, given as a ready transfer function, and with its
-  FFT told the threads: the least that it can do for our picture.
-- **regularizepsf**: its patch transform, patches of 256 px half overlapped, per channel; "made in" is the time to
+  regulariser, the Laplacian, in one thread. Otherwise with our regulariser as a finished OTF and with a
+  multithreaded FFT: the least work with which it gives our picture.
+- **regularizepsf**: its patch transform per channel, patches of 256 px that overlap by half; "built in" is the time to
   construct it. It chooses its own number of threads.
-- **motion + PSFs (+ filters)**: from the raw gyro log to the PSFs (and the filters) of 16 bands and 1 strip, FFT plans
-  known.
+- **motion + PSFs (+ filters)**: from the raw gyro log to the PSFs (and the filters) of 16 bands and 1 strip, with known
+  FFT plans.
 
-"Differs by" is the largest difference from *ours, global, periodic* over the whole picture, white being 1. Where border
-or tiles differ, it is the rms difference over the inner half: of *ours, global* from *periodic*, and of regularizepsf
-from *ours, 16 bands*.
+"Differs by" is the largest difference from *ours, global, periodic* over the whole picture; white is 1. Where border or
+tiles differ, it is the rms difference over the inner half: of *ours, global* from *periodic*, and of regularizepsf from
+*ours, 16 bands*.
 """
 
 GROWTH = """\
 ## Growth
 
-Each point is a process of its own; `threads={threads}`. Extra memory is the most that the process held while it planned
-and applied, less the pictures in and out.
+Each point is measured in a separate process with `threads={threads}`. Extra memory is the peak of the process while it
+planned and applied, less the pictures in and out.
 """
 
 
@@ -66,7 +66,7 @@ def main() -> None:
     """Write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "--folder", type=Path, default=ROOT / "docs" / "benchmarks", help="records and plots, and the page"
+        "--folder", type=Path, default=ROOT / "docs" / "benchmarks", help="folder of records, plots and page"
     )
     folder = parser.parse_args().folder
     beside, grown = (json.loads((folder / name).read_text()) for name in ("peers.json", "growth.json"))
@@ -78,9 +78,9 @@ def main() -> None:
 def page(beside: Record, grown: Record) -> str:
     """Return the page for a record of each benchmark."""
     curves: list[str] = []
-    for found, plot in zip(grown["series"], growth.plot_names(grown), strict=True):
-        table = markdown(growth.columns(found), growth.rows(found))
-        curves.append(f"### Over {found['label']}\n\n![time and extra memory]({plot})\n\n{table}")
+    for series, plot in zip(grown["series"], growth.plot_names(grown), strict=True):
+        table = markdown(growth.columns(series), growth.rows(series))
+        curves.append(f"### Over {series['label']}\n\n![time and extra memory]({plot})\n\n{table}")
     facts = markdown(("machine", ""), ((name, fact) for name, fact in beside["machine"].items()))
     introduction = INTRODUCTION.format(commands="\n".join((beside["command"], grown["command"])))
     parts = [

@@ -1,14 +1,14 @@
-"""How fast we are, beside others: ``python -m benchmarks.peers [--size 2048x1536] [--rounds 15] [--threads 1 2]``.
+"""Speed compared with other libraries: ``python -m benchmarks.peers [--size 2048x1536] [--rounds 15] [--threads 1 2]``.
 
-One process; all contenders are built first, then timed in turns, every one once per round in an order drawn anew, and
-compared by the ratio of their medians. All get the same blurred RGB picture and the same PSFs, and all results are
-compared first, so that nobody is timed at something else. Libraries that are missing are named and left out.
+Everything runs in one process. All alternatives are built first. Then each is timed once per round, in a new random
+order, and compared by the ratio of medians. All get the same blurred RGB picture and the same PSFs. Their results are
+compared before timing, so that every alternative does the same work. Missing libraries are named and left out.
 
-PSFs are 17x59 and 73x77 px (width x height): 16x59 and 72x76 of Sindelar and Sroubek (2013) rounded up to odd sizes,
-because ours have a centre pixel. They are the paths of a shaken hand, scaled to fill that box.
+PSFs are 17x59 and 73x77 px (width x height): 16x59 and 72x76 of Sindelar and Sroubek (2013), rounded up to odd sizes
+because kernels here have a centre pixel. They are the paths of a shaken hand, scaled to fill that box.
 
-``--quick`` shrinks everything and says nothing about speed. Exits with 1 if a contender gives another picture; a missed
-target is only reported.
+``--quick`` uses small pictures; its times mean nothing. The exit code is 1 if an alternative returns another picture. A
+missed target is only reported.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import contenders as c
+from benchmarks import alternatives as c
 from benchmarks import machine
 from benchmarks.captures import Image
 from benchmarks.cases import Case
@@ -33,17 +33,17 @@ from benchmarks.timing import Times, interleave, progress
 
 BOXES = ((17, 59), (73, 77))
 SIZE, QUICK_SIZE = (2048, 1536), (512, 384)
-# Size for the time per pixel, and how many rounds of the others cost as much as one of these.
+# Size for the time per pixel. One round of it costs as much as LARGE_SHARE rounds of the others.
 LARGE, QUICK_LARGE, LARGE_SHARE = (8000, 6000), (1024, 768), 3
-# Part of each side left out on both ends where borders are treated differently.
+# Where borders differ, 1 / INNER of each side is left out at both ends.
 INNER = 4
 Record = dict[str, Any]
-Key = tuple[str, int]  # contender, threads
+Key = tuple[str, int]  # alternative, threads
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A bound on the ratio of two contenders' medians."""
+    """A bound on the ratio of two alternatives' medians."""
 
     text: str
     over: str
@@ -51,8 +51,8 @@ class Target:
     bound: float
     at_least: bool = False
 
-    def judge(self, medians: dict[str, float]) -> Record:
-        """Return the ratio and whether the bound holds; neither if one of the two is missing."""
+    def assess(self, medians: dict[str, float]) -> Record:
+        """Return the ratio and whether the bound holds; both are None if an alternative is missing."""
         ratio = medians[self.over] / medians[self.under] if {self.over, self.under} <= medians.keys() else None
         met = None if ratio is None else (ratio >= self.bound if self.at_least else ratio <= self.bound)
         return {"text": self.text, "bound": self.bound, "at_least": self.at_least, "ratio": ratio, "met": met}
@@ -91,19 +91,21 @@ def main() -> None:
 
 
 def refuse_other_pictures(record: Record) -> None:
-    """Exit with a message if a contender gave another picture than it should."""
-    wrong = {row["name"] for case in record["cases"] for row in case["contenders"] if row["same"] is False}
+    """Exit with a message if an alternative returned a different picture."""
+    wrong = {row["name"] for case in record["cases"] for row in case["alternatives"] if row["same"] is False}
     if wrong:
-        sys.exit(f"gave another picture: {', '.join(sorted(wrong))}")
+        sys.exit(f"returned another picture: {', '.join(sorted(wrong))}")
 
 
 def arguments() -> argparse.Namespace:
-    """Read the command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", type=size, help="width x height of the picture (2048x1536)")
     parser.add_argument("--large", type=size, help="width x height for the time per pixel (8000x6000)")
-    parser.add_argument("--rounds", type=int, help="times that each contender is timed (15)")
-    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2], help="targets are for the last (1 2)")
+    parser.add_argument("--rounds", type=int, help="rounds of timing (15)")
+    parser.add_argument(
+        "--threads", type=int, nargs="+", default=[1, 2], help="threads; targets are for the last (1 2)"
+    )
     parser.add_argument("--quick", action="store_true", help="small pictures and 3 rounds, to see that it runs")
     parser.add_argument("--json", type=Path, help="write the record")
     parser.add_argument("--markdown", type=Path, help="write the tables")
@@ -115,7 +117,7 @@ def arguments() -> argparse.Namespace:
 
 
 def size(text: str) -> tuple[int, int]:
-    """Read a size such as 2048x1536."""
+    """Parse a size such as 2048x1536."""
     width, height = text.lower().split("x")
     return int(width), int(height)
 
@@ -137,7 +139,7 @@ def run(size: tuple[int, int], large: tuple[int, int], rounds: int, threads: Seq
 
 
 def duel(case: Case, rounds: int, threads: Sequence[int]) -> Record:
-    """Build, compare and time all contenders for one PSF size."""
+    """Build, compare and time all alternatives for one PSF size."""
     tasks, builds, skipped = build(case, threads)
     pictures = {key: task.comparable(p) for key, task in tasks.items() if isinstance(p := task.run(), np.ndarray)}
     deviations = {key: deviation(key, pictures) for key in tasks}
@@ -145,20 +147,20 @@ def duel(case: Case, rounds: int, threads: Sequence[int]) -> Record:
     medians = {name: t.median for (name, n), t in times.items() if n == threads[-1]}
     return {
         "psf": case.box,
-        "contenders": [entry(key, times, builds[key], deviations[key]) for key in tasks],
-        "targets": [target.judge(medians) for target in TARGETS],
+        "alternatives": [entry(key, times, builds[key], deviations[key]) for key in tasks],
+        "targets": [target.assess(medians) for target in TARGETS],
         "skipped": skipped,
     }
 
 
 def build(case: Case, threads: Sequence[int]) -> tuple[dict[Key, c.Task], dict[Key, float], list[str]]:
-    """Make all tasks; returns them, the seconds each took to make, and what is missing."""
+    """Return all tasks, the seconds that each took to build, and a message for each missing library."""
     tasks, builds, skipped = {}, {}, []
-    for name, contender in progress(list(c.CONTENDERS.items()), "building"):
-        for n in threads if contender.threaded else threads[-1:]:
+    for name, alternative in progress(list(c.ALTERNATIVES.items()), "building"):
+        for n in threads if alternative.threaded else threads[-1:]:
             begin = time.perf_counter()
             try:
-                tasks[name, n] = contender.build(case, n)
+                tasks[name, n] = alternative.build(case, n)
             except ImportError as error:
                 skipped.append(f"{name}: {error}")
                 break
@@ -167,13 +169,13 @@ def build(case: Case, threads: Sequence[int]) -> tuple[dict[Key, c.Task], dict[K
 
 
 def deviation(key: Key, pictures: dict[Key, Image]) -> float | None:
-    """Difference of a contender's picture from the one it should give, or None if there is none."""
+    """Return the difference of an alternative's picture from its reference, or None if it has no reference."""
     name, n = key
-    contender = c.CONTENDERS[name]
-    if contender.like is None:
+    alternative = c.ALTERNATIVES[name]
+    if alternative.like is None:
         return None
-    difference = pictures[key] - pictures[contender.like, n]
-    if contender.measure == "largest":
+    difference = pictures[key] - pictures[alternative.like, n]
+    if alternative.measure == "largest":
         return float(np.abs(difference).max())
     margins = [length // INNER for length in difference.shape[:2]]
     inner = difference[margins[0] : -margins[0], margins[1] : -margins[1]]
@@ -181,25 +183,25 @@ def deviation(key: Key, pictures: dict[Key, Image]) -> float | None:
 
 
 def entry(key: Key, times: dict[Key, Times], build: float, deviation: float | None) -> Record:
-    """Return the record of one contender."""
+    """Return the record of one alternative."""
     name, n = key
-    contender = c.CONTENDERS[name]
+    alternative = c.ALTERNATIVES[name]
     return {
         "name": name,
-        "threads": n if contender.threaded else None,
+        "threads": n if alternative.threaded else None,
         "seconds": asdict(times[key]),
         "to_bare": times[key] / times[c.BARE, n],
         "to_global": times[key] / times[c.GLOBAL, n],
         "build_seconds": build,
-        "like": contender.like,
-        "measure": contender.measure,
+        "like": alternative.like,
+        "measure": alternative.measure,
         "deviation": deviation,
-        "same": None if deviation is None else deviation <= contender.tolerance,
+        "same": None if deviation is None else deviation <= alternative.tolerance,
     }
 
 
 def scaling(small: tuple[int, int], large: tuple[int, int], rounds: int, threads: int) -> Record:
-    """Time per pixel of a large picture relative to a small one."""
+    """Return the time per pixel of a large picture relative to a small one."""
     cases = {size: Case(*size, BOXES[0]) for size in (small, large)}
     makers = {"global": c.ours(1), "16 bands": c.ours(16)}
     tasks = {(mode, size): make(case, threads).run for mode, make in makers.items() for size, case in cases.items()}
@@ -218,11 +220,11 @@ def scaling(small: tuple[int, int], large: tuple[int, int], rounds: int, threads
     return report
 
 
-COLUMNS = ("contender", "threads", "ms", "quartiles", "/ bare FFTs", "/ global", "made in s", "differs by")
+COLUMNS = ("alternative", "threads", "ms", "quartiles", "/ bare FFTs", "/ global", "built in s", "differs by")
 
 
 def rows(case: Record) -> list[list[str]]:
-    """Return the table of one PSF size."""
+    """Return the rows of the table of one PSF size."""
     return [
         [
             row["name"],
@@ -234,7 +236,7 @@ def rows(case: Record) -> list[list[str]]:
             f"{row['build_seconds']:.2f}",
             _difference(row),
         ]
-        for row in case["contenders"]
+        for row in case["alternatives"]
     ]
 
 
@@ -242,7 +244,7 @@ TARGET_COLUMNS = ("target", "PSF", "bound", "reached", "")
 
 
 def target_rows(record: Record) -> list[list[str]]:
-    """Return the table of targets."""
+    """Return the rows of the table of targets."""
     table = [
         [
             target["text"],
@@ -255,15 +257,15 @@ def target_rows(record: Record) -> list[list[str]]:
         for target in case["targets"]
     ]
     scaling = record["scaling"]
-    for mode, found in scaling["modes"].items():
+    for mode, result in scaling["modes"].items():
         text = f"time per pixel, {mode}: {_by(scaling['large'])} / {_by(scaling['small'])}"
-        bound, met = f"at most {scaling['bound']:g}", "met" if found["met"] else "missed"
-        table.append([text, _by(scaling["psf"]), bound, f"{found['per_pixel']:.2f}", met])
+        bound, met = f"at most {scaling['bound']:g}", "met" if result["met"] else "missed"
+        table.append([text, _by(scaling["psf"]), bound, f"{result['per_pixel']:.2f}", met])
     return table
 
 
 def heading(record: Record, case: Record) -> str:
-    """Return what the table of one PSF size shows."""
+    """Return the heading of the table of one PSF size."""
     return f"{_by(record['size'])} RGB float32, PSF {_by(case['psf'])}, medians of {record['rounds']} rounds"
 
 
@@ -276,9 +278,9 @@ def as_markdown(record: Record) -> str:
 
 
 def notes(record: Record) -> list[str]:
-    """Return what limits the figures."""
-    found = [f"Skipped: {reason}." for reason in record["skipped"]]
-    return found + machine.busy(record["load"])
+    """Return remarks that limit the validity of the figures."""
+    remarks = [f"Skipped: {reason}." for reason in record["skipped"]]
+    return remarks + machine.busy(record["load"])
 
 
 def _difference(row: Record) -> str:

@@ -1,12 +1,12 @@
-"""All modes with all priors, and how good automatic strengths are: ``python -m benchmarks.priors [--markdown FILE]``.
+"""All modes with all priors, and the quality of automatic strengths: ``python -m benchmarks.priors [--markdown FILE]``.
 
-The first table deblurs the whole captures, all strengths automatic. The second looks at the middle of every second
+The first table deblurs the whole captures with automatic strengths. The second deblurs the middle of every second
 capture, at noise of 30, 40 and 50 dB with the right model, and at 40 and 50 dB with a wrong one: a focal length 1 % too
-long, gyro stamps 2 ms late, rates with white noise of 0.01 rad/s, the picture stored as JPEG of quality 90. There the
-automatic strength is set against fixed ones, of which the best in the mean over the captures counts.
+long, gyro timestamps 2 ms late, rates with white noise of 0.01 rad/s, the picture stored as JPEG of quality 90. It
+compares the automatic strength with the fixed strength that is best on average over the captures.
 
-The pictures are enlarged twice, as soft as a lens leaves them; with --own-size they are as sharp as their pixels.
-Captures are shared out to processes.
+Pictures are enlarged twice, as soft as a lens leaves them; with --own-size they are as sharp as their pixels. Processes
+share the captures.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from PIL import Image as Pillow
 from rich.console import Console
 from rich.progress import track
 
-from benchmarks.captures import Capture, Image, quality, simulated
+from benchmarks.captures import Image, SimulatedCapture, quality, simulated
 from benchmarks.tables import markdown, write
 from rsdeblur import GyroLog, Simulation, deblur
-from rsdeblur.fft import thread_count
-from rsdeblur.priors import PRIORS, Prior
-from rsdeblur.transfer import from_linear, to_linear
+from rsdeblur._util.threads import thread_count
+from rsdeblur.choices import PRIORS, Prior
+from rsdeblur.image.transfer import from_linear, to_linear
 
 # Another mode is one more entry.
 MODES: dict[str, dict[str, Any]] = {
@@ -39,17 +39,17 @@ MODES: dict[str, dict[str, Any]] = {
     "banded 16": {"mode": "banded", "bands": 16},
     "rowwise": {"mode": "rowwise"},
 }
-# The fixed strengths: of the NSR for the Wiener filter, of the weight for the others.
+# The fixed strengths: values of the NSR for the Wiener filter, of the weight for the others.
 LADDERS: dict[Prior, tuple[float, ...]] = {
     "wiener": (0.01, 0.03, 0.1, 0.3, 1.0),
     "gradient": (0.01, 0.03, 0.1, 0.3, 1.0),
     "tv": (0.001, 0.003, 0.01, 0.03, 0.1),
     "hyper-laplacian": (0.0003, 0.001, 0.003, 0.01, 0.03),
 }
-# Noise in dB, and whether the model is wrong.
+# (noise in dB, whether the model is wrong)
 SITUATIONS = ((30, False), (40, False), (50, False), (40, True), (50, True))
 FOCAL_ERROR, OFFSET_ERROR, RATE_NOISE, JPEG_QUALITY = 0.01, 0.002, 0.01, 90
-# Width and height of what the second table looks at.
+# Width and height of the part that the second table deblurs, px.
 MIDDLE = 512, 384
 
 
@@ -73,36 +73,38 @@ def main() -> None:
     Console(width=200, highlight=False, markup=False).print(report["markdown"])
 
 
-def run(captures: Sequence[Capture], *, modes: bool = True) -> dict[str, Any]:
+def run(captures: Sequence[SimulatedCapture], *, modes: bool = True) -> dict[str, Any]:
     """Score everything on captures without noise and return scores and tables."""
-    # Every solve has one thread.
+    # Every solve uses one thread.
     with ProcessPoolExecutor(thread_count(None), multiprocessing.get_context("spawn")) as pool:
-        found = _scored(pool, modes_scores, captures, "modes and priors") if modes else {}
+        results = _scored(pool, modes_scores, captures, "modes and priors") if modes else {}
         strengths = _scored(pool, strengths_scores, captures[::2], "strengths")
     tables = [strengths_table(strengths), harm_table(strengths)]
     if modes:
-        tables.insert(0, modes_table(found))
-    return {"modes": found, "strengths": strengths, "markdown": "\n\n".join(tables)}
+        tables.insert(0, modes_table(results))
+    return {"modes": results, "strengths": strengths, "markdown": "\n\n".join(tables)}
 
 
-def _scored(pool: Executor, score: Callable[[Capture], Any], captures: Sequence[Capture], title: str) -> dict[str, Any]:
+def _scored(
+    pool: Executor, score: Callable[[SimulatedCapture], Any], captures: Sequence[SimulatedCapture], title: str
+) -> dict[str, Any]:
     results = track(pool.map(score, captures), title, total=len(captures))
     return {capture.name: scores for capture, scores in zip(captures, results, strict=True)}
 
 
-def modes_scores(capture: Capture) -> dict[str, tuple[float, float]]:
-    """PSNR and SSIM of every mode with every prior, at 40 dB."""
+def modes_scores(capture: SimulatedCapture) -> dict[str, tuple[float, float]]:
+    """Return PSNR and SSIM of every mode with every prior, at 40 dB of noise."""
     capture = noisy(capture, 40)
     scores = {"blurred": quality(capture.pictures.rolling, capture.pictures.blurred)}
     for name, mode in MODES.items():
         for prior in PRIORS:
-            image = deblur(capture.pictures.blurred, *capture.shot, prior=prior, threads=1, **mode).image
+            image = deblur(capture.pictures.blurred, *capture.recording, prior=prior, threads=1, **mode).image
             scores[f"{name}, {prior}"] = quality(capture.pictures.rolling, image)
     return scores
 
 
-def strengths_scores(capture: Capture) -> dict[str, dict[str, float]]:
-    """PSNR of every prior at every strength in every situation."""
+def strengths_scores(capture: SimulatedCapture) -> dict[str, dict[str, float]]:
+    """Return the PSNR of every prior at every strength in every situation."""
     rows = {}
     for decibels, wrong in SITUATIONS:
         part = noisy(middle(capture), decibels)
@@ -110,21 +112,21 @@ def strengths_scores(capture: Capture) -> dict[str, dict[str, float]]:
         row = {"blurred": quality(part.pictures.rolling, part.pictures.blurred)[0]}
         for prior, strength in strengths():
             kwargs: dict[str, Any] = {"prior": prior, "nsr" if prior == "wiener" else "weight": strength}
-            image = deblur(part.pictures.blurred, *part.shot, threads=1, **kwargs).image
+            image = deblur(part.pictures.blurred, *part.recording, threads=1, **kwargs).image
             row[f"{prior} {strength}"] = quality(part.pictures.rolling, image)[0]
         rows[f"{decibels} dB, {'wrong' if wrong else 'right'} model"] = row
     return rows
 
 
 def strengths() -> Iterator[tuple[Prior, Any]]:
-    """Every prior with every strength."""
+    """Yield every prior with every strength."""
     for prior, ladder in LADDERS.items():
         for strength in ("auto", *ladder):
             yield prior, strength
 
 
-def middle(capture: Capture) -> Capture:
-    """Cut out the middle, if there is more than that."""
+def middle(capture: SimulatedCapture) -> SimulatedCapture:
+    """Return the middle of a capture, or all of a smaller one."""
     camera = capture.camera
     width, height = (min(n, most) for n, most in zip((camera.width, camera.height), MIDDLE, strict=True))
     left, top = (camera.width - width) // 2, (camera.height - height) // 2
@@ -132,28 +134,28 @@ def middle(capture: Capture) -> Capture:
     return replace(capture, camera=camera.cropped(left, top, width, height), pictures=pictures)
 
 
-def noisy(capture: Capture, decibels: float) -> Capture:
-    """Add white noise."""
+def noisy(capture: SimulatedCapture, decibels: float) -> SimulatedCapture:
+    """Return the capture with white noise added."""
     clean = capture.pictures.blurred
     noise = np.random.default_rng(0).normal(0.0, 10 ** (-decibels / 20), clean.shape).astype(np.float32)
     return replace(capture, pictures=capture.pictures._replace(blurred=clean + noise))
 
 
-def with_errors(capture: Capture) -> Capture:
-    """Give the capture the errors that real recordings suffer from."""
+def with_errors(capture: SimulatedCapture) -> SimulatedCapture:
+    """Return the capture with the typical errors of real recordings."""
     log, camera = capture.log, capture.camera
     noise = np.random.default_rng(0).normal(0.0, RATE_NOISE, log.omega.shape)
-    fx, fy = camera.focal
+    fx, fy = camera.focal_length
     return replace(
         capture,
         log=GyroLog(log.t + OFFSET_ERROR, log.omega + noise, log.epoch_ns),
-        camera=replace(camera, focal=(fx * (1 + FOCAL_ERROR), fy * (1 + FOCAL_ERROR))),
+        camera=replace(camera, focal_length=(fx * (1 + FOCAL_ERROR), fy * (1 + FOCAL_ERROR))),
         pictures=capture.pictures._replace(blurred=jpeg(capture.pictures.blurred)),
     )
 
 
 def jpeg(light: Image) -> Image:
-    """Store as JPEG and read again."""
+    """Return a picture after a round trip through JPEG."""
     stored = BytesIO()
     pixels = (from_linear(light.clip(0, 1), "srgb") * 255).round().astype(np.uint8)
     Pillow.fromarray(pixels).save(stored, "JPEG", quality=JPEG_QUALITY)
@@ -162,7 +164,7 @@ def jpeg(light: Image) -> Image:
 
 
 def modes_table(scores: dict[str, dict[str, tuple[float, float]]]) -> str:
-    """PSNR, a row per capture, and the means."""
+    """Return the table of PSNR, a row per capture, with the means."""
     names = list(next(iter(scores.values())))
     rows = [[capture, *(f"{row[name][0]:.2f}" for name in names)] for capture, row in scores.items()]
     for label, which, form in (("**mean PSNR**", 0, ".2f"), ("**mean SSIM**", 1, ".3f")):
@@ -172,14 +174,14 @@ def modes_table(scores: dict[str, dict[str, tuple[float, float]]]) -> str:
 
 
 def strengths_table(scores: dict[str, dict[str, dict[str, float]]]) -> str:
-    """Set the automatic strength, and the best for each capture, against the best fixed one in each situation."""
+    """Compare the automatic strength, and the best one for each capture, with the best fixed strength."""
     rows = []
     for situation in next(iter(scores.values())):
-        found = [row[situation] for row in scores.values()]
+        results = [row[situation] for row in scores.values()]
         for prior, ladder in LADDERS.items():
-            table = np.array([[row[f"{prior} {strength}"] for strength in ladder] for row in found])
+            table = np.array([[row[f"{prior} {strength}"] for strength in ladder] for row in results])
             best = table.mean(axis=0)
-            auto = np.mean([row[f"{prior} auto"] for row in found])
+            auto = np.mean([row[f"{prior} auto"] for row in results])
             gains = (auto - best.max(), table.max(axis=1).mean() - best.max())
             cells = [f"{best.max():.2f}", f"{ladder[best.argmax()]:g}", *(f"{gain:+.2f}" for gain in gains)]
             rows.append([situation, prior, *cells])
@@ -188,11 +190,11 @@ def strengths_table(scores: dict[str, dict[str, dict[str, float]]]) -> str:
 
 
 def harm_table(scores: dict[str, dict[str, dict[str, float]]]) -> str:
-    """Tabulate the least gain of the automatic strength over the input among all captures."""
+    """Return the table of the least gain of the automatic strength over the input, among all captures."""
     rows = []
     for situation in next(iter(scores.values())):
-        found = [row[situation] for row in scores.values()]
-        least = [min(row[f"{prior} auto"] - row["blurred"] for row in found) for prior in PRIORS]
+        results = [row[situation] for row in scores.values()]
+        least = [min(row[f"{prior} auto"] - row["blurred"] for row in results) for prior in PRIORS]
         rows.append([situation, *(f"{gain:+.2f}" for gain in least)])
     return "Least gain over the input among the captures, dB:\n\n" + markdown(["situation", *PRIORS], rows)
 

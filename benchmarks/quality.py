@@ -1,7 +1,7 @@
 """PSNR and SSIM of every mode on simulated captures: ``python -m benchmarks.quality [--markdown FILE] [--json FILE]``.
 
-The NSR is one value for all captures, chosen for the noise: the one of a short ladder with the best mean PSNR of the
-banded mode. The table for `keep` is scored against the rolling reference, `rectify` against the rectified one.
+All captures have the same NSR: the value of a short ladder with the best mean PSNR in banded mode. The table for `keep`
+compares with the rolling truth, the table for `rectify` with the rectified truth.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from benchmarks.captures import Capture, quality, simulated
+from benchmarks.captures import SimulatedCapture, quality, simulated
+from benchmarks.tables import markdown
 from rsdeblur import deblur
-from rsdeblur.motion import GEOMETRIES, Geometry
+from rsdeblur.choices import GEOMETRIES, Geometry
 
 LADDER = (0.01, 0.03, 0.1, 0.3)
 METHODS: dict[str, dict[str, Any]] = {
@@ -49,8 +50,8 @@ def main() -> None:
     Console(width=200, highlight=False, markup=False).print(report["markdown"])
 
 
-def run(captures: Sequence[Capture]) -> dict[str, Any]:
-    """Score all methods in both geometries and return the tables."""
+def run(captures: Sequence[SimulatedCapture]) -> dict[str, Any]:
+    """Score all methods in both geometries; return scores and tables."""
     nsr, ladder = choose_nsr(captures)
     tables, report = [], {"nsr": nsr, "ladder": ladder}
     for geometry in GEOMETRIES:
@@ -66,47 +67,54 @@ def run(captures: Sequence[Capture]) -> dict[str, Any]:
             f"NSR chosen for the noise: {nsr} (banded auto x auto, PSNR in dB):",
             "| NSR | " + " | ".join(names) + " |\n|---|" + "---|" * len(names) + "\n" + rows,
             *tables,
-            "Gain over the blurred picture in dB at the best NSR of the ladder for each capture: "
-            + ", ".join(f"{name}: {gain:+.2f} (NSR {at})" for name, (gain, at) in worst.items()),
+            "Gain over the blurred picture at the best NSR of the ladder for each capture:",
+            markdown(
+                ("capture", "gain, dB", "at NSR"),
+                [(name, f"{gain:+.2f}", str(at)) for name, (gain, at) in worst.items()],
+            ),
         ]
     )
     return report
 
 
-def choose_nsr(captures: Sequence[Capture]) -> tuple[float, dict[str, dict[str, float]]]:
-    """Return the ladder's best NSR in the mean, and the PSNR of each capture at each."""
+def choose_nsr(captures: Sequence[SimulatedCapture]) -> tuple[float, dict[str, dict[str, float]]]:
+    """Return the NSR of the ladder that is best on average, and the PSNR of each capture at each NSR."""
     ladder = {}
     for nsr in LADDER:
         row = {
-            c.name: quality(c.pictures.rolling, deblur(c.pictures.blurred, *c.shot, nsr=nsr).image)[0] for c in captures
+            c.name: quality(
+                c.pictures.rolling, deblur(c.pictures.blurred, *c.recording, prior="wiener", nsr=nsr).image
+            )[0]
+            for c in captures
         }
         ladder[str(nsr)] = row | {"mean": float(np.mean(list(row.values())))}
     return max(LADDER, key=lambda nsr: ladder[str(nsr)]["mean"]), ladder
 
 
-def best_loss(capture: Capture) -> tuple[float, float]:
-    """Gain over the blurred picture at the best NSR for this capture, dB, and that NSR."""
+def best_loss(capture: SimulatedCapture) -> tuple[float, float]:
+    """Return the gain over the blurred picture at the best NSR for this capture, dB, and that NSR."""
     truth = capture.pictures.rolling
     gains = {
-        nsr: quality(truth, deblur(capture.pictures.blurred, *capture.shot, nsr=nsr).image)[0] for nsr in (*LADDER, 1.0)
+        nsr: quality(truth, deblur(capture.pictures.blurred, *capture.recording, prior="wiener", nsr=nsr).image)[0]
+        for nsr in (*LADDER, 1.0)
     }
     best = max(gains, key=lambda nsr: gains[nsr])
     return gains[best] - quality(truth, capture.pictures.blurred)[0], best
 
 
-def score(capture: Capture, geometry: Geometry, nsr: float) -> dict[str, tuple[float, float]]:
-    """PSNR and SSIM of the blurred picture and of every method."""
+def score(capture: SimulatedCapture, geometry: Geometry, nsr: float) -> dict[str, tuple[float, float]]:
+    """Return PSNR and SSIM of the blurred picture and of every method."""
     blurred = capture.pictures.blurred
     truth = capture.pictures.rolling if geometry == "keep" else capture.pictures.rectified
     scores = {"blurred": quality(truth, blurred)}
     for name, kwargs in METHODS.items():
-        image = deblur(blurred, *capture.shot, nsr=nsr, geometry=geometry, **kwargs).image
+        image = deblur(blurred, *capture.recording, prior="wiener", nsr=nsr, geometry=geometry, **kwargs).image
         scores[name] = quality(truth, image)
     return scores
 
 
 def table(scores: Scores) -> str:
-    """Markdown table of PSNR / SSIM, a row per capture and one for the mean."""
+    """Return a Markdown table of PSNR / SSIM, a row per capture and one for the mean."""
     methods = list(next(iter(scores.values())))
     mean = {m: tuple(np.mean([row[m] for row in scores.values()], axis=0)) for m in methods}
     lines = ["| capture | " + " | ".join(methods) + " |", "|---|" + "---|" * len(methods)]

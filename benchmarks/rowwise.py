@@ -1,12 +1,13 @@
-"""What the exact solve costs: ``python -m benchmarks.rowwise [--size 2048x1536] [--rounds 11] [--threads 2]``.
+"""Cost of the exact solve: ``python -m benchmarks.rowwise [--size 2048x1536] [--rounds 11] [--threads 2]``.
 
-Times `RowDeconvolver.apply` (Wiener, one strip, RGB) against the global mode's `Deconvolver.apply`, in turns as in
-`benchmarks.peers`, for PSFs 17, 31 and 77 rows tall (16, 31 and 76 rounded up: kernels have a centre pixel). Beside
-that one thread solves one block of 16 frequencies, on all rows and on so few that the factor stays in the cache: where
-both run at the same speed, arithmetic bounds the solve; where not, memory does. For PSFs 31 rows tall `priors.minimise`
-with the hyper-Laplacian prior and all its steps is timed against the Wiener filter of the same solver.
+Times `RowDeconvolver.apply` (Wiener, one strip, RGB) against `Deconvolver.apply` of the global mode, in turns as in
+`benchmarks.peers`, for PSFs 17, 31 and 77 rows tall (16, 31 and 76 rounded up: kernels have a centre pixel). In
+addition, one thread solves one block of 16 frequencies, on all rows and on so few rows that the factor stays in the
+cache. If both run at the same speed, arithmetic bounds the solve; otherwise memory does. For PSFs 31 rows tall
+the hyper-Laplacian prior with all its steps is timed against the Wiener filter of the same
+solver.
 
-``--quick`` shrinks everything and says nothing about speed.
+``--quick`` uses small pictures; its times mean nothing.
 """
 
 from __future__ import annotations
@@ -25,20 +26,20 @@ from benchmarks.cases import EXPOSURE, NSR, Case
 from benchmarks.peers import QUICK_SIZE, SIZE, size
 from benchmarks.tables import markdown, print_table, write
 from benchmarks.timing import Job, interleave
-from rsdeblur import BlurPaths, Deconvolver, RowDeconvolver, Shot, priors
+from rsdeblur import BlurPaths, Capture, Deconvolver, GradientPrior, RowDeconvolver
+from rsdeblur.deconv.rowwise_blur import StripBlur, latent_rows
 from rsdeblur.kernels import rowwise
 from rsdeblur.kernels.rowwise import BLOCK, LANES, RowModel
-from rsdeblur.rowblur import StripBlur, latent_rows
 
-# Height of the PSF in px and the most that apply may cost, in applies of the global mode.
+# Target for each height of the PSF in px: time of `apply`, in units of the global mode's `apply`.
 TARGETS = {17: 3.0, 31: 6.0, 77: 25.0}
 WIDTH = 17
-# Tiles on which the paths of a case just fill its box.
+# Number of bands for which the paths of a case just fill its box.
 BANDS = 16
-# Height of the PSF for which a sparse prior is timed, the most that it may cost, in applies of the Wiener filter, and
-# the prior: its weight, which changes no time, is what the automatic one is about at 40 dB of noise.
+# Height of the PSF for which a sparse prior is timed, its target in units of the Wiener filter's `apply`, and the
+# prior. The weight does not affect the time; it is close to the automatic one at 40 dB of noise.
 SPARSE, SPARSE_TARGET = 31, 8.0
-PRIOR: dict[str, Any] = {"prior": "hyper-laplacian", "weight": 0.003, "exponent": priors.EXPONENT, "peak": 1.0}
+PRIOR = GradientPrior("hyper-laplacian", weight=0.003, peak=1.0)
 # Rows of the picture whose factor is to stay in the cache, in heights of the PSF.
 FEW = 3
 COLUMNS = ("PSF rows", "apply ms", "/ global", "at most", "met", "MiB", "GFLOP/s", "in cache", "share of apply")
@@ -49,7 +50,7 @@ def main() -> None:
     """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", type=size, help="width x height of the picture (2048x1536)")
-    parser.add_argument("--rounds", type=int, help="times that each job is timed (11)")
+    parser.add_argument("--rounds", type=int, help="rounds of timing (11)")
     parser.add_argument("--threads", type=int, default=2, help="threads of both modes (2)")
     parser.add_argument("--quick", action="store_true", help="small pictures and 3 rounds, to see that it runs")
     parser.add_argument("--json", type=Path, help="write the record")
@@ -86,9 +87,7 @@ def run(size: tuple[int, int], rounds: int, threads: int) -> Record:
         few = BlurPaths(paths.displacements[: FEW * height], paths.rows[: FEW * height], paths.cols)
         for name, part in (("block", paths), ("cached", few)):
             jobs[name, height], work[name, height] = one_block(part, size[0])
-    jobs["sparse", SPARSE] = lambda: solvers[SPARSE].apply(
-        picture, out, minimise=lambda term: priors.minimise(term, threads=threads, **PRIOR)
-    )
+    jobs["sparse", SPARSE] = lambda: solvers[SPARSE].apply(picture, out, prior=PRIOR)
     times = interleave(jobs, rounds)
     record["sparse_s"] = times["sparse", SPARSE].median
     record["sparse_ratio"] = times["sparse", SPARSE] / times["apply", SPARSE]
@@ -110,9 +109,9 @@ def run(size: tuple[int, int], rounds: int, threads: int) -> Record:
 
 
 def row_paths(case: Case) -> BlurPaths:
-    """Trace the paths of every row of a case, in one strip."""
-    shot = Shot.from_log(case.log(BANDS), case.camera, EXPOSURE)
-    return BlurPaths.every_row(shot, [(case.width - 1) / 2])
+    """Return the paths of every row of a case, in one strip."""
+    recording = Capture.from_log(case.log(BANDS), case.camera, EXPOSURE)
+    return BlurPaths.every_row(recording, [(case.width - 1) / 2])
 
 
 def one_block(paths: BlurPaths, length: int) -> tuple[Job, float]:
@@ -126,7 +125,7 @@ def one_block(paths: BlurPaths, length: int) -> tuple[Job, float]:
 
 
 def operations(model: RowModel, channels: int) -> float:
-    """Count the operations of a solve: assembly, factorisation and substitutions, a complex product being eight."""
+    """Count the operations of a solve: assembly, factorisation and substitutions; a complex product counts as eight."""
     first, end, coupled = model.row_first, model.row_end, model.coupled
     products = 0
     for j, start in enumerate(coupled):
@@ -139,7 +138,7 @@ def operations(model: RowModel, channels: int) -> float:
 
 
 def rows(record: Record) -> list[list[str]]:
-    """Cells of the table."""
+    """Return the rows of the table."""
     return [
         [
             str(row["height"]),
@@ -157,7 +156,7 @@ def rows(record: Record) -> list[list[str]]:
 
 
 def summary(record: Record) -> str:
-    """Say what was measured on what."""
+    """Return the lines below the table: sizes, machine and the sparse prior."""
     width, height = record["size"]
     lines: Sequence[str] = (
         f"RGB {width}x{height}, {record['threads']} threads, {record['machine']['processor']}; "

@@ -1,12 +1,13 @@
-"""Streaks around lamps with and without the care for clipped pixels: ``python -m benchmarks.saturation``.
+"""Streaks around lamps, with ``saturation="ignore"`` and ``"auto"``: ``python -m benchmarks.saturation``.
 
-A dim bookshelf with eight lamps, points and discs of up to 25 times full scale, is blurred in light, given noise of
-50 dB, clipped at 1 and stored in 8 bits of sRGB; with ``--jpeg Q`` as a JPEG of that quality. *Streaks* are the mean
-squared error in sRGB, times 10^4, within one PSF of lamps, which are left out with 2 px around; the PSNR is that of the
-rest, without the frame's border. All strengths are automatic. No recordings are needed.
+The scene is a dim bookshelf with eight lamps, points and discs of up to 25 times full scale. It is blurred in linear
+light, gets noise of 50 dB, is clipped at 1 and stored in 8 bits of sRGB, or with ``--jpeg Q`` as a JPEG of that
+quality. *Streaks* are the mean squared error in sRGB, times 10^4, within one PSF of lamps; lamps and 2 px around them
+are left out. The PSNR is that of the rest, without the border of the frame. All strengths are automatic. No recordings
+are needed.
 
-With ``--daylight N`` what it costs where there are no lamps: the first N of the simulated captures, 512x384 px, two and
-four times overexposed, with noise of 40 dB, in banded mode; the PSNR is that of the clipped picture.
+``--daylight N`` measures the cost where there are no lamps: the first N simulated captures, 512x384 px, two and four
+times overexposed, with noise of 40 dB, in banded mode. The PSNR is that of the clipped picture.
 """
 
 from __future__ import annotations
@@ -23,18 +24,16 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 from scipy import ndimage
 
-from benchmarks.captures import BORDER, READOUT, Capture, Image, quality, simulated
+from benchmarks.captures import BORDER, READOUT, Image, SimulatedCapture, quality, simulated
 from benchmarks.priors import noisy
 from benchmarks.tables import markdown, write
 from rsdeblur import Camera, Exposure, Simulation, deblur, simulate
-from rsdeblur.method import MODES
-from rsdeblur.priors import Prior
-from rsdeblur.saturation import SATURATIONS
-from rsdeblur.scene import scene
-from rsdeblur.shake import hand_shake
-from rsdeblur.transfer import from_linear, to_linear
+from rsdeblur.choices import MODES, SATURATIONS, Prior
+from rsdeblur.image.transfer import from_linear, to_linear
+from rsdeblur.simulation.scene import scene
+from rsdeblur.simulation.shake import hand_shake
 
-# Where, as shares of height and width; radius in px, 0 for a point; light.
+# Each lamp: row and column as shares of height and width; radius in px, 0 for a point; light in full scales.
 LAMPS = (
     (0.20, 0.15, 0.0, 60),
     (0.30, 0.50, 2.5, 10),
@@ -46,7 +45,7 @@ LAMPS = (
     (0.75, 0.90, 2.0, 6),
 )
 DIM, NOISE = 0.12, 0.003
-# The lens spreads a point by this standard deviation, px.
+# Standard deviation by which the lens spreads a point, px.
 LENS = 0.7
 LAMP, AROUND = 0.5, 2
 SEEDS = (3, 5, 7)
@@ -64,14 +63,18 @@ def night(height: int, width: int) -> Image:
     return np.asarray(light, dtype=np.float32)
 
 
-def capture(seed: int) -> Capture:
+def capture(seed: int) -> SimulatedCapture:
     """Simulate a capture of the scene; its pictures are not clipped."""
-    shot = hand_shake(0.2, strength=1.5, seed=seed), Camera(256, 192, 280.0, readout=READOUT), Exposure(0.05, 1 / 20)
-    return Capture(f"night {seed}", *shot, simulate(night(240, 304), *shot, noise=NOISE))
+    recording = (
+        hand_shake(0.2, strength=1.5, seed=seed),
+        Camera(256, 192, 280.0, readout_time=READOUT),
+        Exposure(0.05, 1 / 20),
+    )
+    return SimulatedCapture(f"night {seed}", *recording, simulate(night(240, 304), *recording, noise=NOISE))
 
 
 def recorded(light: Image, jpeg: int | None = None) -> NDArray[np.uint8]:
-    """Return what is stored of `light`."""
+    """Return `light` as stored in 8 bits, after JPEG compression if a quality is given."""
     pixels = np.rint(255 * from_linear(light.clip(0, 1), "srgb")).astype(np.uint8)
     if jpeg is not None:
         packed = BytesIO()
@@ -81,7 +84,7 @@ def recorded(light: Image, jpeg: int | None = None) -> NDArray[np.uint8]:
 
 
 def measures(truth: Image, image: Image, reach: int) -> tuple[float, float]:
-    """Return the streaks, and the PSNR of the rest, dB, of a picture in sRGB."""
+    """Return the streaks of a picture in sRGB, and the PSNR of the rest, dB."""
     error = np.square(image.clip(0, 1) - from_linear(truth.clip(0, 1), "srgb")).mean(axis=-1)
     lamps = ndimage.binary_dilation(truth.max(axis=-1) > LAMP, iterations=AROUND)
     near = ndimage.binary_dilation(lamps, iterations=reach)
@@ -91,7 +94,7 @@ def measures(truth: Image, image: Image, reach: int) -> tuple[float, float]:
 
 
 def overexposed(count: int, jpeg: int | None) -> Iterator[list[str]]:
-    """Yield the lines of the table of daylight."""
+    """Yield the rows of the daylight table."""
     for taken in simulated(count, noise=0.0, enlarged=1):
         for gain in GAINS:
             brighter = Simulation(*(gain * picture for picture in taken.pictures))
@@ -100,20 +103,22 @@ def overexposed(count: int, jpeg: int | None) -> Iterator[list[str]]:
             line = [f"{taken.name}, {gain:g} times", f"{100 * (pixels == 255).any(axis=2).mean():.0f}"]
             for prior in PRIORS:
                 for saturation in SATURATIONS:
-                    result = deblur(pixels, *taken.shot, prior=prior, transfer="srgb", saturation=saturation)
+                    result = deblur(pixels, *taken.recording, prior=prior, transfer="srgb", saturation=saturation)
                     line.append(f"{quality(bright.pictures.rolling, to_linear(result.image, 'srgb'))[0]:.2f}")
             yield line
 
 
 def rows(jpeg: int | None, seeds: tuple[int, ...] = SEEDS) -> Iterator[list[str]]:
-    """Yield the lines of the table."""
+    """Yield the rows of the table of lamps."""
     for seed in seeds:
         taken = capture(seed)
         pixels = recorded(taken.pictures.blurred, jpeg)
         for mode in MODES:
             for prior in PRIORS:
                 settings: dict[str, Any] = {"mode": mode, "prior": prior, "transfer": "srgb"}
-                plain, careful = (deblur(pixels, *taken.shot, **settings, saturation=s) for s in ("ignore", "auto"))
+                plain, careful = (
+                    deblur(pixels, *taken.recording, **settings, saturation=s) for s in ("ignore", "auto")
+                )
                 reach = max(plain.psfs.size)
                 (a, outside), (b, then) = (measures(taken.pictures.rolling, r.image, reach) for r in (plain, careful))
                 yield [

@@ -1,4 +1,4 @@
-"""Odd sizes, all modes and priors: a right answer or a clear refusal. ``python -m benchmarks.sizes [--panorama]``."""
+"""Odd sizes in all modes and priors: right, or refused clearly. ``python -m benchmarks.sizes [--panorama]``."""
 
 from __future__ import annotations
 
@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur import Camera, Exposure, GyroLog, deblur
+from rsdeblur.choices import MODES, PRIORS
 from rsdeblur.errors import InputError
-from rsdeblur.method import MODES
-from rsdeblur.priors import PRIORS
 
 # (height, width)
 SIZES = [
@@ -23,11 +22,12 @@ SIZES = [
     *((5, 3), (13, 17), (31, 29), (64, 3), (3, 64), (127, 61), (128, 128)),
 ]
 PANORAMA = (300, 20_000)
-# Share of the picture's shorter side that the blur is long; None holds the camera still.
+# Length of the blur as a share of the shorter side of the picture; None: the camera is still.
 BLURS = (None, 0.02, 0.3)
 PICTURES = ("black", "even", "noise", "noise of 8 bits", "even of 16 bits")
 EXPOSURE = Exposure(0.05, 0.02)
-# Of values in [0, 1], where the answer is known: a still or an even picture. Rounding to 8 bits adds half a level.
+# Largest error of values in [0, 1] where the answer is known: the camera is still, or the picture is even. Rounding to
+# 8 bits adds half a level.
 TOLERANCE = 1e-3
 
 
@@ -42,14 +42,20 @@ def _picture(kind: str, size: tuple[int, int]) -> NDArray[Any]:
 
 def _outcome(size: tuple[int, int], mode: Any, prior: Any, blur: float | None, kind: str) -> str:
     height, width = size
-    focal = 10.0 * max(size)
-    rate = 0.0 if blur is None else blur * min(size) / focal / EXPOSURE.duration
+    focal_length = 10.0 * max(size)
+    rate = 0.0 if blur is None else blur * min(size) / focal_length / EXPOSURE.duration
     rates = np.tile([rate, -rate, 0.3 * rate], (40, 1))
     log = GyroLog(0.005 * np.arange(40.0), rates)
     stored = _picture(kind, size)
     try:
         sharp = deblur(
-            stored, log, Camera(width, height, focal, readout=0.02), EXPOSURE, mode=mode, prior=prior, nsr=0.01
+            stored,
+            log,
+            Camera(width, height, focal_length, readout_time=0.02),
+            EXPOSURE,
+            mode=mode,
+            prior=prior,
+            nsr=0.01,
         ).image
     except InputError as error:
         return f"refused, sides from {min(size)} px" if "picture" in str(error) else f"REFUSED: {error}"
@@ -63,9 +69,9 @@ def _outcome(size: tuple[int, int], mode: Any, prior: Any, blur: float | None, k
 
 
 def main() -> None:
-    """Try everything and print how often it ended how."""
+    """Try all combinations and print how often each outcome occurred."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.sizes", description=__doc__)
-    parser.add_argument("--panorama", action="store_true", help="20000x300 instead of the small ones")
+    parser.add_argument("--panorama", action="store_true", help="20000x300 px instead of the small sizes")
     panorama = parser.parse_args().panorama
     warnings.simplefilter("error")
     sizes = [PANORAMA] if panorama else SIZES

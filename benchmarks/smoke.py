@@ -7,7 +7,7 @@ from benchmarks.captures import synthetic
 
 
 def main() -> None:
-    """Run each benchmark on small pictures; exits with 1 if a rival gives another picture than we do."""
+    """Run each benchmark on small pictures. Exit with 1 if an alternative returns another picture than rsdeblur."""
     print(quality.run([synthetic()])["markdown"])
     print(rowwise.summary(rowwise.run(peers.QUICK_SIZE, 1, 1)))
     print(priors.run([synthetic(noise=0.0)])["markdown"])

@@ -1,7 +1,8 @@
-"""How long the command line takes from a standing start: ``python -m benchmarks.start [--rounds 5]``.
+"""Start-up time of the command line: ``python -m benchmarks.start [--rounds 5]``.
 
-Whole processes, on a generated JPEG of 2 megapixels. Warm: compiled kernels and FFT plans are on disk. Cold: neither
-is; that is the first run on a machine. Medians over the rounds, which alternate between the commands.
+Each measurement is a whole process on a generated JPEG of 2 megapixels. Warm: compiled kernels and FFT plans are on
+disk. Cold: neither is, as in the first run on a machine. Figures are medians over rounds that alternate between the
+commands.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ MODES = {
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=5, help="times that each command is run (5)")
     parser.add_argument("--quick", action="store_true", help="a small picture, once, to see that it runs")
@@ -43,7 +44,7 @@ def main() -> None:
 
 
 def run(folder: Path, size: tuple[int, int], rounds: int) -> list[list[str]]:
-    """Return the table's rows."""
+    """Return the rows of the table."""
     case = Case(*size, BOX)
     write_picture(folder / "photo.jpg", case.blurred)
     case.camera.save(folder / "camera.toml")

@@ -1,4 +1,4 @@
-"""Tables for the terminal, for pipes and for Markdown, and files of results."""
+"""Tables for the terminal, for pipes and for Markdown, and files with results."""
 
 from __future__ import annotations
 
@@ -17,6 +17,6 @@ def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def write(path: Path, text: str) -> None:
-    """Write a file and the folders it needs: a missing one must not cost the result of a long run."""
+    """Write a file and create its folders: a missing folder must not cost the result of a long run."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text + "\n")

@@ -1,8 +1,9 @@
-"""What tiles cost in quality: ``python -m benchmarks.tiles [--captures N] [--markdown FILE]``.
+"""Cost of tiles in quality: ``python -m benchmarks.tiles [--captures N] [--markdown FILE]``.
 
-The engine is compared with the method it stands for: in double precision, the filter of every tile applied to the whole
-picture, whose continuation is as long as the engine's gap, and the results interpolated linearly. Differences in PSNR
-come from the finite tiles alone. Then the constants of the tiles are moved: their gap, and how far windows overlap.
+The engine is compared with the method that it approximates: in double precision, the filter of every tile is applied to
+the whole picture, whose continuation is as long as the margin of a tile, and the results are interpolated linearly.
+Differences in PSNR come from the finite tiles alone. Then two constants are changed: the margin, and the overlap of the
+windows.
 """
 
 from __future__ import annotations
@@ -19,14 +20,15 @@ import scipy.fft
 from numpy.typing import NDArray
 from rich.progress import track
 
-from benchmarks.captures import Capture, Image, quality, simulated, synthetic
+from benchmarks.captures import Image, SimulatedCapture, quality, simulated, synthetic
 from benchmarks.cases import centred
 from benchmarks.tables import markdown, write
-from rsdeblur import Deconvolver, PsfBank, tiling, wiener
-from rsdeblur.border import fade
-from rsdeblur.pipeline import psfs
+from rsdeblur import Deconvolver, PsfBank
+from rsdeblur.deconv import tiling, wiener
+from rsdeblur.deconv.border import fade
+from rsdeblur.pipeline.deblur import psfs
 
-# Standard deviation of the noise and an NSR that suits it.
+# (standard deviation of the noise, an NSR that suits it)
 NOISES = ((0.01, 0.03), (0.003, 0.01), (0.001, 0.003))
 TILES = ((1, 1), (4, 1), (16, 1), (64, 1), (16, 4))
 SEED = 1
@@ -35,7 +37,7 @@ Weights = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--captures", type=int, default=6, help="only the first N of the 14 captures (6)")
     parser.add_argument("--markdown", type=Path, help="write the tables as Markdown")
@@ -48,16 +50,16 @@ def main() -> None:
         write(options.markdown, text)
 
 
-def run(captures: Sequence[Capture], tiles: Sequence[tuple[int, int]]) -> str:
+def run(captures: Sequence[SimulatedCapture], tiles: Sequence[tuple[int, int]]) -> str:
     """Return the tables as Markdown."""
     rows = []
     for capture, (noise, nsr), (bands, strips) in track(
-        [(c, n, t) for c in captures for n in NOISES for t in tiles], "whole-picture filters, gaps, windows"
+        [(c, n, t) for c in captures for n in NOISES for t in tiles], "whole-picture filters, margins, windows"
     ):
         shape = capture.pictures.blurred.shape
         drawn = np.random.default_rng(SEED).normal(scale=noise, size=shape).astype(np.float32)
         blurred = capture.pictures.blurred + drawn
-        bank = psfs(*capture.shot, bands=bands, strips=strips, nsr=nsr)
+        bank = psfs(*capture.recording, bands=bands, strips=strips, nsr=nsr)
         images = {"whole": whole(bank, blurred, nsr)} | dict(variants(bank, blurred, nsr))
         scores = {name: quality(capture.pictures.rolling, image)[0] for name, image in images.items()}
         rows.append(((noise, nsr), (bands, strips), scores))
@@ -71,18 +73,24 @@ def run(captures: Sequence[Capture], tiles: Sequence[tuple[int, int]]) -> str:
             mean = np.mean([s["whole"] for s in chosen])
             cells = [f"{d.mean():+.3f} ({d.min():+.3f})" for d in lost]
             lines.append([f"{at[0]}, {at[1]}", f"{count[0]} x {count[1]}", f"{mean:.2f}", *cells])
-    return "PSNR of the engine less that of filters of the whole picture, dB.\n\n" + markdown(head, lines)
+    return "PSNR of the engine minus that of filters of the whole picture, dB.\n\n" + markdown(head, lines)
 
 
 def variants(bank: PsfBank, blurred: Image, nsr: float) -> Iterator[tuple[str, Image]]:
-    """Return what the engine makes of a picture, as it is and with one constant moved."""
+    """Yield the results of the engine, unchanged and with one constant changed."""
     plain = tiling.hat_weights
     changes: dict[str, list[tuple[object, str, object]]] = {
         "engine": [],
-        "half the gap": [(wiener, "LEAST_GAP", wiener.LEAST_GAP / 2), (wiener, "DECAY_GAP", wiener.DECAY_GAP / 2)],
-        "twice the gap": [(wiener, "LEAST_GAP", wiener.LEAST_GAP * 2), (wiener, "DECAY_GAP", wiener.DECAY_GAP * 2)],
+        "half the margin": [
+            (wiener, "LEAST_MARGIN", wiener.LEAST_MARGIN / 2),
+            (wiener, "DECAY_MARGIN", wiener.DECAY_MARGIN / 2),
+        ],
+        "twice the margin": [
+            (wiener, "LEAST_MARGIN", wiener.LEAST_MARGIN * 2),
+            (wiener, "DECAY_MARGIN", wiener.DECAY_MARGIN * 2),
+        ],
         "half the overlap": [(tiling, "hat_weights", partial(_narrower, plain, 0.5))],
-        "a quarter of it": [(tiling, "hat_weights", partial(_narrower, plain, 0.25))],
+        "a quarter of the overlap": [(tiling, "hat_weights", partial(_narrower, plain, 0.25))],
     }
     for name, moved in changes.items():
         with ExitStack() as stack:
@@ -92,17 +100,17 @@ def variants(bank: PsfBank, blurred: Image, nsr: float) -> Iterator[tuple[str, I
 
 
 def _narrower(plain: Weights, overlap: float, centres: NDArray[np.float64], n: int) -> NDArray[np.float64]:
-    """Return weights that change over a share of the distance between centres, halfway between them."""
+    """Return weights that change within a share `overlap` of the distance between centres, in its middle."""
     steeper = ((plain(centres, n) - 0.5) / overlap + 0.5).clip(0.0, 1.0)
     narrowed: NDArray[np.float64] = steeper / steeper.sum(axis=0)
     return narrowed
 
 
 def whole(bank: PsfBank, blurred: Image, nsr: float) -> Image:
-    """Filter the whole picture with every kernel of the bank and interpolate, in double precision."""
+    """Return the picture filtered whole with every kernel of the bank, interpolated, in double precision."""
     height, width, _ = blurred.shape
-    gap = max(wiener.LEAST_GAP, wiener.DECAY_GAP / nsr**0.5)
-    needed = (int(n + gap * kernel) for n, kernel in zip((height, width), bank.size, strict=True))
+    margin = max(wiener.LEAST_MARGIN, wiener.DECAY_MARGIN / nsr**0.5)
+    needed = (int(n + margin * kernel) for n, kernel in zip((height, width), bank.size, strict=True))
     sizes = tuple(scipy.fft.next_fast_len(n, real=True) for n in needed)
     extended = _continued(_continued(blurred.astype(np.float64), sizes[0]).swapaxes(0, 1), sizes[1]).swapaxes(0, 1)
     spectrum = scipy.fft.rfft2(extended, axes=(0, 1))
@@ -117,7 +125,7 @@ def whole(bank: PsfBank, blurred: Image, nsr: float) -> Image:
 
 
 def _continued(picture: Plane, length: int) -> Plane:
-    """Continue a picture along its first axis: its reflection at one end fades into that at the other."""
+    """Return a picture continued along its first axis: the reflection at one end fades into that at the other."""
     beyond = length - len(picture)
     after = np.pad(picture, ((0, beyond), (0, 0), (0, 0)), mode="symmetric")[len(picture) :]
     before = np.pad(picture, ((beyond, 0), (0, 0), (0, 0)), mode="symmetric")[:beyond]

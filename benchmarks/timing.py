@@ -1,4 +1,4 @@
-"""Times of rivals that are measured side by side, so that what disturbs the machine disturbs them alike."""
+"""Times of alternatives, measured in turns so that disturbances of the machine affect all of them."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ class Times:
 
     @classmethod
     def of(cls, seconds: Sequence[float]) -> Times:
-        """Summarise measurements."""
+        """Return the summary of measurements in s."""
         low, median, high = np.percentile(seconds, [25, 50, 75])
         return cls(float(median), float(low), float(high))
 
     def __truediv__(self, other: Times) -> float:
-        """Ratio of the medians."""
+        """Return the ratio of the medians."""
         return self.median / other.median
 
 
@@ -40,18 +40,18 @@ def interleave(
 ) -> dict[Key, Times]:
     """Time all jobs, one call of each per round.
 
-    The order is drawn anew for every round: no job always runs in the caches and on the clock rate that the same
-    neighbour left behind. A first round is not counted.
+    Each round has a new random order, so that no job always runs with the caches and the clock rate that the same job
+    left behind. A first round is not counted.
 
     Parameters
     ----------
     jobs : mapping to callable
     rounds : int
-        Counted rounds, at least 1.
+        Number of counted rounds, at least 1.
     clock : callable
         Returns the time in s.
     seed : int
-        Chooses the orders.
+        Seed of the random orders.
 
     Returns
     -------
@@ -70,6 +70,6 @@ def interleave(
 
 
 def progress(items: Sequence[T], title: str) -> Iterable[T]:
-    """Go through `items` with a progress bar on standard error, if that is a terminal."""
+    """Iterate over `items` with a progress bar on standard error, if that is a terminal."""
     console = Console(stderr=True)
     return track(items, title, console=console, transient=True, disable=not console.is_terminal)

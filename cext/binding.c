@@ -1,13 +1,13 @@
 /*
- * rsdeblur._cext: checks arguments, releases the GIL, calls the kernels. Only this file, binding_rowwise.c and buffers.c know
- * Python.
+ * rsdeblur._cext: checks arguments, releases the GIL and calls the kernels. Only this file, binding_rowwise.c and
+ * buffers.c use Python's API.
  *
- * The limited API (Python 3.11, set by the build) has the buffer protocol, so NumPy's C API is not needed. Every function
- * mirrors its NumPy twin in rsdeblur.kernels.
+ * The limited API (Python 3.11, set by the build) includes the buffer protocol, so NumPy's C API is not needed. Every
+ * function has the parameters of its NumPy twin in rsdeblur.kernels.
  */
 #include "buffers.h"
 
-/* Rows and columns of an array of three dimensions. */
+/* Layout of an array of three dimensions, whose first one counts planes. */
 static rsd_layout layout_of(const Py_buffer *view)
 {
     return (rsd_layout){(size_t)(view->shape[1] * view->shape[2]), (size_t)view->shape[2]};
@@ -20,18 +20,18 @@ static PyObject *none_if(bool success)
     Py_RETURN_NONE;
 }
 
-static bool call_multiply(Py_buffer *spectra, Py_buffer *transfer)
+static bool call_multiply(Py_buffer *spectra, Py_buffer *response)
 {
     const Py_ssize_t *shape = spectra->shape;
     const char *refusal = NULL;
     rsd_status status = RSD_OK;
-    if (transfer->shape[0] != shape[1] || transfer->shape[1] != shape[2])
-        refusal = "transfer must have the shape of one channel of spectra";
-    else if (rsd_overlap(spectra, transfer))
-        refusal = "spectra and transfer must not overlap";
+    if (response->shape[0] != shape[1] || response->shape[1] != shape[2])
+        refusal = "response must have the shape of one channel of spectra";
+    else if (rsd_overlap(spectra, response))
+        refusal = "spectra and response must not overlap";
     else {
         Py_BEGIN_ALLOW_THREADS
-        status = rsd_spectral_multiply(spectra->buf, transfer->buf, (size_t)shape[0], (size_t)(shape[1] * shape[2]));
+        status = rsd_spectral_multiply(spectra->buf, response->buf, (size_t)shape[0], (size_t)(shape[1] * shape[2]));
         Py_END_ALLOW_THREADS
     }
     return rsd_conclude(refusal, status);
@@ -39,11 +39,11 @@ static bool call_multiply(Py_buffer *spectra, Py_buffer *transfer)
 
 static PyObject *multiply(PyObject *module, PyObject *args)
 {
-    static const rsd_wanted wants[] = {{"spectra", COMPLEX64, 3, true}, {"transfer", COMPLEX64, 2, false}};
+    static const rsd_spec specs[] = {{"spectra", COMPLEX64, 3, true}, {"response", COMPLEX64, 2, false}};
     PyObject *objects[2];
     Py_buffer views[2];
     (void)module;
-    if (!PyArg_ParseTuple(args, "OO:multiply", &objects[0], &objects[1]) || !rsd_acquire(objects, views, wants, 2))
+    if (!PyArg_ParseTuple(args, "OO:multiply", &objects[0], &objects[1]) || !rsd_acquire(objects, views, specs, 2))
         return NULL;
     const bool success = call_multiply(&views[0], &views[1]);
     rsd_release(views, 2);
@@ -66,9 +66,10 @@ static bool call_blend(Py_buffer *accumulator, Py_buffer *slab, Py_buffer *weigh
         refusal = "accumulator must not overlap slab or weights";
     else {
         Py_BEGIN_ALLOW_THREADS
-        status = rsd_blend_lines((float *)accumulator->buf + 2 * to_position, (const float *)slab->buf + 2 * from_position,
-                                 weights->buf, (size_t)(slab->shape[0] * slab->shape[1]), (size_t)n,
-                                 (size_t)accumulator_length, (size_t)slab_length);
+        status = rsd_blend_lines((float *)accumulator->buf + 2 * to_position,
+                                 (const float *)slab->buf + 2 * from_position, weights->buf,
+                                 (size_t)(slab->shape[0] * slab->shape[1]), (size_t)n, (size_t)accumulator_length,
+                                 (size_t)slab_length);
         Py_END_ALLOW_THREADS
     }
     return rsd_conclude(refusal, status);
@@ -76,14 +77,14 @@ static bool call_blend(Py_buffer *accumulator, Py_buffer *slab, Py_buffer *weigh
 
 static PyObject *blend(PyObject *module, PyObject *args)
 {
-    static const rsd_wanted wants[] = {
+    static const rsd_spec specs[] = {
         {"accumulator", COMPLEX64, 3, true}, {"slab", COMPLEX64, 3, false}, {"weights", FLOAT32, 1, false}};
     PyObject *objects[3];
     Py_buffer views[3];
     Py_ssize_t to_position, from_position;
     (void)module;
     if (!PyArg_ParseTuple(args, "OOOnn:blend", &objects[0], &objects[1], &objects[2], &to_position, &from_position) ||
-        !rsd_acquire(objects, views, wants, 3))
+        !rsd_acquire(objects, views, specs, 3))
         return NULL;
     const bool success = call_blend(&views[0], &views[1], &views[2], to_position, from_position);
     rsd_release(views, 3);
@@ -116,7 +117,7 @@ static bool call_picture_to_lines(Py_buffer *picture, Py_ssize_t top, Py_ssize_t
 
 static PyObject *picture_to_lines(PyObject *module, PyObject *args)
 {
-    static const rsd_wanted wants[] = {
+    static const rsd_spec specs[] = {
         {"picture", FLOAT32, 3, false}, {"fade", FLOAT32, 1, false}, {"lines", FLOAT32, 3, true}};
     PyObject *objects[3];
     Py_buffer views[3];
@@ -125,7 +126,7 @@ static PyObject *picture_to_lines(PyObject *module, PyObject *args)
     (void)module;
     if (!PyArg_ParseTuple(args, "OnnnOpO:picture_to_lines", &objects[0], &top, &rows, &start, &objects[1], &periodic,
                           &objects[2]) ||
-        !rsd_acquire(objects, views, wants, 3))
+        !rsd_acquire(objects, views, specs, 3))
         return NULL;
     const rsd_tile tile = {.start = start, .periodic = periodic};
     const bool success = call_picture_to_lines(&views[0], top, rows, tile, &views[1], &views[2], &finite);
@@ -159,7 +160,7 @@ static bool call_lines_to_picture(Py_buffer *lines, Py_ssize_t rows, Py_ssize_t 
 
 static PyObject *lines_to_picture(PyObject *module, PyObject *args)
 {
-    static const rsd_wanted wants[] = {
+    static const rsd_spec specs[] = {
         {"lines", FLOAT32, 3, false}, {"weights", FLOAT32, 1, false}, {"picture", FLOAT32, 3, true}};
     PyObject *objects[3];
     Py_buffer views[3];
@@ -168,7 +169,7 @@ static PyObject *lines_to_picture(PyObject *module, PyObject *args)
     (void)module;
     if (!PyArg_ParseTuple(args, "OnnOnpOn:lines_to_picture", &objects[0], &rows, &offset, &objects[1], &first, &add,
                           &objects[2], &top) ||
-        !rsd_acquire(objects, views, wants, 3))
+        !rsd_acquire(objects, views, specs, 3))
         return NULL;
     const bool success = call_lines_to_picture(&views[0], rows, offset, &views[1], first, add, &views[2], top);
     rsd_release(views, 3);
@@ -177,7 +178,7 @@ static PyObject *lines_to_picture(PyObject *module, PyObject *args)
 
 typedef rsd_status transposition(const float *, rsd_layout, float *, rsd_layout, size_t, size_t, size_t);
 
-/* `count` columns of `rows` from `first` on, `height` values each, are the lines of `columns`. */
+/* The lines of `columns` are columns of `rows`, from `first` on, with `height` values each. */
 static bool call_transposition(transposition *transpose, Py_buffer *from, Py_buffer *to, Py_buffer *rows,
                                Py_buffer *columns, Py_ssize_t first, Py_ssize_t height)
 {
@@ -205,13 +206,13 @@ static bool call_transposition(transposition *transpose, Py_buffer *from, Py_buf
 
 static PyObject *rows_to_columns(PyObject *module, PyObject *args)
 {
-    static const rsd_wanted wants[] = {{"rows", COMPLEX64, 3, false}, {"columns", COMPLEX64, 3, true}};
+    static const rsd_spec specs[] = {{"rows", COMPLEX64, 3, false}, {"columns", COMPLEX64, 3, true}};
     PyObject *objects[2];
     Py_buffer views[2];
     Py_ssize_t first, height;
     (void)module;
     if (!PyArg_ParseTuple(args, "OnnO:rows_to_columns", &objects[0], &first, &height, &objects[1]) ||
-        !rsd_acquire(objects, views, wants, 2))
+        !rsd_acquire(objects, views, specs, 2))
         return NULL;
     const bool success =
         call_transposition(rsd_rows_to_columns, &views[0], &views[1], &views[0], &views[1], first, height);
@@ -221,13 +222,13 @@ static PyObject *rows_to_columns(PyObject *module, PyObject *args)
 
 static PyObject *columns_to_rows(PyObject *module, PyObject *args)
 {
-    static const rsd_wanted wants[] = {{"columns", COMPLEX64, 3, false}, {"rows", COMPLEX64, 3, true}};
+    static const rsd_spec specs[] = {{"columns", COMPLEX64, 3, false}, {"rows", COMPLEX64, 3, true}};
     PyObject *objects[2];
     Py_buffer views[2];
     Py_ssize_t first, height;
     (void)module;
     if (!PyArg_ParseTuple(args, "OOnn:columns_to_rows", &objects[0], &objects[1], &first, &height) ||
-        !rsd_acquire(objects, views, wants, 2))
+        !rsd_acquire(objects, views, specs, 2))
         return NULL;
     const bool success =
         call_transposition(rsd_columns_to_rows, &views[0], &views[1], &views[1], &views[0], first, height);
@@ -261,15 +262,16 @@ static bool call_cut_lines(Py_buffer *columns, Py_ssize_t height, rsd_tile tile,
 
 static PyObject *cut_lines(PyObject *module, PyObject *args)
 {
-    static const rsd_wanted wants[] = {
+    static const rsd_spec specs[] = {
         {"columns", COMPLEX64, 3, false}, {"fade", FLOAT32, 1, false}, {"slab", COMPLEX64, 3, true}};
     PyObject *objects[3];
     Py_buffer views[3];
     Py_ssize_t height, start;
     int periodic;
     (void)module;
-    if (!PyArg_ParseTuple(args, "OnnOpO:cut_lines", &objects[0], &height, &start, &objects[1], &periodic, &objects[2]) ||
-        !rsd_acquire(objects, views, wants, 3))
+    if (!PyArg_ParseTuple(args, "OnnOpO:cut_lines", &objects[0], &height, &start, &objects[1], &periodic,
+                          &objects[2]) ||
+        !rsd_acquire(objects, views, specs, 3))
         return NULL;
     const rsd_tile tile = {.start = start, .periodic = periodic};
     const bool success = call_cut_lines(&views[0], height, tile, &views[1], &views[2]);
@@ -277,7 +279,7 @@ static PyObject *cut_lines(PyObject *module, PyObject *args)
     return none_if(success);
 }
 
-PyDoc_STRVAR(multiply_doc, "multiply(spectra, transfer, /)\n--\n\n");
+PyDoc_STRVAR(multiply_doc, "multiply(spectra, response, /)\n--\n\n");
 PyDoc_STRVAR(blend_doc, "blend(accumulator, slab, weights, to_position, from_position, /)\n--\n\n");
 PyDoc_STRVAR(picture_to_lines_doc, "picture_to_lines(picture, top, rows, start, fade, periodic, lines, /)\n--\n\n");
 PyDoc_STRVAR(lines_to_picture_doc,

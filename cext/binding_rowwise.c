@@ -1,25 +1,25 @@
-/* The rowwise half of the binding. Arguments come by position: the model's arrays, then the kernel's own. */
+/* The binding of the rowwise kernels. Arguments are positional: the arrays of the model, then those of the kernel. */
 #include "buffers.h"
 
 #include <string.h>
 
-/* The model's arrays, and after them the kernel's. */
+/* Positions of the model's arrays; the kernel's own arrays follow. */
 enum { ROW_FIRST, ROW_END, COUPLED, TAP_START, TAP_SHIFT, TAP_WEIGHT, TABLE, OWN };
-static const rsd_wanted model_arrays[OWN] = {
+static const rsd_spec model_arrays[OWN] = {
     {"row_first", INT32, 1, false}, {"row_end", INT32, 1, false},    {"coupled", INT32, 1, false},
     {"tap_start", INT32, 1, false}, {"tap_shift", INT32, 1, false},  {"tap_weight", FLOAT32, 1, false},
     {"table", FLOAT32, 3, false},
 };
-/* Of the kernels, solve takes most: data, latent, workspace, ridge. */
+/* Positions of the kernel's own arrays; only `solve` takes all of them. */
 enum { DATA = OWN, LATENT, WORKSPACE, RIDGE, MOST };
 
-static bool acquire(PyObject **objects, Py_buffer *views, const rsd_wanted *own, int count)
+static bool acquire(PyObject **objects, Py_buffer *views, const rsd_spec *own, int count)
 {
-    rsd_wanted wants[MOST];
-    memcpy(wants, model_arrays, sizeof model_arrays);
+    rsd_spec specs[MOST];
+    memcpy(specs, model_arrays, sizeof model_arrays);
     if (count > OWN)
-        memcpy(wants + OWN, own, (size_t)(count - OWN) * sizeof *own);
-    return rsd_acquire(objects, views, wants, count);
+        memcpy(specs + OWN, own, (size_t)(count - OWN) * sizeof *own);
+    return rsd_acquire(objects, views, specs, count);
 }
 
 static PyObject *conclude(const char *refusal, rsd_status status)
@@ -29,7 +29,7 @@ static PyObject *conclude(const char *refusal, rsd_status status)
     Py_RETURN_NONE;
 }
 
-/* Whether the arrays of a model have lengths that belong together; fills `model`. */
+/* Fill `model`. Return NULL, or a message if the lengths of the arrays do not match. */
 static const char *as_model(const Py_buffer *views, size_t rows, rsd_rowwise_model *model)
 {
     const Py_ssize_t blocks = views[ROW_FIRST].shape[0], taps = views[TAP_SHIFT].shape[0];
@@ -60,7 +60,7 @@ static const char *as_model(const Py_buffer *views, size_t rows, rsd_rowwise_mod
     return NULL;
 }
 
-/* Whether data, latent and workspace fit the model and each other. */
+/* Return NULL if data, latent and workspace fit the model and each other, else a message. */
 static const char *check_own(const Py_buffer *views, const rsd_rowwise_model *model, int solve)
 {
     const Py_ssize_t *data = views[DATA].shape, *latent = views[LATENT].shape;
@@ -74,7 +74,7 @@ static const char *check_own(const Py_buffer *views, const rsd_rowwise_model *mo
     if (floats == 0 && model->blocks > 0)
         return rsd_status_message(RSD_MODEL);
     if ((size_t)views[WORKSPACE].shape[0] < floats)
-        return "workspace is too small; rowwise_workspace tells its size";
+        return "workspace is too small; rowwise_workspace returns the size that it needs";
     for (int a = DATA; a <= WORKSPACE; a++)
         for (int b = 0; b < a; b++)
             if (rsd_overlap(&views[a], &views[b]))
@@ -86,7 +86,8 @@ typedef rsd_status (*operator)(const rsd_rowwise_model *, const float *, const f
 
 static PyObject *apply(PyObject *args, operator function, bool to_data)
 {
-    const rsd_wanted own[] = {{"data", FLOAT32, 4, to_data}, {"latent", FLOAT32, 4, !to_data}, {"workspace", FLOAT32, 1, true}};
+    const rsd_spec own[] = {
+        {"data", FLOAT32, 4, to_data}, {"latent", FLOAT32, 4, !to_data}, {"workspace", FLOAT32, 1, true}};
     PyObject *o[MOST];
     Py_buffer views[MOST];
     if (!PyArg_ParseTuple(args, "OOOOOOOOOO", o, o + 1, o + 2, o + 3, o + 4, o + 5, o + 6, o + 7, o + 8, o + 9) ||
@@ -99,8 +100,8 @@ static PyObject *apply(PyObject *args, operator function, bool to_data)
         refusal = check_own(views, &model, 0);
     if (refusal == NULL) {
         Py_BEGIN_ALLOW_THREADS
-        status = function(&model, views[TABLE].buf, views[to_data ? LATENT : DATA].buf, views[to_data ? DATA : LATENT].buf,
-                          (size_t)views[DATA].shape[0], views[WORKSPACE].buf);
+        status = function(&model, views[TABLE].buf, views[to_data ? LATENT : DATA].buf,
+                          views[to_data ? DATA : LATENT].buf, (size_t)views[DATA].shape[0], views[WORKSPACE].buf);
         Py_END_ALLOW_THREADS
     }
     rsd_release(views, RIDGE);
@@ -121,16 +122,16 @@ PyObject *rsd_bind_rowwise_adjoint(PyObject *module, PyObject *args)
 
 PyObject *rsd_bind_rowwise_solve(PyObject *module, PyObject *args)
 {
-    const rsd_wanted own[] = {{"data", FLOAT32, 4, false},
-                          {"latent", FLOAT32, 4, true},
-                          {"workspace", FLOAT32, 1, true},
-                          {"ridge", FLOAT32, 1, false}};
+    const rsd_spec own[] = {{"data", FLOAT32, 4, false},
+                            {"latent", FLOAT32, 4, true},
+                            {"workspace", FLOAT32, 1, true},
+                            {"ridge", FLOAT32, 1, false}};
     PyObject *o[MOST];
     Py_buffer views[MOST];
     float smooth;
     (void)module;
-    if (!PyArg_ParseTuple(args, "OOOOOOOOOOOf", o, o + 1, o + 2, o + 3, o + 4, o + 5, o + 6, o + 7, o + 8, o + 9, o + 10,
-                          &smooth) ||
+    if (!PyArg_ParseTuple(args, "OOOOOOOOOOOf", o, o + 1, o + 2, o + 3, o + 4, o + 5, o + 6, o + 7, o + 8, o + 9,
+                          o + 10, &smooth) ||
         !acquire(o, views, own, MOST))
         return NULL;
     rsd_rowwise_model model;
@@ -140,19 +141,20 @@ PyObject *rsd_bind_rowwise_solve(PyObject *module, PyObject *args)
         refusal = check_own(views, &model, 1);
     if (refusal == NULL && views[RIDGE].shape[0] != RSD_LANES)
         refusal = "ridge must have 16 values";
-    if (refusal == NULL && (rsd_overlap(&views[RIDGE], &views[LATENT]) || rsd_overlap(&views[RIDGE], &views[WORKSPACE])))
+    if (refusal == NULL &&
+        (rsd_overlap(&views[RIDGE], &views[LATENT]) || rsd_overlap(&views[RIDGE], &views[WORKSPACE])))
         refusal = "ridge must not overlap latent or workspace";
     if (refusal == NULL) {
         Py_BEGIN_ALLOW_THREADS
-        status = rsd_rowwise_solve(&model, views[TABLE].buf, views[RIDGE].buf, smooth, views[DATA].buf, views[LATENT].buf,
-                                   (size_t)views[DATA].shape[0], views[WORKSPACE].buf);
+        status = rsd_rowwise_solve(&model, views[TABLE].buf, views[RIDGE].buf, smooth, views[DATA].buf,
+                                   views[LATENT].buf, (size_t)views[DATA].shape[0], views[WORKSPACE].buf);
         Py_END_ALLOW_THREADS
     }
     rsd_release(views, MOST);
     return conclude(refusal, status);
 }
 
-/* Floats of workspace that a model wants, for solving (true) or else. */
+/* Return the floats of workspace that a model needs, for solving (`solve` true) or for the other kernels. */
 PyObject *rsd_bind_rowwise_workspace(PyObject *module, PyObject *args)
 {
     PyObject *o[OWN];

@@ -1,4 +1,4 @@
-/* Buffers of Python objects, checked before a kernel sees them. */
+/* Buffers of Python objects, checked before a kernel uses them. */
 #ifndef RSDEBLUR_BUFFERS_H
 #define RSDEBLUR_BUFFERS_H
 
@@ -18,19 +18,19 @@ typedef struct {
     const char *format; /* COMPLEX64, FLOAT32 or INT32 */
     int ndim;
     bool writable;
-} rsd_wanted;
+} rsd_spec;
 
-/* Fill `views` with buffers that are as wanted; otherwise set an exception and hold none. */
-bool rsd_acquire(PyObject *const *objects, Py_buffer *views, const rsd_wanted *wants, int n);
+/* Acquire the buffers of `n` objects, checked against `specs`. On failure, set an exception and hold no buffer. */
+bool rsd_acquire(PyObject *const *objects, Py_buffer *views, const rsd_spec *specs, int n);
 
 void rsd_release(Py_buffer *views, int n);
 
 bool rsd_overlap(const Py_buffer *a, const Py_buffer *b);
 
-/* Whether `n` positions from `first` on lie within `length`. */
+/* Whether the `n` positions from `first` on lie within 0 to `length` - 1. */
 bool rsd_within(Py_ssize_t first, Py_ssize_t n, Py_ssize_t length);
 
-/* True on success; otherwise false with a ValueError set, `refusal` being the binding's own reason, if any. */
+/* Return true on success, else false with a ValueError set. `refusal` is the binding's own reason, or NULL. */
 bool rsd_conclude(const char *refusal, rsd_status status);
 
 /* The functions of binding_rowwise.c. */

@@ -1,4 +1,4 @@
-/* Shared by the kernels, not part of their interface. */
+/* Definitions shared by the kernels; not part of their interface. */
 #ifndef RSDEBLUR_INTERNAL_H
 #define RSDEBLUR_INTERNAL_H
 

@@ -5,7 +5,7 @@
 
 /* Eight complex values fill a cache line. */
 #define BLOCK 8
-/* Rows stand kilobytes apart, where no hardware prefetcher follows: ask this many rows ahead. */
+/* Rows are kilobytes apart, which hardware prefetchers do not follow, so the kernels prefetch this many rows ahead. */
 #define AHEAD 32
 #ifdef __GNUC__
 #define RSD_PREFETCH(address, for_writing) __builtin_prefetch(address, for_writing)
@@ -17,7 +17,7 @@ typedef struct {
     float re, im;
 } complex_float;
 
-/* Position inside 0 to n - 1 that stands for any position of a picture of n positions. */
+/* Return the position within 0 to n - 1 whose value continues a line of n values at any `position`. */
 static inline size_t continued(ptrdiff_t position, size_t n, bool periodic)
 {
     /* Divisions are slow, and most positions lie inside. */
@@ -30,7 +30,7 @@ static inline size_t continued(ptrdiff_t position, size_t n, bool periodic)
     return (size_t)(folded < (ptrdiff_t)n ? folded : 2 * (ptrdiff_t)n - 1 - folded);
 }
 
-/* Positions `low` to `high - 1` of the tile lie inside the picture. */
+/* Find the positions `low` to `high - 1` of the tile that lie inside the picture. */
 static void inside(size_t n, rsd_tile tile, size_t *low, size_t *high)
 {
     const ptrdiff_t length = (ptrdiff_t)tile.length, end = (ptrdiff_t)n - tile.start;
@@ -39,9 +39,9 @@ static void inside(size_t n, rsd_tile tile, size_t *low, size_t *high)
     *high = (size_t)(end < first ? first : end < length ? end : length);
 }
 
-/* Fill what lies beyond the picture in a line whose positions `low` to `high - 1` are there already. Values are `width`
- * floats, `step` floats apart in `source`, which may be `line` itself where the tile starts at 0: only positions inside
- * the picture are read from it. */
+/* Fill the positions of a line that lie beyond the picture, all but `low` to `high - 1`. Values are `width` floats
+ * each, `step` floats apart in `source`. Only positions inside the picture are read from it, so it may be `line` itself
+ * if the tile starts at 0. */
 static void continue_line(const float *source, size_t n, size_t step, size_t width, rsd_tile tile, size_t low,
                           size_t high, float *line)
 {
@@ -61,13 +61,13 @@ static void fade_complex(float *line, const float *before, const float *fade, si
     }
 }
 
-/* Fade the last positions of a line into what precedes its start. */
+/* Fade the last positions of a line into the values before its start. */
 static void fade_line(const float *source, size_t n, size_t step, size_t width, rsd_tile tile, float *line)
 {
     float *end = line + (tile.length - tile.taper) * width;
     const ptrdiff_t before = tile.start - (ptrdiff_t)tile.taper;
     if (before >= 0 && tile.start <= (ptrdiff_t)n && step == 2 && width == 2) {
-        /* Nearly all of them: nothing to be looked up. */
+        /* Nearly every line: all values lie inside the picture, one after the other. */
         fade_complex(end, source + 2 * (size_t)before, tile.fade, tile.taper);
         return;
     }
@@ -101,7 +101,7 @@ static void split3(const float *restrict pixels, size_t n, float *restrict red, 
     }
 }
 
-/* Whether `planes` planes of `lines` lines of `length` values, `width` floats each, lie apart and can be addressed. */
+/* Whether `planes` planes of `lines` lines of `length` values of `width` floats can be addressed and do not overlap. */
 static bool valid_layout(rsd_layout layout, size_t planes, size_t lines, size_t length, size_t width)
 {
     if (layout.line > PTRDIFF_MAX / 2 || layout.plane > PTRDIFF_MAX / 2)
@@ -136,7 +136,7 @@ rsd_status rsd_picture_to_lines(const float *picture, size_t rows, size_t width,
     for (size_t r = 0; r < rows; r++) {
         const float *row = picture + r * width * channels;
         float *line = lines + r * layout.line;
-        /* Not even the address is formed where the tile sees none of the picture. */
+        /* An address outside the row would be undefined, even unused, where the tile sees none of the picture. */
         const float *seen = low < high ? row + (size_t)(tile.start + (ptrdiff_t)low) * channels : row;
         if (channels == 3)
             split3(seen, high - low, line + low, line + layout.plane + low, line + 2 * layout.plane + low);
@@ -200,7 +200,7 @@ static inline void transpose(const complex_float *from, size_t from_stride, comp
             to[j * to_stride + i] = from[i * from_stride + j];
 }
 
-/* Transpose a block; with constant sizes the compiler turns it into vector shuffles. */
+/* Transpose a block of at most BLOCK x BLOCK; for constant sizes the compiler generates vector shuffles. */
 static inline void transpose_block(const complex_float *from, size_t from_stride, complex_float *to, size_t to_stride,
                                    size_t rows, size_t columns)
 {

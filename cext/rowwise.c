@@ -1,4 +1,4 @@
-/* The doors of the rowwise kernels: checks, and the choice of the SIMD level. */
+/* Entry points of the rowwise kernels: checks, and the choice of the SIMD level. */
 #include "rowwise.h"
 
 #include <stdbool.h>
@@ -28,7 +28,7 @@ size_t rsd_rowwise_window(const rsd_rowwise_model *model)
     return window;
 }
 
-/* Whether every index that the kernels will follow stays where it should. */
+/* Whether every index that the kernels use is within its table. */
 static bool valid(const rsd_rowwise_model *model)
 {
     size_t pairs = 0;
@@ -55,7 +55,7 @@ size_t rsd_rowwise_workspace(const rsd_rowwise_model *model, int solve)
         return 0;
     size_t records = RSD_BLOCK * rsd_rowwise_reach(model);
     if (solve) {
-        /* A window of columns of A, and the factor, whose rows are that long. */
+        /* The columns of A for a window of blocks, and the factor, whose rows are as long as the window. */
         const size_t window = rsd_rowwise_window(model);
         records = window * (records + model->blocks * RSD_BLOCK * RSD_BLOCK);
     }

@@ -1,4 +1,4 @@
-/* What rowwise.c and its kernels, compiled once per SIMD level, share. */
+/* Interface between rowwise.c and its kernels, which are compiled once per SIMD level. */
 #ifndef RSDEBLUR_ROWWISE_H
 #define RSDEBLUR_ROWWISE_H
 
@@ -18,8 +18,9 @@ extern const rsd_rowwise_kernels rsd_rowwise_baseline;
 extern const rsd_rowwise_kernels rsd_rowwise_avx2, rsd_rowwise_avx512;
 #endif
 
-/* Most picture rows that see one block, and most blocks from the first that one is coupled to up to itself. */
+/* Largest number of picture rows that see one block. */
 size_t rsd_rowwise_reach(const rsd_rowwise_model *model);
+/* Largest number of blocks from the first one that a block is coupled to up to the block itself. */
 size_t rsd_rowwise_window(const rsd_rowwise_model *model);
 
 #endif

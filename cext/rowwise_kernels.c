@@ -1,15 +1,16 @@
 /*
  * The rowwise kernels, compiled once per SIMD level (see meson.build).
  *
- * Everything heavy is an inner product of three rows with three others, or its transpose, over records that stay in the
- * second-level cache: a window of columns of A, and of rows of the Cholesky factor. The factor is that of the conjugate of
- * the normal matrix, N[j, i] = sum_y A[y, j] conj(A[y, i]), so that data need no conjugation: with N = L L^H,
+ * Nearly all the time goes into inner products of three rows with three others, and their transposes, over records
+ * that stay in the second-level cache: a window of columns of A, and of rows of the Cholesky factor. The factor is that
+ * of the conjugate of the normal matrix, N[j, i] = sum_y A[y, j] conj(A[y, i]), so that data need no conjugation. With
+ * N = L L^H,
  *
  *     L[j, i] = (N[j, i] - sum_{k < i} L[j, k] conj(L[i, k])) / L[i, i]
  *     z[j]    = (r[j]    - sum_{k < j} z[k]    conj(L[j, k])) / L[j, j],     r[j] = sum_y G[y] conj(A[y, j])
  *     u[j]    = (z[j]    - sum_{i > j} L[i, j] u[i]) / L[j, j].
  *
- * The channels of z are three more rows of L. Diagonal elements are kept inverted.
+ * The channels of z are computed like three more rows of L. Diagonal elements of L are stored as their inverses.
  */
 #include "rowwise.h"
 
@@ -31,7 +32,7 @@
 #endif
 #endif
 
-/* A 3 x 3 tile of complex sums with what it reads takes 30 registers; with 16, a column of it takes 14. */
+/* Columns of sums that fit into the registers with their operands: a 3 x 3 block takes 30 registers, a column 14. */
 #if defined(__AVX512F__) || defined(__aarch64__)
 #define TOGETHER RSD_BLOCK
 #else
@@ -39,7 +40,7 @@
 #endif
 
 #if WIDTH > 1
-/* Arrays are aligned like floats only, as far as the contract goes. */
+/* Callers guarantee the alignment of a float only. */
 typedef float vec __attribute__((vector_size(WIDTH * sizeof(float)), aligned(sizeof(float)), may_alias));
 #define INLINE static inline __attribute__((always_inline))
 #else
@@ -86,7 +87,7 @@ INLINE cvec conjugate(cvec a)
     return (cvec){a.re, -a.im};
 }
 
-/* sum[r][s] +- sum over k < n of x[r][k] conj(y[s][k]); strides in floats. */
+/* Add to sum[r][s], or subtract, the sum over k < n of x[r][k] conj(y[s][k]); strides in floats. */
 INLINE void multiply(cvec sum[RSD_BLOCK][RSD_BLOCK], const float *x, size_t x_stride, const float *y, size_t y_stride,
                      size_t n, const size_t rows, const int subtract)
 {
@@ -122,7 +123,7 @@ INLINE void multiply(cvec sum[RSD_BLOCK][RSD_BLOCK], const float *x, size_t x_st
     }
 }
 
-/* z[c][k] +- sum over r < 3 of a[r][k] u[r][c], for k < n. */
+/* Add to z[c][k], or subtract, the sum over r < 3 of a[r][k] u[r][c], for k < n. */
 INLINE void spread(float *z, size_t z_stride, const float *a, size_t a_stride, cvec u[RSD_BLOCK][RSD_BLOCK], size_t n,
                    const size_t channels, const int subtract)
 {
@@ -141,7 +142,7 @@ INLINE void spread(float *z, size_t z_stride, const float *a, size_t a_stride, c
         }
 }
 
-/* Columns of A: element (3 J + s, y) of block J stands s * stride + (y - row_first[J]) * RSD_RECORD floats on. */
+/* Compute the columns of A of block J: A[y, 3 J + s] is at columns[s * stride + (y - row_first[J]) * RSD_RECORD]. */
 static void fill(float *columns, size_t stride, const rsd_rowwise_model *model, const float *table, size_t block,
                  const int32_t *start)
 {
@@ -204,7 +205,7 @@ static void adjoint(const rsd_rowwise_model *model, const float *table, const fl
     }
 }
 
-/* The factorisation under way. */
+/* State of the factorisation. */
 typedef struct {
     const rsd_rowwise_model *model;
     float *columns; /* A for a window of blocks */
@@ -231,7 +232,7 @@ static size_t larger(size_t a, size_t b)
     return a > b ? a : b;
 }
 
-/* sum -> sum / L[I, I]^H, where `diagonal` is L[I, I]. */
+/* Replace `sum` by sum L[I, I]^-H, where `diagonal` is L[I, I]. */
 INLINE void divide(cvec sum[RSD_BLOCK][RSD_BLOCK], const float *diagonal, size_t stride, const size_t rows)
 {
     for (size_t s = 0; s < RSD_BLOCK; s++) {
@@ -248,7 +249,7 @@ INLINE void divide(cvec sum[RSD_BLOCK][RSD_BLOCK], const float *diagonal, size_t
     }
 }
 
-/* N[J, I] less what the columns of L before I account for. */
+/* Add N[J, I] to `sum`, less the products of the columns of L before I. */
 INLINE void remainder_tile(cvec sum[RSD_BLOCK][RSD_BLOCK], const system *s, size_t J, size_t I, size_t lane)
 {
     const rsd_rowwise_model *m = s->model;
@@ -279,7 +280,7 @@ static void off_diagonal(const system *s, size_t J, size_t I, float smooth)
     }
 }
 
-/* 1 / sqrt(x); no eigenvalue and so no pivot is below the ridge, whatever rounding says. */
+/* Return 1 / sqrt(max(x, ridge)): no eigenvalue, and so no pivot, is below the ridge, except by rounding. */
 INLINE vec inverse_root(vec x, const float *ridge)
 {
     float values[WIDTH];
@@ -321,7 +322,7 @@ static void on_diagonal(const system *s, size_t J, const float *ridge, float smo
     }
 }
 
-/* Turn block J of `channels` (at most 3) planes from the right-hand side into z. */
+/* Replace the right-hand side by z in block J of `channels` planes, at most 3. */
 INLINE void substitute_forward(const system *s, size_t J, const float *data, float *z, const size_t channels)
 {
     const rsd_rowwise_model *m = s->model;
@@ -344,7 +345,7 @@ INLINE void substitute_forward(const system *s, size_t J, const float *data, flo
     }
 }
 
-/* Turn block J of the planes from z, less what later blocks account for, into u, and account for it before J. */
+/* Replace z by u in block J of the planes, and subtract its products from the blocks before J. */
 INLINE void substitute_back(const system *s, size_t J, float *z, const size_t channels)
 {
     const size_t z_plane = s->model->blocks * RSD_BLOCK * RSD_RECORD;

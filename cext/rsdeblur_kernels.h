@@ -1,13 +1,13 @@
 /*
- * Numeric kernels of rsdeblur, free of Python.
+ * Numeric kernels of rsdeblur, independent of Python.
  *
- * Arrays are dense, row before column, in the machine's own float32. A complex value is two floats, real part first.
- * Sizes count the elements named in each comment. The caller owns all memory, before and after; nothing is allocated,
- * kept or freed here. Arrays of one call must not overlap. Functions are thread-safe on distinct outputs. A zero size
- * is allowed and does nothing. Unless RSD_OK is returned, nothing was written.
+ * Arrays are dense and row-major, of native float32. A complex value is two floats, real part first. Sizes count the
+ * elements that each comment names. The caller owns all memory; the kernels allocate, keep and free nothing. Arrays of
+ * one call must not overlap. Functions are thread-safe on distinct outputs. With a size of zero, a function does
+ * nothing and returns RSD_OK. If it returns anything else, it has written nothing.
  *
- * Every SIMD level gives the same bits, no operation being reordered or contracted; except for the rowwise kernels, which
- * use fused multiply-adds where the machine has them and agree between levels to rounding.
+ * All SIMD levels give the same bits, because no operation is reordered or contracted. The rowwise kernels are the
+ * exception: they use fused multiply-adds where the machine has them, and agree between levels up to rounding.
  */
 #ifndef RSDEBLUR_KERNELS_H
 #define RSDEBLUR_KERNELS_H
@@ -19,42 +19,42 @@ typedef enum {
     RSD_OK = 0,
     RSD_NULL = 1, /* a pointer is null although its array is not empty */
     RSD_SIZE = 2, /* a size overflows, or a stride is shorter than the line it spans */
-    RSD_MODEL = 3 /* the tables of a rowwise model contradict each other */
+    RSD_MODEL = 3 /* the tables of a rowwise model are inconsistent */
 } rsd_status;
 
-/* One line of English for a status; never null, static memory. */
+/* Return a line of English for a status, in static memory, never null. */
 const char *rsd_status_message(rsd_status status);
 
-/* Instruction set in use on this machine: "avx512f", "avx2" or "baseline" (what the compiler targets by default). */
+/* Return the instruction set in use on this machine: "avx512f", "avx2" or "baseline" (the compiler's default). */
 const char *rsd_simd_level(void);
 
 /*
- * Multiply every channel of a spectrum by one filter, in place: spectra[c, i] *= filter[i].
+ * Multiply every channel of a spectrum by the frequency response of a filter, in place: spectra[c, i] *= response[i].
  *
  * spectra   channels x n complex
- * filter    n complex
+ * response  n complex
  */
-rsd_status rsd_spectral_multiply(float *spectra, const float *filter, size_t channels, size_t n);
+rsd_status rsd_spectral_multiply(float *spectra, const float *response, size_t channels, size_t n);
 
 /*
  * Add weighted lines of a slab to an accumulator: accumulator[l, i] += weights[i] * slab[l, i].
  *
- * accumulator  the first complex value to change in line 0; line l starts l * accumulator_stride complex values further
- * slab         the first complex value to read in line 0; line l starts l * slab_stride complex values further
+ * accumulator  first complex value to change in line 0; line l starts l * accumulator_stride complex values later
+ * slab         first complex value to read in line 0; line l starts l * slab_stride complex values later
  * weights      n floats
  */
 rsd_status rsd_blend_lines(float *accumulator, const float *slab, const float *weights, size_t lines, size_t n,
                            size_t accumulator_stride, size_t slab_stride);
 
-/* Where the lines of an array stand: line l of plane p starts p * plane + l * line values from the first one. */
+/* Positions of the lines of an array: line l of plane p starts p * plane + l * line values after the first value. */
 typedef struct {
     size_t plane, line;
 } rsd_layout;
 
 /*
- * A tile reads a line of a picture from position `start` on, `length` positions, any of which may lie beyond the picture:
- * there it goes on by reflection (border positions repeat), or by repetition if `periodic`. Its last `taper` positions
- * fade, by the shares fade[taper], into what precedes its start.
+ * A tile reads `length` positions of a line of a picture, from `start` on. Any of them may lie beyond the picture,
+ * where the line continues by reflection (border positions repeat) or, if `periodic`, by repetition. The last `taper`
+ * positions fade, by the weights fade[taper], into the values before the start.
  */
 typedef struct {
     ptrdiff_t start;
@@ -65,29 +65,30 @@ typedef struct {
 } rsd_tile;
 
 /*
- * Cut a tile out of picture rows: a line per channel (plane) and row.
+ * Copy a tile of picture rows into lines, one per channel (plane) and row.
  *
  * picture   rows x width x channels floats
- * lines     float lines of tile.length
- * finite    receives whether all that was read inside the picture is finite
+ * lines     lines of tile.length floats
+ * finite    output: whether all values read inside the picture are finite
  */
 rsd_status rsd_picture_to_lines(const float *picture, size_t rows, size_t width, size_t channels, rsd_tile tile,
                                 float *lines, rsd_layout layout, int *finite);
 
 /*
- * Put lines, weighted by position, into picture rows, or add them if `add`.
+ * Write lines, weighted by position, into picture rows, or add them if `add`.
  *
- * lines     float lines, of which the first n values count; a line per channel (plane) and row
- * picture   the first float to change in row 0; rows are width * channels floats apart
+ * lines     lines of floats, one per channel (plane) and row; their first n values are read
+ * weights   n floats
+ * picture   first float to change in row 0; rows are width * channels floats apart
  */
 rsd_status rsd_lines_to_picture(const float *lines, rsd_layout layout, size_t rows, size_t channels,
                                 const float *weights, size_t n, int add, float *picture, size_t width);
 
 /*
- * Transpose `count` columns of complex rows into complex lines of `height`, and back.
+ * Transpose `count` columns of complex rows into complex lines of `height` values, and back.
  *
- * rows      per channel (plane) `height` lines, of which the first `count` values count
- * columns   per channel (plane) `count` lines of `height`
+ * rows      `height` lines per channel (plane), of which the first `count` values are used
+ * columns   `count` lines of `height` values per channel (plane)
  */
 rsd_status rsd_rows_to_columns(const float *rows, rsd_layout row_layout, float *columns, rsd_layout column_layout,
                                size_t channels, size_t height, size_t count);
@@ -95,20 +96,20 @@ rsd_status rsd_columns_to_rows(const float *columns, rsd_layout column_layout, f
                                size_t channels, size_t height, size_t count);
 
 /*
- * Cut a tile out of complex lines of n values. `lines` may be `source` where the tile starts at 0: it is then extended
- * in place.
+ * Copy a tile of complex lines of n values. If the tile starts at 0, `lines` may be `source`, which is then extended in
+ * place.
  */
 rsd_status rsd_cut_lines(const float *source, rsd_layout source_layout, size_t n, rsd_tile tile, float *lines,
                          rsd_layout layout, size_t channels, size_t count);
 
 /*
- * Rowwise: 16 frequencies at once, one to a lane. A complex value of all lanes is a record: 16 real parts, then 16
- * imaginary ones. For each frequency k the blur is a matrix from latent rows j to picture rows y,
+ * Rowwise: 16 frequencies at once, one per lane. A record is a complex value for all lanes: 16 real parts, then 16
+ * imaginary parts. For each frequency k the blur is a matrix from latent rows j to picture rows y,
  *
  *     A[y, j] = sum over the taps of (j, y) of weight * phase(shift),
  *
- * where phase(shift) = exp(-2 pi i k shift / N) comes from a table. Latent rows are taken three at a time: a block J is the
- * rows 3 J to 3 J + 2. It is seen by picture rows row_first[J] to row_end[J] - 1 and by no other.
+ * where phase(shift) = exp(-2 pi i k shift / N) comes from a table. Block J consists of the latent rows 3 J to 3 J + 2.
+ * Only the picture rows row_first[J] to row_end[J] - 1 see it.
  */
 #define RSD_LANES 16
 #define RSD_RECORD (2 * RSD_LANES)
@@ -117,17 +118,17 @@ rsd_status rsd_cut_lines(const float *source, rsd_layout source_layout, size_t n
 typedef struct {
     size_t rows, blocks, taps, phases;
     const int32_t *row_first, *row_end; /* blocks each */
-    const int32_t *coupled;             /* blocks: first block that shares a picture row (or a gradient) with this one */
-    const int32_t *tap_start;           /* where the taps of each (j, y) begin, and the end of the last; j is outermost */
+    const int32_t *coupled;             /* blocks: first block that shares a picture row or a gradient with this one */
+    const int32_t *tap_start;           /* first tap of each (j, y), j outermost, and at the end the number of taps */
     const int32_t *tap_shift;           /* taps: index into the phases */
     const float *tap_weight;            /* taps */
 } rsd_rowwise_model;
 
-/* Number of floats of workspace that rsd_rowwise_solve (`solve` true) or the others want; 0 if the model is not valid. */
+/* Return the floats of workspace that rsd_rowwise_solve (if `solve`) or the others need; 0 if the model is invalid. */
 size_t rsd_rowwise_workspace(const rsd_rowwise_model *model, int solve);
 
 /*
- * data[c] = A latent[c] and its adjoint latent[c] = A^H data[c].
+ * Compute data[c] = A latent[c], or the adjoint latent[c] = A^H data[c].
  *
  * table      phases records
  * latent     channels x 3 blocks records
@@ -139,8 +140,8 @@ rsd_status rsd_rowwise_adjoint(const rsd_rowwise_model *model, const float *tabl
                                size_t channels, float *workspace);
 
 /*
- * Solve (A^H A + diag(ridge) + smooth D^T D) u = A^H data + latent in place of latent, where D takes the differences of
- * neighbouring latent rows: banded Cholesky, forward and back substitution.
+ * Solve (A^H A + diag(ridge) + smooth D^T D) u = A^H data + latent; u replaces latent. D takes the differences of
+ * neighbouring latent rows. The method is banded Cholesky factorisation with forward and back substitution.
  *
  * ridge      RSD_LANES positive floats, one per frequency
  * smooth     at least 0; if it is not 0, coupled[J] must be less than J for J > 0

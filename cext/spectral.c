@@ -11,7 +11,7 @@ const char *rsd_status_message(rsd_status status)
     case RSD_SIZE:
         return "a size overflows, or a stride is shorter than the line it spans";
     case RSD_MODEL:
-        return "the tables of the rowwise model contradict each other";
+        return "the tables of the rowwise model are inconsistent";
     }
     return "unknown status";
 }
@@ -28,31 +28,32 @@ const char *rsd_simd_level(void)
 }
 
 RSD_CLONES
-static void multiply(float *restrict spectrum, const float *restrict filter, size_t n)
+static void multiply(float *restrict spectrum, const float *restrict response, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
         const float re = spectrum[2 * i], im = spectrum[2 * i + 1];
-        const float filter_re = filter[2 * i], filter_im = filter[2 * i + 1];
-        spectrum[2 * i] = re * filter_re - im * filter_im;
-        spectrum[2 * i + 1] = re * filter_im + im * filter_re;
+        const float response_re = response[2 * i], response_im = response[2 * i + 1];
+        spectrum[2 * i] = re * response_re - im * response_im;
+        spectrum[2 * i + 1] = re * response_im + im * response_re;
     }
 }
 
-rsd_status rsd_spectral_multiply(float *spectra, const float *filter, size_t channels, size_t n)
+rsd_status rsd_spectral_multiply(float *spectra, const float *response, size_t channels, size_t n)
 {
     if (channels == 0 || n == 0)
         return RSD_OK;
-    if (spectra == NULL || filter == NULL)
+    if (spectra == NULL || response == NULL)
         return RSD_NULL;
     if (n > PTRDIFF_MAX / 2 || !rsd_addressable(channels, 2 * n))
         return RSD_SIZE;
     for (size_t c = 0; c < channels; c++)
-        multiply(spectra + c * 2 * n, filter, n);
+        multiply(spectra + c * 2 * n, response, n);
     return RSD_OK;
 }
 
 RSD_CLONES
-static void add_weighted(float *restrict accumulator, const float *restrict line, const float *restrict weights, size_t n)
+static void add_weighted(float *restrict accumulator, const float *restrict line, const float *restrict weights,
+                         size_t n)
 {
     for (size_t i = 0; i < n; i++) {
         accumulator[2 * i] += weights[i] * line[2 * i];

@@ -31,6 +31,10 @@ myst_heading_anchors = 3
 autodoc_typehints = "none"  # numpydoc's sections say more than annotations
 default_role = "code"  # numpydoc writes names in single backticks
 numpydoc_show_class_members = False  # `:members:` lists them
+# Every public function, method and class documents every parameter, in order. The form of docstrings is checked by
+# `make lint`: tool.numpydoc_validation in pyproject.toml.
+numpydoc_validation_checks = {"PR01", "PR02", "PR03"}
+numpydoc_validation_exclude = {r"\.(Prepared)?Quadratic$"}  # protocols: their constructor is not theirs
 
 html_theme = "pydata_sphinx_theme"
 html_title = "rsdeblur"

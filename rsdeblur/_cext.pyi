@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 SIMD: Final[str]
 
-def multiply(spectra: NDArray[np.complex64], transfer: NDArray[np.complex64], /) -> None: ...
+def multiply(spectra: NDArray[np.complex64], response: NDArray[np.complex64], /) -> None: ...
 def blend(
     accumulator: NDArray[np.complex64],
     slab: NDArray[np.complex64],

@@ -1,4 +1,4 @@
-"""What this installation is made of."""
+"""Facts about this installation: versions, compiler, SIMD level, threads."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import platform
 from importlib.metadata import version
 from typing import Literal, overload
 
-from rsdeblur import _config, _validate
+from rsdeblur import _config
+from rsdeblur._util import validate
 from rsdeblur.kernels import native, why_pure
 
 LIBRARIES = ("numpy", "scipy", "numba", "pyfftw")
@@ -21,28 +22,29 @@ def show_config(mode: Literal["dict"]) -> dict[str, str]: ...
 
 
 def show_config(mode: Literal["stdout", "dict"] = "stdout") -> dict[str, str] | None:
-    """Print how rsdeblur was built and what it runs on.
+    """Print how rsdeblur was built and what it uses on this machine.
 
     Parameters
     ----------
     mode : {"stdout", "dict"}
-        "dict" returns the facts instead of printing them.
+        "stdout" prints the facts; "dict" returns them.
 
     Returns
     -------
     dict of str or None
-        Versions; `cext`, which is "in use" or says why the C extension is not; the compiler that built it and the
-        instruction set it uses here, or "none"; and how many threads are used unless told otherwise.
+        Versions of rsdeblur, Python and libraries; `cext`, which is "in use" or says why the C extension is not used;
+        the compiler that built it, and the instruction set that it uses, or "none"; and the default number of threads.
+        None for "stdout".
 
     Raises
     ------
     InputError
-        If `mode` is another.
+        If `mode` is neither "stdout" nor "dict".
     """
     # Not at the top: it would load pyFFTW.
-    from rsdeblur.fft import thread_count
+    from rsdeblur._util.threads import thread_count
 
-    _validate.choice("mode", mode, ("stdout", "dict"))
+    validate.choice("mode", mode, ("stdout", "dict"))
     facts = {
         "rsdeblur": _config.VERSION,
         "python": platform.python_version(),

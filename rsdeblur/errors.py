@@ -1,12 +1,12 @@
-"""Everything rsdeblur raises or warns with.
+"""Exceptions and warnings of rsdeblur.
 
-A caller who catches :class:`RsdeblurError` catches every refusal of the package; the subclasses say which
-door refused. Each message says what was wanted, what came and what to do.
+:class:`RsdeblurError` is the base class of every exception that the package raises on purpose. A message says what is
+wrong, what was found and what to do.
 """
 
 from __future__ import annotations
 
-# Characters. The longest of our own, which lists all formats, has 1000; a path may have 4096.
+# Characters. The longest text of the package, which lists all formats, has 1000; a path may have 4096.
 LONGEST_MESSAGE = 8000
 
 
@@ -19,15 +19,21 @@ class InputError(RsdeblurError, ValueError):
 
 
 class FileFormatError(RsdeblurError, ValueError):
-    """A file is empty, truncated, of another kind, or holds an impossible value; names the file and the line."""
+    """A file is empty, truncated, of another format, or contains an invalid value.
+
+    Parameters
+    ----------
+    message : str
+        Text that names the file and, in text files, the line; cut off after 8000 characters.
+    """
 
     def __init__(self, message: str) -> None:
-        # Part of a message may be what stands in the file.
+        # A message may quote a damaged file, at any length.
         super().__init__(message if len(message) <= LONGEST_MESSAGE else message[:LONGEST_MESSAGE] + "...")
 
 
 class OutputError(RsdeblurError, OSError):
-    """An output file cannot be written, or exists and may not be replaced."""
+    """An output file cannot be written, or it exists and replacing it was not allowed."""
 
 
 class CoverageError(RsdeblurError, ValueError):
@@ -39,7 +45,7 @@ class ClockError(CoverageError):
 
 
 class GapError(CoverageError):
-    """The gyro log has a hole inside the exposure."""
+    """The gyro log has a gap inside the exposure."""
 
 
 class RsdeblurWarning(UserWarning):

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rsdeblur import _validate
-from rsdeblur._atomic import atomic_write
-from rsdeblur._regular import open_file
-from rsdeblur._validate import FloatArray
+from rsdeblur._util import validate
+from rsdeblur._util.atomic import atomic_write
+from rsdeblur._util.files import open_file
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.kernels.raster import rasterize
-from rsdeblur.motion import BlurPaths
+from rsdeblur.motion.paths import BlurPaths
+from rsdeblur.types import FloatArray
 
-# Kernels given by a user may have been rounded to a few digits; a sum further from 1 is another quantity.
+# Largest deviation of a kernel's sum from 1. Users' kernels may be rounded to a few digits; beyond, they are no PSFs.
 SUM_TOLERANCE = 1e-3
 
 
@@ -24,26 +24,29 @@ SUM_TOLERANCE = 1e-3
 class PsfBank:
     """PSFs on a grid of B bands x S strips.
 
-    A PSF h is the kernel of `g = h * u`: `h[i, j]` weighs the displacement (i - kh // 2, j - kw // 2) from the sharp
-    point to where it is recorded. The origin is the kernel's centre.
+    A PSF h is the kernel of the convolution `g = h * u`: `h[i, j]` is the weight of the displacement
+    (i - kh // 2, j - kw // 2), in rows and columns, from a point of the sharp picture u to a point of the blurred
+    picture g. The origin is the centre of the kernel.
 
     Parameters
     ----------
     kernels : array_like, shape (B, S, kh, kw), or (B, kh, kw), or (kh, kw)
-        Odd sizes; each kernel sums to 1 (a deviation up to 1e-3 is normalised away). Kept as float32 of four axes.
+        Odd sizes; each kernel sums to 1, and deviations of up to 1e-3 are normalised. The attribute is float32 and has
+        four axes.
     rows : array_like, shape (B,)
-        Picture rows, increasing, in px, at which the bands' kernels hold exactly; PSFs are blended between them.
+        Picture rows in px, increasing, at which the kernels are exact; results are blended between them.
     cols : array_like, shape (S,)
-        Picture columns, increasing, in px, for the strips.
+        The same for columns.
 
     Raises
     ------
     InputError
-        If a size is even, a value is not finite, a sum is not 1, or `rows` or `cols` do not fit the kernels.
+        If a size is even, a value is not finite, a sum is not 1, or `rows` or `cols` do not match the kernels or do not
+        increase.
 
     See Also
     --------
-    PsfBank.for_picture : for kernels spread evenly over a picture.
+    PsfBank.for_picture : Bank of kernels spread evenly over a picture.
     """
 
     kernels: NDArray[np.float32]
@@ -54,24 +57,56 @@ class PsfBank:
         kernels = _kernels(self.kernels)
         object.__setattr__(self, "kernels", kernels)
         for axis, name in enumerate(("rows", "cols")):
-            centres = _validate.real_array(name, getattr(self, name), (kernels.shape[axis],))
+            centres = validate.real_array(name, getattr(self, name), (kernels.shape[axis],))
             if (np.diff(centres) <= 0).any():
                 raise InputError(f"{name} must increase, got {centres.tolist()}")
             object.__setattr__(self, name, centres)
 
     @classmethod
-    def from_paths(cls, paths: BlurPaths) -> PsfBank:
-        """Rasterise `paths`: energy even in time, kernel size from the longest reach, sum 1."""
-        # A splat needs the pixel beyond the last one touched.
+    def from_paths(cls, paths: BlurPaths, *, threads: int | None = None) -> PsfBank:
+        """Return the bank of the PSFs of paths.
+
+        Parameters
+        ----------
+        paths : BlurPaths
+            Paths, along which the energy is spread evenly in time. The largest displacement sets the size of the
+            kernels.
+        threads : int, optional
+            Number of threads that share the work; default all processors. Any number gives the same bits.
+
+        Returns
+        -------
+        PsfBank
+            Bank with one kernel per path.
+        """
+        # Bilinear weights reach the pixel beyond the last one.
         half_height, half_width = (int(np.floor(reach)) + 1 for reach in paths.extent)
         bands, strips, samples, _ = paths.displacements.shape
         flat = np.ascontiguousarray(paths.displacements.reshape(bands * strips, samples, 2))
-        kernels = rasterize(flat, half_height, half_width)
+        kernels = rasterize(flat, half_height, half_width, threads)
         return cls(kernels.reshape(bands, strips, *kernels.shape[1:]), paths.rows, paths.cols)
 
     @classmethod
     def for_picture(cls, kernels: ArrayLike, shape: tuple[int, ...]) -> PsfBank:
-        """Place kernels at the centres of equal tiles of a picture of `shape` (H, W) or (H, W, C)."""
+        """Return the bank of kernels for equal tiles of a picture.
+
+        Parameters
+        ----------
+        kernels : array_like, shape (B, S, kh, kw), or (B, kh, kw), or (kh, kw)
+            See :class:`PsfBank`.
+        shape : tuple of int
+            Shape of the picture, (H, W) or (H, W, C). The kernels are exact at the centres of B x S equal tiles.
+
+        Returns
+        -------
+        PsfBank
+            Bank with these kernels.
+
+        Raises
+        ------
+        InputError
+            If the kernels are invalid, see :class:`PsfBank`, or `shape` does not have 2 or 3 values.
+        """
         grid = _kernels(kernels)
         if len(shape) not in (2, 3):
             raise InputError(f"shape must be (H, W) or (H, W, C), got {shape}")
@@ -79,7 +114,7 @@ class PsfBank:
 
     @property
     def centres(self) -> FloatArray:
-        """Where each kernel holds: (row, column) in px, shape (B, S, 2)."""
+        """Positions (row, column) in px at which the kernels are exact, shape (B, S, 2)."""
         return np.stack(np.meshgrid(self.rows, self.cols, indexing="ij"), axis=-1)
 
     @property
@@ -88,7 +123,18 @@ class PsfBank:
         return self.kernels.shape[2], self.kernels.shape[3]
 
     def cut(self, rows: slice, cols: slice) -> PsfBank:
-        """Return the kernels that hold somewhere in `rows` and `cols`; both have a start and a stop, px."""
+        """Return the bank of the kernels that affect a part of the picture.
+
+        Parameters
+        ----------
+        rows, cols : slice
+            Rows and columns of the part in px, with a start and a stop.
+
+        Returns
+        -------
+        PsfBank
+            With its positions in the whole picture.
+        """
         bands, strips = (
             slice(
                 max(int(np.searchsorted(centres, part.start, side="right")) - 1, 0),
@@ -104,13 +150,23 @@ class PsfBank:
         Parameters
         ----------
         height : int
-            Height of the picture after turning, px: its rows are the old columns counted from the right.
+            Height of the turned picture in px. Its rows are the old columns, counted from the right.
+
+        Returns
+        -------
+        PsfBank
+            Bank with turned kernels and positions.
         """
         kernels = np.rot90(np.rot90(self.kernels, axes=(0, 1)), axes=(2, 3))
         return PsfBank(kernels, (height - 1 - self.cols)[::-1], self.rows)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the bank as a compressed NumPy archive; the file is replaced atomically.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
 
         Raises
         ------
@@ -124,27 +180,37 @@ class PsfBank:
     def load(cls, path: str | os.PathLike[str]) -> PsfBank:
         """Read a bank written by :meth:`save`.
 
+        Parameters
+        ----------
+        path : path-like
+            The file.
+
+        Returns
+        -------
+        PsfBank
+            The bank.
+
         Raises
         ------
         FileFormatError
-            If the file cannot be read or does not hold a valid bank.
+            If the file cannot be read or does not contain a valid bank.
         """
         with open_file(path, "PSF bank") as file:
             try:
                 with np.load(file, allow_pickle=False) as archive:
                     return cls(archive["kernels"], archive["rows"], archive["cols"])
-            except Exception as error:  # zipfile, zlib and NumPy's header parser raise a dozen kinds on damaged files
+            except Exception as error:  # zipfile, zlib and NumPy's header parser raise many kinds on damaged files
                 raise FileFormatError(f"{path}: not a PSF bank: {error}") from error
 
 
 def tile_centres(tiles: int, length: int) -> FloatArray:
-    """Centres, in px, of `tiles` equal parts of `length` pixels whose centres are at integers."""
+    """Return the centres in px of `tiles` equal parts of `length` pixels; pixel centres are at integers."""
     centres: FloatArray = (np.arange(tiles) + 0.5) * length / tiles - 0.5
     return centres
 
 
 def _kernels(value: ArrayLike) -> NDArray[np.float32]:
-    kernels = _validate.real_array("kernels", value).astype(np.float32)
+    kernels = validate.real_array("kernels", value).astype(np.float32)
     if kernels.ndim not in (2, 3, 4) or kernels.size == 0:
         raise InputError(f"kernels must have shape (B, S, kh, kw), (B, kh, kw) or (kh, kw), got {kernels.shape}")
     if kernels.ndim < 4:

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rsdeblur.camera import Camera
-from rsdeblur.exposure import Exposure
-from rsdeblur.gyro import GyroLog
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.psf import PsfBank
 from rsdeblur.report import MotionPlot, Page, band_figures, findings
-from rsdeblur.shake import hand_shake
+from rsdeblur.simulation.shake import hand_shake
 
 # Tests start Python processes from the repository root, where the bare source folder must not shadow the installation.
 os.environ["PYTHONSAFEPATH"] = "1"
@@ -54,7 +54,7 @@ def report_page(shaky_log):
     """Builder of a small report: a red input, a green and a blue result of 160x120 px, read in 30 ms from 0.1 s on."""
 
     def build(*, photo: str = "photo.png", remark: str = "", direction: str = "top-down") -> Page:
-        log, camera = shaky_log(), Camera(160, 120, 180.0, readout=0.03, readout_direction=direction)
+        log, camera = shaky_log(), Camera(160, 120, 180.0, readout_time=0.03, readout_direction=direction)
         exposure = Exposure(0.1, 0.04)
         pictures = {name: np.zeros((120, 160, 3), np.float32) for name in ("input", "global", "banded")}
         for channel, picture in enumerate(pictures.values()):

@@ -6,6 +6,7 @@ import re
 import shlex
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
@@ -51,7 +52,17 @@ def test_the_commands_of_the_walkthrough_work(tmp_path: Path, monkeypatch: pytes
             subprocess.run(command, shell=True, check=True)
     written = {file.name for file in tmp_path.glob("shot/*")}
     assert {"mine.png", "sheet.png", "map.png", "kernels.png", "narrow.png"} <= written
-    assert rsdeblur.read_camera(tmp_path / "phone.toml").readout == 0.0056
+    assert rsdeblur.read_camera(tmp_path / "phone.toml").readout_time == 0.0056
+
+
+def test_the_python_of_the_readme_runs_without_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    blocks = BLOCK.findall((ROOT / "README.md").read_text(encoding="utf-8"))
+    code = [content for language, content in blocks if language == "python"]
+    names: dict[str, Any] = {}
+    for content in code:
+        exec(compile(content, "README.md", "exec"), names)
+    assert names["sharp"].shape == names["blurred"].shape
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
@@ -74,7 +85,8 @@ def test_options_are_those_of_the_commands(page: Path) -> None:
         if not line.startswith("rsdeblur "):
             continue
         words = line.replace("\\\n", " ").split()[1:]
-        command, context = main, click.Context(main)
+        command: click.Command = main
+        context = click.Context(main)
         while isinstance(command, click.Group):
             found = command.get_command(context, words.pop(0))
             assert found is not None, line

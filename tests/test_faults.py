@@ -22,7 +22,7 @@ import pytest
 
 from benchmarks import faults
 from rsdeblur import Camera
-from rsdeblur._atomic import atomic_write, check_target
+from rsdeblur._util.atomic import atomic_write, check_target
 from rsdeblur.errors import OutputError
 from rsdeblur.io import write_picture
 
@@ -67,13 +67,13 @@ def test_an_interrupted_command_cleans_up(tmp_path: Path) -> None:
     """Interrupted while it writes: exit 130, one line, no temporary file."""
     # A write that takes for ever, which says when it has begun.
     code = (
-        "import time, rsdeblur.cli, rsdeblur._atomic as atomic\n"
+        "import time, rsdeblur.cli, rsdeblur._util.atomic as atomic\n"
         "def slow(*_):\n    print('writing', flush=True)\n    time.sleep(60)\n"
         "atomic.os.fsync = slow\n"
         "rsdeblur.cli.main()\n"
     )
     target = tmp_path / "camera.toml"
-    arguments = ["camera", "new", "--size", "640x480", "--focal", "500", "-o", str(target)]
+    arguments = ["camera", "new", "--size", "640x480", "--focal-length", "500", "-o", str(target)]
     command = [sys.executable, "-c", code, *arguments]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen(command, text=True, preexec_fn=faults.heed_interrupts, **pipes) as process:
@@ -144,7 +144,7 @@ class TestPlaces:
 
 
 class TestNumbaCache:
-    """Numba itself raises for ever what unpickling a damaged file raises, and what a full disk does."""
+    """Numba alone raises at every later call what unpickling a damaged file raises, and fails where a disk is full."""
 
     SOURCE = "from rsdeblur.kernels._jit import njit\n\n\n@njit()\ndef double(x):\n    return 2 * x\n"
 
@@ -184,12 +184,16 @@ class TestNumbaCache:
         monkeypatch.setattr(os, "replace", fail)
         assert module.double(2) == 4
 
-    def test_nowhere(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        from rsdeblur.kernels import _jit
+    @pytest.mark.parametrize("lacks", ["a folder", "the attribute"])
+    def test_without_a_cache(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lacks: str) -> None:
+        """No folder is writable, or another version of Numba keeps its cache elsewhere."""
+        import numba
 
-        def fail(*_: Any) -> None:
-            raise RuntimeError("cannot cache function: no locator available")
+        def njit(cache: bool = False) -> Any:
+            if cache and lacks == "a folder":
+                raise RuntimeError("cannot cache function: no locator available")
+            return lambda function: function
 
         (tmp_path / "kernel.py").write_text(self.SOURCE)
-        monkeypatch.setattr(_jit, "_Cache", fail)
+        monkeypatch.setattr(numba, "njit", njit)
         assert self.kernel(tmp_path, 0).double(2) == 4

@@ -10,7 +10,7 @@ import threading
 import pytest
 
 from benchmarks import load
-from rsdeblur.crew import Crew
+from rsdeblur._util.threads import ThreadTeam
 
 KINDS = load.solvers(threads=2)
 
@@ -27,7 +27,7 @@ def test_other_processes_get_the_same_bits(method: str) -> None:
 
 
 def test_after_a_failure_nobody_is_at_work() -> None:
-    crew, begun, done = Crew(3), threading.Event(), []
+    team, begun, done = ThreadTeam(3), threading.Event(), []
 
     def block(thread: int, task: int) -> None:
         if task == 0:
@@ -38,9 +38,9 @@ def test_after_a_failure_nobody_is_at_work() -> None:
         done.append(task)
 
     with pytest.raises(ValueError, match="a task's fault"):
-        crew.share(block, range(1000))
+        team.share(block, range(1000))
     finished = len(done)
     assert finished < 1000
     # What was under way then is in the list by now, and nothing comes after it.
-    crew.share(lambda thread, task: None, range(9))
+    team.share(lambda thread, task: None, range(9))
     assert len(done) == finished

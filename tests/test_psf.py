@@ -1,4 +1,4 @@
-"""Laws of the PSF bank: what it accepts, how paths become kernels, how it turns, and its file."""
+"""Laws of the PSF bank: checks, rasterised paths, turning and files."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from rsdeblur.camera import Camera
+from rsdeblur.deconv.tiling import hat_weights
 from rsdeblur.errors import FileFormatError, InputError, OutputError
-from rsdeblur.exposure import Exposure
-from rsdeblur.motion import BlurPaths, Shot
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank, tile_centres
-from rsdeblur.tiling import hat_weights
 
 EXPOSURE = Exposure(0.1, 0.05)
 
@@ -25,7 +25,7 @@ def random_bank(bands=3, strips=2, height=5, width=7):
 
 def assert_same(a, b):
     for name in ("kernels", "rows", "cols"):
-        # Banks normalise again what is normalised to a rounding of float32.
+        # A bank normalises kernels again, which are already normalised up to float32 rounding.
         np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=3e-7, atol=1e-12, err_msg=name)
 
 
@@ -112,8 +112,8 @@ class TestCentres:
 class TestFromPaths:
     @pytest.fixture
     def paths(self, shaky_log):
-        shot = Shot.from_log(shaky_log(), Camera(96, 64, 90.0, readout=0.03), EXPOSURE)
-        return BlurPaths.from_shot(shot, tile_centres(4, 64), tile_centres(3, 96))
+        capture = Capture.from_log(shaky_log(), Camera(96, 64, 90.0, readout_time=0.03), EXPOSURE)
+        return BlurPaths.from_capture(capture, tile_centres(4, 64), tile_centres(3, 96))
 
     def test_kernels_stand_where_the_paths_do(self, paths):
         bank = PsfBank.from_paths(paths)
@@ -167,18 +167,20 @@ class TestTurned:
     def test_kernels_are_turned_and_moved(self):
         bank = random_bank()
         turned = bank.turned(50)
-        # numpy.rot90: old (y, x) stands at new (width - 1 - x, y).
+        # numpy.rot90 moves (y, x) to (width - 1 - x, y).
         for b, s in np.ndindex(3, 2):
             np.testing.assert_allclose(turned.kernels[1 - s, b], np.rot90(bank.kernels[b, s]), rtol=3e-7)
             assert np.array_equal(turned.centres[1 - s, b], [49 - bank.cols[s], bank.rows[b]])
 
     def test_undoes_the_turn_of_the_camera(self, shaky_log):
-        # Without readout the blur is known on both ways: of the picture as it is, and turned by a quarter and back.
-        camera = Camera(96, 64, 90.0, (50.0, 30.0), readout=0.0)
+        # Without readout, the blur can be computed both for the picture as it is and for the picture turned and back.
+        camera = Camera(96, 64, 90.0, (50.0, 30.0), readout_time=0.0)
         rows, cols = tile_centres(3, 64), tile_centres(4, 96)
 
         def bank(camera, rows, cols):
-            return PsfBank.from_paths(BlurPaths.from_shot(Shot.from_log(shaky_log(), camera, EXPOSURE), rows, cols))
+            return PsfBank.from_paths(
+                BlurPaths.from_capture(Capture.from_log(shaky_log(), camera, EXPOSURE), rows, cols)
+            )
 
         straight = bank(camera, rows, cols)
         back = bank(camera.turned(), cols, (camera.height - 1 - rows)[::-1]).turned(camera.height)
@@ -220,7 +222,7 @@ class TestFile:
         damaged = [whole[:i] + bytes([whole[i] ^ 0xFF]) + whole[i + 1 :] for i in range(0, len(whole), 7)]
         truncated = [whole[:i] for i in range(0, len(whole), 50)]
         refused = sum(_is_refused_by_name(path, content) for content in damaged + truncated)
-        # A flipped byte in a date or a name's copy does no harm; most do, and every truncation.
+        # A flipped byte in a date or in the copy of a name does no harm; most others do, and so does every truncation.
         assert refused > len(truncated) + len(damaged) // 2
 
     def test_unwritable_is_named(self, tmp_path):
@@ -230,7 +232,7 @@ class TestFile:
 
 
 def _is_refused_by_name(path, content):
-    """Whether a bank file of that content is refused; any other error than the right one is let through."""
+    """Return whether a bank file with this content is refused; any other error is raised."""
     path.write_bytes(content)
     try:
         PsfBank.load(path)

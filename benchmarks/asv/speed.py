@@ -1,4 +1,4 @@
-"""Time and memory of the parts; asv finds them by their names."""
+"""Time and memory of the parts of a deblurring. asv finds the measurements by their names."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from benchmarks.cases import EXPOSURE, NSR, Case
 from rsdeblur import BlurPaths, Deconvolver, PsfBank, deblur
-from rsdeblur.motion import Shot
-from rsdeblur.pipeline import psfs
+from rsdeblur.motion.paths import Capture
+from rsdeblur.pipeline.deblur import psfs
 from rsdeblur.psf import tile_centres
 
 SIZE = 1024, 768
@@ -24,7 +24,7 @@ class Solver:
     param_names = ("bands",)
 
     def setup(self, bands: int) -> None:
-        """Plan."""
+        """Plan the solver."""
         self.case = Case(*SIZE, BOX)
         self.bank = self.case.bank(bands)
         self.picture, self.out = self.case.sharp, np.empty(self.case.shape, dtype=np.float32)
@@ -35,11 +35,11 @@ class Solver:
         self.solver.apply(self.picture, out=self.out)
 
     def time_plan(self, bands: int) -> None:
-        """Make filters from PSFs; the FFT plans of this size are known."""
+        """Compute filters from PSFs; the FFT plans of this size are cached."""
         Deconvolver(self.bank, self.case.shape, nsr=NSR)
 
     def peakmem_plan_and_apply(self, bands: int) -> None:
-        """Memory of the whole process."""
+        """Peak memory of the whole process."""
         Deconvolver(self.bank, self.case.shape, nsr=NSR).apply(self.picture, out=self.out)
 
 
@@ -50,7 +50,7 @@ class Motion:
     param_names = ("bands",)
 
     def setup(self, bands: int) -> None:
-        """Make the log, and load what Numba compiled."""
+        """Make the log, and load compiled kernels."""
         self.case = Case(*SIZE, BOX)
         self.log = self.case.log(bands)
         self.time_psfs(bands)
@@ -61,13 +61,13 @@ class Motion:
 
 
 class Kernels:
-    """The rasteriser alone."""
+    """The rasteriser, without tracing."""
 
     def setup(self) -> None:
-        """Trace 64 x 64 paths, and load what Numba compiled."""
+        """Trace 64 x 64 paths, and load compiled kernels."""
         case = Case(*SIZE, BOX)
         rows, cols = tile_centres(64, case.height), tile_centres(64, case.width)
-        self.paths = BlurPaths.from_shot(Shot.from_log(case.log(16), case.camera, EXPOSURE), rows, cols)
+        self.paths = BlurPaths.from_capture(Capture.from_log(case.log(16), case.camera, EXPOSURE), rows, cols)
         self.time_rasterize_4096()
 
     def time_rasterize_4096(self) -> None:
@@ -82,17 +82,19 @@ class Slabs:
     param_names = ("max_memory",)
 
     def setup(self, max_memory: int | None) -> None:
-        """Make the picture, which counts for the peak."""
+        """Make the picture; its memory is part of the peak."""
         self.case = Case(4000, 3000, BOX)
         self.log = self.case.log(16)
         self.picture = (255 * self.case.sharp).astype(np.uint8)
         self.out = np.empty_like(self.picture)
 
     def time_deblur(self, max_memory: int | None) -> None:
-        """From the log to the picture."""
-        shot = self.log, self.case.camera, EXPOSURE
-        deblur(self.picture, *shot, bands=16, strips=1, nsr=NSR, max_memory=max_memory, out=self.out)
+        """Deblur, from the log to the picture."""
+        recording = self.log, self.case.camera, EXPOSURE
+        deblur(
+            self.picture, *recording, bands=16, strips=1, nsr=NSR, max_memory=max_memory, out=self.out, prior="wiener"
+        )
 
     def peakmem_deblur(self, max_memory: int | None) -> None:
-        """Memory of the whole process."""
+        """Peak memory of the whole process."""
         self.time_deblur(max_memory)

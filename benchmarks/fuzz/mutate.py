@@ -1,4 +1,4 @@
-"""Spoiling files: what random damage, careless programs and ill will do to them."""
+"""Mutations of files: random damage, careless programs and malice."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 import struct
 from collections.abc import Callable, Sequence
 
-# No mutation lets a file grow beyond this, so that slowness is the reader's and not the file's.
+# Largest size of a mutated file, bytes, so that slowness comes from the reader and not from the size.
 LONGEST = 60_000
 
 NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
@@ -31,7 +31,7 @@ Mutation = Callable[[bytearray, random.Random, Sequence[bytes]], bytes]
 
 
 def mutated(seed: bytes, rng: random.Random, others: Sequence[bytes], *, text: bool) -> bytes:
-    """Return `seed` spoilt in one to a few ways; `others` are files to take pieces of."""
+    """Return `seed` after one to five mutations; `others` are files to take pieces from."""
     data = seed
     for _ in range(rng.choice((1, 1, 1, 2, 2, 3, 5))):
         kinds = (*ANYWHERE, *(IN_TEXT if text else IN_BINARY))
@@ -40,7 +40,7 @@ def mutated(seed: bytes, rng: random.Random, others: Sequence[bytes], *, text: b
 
 
 def _place(data: bytearray, rng: random.Random) -> int:
-    # Heads hold the structure, so half of the damage is done there.
+    # The start of a file contains its structure, so most of the damage is done there.
     return rng.randrange(min(len(data), rng.choice((64, 512, LONGEST))) or 1)
 
 
@@ -83,19 +83,19 @@ def _word(data: bytearray, rng: random.Random, others: Sequence[bytes]) -> bytes
 
 
 def _number(data: bytearray, rng: random.Random, others: Sequence[bytes]) -> bytes:
-    found = list(NUMBER.finditer(data))
-    if not found:
+    numbers = list(NUMBER.finditer(data))
+    if not numbers:
         return _word(data, rng, others)
-    for match in sorted(rng.sample(found, min(len(found), rng.choice((1, 1, 2, 10)))), key=lambda m: -m.start()):
+    for match in sorted(rng.sample(numbers, min(len(numbers), rng.choice((1, 1, 2, 10)))), key=lambda m: -m.start()):
         data[match.start() : match.end()] = rng.choice(NUMBERS)
     return bytes(data)
 
 
 def _swap_numbers(data: bytearray, rng: random.Random, others: Sequence[bytes]) -> bytes:
-    found = list(NUMBER.finditer(data))
-    if len(found) < 2:
+    numbers = list(NUMBER.finditer(data))
+    if len(numbers) < 2:
         return _flip(data, rng, others)
-    first, second = sorted(rng.sample(found, 2), key=lambda m: m.start())
+    first, second = sorted(rng.sample(numbers, 2), key=lambda m: m.start())
     return bytes(
         data[: first.start()] + second[0] + data[first.end() : second.start()] + first[0] + data[second.end() :]
     )
@@ -134,9 +134,9 @@ def _nest(data: bytearray, rng: random.Random, others: Sequence[bytes]) -> bytes
     depth = rng.choice((3, 100, 900, 5000, 50_000))
     opening, closing = rng.choice(((b"[", b"]"), (b'{"a":', b"}"), (b"{a: ", b"}"), (b"- ", b""), (b"(", b")")))
     piece = opening * depth + b"1" + closing * depth * rng.randrange(2)
-    found = list(NUMBER.finditer(data))
-    if found and rng.random() < 0.7:
-        match = rng.choice(found)
+    numbers = list(NUMBER.finditer(data))
+    if numbers and rng.random() < 0.7:
+        match = rng.choice(numbers)
         data[match.start() : match.end()] = piece
     else:
         place = _place(data, rng)

@@ -1,6 +1,6 @@
 """Random arguments for the C extension: ``python -m benchmarks.fuzz.native [--count N] [--extension FILE]``.
 
-To see more than crashes, build the extension with sanitizers and load that one; docs/developer/reliability.md says how.
+To detect more than crashes, build the extension with sanitizers and load it as docs/developer/reliability.md describes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def _number(rng: np.random.Generator, largest: int) -> int:
 
 
 def _array(rng: np.random.Generator, kind: str, *shape: int) -> Any:
-    """Return an array of a shape that is nearly always as said, with empty sides too."""
+    """Return an array whose shape is nearly always `shape`; sides may be 0."""
     sides = [side if rng.random() < 0.95 else int(rng.integers(0, 9)) for side in shape]
     values = rng.random(sides, dtype=np.float32)
     return values.astype(np.complex64) if kind == "c" else values
@@ -63,7 +63,7 @@ def _lines(rng: np.random.Generator) -> tuple[str, list[Any]]:
 
 
 def _rowwise(rng: np.random.Generator, extension: ModuleType) -> tuple[str, list[Any]]:
-    """Return a call with a model that is right in most of its numbers, and a workspace of just the size it is told."""
+    """Return a call with a mostly valid model and a workspace of exactly the reported size."""
     blocks, rows, channels = (int(rng.integers(1, 6)) for _ in range(3))
     rows *= 3
     first = np.minimum(np.sort(rng.integers(0, rows + 1, blocks)), rows)
@@ -87,10 +87,10 @@ def _rowwise(rng: np.random.Generator, extension: ModuleType) -> tuple[str, list
 
 
 def main() -> None:
-    """Call functions with random arguments and count how they end."""
+    """Call functions with random arguments and count the outcomes."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.fuzz.native", description=__doc__)
     parser.add_argument("--count", type=int, default=100_000)
-    parser.add_argument("--extension", help="file of the extension to load instead of the installed one")
+    parser.add_argument("--extension", help="file of an extension to load instead of the installed one")
     options = parser.parse_args()
     extension = native
     if options.extension:

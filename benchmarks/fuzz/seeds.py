@@ -1,4 +1,4 @@
-"""Small valid files of every format that is read, and how to pack what is inside compressed ones."""
+"""Small valid files of every format that is read, and functions that pack compressed formats."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from rsdeblur.io.gyroflow import BASE91
 
 EPOCH, STEP = 1_766_385_749_427_863_801, 5_000_000
 RATES = np.random.default_rng(0).normal(0.0, 0.5, (12, 3)).round(4)
-STAMPS = EPOCH + STEP * np.arange(len(RATES))
+TIMESTAMPS = EPOCH + STEP * np.arange(len(RATES))
 
 
 def rows(pattern: str) -> bytes:
     """Return a line for each sample; `pattern` has t (ns), s (seconds), x, y and z."""
     return "".join(
         pattern.format(t=t, s=f"{t // 10**9}.{t % 10**9:09d}", m=5 * i, x=x, y=y, z=z) + "\n"
-        for i, (t, (x, y, z)) in enumerate(zip(STAMPS.tolist(), RATES.tolist(), strict=True))
+        for i, (t, (x, y, z)) in enumerate(zip(TIMESTAMPS.tolist(), RATES.tolist(), strict=True))
     ).encode()
 
 
@@ -64,13 +64,13 @@ GYRO_TABLES: dict[str, list[bytes]] = {
 def sensorlogger_json() -> bytes:
     """Return an export of Sensor Logger."""
     entries: list[dict[str, Any]] = [{"sensor": "Metadata", "device name": "phone", "platform": "ios"}]
-    for t, (x, y, z) in zip(STAMPS.tolist(), RATES.tolist(), strict=True):
+    for t, (x, y, z) in zip(TIMESTAMPS.tolist(), RATES.tolist(), strict=True):
         entries.append({"sensor": "Gyroscope", "time": str(t), "x": str(x), "y": y, "z": z})
     return json.dumps(entries).encode()
 
 
 def archive(member: bytes) -> bytes:
-    """Return a zip archive of a log and what describes it."""
+    """Return a zip archive of a log and its metadata."""
     buffer = BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as file:
         file.writestr("session/Gyroscope.csv", member)
@@ -80,13 +80,13 @@ def archive(member: bytes) -> bytes:
 
 def trailer() -> bytes:
     """Return a JPEG with a ring buffer of gyro samples."""
-    ring = [struct.pack("<q3fi", t, *rate, 0) for t, rate in zip(STAMPS.tolist(), RATES.tolist(), strict=True)]
+    ring = [struct.pack("<q3fi", t, *rate, 0) for t, rate in zip(TIMESTAMPS.tolist(), RATES.tolist(), strict=True)]
     header = struct.pack("<16sqIIq", b"GYRODATA", EPOCH + 99, len(ring), 0, EPOCH)
     return jpeg() + (header + b"".join(ring)).ljust(16384, b"\0")
 
 
 def base91(data: bytes) -> str:
-    """Encode basE91 (Henke)."""
+    """Return `data` encoded as basE91 (Henke)."""
     out, bits, count = bytearray(), 0, 0
     for byte in data:
         bits |= byte << count
@@ -209,17 +209,17 @@ CAMERA_TOML = [
     b"""# a camera
 width = 1920
 height = 1080
-focal = [1500.0, 1501.0]
-principal = [959.5, 539.5]
-readout = 0.03
+focal_length = [1500.0, 1501.0]
+principal_point = [959.5, 539.5]
+readout_time = 0.03
 readout_direction = "left-right"
 imu_to_camera = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]
 time_offset = -0.017
 distortion_model = "radtan"
 distortion = [-0.1, 0.01, 0.001, 0.0002]
-stamp = "middle"
+timestamp_marks = "middle"
 """,
-    b'width = 640\nheight = 480\nfocal = 700\nimu_to_camera = "YxZ"\ndistortion_model = "fisheye"\n'
+    b'width = 640\nheight = 480\nfocal_length = 700\nimu_to_camera = "YxZ"\ndistortion_model = "fisheye"\n'
     b"distortion = [0.04, 0.03, -0.03, 0.01]\n",
 ]
 
@@ -245,7 +245,7 @@ def picture(shape: tuple[int, ...], dtype: str) -> NDArray[Any]:
 
 
 def exif() -> bytes:
-    """Return an EXIF block with what is read of it."""
+    """Return an EXIF block with all tags that are read."""
     block = Image.Exif()
     block[271], block[272], block[274], block[306] = "Maker", "Model", 6, "2024:05:06 07:08:09"
     camera = {0x829A: 0.02, 0x920A: 4.2, 0xA405: 26, 0xA20E: 8000.0, 0xA210: 3, 0xA002: 4000, 36867: "2024:05:06"}
@@ -255,7 +255,7 @@ def exif() -> bytes:
 
 
 def encoded(kind: str, pixels: NDArray[Any], mode: str | None = None, **options: Any) -> bytes:
-    """Return a picture in a format of Pillow's."""
+    """Return a picture encoded by Pillow."""
     buffer = BytesIO()
     image = Image.fromarray(pixels)
     (image.convert(mode) if mode else image).save(buffer, kind, **options)
@@ -264,7 +264,7 @@ def encoded(kind: str, pixels: NDArray[Any], mode: str | None = None, **options:
 
 def jpeg(block: bytes | None = None, **options: Any) -> bytes:
     """Return a JPEG with an EXIF block."""
-    # A segment of a JPEG holds no more.
+    # A segment of a JPEG cannot contain more.
     kept = exif() if block is None else block[:60_000]
     return encoded("JPEG", picture((12, 20, 3), "uint8"), exif=kept, **options)
 
@@ -296,7 +296,7 @@ def pngs() -> list[bytes]:
 
 
 def mended_png(data: bytes) -> bytes:
-    """Return a PNG with the check sums of its chunks put right, so that damage reaches the decoder."""
+    """Return a PNG with corrected check sums of its chunks, so that damage reaches the decoder."""
     out, place = bytearray(data), 8
     while place + 12 <= len(out):
         end = place + 8 + int.from_bytes(out[place : place + 4], "big")

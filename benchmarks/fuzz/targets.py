@@ -1,4 +1,4 @@
-"""What is fuzzed: the readers, files to spoil, and what must hold of whatever is read."""
+"""Targets of fuzzing: the readers, valid files to damage, and what must hold for everything that is read."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ class Target:
     Parameters
     ----------
     read : callable
-        Reads a file and checks what it got; may raise nothing but `RsdeblurError`.
+        Reads a file and checks the result; may raise nothing but `RsdeblurError`.
     seeds : callable
-        Makes valid files, or what `pack` makes files of.
+        Makes valid files, or content that `pack` makes into files.
     name : str
-        The file's name.
+        Name of the file.
     text : bool
-        Whether numbers, words and lines are worth spoiling.
+        Whether to damage numbers, words and lines.
     pack : callable, optional
-        Makes a file of the spoilt content, for formats whose check sums or compression random damage does not pass.
+        Makes a file of the damaged content, for formats with check sums or compression, which reject random damage.
     """
 
     read: Callable[[Path], None]
@@ -49,7 +49,7 @@ class Target:
 
     @property
     def reader(self) -> str:
-        """Which of the package's doors reads it."""
+        """Name of the reader, in the report."""
         return READERS[self.read]
 
     def spoilt(self, rng: random.Random) -> bytes:
@@ -83,7 +83,7 @@ def _captures(path: Path) -> None:
 def _picture(path: Path) -> None:
     picture = read_picture(path)
     json.dumps(describe_picture(path))
-    # What was read must be fit to be written, with what was carried over of its EXIF block and profile.
+    # A picture that was read must be writable, with its EXIF block and profile.
     extension = WRITTEN[path.stat().st_size % len(WRITTEN)]
     if np.isfinite(picture.pixels).all():
         write_picture(path.with_name(f"again{extension}"), picture.pixels, like=picture, force=True)
@@ -91,7 +91,7 @@ def _picture(path: Path) -> None:
 
 def _mapped(path: Path) -> None:
     picture = read_picture(path, in_place=True)
-    # What is mapped is only read when it is looked at.
+    # Mapped pixels are read from the file only when they are used.
     picture.pixels.sum()
 
 
@@ -155,7 +155,7 @@ TARGETS: dict[str, Target] = {
     "dng": Target(_picture, lambda: [seeds.dng()], "a.dng"),
     "psf-bank": Target(_bank, lambda: [seeds.bank()], "bank.npz"),
 }
-# Cut out of a real recording, which is not part of the repository.
+# The video target is cut out of a real recording, which is not part of the repository.
 DATA = Path(os.environ.get("RSDEBLUR_DATA", Path(__file__).resolve().parents[3] / "shared/data"))
 RECORDING = DATA / "formats/gopro/max-heromode.mp4"
 if RECORDING.is_file():

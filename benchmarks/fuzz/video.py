@@ -1,4 +1,4 @@
-"""A small video with gyro data, cut out of a real one: its telemetry track alone, and of that the first samples."""
+"""A small video with gyro data, cut out of a real one: only the first samples of its telemetry track."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ SAMPLES = 2
 
 
 def excerpt(path: Path) -> bytes:
-    """Return the telemetry of an MP4 file of GoPro as an MP4 file.
+    """Return the telemetry of a GoPro MP4 file as an MP4 file.
 
     Raises
     ------
     ValueError
-        If the file has no such track.
+        If the file has no telemetry track.
     """
     data = path.read_bytes()
     boxes = dict(_boxes(data))
     track = next((body for kind, body in _boxes(boxes[b"moov"]) if kind == b"trak" and b"gpmd" in body), None)
     if track is None:
-        raise ValueError(f"{path}: no track of telemetry")
+        raise ValueError(f"{path}: the file has no telemetry track")
     (sizes,) = _find(track, b"stsz")
     (places,) = _find(track, b"stco")
     lengths = struct.unpack_from(f">{SAMPLES}I", sizes, 12)
@@ -52,12 +52,12 @@ def _box(kind: bytes, body: bytes) -> bytes:
     return struct.pack(">I4s", len(body) + 8, kind) + body
 
 
-def _find(data: bytes, wanted: bytes) -> Iterator[bytes]:
+def _find(data: bytes, target: bytes) -> Iterator[bytes]:
     for kind, body in _boxes(data):
-        if kind == wanted:
+        if kind == target:
             yield body
         elif kind in CONTAINERS:
-            yield from _find(body, wanted)
+            yield from _find(body, target)
 
 
 def _replaced(data: bytes, new: dict[bytes, bytes]) -> bytes:

@@ -1,6 +1,6 @@
-"""The published method's evaluation, run again: ``python -m benchmarks.paper``.
+"""The evaluation of the published method, repeated: ``python -m benchmarks.paper``.
 
 Sindelar and Sroubek, "Image deblurring in smartphone devices using built-in inertial measurement sensors", Journal of
-Electronic Imaging 22(1), 2013. One module per group of figures; each is a
-:class:`benchmarks.paper.figure.Figure`.
+Electronic Imaging 22(1), 011003, 2013, doi:10.1117/1.JEI.22.1.011003. Each module makes one group of figures; each
+figure is a :class:`benchmarks.paper.figure.Figure`.
 """

@@ -1,4 +1,4 @@
-"""Rerun the evaluation of the paper and write its page.
+"""Repeat the evaluation of the paper and write its page.
 
 ``python -m benchmarks.paper [--quick] [--only NAME] [--folder FOLDER]``
 """
@@ -17,7 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from benchmarks import machine
 from benchmarks.captures import ROOT, require_data
-from benchmarks.paper import borders, clock, failures, geometry, noise, opponents, options, rolling, speed
+from benchmarks.paper import baselines, borders, clock, failures, geometry, noise, options, rolling, speed
 from benchmarks.paper.figure import section
 from benchmarks.tables import markdown, write
 
@@ -27,7 +27,7 @@ GROUPS = {
     "borders": borders,
     "options": options,
     "clock": clock,
-    "opponents": opponents,
+    "baselines": baselines,
     "failures": failures,
     "rolling": rolling,
     "noise": noise,
@@ -35,37 +35,38 @@ GROUPS = {
 INTRODUCTION = """\
 # The paper, measured again
 
-Made by `python -m benchmarks.paper`; do not edit. The figures and tables of Sindelar and Sroubek (2013) on simulated
-captures with known truth, and what they could not show. `global` with `motion="small-angle"` is their method. For every
-figure one sentence says whether their finding holds here; the numbers are in CSV and JSON files beside the pictures.
+Made by `python -m benchmarks.paper`; do not edit. It repeats the figures and tables of Sindelar and Sroubek (2013,
+[reference](../theory.md#references)) on simulated captures with known truth, and adds some that need the truth.
+`global` with `motion="small-angle"` is their method. One sentence in each section states whether their finding holds
+here. The numbers are in CSV and JSON files beside the pictures.
 """
 
 
 def main() -> None:
-    """Run all groups, or some, and write the page."""
+    """Run all groups, or the chosen ones, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="few cases and small pictures; says little")
-    parser.add_argument("--only", choices=GROUPS, action="append", help="only this group; the others' figures stay")
-    parser.add_argument("--folder", type=Path, default=ROOT / "docs" / "benchmarks", help="where the page goes")
-    wanted = parser.parse_args()
+    parser.add_argument("--quick", action="store_true", help="few small cases, to see that it runs")
+    parser.add_argument("--only", choices=GROUPS, action="append", help="only this group; other figures are kept")
+    parser.add_argument("--folder", type=Path, default=ROOT / "docs" / "benchmarks", help="folder of the page")
+    arguments = parser.parse_args()
     require_data()
-    folder = wanted.folder / "paper"
+    folder = arguments.folder / "paper"
     folder.mkdir(parents=True, exist_ok=True)
     load = machine.load()
-    names = wanted.only or list(GROUPS)
+    names = arguments.only or list(GROUPS)
     columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total} groups")
     with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True, highlight=False)) as progress:
         task = progress.add_task("", total=len(names))
         for name in names:
             progress.update(task, description=name)
-            for told in run(name, folder, quick=wanted.quick):
-                progress.console.print(told, markup=False)
+            for line in run(name, folder, quick=arguments.quick):
+                progress.console.print(line, markup=False)
             progress.advance(task)
-    write(wanted.folder / "paper.md", page(folder, load))
+    write(arguments.folder / "paper.md", page(folder, load))
 
 
 def run(name: str, folder: Path, *, quick: bool) -> Iterator[str]:
-    """Make the figures of a group, and tell what they found."""
+    """Make the figures of a group, and yield a line about each."""
     begin, processor = time.perf_counter(), processor_time()
     for place, figure in enumerate(GROUPS[name].figures(quick)):
         seconds, busy = time.perf_counter() - begin, processor_time() - processor
@@ -75,12 +76,12 @@ def run(name: str, folder: Path, *, quick: bool) -> Iterator[str]:
 
 
 def processor_time() -> float:
-    """Return the processor time of this process and of those that it has waited for, s."""
+    """Return the processor time of this process and of its finished children, s."""
     return sum(os.times()[:4])
 
 
 def page(folder: Path, load: float) -> str:
-    """Return the page of all figures that are in the folder."""
+    """Return the page of all figures in the folder."""
     records = [json.loads(file.read_text()) for file in folder.glob("*.json")]
     records.sort(key=lambda record: (list(GROUPS).index(record["group"]), record["place"]))
     seconds, busy = (sum(record[key] for record in records) for key in ("seconds", "processor_seconds"))

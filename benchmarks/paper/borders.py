@@ -1,4 +1,4 @@
-"""The border: what the default and its rivals make of what lies beyond the frame."""
+"""Borders: how the default and its alternatives continue a picture beyond the frame."""
 
 from __future__ import annotations
 
@@ -11,25 +11,26 @@ from scipy.signal import fftconvolve
 
 from benchmarks.captures import DATA, Image
 from benchmarks.paper.figure import Cell, Figure, pictures
-from rsdeblur import BlurPaths, Camera, Deconvolver, Exposure, PsfBank, Shot, psfs, read_gyro
-from rsdeblur.border import Border, Extension, fade
-from rsdeblur.extension import extended
+from rsdeblur import BlurPaths, Camera, Capture, Deconvolver, Exposure, PsfBank, psfs, read_gyro
+from rsdeblur.choices import Border, Boundary
+from rsdeblur.deconv.border import fade
+from rsdeblur.deconv.boundary import extended
+from rsdeblur.deconv.rowwise import RowDeconvolver
+from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.io import read_picture
-from rsdeblur.rowwise import RowDeconvolver
-from rsdeblur.transfer import from_linear, to_linear
 
 PICTURES = ("kodim01", "kodim05", "kodim13", "kodim23")
 STARTS = (14.0, 33.0, 40.0)
 DURATION = 1 / 10
 NSR, NOISE = 0.01, 0.005
-CAMERA = Camera(512, 384, 560.0)  # one row like the other: the border alone is compared
+CAMERA = Camera(512, 384, 560.0)  # no readout time, so that only the border differs
 ROUNDS = 5
 INSIDE = "paper (blended inside)"
 SHOWN = np.s_[:150, :200]
 
 
 def figures(quick: bool) -> Iterator[Figure]:
-    """Yield the shoot-out."""
+    """Yield the comparison."""
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
     scores: dict[str, list[tuple[float, ...]]] = {}
     shown: dict[str, Image] = {}
@@ -39,7 +40,7 @@ def figures(quick: bool) -> Iterator[Figure]:
         for start in STARTS[:1] if quick else STARTS:
             exposure = Exposure(start, DURATION, log.epoch_ns)
             bank = psfs(log, CAMERA, exposure, mode="global", motion="small-angle")
-            paths = BlurPaths.every_row(Shot.from_log(log, CAMERA, exposure), bank.cols, motion="small-angle")
+            paths = BlurPaths.every_row(Capture.from_log(log, CAMERA, exposure, motion="small-angle"), bank.cols)
             for way, score, image in compared(scene, bank, paths):
                 scores.setdefault(way, []).append(score)
                 if n > 0 or start != STARTS[0]:
@@ -52,23 +53,23 @@ def figures(quick: bool) -> Iterator[Figure]:
 
 
 def report(means: dict[str, tuple[float, ...]], shown: dict[str, Image]) -> Figure:
-    """Make the table and say which is best."""
+    """Return the figure, and name the best border."""
     tiles = {way: found for way, found in means.items() if not way.startswith(("rowwise", "scene"))}
     best = max(tiles, key=lambda way: tiles[way][1])
     blend, inside = tiles["blend"], tiles[INSIDE]
     rows: list[tuple[Cell, ...]] = [(way, *found) for way, found in means.items()]
     return Figure(
         "borders",
-        "Borders: the default and its rivals",
+        "Borders: the default and its alternatives",
         f"Kodak pictures cut to {CAMERA.width}x{CAMERA.height} px that go on beyond the frame, blurred with one PSF of "
         f"a real log (1/{round(1 / DURATION)} s, {len(STARTS)} moments, no rolling shutter), noise of 46 dB, Wiener "
         f"filter with Phi = {NSR}. *Near* is within one PSF of the frame, *inside* the rest; PSNR (dB) in sRGB. "
-        "*Ringing* is the root mean square difference near the border from what the same filter makes of the scene "
-        "beyond the frame, in 1/1000 of the range of sRGB; the last row is that ideal. ms: processor time of one "
-        "application, extension included, median.",
+        "*Ringing* is the root mean square difference, near the border, from the result of the same filter on the "
+        "scene beyond the frame, in 1/1000 of the range of sRGB; the last row is that ideal. ms: median processor time "
+        "of one application, including the continuation.",
         f"{'Holds' if blend[1] >= inside[1] else 'Holds in part'}: blending opposite borders works, and as the paper "
         f"does it, inside the picture, it reaches {inside[1]:.2f} dB near the border; blending only the continuation, "
-        f"our default, {blend[1]:.2f} dB; the best for tiles is {best} with {tiles[best][1]:.2f} dB; no care at all "
+        f"our default, {blend[1]:.2f} dB; the best for tiles is {best} with {tiles[best][1]:.2f} dB; no continuation "
         f"(periodic) {tiles['periodic'][1]:.2f} dB.",
         ("border", "ringing", "near (dB)", "inside (dB)", "ms"),
         rows,
@@ -100,7 +101,7 @@ def compared(scene: Image, bank: PsfBank, paths: BlurPaths) -> Iterator[tuple[st
 
 
 def solvers(observed: Image, bank: PsfBank) -> dict[str, Callable[[], Image]]:
-    """Return what solves the picture with each border of tiles."""
+    """Return a function for each border of tiles that solves the picture."""
 
     def planned(border: Border, prepare: Callable[[], Image]) -> Callable[[], Image]:
         shape = prepare().shape
@@ -108,17 +109,17 @@ def solvers(observed: Image, bank: PsfBank) -> dict[str, Callable[[], Image]]:
         filters = Deconvolver(PsfBank.for_picture(kernel, shape), shape, nsr=NSR, border=border)
         return lambda: filters.apply(prepare())[: CAMERA.height, : CAMERA.width]
 
-    rivals: tuple[Extension, ...] = ("reflect", "edge-taper", "smooth")
+    alternatives: tuple[Boundary, ...] = ("reflect", "edge-taper", "smooth")
     return {
         "blend": planned("blend", lambda: observed),
         "periodic": planned("periodic", lambda: observed),
-        **{name: planned("periodic", partial(extended, observed, bank, name)) for name in rivals},
+        **{name: planned("periodic", partial(extended, observed, bank, name)) for name in alternatives},
         INSIDE: planned("periodic", lambda: blended_inside(observed, bank.size)),
     }
 
 
 def rowwise(observed: Image, paths: BlurPaths) -> Callable[[], Image]:
-    """Return the exact solve, whose rows beyond the frame are unknowns."""
+    """Return a function for the exact solve, in which rows beyond the frame are unknowns."""
     solver = RowDeconvolver(paths, observed.shape, nsr=NSR)
     return lambda: solver.apply(observed)
 

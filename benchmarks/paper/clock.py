@@ -1,4 +1,4 @@
-"""The time offset: what the authors leave to the user's eye, found by `find_time_offset`."""
+"""The time offset, which the authors leave to the user's eye, estimated by `find_time_offset`."""
 
 from __future__ import annotations
 
@@ -15,56 +15,55 @@ import numpy as np
 from benchmarks.captures import DATA, ROOT
 from benchmarks.paper.figure import Cell, Figure
 from rsdeblur import (
-    BlurPaths,
     Camera,
+    Capture,
     Exposure,
     GyroLog,
     OffsetSearch,
-    Shot,
     find_time_offset,
     read_camera,
     read_captures,
     read_gyro,
     simulate,
 )
-from rsdeblur.fft import thread_count
+from rsdeblur._util.threads import thread_count
+from rsdeblur.image.transfer import to_linear
 from rsdeblur.io import read_picture
-from rsdeblur.transfer import to_linear
 
 PICTURES = ("kodim01", "kodim03", "kodim05", "kodim07", "kodim13", "kodim20", "kodim23")
 DURATIONS = (1 / 60, 1 / 30, 1 / 15)
-CAMERA = Camera(640, 448, 700.0, readout=0.03)
+CAMERA = Camera(640, 448, 700.0, readout_time=0.03)
 NOISE = 0.01
 SEARCH = (-0.1, 0.1)
 LARGEST = 0.05  # s, either way
-# Blur from which an answer is asked for, px.
+# Least blur at which an answer is expected, px.
 ENOUGH = 8.0
 UNIFORM = ((0.0, 0.0, 0.0), (0.3, 0.9, 0.1), (-1.0, 0.4, 0.0), (0.0, 2.0, 0.3))  # rad/s
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One search: px of blur, the true offset (s), what was found."""
+    """One search: blur (px), true offset (s) and result."""
 
     blur: float
     offset: float
-    found: OffsetSearch
+    result: OffsetSearch
 
     @property
     def error(self) -> float:
-        """How far the best guess is off, ms, told or not."""
-        return 1e3 * abs(self.found.best - self.offset)
+        """Error of the best guess, ms, whether or not it was returned as an answer."""
+        return 1e3 * abs(self.result.best - self.offset)
 
 
 def figures(quick: bool) -> Iterator[Figure]:
-    """Yield the accuracy of the automatic search."""
+    """Yield the figure of the accuracy of the search."""
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
     rng = np.random.default_rng(5)
     count = 4 if quick else 16
     moments, offsets = rng.uniform(2.0, 54.0, count), np.linspace(-LARGEST, LARGEST, count)
     names = [PICTURES[k % len(PICTURES)] for k in range(count)]
     durations = [DURATIONS[k % len(DURATIONS)] for k in range(count)]
-    # A search keeps one processor busy.
+    # Each search uses one processor.
     with ProcessPoolExecutor(thread_count(None), mp_context=get_context("spawn")) as pool:
         trials = [*pool.map(partial(trial, log), names, moments, durations, offsets)]
         even = [*pool.map(uniform, UNIFORM[:1] if quick else UNIFORM)]
@@ -73,17 +72,17 @@ def figures(quick: bool) -> Iterator[Figure]:
 
 
 def trial(log: GyroLog, picture: str, start: float, duration: float, offset: float) -> Trial:
-    """Take a picture with a real shake and search for an offset that is known."""
+    """Simulate a capture with a real shake and search for its known offset."""
     near = log.trimmed(start - 0.4, start + 0.5)
     exposure = Exposure(start, duration, log.epoch_ns)
     sharp = to_linear((read_picture(DATA / "sharp" / f"{picture}.png").pixels / 255).astype(np.float32), "srgb")
     blurred = simulate(sharp, near, CAMERA, exposure, noise=NOISE).blurred
-    blur = float(BlurPaths.probe(Shot.from_log(near, CAMERA, exposure), motion="rotation").lengths.mean())
+    blur = float(Capture.from_log(near, CAMERA, exposure).probe.lengths.mean())
     return Trial(blur, offset, find_time_offset(blurred, near.shifted(-offset), CAMERA, exposure, search=SEARCH))
 
 
 def uniform(rates: tuple[float, float, float]) -> OffsetSearch:
-    """Search where every offset gives the same blur."""
+    """Search in a capture in which every offset gives the same blur."""
     log, exposure = GyroLog(np.arange(0, 1.0, 0.005), np.tile(rates, (200, 1))), Exposure(0.4, 1 / 30)
     sharp = to_linear((read_picture(DATA / "sharp" / "kodim05.png").pixels / 255).astype(np.float32), "srgb")
     blurred = simulate(sharp, log, CAMERA, exposure, noise=NOISE).blurred
@@ -91,7 +90,7 @@ def uniform(rates: tuple[float, float, float]) -> OffsetSearch:
 
 
 def real(pool: Executor) -> Iterator[tuple[str, OffsetSearch]]:
-    """Search in the real pictures, around the offsets of their camera files."""
+    """Search in the real pictures around the offsets of their camera files."""
     folder, camera = DATA / "real" / "mars-phone-240ms", read_camera(ROOT / "docs/cameras/mars-phone-240ms.toml")
     log, captures = read_gyro(folder / "gyro_accel.csv"), read_captures(folder / "movie_metadata.csv")
     jobs = {
@@ -101,62 +100,62 @@ def real(pool: Executor) -> Iterator[tuple[str, OffsetSearch]]:
     folder, camera = DATA / "real" / "shield-burst", read_camera(ROOT / "docs/cameras/shield-burst.toml")
     log, captures = read_gyro(folder / "imu.txt"), read_captures(folder / "images" / "images.txt")
     jobs["shield-burst, 0004"] = folder / "images" / "0004.jpg", log, camera, captures[3]
-    yield from zip(jobs, pool.map(found, *zip(*jobs.values(), strict=True)), strict=True)
+    yield from zip(jobs, pool.map(search_photo, *zip(*jobs.values(), strict=True)), strict=True)
 
 
-def found(photo: Path, log: GyroLog, camera: Camera, exposure: Exposure) -> OffsetSearch:
-    """Search as if the camera file's offset were 0, so that the answer is the difference."""
+def search_photo(photo: Path, log: GyroLog, camera: Camera, exposure: Exposure) -> OffsetSearch:
+    """Search relative to the offset of the camera file, so that the answer is the difference from it."""
     pixels, known = read_picture(photo).pixels, camera.time_offset
     return find_time_offset(pixels, log.shifted(known), camera.delayed(-known), exposure, transfer="srgb")
 
 
 def accuracy(trials: list[Trial], even: list[OffsetSearch], pictures: list[tuple[str, OffsetSearch]]) -> Figure:
-    """Make the table and say whether it is good enough."""
+    """Return the figure."""
     classes = {
         f"simulated, blur under {ENOUGH:g} px": [t for t in trials if t.blur < ENOUGH],
         f"simulated, blur of {ENOUGH:g} px and more": [t for t in trials if t.blur >= ENOUGH],
     }
     rows: list[tuple[Cell, ...]] = []
     for name, members in classes.items():
-        told = [t for t in members if t.found.time_offset is not None]
-        errors = [t.error for t in told]
+        answered = [t for t in members if t.result.time_offset is not None]
+        errors = [t.error for t in answered]
         middle, worst = (float(np.median(errors)), max(errors)) if errors else ("-", "-")
         rows.append(
-            (name, len(members), len(told), middle, worst, float(np.mean([t.found.confidence for t in members])))
+            (name, len(members), len(answered), middle, worst, float(np.mean([t.result.confidence for t in members])))
         )
     false = sum(search.time_offset is not None for search in even)
     rows.append(("simulated, constant rates", len(even), false, "-", "-", float(np.mean([s.confidence for s in even]))))
     for name, search in pictures:
-        told_here = search.time_offset is not None
-        off = 1e3 * abs(search.best) if told_here else "-"
-        rows.append((name, 1, int(told_here), off, off, search.confidence))
+        is_answered = search.time_offset is not None
+        off = 1e3 * abs(search.best) if is_answered else "-"
+        rows.append((name, 1, int(is_answered), off, off, search.confidence))
     enough = classes[f"simulated, blur of {ENOUGH:g} px and more"]
-    told = [t for t in enough if t.found.time_offset is not None]
-    median = float(np.median([t.error for t in told]))
+    answered = [t for t in enough if t.result.time_offset is not None]
+    median = float(np.median([t.error for t in answered]))
 
     def draw(canvas: Any) -> None:
         axes = canvas.subplots()
         for label, marker, members in (
-            ("told", "o", [t for t in trials if t.found.time_offset is not None]),
-            ("best guess where it cannot tell", "x", [t for t in trials if t.found.time_offset is None]),
+            ("answered", "o", [t for t in trials if t.result.time_offset is not None]),
+            ("best guess where declined", "x", [t for t in trials if t.result.time_offset is None]),
         ):
-            axes.plot([1e3 * t.offset for t in members], [1e3 * t.found.best for t in members], marker, label=label)
+            axes.plot([1e3 * t.offset for t in members], [1e3 * t.result.best for t in members], marker, label=label)
         axes.axline((0, 0), slope=1, color="0.6", linewidth=0.8)
-        axes.set(xlabel="true offset (ms)", ylabel="found (ms)")
+        axes.set(xlabel="true offset (ms)", ylabel="estimate (ms)")
         axes.grid(alpha=0.3)
         axes.legend()
 
     return Figure(
         "clock",
-        "The time offset, found by itself",
+        "The time offset, estimated from the picture",
         f"{len(trials)} captures of {CAMERA.width}x{CAMERA.height} px with a real phone's shake at random moments, "
         f"1/60 to 1/15 s, readout 30 ms, noise of 40 dB; the log is off by up to {1e3 * LARGEST:g} ms either way, the "
         f"search goes from {1e3 * SEARCH[0]:g} to {1e3 * SEARCH[1]:g} ms. Constant rates blur alike at every offset. "
-        "The real pictures' offsets are compared with their camera files', which are themselves good to some 5 ms "
-        "(mars) or to an unknown extent (shield). Errors in ms.",
-        f"New here: where the blur is {ENOUGH:g} px and more it tells {len(told)} of {len(enough)} offsets, with a "
-        f"median error of {median:.2f} ms; of {len(even)} constant rates it claims to know {false}.",
-        ("pictures", "number", "told", "median error", "worst", "mean confidence"),
+        "The offsets of the real pictures are compared with those of their camera files, which are accurate to some "
+        "5 ms (mars) or to an unknown extent (shield). Errors in ms.",
+        f"New here: where the blur is {ENOUGH:g} px and more, {len(answered)} of {len(enough)} offsets are found, with "
+        f"a median error of {median:.2f} ms; for {len(even)} constant rates it gives {false} answers.",
+        ("pictures", "number", "answered", "median error", "worst", "mean confidence"),
         rows,
         draw,
     )

@@ -1,4 +1,4 @@
-"""Figure 6: what one PSF cannot describe, and what helps: rotation about z, and translation before a near scene."""
+"""Figure 6: blur that one PSF cannot describe, rotation about z and translation before a near scene, and remedies."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from benchmarks.captures import DATA, Image, quality
 from benchmarks.paper.figure import Cell, Figure, pictures
 from rsdeblur import Camera, Exposure, GyroLog, Translation, deblur, read_gyro, simulate
+from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.io import read_picture
-from rsdeblur.transfer import from_linear, to_linear
 
-CAMERA = Camera(640, 448, 704.0, readout=0.03)
+CAMERA = Camera(640, 448, 704.0, readout_time=0.03)
 START, DURATION = 33.0, 1 / 15
 NSR, NOISE = 0.01, 0.01
 DEPTH = 0.5  # m
@@ -22,7 +22,7 @@ SHOWN = np.s_[20:170, 420:620]
 
 
 def figures(quick: bool) -> Iterator[Figure]:
-    """Yield figure 6 in its two halves."""
+    """Yield the two halves of figure 6."""
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
     log = log.trimmed(START - 0.2, START + 0.4)
     exposure = Exposure(START, DURATION, log.epoch_ns)
@@ -31,7 +31,7 @@ def figures(quick: bool) -> Iterator[Figure]:
 
 
 def scene() -> Image:
-    """Linear light."""
+    """Return the scene in linear light."""
     stored = (read_picture(DATA / "sharp" / "kodim01.png").pixels / 255).astype(np.float32)
     return to_linear(stored, "srgb")
 
@@ -39,11 +39,11 @@ def scene() -> Image:
 def compared(
     log: GyroLog, exposure: Exposure, ways: dict[str, dict[str, Any]], translation: Translation | None = None
 ) -> tuple[list[tuple[Cell, ...]], dict[str, Image]]:
-    """Deblur one capture in several ways."""
+    """Deblur one capture in several ways; return the table and the pictures."""
     capture = simulate(scene(), log, CAMERA, exposure, noise=NOISE, translation=translation)
     results = {"blurred": capture.blurred}
     for name, arguments in ways.items():
-        results[name] = deblur(capture.blurred, log, CAMERA, exposure, nsr=NSR, **arguments).image
+        results[name] = deblur(capture.blurred, log, CAMERA, exposure, prior="wiener", nsr=NSR, **arguments).image
     rows: list[tuple[Cell, ...]] = [(name, *quality(capture.rolling, image)) for name, image in results.items()]
     shown = {
         f"{name}\n{row[1]:.1f} dB": from_linear(image.clip(0, 1), "srgb")[SHOWN].mean(axis=2)
@@ -53,7 +53,7 @@ def compared(
 
 
 def roll(log: GyroLog, exposure: Exposure) -> Figure:
-    """Rotation about z, three times as strong as it was, the others at a third."""
+    """Return the figure of a shake with three times the roll and a third of the other rates."""
     rolled = GyroLog(log.t, log.omega * (0.3, 0.3, 3.0), log.epoch_ns)
     ways: dict[str, dict[str, Any]] = {
         "global, eq. 6": {"mode": "global", "motion": "small-angle"},
@@ -67,7 +67,7 @@ def roll(log: GyroLog, exposure: Exposure) -> Figure:
     return Figure(
         "fig6-roll",
         "Figure 6: rotation about the optical axis",
-        "A real shake with its rates about x and y reduced to 0.3 and about z tripled, 1/15 s, readout 30 ms. "
+        "A real shake whose rates about x and y are reduced to 0.3 and about z are tripled, 1/15 s, readout 30 ms. "
         "PSNR (dB) and SSIM in sRGB.",
         f"{verdict}: their model changes the blurred picture's {blurred:.1f} dB to {one:.1f} dB; strips, which they "
         f"lack, reach {strips:.1f} dB with bands and {rowwise:.1f} dB row by row.",
@@ -78,7 +78,7 @@ def roll(log: GyroLog, exposure: Exposure) -> Figure:
 
 
 def near_scene(log: GyroLog, exposure: Exposure) -> Figure:
-    """Move before a scene at half a metre."""
+    """Return the figure of a camera that moves before a scene at half a metre."""
     t = np.linspace(START - 0.1, START + 0.3, 201)
     sway = SWAY * np.stack([np.sin(45 * t), np.cos(38 * t), 0 * t], axis=-1)
     track = Translation(t, sway, DEPTH, log.epoch_ns)
@@ -97,8 +97,8 @@ def near_scene(log: GyroLog, exposure: Exposure) -> Figure:
         "Figure 6: translation before a near scene",
         f"Less rotation (0.4), and the camera sways by {1e3 * SWAY:g} mm at {DEPTH} m from the scene. PSNR (dB) "
         "and SSIM in sRGB.",
-        f"{verdict}: with rotation alone {rotation:.1f} dB against the blurred picture's {blurred:.1f} dB; given "
-        f"the track and the depth, eq. 3 in full reaches {full:.1f} dB with bands and {rowwise:.1f} dB row by row.",
+        f"{verdict}: with rotation alone {rotation:.1f} dB, the blurred picture {blurred:.1f} dB; given the track and "
+        f"the depth, eq. 3 in full reaches {full:.1f} dB with bands and {rowwise:.1f} dB row by row.",
         ("method", "PSNR", "SSIM"),
         rows,
         pictures(shown),

@@ -1,9 +1,10 @@
-"""What every figure of the evaluation consists of, and how it is written."""
+"""A figure of the evaluation: text, table and drawing, and how they are written."""
 
 from __future__ import annotations
 
 import csv
 import json
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +26,7 @@ class Figure:
         File name without extension.
     title : str
     about : str
-        What was done.
+        Description of the measurement.
     finding : str
         One sentence: whether the paper's finding holds here.
     columns : sequence of str
@@ -44,15 +45,15 @@ class Figure:
     draw: Draw
 
     def write(self, folder: Path, **facts: Cell) -> None:
-        """Write CSV, JSON and SVG; `facts` about the run go into the JSON."""
+        """Write CSV, JSON and SVG; the JSON also contains `facts` about the run."""
         import matplotlib as mpl
         from matplotlib.figure import Figure as Canvas
 
         with (folder / f"{self.name}.csv").open("w", newline="") as file:
             csv.writer(file, lineterminator="\n").writerows([self.columns, *self.rows])
-        told = {key: getattr(self, key) for key in ("name", "title", "about", "finding", "columns", "rows")}
-        (folder / f"{self.name}.json").write_text(json.dumps(facts | told, indent=1) + "\n")
-        # Text as text, and no date: the file changes only when the picture does.
+        record = {key: getattr(self, key) for key in ("name", "title", "about", "finding", "columns", "rows")}
+        (folder / f"{self.name}.json").write_text(json.dumps(facts | record, indent=1) + "\n")
+        # Text stays text and there is no date, so the file changes only when the drawing does.
         with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "rsdeblur"}):
             canvas = Canvas(figsize=(9, 3.6), layout="constrained")
             self.draw(canvas)
@@ -60,16 +61,20 @@ class Figure:
 
 
 def section(record: Mapping[str, Any]) -> str:
-    """Return a figure's part of the page, from its JSON."""
+    """Return the section of a figure, from its JSON."""
     table = markdown(record["columns"], [[_text(cell) for cell in row] for row in record["rows"]])
     parts = (
         f"## {record['title']}",
-        record["about"],
-        f"**{record['finding']}**",
+        _wrapped(record["about"]),
+        _wrapped(f"**{record['finding']}**"),
         f"![{record['title']}](paper/{record['name']}.svg)",
         table,
     )
     return "\n\n".join(parts)
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(text, 120, break_long_words=False, break_on_hyphens=False)
 
 
 def _text(cell: Cell) -> str:
@@ -83,7 +88,7 @@ def lines(
     ylabel: str,
     **settings: Any,
 ) -> Draw:
-    """Return what draws curves over common positions."""
+    """Return a function that draws curves over common positions."""
 
     def draw(canvas: Any) -> None:
         axes = canvas.subplots()
@@ -97,7 +102,7 @@ def lines(
 
 
 def pictures(panels: Mapping[str, Any], columns: int = 4) -> Draw:
-    """Return what draws grey pictures, values in [0, 1], in a grid."""
+    """Return a function that draws grey pictures, values in [0, 1], in a grid."""
 
     def draw(canvas: Any) -> None:
         rows = -(-len(panels) // columns)

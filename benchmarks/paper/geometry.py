@@ -1,4 +1,4 @@
-"""Figures 2a and 2b: what shifts the picture by how much. Plain geometry."""
+"""Figures 2a and 2b: shifts of the picture by translation and rotation, from geometry alone."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ def figures(quick: bool) -> Iterator[Figure]:
     yield rotation()
 
 
-def focal(width: int) -> float:
-    """Focal length in px for the field of view."""
+def focal_length(width: int) -> float:
+    """Return the focal length in px for the field of view."""
     return float(width / 2 / np.tan(FIELD / 2))
 
 
 def translation() -> Figure:
-    """Shift by 1 mm of translation over the distance of the scene."""
-    curves = {f"{w}x{h}": [focal(w) * 1e-3 / d for d in DISTANCES] for w, h in SIZES}
+    """Return the figure of the shift by 1 mm of translation, over the distance of the scene."""
+    curves = {f"{w}x{h}": [focal_length(w) * 1e-3 / d for d in DISTANCES] for w, h in SIZES}
     small, large = (curve[DISTANCES.index(2.0)] for curve in curves.values())
     return Figure(
         "fig2a",
         "Figure 2a: one millimetre of translation",
-        "Shift in px of a scene at a distance when the camera moves by 1 mm sideways; field of view 60 degrees across.",
+        "Shift in px when the camera moves by 1 mm sideways, over the distance of the scene; field of view 60 degrees.",
         f"Holds at their working size: at 2 m the shift is {small:.2f} px ({large:.2f} px at their sensor's full "
         "size), less beyond.",
         ("distance (m)", *curves),
@@ -42,9 +42,9 @@ def translation() -> Figure:
 
 
 def rotation() -> Figure:
-    """Shift by 1 degree of rotation over the distance from the centre."""
+    """Return the figure of the shift by 1 degree of rotation, over the distance from the centre."""
     width, height = SIZES[0]
-    f, corner = focal(width), np.hypot(width, height) / 2
+    f, corner = focal_length(width), np.hypot(width, height) / 2
     radius = np.linspace(0.0, corner, 9)
     angle = np.radians(1.0)
     about_x = f * (np.tan(np.arctan(radius / f) + angle)) - radius

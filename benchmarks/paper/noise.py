@@ -1,4 +1,4 @@
-"""Figures 8 and 9: noise of the gyroscope; and the error budget of everything else that has to be known."""
+"""Figures 8 and 9: noise of the gyroscope; and the error budget of the other inputs."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from typing import Any
 import numpy as np
 from scipy.signal import fftconvolve
 
-from benchmarks.captures import DATA, NOISE, Capture, quality
+from benchmarks.captures import DATA, NOISE, SimulatedCapture, quality
 from benchmarks.paper.figure import Figure, lines
 from rsdeblur import Camera, Exposure, GyroLog, deblur, psfs, read_gyro, simulate
+from rsdeblur.choices import MODES, Mode
+from rsdeblur.image.transfer import to_linear
 from rsdeblur.io import read_picture
-from rsdeblur.method import MODES, Mode
-from rsdeblur.transfer import to_linear
 
 LEVELS = (0.0, 0.007, 0.02, 0.035, 0.05, 0.065, 0.08, 0.1)
 REPETITIONS = 10
-# Of captures, in all modes: fewer, as rowwise takes seconds.
+# Levels for captures in all modes: fewer, because rowwise takes seconds.
 ROLLING_LEVELS = (0.0, 0.007, 0.02, 0.05, 0.1)
 TYPICAL = 0.007  # rad/s rms of a phone's gyroscope, as they state
 START, DURATION = 14.0, 1 / 15
 NSR = 0.01
-CAMERA = Camera(640, 448, 704.0, readout=0.03)
+CAMERA = Camera(640, 448, 704.0, readout_time=0.03)
 # Captures that are shaken at least moderately: picture, start in the log (s), exposure (s).
 CHOSEN = (("kodim05", 3.0, 1 / 15), ("kodim07", 33.0, 1 / 30), ("kodim01", 40.0, 1 / 15))
 
-# What is wrong by how much: unit, steps.
+# Size of each error: unit, steps.
 ERRORS: dict[str, tuple[str, tuple[float, ...]]] = {
     "offset": ("ms", (1.0, 2.0, 5.0)),
     "readout": ("%", (5.0, 10.0, 20.0)),
@@ -38,7 +38,7 @@ ERRORS: dict[str, tuple[str, tuple[float, ...]]] = {
 
 
 def figures(quick: bool) -> Iterator[Figure]:
-    """Yield figures 8 and 9, the same for captures, and the error budget."""
+    """Yield figures 8 and 9, the same measurement for captures, and the error budget."""
     repetitions = 2 if quick else REPETITIONS
     yield global_blur(repetitions)
     captures = [shaken(*chosen) for chosen in (CHOSEN[:1] if quick else CHOSEN)]
@@ -46,12 +46,12 @@ def figures(quick: bool) -> Iterator[Figure]:
     yield budget(captures)
 
 
-def shaken(picture: str, start: float, duration: float) -> Capture:
+def shaken(picture: str, start: float, duration: float) -> SimulatedCapture:
     """Simulate a capture under a rolling shutter."""
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
     exposure = Exposure(start, duration, log.epoch_ns)
     sharp = to_linear((read_picture(DATA / "sharp" / f"{picture}.png").pixels / 255).astype(np.float32), "srgb")
-    return Capture(picture, log, CAMERA, exposure, simulate(sharp, log, CAMERA, exposure, noise=NOISE))
+    return SimulatedCapture(picture, log, CAMERA, exposure, simulate(sharp, log, CAMERA, exposure, noise=NOISE))
 
 
 def noisy(log: GyroLog, deviation: float, seed: int) -> GyroLog:
@@ -61,7 +61,7 @@ def noisy(log: GyroLog, deviation: float, seed: int) -> GyroLog:
 
 
 def global_blur(repetitions: int) -> Figure:
-    """Figures 8 and 9: one PSF from the true log blurs, one from a noisy log deblurs."""
+    """Return figures 8 and 9: one PSF from the true log blurs, one from a noisy log deblurs."""
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt").trimmed(START - 1, START + 1)
     camera, exposure = Camera(768, 512, 845.0), Exposure(START, DURATION, log.epoch_ns)
     sharp = (read_picture(DATA / "sharp" / "kodim05.png").pixels / 255).mean(axis=2)
@@ -70,7 +70,7 @@ def global_blur(repetitions: int) -> Figure:
     blurred = fftconvolve(padded, kernel, mode="valid") + np.random.default_rng(0).normal(0, NOISE, sharp.shape)
 
     def error(used: GyroLog) -> float:
-        result = deblur(blurred, used, camera, exposure, mode="global", motion="small-angle", nsr=NSR)
+        result = deblur(blurred, used, camera, exposure, mode="global", motion="small-angle", nsr=NSR, prior="wiener")
         return float(np.square(result.image - sharp)[24:-24, 24:-24].mean())
 
     def curve(deviation: Callable[[float], float]) -> list[float]:
@@ -99,24 +99,26 @@ def global_blur(repetitions: int) -> Figure:
 
 
 def mean_quality(
-    captures: Sequence[Capture], mode: Mode, spoil: Callable[[Capture], tuple[GyroLog, Camera, Exposure]]
+    captures: Sequence[SimulatedCapture],
+    mode: Mode,
+    spoil: Callable[[SimulatedCapture], tuple[GyroLog, Camera, Exposure]],
 ) -> float:
-    """Mean PSNR (dB) over captures deblurred with a spoilt description."""
-    found = [
-        quality(c.pictures.rolling, deblur(c.pictures.blurred, *spoil(c), mode=mode, nsr=NSR).image)[0]
+    """Return the mean PSNR (dB) over captures that are deblurred with a wrong description."""
+    scores = [
+        quality(c.pictures.rolling, deblur(c.pictures.blurred, *spoil(c), mode=mode, nsr=NSR, prior="wiener").image)[0]
         for c in captures
     ]
-    return float(np.mean(found))
+    return float(np.mean(scores))
 
 
-def disturbed(deviation: float, seed: int, capture: Capture) -> tuple[GyroLog, Camera, Exposure]:
+def disturbed(deviation: float, seed: int, capture: SimulatedCapture) -> tuple[GyroLog, Camera, Exposure]:
     """Return the capture's description with a noisy log."""
-    log, camera, exposure = capture.shot
+    log, camera, exposure = capture.recording
     return noisy(log, deviation, seed), camera, exposure
 
 
-def rolling_shutter(captures: Sequence[Capture], repetitions: int) -> Figure:
-    """Measure the same for rolling-shutter captures, in all modes."""
+def rolling_shutter(captures: Sequence[SimulatedCapture], repetitions: int) -> Figure:
+    """Return the same figure for rolling-shutter captures, in all modes."""
     curves: dict[str, list[float]] = {}
     for mode in MODES:
         curves[mode] = [
@@ -129,12 +131,12 @@ def rolling_shutter(captures: Sequence[Capture], repetitions: int) -> Figure:
     ahead = {mode: curves[mode][-1] - curves["global"][-1] for mode in MODES[1:]}
     return Figure(
         "fig8-9-rolling",
-        "The same under a rolling shutter",
+        "Noise of the gyroscope under a rolling shutter",
         f"{len(captures)} simulated captures of {CAMERA.width}x{CAMERA.height} px (readout 30 ms, 40 dB), mean of "
         f"{repetitions} draws. PSNR, dB.",
         "New here: at 0.05 rad/s "
         + ", ".join(f"{mode} loses {db:.2f} dB" for mode, db in loss.items())
-        + "; at 0.1 rad/s, beside global, "
+        + "; at 0.1 rad/s, compared with global, "
         + " and ".join(f"{mode} is still {db:+.1f} dB" for mode, db in ahead.items())
         + ".",
         ("noise (rad/s)", *curves),
@@ -143,22 +145,22 @@ def rolling_shutter(captures: Sequence[Capture], repetitions: int) -> Figure:
     )
 
 
-def spoilt(what: str, by: float, capture: Capture) -> tuple[GyroLog, Camera, Exposure]:
+def spoilt(what: str, by: float, capture: SimulatedCapture) -> tuple[GyroLog, Camera, Exposure]:
     """Return the capture's description with one number wrong."""
-    log, camera, exposure = capture.shot
+    log, camera, exposure = capture.recording
     if what == "offset":
         return log, replace(camera, time_offset=camera.time_offset + 1e-3 * by), exposure
     if what == "readout":
-        return log, replace(camera, readout=camera.readout * (1 + by / 100)), exposure
+        return log, replace(camera, readout_time=camera.readout_time * (1 + by / 100)), exposure
     if what == "focal length":
-        fx, fy = camera.focal
-        return log, replace(camera, focal=(fx * (1 + by / 100), fy * (1 + by / 100))), exposure
+        fx, fy = camera.focal_length
+        return log, replace(camera, focal_length=(fx * (1 + by / 100), fy * (1 + by / 100))), exposure
     return log.minus_bias([by, -by, by]), camera, exposure
 
 
-def budget(captures: Sequence[Capture]) -> Figure:
-    """Decibels lost for each error, both signs averaged."""
-    best: dict[Mode, float] = {mode: mean_quality(captures, mode, lambda c: c.shot) for mode in MODES}
+def budget(captures: Sequence[SimulatedCapture]) -> Figure:
+    """Return the figure of decibels lost for each error, both signs averaged."""
+    best: dict[Mode, float] = {mode: mean_quality(captures, mode, lambda c: c.recording) for mode in MODES}
     rows: list[tuple[str | float, ...]] = []
     for what, (unit, steps) in ERRORS.items():
         for step in steps:
@@ -180,9 +182,9 @@ def budget(captures: Sequence[Capture]) -> Figure:
     return Figure(
         "budget",
         "Error budget",
-        f"Decibels lost on the same {len(captures)} captures when one number is wrong by so much, both signs averaged; "
+        f"Decibels lost on the same {len(captures)} captures when one input has the given error, both signs averaged; "
         f"without error {', '.join(f'{mode} {value:.2f} dB' for mode, value in best.items())}.",
-        "New here: what is lost by global, banded and rowwise at the largest step: "
+        "New here: losses of global, banded and rowwise at the largest step: "
         + "; ".join(
             f"{name.split(' (')[0]} off by {step:g} {ERRORS[name.split(' (')[0]][0]}: "
             + ", ".join(f"{db:.2f}" for db in lost)

@@ -1,4 +1,4 @@
-"""What the authors tried and left optional: Phi from the sensitivity, and normalisation of the range."""
+"""Two options of the authors: Phi from the sensitivity, and normalisation of the range."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from benchmarks.captures import DATA, Image, quality
 from benchmarks.paper.figure import Cell, Figure, lines, pictures
 from rsdeblur import Camera, Exposure, deblur, read_gyro, simulate
+from rsdeblur.estimate.strength import nsr_of_iso
+from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.io import read_picture
-from rsdeblur.transfer import from_linear, to_linear
-from rsdeblur.tuning import nsr_of_iso
 
 CAMERA = Camera(640, 448, 704.0)
 PICTURES = ("kodim05", "kodim13", "kodim23")
@@ -24,31 +24,31 @@ SHOWN = np.s_[150:350, 250:500]
 
 
 def figures(quick: bool) -> Iterator[Figure]:
-    """Yield both options."""
+    """Yield a figure for each option."""
     yield sensitivity(PICTURES[:1] if quick else PICTURES)
     yield normalisation()
 
 
 def scene(name: str) -> Image:
-    """Linear light."""
+    """Return a picture in linear light."""
     return to_linear((read_picture(DATA / "sharp" / f"{name}.png").pixels / 255).astype(np.float32), "srgb")
 
 
 def sensitivity(names: tuple[str, ...]) -> Figure:
-    """Phi fixed, from ISO, and from the picture."""
+    """Compare Phi fixed, from ISO, and from the picture."""
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
-    shot = log, CAMERA, Exposure(START, DURATION, log.epoch_ns)
+    recording = log, CAMERA, Exposure(START, DURATION, log.epoch_ns)
     curves: dict[str, list[float]] = {"Phi = 0.01": [], "Phi from ISO": [], "Phi from the picture": []}
-    captures = [simulate(scene(name), *shot) for name in names]
+    captures = [simulate(scene(name), *recording) for name in names]
     grain = np.random.default_rng(0).normal(0.0, NOISE, captures[0].blurred.shape).astype(np.float32)
     for iso in ISO:
-        found: dict[str, list[float]] = {way: [] for way in curves}
+        scores: dict[str, list[float]] = {way: [] for way in curves}
         for capture in captures:
             noisy = capture.blurred + np.float32((iso / 100) ** 0.5) * grain
             for way, nsr in zip(curves, (0.01, nsr_of_iso(iso), "auto"), strict=True):
-                image = deblur(noisy, *shot, mode="global", motion="small-angle", nsr=nsr).image  # type: ignore[arg-type]  # mypy joins the strengths to object
-                found[way].append(quality(capture.rolling, image)[0])
-        for way, values in found.items():
+                image = deblur(noisy, *recording, mode="global", motion="small-angle", nsr=nsr, prior="wiener").image  # type: ignore[arg-type]  # mypy joins the strengths to object
+                scores[way].append(quality(capture.rolling, image)[0])
+        for way, values in scores.items():
             curves[way].append(float(np.mean(values)))
     gains = [b - a for a, b in zip(curves["Phi = 0.01"], curves["Phi from ISO"], strict=True)]
     largest = max(gains, key=abs)
@@ -57,8 +57,8 @@ def sensitivity(names: tuple[str, ...]) -> Figure:
         "iso",
         "Phi from the sensitivity",
         f"{len(names)} pictures blurred by a real shake (no rolling shutter); the noise's deviation is {NOISE} at ISO "
-        "100 and grows with the root of the sensitivity. Phi is 0.01, in proportion to ISO, or derived from the "
-        "picture (ours). PSNR, dB.",
+        "100 and grows with the root of the sensitivity. Phi is 0.01, proportional to ISO, or derived from the picture "
+        "(ours). PSNR, dB.",
         f"{holds}: they found little effect; here Phi from ISO gains {gains[2]:+.1f} dB over 0.01 at ISO 400 and "
         f"{gains[-1]:+.1f} dB at ISO 1600.",
         ("ISO", *curves),
@@ -68,15 +68,23 @@ def sensitivity(names: tuple[str, ...]) -> Figure:
 
 
 def normalisation() -> Figure:
-    """Plain clipping beside the squeezed range."""
+    """Compare plain clipping with the normalised range."""
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
-    shot = log, CAMERA, Exposure(START, LARGE, log.epoch_ns)
-    capture = simulate((GAIN * scene(BRIGHT)).clip(0, 1), *shot, noise=NOISE)
+    recording = log, CAMERA, Exposure(START, LARGE, log.epoch_ns)
+    capture = simulate((GAIN * scene(BRIGHT)).clip(0, 1), *recording, noise=NOISE)
     truth = capture.rolling
     rows: list[tuple[Cell, ...]] = []
     shown: dict[str, Image] = {}
     for label, normalize in (("clipped", False), ("normalised", True)):
-        result = deblur(capture.blurred, *shot, mode="global", motion="small-angle", nsr=0.01, normalize=normalize)
+        result = deblur(
+            capture.blurred,
+            *recording,
+            mode="global",
+            motion="small-angle",
+            nsr=0.01,
+            normalize=normalize,
+            prior="wiener",
+        )
         kept = result.image.clip(0, 1)
         lost = float(((kept == 0) | (kept == 1)).mean())
         psnr, ssim = quality(truth, kept)
@@ -88,11 +96,11 @@ def normalisation() -> Figure:
         "normalisation",
         "Normalisation of the range",
         f"{BRIGHT}, {GAIN} times as bright, blurred over 1/{round(1 / LARGE)} s (PSF of {wide[1]}x{wide[0]} px), "
-        "global. *Clipped* values in per cent; *contrast* is the deviation of light over the true one's; PSNR (dB) and "
-        "SSIM in sRGB.",
-        f"Holds{'' if squeezed < contrast else ' in part'}: normalisation clips {outliers:.1f} % in place of "
-        f"{clipped:.1f} % and costs contrast ({squeezed:.2f} in place of {contrast:.2f} of the truth's); by PSNR it "
-        f"changes {plain:.1f} to {normalised:.1f} dB.",
+        "global. *Clipped* values in per cent; *contrast* is the standard deviation of light divided by that of the "
+        "truth; PSNR (dB) and SSIM in sRGB.",
+        f"Holds{'' if squeezed < contrast else ' in part'}: normalisation clips {outliers:.1f} % instead of "
+        f"{clipped:.1f} % and costs contrast ({squeezed:.2f} instead of {contrast:.2f} of the truth); the PSNR goes "
+        f"from {plain:.1f} to {normalised:.1f} dB.",
         ("range", "clipped (%)", "contrast", "PSNR", "SSIM"),
         rows,
         pictures(shown),

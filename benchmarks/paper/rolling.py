@@ -1,4 +1,4 @@
-"""Figure 7: points under a rolling shutter, and what the gyroscope says about them."""
+"""Figure 7: points under a rolling shutter, and the PSFs from the gyroscope."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from benchmarks.captures import DATA
 from benchmarks.paper.figure import Cell, Figure
 from rsdeblur import BlurPaths, Camera, Exposure, psfs, read_gyro, simulate
-from rsdeblur.motion import Shot
+from rsdeblur.motion.paths import Capture
 
 DURATION = 1 / 14
 STAMP = 20.0  # s in the log
 STARTS = tuple(1e-3 * ms for ms in range(40, 101, 10))  # after the stamp
-CAMERA = Camera(480, 360, 528.0, readout=0.03)
+CAMERA = Camera(480, 360, 528.0, readout_time=0.03)
 PITCH = 60  # px between points
 
 
@@ -30,9 +30,9 @@ def figures(quick: bool) -> Iterator[Figure]:
         psfs(log, CAMERA, Exposure(STAMP + s, DURATION, log.epoch_ns), mode="global", motion="small-angle")
         for s in STARTS
     ]
-    shot = Shot.from_log(log, CAMERA, exposure)
+    recording = Capture.from_log(log, CAMERA, exposure)
     middle = [(CAMERA.width - 1) / 2]
-    paths = BlurPaths.from_shot(shot, [0.0, CAMERA.height - 1.0], middle)
+    paths = BlurPaths.from_capture(recording, [0.0, CAMERA.height - 1.0], middle)
     top, bottom = paths.displacements[:, 0]
     change = float(np.linalg.norm(top - bottom, axis=-1).max())
     rows: list[tuple[Cell, ...]] = [
@@ -57,7 +57,7 @@ def figures(quick: bool) -> Iterator[Figure]:
         "fig7",
         "Figure 7: a rolling shutter's point grid",
         "A grid of points, exposure 1/14 s, readout 30 ms, a real phone's shake; and the PSFs that the gyroscope gives "
-        "for exposures that start 40 to 100 ms after a stamp. Sizes in px.",
+        "for exposures that start 40 to 100 ms after a timestamp. Sizes in px.",
         f"Holds: points of one exposure trace different curves from row to row (those of the first and the last row "
         f"are up to {change:.1f} px apart at equal times), and the curves are those of the log read later.",
         ("start (ms)", "width", "height"),

@@ -15,10 +15,10 @@ from benchmarks.cases import EXPOSURE, NSR, Case
 from benchmarks.paper.figure import Cell, Figure
 from benchmarks.timing import interleave
 from rsdeblur import Deconvolver, deblur
+from rsdeblur.image.encoded import reduced
 from rsdeblur.io import read_picture, write_picture
-from rsdeblur.stored import reduced
 
-# Width, height, and their ms without NEON, with it on one core, and on two.
+# Size of the picture, and the authors' ms: without NEON, with it on one core, and on two.
 THEIRS: dict[tuple[int, int], tuple[str, str, str]] = {
     (1536, 1152): ("2900", "185", "110"),
     (2048, 1536): ("5300", "330", "195"),
@@ -27,7 +27,7 @@ THEIRS: dict[tuple[int, int], tuple[str, str, str]] = {
 }
 ROUNDS = 7
 CASE = Case(2048, 1536, (17, 59))
-# The picture as their camera takes it, by how much it is larger than what they work on.
+# Ratio of the size of their camera's pictures to the size they work on.
 RAW = 3264 / 2048
 WHOLE = {"deconvolution, RGB 2048x1536": "2600", "whole process, from 3264x2448": "a little over 6000"}
 
@@ -67,11 +67,11 @@ def figures(quick: bool) -> Iterator[Figure]:
         "table1",
         "Table 1: times",
         "Milliseconds: theirs on a phone of 2012 without NEON, with NEON on one core and on two; ours (FFTW, float32, "
-        "measured plans) with one thread and with two, on this machine. A picture in colour takes 7 transforms, one of "
-        "the PSF and 2 of each channel; once planned, as timed here, the latter 6. The whole process reads a JPEG of "
-        "3264x2448, reduces it to 2048x1536, makes the PSF, deconvolves and writes a JPEG.",
+        "measured plans) with one thread and with two, on this machine. A colour picture takes 7 transforms, one of "
+        "the PSF and 2 of each channel; the times here are those of the latter 6, after planning. The whole process "
+        "reads a JPEG of 3264x2448, reduces it to 2048x1536, makes the PSF, deconvolves and writes a JPEG.",
         f"Holds: a size with large prime factors (2050x1538) takes {penalty:.1f} times as long as its neighbour "
-        "(theirs: 3.0), which is why a work size is chosen; times themselves are those of other machines.",
+        "(theirs: 3.0), which is why a work size is chosen; absolute times are not comparable between machines.",
         ("what", "theirs, no NEON", "theirs, 1 core", "theirs, 2 cores", "ours, 1 thread", "ours, 2 threads"),
         rows,
         draw,
@@ -79,7 +79,7 @@ def figures(quick: bool) -> Iterator[Figure]:
 
 
 def transform(width: int, height: int, threads: int) -> Callable[[], object]:
-    """Plan one forward real transform of a grey picture."""
+    """Return a planned forward real transform of a grey picture."""
     source = pyfftw.zeros_aligned((height, width), dtype=np.float32)
     target = pyfftw.empty_aligned((height, width // 2 + 1), dtype=np.complex64)
     plan = pyfftw.FFTW(source, target, axes=(0, 1), flags=("FFTW_MEASURE",), threads=threads)
@@ -88,7 +88,7 @@ def transform(width: int, height: int, threads: int) -> Callable[[], object]:
 
 
 def process(case: Case, folder: Path, threads: int) -> Callable[[], object]:
-    """Return the whole process on files."""
+    """Return a function that runs the whole process on files."""
     photo, sharp, log = folder / "photo.jpg", folder / f"sharp{threads}.jpg", case.log(1)
     raw = case.camera.scaled(RAW)
     large = resize(case.blurred, (raw.height, raw.width), order=1)
@@ -96,7 +96,9 @@ def process(case: Case, folder: Path, threads: int) -> Callable[[], object]:
 
     def run() -> None:
         pixels, camera = reduced(read_picture(photo).pixels, raw, max(case.camera.width, case.camera.height))
-        result = deblur(pixels, log, camera, EXPOSURE, mode="global", motion="small-angle", nsr=NSR, threads=threads)
+        result = deblur(
+            pixels, log, camera, EXPOSURE, mode="global", motion="small-angle", nsr=NSR, threads=threads, prior="wiener"
+        )
         write_picture(sharp, result.image, force=True)
 
     return run

@@ -1,5 +1,5 @@
-/* What the C test programs share. Every array is allocated to its exact size, so that sanitizers and valgrind see any
- * access beyond it. */
+/* Functions of the C test programs. Every array is allocated with its exact size, so that sanitizers and valgrind
+ * detect any access beyond it. */
 #ifndef RSDEBLUR_CHECK_H
 #define RSDEBLUR_CHECK_H
 

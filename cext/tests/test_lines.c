@@ -4,7 +4,7 @@
 /* Two roundings of values in [-1, 1]. */
 #define TOLERANCE 1e-6
 
-/* Position in a picture of n positions that stands for any one, counted step by step. */
+/* Return the position within 0 to n - 1 whose value continues a line of n values at `position`, found step by step. */
 static size_t walk(ptrdiff_t position, size_t n, int periodic)
 {
     size_t at = 0;
@@ -24,7 +24,7 @@ static size_t walk(ptrdiff_t position, size_t n, int periodic)
     return at;
 }
 
-/* Value of a tile at k, computed one position at a time. */
+/* Return the value of a tile at k, computed one position at a time. */
 static double expected(const float *source, size_t step, size_t n, rsd_tile tile, size_t k)
 {
     const double value = source[walk(tile.start + (ptrdiff_t)k, n, tile.periodic) * step];
@@ -40,14 +40,14 @@ static void test_picture_to_lines(size_t width, size_t channels, rsd_tile tile)
     const size_t rows = 2;
     float *picture = noise(rows * width * channels, 1), *lines = noise(channels * rows * tile.length, 2);
     int finite = 0;
-    CHECK(rsd_picture_to_lines(picture, rows, width, channels, tile, lines, (rsd_layout){rows * tile.length, tile.length},
-                               &finite) == RSD_OK);
+    const rsd_layout layout = {rows * tile.length, tile.length};
+    CHECK(rsd_picture_to_lines(picture, rows, width, channels, tile, lines, layout, &finite) == RSD_OK);
     CHECK(finite == 1);
     for (size_t c = 0; c < channels; c++)
         for (size_t r = 0; r < rows; r++)
             for (size_t k = 0; k < tile.length; k++) {
-                const double want = expected(picture + r * width * channels + c, channels, width, tile, k);
-                CHECK(fabs(lines[(c * rows + r) * tile.length + k] - want) < TOLERANCE);
+                const double reference = expected(picture + r * width * channels + c, channels, width, tile, k);
+                CHECK(fabs(lines[(c * rows + r) * tile.length + k] - reference) < TOLERANCE);
             }
     free(picture), free(lines);
 }
@@ -56,13 +56,13 @@ static void test_cut_lines(size_t n, rsd_tile tile)
 {
     const size_t channels = 2, count = 3;
     float *source = noise(2 * channels * count * n, 3), *lines = noise(2 * channels * count * tile.length, 4);
-    CHECK(rsd_cut_lines(source, (rsd_layout){count * n, n}, n, tile, lines, (rsd_layout){count * tile.length, tile.length},
-                        channels, count) == RSD_OK);
+    const rsd_layout source_layout = {count * n, n}, layout = {count * tile.length, tile.length};
+    CHECK(rsd_cut_lines(source, source_layout, n, tile, lines, layout, channels, count) == RSD_OK);
     for (size_t l = 0; l < channels * count; l++)
         for (size_t k = 0; k < tile.length; k++)
             for (size_t part = 0; part < 2; part++) {
-                const double want = expected(source + 2 * l * n + part, 2, n, tile, k);
-                CHECK(fabs(lines[2 * (l * tile.length + k) + part] - want) < TOLERANCE);
+                const double reference = expected(source + 2 * l * n + part, 2, n, tile, k);
+                CHECK(fabs(lines[2 * (l * tile.length + k) + part] - reference) < TOLERANCE);
             }
     free(source), free(lines);
 }
@@ -73,7 +73,7 @@ static void test_transposition(size_t height, size_t count)
     const rsd_layout row_layout = {height * stride, stride}, column_layout = {count * height, height};
     float *rows = noise(2 * channels * height * stride, 5), *back = noise(2 * channels * height * stride, 5);
     float *columns = noise(2 * channels * count * height, 6);
-    /* The columns at the end of the rows, so that nothing beyond the last one may be touched. */
+    /* Columns at the end of the rows, so that an access beyond the last one is an error. */
     CHECK(rsd_rows_to_columns(rows + 6, row_layout, columns, column_layout, channels, height, count) == RSD_OK);
     for (size_t c = 0; c < channels; c++)
         for (size_t y = 0; y < height; y++)
@@ -92,16 +92,17 @@ static void test_lines_to_picture(size_t n, size_t channels, int add)
     const size_t rows = 2, width = n + 3;
     float *lines = noise(channels * rows * n, 7), *weights = noise(n, 8);
     float *picture = noise(rows * width * channels, 9), *before = noise(rows * width * channels, 9);
-    CHECK(rsd_lines_to_picture(lines, (rsd_layout){rows * n, n}, rows, channels, weights, n, add, picture + 3 * channels,
-                               width) == RSD_OK);
+    const rsd_layout layout = {rows * n, n};
+    CHECK(rsd_lines_to_picture(lines, layout, rows, channels, weights, n, add, picture + 3 * channels, width) ==
+          RSD_OK);
     for (size_t r = 0; r < rows; r++)
         for (size_t x = 0; x < width; x++)
             for (size_t c = 0; c < channels; c++) {
                 const size_t at = (r * width + x) * channels + c;
-                double want = before[at];
+                double reference = before[at];
                 if (x >= 3)
-                    want = (add ? want : 0.0) + (double)weights[x - 3] * lines[(c * rows + r) * n + x - 3];
-                CHECK(fabs(picture[at] - want) < 2 * TOLERANCE);
+                    reference = (add ? reference : 0.0) + (double)weights[x - 3] * lines[(c * rows + r) * n + x - 3];
+                CHECK(fabs(picture[at] - reference) < 2 * TOLERANCE);
             }
     free(lines), free(weights), free(picture), free(before);
 }

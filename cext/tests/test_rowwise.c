@@ -1,5 +1,5 @@
-/* Laws of the rowwise kernels, at every SIMD level that this machine has, against dense systems in double precision; exits
- * with the number of failures. */
+/* Laws of the rowwise kernels, at every SIMD level of this machine, against dense systems in double precision; exits
+ * with 1 if any fails. */
 #include "check.h"
 #include "rowwise.h"
 
@@ -115,7 +115,7 @@ static double *dense(const blur *b, size_t lane)
     return a;
 }
 
-/* Real part of lane `lane` of record i, and its imaginary part after it. */
+/* Read the real and imaginary part of lane `lane` in record i. */
 static void read(const float *lanes, size_t i, size_t lane, double *re, double *im)
 {
     *re = lanes[i * RSD_RECORD + lane];
@@ -174,7 +174,7 @@ static void test_operators(size_t rows, size_t tallest, size_t channels)
     free_blur(b);
 }
 
-/* What the normal equations leave of the solution must vanish. */
+/* The residual of the normal equations must vanish. */
 static void test_solve(size_t rows, size_t tallest, size_t channels, float smooth)
 {
     const blur b = make_blur(rows, tallest);
@@ -221,7 +221,8 @@ static void test_solve(size_t rows, size_t tallest, size_t channels, float smoot
 static void test_refusals(void)
 {
     blur b = make_blur(6, 3);
-    float *data = noise(6 * RSD_RECORD, draw(1u << 20)), *latent = noise(b.latents * RSD_RECORD, draw(1u << 20)), ridge[RSD_LANES];
+    float *data = noise(6 * RSD_RECORD, draw(1u << 20)), *latent = noise(b.latents * RSD_RECORD, draw(1u << 20));
+    float ridge[RSD_LANES];
     for (size_t i = 0; i < RSD_LANES; i++)
         ridge[i] = 1;
     float *workspace = noise(rsd_rowwise_workspace(&b.model, 1), draw(1u << 20));

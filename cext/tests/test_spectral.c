@@ -7,15 +7,15 @@
 static void test_multiply(size_t channels, size_t n)
 {
     const size_t floats = 2 * channels * n;
-    float *spectra = noise(floats, 1), *before = noise(floats, 1), *filter = noise(2 * n, 2);
-    CHECK(rsd_spectral_multiply(spectra, filter, channels, n) == RSD_OK);
+    float *spectra = noise(floats, 1), *before = noise(floats, 1), *response = noise(2 * n, 2);
+    CHECK(rsd_spectral_multiply(spectra, response, channels, n) == RSD_OK);
     for (size_t i = 0; i < channels * n; i++) {
         const double re = before[2 * i], im = before[2 * i + 1];
-        const double filter_re = filter[2 * (i % n)], filter_im = filter[2 * (i % n) + 1];
-        CHECK(fabs(spectra[2 * i] - (re * filter_re - im * filter_im)) < TOLERANCE);
-        CHECK(fabs(spectra[2 * i + 1] - (re * filter_im + im * filter_re)) < TOLERANCE);
+        const double response_re = response[2 * (i % n)], response_im = response[2 * (i % n) + 1];
+        CHECK(fabs(spectra[2 * i] - (re * response_re - im * response_im)) < TOLERANCE);
+        CHECK(fabs(spectra[2 * i + 1] - (re * response_im + im * response_re)) < TOLERANCE);
     }
-    free(spectra), free(before), free(filter);
+    free(spectra), free(before), free(response);
 }
 
 static void test_blend(size_t lines, size_t n, size_t skipped)

@@ -24,7 +24,8 @@ from rsdeblur.cli import main
 
 # Modules for users, beside the names of `rsdeblur` itself, in the order of the package's ladder.
 MODULES = (
-    "axes", "priors", "transfer", "geometry", "baselines", "scene", "shake", "io", "workers", "report",
+    "motion.axes", "motion.rectify", "deconv.priors", "image.transfer", "simulation.scene", "simulation.shake", "io",
+    "report",
     "video.clip", "video.times", "video.plan", "video.run",
 )  # fmt: skip
 

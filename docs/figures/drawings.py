@@ -17,10 +17,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 
-from rsdeblur import BlurPaths, Camera, Exposure, GyroLog, PsfBank, Shot
-from rsdeblur.axes import imu_to_camera
-from rsdeblur.gyro import rotation_matrix
-from rsdeblur.shake import hand_shake
+from rsdeblur import BlurPaths, Camera, Capture, Exposure, GyroLog, PsfBank
+from rsdeblur.motion.axes import imu_to_camera
+from rsdeblur.motion.gyro import rotation_matrix
+from rsdeblur.simulation.shake import hand_shake
 
 HERE = Path(__file__).parent
 PICTURE, DEVICE, READOUT, GREY = "#0b7285", "#c2410c", "#6d28d9", "#6b7280"
@@ -49,7 +49,7 @@ def picture_axes(ax: Axes, width: float, height: float) -> None:
 
 def phones() -> Figure:
     """How a phone is held for each preset, seen by who holds it, with the stored picture upright."""
-    sensor = Camera(4000, 3000, 3000.0, readout=0.02, imu_to_camera="phone-landscape")
+    sensor = Camera(4000, 3000, 3000.0, readout_time=0.02, imu_to_camera="phone-landscape")
     cameras = [sensor]
     for _ in range(3):
         cameras.append(cameras[-1].turned())
@@ -117,7 +117,7 @@ def turns() -> Figure:
     return figure
 
 
-def readout() -> Figure:
+def readout_time() -> Figure:
     """When each line is exposed, for the four readout directions."""
     directions = ("top-down", "bottom-up", "left-right", "right-left")
     figure, panels = plt.subplots(2, 4, figsize=(11.5, 5.2), height_ratios=(1, 1.6))
@@ -133,7 +133,7 @@ def readout() -> Figure:
 
 
 def _windows(ax: Axes, direction: str) -> None:
-    camera = Camera(12, 12, 10.0, readout=0.03, readout_direction=direction)
+    camera = Camera(12, 12, 10.0, readout_time=0.03, readout_direction=direction)
     exposure = Exposure(0.0, 0.02)
     lines = np.arange(12)
     opens, closes = exposure.window(lines, camera)
@@ -142,7 +142,7 @@ def _windows(ax: Axes, direction: str) -> None:
     ax.plot(mid, lines, ".", color=PICTURE, ms=3)
     for stamp, line in (("start", np.argmin(opens)), ("middle", 5.5), ("end", np.argmax(opens))):
         # A capture stamped 0 opens before 0 by what its stamp marks.
-        moment = -1e3 * exposure.window(lines, replace(camera, stamp=stamp))[0].min()
+        moment = -1e3 * exposure.window(lines, replace(camera, timestamp_marks=stamp))[0].min()
         ax.plot(moment, line, "D", color=DEVICE, ms=5)
         place = {"start": (-4, 6), "middle": (32, 0), "end": (8, 6)}[stamp]
         ax.annotate(
@@ -163,7 +163,7 @@ def _windows(ax: Axes, direction: str) -> None:
 def windows() -> Figure:
     """Three rows' windows in a gyro log, and the kernels that follow."""
     log = hand_shake(0.3, strength=0.9, seed=4)
-    camera, exposure = Camera(400, 300, 420.0, readout=0.03), Exposure(0.1, 0.04)
+    camera, exposure = Camera(400, 300, 420.0, readout_time=0.03), Exposure(0.1, 0.04)
     rows = np.array([20.0, 150.0, 280.0])
     colours = (PICTURE, READOUT, DEVICE)
     figure, (left, *right) = plt.subplots(1, 4, figsize=(11.5, 2.9), width_ratios=(3, 1, 1, 1))
@@ -179,7 +179,7 @@ def windows() -> Figure:
     left.set(xlabel="time, ms", ylabel="rate, rad/s", xlim=(60, 210), ylim=(low, high + 0.5 * (high - low)))
     left.legend(loc="lower right", ncols=3, frameon=False)
     left.spines[["top", "right"]].set_visible(False)
-    bank = PsfBank.from_paths(BlurPaths.from_shot(Shot.from_log(log, camera, exposure), rows, [200.0]))
+    bank = PsfBank.from_paths(BlurPaths.from_capture(Capture.from_log(log, camera, exposure), rows, [200.0]))
     for ax, kernel, row, colour in zip(right, bank.kernels[:, 0], rows, colours, strict=True):
         ax.imshow(kernel, cmap="Greys", interpolation="nearest")
         ax.set(xticks=[], yticks=[])
@@ -194,9 +194,9 @@ def operators() -> Figure:
     n, bands = 72, 4
     t = np.arange(-0.02, 0.14, 0.002)
     log = GyroLog(t, np.column_stack([2.2 * np.sin(55 * t + 0.6), 0 * t, 0 * t]))
-    camera = Camera(n, n, 160.0, readout=0.05)
-    shot = Shot.from_log(log, camera, Exposure(0.0, 0.05))
-    tall = PsfBank.from_paths(BlurPaths.every_row(shot, [n / 2])).kernels[:, 0].sum(axis=2)
+    camera = Camera(n, n, 160.0, readout_time=0.05)
+    capture = Capture.from_log(log, camera, Exposure(0.0, 0.05))
+    tall = PsfBank.from_paths(BlurPaths.every_row(capture, [n / 2])).kernels[:, 0].sum(axis=2)
     centres = np.linspace(0, n - 1, bands)
     weights = np.array([np.interp(np.arange(n), centres, row) for row in np.eye(bands)]).T
     at_centres = tall[np.rint(centres).astype(int)]
@@ -221,7 +221,7 @@ def operators() -> Figure:
     return figure
 
 
-DRAWINGS: tuple[Callable[[], Figure], ...] = (phones, turns, readout, windows, operators)
+DRAWINGS: tuple[Callable[[], Figure], ...] = (phones, turns, readout_time, windows, operators)
 
 
 def main() -> None:

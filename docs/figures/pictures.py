@@ -13,14 +13,14 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from rsdeblur import Camera, Exposure, GyroLog, deblur, simulate
-from rsdeblur.scene import scene
-from rsdeblur.shake import hand_shake
-from rsdeblur.simulate import Simulation
-from rsdeblur.transfer import from_linear
+from rsdeblur.image.transfer import from_linear
+from rsdeblur.simulation.scene import scene
+from rsdeblur.simulation.shake import hand_shake
+from rsdeblur.simulation.simulate import Simulation
 
 HERE = Path(__file__).parent
 WIDTH, HEIGHT = 640, 480
-CAMERA = Camera(WIDTH, HEIGHT, 700.0, readout=0.03)
+CAMERA = Camera(WIDTH, HEIGHT, 700.0, readout_time=0.03)
 EXPOSURE = Exposure(0.25, 0.05)
 SHAKE = hand_shake(0.6, strength=0.5, seed=3)
 MARGIN = 64  # px; the scene goes on beyond the frame, further than the blur reaches
@@ -58,32 +58,36 @@ def sharp(blurred: np.ndarray, log: GyroLog = SHAKE, camera: Camera = CAMERA, **
 
 def main() -> None:
     """Write all pictures."""
-    shot = taken()
+    capture = taken()
     top, bottom = (170, 20), (170, 270)
-    blurred = {"blurred": shot.blurred}
-    modes = {mode: sharp(shot.blurred, mode=mode, prior="tv") for mode in ("global", "banded", "rowwise")}
+    blurred = {"blurred": capture.blurred}
+    modes = {mode: sharp(capture.blurred, mode=mode, prior="tv") for mode in ("global", "banded", "rowwise")}
     strip("modes", blurred | modes, bottom)
-    bands = {f"{n} band{'s' * (n > 1)}": sharp(shot.blurred, bands=n, strips=1, prior="tv") for n in (1, 3, 8)}
-    strip("bands", bands | {"auto": sharp(shot.blurred, bands="auto", strips=1, prior="tv")}, bottom)
-    strips = {f"{n} strip{'s' * (n > 1)}": sharp(shot.blurred, strips=n, prior="tv") for n in (1, 2)}
-    strip("strips", blurred | strips | {"auto": sharp(shot.blurred, prior="tv")}, (330, 20))
-    priors = {prior: sharp(shot.blurred, prior=prior) for prior in ("wiener", "gradient", "tv", "hyper-laplacian")}
+    bands = {f"{n} band{'s' * (n > 1)}": sharp(capture.blurred, bands=n, strips=1, prior="tv") for n in (1, 3, 8)}
+    strip("bands", bands | {"auto": sharp(capture.blurred, bands="auto", strips=1, prior="tv")}, bottom)
+    strips = {f"{n} strip{'s' * (n > 1)}": sharp(capture.blurred, strips=n, prior="tv") for n in (1, 2)}
+    strip("strips", blurred | strips | {"auto": sharp(capture.blurred, prior="tv")}, (330, 20))
+    priors = {prior: sharp(capture.blurred, prior=prior) for prior in ("wiener", "gradient", "tv", "hyper-laplacian")}
     strip("priors", priors, bottom)
-    auto = deblur(shot.blurred, SHAKE, CAMERA, EXPOSURE, prior="tv")
+    auto = deblur(capture.blurred, SHAKE, CAMERA, EXPOSURE, prior="tv")
     assert auto.weight is not None
-    weights = {f"weight {k:g} x auto": sharp(shot.blurred, prior="tv", weight=k * auto.weight) for k in (0.1, 1, 10)}
+    weights = {f"weight {k:g} x auto": sharp(capture.blurred, prior="tv", weight=k * auto.weight) for k in (0.1, 1, 10)}
     strip("weights", blurred | weights, bottom)
     mirrored = GyroLog(SHAKE.t, SHAKE.omega * (1, -1, 1))
     quick: dict[str, Any] = {"prior": "tv"}
     symptoms = {
-        "all right": sharp(shot.blurred, **quick),
-        "clock 5 ms off": sharp(shot.blurred, log=SHAKE.shifted(0.005), **quick),
-        "clock 20 ms off": sharp(shot.blurred, log=SHAKE.shifted(0.020), **quick),
-        "an axis of the wrong sign": sharp(shot.blurred, log=mirrored, **quick),
-        "focal length 15 % short": sharp(shot.blurred, camera=Camera(WIDTH, HEIGHT, 595.0, readout=0.03), **quick),
-        "focal length 15 % long": sharp(shot.blurred, camera=Camera(WIDTH, HEIGHT, 805.0, readout=0.03), **quick),
-        "readout 0 instead of 30 ms": sharp(shot.blurred, camera=Camera(WIDTH, HEIGHT, 700.0), **quick),
-        "weight a tenth": sharp(shot.blurred, weight=auto.weight / 10, **quick),
+        "all right": sharp(capture.blurred, **quick),
+        "clock 5 ms off": sharp(capture.blurred, log=SHAKE.shifted(0.005), **quick),
+        "clock 20 ms off": sharp(capture.blurred, log=SHAKE.shifted(0.020), **quick),
+        "an axis of the wrong sign": sharp(capture.blurred, log=mirrored, **quick),
+        "focal length 15 % short": sharp(
+            capture.blurred, camera=Camera(WIDTH, HEIGHT, 595.0, readout_time=0.03), **quick
+        ),
+        "focal length 15 % long": sharp(
+            capture.blurred, camera=Camera(WIDTH, HEIGHT, 805.0, readout_time=0.03), **quick
+        ),
+        "readout 0 instead of 30 ms": sharp(capture.blurred, camera=Camera(WIDTH, HEIGHT, 700.0), **quick),
+        "weight a tenth": sharp(capture.blurred, weight=auto.weight / 10, **quick),
     }
     strip("symptoms", symptoms, top)
 

@@ -11,8 +11,8 @@ import click
 from rsdeblur.errors import FileFormatError, RsdeblurWarning
 
 if TYPE_CHECKING:
-    from rsdeblur.camera import Camera
     from rsdeblur.io.camera_file import CameraFile
+    from rsdeblur.motion.camera import Camera
 
 # Of a long list, as of exposures or gaps, the text shows this many; JSON shows all.
 SHOWN = 12
@@ -112,35 +112,35 @@ def describe_camera(path: Path, reading: dict[str, Any] | None = None) -> dict[s
     """Return what a camera file holds."""
     from rsdeblur.io import open_camera
 
-    return tell_camera(open_camera(path))
+    return camera_facts(open_camera(path))
 
 
-def tell_camera(file: CameraFile) -> dict[str, Any]:
+def camera_facts(file: CameraFile) -> dict[str, Any]:
     """Return what is known of a camera."""
     camera = file.camera
     return {
         "kind": "camera",
         "format": file.format,
         "size_px": [camera.width, camera.height],
-        "focal_px": list(camera.focal),
-        "principal_px": list(camera.principal),
+        "focal_length_px": list(camera.focal_length),
+        "principal_point_px": list(camera.principal_point),
         "distortion_model": camera.distortion_model,
         "distortion": list(camera.distortion),
-        "readout_s": camera.readout,
+        "readout_time_s": camera.readout_time,
         "readout_direction": camera.readout_direction,
         "imu_to_camera": camera.imu_to_camera.tolist(),
         "imu_axes": _preset_of(camera),
         "time_offset_s": camera.time_offset,
-        "stamp": camera.stamp,
+        "timestamp_marks": camera.timestamp_marks,
         **file.facts,
-        "remarks": [doubt.text for doubt in file.doubts],
+        "remarks": [assumption.text for assumption in file.assumptions],
     }
 
 
 def _preset_of(camera: Camera) -> str | None:
     import numpy as np
 
-    from rsdeblur.axes import PRESETS, imu_to_camera
+    from rsdeblur.motion.axes import PRESETS, imu_to_camera
 
     fits = [name for name in PRESETS if np.allclose(camera.imu_to_camera, imu_to_camera(name), atol=1e-9)]
     return " or ".join(fits) or None

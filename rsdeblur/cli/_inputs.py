@@ -16,13 +16,13 @@ from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from rsdeblur.camera import Camera
+    from rsdeblur.choices import Auto, Transfer
     from rsdeblur.cli._options import Recording
-    from rsdeblur.exposure import Exposure
-    from rsdeblur.gyro import GyroLog
     from rsdeblur.io.pictures import Picture
     from rsdeblur.io.samples import GyroFile
-    from rsdeblur.transfer import Transfer
+    from rsdeblur.motion.camera import Camera
+    from rsdeblur.motion.exposure import Exposure
+    from rsdeblur.motion.gyro import GyroLog
 
 
 class Inputs(NamedTuple):
@@ -61,8 +61,10 @@ def read_device(recording: Recording) -> tuple[GyroLog, Camera]:
     """Read the log and the camera that the options name; see `read_inputs`."""
     from rsdeblur.io import open_camera
 
-    told = open_camera(recording.camera).told(time_offset=recording.time_offset, readout=recording.readout)
-    camera = told.warn(recording.camera)
+    with_overrides = open_camera(recording.camera).with_overrides(
+        time_offset=recording.time_offset, readout_time=recording.readout_time
+    )
+    camera = with_overrides.warn(recording.camera)
     how = recording.gyro_format, recording.unit, recording.orientation
     file, doubts = _gyro_file(recording.gyro, _state(recording.gyro), *how)
     for doubt in doubts:
@@ -97,7 +99,7 @@ def _doubt_axes(file: GyroFile, camera: Camera, recording: Recording) -> None:
     """Warn if the camera file cannot mean the axes that the log is known to have."""
     import numpy as np
 
-    from rsdeblur.axes import imu_to_camera
+    from rsdeblur.motion.axes import imu_to_camera
 
     matrix = camera.imu_to_camera
     if file.axes == "sensor":
@@ -117,9 +119,9 @@ def _doubt_axes(file: GyroFile, camera: Camera, recording: Recording) -> None:
 
 
 def _exposure(recording: Recording, photo: Path | None) -> Exposure:
-    from rsdeblur.exposure import Exposure
     from rsdeblur.io import read_captures
     from rsdeblur.io.captures import open_captures
+    from rsdeblur.motion.exposure import Exposure
 
     if recording.start is not None and recording.start_ns is not None:
         raise _usage("--start and --start-ns exclude each other")
@@ -172,16 +174,16 @@ def _usage(message: str) -> click.UsageError:
     return click.UsageError(message, ctx=click.get_current_context(silent=True))
 
 
-def transfer_of(picture: Picture, given: Transfer | None) -> Transfer:
-    """Return how the picture encodes light: as given, else sRGB for integers, linear for floats and raw files."""
-    return given if given is not None else picture.transfer
+def transfer_of(picture: Picture, transfer: Transfer | Auto) -> Transfer:
+    """Return how the picture encodes light; "auto" is sRGB for integers, linear for floats and raw files."""
+    return picture.transfer if transfer == "auto" else transfer
 
 
 def display_values(values: NDArray[Any], transfer: Transfer) -> NDArray[Any]:
     """Return values for the eye, clipped to [0, 1]; only linear light has to be encoded (sRGB) for that."""
     import numpy as np
 
-    from rsdeblur.transfer import from_linear
+    from rsdeblur.image.transfer import from_linear
 
     clipped = np.clip(values, 0.0, 1.0)
     return from_linear(clipped, "srgb") if transfer == "linear" else clipped

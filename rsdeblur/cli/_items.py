@@ -19,7 +19,7 @@ COLUMNS: dict[str, Callable[[str], Any]] = {
     **dict.fromkeys(("gyro_format", "unit", "orientation"), str),
     **dict.fromkeys(("index", "start_ns"), int),
     **dict.fromkeys(
-        ("start", "duration", "time_offset", "readout"), lambda cell: SecondsType().convert(cell, None, None)
+        ("start", "duration", "time_offset", "readout_time"), lambda cell: SecondsType().convert(cell, None, None)
     ),
 }
 FILES = ("gyro", "camera", "capture")
@@ -34,7 +34,7 @@ class Item:
     photo: Path
     output: Path
     recording: Recording | None
-    fault: str | None = None
+    error: str | None = None
 
 
 def read_items(source: Path, defaults: Defaults, output: Path, *, numbered_from: int | None) -> list[Item]:
@@ -46,18 +46,18 @@ def read_items(source: Path, defaults: Defaults, output: Path, *, numbered_from:
         If the manifest cannot be read, or the folder is no session.
     """
     items = _session(source, defaults, output, numbered_from) if source.is_dir() else _manifest(source, defaults)
-    return list(_told_apart(items))
+    return list(_without_clashes(items))
 
 
-def _told_apart(items: Iterable[Item]) -> Iterator[Item]:
+def _without_clashes(items: Iterable[Item]) -> Iterator[Item]:
     """Find fault with items whose result another one writes already."""
     writers: dict[Path, Path] = {}
     for item in items:
         other = writers.setdefault(item.output, item.photo)
-        if other is item.photo or item.fault is not None:
+        if other is item.photo or item.error is not None:
             yield item
         else:
-            yield replace(item, fault=f"{item.photo}: {item.output} is the result of {other}; name another output")
+            yield replace(item, error=f"{item.photo}: {item.output} is the result of {other}; name another output")
 
 
 def _session(folder: Path, defaults: Defaults, output: Path, numbered_from: int | None) -> Iterator[Item]:
@@ -69,8 +69,8 @@ def _session(folder: Path, defaults: Defaults, output: Path, numbered_from: int 
         found = replace(found, camera=session.camera)
     for photo in session.photos:
         place = _result(photo.path.relative_to(folder))
-        if photo.fault is not None:
-            yield Item(photo.path, place, None, f"{photo.path}: {photo.fault}")
+        if photo.error is not None:
+            yield Item(photo.path, place, None, f"{photo.path}: {photo.error}")
         else:
             yield _item(photo.path, place, {"index": photo.index}, found)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 BORDER = 24
 
 
-def likeness(image: NDArray[Any], truth: NDArray[Any]) -> dict[str, float | None]:
+def similarity(image: NDArray[Any], truth: NDArray[Any]) -> dict[str, float | None]:
     """Return PSNR in dB and SSIM of display values in [0, 1], borders and alpha left out.
 
     PSNR is None where both are the same, as JSON has no infinity. SSIM uses the Gaussian window of its authors (Wang

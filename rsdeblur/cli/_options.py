@@ -7,19 +7,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import click
 
-if TYPE_CHECKING:
-    from rsdeblur.border import Border, Extension
-    from rsdeblur.fft import Planning
-    from rsdeblur.motion import Geometry, Motion
-    from rsdeblur.pipeline import Count, Strength
-    from rsdeblur.priors import Prior
-    from rsdeblur.rowwise import Solver as RowSolver
-    from rsdeblur.saturation import Saturation
-    from rsdeblur.transfer import Transfer
+from rsdeblur import choices
+from rsdeblur.choices import Auto, Count, Strength, Transfer
+from rsdeblur.pipeline.options import Options
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
@@ -85,13 +79,13 @@ class BytesType(click.ParamType[Any]):
 
 
 class TransferType(click.ParamType[Any]):
-    """How pixel values relate to light: a name or a gamma."""
+    """How pixel values encode light: a name, a gamma, or `auto`."""
 
-    name = "linear|srgb|GAMMA"
+    name = "auto|linear|srgb|GAMMA"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Transfer:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Transfer | Auto:
         """Return the name, or the gamma as a number."""
-        names: tuple[Literal["linear", "srgb"], ...] = ("linear", "srgb")
+        names: tuple[Literal["auto", "linear", "srgb"], ...] = ("auto", *choices.TRANSFERS)
         for name in names:
             if value == name:
                 return name
@@ -138,7 +132,7 @@ class Recording:
     start: float | None = None
     duration: float | None = None
     time_offset: float | None = None
-    readout: float | None = None
+    readout_time: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,44 +147,35 @@ class Defaults:
     capture: Path | None
     duration: float | None
     time_offset: float | None
-    readout: float | None
+    readout_time: float | None
 
 
 @dataclass(frozen=True, slots=True)
-class Blur:
-    """How the blur is computed."""
+class Target:
+    """Where the result goes, and what is printed about it."""
 
-    bands: Count
-    strips: Count
-    motion: Motion
+    output: Path
+    force: bool
+    as_json: bool
+    dry_run: bool = False
 
 
 @dataclass(frozen=True, slots=True)
-class Solver:
-    """How the blur is undone."""
+class PhotoChanges:
+    """What is done to a photo or taken from its EXIF block before it is deblurred."""
 
-    prior: Prior
-    weight: Strength
-    exponent: float
-    nsr: Strength
-    solver: RowSolver
-    geometry: Geometry
-    border: Border | Extension
-    transfer: Transfer | None
-    normalize: bool
-    saturation: Saturation
-    planning: Planning
-    threads: int | None
+    work_size: int | None = None
+    nsr_from_iso: bool = False
 
 
-def _gathered(name: str, kind: type, options: Sequence[Decorator]) -> Decorator:
+def gathered(name: str, kind: type, options: Sequence[Decorator], members: Sequence[str] | None = None) -> Decorator:
     """Return a decorator that adds `options` and passes their values as one `kind` called `name`."""
 
     def decorate(function: Command) -> Command:
         @wraps(function)
         def call(**arguments: Any) -> Any:
-            names = [field.name for field in fields(kind) if field.name in arguments]
-            group = kind(**{name: arguments.pop(name) for name in names})
+            known = members or [field.name for field in fields(kind)]
+            group = kind(**{member: arguments.pop(member) for member in known if member in arguments})
             return function(**arguments, **{name: group})
 
         decorated: Command = call
@@ -239,9 +224,9 @@ _EXPOSURE = (
 )
 _OVERRIDES = (
     click.option("--time-offset", type=SecondsType(), help="Camera time minus gyro time; replaces the camera file's."),
-    click.option("--readout", type=SecondsType(), help="Readout time of the picture; replaces the camera file's."),
+    click.option("--readout-time", type=SecondsType(), help="Readout time of the picture; replaces the camera file's."),
 )
-recording_options = _gathered(
+recording_options = gathered(
     "recording",
     Recording,
     (
@@ -254,7 +239,7 @@ recording_options = _gathered(
         *_OVERRIDES,
     ),
 )
-clip_options = _gathered(
+clip_options = gathered(
     "recording",
     Recording,
     (
@@ -270,7 +255,7 @@ clip_options = _gathered(
         *_OVERRIDES,
     ),
 )
-defaults_options = _gathered(
+defaults_options = gathered(
     "defaults",
     Defaults,
     (
@@ -282,125 +267,95 @@ defaults_options = _gathered(
         *_OVERRIDES,
     ),
 )
-mode_option = click.option(
-    "--mode",
-    type=click.Choice(["global", "banded", "rowwise"]),
-    default="banded",
-    show_default=True,
-    help="One PSF for the picture, one per tile, or one per row.",
-)
-blur_options = _gathered(
-    "blur",
-    Blur,
-    (
-        click.option(
-            "--bands",
-            type=AutoType(),
-            metavar="N|auto",
-            default="auto",
-            show_default=True,
-            help="Bands along the readout.",
-        ),
-        click.option(
-            "--strips",
-            type=AutoType(),
-            metavar="N|auto",
-            default="auto",
-            show_default=True,
-            help="Strips across it.",
-        ),
-        click.option(
-            "--motion",
-            type=click.Choice(["rotation", "small-angle"]),
-            default="rotation",
-            show_default=True,
-            help="Full rotation, or small angles about x and y only.",
-        ),
-    ),
-)
+_DEFAULTS: dict[str, Any] = {field.name: field.default for field in fields(Options)}
+
+
+def _choice(name: str, values: Sequence[str], text: str) -> Decorator:
+    """Return the option for a named choice of `Options`."""
+    return click.option(f"--{name}", type=click.Choice(values), default=_DEFAULTS[name], show_default=True, help=text)
+
+
+def _auto(name: str, kind: click.ParamType[Any], text: str) -> Decorator:
+    """Return the option for a number of `Options` that may be `auto`."""
+    return click.option(
+        f"--{name}", type=kind, metavar=kind.name, default=_DEFAULTS[name], show_default=True, help=text
+    )
+
+
 transfer_option = click.option(
     "--transfer",
     type=TransferType(),
-    metavar="linear|srgb|GAMMA",
-    help="How pixel values encode light.  [default: srgb for 8 and 16 bit pictures, linear for float]",
+    metavar="auto|linear|srgb|GAMMA",
+    default=_DEFAULTS["transfer"],
+    show_default=True,
+    help="How pixel values encode light; auto is srgb for 8 and 16 bit pictures, linear for float.",
 )
-solver_options = _gathered(
-    "solver",
-    Solver,
-    (
-        click.option(
-            "--prior",
-            type=click.Choice(["wiener", "gradient", "tv", "hyper-laplacian"]),
-            default="tv",
-            show_default=True,
-            help="What sharp pictures are taken to be like; wiener is the paper's, and several times faster.",
-        ),
-        click.option(
-            "--weight",
-            type=StrengthType(),
-            metavar="X|auto",
-            default="auto",
-            show_default=True,
-            help="Weight of the prior (not of wiener): higher is smoother.",
-        ),
-        click.option(
-            "--exponent",
-            type=click.FloatRange(min=0.0, min_open=True, max=1.0),
-            metavar="P",
-            default=2 / 3,
-            show_default="2/3",
-            help="Exponent of the hyper-Laplacian.",
-        ),
-        click.option(
-            "--nsr",
-            type=StrengthType(),
-            metavar="X|auto",
-            default="auto",
-            show_default=True,
-            help="Noise-to-signal ratio: higher is smoother.",
-        ),
-        click.option(
-            "--solver",
-            type=click.Choice(["auto", "direct", "cg"]),
-            default="auto",
-            show_default=True,
-            help="How --mode rowwise solves: banded Cholesky, conjugate gradients, or the faster one.",
-        ),
-        click.option(
-            "--geometry",
-            type=click.Choice(["keep", "rectify"]),
-            default="keep",
-            show_default=True,
-            help="Keep the rolling-shutter shape, or straighten it.",
-        ),
-        click.option(
-            "--border",
-            type=click.Choice(["blend", "periodic", "reflect", "edge-taper", "smooth"]),
-            default="blend",
-            show_default=True,
-            help="Beyond the frame: blend opposite borders, take the picture as repeating, or one of three rivals.",
-        ),
-        transfer_option,
-        click.option(
-            "--normalize", is_flag=True, help="Squeeze what overshoots into the range, at the price of contrast."
-        ),
-        click.option(
-            "--saturation",
-            type=click.Choice(["ignore", "auto"]),
-            default="ignore",
-            show_default=True,
-            help="Take clipped highlights as they are, or solve without them and put them back: fewer streaks, slower.",
-        ),
-        click.option(
-            "--planning",
-            type=click.Choice(["estimate", "measure"]),
-            default="estimate",
-            show_default=True,
-            help="Plan transforms at once, or try some out for seconds, once, and keep what is found for later runs.",
-        ),
-        click.option("--threads", type=click.IntRange(min=1), metavar="N", help="Threads.  [default: all cores]"),
+# The options of `Options`, by its fields.
+_SOLVE: dict[str, Decorator] = {
+    "mode": _choice("mode", choices.MODES, "One PSF for the picture, one per tile, or one per row."),
+    "bands": _auto("bands", AutoType(), "Bands along the readout."),
+    "strips": _auto("strips", AutoType(), "Strips across it."),
+    "motion": _choice("motion", choices.MOTIONS, "Full rotation, or small angles about x and y only."),
+    "prior": _choice(
+        "prior", choices.PRIORS, "Model of sharp pictures; wiener is the published method's and several times faster."
     ),
-)
+    "weight": _auto("weight", StrengthType(), "Weight of the prior (not of wiener): higher is smoother."),
+    "exponent": click.option(
+        "--exponent",
+        type=click.FloatRange(min=0.0, min_open=True, max=1.0),
+        metavar="P",
+        default=_DEFAULTS["exponent"],
+        show_default="2/3",
+        help="Exponent of the hyper-Laplacian.",
+    ),
+    "nsr": _auto("nsr", StrengthType(), "Noise-to-signal ratio: higher is smoother."),
+    "solver": _choice(
+        "solver", choices.SOLVERS, "How --mode rowwise solves: banded Cholesky, conjugate gradients, or the faster one."
+    ),
+    "geometry": _choice("geometry", choices.GEOMETRIES, "Keep the rolling-shutter shape, or straighten it."),
+    "border": _choice(
+        "border",
+        (*choices.BORDERS, *choices.BOUNDARIES),
+        "Beyond the frame: blend opposite borders, treat the picture as repeating, or an alternative.",
+    ),
+    "transfer": transfer_option,
+    "normalize": click.option(
+        "--normalize", is_flag=True, help="Squeeze what overshoots into the range, at the price of contrast."
+    ),
+    "saturation": _choice(
+        "saturation",
+        choices.SATURATIONS,
+        "Ignore clipping, or solve without clipped highlights and add them afterwards: fewer streaks, slower.",
+    ),
+    "planning": _choice(
+        "planning",
+        choices.PLANNINGS,
+        "Plan transforms at once, or measure some for seconds, once, and keep the plans for later runs.",
+    ),
+    "threads": click.option(
+        "--threads", type=click.IntRange(min=1), metavar="N", help="Threads.  [default: all cores]"
+    ),
+    "max_memory": click.option(
+        "--max-memory",
+        type=BytesType(),
+        help="Memory for the work beside the picture and its result, like 1GiB; slower where that is little.",
+    ),
+    "fallback": click.option(
+        "--fallback", is_flag=True, help="Blend the result towards the photo where the check finds it bad."
+    ),
+}
+BLUR = ("mode", "bands", "strips", "motion")
+SOLVER = ("prior", "weight", "exponent", "nsr", "solver", "geometry", "border", "transfer")
+ENGINE = ("planning", "threads")
+ONE_PICTURE = ("normalize", "saturation")
+ONE_RESULT = ("max_memory", "fallback")
+
+
+def solve_options(*names: str) -> Decorator:
+    """Return a decorator that adds the options called `names` and passes them as one `options: Options`."""
+    return gathered("options", Options, [_SOLVE[name] for name in names], names)
+
+
 work_size_option = click.option(
     "--work-size",
     type=WorkSizeType(),
@@ -410,14 +365,14 @@ work_size_option = click.option(
 nsr_from_iso_option = click.option(
     "--nsr-from-iso", is_flag=True, help="Take --nsr from the picture's EXIF sensitivity: 0.01 at ISO 100."
 )
-max_memory_option = click.option(
-    "--max-memory",
-    type=BytesType(),
-    help="What the work may take beside the picture and its result, like 1GiB; slower where that is little.",
-)
-fallback_option = click.option(
-    "--fallback", is_flag=True, help="Blend the result towards the photo where the check finds it bad."
-)
+photo_options = gathered("changes", PhotoChanges, (work_size_option, nsr_from_iso_option))
 force_option = click.option("--force", is_flag=True, help="Replace files that exist.")
 dry_run_option = click.option("--dry-run", is_flag=True, help="Read and check all inputs, and write nothing.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+
+
+def target_options(metavar: str, text: str, *, force: Decorator = force_option, dry_run: bool = False) -> Decorator:
+    """Return a decorator that adds --output, --force, --json and perhaps --dry-run, passed as one `target`."""
+    output = click.option("-o", "--output", type=PATH, required=True, metavar=metavar, help=text)
+    dry_runs = (dry_run_option,) if dry_run else ()
+    return gathered("target", Target, (output, force, *dry_runs, json_option))

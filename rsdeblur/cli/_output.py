@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rsdeblur.errors import OutputError
 
-Progress = Callable[[str, float], None]
+if TYPE_CHECKING:
+    from rsdeblur.types import Progress
 
 
 def prepare_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:
@@ -24,7 +25,7 @@ def prepare_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:
     OutputError
         If the folder cannot be made, or a file cannot be written, or exists and `force` is not set.
     """
-    from rsdeblur._atomic import check_target
+    from rsdeblur._util.atomic import check_target
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -41,7 +42,7 @@ def print_json(payload: Any) -> None:
 
 def write_json(path: Path, payload: Any) -> None:
     """Write `payload` atomically."""
-    from rsdeblur._atomic import atomic_write
+    from rsdeblur._util.atomic import atomic_write
 
     with atomic_write(path) as file:
         file.write((json.dumps(payload, indent=2) + "\n").encode())

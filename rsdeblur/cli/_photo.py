@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of
-from rsdeblur.cli._options import Blur, Recording, Solver
+from rsdeblur.cli._options import PhotoChanges, Recording
 from rsdeblur.cli._output import prepare_folder
 from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
-    from rsdeblur.cli._output import Progress
     from rsdeblur.io.pictures import Picture
-    from rsdeblur.method import Mode
+    from rsdeblur.pipeline.options import Options
+    from rsdeblur.types import Progress
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,13 +24,8 @@ class PhotoJob:
 
     photo: Path
     recording: Recording
-    mode: Mode
-    blur: Blur
-    solver: Solver
-    work_size: int | None
-    nsr_from_iso: bool
-    max_memory: int | None
-    fallback: bool
+    options: Options
+    changes: PhotoChanges
     output: Path
     force: bool = False
     dry_run: bool = False
@@ -53,46 +48,38 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         prepare_folder(job.output.parent, [], force=job.force)
     if not job.make_folder or job.output.parent.is_dir():
         check_writable(job.output, force=job.force)
-    in_place = job.max_memory is not None
+    in_place = job.options.max_memory is not None
     inputs = read_inputs(job.photo, job.recording, in_place=in_place)
     if job.dry_run:
         return _foreseen(job, inputs)
     picture, log, camera, exposure = inputs
 
-    from rsdeblur.pipeline import deblur
-    from rsdeblur.stored import reduced
+    from rsdeblur.image.encoded import reduced
+    from rsdeblur.pipeline.plan import plan
 
-    arguments = asdict(job.blur) | asdict(job.solver) | {"transfer": transfer_of(picture, job.solver.transfer)}
-    if job.nsr_from_iso:
-        arguments["nsr"] = _nsr_of(job.photo, picture)
+    options = replace(job.options, transfer=transfer_of(picture, job.options.transfer))
+    if job.changes.nsr_from_iso:
+        options = replace(options, nsr=_nsr_of(job.photo, picture))
     pixels = picture.pixels
     begin = time.perf_counter()
-    if job.work_size is not None:
+    if job.changes.work_size is not None:
         with naming(job.photo, job.recording):
-            pixels, camera = reduced(pixels, camera, job.work_size)
+            pixels, camera = reduced(pixels, camera, job.changes.work_size)
     # Straight into what is to be written: a quarter of the memory that float32 would take.
     with (
         picture_to_fill(job.output, pixels.shape, like=picture, force=job.force, in_place=in_place) as out,
         naming(job.photo, job.recording),
     ):
-        result = deblur(
-            *(pixels, log, camera, exposure),
-            mode=job.mode,
-            max_memory=job.max_memory,
-            fallback=job.fallback,
-            out=out,
-            progress=move,
-            **arguments,
-        )
+        result = plan(log, camera, exposure, options).apply(pixels, out=out, progress=move)
     seconds = time.perf_counter() - begin
     tall, wide = result.psfs.size
     return {
         "output": str(job.output),
-        "mode": job.mode,
+        "mode": job.options.mode,
         "bands": result.bands,
         "strips": result.strips,
         "psf_px": [wide, tall],
-        "prior": job.solver.prior,
+        "prior": job.options.prior,
         "nsr": result.nsr,
         "weight": result.weight,
         "seconds": seconds,
@@ -103,30 +90,37 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
 
 def _foreseen(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:
     """Check what can be checked without solving, and return what is known then."""
-    from rsdeblur.pipeline import psfs
-    from rsdeblur.stored import check_size, reduced
+    from rsdeblur.image.encoded import check_size, reduced
+    from rsdeblur.pipeline.deblur import psfs
 
     picture, log, camera, exposure = inputs
     with naming(job.photo, job.recording):
         check_size(picture.pixels.shape, camera)
-        if job.nsr_from_iso:
+        if job.changes.nsr_from_iso:
             _nsr_of(job.photo, picture)
-        if job.work_size is not None:
-            camera = reduced(picture.pixels, camera, job.work_size)[1]
-        bank = psfs(log, camera, exposure, mode=job.mode, **asdict(job.blur))
+        if job.changes.work_size is not None:
+            camera = reduced(picture.pixels, camera, job.changes.work_size)[1]
+        options = job.options
+        bank = psfs(
+            *(log, camera, exposure),
+            mode=options.mode,
+            bands=options.bands,
+            strips=options.strips,
+            motion=options.motion,
+        )
     return {
         "output": str(job.output),
         "dry_run": True,
-        "mode": job.mode,
+        "mode": job.options.mode,
         "psf_px": [bank.size[1], bank.size[0]],
-        "prior": job.solver.prior,
+        "prior": job.options.prior,
         "size_px": [camera.width, camera.height],
     }
 
 
 def _nsr_of(photo: Path, picture: Picture) -> float:
+    from rsdeblur.estimate.strength import nsr_of_iso
     from rsdeblur.io.exif import Exif
-    from rsdeblur.tuning import nsr_of_iso
 
     iso = Exif(picture.exif).iso
     if iso is None:

@@ -15,12 +15,12 @@ from rsdeblur.errors import RsdeblurWarning
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from rsdeblur.choices import Mode, Transfer
     from rsdeblur.cli._inputs import Inputs
-    from rsdeblur.cli._options import Blur, Recording, Solver
-    from rsdeblur.method import Mode
+    from rsdeblur.cli._options import Recording
+    from rsdeblur.pipeline.options import Options
     from rsdeblur.psf import PsfBank
     from rsdeblur.report import Page
-    from rsdeblur.transfer import Transfer
 
 
 class Compared(NamedTuple):
@@ -38,7 +38,7 @@ class Compared(NamedTuple):
 
 
 @contextmanager
-def overheard() -> Iterator[list[str]]:
+def capture_warnings() -> Iterator[list[str]]:
     """Collect the text of the package's warnings, which are shown as ever."""
     heard: list[str] = []
     show = warnings.showwarning
@@ -55,7 +55,7 @@ def overheard() -> Iterator[list[str]]:
         warnings.showwarning = show
 
 
-def report_page(compared: Compared, recording: Recording, blur: Blur, solver: Solver, remarks: Sequence[str]) -> Page:
+def report_page(compared: Compared, recording: Recording, options: Options, remarks: Sequence[str]) -> Page:
     """Fill the page of a comparison."""
     from rsdeblur.report import MotionPlot, Page, band_figures, findings
 
@@ -69,7 +69,7 @@ def report_page(compared: Compared, recording: Recording, blur: Blur, solver: So
         motion=MotionPlot.of(log, camera, exposure),
         bands=band_figures(shown, psf, across=camera.horizontal_readout),
         modes=report["modes"],
-        settings=_settings(compared, recording, blur, solver),
+        settings=_settings(compared, recording, options),
         findings=findings(
             *(picture.pixels, log, camera, exposure),
             psf=psf,
@@ -83,7 +83,7 @@ def report_page(compared: Compared, recording: Recording, blur: Blur, solver: So
     )
 
 
-def _settings(compared: Compared, recording: Recording, blur: Blur, solver: Solver) -> dict[str, dict[str, str]]:
+def _settings(compared: Compared, recording: Recording, options: Options) -> dict[str, dict[str, str]]:
     from rsdeblur.config import show_config
     from rsdeblur.io.exif import Exif
 
@@ -104,12 +104,21 @@ def _settings(compared: Compared, recording: Recording, blur: Blur, solver: Solv
         "origin, ns": log.epoch_ns,
     }
     times = {"start, s": exposure.start, "duration, s": exposure.duration, "origin, ns": exposure.epoch_ns}
-    names = ("width", "height", "focal", "principal", "readout", "readout_direction", "imu_to_camera", "time_offset")
-    lens = ("distortion_model", "distortion", "stamp")
+    names = (
+        "width",
+        "height",
+        "focal_length",
+        "principal_point",
+        "readout_time",
+        "readout_direction",
+        "imu_to_camera",
+        "time_offset",
+    )
+    lens = ("distortion_model", "distortion", "timestamp_marks")
     tables: dict[str, Mapping[str, Any]] = {
         "Picture": about_picture,
         "Recording": asdict(recording),
-        "Blur and solver": asdict(blur) | asdict(solver) | {"transfer": transfer},
+        "Blur and solver": asdict(options) | {"mode": ", ".join(report["modes"]), "transfer": transfer},
         "Exposure": times,
         "Gyro log": about_log,
         "Camera": {name: getattr(camera, name) for name in (*names, *lens)},

@@ -17,15 +17,15 @@ import click
 
 from rsdeblur.cli import _options
 from rsdeblur.cli._items import Item, read_items
-from rsdeblur.cli._jobs import jobs_option, shared_threads
-from rsdeblur.cli._options import Blur, Defaults, Solver
+from rsdeblur.cli._jobs import Workers, shared_threads, workers_options
+from rsdeblur.cli._options import Defaults, PhotoChanges, Target
 from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, write_json
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 from rsdeblur.errors import InputError, RsdeblurWarning
 
 if TYPE_CHECKING:
-    from rsdeblur.method import Mode
-    from rsdeblur.records import Records
+    from rsdeblur._util.records import Records
+    from rsdeblur.pipeline.options import Options
 
 TABLE, REPORT, RECORDS = "batch.csv", "batch.json", ".rsdeblur-batch"
 SOME_FAILED = 3
@@ -47,36 +47,23 @@ Examples:
     type=click.IntRange(0, 1),
     help="FOLDER: the number that the first frame has in the photos' names.  [default: told by the names]",
 )
-@_options.mode_option
-@_options.blur_options
-@_options.solver_options
-@_options.work_size_option
-@_options.nsr_from_iso_option
-@_options.max_memory_option
-@_options.fallback_option
-@jobs_option
-@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the work (they see the files).")
-@click.option("-o", "--output", type=_options.PATH, required=True, metavar="DIR", help="Folder to write to.")
-@click.option("--force", is_flag=True, help="Do finished items again, and replace files that exist.")
-@_options.dry_run_option
-@_options.json_option
+@_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE, *_options.ONE_RESULT)
+@_options.photo_options
+@workers_options
+@_options.target_options(
+    "DIR",
+    "Folder to write to.",
+    force=click.option("--force", is_flag=True, help="Do finished items again, and replace files that exist."),
+    dry_run=True,
+)
 def command(
     source: Path,
     defaults: Defaults,
     numbered_from: int | None,
-    mode: Mode,
-    blur: Blur,
-    solver: Solver,
-    work_size: int | None,
-    nsr_from_iso: bool,
-    max_memory: int | None,
-    fallback: bool,
-    jobs: int | None,
-    scheduler: str | None,
-    output: Path,
-    force: bool,
-    dry_run: bool,
-    as_json: bool,
+    options: Options,
+    changes: PhotoChanges,
+    workers: Workers,
+    target: Target,
 ) -> None:
     """Deblur all photos of a manifest or a logger's folder; a photo that fails does not stop the others.
 
@@ -88,34 +75,25 @@ def command(
     Started again, it does what is not done yet. Writes batch.csv and batch.json beside the photos. Exit code 3: some
     failed.
     """
-    from rsdeblur.records import Records
+    from rsdeblur._util.records import Records
 
     begin = time.perf_counter()
-    items = read_items(source, defaults, output, numbered_from=numbered_from)
+    items = read_items(source, defaults, target.output, numbered_from=numbered_from)
     if not items:
         raise InputError(f"{source}: there is nothing to do: no photo is listed")
-    jobs, threads = shared_threads(jobs, solver.threads, alone=scheduler is None)
-    common = {
-        "mode": mode,
-        "blur": blur,
-        "solver": replace(solver, threads=threads),
-        "work_size": work_size,
-        "nsr_from_iso": nsr_from_iso,
-        "max_memory": max_memory,
-        "fallback": fallback,
-    }
-    records = Records(output / RECORDS)
-    if not dry_run:
-        prepare_folder(output, [TABLE, REPORT], force=force or records.folder.is_dir())
+    jobs, threads = shared_threads(workers.jobs, options.threads, alone=workers.scheduler is None)
+    records = Records(target.output / RECORDS)
+    if not target.dry_run:
+        prepare_folder(target.output, [TABLE, REPORT], force=target.force or records.folder.is_dir())
         records.open()
-    batch = _Batch(output, common, records, force=force, dry_run=dry_run)
-    entries = batch.run(items, jobs, scheduler)
+    batch = _Batch(target, replace(options, threads=threads), changes, records)
+    entries = batch.run(items, jobs, workers.scheduler)
     counts = Counter(entry["state"] for entry in entries)
     report = {"items": entries, "counts": dict(counts), "seconds": time.perf_counter() - begin}
-    if not dry_run:
-        _write_table(output / TABLE, entries)
-        write_json(output / REPORT, report)
-    if as_json:
+    if not target.dry_run:
+        _write_table(target.output / TABLE, entries)
+        write_json(target.output / REPORT, report)
+    if target.as_json:
         print_json(report)
     else:
         _print(report)
@@ -129,14 +107,13 @@ def command(
 class _Batch:
     """The items on their way through the workers."""
 
-    def __init__(self, output: Path, common: dict[str, Any], records: Records, *, force: bool, dry_run: bool) -> None:
-        self._output, self._common, self._records = output, common, records
-        self._force, self._dry_run = force, dry_run
+    def __init__(self, target: Target, options: Options, changes: PhotoChanges, records: Records) -> None:
+        self._target, self._options, self._changes, self._records = target, options, changes, records
         self._under_way: dict[int, PhotoJob] = {}
 
     def run(self, items: list[Item], jobs: int, scheduler: str | None) -> list[dict[str, Any]]:
         """Do what is not done yet and return an entry for each item."""
-        from rsdeblur.workers import Failure, run
+        from rsdeblur._util.workers import Failure, run
 
         entries: list[dict[str, Any]] = [self._entry(item) for item in items]
         failed = sum("error" in entry for entry in entries)
@@ -163,11 +140,11 @@ class _Batch:
     def _entry(self, item: Item) -> dict[str, Any]:
         """Return what is known of an item beforehand."""
         entry: dict[str, Any] = {"photo": str(item.photo)}
-        if item.fault is not None:
-            return entry | {"state": "failed", "error": item.fault}
-        entry["output"] = str(self._output / item.output)
+        if item.error is not None:
+            return entry | {"state": "failed", "error": item.error}
+        entry["output"] = str(self._target.output / item.output)
         job = self._job(item)
-        facts = None if self._force else self._records.facts(str(item.output), _mark(job))
+        facts = None if self._target.force else self._records.facts(str(item.output), _fingerprint(job))
         if facts is not None and job.output.is_file():
             return entry | {"state": "skipped"} | facts
         return entry
@@ -177,11 +154,12 @@ class _Batch:
         return PhotoJob(
             photo=item.photo,
             recording=item.recording,
-            output=self._output / item.output,
-            force=self._force,
-            dry_run=self._dry_run,
+            output=self._target.output / item.output,
+            force=self._target.force,
+            dry_run=self._target.dry_run,
             make_folder=True,
-            **self._common,
+            options=self._options,
+            changes=self._changes,
         )
 
     def _tasks(self, items: list[Item], entries: list[dict[str, Any]]) -> Iterator[tuple[int, PhotoJob]]:
@@ -190,20 +168,20 @@ class _Batch:
             if "state" in entries[i]:
                 continue
             job = self._job(item)
-            mark = _mark(job)
+            fingerprint = _fingerprint(job)
             # What an interrupted run left under this name is this batch's own.
-            job = replace(job, force=self._force or self._records.claimed(str(item.output), mark))
-            if not self._dry_run and (job.force or not job.output.exists()):
-                self._records.claim(str(item.output), mark)
+            job = replace(job, force=self._target.force or self._records.claimed(str(item.output), fingerprint))
+            if not self._target.dry_run and (job.force or not job.output.exists()):
+                self._records.claim(str(item.output), fingerprint)
             self._under_way[i] = job
             yield i, job
 
     def _finish(self, item: Item, job: PhotoJob, entry: dict[str, Any], facts: dict[str, Any]) -> None:
         for message in facts.pop("warnings"):
             warnings.warn(_naming(job.photo, message), RsdeblurWarning, stacklevel=2)
-        entry |= {"state": "checked" if self._dry_run else "done"} | facts
-        if not self._dry_run:
-            self._records.finish(str(item.output), _mark(job), facts)
+        entry |= {"state": "checked" if self._target.dry_run else "done"} | facts
+        if not self._target.dry_run:
+            self._records.finish(str(item.output), _fingerprint(job), facts)
 
 
 def work(task: tuple[int, PhotoJob]) -> dict[str, Any]:
@@ -219,18 +197,18 @@ def work(task: tuple[int, PhotoJob]) -> dict[str, Any]:
 
 
 def _tidy(task: tuple[int, PhotoJob]) -> None:
-    from rsdeblur._atomic import remove_unfinished
+    from rsdeblur._util.atomic import remove_unfinished
 
     remove_unfinished(task[1].output)
 
 
-def _mark(job: PhotoJob) -> str:
-    from rsdeblur.records import fingerprint
+def _fingerprint(job: PhotoJob) -> str:
+    from rsdeblur._util.records import fingerprint
 
     recording = job.recording
     files = [path for path in (job.photo, recording.gyro, recording.camera, recording.capture) if path is not None]
     # Any number of threads gives the same bits.
-    same = replace(job, force=False, dry_run=False, solver=replace(job.solver, threads=None))
+    same = replace(job, force=False, dry_run=False, options=replace(job.options, threads=None))
     return fingerprint(same, files)
 
 
@@ -239,7 +217,7 @@ def _naming(photo: Path, message: str) -> str:
 
 
 def _write_table(path: Path, entries: list[dict[str, Any]]) -> None:
-    from rsdeblur._atomic import atomic_write
+    from rsdeblur._util.atomic import atomic_write
 
     columns = ("photo", "output", "state", "mode", "bands", "strips", "psf_px", "prior", "nsr", "weight", "seconds")
     judged = ("verdict", "reasons")
@@ -249,8 +227,8 @@ def _write_table(path: Path, entries: list[dict[str, Any]]) -> None:
     for entry in entries:
         size = {"psf_px": "{}x{}".format(*entry["psf_px"])} if "psf_px" in entry else {}
         check = entry.get("check")
-        told = {} if check is None else {"verdict": check["verdict"], "reasons": " ".join(check["reasons"])}
-        table.writerow(entry | size | told)
+        verdict = {} if check is None else {"verdict": check["verdict"], "reasons": " ".join(check["reasons"])}
+        table.writerow(entry | size | verdict)
     with atomic_write(path) as file:
         file.write(text.getvalue().encode())
 

@@ -4,25 +4,26 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from rsdeblur.cli import _options
+from rsdeblur.cli._options import Target
 from rsdeblur.cli._output import print_json
 
 if TYPE_CHECKING:
-    from rsdeblur.camera import Camera
     from rsdeblur.io.camera_file import CameraFile
+    from rsdeblur.motion.camera import Camera
 
 EXAMPLES = """\b
 Examples:
-  rsdeblur camera new --size 4000x3000 --focal35 26 --readout 18ms --imu phone-landscape -o phone.toml
+  rsdeblur camera new --size 4000x3000 --focal35 26 --readout-time 18ms --imu phone-landscape -o phone.toml
   rsdeblur camera import profile.json --size 1920x1080 -o gopro.toml
   rsdeblur camera import camchain-imucam.yaml --name cam1 -o cam1.toml
-  rsdeblur camera import photo.jpg --readout 18ms -o phone.toml
+  rsdeblur camera import photo.jpg --readout-time 18ms -o phone.toml
   rsdeblur camera show phone.toml
 """
 
@@ -57,7 +58,7 @@ class NumbersType(click.ParamType[tuple[float, ...]]):
 
 
 SETTINGS: tuple[Callable[[Any], Any], ...] = (
-    click.option("--readout", type=_options.SecondsType(), help="Readout time of the picture."),
+    click.option("--readout-time", type=_options.SecondsType(), help="Readout time of the picture."),
     click.option(
         "--readout-direction",
         type=click.Choice(["top-down", "bottom-up", "left-right", "right-left"]),
@@ -71,7 +72,7 @@ SETTINGS: tuple[Callable[[Any], Any], ...] = (
     ),
     click.option("--time-offset", type=_options.SecondsType(), help="Camera time minus gyro time."),
     click.option(
-        "--stamp",
+        "--timestamp-marks",
         type=click.Choice(["start", "middle", "end"]),
         help="What the captures' stamps mark: the first row's start of exposure, the middle row's mid-exposure, the "
         "last row's end.",
@@ -84,6 +85,25 @@ def settings(function: Callable[..., Any]) -> Callable[..., Any]:
     for option in reversed(SETTINGS):
         function = option(function)
     return function
+
+
+@dataclass(frozen=True, slots=True)
+class Edits:
+    """What was done to the picture of a camera file: resized, then cropped, then turned."""
+
+    scale: float | None
+    crop: tuple[int, int, int, int] | None
+    turn: int | None
+
+    def apply(self, camera: Camera) -> Camera:
+        """Return the camera of the edited picture."""
+        if self.scale is not None:
+            camera = camera.scaled(self.scale)
+        if self.crop is not None:
+            camera = camera.cropped(*self.crop)
+        for _ in range(self.turn or 0):
+            camera = camera.turned()
+        return camera
 
 
 @click.group("camera", epilog=EXAMPLES)
@@ -99,43 +119,39 @@ def show(file: Path, name: str | None, as_json: bool) -> None:
     """Say what a camera FILE holds: ours, Gyroflow's, Kalibr's, or a picture's EXIF."""
     from rsdeblur.io import open_camera
 
-    _tell(file, open_camera(file, name=name), as_json)
+    _print_camera(file, open_camera(file, name=name), as_json)
 
 
 @command.command("new")
 @click.option("--size", type=_options.SizeType(), required=True, help="Size of the picture as stored, in px.")
-@click.option("--focal", type=NumbersType(), help="Focal length in px, one number or fx,fy.")
+@click.option("--focal-length", type=NumbersType(), help="Focal length in px, one number or fx,fy.")
 @click.option("--focal35", type=click.FloatRange(min=0, min_open=True), help="Focal length as 35 mm equivalent.")
-@click.option("--principal", type=NumbersType(), help="Principal point cx,cy in px.  [default: the middle]")
+@click.option("--principal-point", type=NumbersType(), help="Principal point cx,cy in px.  [default: the middle]")
 @click.option("--distortion-model", type=click.Choice(["none", "radtan", "fisheye"]), help="Model of the lens.")
 @click.option("--distortion", type=NumbersType(), help="Its coefficients: k1,k2,p1,p2[,k3[,k4,k5,k6]] or k1,k2,k3,k4.")
 @settings
-@click.option("-o", "--output", type=_options.PATH, required=True, metavar="TOML", help="Camera file to write.")
-@_options.force_option
-@_options.json_option
+@_options.target_options("TOML", "Camera file to write.")
 def new(
     size: tuple[int, int],
-    focal: tuple[float, ...] | None,
+    focal_length: tuple[float, ...] | None,
     focal35: float | None,
-    output: Path,
-    force: bool,
-    as_json: bool,
+    target: Target,
     **given: Any,
 ) -> None:
     """Make a camera file from numbers."""
-    from rsdeblur.camera import Camera
     from rsdeblur.io.camera_file import CameraFile
     from rsdeblur.io.exif import FILM_DIAGONAL
+    from rsdeblur.motion.camera import Camera
 
-    if (focal is None) == (focal35 is None):
-        raise click.UsageError("give one of --focal and --focal35", ctx=click.get_current_context())
+    if (focal_length is None) == (focal35 is None):
+        raise click.UsageError("give one of --focal-length and --focal35", ctx=click.get_current_context())
     width, height = size
-    length: Any = focal[0] if focal and len(focal) == 1 else focal
+    length: Any = focal_length[0] if focal_length and len(focal_length) == 1 else focal_length
     if focal35 is not None:
         length = focal35 / FILM_DIAGONAL * (width**2 + height**2) ** 0.5
     camera = Camera(width, height, length, **{key: value for key, value in given.items() if value is not None})
-    _write(camera, output, force=force)
-    _tell(output, CameraFile(camera, "toml"), as_json)
+    _write(camera, target)
+    _print_camera(target.output, CameraFile(camera, "toml"), target.as_json)
 
 
 @command.command("import")
@@ -144,25 +160,27 @@ def new(
 @click.option("--name", metavar="CAMERA", help="Which camera of a file with several: cam1.")
 @click.option("--size", type=_options.SizeType(), help="Size of your pictures, if it is another one.")
 @click.option("--fps", type=float, help="Frame rate, where a lens profile has several settings of one size.")
-@click.option("--scale", type=click.FloatRange(min=0, min_open=True), help="Factor by which the picture is resized.")
-@click.option("--crop", type=BoxType(), help="Part of the picture that is kept.")
-@click.option("--turn", type=click.IntRange(1, 3), help="Quarter turns clockwise from that picture to yours.")
+@_options.gathered(
+    "edits",
+    Edits,
+    (
+        click.option(
+            "--scale", type=click.FloatRange(min=0, min_open=True), help="Factor by which the picture is resized."
+        ),
+        click.option("--crop", type=BoxType(), help="Part of the picture that is kept."),
+        click.option("--turn", type=click.IntRange(1, 3), help="Quarter turns clockwise from that picture to yours."),
+    ),
+)
 @settings
-@click.option("-o", "--output", type=_options.PATH, required=True, metavar="TOML", help="Camera file to write.")
-@_options.force_option
-@_options.json_option
+@_options.target_options("TOML", "Camera file to write.")
 def import_(
     source: Path,
     format: str | None,
     name: str | None,
     size: tuple[int, int] | None,
     fps: float | None,
-    scale: float | None,
-    crop: tuple[int, int, int, int] | None,
-    turn: int | None,
-    output: Path,
-    force: bool,
-    as_json: bool,
+    edits: Edits,
+    target: Target,
     **given: Any,
 ) -> None:
     """Take a camera over from SOURCE: a lens profile of Gyroflow, a YAML of Kalibr, or a picture's EXIF.
@@ -172,29 +190,22 @@ def import_(
     from rsdeblur.io import open_camera
 
     file = open_camera(source, format, size=size, name=name, fps=fps)
-    camera = file.camera
-    if scale is not None:
-        camera = camera.scaled(scale)
-    if crop is not None:
-        camera = camera.cropped(*crop)
-    for _ in range(turn or 0):
-        camera = camera.turned()
-    file = replace(file, camera=camera).told(**given)
-    _write(file.camera, output, force=force)
-    _tell(output, file, as_json)
+    file = replace(file, camera=edits.apply(file.camera)).with_overrides(**given)
+    _write(file.camera, target)
+    _print_camera(target.output, file, target.as_json)
 
 
-def _write(camera: Camera, path: Path, *, force: bool) -> None:
-    from rsdeblur._atomic import check_target
+def _write(camera: Camera, target: Target) -> None:
+    from rsdeblur._util.atomic import check_target
 
-    check_target(path, force=force)
-    camera.save(path)
+    check_target(target.output, force=target.force)
+    camera.save(target.output)
 
 
-def _tell(path: Path, file: CameraFile, as_json: bool) -> None:
-    from rsdeblur.cli._describe import print_entry, tell_camera
+def _print_camera(path: Path, file: CameraFile, as_json: bool) -> None:
+    from rsdeblur.cli._describe import camera_facts, print_entry
 
-    entry = {"file": str(path)} | tell_camera(file)
+    entry = {"file": str(path)} | camera_facts(file)
     if as_json:
         print_json(entry)
     else:

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from rsdeblur.choices import MODES, Auto, Mode, Transfer
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of, unit_range
-from rsdeblur.cli._options import Blur, Recording, Solver
+from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, write_json
-from rsdeblur.cli._report import Compared, overheard, report_page
+from rsdeblur.cli._report import Compared, capture_warnings, report_page
 from rsdeblur.errors import InputError, OutputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rsdeblur.io.pictures import Picture
-    from rsdeblur.method import Mode
+    from rsdeblur.pipeline.options import Options
     from rsdeblur.psf import PsfBank
 
-MODES: tuple[Mode, ...] = ("global", "banded", "rowwise")
 SHEET, MAP, REPORT = "side-by-side.png", "psfs.png", "compare.json"
 
 EXAMPLES = """\b
@@ -39,25 +39,19 @@ Examples:
 @click.command("compare", epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options
-@_options.blur_options
-@_options.solver_options
+@_options.solve_options(*_options.BLUR[1:], *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE)
 @click.option("--truth", type=_options.PATH, metavar="FILE", help="The sharp picture, to measure PSNR and SSIM.")
-@click.option("-o", "--output", type=_options.PATH, required=True, metavar="DIR", help="Folder to write to.")
+@_options.target_options("DIR", "Folder to write to.")
 @click.option(
     "--report", type=_options.PATH, metavar="HTML", help="Also write a page to look at the results in a browser."
 )
-@_options.force_option
-@_options.json_option
 def command(
     photo: Path,
     recording: Recording,
-    blur: Blur,
-    solver: Solver,
+    options: Options,
     truth: Path | None,
-    output: Path,
     report: Path | None,
-    force: bool,
-    as_json: bool,
+    target: Target,
 ) -> None:
     """Deblur PHOTO in every mode and lay the results side by side.
 
@@ -67,18 +61,19 @@ def command(
     --report writes one page that needs no network: any two pictures under a slider, the kernels over them, the
     gyroscope's rates with the window of each row, figures band by band, all settings, and what to be wary of.
     """
+    output, force = target.output, target.force
     prepare_folder(output, [*output_names(photo), REPORT], force=force)
     if report is not None:
         check_page(report, force=force)
-    with overheard() as remarks:
-        compared = compare_modes(photo, recording, blur, solver, truth=truth, output=output, force=force)
+    with capture_warnings() as remarks:
+        compared = compare_modes(photo, recording, options, truth=truth, output=output, force=force)
     if report is not None:
         from rsdeblur.report import write_page
 
-        write_page(report, report_page(compared, recording, blur, solver, remarks))
+        write_page(report, report_page(compared, recording, options, remarks))
         compared.report["report"] = str(report)
     write_json(output / REPORT, compared.report)
-    if as_json:
+    if target.as_json:
         print_json(compared.report)
     else:
         print_report(compared.report)
@@ -94,7 +89,7 @@ def check_page(path: Path, *, force: bool) -> None:
     OutputError
         If it is not named like a page, or cannot be written, or exists and `force` is not set.
     """
-    from rsdeblur._atomic import check_target
+    from rsdeblur._util.atomic import check_target
 
     if path.suffix.lower() not in (".html", ".htm"):
         raise OutputError(f"{path}: the report is a page of HTML; name it like report.html")
@@ -108,30 +103,32 @@ def output_names(photo: Path) -> list[str]:
 
 
 def compare_modes(
-    photo: Path, recording: Recording, blur: Blur, solver: Solver, *, truth: Path | None, output: Path, force: bool
+    photo: Path, recording: Recording, options: Options, *, truth: Path | None, output: Path, force: bool
 ) -> Compared:
     """Deblur `photo` in every mode, write the pictures into the folder `output` and return what came out."""
     inputs = read_inputs(photo, recording)
     picture = inputs.picture
-    transfer = transfer_of(picture, solver.transfer)
-    target = None if truth is None else _read_truth(truth, photo, picture, solver)
+    transfer = transfer_of(picture, options.transfer)
+    target = None if truth is None else _read_truth(truth, photo, picture, options.transfer)
+    # A mode that the options exclude is refused before the first one is solved.
+    each_mode = [replace(options, mode=mode, transfer=transfer) for mode in MODES]
 
-    from rsdeblur.cli._measure import forget_peak_memory, likeness, peak_memory_mib
+    from rsdeblur.cli._measure import forget_peak_memory, peak_memory_mib, similarity
     from rsdeblur.io.pictures import write_picture
-    from rsdeblur.pipeline import deblur
+    from rsdeblur.pipeline.plan import plan
 
     shown = {"input": display_values(unit_range(picture.pixels), transfer)}
     banks: dict[Mode, PsfBank] = {}
     report: dict[str, Any] = {"photo": str(photo), "size_px": list(picture.pixels.shape[1::-1])}
     if target is not None:
-        report |= {"truth": str(truth), "blurred": likeness(shown["input"], target)}
+        report |= {"truth": str(truth), "blurred": similarity(shown["input"], target)}
     report["modes"] = {}
-    arguments = asdict(blur) | asdict(solver) | {"transfer": transfer}
-    for mode, name in zip(MODES, output_names(photo), strict=False):
+    for chosen, name in zip(each_mode, output_names(photo), strict=False):
+        mode = chosen.mode
         forget_peak_memory()
         begin = time.perf_counter()
         with progress(mode) as move, naming(photo, recording):
-            result = deblur(picture.pixels, *inputs[1:], mode=mode, progress=move, **arguments)
+            result = plan(inputs.log, inputs.camera, inputs.exposure, chosen).apply(picture.pixels, progress=move)
         seconds, memory = time.perf_counter() - begin, peak_memory_mib()
         write_picture(output / name, result.image, like=picture, force=force)
         tall, wide = result.psfs.size
@@ -147,14 +144,14 @@ def compare_modes(
             "timings": result.timings,
             "check": None if result.check is None else asdict(result.check),
             "peak_memory_mib": memory,
-        } | ({} if target is None else likeness(shown[mode], target))
+        } | ({} if target is None else similarity(shown[mode], target))
     if target is not None:
         shown["truth"] = target
     _draw(output, shown, banks, report["modes"], force=force)
     return Compared(report, inputs, shown, banks, 1.0 - float(result.coverage.mean()), transfer)
 
 
-def _read_truth(truth: Path, photo: Path, picture: Picture, solver: Solver) -> NDArray[Any]:
+def _read_truth(truth: Path, photo: Path, picture: Picture, transfer: Transfer | Auto) -> NDArray[Any]:
     from rsdeblur.io.pictures import read_picture
 
     sharp = read_picture(truth)
@@ -163,7 +160,7 @@ def _read_truth(truth: Path, photo: Path, picture: Picture, solver: Solver) -> N
             f"{truth}: the true picture has shape {sharp.pixels.shape}, {photo} has {picture.pixels.shape}; "
             "they must be alike"
         )
-    return display_values(unit_range(sharp.pixels), transfer_of(sharp, solver.transfer))
+    return display_values(unit_range(sharp.pixels), transfer_of(sharp, transfer))
 
 
 def _draw(
@@ -197,7 +194,7 @@ def print_report(report: dict[str, Any]) -> None:
     ]
     rows = []
     if judged:
-        rows.append(["(blurred)", "", "", "", "", "", "", *_likeness_cells(report["blurred"])])
+        rows.append(["(blurred)", "", "", "", "", "", "", *_similarity_cells(report["blurred"])])
     for mode, found in report["modes"].items():
         memory = found["peak_memory_mib"]
         rows.append(
@@ -209,12 +206,12 @@ def print_report(report: dict[str, Any]) -> None:
                 f"{found['timings']['apply']:.2f}",
                 "-" if memory is None else f"{memory:.0f}",
                 "-" if found["check"] is None else found["check"]["verdict"],
-                *(_likeness_cells(found) if judged else []),
+                *(_similarity_cells(found) if judged else []),
             ]
         )
     print_table(columns, rows)
 
 
-def _likeness_cells(found: dict[str, Any]) -> list[str]:
+def _similarity_cells(found: dict[str, Any]) -> list[str]:
     psnr = found["psnr_db"]
     return ["inf" if psnr is None else f"{psnr:.2f}", f"{found['ssim']:.3f}"]

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rsdeblur.cli import _options
-from rsdeblur.cli._options import Blur, Recording, Solver
+from rsdeblur.cli._options import PhotoChanges, Recording, Target
 from rsdeblur.cli._output import print_json, progress
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 
 if TYPE_CHECKING:
-    from rsdeblur.method import Mode
+    from rsdeblur.pipeline.options import Options
 
 EXAMPLES = """\b
 Examples:
@@ -26,69 +26,49 @@ Examples:
 @click.command("deblur", epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options
-@_options.mode_option
-@_options.blur_options
-@_options.solver_options
-@_options.work_size_option
-@_options.nsr_from_iso_option
-@_options.max_memory_option
-@_options.fallback_option
-@click.option("-o", "--output", type=_options.PATH, required=True, metavar="OUT", help="Picture to write.")
-@_options.force_option
-@_options.dry_run_option
-@_options.json_option
+@_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE, *_options.ONE_RESULT)
+@_options.photo_options
+@_options.target_options("OUT", "Picture to write.", dry_run=True)
 def command(
     photo: Path,
     recording: Recording,
-    mode: Mode,
-    blur: Blur,
-    solver: Solver,
-    work_size: int | None,
-    nsr_from_iso: bool,
-    max_memory: int | None,
-    fallback: bool,
-    output: Path,
-    force: bool,
-    dry_run: bool,
-    as_json: bool,
+    options: Options,
+    changes: PhotoChanges,
+    target: Target,
 ) -> None:
     """Deblur PHOTO; EXIF, colour profile and bit depth are kept."""
     job = PhotoJob(
         photo=photo,
         recording=recording,
-        mode=mode,
-        blur=blur,
-        solver=solver,
-        work_size=work_size,
-        nsr_from_iso=nsr_from_iso,
-        max_memory=max_memory,
-        fallback=fallback,
-        output=output,
-        force=force,
-        dry_run=dry_run,
+        options=options,
+        changes=changes,
+        output=target.output,
+        force=target.force,
+        dry_run=target.dry_run,
     )
     with progress("deblur") as move:
         facts = deblur_photo(job, move)
-    if as_json:
+    if target.as_json:
         print_json(facts)
         return
     wide, tall = facts["psf_px"]
-    if dry_run:
+    if target.dry_run:
         size = "{} x {}".format(*facts["size_px"])
         click.echo(
-            f"{photo}: {size} px, all inputs fit; would write {output} ({mode}, PSFs of up to {wide} x {tall} px, "
-            f"{solver.prior})"
+            f"{photo}: {size} px, all inputs fit; would write {target.output} ({options.mode}, PSFs of up to "
+            f"{wide} x {tall} px, {options.prior})"
         )
         return
-    tiles = "rows" if mode == "rowwise" else "bands"
+    tiles = "rows" if options.mode == "rowwise" else "bands"
     kernels = f"{facts['bands']} x {facts['strips']} PSFs ({tiles} x strips) of {wide} x {tall} px"
     strength = f"NSR {facts['nsr']:.2g}" if facts["weight"] is None else f"weight {facts['weight']:.2g}"
     click.echo(
-        f"{output}: {mode}, {kernels}, {solver.prior}, {strength}, {facts['seconds']:.2f} s{_told(facts['check'])}"
+        f"{target.output}: {options.mode}, {kernels}, {options.prior}, {strength}, "
+        f"{facts['seconds']:.2f} s{_verdict(facts['check'])}"
     )
 
 
-def _told(check: dict[str, Any] | None) -> str:
+def _verdict(check: dict[str, Any] | None) -> str:
     if check is None:
         return ""
     blended = ", blended towards the photo" if check["blended"] else ""

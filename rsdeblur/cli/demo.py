@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rsdeblur.choices import Prior
 from rsdeblur.cli import _options
-from rsdeblur.cli._options import Blur, Recording, Solver
+from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import prepare_folder, print_json, progress, write_json
 from rsdeblur.cli.compare import compare_modes, output_names, print_report
+from rsdeblur.pipeline.options import Options
 
 if TYPE_CHECKING:
-    from rsdeblur.gyro import GyroLog
-    from rsdeblur.priors import Prior
+    from rsdeblur.motion.gyro import GyroLog
 
 EXPOSURE = 0.05  # s
 READOUT = 0.03  # s, a slow phone sensor
@@ -49,15 +50,14 @@ Examples:
     help="Size in px.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Scene, shake and noise.")
-@click.option("-o", "--output", type=_options.PATH, required=True, metavar="DIR", help="Folder to write to.")
-@_options.force_option
-@_options.json_option
-def command(size: tuple[int, int], seed: int, output: Path, force: bool, as_json: bool) -> None:
+@_options.target_options("DIR", "Folder to write to.")
+def command(size: tuple[int, int], seed: int, target: Target) -> None:
     """Draw a scene, shake a camera, and deblur in every mode; needs no data.
 
     Writes to DIR the sharp and the blurred picture, the gyro log, the camera file, the picture of each mode,
     side-by-side.png, psfs.png and demo.json, and prints the command that deblurs the blurred picture again.
     """
+    output, force = target.output, target.force
     blurred, rolling = output / "blurred.png", output / "rolling.png"
     gyro, camera = output / "gyro.csv", output / "camera.toml"
     own = (output / "sharp.png", blurred, rolling, gyro, camera)
@@ -66,16 +66,14 @@ def command(size: tuple[int, int], seed: int, output: Path, force: bool, as_json
         _capture(size, seed, output, force=force)
     # From here on the demo is a user with files.
     recording = Recording(gyro, camera, start=START, duration=EXPOSURE)
-    solver = Solver(PRIOR, "auto", 2 / 3, NSR, "auto", "keep", "blend", None, False, "ignore", "estimate", None)
-    report = compare_modes(
-        blurred, recording, Blur("auto", "auto", "rotation"), solver, truth=rolling, output=output, force=force
-    ).report
+    options = Options(prior=PRIOR, nsr=NSR)
+    report = compare_modes(blurred, recording, options, truth=rolling, output=output, force=force).report
     again = ["rsdeblur", "deblur", str(blurred), "--gyro", str(gyro), "--camera", str(camera)]
     again += ["--start", str(START), "--duration", str(EXPOSURE), "--prior", PRIOR, "--nsr", str(NSR)]
     again += ["-o", str(output / "again.png")]
     report["command"] = shlex.join(again)
     write_json(output / REPORT, report)
-    if as_json:
+    if target.as_json:
         print_json(report)
     else:
         print_report(report)
@@ -85,19 +83,19 @@ def command(size: tuple[int, int], seed: int, output: Path, force: bool, as_json
 
 def _capture(size: tuple[int, int], seed: int, output: Path, *, force: bool) -> None:
     """Take the picture and write everything that a user would have, and the truth."""
-    from rsdeblur.camera import Camera
-    from rsdeblur.exposure import Exposure
+    from rsdeblur.image.transfer import from_linear
     from rsdeblur.io.pictures import write_picture
-    from rsdeblur.scene import scene
-    from rsdeblur.shake import hand_shake
-    from rsdeblur.simulate import simulate
-    from rsdeblur.transfer import from_linear
+    from rsdeblur.motion.camera import Camera
+    from rsdeblur.motion.exposure import Exposure
+    from rsdeblur.simulation.scene import scene
+    from rsdeblur.simulation.shake import hand_shake
+    from rsdeblur.simulation.simulate import simulate
 
     width, height = size
     margin = round(MARGIN * max(size))
     sharp = scene(height + 2 * margin, width + 2 * margin, seed=seed)
     log = hand_shake(LOG, strength=STRENGTH, seed=seed)
-    camera = Camera(width, height, FOCAL * width, readout=READOUT)
+    camera = Camera(width, height, FOCAL * width, readout_time=READOUT)
     taken = simulate(sharp, log, camera, Exposure(START, EXPOSURE), noise=NOISE, seed=seed)
     pictures: dict[str, Any] = {"sharp": taken.rectified, "rolling": taken.rolling, "blurred": taken.blurred}
     for name, light in pictures.items():
@@ -109,7 +107,7 @@ def _capture(size: tuple[int, int], seed: int, output: Path, *, force: bool) -> 
 def _write_gyro(path: Path, log: GyroLog) -> None:
     import numpy as np
 
-    from rsdeblur._atomic import atomic_write
+    from rsdeblur._util.atomic import atomic_write
 
     with atomic_write(path) as file:
         np.savetxt(file, np.column_stack([log.t, log.omega]), "%.9f", ",", header="t,wx,wy,wz", comments="")

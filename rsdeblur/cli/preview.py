@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,15 +10,15 @@ import click
 
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of
-from rsdeblur.cli._options import Blur, Recording, Solver
+from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import print_json, progress
 from rsdeblur.errors import CoverageError, InputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from rsdeblur.camera import Camera
-    from rsdeblur.method import Mode
+    from rsdeblur.motion.camera import Camera
+    from rsdeblur.pipeline.options import Options
 
 EXAMPLES = """\b
 Examples:
@@ -45,34 +45,41 @@ class RegionType(click.ParamType[Region]):
         return left, top, width, height
 
 
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """Shifts of the gyroscope's clock, s, evenly spaced."""
+
+    first: float
+    last: float
+    steps: int
+
+
 @click.command("preview", epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options
-@_options.mode_option
-@_options.blur_options
-@_options.solver_options
-@click.option("--from", "first", type=_options.SecondsType(), default=-0.1, help="First shift.  [default: -100ms]")
-@click.option("--to", "last", type=_options.SecondsType(), default=0.1, help="Last shift.  [default: 100ms]")
-@click.option("--steps", type=click.IntRange(min=1), default=9, show_default=True, help="Number of shifts.")
+@_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE)
+@_options.gathered(
+    "sweep",
+    Sweep,
+    (
+        click.option(
+            "--from", "first", type=_options.SecondsType(), default=-0.1, help="First shift.  [default: -100ms]"
+        ),
+        click.option("--to", "last", type=_options.SecondsType(), default=0.1, help="Last shift.  [default: 100ms]"),
+        click.option("--steps", type=click.IntRange(min=1), default=9, show_default=True, help="Number of shifts."),
+    ),
+)
 @click.option("--region", type=RegionType(), help="Only this part of the picture, in px.")
 @click.option("--choose", type=click.IntRange(min=1), metavar="N", help="Write cell N's offset into the camera file.")
-@click.option("-o", "--output", type=_options.PATH, required=True, metavar="OUT", help="Contact sheet to write.")
-@_options.force_option
-@_options.json_option
+@_options.target_options("OUT", "Contact sheet to write.")
 def command(
     photo: Path,
     recording: Recording,
-    mode: Mode,
-    blur: Blur,
-    solver: Solver,
-    first: float,
-    last: float,
-    steps: int,
+    options: Options,
+    sweep: Sweep,
     region: Region | None,
     choose: int | None,
-    output: Path,
-    force: bool,
-    as_json: bool,
+    target: Target,
 ) -> None:
     """Deblur PHOTO with the gyroscope's clock shifted in steps, and lay the results out to choose from.
 
@@ -81,48 +88,52 @@ def command(
     """
     import numpy as np
 
+    from rsdeblur.io.camera_file import write_time_offset
     from rsdeblur.io.pictures import check_writable, write_picture
-    from rsdeblur.pipeline import deblur
+    from rsdeblur.pipeline.plan import plan
     from rsdeblur.report import contact_sheet
-    from rsdeblur.timing import write_time_offset
 
-    check_writable(output, force=force)
+    check_writable(target.output, force=target.force)
     picture, log, camera, exposure = read_inputs(photo, recording)
     offset = camera.time_offset
     pixels = picture.pixels
     if region is not None:
         pixels, camera = _cut(pixels, camera, region)
-    arguments = asdict(blur) | asdict(solver) | {"transfer": transfer_of(picture, solver.transfer), "mode": mode}
+    transfer = transfer_of(picture, options.transfer)
+    options = replace(options, transfer=transfer, check=False)
     cells: list[tuple[str, NDArray[Any], NDArray[Any]]] = []
     listed: list[dict[str, Any]] = []
     refused: CoverageError | None = None
     with progress("preview") as move, naming(photo, recording):
-        for i, shift in enumerate(np.linspace(first, last, steps).tolist()):
+        for i, shift in enumerate(np.linspace(sweep.first, sweep.last, sweep.steps).tolist()):
             if move is not None:
-                move(f"{1e3 * shift:+.1f} ms", i / steps)
+                move(f"{1e3 * shift:+.1f} ms", i / sweep.steps)
             try:
                 moved = replace(camera, time_offset=camera.time_offset + shift)
-                result = deblur(pixels, log, moved, exposure, check=False, **arguments)
+                result = plan(log, moved, exposure, options).apply(pixels)
             except CoverageError as error:
                 refused = error
                 continue
             bands, strips = (n // 2 for n in result.psfs.kernels.shape[:2])
             label = f"{len(cells) + 1}: {1e3 * shift:+.1f} ms"
-            shown = display_values(result.image, arguments["transfer"])
+            shown = display_values(result.image, transfer)
             cells.append((label, shown, result.psfs.kernels[bands, strips]))
             listed.append({"cell": len(cells), "shift_s": shift, "time_offset_s": offset + shift})
         if not cells:
             raise refused or InputError("there is no shift to show")
         if choose is not None and choose > len(cells):
             raise InputError(f"there is no cell {choose}: the sheet has {len(cells)}")
-    write_picture(output, contact_sheet(cells, marked=None if choose is None else choose - 1), force=force)
+    marked = None if choose is None else choose - 1
+    write_picture(target.output, contact_sheet(cells, marked=marked), force=target.force)
     chosen = None if choose is None else listed[choose - 1]
     if chosen is not None:
         write_time_offset(recording.camera, chosen["time_offset_s"])
-    if as_json:
-        print_json({"output": str(output), "cells": listed, "chosen": chosen})
+    if target.as_json:
+        print_json({"output": str(target.output), "cells": listed, "chosen": chosen})
         return
-    click.echo(f"{output}: {len(cells)} of {steps} shifts, {1e3 * first:g} to {1e3 * last:g} ms")
+    click.echo(
+        f"{target.output}: {len(cells)} of {sweep.steps} shifts, {1e3 * sweep.first:g} to {1e3 * sweep.last:g} ms"
+    )
     if chosen is not None:
         click.echo(f"{recording.camera}: time_offset = {1e3 * chosen['time_offset_s']:.2f} ms")
 

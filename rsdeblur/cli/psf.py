@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,16 +9,12 @@ import click
 
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, naming, read_inputs, read_recording, transfer_of, unit_range
-from rsdeblur.cli._options import Blur, Recording
+from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import print_json, progress
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rsdeblur.camera import Camera
-    from rsdeblur.exposure import Exposure
-    from rsdeblur.gyro import GyroLog
-    from rsdeblur.method import Mode
+    from rsdeblur.motion.paths import BlurPaths
+    from rsdeblur.pipeline.options import Options
     from rsdeblur.psf import PsfBank
 
 EXAMPLES = """\b
@@ -31,15 +26,7 @@ Examples:
 
 @click.command("psf", epilog=EXAMPLES)
 @_options.recording_options
-@_options.mode_option
-@_options.blur_options
-@click.option(
-    "--nsr",
-    type=click.FloatRange(min=0.0, min_open=True),
-    default=0.01,
-    show_default=True,
-    help="Noise-to-signal ratio, which the number of bands follows.",
-)
+@_options.solve_options(*_options.BLUR, "nsr")
 @click.option("-o", "--output", type=_options.PATH, metavar="PNG", help="Draw the kernels where they belong.")
 @click.option("--picture", "photo", type=_options.PATH, metavar="PHOTO", help="Show this picture below the kernels.")
 @click.option("--bank", type=_options.PATH, metavar="NPZ", help="Save the kernels and their places.")
@@ -47,17 +34,18 @@ Examples:
 @_options.json_option
 def command(
     recording: Recording,
-    mode: Mode,
-    blur: Blur,
-    nsr: float,
+    options: Options,
     output: Path | None,
     photo: Path | None,
     bank: Path | None,
     force: bool,
     as_json: bool,
 ) -> None:
-    """Compute the kernels that `deblur` would undo; no picture is needed."""
-    from rsdeblur._atomic import check_target
+    """Compute the kernels that `deblur` would undo; no picture is needed.
+
+    The automatic number of bands follows --nsr, which is 0.01 here if it is auto.
+    """
+    from rsdeblur._util.atomic import check_target
     from rsdeblur.io.pictures import check_writable, write_picture
 
     if output is not None:
@@ -69,20 +57,24 @@ def command(
         picture = None
     else:
         pixels, log, camera, exposure = read_inputs(photo, recording)
-        picture = display_values(unit_range(pixels.pixels), transfer_of(pixels, None))
+        picture = display_values(unit_range(pixels.pixels), transfer_of(pixels, "auto"))
 
-    from rsdeblur.pipeline import psfs
+    from rsdeblur.pipeline.deblur import NSR
+    from rsdeblur.pipeline.plan import plan
+    from rsdeblur.psf import PsfBank
     from rsdeblur.report import psf_map
 
     with progress("psf"), naming(photo, recording):
-        found = psfs(log, camera, exposure, mode=mode, nsr=nsr, **asdict(blur))
+        planned = plan(log, camera, exposure, options)
+        paths = planned.tile_paths(NSR if options.nsr == "auto" else options.nsr)
+        kernels = planned.frame.bank(PsfBank.from_paths(paths))
         if output is not None:
-            drawing = psf_map(found, (camera.height, camera.width), picture=picture)
+            drawing = psf_map(kernels, (camera.height, camera.width), picture=picture)
             write_picture(output, drawing, force=force)
     if bank is not None:
-        found.save(bank)
-    lengths = _path_lengths(found, log, camera, exposure, blur)
-    summary = _summary(found, camera) | {"path_px": {"shortest": float(lengths.min()), "longest": float(lengths.max())}}
+        kernels.save(bank)
+    lengths = paths.lengths
+    summary = _summary(kernels, paths)
     if as_json:
         print_json(summary)
     else:
@@ -93,27 +85,13 @@ def command(
         )
 
 
-def _path_lengths(bank: PsfBank, log: GyroLog, camera: Camera, exposure: Exposure, blur: Blur) -> NDArray[Any]:
-    """Return the lengths in px of the paths behind the kernels, in no particular order."""
-    from rsdeblur.motion import BlurPaths, Shot
-
-    rows, cols = bank.rows, bank.cols
-    if camera.horizontal_readout:
-        # Paths are traced with the readout along y, in the picture turned a quarter clockwise.
-        rows, cols = cols, (camera.height - 1 - rows)[::-1]
-        camera = camera.turned()
-    shot = Shot.from_log(log, camera, exposure)
-    return BlurPaths.from_shot(shot, rows, cols, motion=blur.motion).lengths
-
-
-def _summary(bank: PsfBank, camera: Camera) -> dict[str, Any]:
-    down, across = bank.kernels.shape[:2]
-    # Bands follow the readout.
-    bands, strips = (across, down) if camera.horizontal_readout else (down, across)
+def _summary(bank: PsfBank, paths: BlurPaths) -> dict[str, Any]:
+    bands, strips = paths.lengths.shape
     return {
         "bands": bands,
         "strips": strips,
         "psf_px": [bank.size[1], bank.size[0]],
         "rows": bank.rows.tolist(),
         "cols": bank.cols.tolist(),
+        "path_px": {"shortest": float(paths.lengths.min()), "longest": float(paths.lengths.max())},
     }

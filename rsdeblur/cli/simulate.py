@@ -9,11 +9,11 @@ import click
 
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, read_inputs, transfer_of, unit_range
-from rsdeblur.cli._options import Recording
+from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import prepare_folder, print_json, progress
 
 if TYPE_CHECKING:
-    from rsdeblur.transfer import Transfer
+    from rsdeblur.choices import Auto, Transfer
 
 EXAMPLES = """\b
 Examples:
@@ -36,19 +36,15 @@ Examples:
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Chooses the noise.")
 @click.option("--bits", type=click.Choice(["8", "16"]), default="8", show_default=True, help="Bits per channel.")
-@click.option("-o", "--output", type=_options.PATH, required=True, metavar="DIR", help="Folder to write to.")
-@_options.force_option
-@_options.json_option
+@_options.target_options("DIR", "Folder to write to.")
 def command(
     sharp: Path,
     recording: Recording,
-    transfer: Transfer | None,
+    transfer: Transfer | Auto,
     noise: float,
     seed: int,
     bits: str,
-    output: Path,
-    force: bool,
-    as_json: bool,
+    target: Target,
 ) -> None:
     """Blur SHARP as a shaking rolling-shutter camera would.
 
@@ -57,13 +53,13 @@ def command(
     rectify) and rolling.png (each row at its own time, the truth for --geometry keep).
     """
     names = ("blurred", "rectified", "rolling")
-    paths = [output / f"{name}.png" for name in names]
-    prepare_folder(output, [path.name for path in paths], force=force)
+    paths = [target.output / f"{name}.png" for name in names]
+    prepare_folder(target.output, [path.name for path in paths], force=target.force)
     picture, log, camera, exposure = read_inputs(sharp, recording)
 
+    from rsdeblur.image.transfer import from_linear, to_linear
     from rsdeblur.io.pictures import write_picture
-    from rsdeblur.simulate import simulate
-    from rsdeblur.transfer import from_linear, to_linear
+    from rsdeblur.simulation.simulate import simulate
 
     encoding = transfer_of(picture, transfer)
     # PNG is looked at, so light is encoded for it.
@@ -72,8 +68,8 @@ def command(
     with progress("simulate"), naming(sharp, recording):
         pictures = simulate(light, log, camera, exposure, noise=noise, seed=seed)
     for path, values in zip(paths, pictures, strict=True):
-        write_picture(path, from_linear(values.clip(0.0, 1.0), written), bits=int(bits), force=force)
-    if as_json:
+        write_picture(path, from_linear(values.clip(0.0, 1.0), written), bits=int(bits), force=target.force)
+    if target.as_json:
         print_json({"outputs": [str(path) for path in paths], "size_px": [camera.width, camera.height]})
     else:
         click.echo(f"{', '.join(map(str, paths))}: {camera.width} x {camera.height} px")

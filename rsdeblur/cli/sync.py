@@ -13,7 +13,7 @@ from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import print_json, progress
 
 if TYPE_CHECKING:
-    from rsdeblur.transfer import Transfer
+    from rsdeblur.choices import Auto, Transfer
 
 EXAMPLES = """\b
 Examples:
@@ -32,7 +32,7 @@ Examples:
 @click.option("--write", is_flag=True, help="Write the time offset, if one is found, into the camera file.")
 @_options.json_option
 def command(
-    photo: Path, recording: Recording, transfer: Transfer | None, first: float, last: float, write: bool, as_json: bool
+    photo: Path, recording: Recording, transfer: Transfer | Auto, first: float, last: float, write: bool, as_json: bool
 ) -> None:
     """Find the time offset between the gyroscope's clock and the camera's from the blur in PHOTO.
 
@@ -40,7 +40,8 @@ def command(
     tell: take one with more blur, and with motion that changes.
     """
     from rsdeblur.errors import InputError
-    from rsdeblur.timing import find_time_offset, write_time_offset
+    from rsdeblur.estimate.time_offset import find_time_offset
+    from rsdeblur.io.camera_file import write_time_offset
 
     picture, log, camera, exposure = read_inputs(photo, recording)
     with progress("sync") as move, naming(photo, recording):

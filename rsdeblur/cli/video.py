@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,20 +15,17 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, read_device
 from rsdeblur.cli._jobs import jobs_option, shared_threads
-from rsdeblur.cli._options import Blur, Recording, Solver
+from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import print_json, progress
 from rsdeblur.errors import RsdeblurWarning
+from rsdeblur.video import PRIOR
 
 if TYPE_CHECKING:
-    from rsdeblur.exposure import Exposure
-    from rsdeblur.method import Mode
-    from rsdeblur.transfer import Transfer
+    from rsdeblur.motion.exposure import Exposure
+    from rsdeblur.pipeline.options import Options
     from rsdeblur.video.clip import Clip
-    from rsdeblur.video.plan import Plan
+    from rsdeblur.video.plan import ClipPlan
     from rsdeblur.video.segments import Encoding
-
-# FFmpeg's numbers of transfer characteristics.
-LINEAR, HDR = 8, (16, 18)
 
 EXAMPLES = """\b
 Examples:
@@ -38,36 +35,45 @@ Examples:
 """
 
 
-@click.command("video", epilog=EXAMPLES, context_settings={"default_map": {"prior": "wiener"}})
+@dataclass(frozen=True, slots=True)
+class Encode:
+    """How the video is encoded."""
+
+    codec: str | None
+    crf: int
+    segment: int
+
+
+@click.command("video", epilog=EXAMPLES, context_settings={"default_map": {"prior": PRIOR}})
 @click.argument("source", type=_options.PATH, metavar="VIDEO")
 @_options.clip_options
-@_options.mode_option
-@_options.blur_options
-@_options.solver_options
-@click.option("--codec", metavar="NAME", help="FFmpeg's encoder, like libx265.  [default: as in VIDEO]")
-@click.option("--crf", type=click.IntRange(0, 63), default=17, show_default=True, help="Lower is better and larger.")
-@click.option(
-    "--segment", type=click.IntRange(min=1), default=32, show_default=True, help="Frames that are encoded together."
+@_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ENGINE)
+@_options.gathered(
+    "encode",
+    Encode,
+    (
+        click.option("--codec", metavar="NAME", help="FFmpeg's encoder, like libx265.  [default: as in VIDEO]"),
+        click.option(
+            "--crf", type=click.IntRange(0, 63), default=17, show_default=True, help="Lower is better and larger."
+        ),
+        click.option(
+            "--segment",
+            type=click.IntRange(min=1),
+            default=32,
+            show_default=True,
+            help="Frames that are encoded together.",
+        ),
+    ),
 )
 @jobs_option
-@click.option("-o", "--output", type=_options.PATH, required=True, metavar="OUT", help="Video: .mp4 .mov .mkv .webm.")
-@_options.force_option
-@_options.dry_run_option
-@_options.json_option
+@_options.target_options("OUT", "Video: .mp4 .mov .mkv .webm.", dry_run=True)
 def command(
     source: Path,
     recording: Recording,
-    mode: Mode,
-    blur: Blur,
-    solver: Solver,
-    codec: str | None,
-    crf: int,
-    segment: int,
+    options: Options,
+    encode: Encode,
     jobs: int | None,
-    output: Path,
-    force: bool,
-    dry_run: bool,
-    as_json: bool,
+    target: Target,
 ) -> None:
     """Deblur every frame of VIDEO with its own exposure window; sound, timing, rotation and colour tags are kept.
 
@@ -80,38 +86,34 @@ def command(
     from rsdeblur.video.segments import Encoding
 
     begin = time.perf_counter()
-    if solver.saturation != "ignore":
-        raise click.UsageError("--saturation is for single pictures", ctx=click.get_current_context())
-    if solver.normalize:
-        raise click.UsageError("--normalize would make a video flicker", ctx=click.get_current_context())
-    check_output(output, force=force)
-    jobs, threads = shared_threads(jobs, solver.threads)
+    output = target.output
+    check_output(output, force=target.force)
+    jobs, threads = shared_threads(jobs, options.threads)
+    options = replace(options, threads=threads)
     log, camera = read_device(recording)
-    settings: dict[str, Any] = asdict(blur) | asdict(solver) | {"threads": threads}
-    del settings["normalize"], settings["saturation"]
     with progress("video") as move, naming(source, recording):
         clip = open_clip(source)
         exposures = _exposures(clip, recording)
-        settings["transfer"] = _transfer(clip, solver.transfer)
-        encoding = Encoding.like(clip, codec=codec, crf=crf)
-        plan, faults = plan_clip(clip, log, camera, exposures, mode=mode, progress=move, **settings)
-        facts = _facts(clip, plan, encoding, output) | {"kept": sum(fault is not None for fault in faults)}
-        _warn(source, faults)
-        if not dry_run:
+        encoding = Encoding.like(clip, codec=encode.codec, crf=encode.crf)
+        plan = plan_clip(clip, log, camera, exposures, options, progress=move)
+        facts = _facts(plan, encoding, output) | {"kept": sum(reason is not None for reason in plan.reasons)}
+        _warn(source, plan.reasons)
+        if not target.dry_run:
             with _telling_of_parts(output):
                 result = deblur_video(
-                    *(clip, log, camera, exposures, plan, faults, output),
+                    plan,
+                    output,
                     encoding=encoding,
-                    segment=segment,
+                    segment=encode.segment,
                     jobs=jobs,
-                    force=force,
+                    force=target.force,
                     progress=move,
                 )
             facts |= asdict(result) | {"seconds": time.perf_counter() - begin}
-    if as_json:
-        print_json(facts | {"dry_run": dry_run})
+    if target.as_json:
+        print_json(facts | {"dry_run": target.dry_run})
     else:
-        _print(source, output, facts, dry_run)
+        _print(source, output, facts, target.dry_run)
 
 
 @contextmanager
@@ -144,42 +146,30 @@ def _exposures(clip: Clip, recording: Recording) -> list[Exposure]:
     return exposures_from_stamps(clip, recording.duration, start=start, epoch_ns=recording.start_ns or 0)
 
 
-def _transfer(clip: Clip, given: Transfer | None) -> Transfer:
-    if given is not None:
-        return given
-    if clip.colours.transfer in HDR:
-        warnings.warn(
-            f"{clip.path}: is HDR (HLG or PQ), whose light is taken as if sRGB; --transfer GAMMA may fit better",
-            RsdeblurWarning,
-            stacklevel=2,
-        )
-    return "linear" if clip.colours.transfer == LINEAR else "srgb"
-
-
-def _facts(clip: Clip, plan: Plan, encoding: Encoding, output: Path) -> dict[str, Any]:
-    tall, wide = plan.size
+def _facts(plan: ClipPlan, encoding: Encoding, output: Path) -> dict[str, Any]:
+    clip, (tall, wide) = plan.clip, plan.grid.size
     return {
         "output": str(output),
         "frames": len(clip),
         "span_s": clip.times[-1],
         "size_px": [clip.width, clip.height],
-        "mode": plan.method.mode,
-        "bands": len(plan.rows),
-        "strips": len(plan.cols),
+        "mode": plan.options.mode,
+        "bands": len(plan.grid.rows),
+        "strips": len(plan.grid.cols),
         "psf_px": [wide, tall],
-        "prior": plan.method.prior,
-        "nsr": plan.method.nsr,
-        "weight": plan.method.weight,
+        "prior": plan.options.prior,
+        "nsr": plan.strengths.nsr,
+        "weight": plan.strengths.weight,
         "codec": encoding.codec,
         "pixels": encoding.pixels,
     }
 
 
-def _warn(source: Path, faults: list[str | None]) -> None:
-    kept = [(i, fault) for i, fault in enumerate(faults) if fault is not None]
+def _warn(source: Path, reasons: Sequence[str | None]) -> None:
+    kept = [(i, reason) for i, reason in enumerate(reasons) if reason is not None]
     if kept:
         warnings.warn(
-            f"{source}: {len(kept)} of {len(faults)} frames are kept as they are; frame {kept[0][0]}: {kept[0][1]}",
+            f"{source}: {len(kept)} of {len(reasons)} frames are kept as they are; frame {kept[0][0]}: {kept[0][1]}",
             RsdeblurWarning,
             stacklevel=2,
         )

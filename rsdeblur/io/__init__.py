@@ -1,8 +1,8 @@
 """Files: gyro logs (`gyro_logs`), captures (`captures`), cameras (`cameras`) and pictures (`pictures`).
 
-`source` opens a file, `formats` is the registry that tells its format, and `text` reads numbers and names the line that
-cannot be read. The readers of gyro logs stand by family in `gyro_tables` (text), `gyroflow`, `gyro_binary` (pictures
-and videos) and `archives`; `samples` makes the log of what they find.
+`source` opens a file, `formats` finds its format, and `text` reads numbers and names a line that cannot be read. The
+readers of gyro logs are grouped by family: `gyro_tables` (text), `gyroflow`, `gyro_binary` (pictures and videos) and
+`archives`; `samples` makes a log from what they return.
 """
 
 from rsdeblur.io.cameras import open_camera, read_camera

@@ -1,4 +1,4 @@
-"""HEIC, whose pixels libheif turns upright; here they are turned back to how the sensor saw them."""
+"""HEIC pictures: libheif turns their pixels upright, this module turns them back to the sensor's axes."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from PIL import Image
 
 BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 ORIENTATION = 274
-# The EXIF orientation that says the same as a number of quarter turns anticlockwise.
+# EXIF orientation for 0, 1, 2 and 3 quarter turns anticlockwise.
 ORIENTATION_OF_TURNS = (1, 8, 3, 6)
 
 
-class Missing(RuntimeError):
-    """The package that reads the format is not installed; the message says how to get it."""
+class MissingPackage(RuntimeError):
+    """The package that reads the format is not installed; the message says how to install it."""
 
 
 def is_heif(head: bytes) -> bool:
-    """Whether a file that starts so is HEIC."""
+    """Whether a file that starts with `head` is HEIC."""
     return head[4:8] == b"ftyp" and head[8:12] in BRANDS
 
 
 def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None, bytes | None]:
-    """Return pixels as stored by the sensor, EXIF block and colour profile of the primary picture."""
+    """Return the primary picture: pixels in the sensor's axes, EXIF block and colour profile."""
     try:
         import pillow_heif
     except ModuleNotFoundError:
-        raise Missing("HEIC pictures need pillow-heif; install it with: pip install 'rsdeblur[heif]'") from None
+        raise MissingPackage("HEIC pictures need pillow-heif; install it with: pip install 'rsdeblur[heif]'") from None
     file = pillow_heif.open_heif(BytesIO(data), convert_hdr_to_8bit=False)
     width, height = file.size
     if width * height > max_pixels:
-        raise ValueError(f"the picture claims {width}x{height} pixels; limit {max_pixels}")
+        raise ValueError(f"the picture claims {width}x{height} pixels; the limit is {max_pixels}")
     pixels = np.array(np.asarray(file))
     if pixels.dtype == np.uint16:
-        # Ten and twelve bits come shifted up; repeating the top bits below makes the range full.
+        # libheif shifts 10 and 12 bits up to 16; copying the top bits into the empty low ones makes white 65535.
         pixels |= pixels >> np.uint16(file.info["bit_depth"])
     turns = _quarter_turns(data)
     pixels = np.ascontiguousarray(np.rot90(pixels, -turns))
@@ -45,8 +45,11 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None, by
 
 
 def _quarter_turns(data: bytes) -> int:
-    """How often libheif turned the picture anticlockwise; 0 where it was mirrored too, and stays as decoded."""
-    # All boxes of properties stand before the coded pictures.
+    """Return how many quarter turns anticlockwise libheif applied.
+
+    0 for a picture that is mirrored too: it stays as decoded.
+    """
+    # The meta box contains the properties of all pictures and comes before the coded data.
     start = data.find(b"meta")
     if start < 4:
         return 0
@@ -56,7 +59,7 @@ def _quarter_turns(data: bytes) -> int:
 
 
 def _oriented(exif: bytes | None, orientation: int) -> bytes | None:
-    """Return the EXIF block with an orientation; HEIC has its own, and the one in the block counts for nothing."""
+    """Return the EXIF block with `orientation`: in a HEIC file the block's own does not count."""
     block = Image.Exif()
     if exif:
         block.load(exif)

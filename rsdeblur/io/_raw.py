@@ -1,4 +1,4 @@
-"""Raw files of cameras and DNG: developed to linear light, without a tone curve, as the sensor saw it."""
+"""Raw files of cameras and DNG, developed to linear light without a tone curve and in the sensor's axes."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import tifffile
 from numpy.typing import NDArray
 
 from rsdeblur.io import _tiff
-from rsdeblur.io._heif import Missing
+from rsdeblur.io._heif import MissingPackage
 
-# Makers' formats that are TIFF inside, and cannot be told from it by their first bytes.
+# Makers' formats that are TIFF inside: their first bytes do not distinguish them from TIFF.
 TIFF_SUFFIXES = (".cr2", ".nef", ".arw", ".pef", ".srw", ".3fr", ".iiq", ".nrw", ".erf", ".dng")
 MAGIC = (b"FUJIFILMCCD-RAW", b"IIRO", b"IIRS", b"MMOR", b"IIU\0", b"FOVb")
 DNG_VERSION = 50706
 
 
 def is_raw(data: bytes, suffix: str) -> bool:
-    """Whether this is a raw file; `suffix` decides where the content is TIFF."""
+    """Whether `data` is a raw file; where it is TIFF inside, a DNG version or the file's `suffix` decides."""
     if data.startswith(MAGIC) or data[4:12] == b"ftypcrx ":
         return True
     if not data.startswith(_tiff.MAGIC):
@@ -33,30 +33,30 @@ def is_raw(data: bytes, suffix: str) -> bool:
 
 
 def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None, bytes]:
-    """Return pixels, uint16 and linear in sRGB's primaries, the EXIF block and a profile that says so."""
+    """Return pixels (uint16, linear, sRGB's primaries), the EXIF block and the matching colour profile."""
     try:
         import rawpy
     except ModuleNotFoundError:
-        raise Missing("raw files need rawpy; install it with: pip install 'rsdeblur[raw]'") from None
+        raise MissingPackage("raw files need rawpy; install it with: pip install 'rsdeblur[raw]'") from None
     try:
         with rawpy.RawPy() as raw:
             raw.open_buffer(BytesIO(data))
             width, height = raw.sizes.raw_width, raw.sizes.raw_height
             if width * height > max_pixels:
-                raise ValueError(f"the picture claims {width}x{height} pixels; limit {max_pixels}")
+                raise ValueError(f"the picture claims {width}x{height} pixels; the limit is {max_pixels}")
             raw.unpack()
             pixels = raw.postprocess(
                 gamma=(1.0, 1.0), no_auto_bright=True, output_bps=16, use_camera_wb=True, user_flip=0
             )
     except rawpy.LibRawError as error:
-        raise ValueError(error.args[0] if error.args else "not a raw file that LibRaw knows") from error
+        raise ValueError(error.args[0] if error.args else "not a raw file that LibRaw can read") from error
     exif = _tiff.exif_block(BytesIO(data)) if data.startswith(_tiff.MAGIC) else None
-    # Of a sensor without colours the one channel has an axis of its own.
+    # A sensor without colour filters gives one channel; its axis is dropped.
     return np.ascontiguousarray(pixels.squeeze(axis=2) if pixels.shape[2] == 1 else pixels), exif, linear_profile()
 
 
 def linear_profile() -> bytes:
-    """Return an ICC profile (version 2.1) of sRGB's primaries and linear values."""
+    """Return an ICC profile (version 2.1) with sRGB's primaries and linear values."""
 
     def fixed(*numbers: float) -> bytes:
         return b"XYZ \0\0\0\0" + b"".join(struct.pack(">i", round(number * 65536)) for number in numbers)

@@ -1,6 +1,7 @@
 """TIFF, whose EXIF block is part of the file's own tags.
 
-Pillow holds neither 16-bit colour nor float colour, and turns a TIFF by its orientation tag while loading it.
+Pillow supports neither 16-bit nor float colour, and applies a TIFF's orientation tag while loading it. Therefore
+tifffile reads and writes the samples.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from rsdeblur.errors import RsdeblurWarning
 
-# Of a damaged file it tells a tale that nobody asked for; what matters is raised.
+# tifffile logs every oddity of a damaged file; the faults that matter are raised.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 BIG_MAGIC = (b"II+\0", b"MM\0+")
@@ -33,16 +34,17 @@ TEXT_TAGS = (270, 271, 272, 305, 306, 315, 316, 33432)  # description, maker, mo
 ORIENTATION = 274
 NATIVE = "<" if sys.byteorder == "little" else ">"
 Tag = tuple[int, str, int, Any, bool]
-# Of a pixel: four samples of 32 bits.
-SAMPLE_BYTES = 16
+# Most bytes per pixel: four samples of 32 bits.
+PIXEL_BYTES = 16
 EXIF_TABLE, GPS_TABLE = 34665, 34853
 
 
-# Samples of a classic TIFF, whose offsets have 32 bits, less room for its tags.
+# Most bytes of samples in a classic TIFF: its offsets have 32 bits, and its tags need room too.
 CLASSIC_BYTES = 2**32 - 2**24
 
 
-# What TIFF knows as one number each; a list in its place, multiplied by another one, would take gigabytes.
+# Sizes of a page that must be single numbers. A damaged file may have a list there, which multiplied by another size
+# would fill gigabytes.
 SIZES = (
     *("imagewidth", "imagelength", "imagedepth", "samplesperpixel"),
     *("rowsperstrip", "tilewidth", "tilelength", "tiledepth"),
@@ -50,15 +52,15 @@ SIZES = (
 
 
 class Unsupported(ValueError):
-    """A TIFF whose samples are of a kind that is not read."""
+    """A picture whose size or kind of samples is not supported; users see the message unchanged."""
 
 
 def first_page(file: tifffile.TiffFile) -> tifffile.TiffPage:
-    """Return the first page, whose sizes are numbers."""
+    """Return the first page; raise ValueError unless its sizes are numbers."""
     page = file.pages.first
     for name in SIZES:
         if not isinstance(getattr(page, name), int):
-            raise ValueError(f"its {name} is no number")
+            raise ValueError(f"its {name} is not a number")
     return page
 
 
@@ -66,18 +68,20 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None]:
     """Return pixels and colour profile of the first page; the orientation tag is not applied."""
     with tifffile.TiffFile(BytesIO(data)) as file:
         page = first_page(file)
-        # page.size counts samples, those of further planes of a volume included.
+        # page.size counts the samples of all planes of a volume, up to four per pixel.
         if max(page.imagewidth * page.imagelength, page.size // 4) > max_pixels:
-            raise Unsupported(f"the picture claims {page.imagewidth}x{page.imagelength} pixels; limit {max_pixels}")
-        if page.nbytes > SAMPLE_BYTES * max_pixels:
-            raise Unsupported(f"the picture claims {page.nbytes} bytes; limit {SAMPLE_BYTES * max_pixels}")
+            raise Unsupported(
+                f"the picture claims {page.imagewidth}x{page.imagelength} pixels; the limit is {max_pixels}"
+            )
+        if page.nbytes > PIXEL_BYTES * max_pixels:
+            raise Unsupported(f"the picture claims {page.nbytes} bytes; the limit is {PIXEL_BYTES * max_pixels}")
         if max(np.add(page.dataoffsets, page.databytecounts)) > len(data):
             raise EOFError("the file ends within the samples")
         if np.prod(page.chunked) > len(data):
-            raise ValueError(f"it claims {np.prod(page.chunked)} parts, more than the file has bytes")
-        # Parts that share their bytes would make more pixels of a small file than its size is believed for.
+            raise ValueError(f"it claims {np.prod(page.chunked)} strips or tiles, more than the file has bytes")
+        # Strips that share bytes would let a small file claim more pixels than its size makes credible.
         if sum(page.databytecounts) > len(data):
-            raise ValueError("parts of the picture overlap in the file")
+            raise ValueError("strips or tiles of the picture overlap in the file")
         samples = page.asarray()
         pixels = _plain(page, np.moveaxis(samples, 0, -1) if page.axes.startswith("S") else samples)
         if pixels is None or pixels.ndim > 3 or (pixels.ndim == 3 and pixels.shape[2] not in (2, 3, 4)):
@@ -89,10 +93,10 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None]:
 
 
 def place(page: tifffile.TiffPage, file_size: int) -> dict[str, Any] | None:
-    """Return where grey or RGB samples that need no decoding lie: offset, dtype and shape; None if they do not."""
+    """Return offset, dtype and shape of grey or RGB samples; None if the page must be decoded."""
     kind = tifffile.PHOTOMETRIC(page.photometric)
     plain = page.is_memmappable and page.axes in ("YX", "YXS") and kind in (kind.MINISBLACK, kind.RGB)
-    # Whole bytes, in this machine's order.
+    # A memory map needs whole bytes in this machine's order.
     if not plain or page.dtype not in (np.uint8, np.uint16, np.float32) or page.bitspersample % 8:
         return None
     if page.parent.byteorder != NATIVE and page.dtype != np.uint8:
@@ -102,7 +106,7 @@ def place(page: tifffile.TiffPage, file_size: int) -> dict[str, Any] | None:
 
 
 def _plain(page: tifffile.TiffPage, pixels: NDArray[Any]) -> NDArray[Any] | None:
-    """Return `pixels` as grey or RGB in uint8, uint16 or float32; None if that is not known how."""
+    """Return `pixels` as grey or RGB in uint8, uint16 or float32; None if their kind is not supported."""
     bits, kind = page.bitspersample, tifffile.PHOTOMETRIC(page.photometric)
     if pixels.dtype.kind == "f":
         pixels = pixels.astype(np.float32)
@@ -126,19 +130,19 @@ def _plain(page: tifffile.TiffPage, pixels: NDArray[Any]) -> NDArray[Any] | None
 
 def exif_block(file: BinaryIO) -> bytes | None:
     """Return the descriptive tags of a TIFF file as an EXIF block; None if there are none, or in a BigTIFF."""
-    # EXIF blocks are classic TIFF, and Pillow reads them as nothing else.
+    # Pillow reads EXIF blocks from classic TIFF only.
     if file.read(4) in BIG_MAGIC:
         return None
     file.seek(0)
-    found = Image.Exif()
-    found.load_from_fp(file)
+    tags = Image.Exif()
+    tags.load_from_fp(file)
     block = Image.Exif()
     for tag in (*TEXT_TAGS, ORIENTATION):
-        if tag in found:
-            block[tag] = found[tag]
+        if tag in tags:
+            block[tag] = tags[tag]
     for table in (EXIF_TABLE, GPS_TABLE):
-        if found.get_ifd(table):
-            block[table] = found.get_ifd(table)
+        if tags.get_ifd(table):
+            block[table] = tags.get_ifd(table)
     return block.tobytes() if len(block) else None
 
 
@@ -153,14 +157,14 @@ def encode(pixels: NDArray[Any], exif: bytes | None, icc: bytes | None) -> bytes
 def write_empty(
     file: BinaryIO, shape: tuple[int, ...], dtype: np.dtype[Any], exif: bytes | None, icc: bytes | None
 ) -> int:
-    """Write a TIFF of plain zeros into an empty file and return where its samples begin."""
+    """Write a TIFF of zeros into an empty file and return the offset of its samples."""
     big = int(np.prod(shape)) * dtype.itemsize > CLASSIC_BYTES
     if big and exif:
         warnings.warn("the EXIF block is not carried over: the file is a BigTIFF", RsdeblurWarning, stacklevel=2)
     with _tables(file, None if big else exif) as tags, tifffile.TiffWriter(file, bigtiff=big) as tiff:
-        found = tiff.write(None, shape=shape, dtype=dtype, returnoffset=True, **_layout(shape, icc, tags))
-    assert found is not None
-    return found[0]
+        extent = tiff.write(None, shape=shape, dtype=dtype, returnoffset=True, **_layout(shape, icc, tags))
+    assert extent is not None
+    return extent[0]
 
 
 def _layout(shape: tuple[int, ...], icc: bytes | None, tags: Sequence[Tag]) -> dict[str, Any]:
@@ -178,7 +182,7 @@ def _layout(shape: tuple[int, ...], icc: bytes | None, tags: Sequence[Tag]) -> d
 
 @contextmanager
 def _tables(file: BinaryIO, exif: bytes | None) -> Iterator[list[Tag]]:
-    """Return what goes from an EXIF block into the file's first directory, and append the block's tables at the end."""
+    """Yield the EXIF tags for the file's first directory; afterwards append the EXIF block's tables to the file."""
     tables, tags = _tags_of(exif) if exif else ({}, [])
     yield tags
     for table, directory in tables.items():
@@ -186,7 +190,7 @@ def _tables(file: BinaryIO, exif: bytes | None) -> Iterator[list[Tag]]:
 
 
 def _tags_of(exif: bytes) -> tuple[dict[int, ImageFileDirectory_v2], list[Tag]]:
-    """Return the sub-tables of an EXIF block, and what goes into the file's first directory, as tifffile wants it."""
+    """Return the tables of an EXIF block, and its tags for the file's first directory in tifffile's form."""
     block = Image.Exif()
     try:
         block.load(exif)
@@ -198,7 +202,8 @@ def _tags_of(exif: bytes) -> tuple[dict[int, ImageFileDirectory_v2], list[Tag]]:
     tags: list[Tag] = [(tag, "s", 0, str(block[tag]).encode(), True) for tag in TEXT_TAGS if tag in block]
     if orientation in range(1, 9):
         tags.append((ORIENTATION, "H", 1, orientation, True))
-    # tifffile does not write pointers to EXIF tables: the tag below each one holds its place, in the right order.
+    # tifffile does not write pointers to EXIF tables. The tag number below each pointer serves as a placeholder, which
+    # keeps the directory in order.
     return tables, tags + [(table - 1, "I", 1, 0, True) for table in tables]
 
 
@@ -206,13 +211,13 @@ def _directory(table: int, block: Image.Exif) -> ImageFileDirectory_v2:
     directory = ImageFileDirectory_v2(group=table)
     for tag, value in block.get_ifd(table).items():
         directory[tag] = value
-    # What cannot be written is found out here, where it can still be left out.
+    # A value that cannot be written raises here, where the block can still be left out.
     directory.tobytes()
     return directory
 
 
 def _append(buffer: BinaryIO, table: int, directory: ImageFileDirectory_v2) -> None:
-    """Write the EXIF table at the end of the file and point its placeholder there."""
+    """Write an EXIF table at the end of the file and turn its placeholder into a pointer to it."""
     buffer.seek(0)
     with tifffile.TiffFile(buffer) as file:
         placeholder = file.pages.first.tags[table - 1].offset

@@ -1,4 +1,4 @@
-"""Gyro data that an app exports as one file of several sensors: zip archives, and Sensor Logger's JSON."""
+"""Gyro data in exports of several sensors: zip archives, and Sensor Logger's JSON."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rsdeblur.io.source import Source, unpacked_limit
 SUFFIXES = (".csv", ".json", ".txt", ".gcsv", ".tsv")
 
 
-# What `zipfile` raises on damaged or encrypted archives.
+# Errors that `zipfile` raises on damaged or encrypted archives.
 DAMAGE = (
     *(zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError, OSError),
     *(ValueError, LookupError, struct.error),
@@ -27,12 +27,12 @@ DAMAGE = (
 
 
 def members_of(source: Source) -> list[Source]:
-    """Return the files in a zip archive, a phone's gyro first; just the file itself if it is none.
+    """Return the text files of a zip archive, gyro files first; any other file is returned alone.
 
     Raises
     ------
     FileFormatError
-        If the archive is damaged, encrypted or empty.
+        If the archive is damaged or encrypted, contains no text file, or unpacks to an incredible size.
     """
     if not source.head.startswith((b"PK\x03\x04", b"PK\x05\x06")):
         return [source]
@@ -43,9 +43,12 @@ def members_of(source: Source) -> list[Source]:
                 for entry in archive.infolist()
                 if entry.filename.lower().endswith(SUFFIXES) and "__MACOSX" not in entry.filename
             ]
-            claimed, limit = sum(entry.file_size for entry in entries), unpacked_limit(len(source.data))
-            if claimed > limit:
-                raise source.error(f"the archive claims to hold {claimed} bytes of text, more than {limit}; extract it")
+            size, limit = sum(entry.file_size for entry in entries), unpacked_limit(len(source.data))
+            if size > limit:
+                raise source.error(
+                    f"the archive claims to contain {size} bytes of text, the limit is {limit}; "
+                    "extract it and give the gyro's file"
+                )
             entries.sort(key=lambda entry: _preference(entry.filename))
             members = [_member(source, archive, entry) for entry in entries]
     except FileFormatError:
@@ -53,17 +56,19 @@ def members_of(source: Source) -> list[Source]:
     except DAMAGE as error:
         raise source.error(f"the archive is damaged or encrypted: {error}") from error
     if not members:
-        raise source.error(f"the archive holds no {source.what}")
+        raise source.error(f"the archive contains no {source.what}")
     return members
 
 
 def _member(source: Source, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> Source:
     if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise source.error(f"{entry.filename!r} is packed by a method other than deflate; extract it")
+        raise source.error(
+            f"{entry.filename!r} is compressed by a method other than deflate; extract it and give the gyro's file"
+        )
     with archive.open(entry) as file:
-        # No more than it claims, be there more or not.
+        # A damaged member may unpack to more than its entry claims; the rest is not read.
         content = file.read(entry.file_size)
-    # Not joined as paths: an absolute name would name another file.
+    # Joined as text: an absolute name that is joined as a path would replace the archive's path.
     return Source(f"{source.path}/{entry.filename}", source.what, content)
 
 
@@ -73,7 +78,7 @@ def _preference(name: str) -> tuple[bool, bool, str]:
 
 
 def facts_beside(members: list[Source]) -> dict[str, Any]:
-    """Return what Sensor Logger's `Metadata.csv`, if it is among the files, says of the device."""
+    """Return device and app from Sensor Logger's `Metadata.csv`; empty if it is not among the files."""
     for member in members:
         if member.path.name.lower() == "metadata.csv" and member.looks_like_text:
             lines = member.text.lines[:2]
@@ -84,7 +89,7 @@ def facts_beside(members: list[Source]) -> dict[str, Any]:
 
 
 def _sniff_json(source: Source) -> bool:
-    # Looking for the name first spares parsing large files of other kinds.
+    # Searching the start for the key avoids parsing large JSON files of other kinds.
     if not source.looks_like_json or b'"sensor"' not in source.head:
         return False
     return isinstance(source.json, list)
@@ -93,18 +98,20 @@ def _sniff_json(source: Source) -> bool:
 def _read_json(source: Source) -> Samples:
     entries = source.json
     if not isinstance(entries, list):
-        raise source.error("not a Sensor Logger export: a list of samples expected")
+        raise source.error("not a Sensor Logger export: expected a list of samples")
     by_sensor: dict[str, list[dict[str, Any]]] = {}
     for entry in entries:
         if isinstance(entry, dict):
             by_sensor.setdefault(str(entry.get("sensor")), []).append(entry)
     sensor = next((name for name in ("Gyroscope", "GyroscopeUncalibrated") if name in by_sensor), None)
     if sensor is None:
-        raise source.error(f"the file holds no samples of the gyroscope, only of {', '.join(sorted(by_sensor))[:200]}")
-    chosen = by_sensor[sensor]
+        raise source.error(
+            f"the file contains no samples of the gyroscope, only of {', '.join(sorted(by_sensor))[:200]}"
+        )
+    readings = by_sensor[sensor]
     try:
-        ns = np.array([int(entry["time"]) for entry in chosen], dtype=np.int64)
-        rates = np.array([[float(entry[axis]) for axis in "xyz"] for entry in chosen])
+        ns = np.array([int(entry["time"]) for entry in readings], dtype=np.int64)
+        rates = np.array([[float(entry[axis]) for axis in "xyz"] for entry in readings])
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise source.error(f"a sample of {sensor} lacks a number: {error!r}") from error
     if not np.isfinite(rates).all():

@@ -1,31 +1,36 @@
-"""What a camera file's reader finds."""
+"""Cameras as read from files, with the assumptions that their files leave open."""
 
 from __future__ import annotations
 
+import os
+import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
-from rsdeblur.camera import Camera
+from rsdeblur._util import validate
+from rsdeblur._util.atomic import atomic_write
 from rsdeblur.errors import RsdeblurWarning
+from rsdeblur.motion.camera import Camera
 
-# Sizes of the same shape differ by no more than what whole pixels, or 4096 for 3840, cannot express.
+# Largest relative difference of equal aspect ratios: sizes are rounded to whole pixels.
 SAME_SHAPE = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What the caller wants of a camera file.
+    """Choices for reading a camera file.
 
     Parameters
     ----------
     size : (int, int), optional
-        Width and height of the picture, if not that of the file.
+        Width and height of the picture in px, if they differ from the file's.
     name : str, optional
-        Which camera of a file that holds several.
+        Name of the camera, where a file contains several.
     fps : float, optional
-        Frame rate, where a file has several settings of one size.
+        Frame rate in Hz, where a file contains several settings of one size.
     """
 
     size: tuple[int, int] | None = None
@@ -33,17 +38,18 @@ class Request:
     fps: float | None = None
 
 
-class Doubt(NamedTuple):
-    """Something that was assumed because a file does not say it."""
+class Assumption(NamedTuple):
+    """Something assumed because a file does not contain it."""
 
     about: str
-    """Key of the camera that would settle it; empty if none would."""
+    """Key of the camera file that replaces the assumption; empty if there is none."""
     text: str
+    """Message for the user."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraFile:
-    """A camera with what its file says about it.
+    """A camera with the other content of its file.
 
     Parameters
     ----------
@@ -52,33 +58,36 @@ class CameraFile:
     format : str
         Name of the file's format.
     facts : mapping
-        What else the file says, for reports.
-    doubts : tuple of Doubt
-        What was assumed because the file does not say it.
+        Other content of the file, for reports.
+    assumptions : tuple of Assumption
+        Assumptions made because the file does not contain a value.
     """
 
     camera: Camera
     format: str
     facts: Mapping[str, Any] = field(default_factory=dict)
-    doubts: tuple[Doubt, ...] = ()
+    assumptions: tuple[Assumption, ...] = ()
 
-    def told(self, **given: Any) -> CameraFile:
-        """Return the file with keys of its camera replaced, None keeping one, and what was doubted of them settled."""
-        given = {key: value for key, value in given.items() if value is not None}
-        doubts = tuple(doubt for doubt in self.doubts if doubt.about not in given)
-        return replace(self, camera=replace(self.camera, **given), doubts=doubts)
+    def with_overrides(self, **overrides: Any) -> CameraFile:
+        """Return the file with these keys of its camera replaced, and without the assumptions about them.
+
+        None keeps a key.
+        """
+        overrides = {key: value for key, value in overrides.items() if value is not None}
+        assumptions = tuple(assumption for assumption in self.assumptions if assumption.about not in overrides)
+        return replace(self, camera=replace(self.camera, **overrides), assumptions=assumptions)
 
     def warn(self, path: object, *, stacklevel: int = 2) -> Camera:
-        """Return the camera, with a warning for each doubt."""
-        for doubt in self.doubts:
-            warnings.warn(f"{path}: {doubt.text}", RsdeblurWarning, stacklevel=stacklevel + 1)
+        """Return the camera, and warn of each assumption."""
+        for assumption in self.assumptions:
+            warnings.warn(f"{path}: {assumption.text}", RsdeblurWarning, stacklevel=stacklevel + 1)
         return self.camera
 
     def fitted(self, size: tuple[int, int] | None) -> CameraFile:
         """Return the camera of a picture of another size.
 
-        One of the same shape is taken as resized, any other as cut out of the middle of the sensor at the same scale,
-        its readout shorter by the rows cut off.
+        A picture of the same aspect ratio is assumed to be resized. Any other is assumed to be cut out of the middle
+        of the sensor at the same scale, with a readout that is shorter by the lines cut off.
         """
         camera = self.camera
         if size is None or size == (camera.width, camera.height):
@@ -86,18 +95,49 @@ class CameraFile:
         width, height = size
         if abs(width * camera.height / (height * camera.width) - 1) < SAME_SHAPE:
             return replace(self, camera=camera.resized(width, height))
-        cx, cy = camera.principal
+        cx, cy = camera.principal_point
         along = width / camera.width if camera.horizontal_readout else height / camera.height
         cut = replace(
             camera,
             width=width,
             height=height,
-            principal=(cx + (width - camera.width) / 2, cy + (height - camera.height) / 2),
-            readout=camera.readout * along,
+            principal_point=(cx + (width - camera.width) / 2, cy + (height - camera.height) / 2),
+            readout_time=camera.readout_time * along,
         )
-        doubt = Doubt(
-            "focal",
-            f"{width}x{height} has another shape than the file's {camera.width}x{camera.height}: taken as cut out of "
-            "its middle, with the same focal length in px; if the camera scales its picture, give the scale",
+        assumption = Assumption(
+            "focal_length",
+            f"{width}x{height} has another aspect ratio than the file's {camera.width}x{camera.height}: the picture is "
+            "assumed to be cut out of the middle, with the same focal length in px; if the camera scales its picture, "
+            "give the scale",
         )
-        return replace(self, camera=cut, doubts=(*self.doubts, doubt))
+        return replace(self, camera=cut, assumptions=(*self.assumptions, assumption))
+
+
+def write_time_offset(path: str | os.PathLike[str], time_offset: float) -> None:
+    """Write `time_offset` into a camera file, whose other lines stay as they are.
+
+    Parameters
+    ----------
+    path : path-like
+        The camera file (TOML). It is replaced atomically.
+    time_offset : float
+        Camera time minus gyro time in s.
+
+    Raises
+    ------
+    InputError
+        If `time_offset` is not finite.
+    FileFormatError
+        If the file cannot be read or is not a camera file.
+    OutputError
+        If it cannot be written.
+    """
+    time_offset = validate.finite("time_offset", time_offset)
+    Camera.load(path)
+    text = Path(path).read_text(encoding="utf-8")
+    line = f"time_offset = {time_offset!r}"
+    changed, count = re.subn(r"^[ \t]*time_offset[ \t]*=[^#\n]*", line, text, count=1, flags=re.MULTILINE)
+    if not count:
+        changed = f"{text.rstrip()}\n{line}\n"
+    with atomic_write(path) as file:
+        file.write(changed.encode())

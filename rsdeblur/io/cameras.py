@@ -1,6 +1,6 @@
 """Camera files: our own, those of calibration tools, and as a last resort a picture's EXIF block.
 
-To add a format, write its `sniff` and `read` and append a `CameraFormat` to `FORMATS`.
+To add a format, write its `sniff` and `read` and add them to the table in `_formats`.
 """
 
 from __future__ import annotations
@@ -10,14 +10,15 @@ import re
 from functools import partial
 from typing import Any
 
-from rsdeblur.camera import Camera
+from rsdeblur._util import validate
 from rsdeblur.errors import InputError
 from rsdeblur.io import kalibr, lens_profiles
-from rsdeblur.io.camera_file import CameraFile, Doubt, Request
+from rsdeblur.io.camera_file import Assumption, CameraFile, Request
 from rsdeblur.io.exif import MAKE, MODEL, ZOOM, Exif
 from rsdeblur.io.formats import Format, choose
 from rsdeblur.io.pictures import is_picture, read_header
 from rsdeblur.io.source import Source
+from rsdeblur.motion.camera import Camera
 
 WHAT = "camera file"
 
@@ -33,40 +34,44 @@ def read_camera(
     """Read a camera.
 
     ==================== ===================================================================================
-    ``toml``             our own, described in ``docs/camera-file.md``
+    ``toml``             rsdeblur's own, described in ``docs/camera-file.md``
     ``gyroflow``         Gyroflow lens profile, or a project that contains one
     ``kalibr``           Kalibr ``camchain-imucam.yaml``, EuRoC ``sensor.yaml``, maplab (extra ``[kalibr]``)
-    ``exif``             a picture: its focal length by EXIF, everything else assumed
+    ``exif``             a picture: focal length from EXIF, everything else assumed
     ==================== ===================================================================================
 
     Parameters
     ----------
     path : path-like
-        The file. The format is told from the content.
+        The file. Its content decides the format; a name that ends in ``.toml`` is enough for a camera file.
     format : str, optional
-        Name of the format instead of detection.
+        Name of the format, from the table above, instead of detection.
     size : (int, int), optional
-        Width and height of the picture, if it is not the file's: of the same shape it is taken as resized, otherwise
-        as cut out of the middle.
+        Width and height of the picture in px, if they differ from the file's. With the same aspect ratio the picture
+        is assumed to be resized, otherwise to be cut out of the middle.
     name : str, optional
-        Which camera of a file with several (Kalibr: ``"cam1"``).
+        Name of the camera, where a file contains several (Kalibr: ``"cam1"``).
     fps : float, optional
-        Frame rate, where a lens profile has several settings of one size.
+        Frame rate in Hz, where a lens profile contains several settings of one size.
 
     Returns
     -------
     Camera
+        The camera of a picture of that size.
 
     Raises
     ------
     FileFormatError
-        If the file cannot be read or is of no known format, lacks what is needed, or describes a lens that is not
-        modelled.
+        If the file cannot be read, is damaged or of no known format, lacks a value that is needed, has no camera
+        `name`, or describes a lens that is not modelled; if `format` is not the name of a format; or if an optional
+        package is needed and not installed.
+    InputError
+        If `size` is not the size of a picture.
 
     Warns
     -----
     RsdeblurWarning
-        For each thing that was assumed because the file does not say it.
+        For each value that is assumed because the file does not contain it.
     """
     return open_camera(path, format, size=size, name=name, fps=fps).warn(path)
 
@@ -79,15 +84,44 @@ def open_camera(
     name: str | None = None,
     fps: float | None = None,
 ) -> CameraFile:
-    """Read a camera with what its file says about it, without warnings; see `read_camera`."""
+    """Read a camera with the other content of its file; assumptions are returned instead of warned about.
+
+    Parameters
+    ----------
+    path, format, size, name, fps
+        See `read_camera`.
+
+    Returns
+    -------
+    CameraFile
+        The camera, its file's format, facts for reports, and the assumptions.
+
+    Raises
+    ------
+    FileFormatError, InputError
+        See `read_camera`.
+    """
+    if size is not None:
+        width, height = size
+        # A size of zero has no aspect ratio.
+        size = validate.count("size", width), validate.count("size", height)
     source = Source(path, WHAT)
     request = Request(size, name, fps)
-    chosen = choose(_formats(request), source, format)
-    return chosen.read(source)
+    return choose(_formats(request), source, format).read(source)
 
 
 def detect_camera_format(path: str | os.PathLike[str]) -> str:
-    """Return the name of the format `read_camera` would read the file as.
+    """Return the name of the format as which `read_camera` would read the file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    str
+        Name of the format.
 
     Raises
     ------
@@ -100,7 +134,7 @@ def detect_camera_format(path: str | os.PathLike[str]) -> str:
 def _sniff_toml(source: Source) -> bool:
     if source.path.suffix.lower() == ".toml":
         return True
-    keys = re.compile(r"^[ \t]*(width|height|focal)[ \t]*=", re.MULTILINE)
+    keys = re.compile(r"^[ \t]*(width|height|focal_length)[ \t]*=", re.MULTILINE)
     return source.looks_like_text and keys.search(source.text.start) is not None
 
 
@@ -113,30 +147,32 @@ def _read_exif(source: Source, request: Request) -> CameraFile:
     exif = Exif(block)
     axes = "phone-landscape" if width >= height else "phone-portrait"
     try:
-        focal, origin = exif.focal_px(width, height)
-        camera = Camera(width, height, focal, imu_to_camera=axes)
+        focal_length, origin = exif.focal_px(width, height)
+        camera = Camera(width, height, focal_length, imu_to_camera=axes)
     except InputError as error:
         raise source.error(f"{error}; calibrate the camera, or give its focal length: rsdeblur camera new") from error
-    doubts = [
-        Doubt(
-            "focal",
-            f"the focal length of {focal:.0f} px is estimated from EXIF ({origin}), within some percent at best",
+    assumptions = [
+        Assumption(
+            "focal_length",
+            f"the focal length of {focal_length:.0f} px is estimated from EXIF ({origin}), to a few percent at best",
         ),
-        Doubt("readout", "EXIF does not tell the readout time, and 0 is taken; give it if the shutter rolls"),
-        Doubt("imu_to_camera", f"EXIF does not tell how the gyro sits, and {axes} is taken"),
+        Assumption(
+            "readout_time", "EXIF does not contain the readout time: 0 is assumed; give it if the shutter rolls"
+        ),
+        Assumption("imu_to_camera", f"EXIF does not contain the axes of the gyro: {axes} is assumed"),
     ]
     zoom = exif.number(ZOOM)
     if zoom and zoom > 1:
-        text = f"the picture was zoomed {zoom:.3g} times; the 35 mm equivalent may or may not include it"
-        doubts.append(Doubt("focal", text))
+        text = f"the picture was zoomed {zoom:.3g} times digitally; the 35 mm equivalent may or may not include that"
+        assumptions.append(Assumption("focal_length", text))
     facts: dict[str, Any] = {"make": exif.text(MAKE), "model": exif.text(MODEL), "orientation": exif.orientation}
     facts["exposure_s"] = exif.exposure
-    file = CameraFile(camera, "exif", {key: value for key, value in facts.items() if value}, tuple(doubts))
+    file = CameraFile(camera, "exif", {key: value for key, value in facts.items() if value}, tuple(assumptions))
     return file.fitted(request.size)
 
 
 def _formats(request: Request) -> tuple[Format[CameraFile], ...]:
-    """Return the formats, to be read as `request` says."""
+    """Return the formats, whose readers follow `request`."""
     return tuple(
         Format(name, title, sniff, partial(read, request=request))
         for name, title, sniff, read in (

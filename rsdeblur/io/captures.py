@@ -1,4 +1,4 @@
-"""When pictures were taken and for how long, from the files loggers write beside them."""
+"""Stamps and exposure times of pictures, from the files that loggers write beside them."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 from rsdeblur.errors import InputError
-from rsdeblur.exposure import Exposure
 from rsdeblur.io.exif import Exif
 from rsdeblur.io.formats import Format, choose, text_format
 from rsdeblur.io.gyro_binary import trailer_of
 from rsdeblur.io.pictures import read_header
 from rsdeblur.io.source import Source
 from rsdeblur.io.text import Rows, TextFile, cells_of, find_columns, is_number, read_table
+from rsdeblur.motion.exposure import Exposure
 
 WHAT = "capture file"
 # Android writes `Exposure time[nanosec]`, iOS `exposure duration[nanosec]`.
@@ -24,22 +24,22 @@ MARS_COLUMNS = (
     re.compile(r"exposure (time|duration)\s*\[nanosec\]"),
 )
 STAMP_HEADER = re.compile(r"\s*(frame )?timestamp\s*\[(nanosec|ns)\]", re.IGNORECASE)
-# GyroDeblurNet's `t_ns ISO exposure_ns fx fy cx cy s`.
+# Columns of GyroDeblurNet's image_info.txt: `t_ns ISO exposure_ns fx fy cx cy s`.
 IMAGE_INFO_CELLS = 8
 
 
 @dataclass(frozen=True, slots=True)
 class CaptureFile:
-    """The captures that a file tells of.
+    """The captures listed in a file.
 
     Parameters
     ----------
     format : str
         Name of the file's format.
     stamps : list of int
-        In ns, exact.
-    durations : list of float or None
-        Exposure times in s; None where the file does not tell it.
+        Exact stamps in ns.
+    durations : sequence of float or None
+        Exposure times in s; None where the file does not contain one.
     """
 
     format: str
@@ -53,31 +53,35 @@ def read_captures(path: str | os.PathLike[str], *, duration: float | None = None
     Reads MARS logger ``movie_metadata.csv`` (Android and iOS; only the stamp and the exposure time are needed, other
     cells may be ``null``), DeepGyro ``images.txt`` (``t_ns exposure_ns``), GyroDeblurNet ``image_info.txt``, files of
     stamps alone (OpenCamera Sensors ``..._imu_timestamps.csv``, MARS logger ``frame_timestamps.txt``), and JPEG files
-    with a GYRODATA trailer. The format is told from the content.
+    with a GYRODATA trailer. The content decides the format.
 
     Parameters
     ----------
     path : path-like
         The file.
     duration : float, optional
-        Exposure time in s, where the file does not tell it.
+        Exposure time in s of captures for which the file does not contain one.
 
     Returns
     -------
     list of Exposure
-        Each with `start` 0 and the capture's stamp, exact, as `epoch_ns`. What the stamp marks is the camera's
-        `stamp`: by default the start of exposure of the first row, which is what Android documents.
+        Each with `start` 0 and the capture's exact stamp as `epoch_ns`. The camera's `timestamp_marks` decides which
+        moment the stamp marks: by default the start of exposure of the first row, as Android documents.
 
     Raises
     ------
     FileFormatError
-        If the file cannot be read, is empty, binary, cut off or of an unknown format; if neither it nor `duration`
-        tells the exposure time; or, naming the line, if a stamp or an exposure time is missing, not a number or not
-        positive.
+        If the file cannot be read, is empty, binary, cut off or of an unknown format; if it lacks an exposure time and
+        `duration` is not given; or, naming the line, if a stamp or an exposure time is missing or not a number, a
+        stamp is beyond int64, or an exposure time is not positive.
+    InputError
+        If `duration` is needed and not positive.
     """
     file = open_captures(path)
     if duration is None and None in file.durations:
-        raise Source(path, WHAT).error("the file tells when, but not for how long; give the exposure time (duration)")
+        raise Source(path, WHAT).error(
+            "the file contains stamps without exposure times; give the exposure time (duration)"
+        )
     exposures = []
     for stamp, known in zip(file.stamps, file.durations, strict=True):
         time = duration if known is None else known
@@ -87,7 +91,7 @@ def read_captures(path: str | os.PathLike[str], *, duration: float | None = None
 
 
 def open_captures(path: str | os.PathLike[str]) -> CaptureFile:
-    """Read what a file tells of captures, be it without their exposure times; see `read_captures`."""
+    """Read the captures listed in a file, with or without exposure times; errors as for `read_captures`."""
     source = Source(path, WHAT)
     return choose(FORMATS, source).read(source)
 
@@ -96,10 +100,10 @@ def _captures(format: str, text: TextFile, rows: Rows, columns: Sequence[int]) -
     stamps = read_table(text, rows, columns[:1]).nanoseconds(Decimal(1)).tolist()
     if len(columns) == 1:
         return CaptureFile(format, stamps, [None] * len(stamps))
-    # Phones that do not tell an exposure time leave `null`.
-    told = [row for row in rows if cells_of(text.lines[row])[columns[1] :][:1] != ["null"]]
-    values = read_table(text, told, columns).values[:, 0] if told else ()
-    durations = {row: float(value) / 1e9 for row, value in zip(told, values, strict=True)}
+    # Phones that do not report exposure times write `null`.
+    timed = [row for row in rows if cells_of(text.lines[row])[columns[1] :][:1] != ["null"]]
+    values = read_table(text, timed, columns).values[:, 0] if timed else ()
+    durations = {row: float(value) / 1e9 for row, value in zip(timed, values, strict=True)}
     for row, duration in durations.items():
         try:
             Exposure(0.0, duration)

@@ -1,4 +1,4 @@
-"""How the camera's clock goes by the gyro's, from what MARS logger notes about both."""
+"""Offset between the camera's clock and the gyro's, from MARS logger's `edge_epochs.txt`."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from rsdeblur.io.source import Source
 
 WHAT = "file of clocks"
 SOURCE = re.compile(r"SENSOR_INFO_TIMESTAMP_SOURCE is (?:SENSOR_INFO_TIMESTAMP_SOURCE_)?(REALTIME|UNKNOWN)")
-# What CLOCK_MONOTONIC and CLOCK_BOOTTIME may drift apart in one session.
+# Largest drift between CLOCK_MONOTONIC and CLOCK_BOOTTIME in one session; they differ by the time that a phone slept.
 STEADY_NS = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Clocks:
-    """What a session's `edge_epochs.txt` says.
+    """Clocks of a session, from its `edge_epochs.txt`.
 
     Parameters
     ----------
     source : {"REALTIME", "UNKNOWN"}
-        Android's name for the clock of the camera's stamps: the gyro's own, or another.
+        Android's name for the clock of the camera's stamps: the gyro's clock, or an unknown one.
     differences : tuple of int
         The gyro's clock minus `nanoTime()`, in ns, at the session's start and end.
     """
@@ -31,39 +31,52 @@ class Clocks:
 
     @property
     def time_offset(self) -> float:
-        """Camera time minus gyro time, s: 0 on one clock; otherwise the camera is taken to stamp by `nanoTime()`."""
+        """Camera time minus gyro time in s: 0 for one clock, else assuming that the camera stamps by `nanoTime()`."""
         if self.source == "REALTIME":
             return 0.0
         return 0.0 - sum(self.differences) / len(self.differences) / 1e9
 
 
 def is_clocks(source: Source) -> bool:
-    """Whether this is an `edge_epochs.txt`."""
+    """Whether the file is an `edge_epochs.txt`."""
     return SOURCE.search(source.head.decode("latin-1")) is not None
 
 
 def read_clocks(path: str | os.PathLike[str]) -> Clocks:
     """Read the `edge_epochs.txt` of a MARS logger session.
 
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    Clocks
+        The camera's clock, and the differences between the gyro's clock and `nanoTime()`.
+
     Raises
     ------
     FileFormatError
-        If the file cannot be read or is no such file; or, naming the line, if its clocks do not go together.
+        If the file cannot be read or is not an `edge_epochs.txt`; or, naming the line, if its numbers contradict each
+        other or the clocks drift apart.
     """
     source = Source(path, WHAT)
     text = source.text
-    found = SOURCE.search(text.start)
-    if found is None:
-        raise source.error("no edge_epochs.txt: it does not tell Android's SENSOR_INFO_TIMESTAMP_SOURCE")
+    match = SOURCE.search(text.start)
+    if match is None:
+        raise source.error("not an edge_epochs.txt: it does not contain Android's SENSOR_INFO_TIMESTAMP_SOURCE")
     differences: list[int] = []
     for row in text.rows:
         cells = text.lines[row].split()
         if len(cells) != 3 or not all(re.fullmatch(r"-?\d+", cell) for cell in cells):
-            raise text.error("three whole numbers of ns expected: both clocks and their difference", row)
+            raise text.error("expected three whole numbers of ns: both clocks and their difference", row)
         boot, nano, difference = map(int, cells)
         if boot - nano != difference and nano - boot != difference:
             raise text.error(f"{difference} ns is not the difference of the clocks {boot} and {nano}", row)
         differences.append(boot - nano)
         if abs(differences[-1] - differences[0]) > STEADY_NS:
-            raise text.error("the clocks drift apart during the session: the phone slept, so no offset holds", row)
-    return Clocks(found[1], tuple(differences))
+            raise text.error(
+                "the clocks drift apart during the session: the phone slept, so no single offset fits", row
+            )
+    return Clocks(match[1], tuple(differences))

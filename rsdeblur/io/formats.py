@@ -1,4 +1,4 @@
-"""The registry of formats: which there are, and which one a file is in."""
+"""Registry of file formats, and detection of the format of a file."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class Format(Generic[T]):
     Parameters
     ----------
     name : str
-        What the user calls it.
+        Name by which users choose the format.
     title : str
-        What it is, for lists and messages.
+        Description, for lists and messages.
     sniff : callable
-        Whether the content looks like this format; looks at the start (or the end) only and raises nothing but
+        Returns whether the content looks like this format. It reads the start (or the end) only and raises nothing but
         `FileFormatError`, which means no.
     read : callable
         Reads the file or raises `FileFormatError`.
@@ -44,19 +44,19 @@ class Format(Generic[T]):
 
 
 def text_format(name: str, title: str, sniff: Callable[[TextFile], bool], read: Callable[[TextFile], T]) -> Format[T]:
-    """Return a format of text lines."""
+    """Return a format whose files are lines of text."""
     return Format(
         name, title, lambda source: source.looks_like_text and sniff(source.text), lambda source: read(source.text)
     )
 
 
 def choose(formats: Sequence[Format[T]], source: Source, name: str | None = None) -> Format[T]:
-    """Return the format called `name`, or without a name the first one whose `sniff` accepts the content.
+    """Return the format called `name`; without a name, the first whose `sniff` accepts the content.
 
     Raises
     ------
     FileFormatError
-        If there is none; lists the known formats.
+        If there is no such format; the message lists the known ones.
     """
     known = "; ".join(f"{each.name} ({each.title})" for each in formats)
     if name is not None:
@@ -67,7 +67,7 @@ def choose(formats: Sequence[Format[T]], source: Source, name: str | None = None
     for each in formats:
         if each.fits(source):
             return each
-    found = source.text.head.strip()[:60]
+    start = source.text.head.strip()[:60]
     raise source.text.error(
-        f"unknown {source.what} format, the content starts with {found!r}; known formats: {known}", source.text.rows[0]
+        f"unknown {source.what} format, the content starts with {start!r}; known formats: {known}", source.text.rows[0]
     )

@@ -26,7 +26,7 @@ GOPRO_READOUT, GOPRO_STABILISED, GOPRO_STABILISER = "0x53524f54", "0x45495345", 
 
 
 class Trailer(NamedTuple):
-    """The header of a GYRODATA trailer, and the bytes after it."""
+    """Header of a GYRODATA trailer, and the bytes after it."""
 
     capture_ns: int
     total: int
@@ -36,7 +36,7 @@ class Trailer(NamedTuple):
 
 
 def trailer_of(source: Source) -> Trailer | None:
-    """Return the trailer of a JPEG; None if there is none."""
+    """Return the GYRODATA trailer of a JPEG; None if the file has none."""
     if not source.head.startswith(b"\xff\xd8"):
         return None
     end = source.tail(TRAILER_LENGTH)
@@ -53,13 +53,13 @@ def _read_trailer(source: Source) -> Samples:
     room = len(trailer.samples) // TRAILER_SAMPLE.itemsize
     if not 0 < trailer.total <= room or trailer.oldest > trailer.total:
         raise source.error(
-            f"the GYRODATA trailer is damaged: it claims {trailer.total} samples from {trailer.oldest} on, "
-            f"and has room for {room}"
+            f"the GYRODATA trailer is damaged: it claims {trailer.total} samples, the oldest at {trailer.oldest}, "
+            f"but has room for {room}"
         )
     ring = np.frombuffer(trailer.samples, TRAILER_SAMPLE, trailer.total)
     ordered = np.roll(ring, -trailer.oldest)
     rates = ordered["rates"].astype(np.float64)
-    # A ring that never filled has zeros in its unused places.
+    # Unused places of a ring that never filled up contain zeros.
     used = ordered["ns"] > 0
     if not np.isfinite(rates[used]).all():
         raise source.error("the GYRODATA trailer is damaged: a rate is not finite")
@@ -72,13 +72,13 @@ def _read_trailer(source: Source) -> Samples:
 
 
 def _sniff_video(source: Source) -> bool:
-    # MP4 and its kin begin with a box whose name says so; the others are Blackmagic's and RED's.
+    # MP4 and related formats, Blackmagic's included, begin with a box of one of these names; RED's files with RE.
     return source.head[4:8] in (b"ftyp", b"moov", b"mdat", b"wide", b"skip", b"free") or source.head[4:6] == b"RE"
 
 
 @contextlib.contextmanager
 def _silence() -> Iterator[None]:
-    """Keep what native code prints about unusual files off the terminal."""
+    """Keep the parser's messages about unusual files off the terminal."""
     with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
         yield
 
@@ -97,54 +97,54 @@ def _read_video(source: Source) -> Samples:
             blocks = parser.telemetry(human_readable=False)
             samples = parser.normalized_imu()
     except (OSError, ValueError, RuntimeError) as error:
-        raise source.error(f"the video holds no gyro data that telemetry-parser can read: {error}") from error
+        raise source.error(f"the video contains no gyro data that telemetry-parser can read: {error}") from error
     except BaseException as error:
-        # Its native code panics on some damaged files, which arrives as an exception of no ordinary kind.
+        # Its native code panics on some damaged files; the exception for that derives from BaseException only.
         if type(error).__name__ != "PanicException":
             raise
         raise source.error(f"the video is damaged: {error}") from error
-    kept = [sample for sample in samples if sample.get("gyro") is not None]
-    if not kept:
+    readings = [sample for sample in samples if sample.get("gyro") is not None]
+    if not readings:
         raise source.error(f"the video of this {parser.camera or 'camera'} has no gyro samples")
-    return _video_samples(source, f"{parser.camera} {parser.model or ''}".strip(), blocks, kept)
+    return _video_samples(source, f"{parser.camera} {parser.model or ''}".strip(), blocks, readings)
 
 
 def _video_samples(
-    source: Source, camera: str, blocks: list[Mapping[str, Any]], kept: list[Mapping[str, Any]]
+    source: Source, camera: str, blocks: list[Mapping[str, Any]], readings: list[Mapping[str, Any]]
 ) -> Samples:
     first = blocks[0].get("Default", {}) if blocks else {}
     facts: dict[str, Any] = {"camera": camera}
     with contextlib.suppress(TypeError, ValueError, KeyError):
-        facts["readout_s"] = float(first[GOPRO_READOUT]) / 1e3
+        facts["readout_time_s"] = float(first[GOPRO_READOUT]) / 1e3
     exposures = [seconds for block in blocks for seconds in block.get("Exposure", {}).get("Data", [])]
     if exposures and all(isinstance(seconds, float) for seconds in exposures):
         facts["exposures_s"] = [min(exposures), max(exposures)]
-    doubts = []
+    cautions = []
     if first.get(GOPRO_STABILISED) == "Y":
         facts["stabilised"] = first.get(GOPRO_STABILISER, "yes")
-        doubts.append(
+        cautions.append(
             f"the camera stabilised the video itself ({facts['stabilised']}): its picture does not move as the camera "
             "did, so its blur cannot be computed from the gyro alone; record without stabilisation"
         )
-    stamps = np.array([sample["timestamp_ms"] for sample in kept], dtype=np.float64)
-    rates = np.array([sample["gyro"] for sample in kept], dtype=np.float64)
+    stamps = np.array([sample["timestamp_ms"] for sample in readings], dtype=np.float64)
+    rates = np.array([sample["gyro"] for sample in readings], dtype=np.float64)
     if not (np.isfinite(stamps).all() and np.isfinite(rates).all()):
         raise source.error("the video's gyro data are damaged: a sample is not finite")
-    # telemetry-parser spreads the samples evenly, from zero at the first one, which no frame is tied to.
+    # telemetry-parser spaces the samples evenly, from zero at the first one; no frame is tied to that zero.
     facts["time_zero"] = "the first gyro sample, not the first frame"
 
-    def fault(message: str, i: int) -> FileFormatError:
+    def error_at(message: str, i: int) -> FileFormatError:
         return source.error(f"gyro sample {i}: {message}")
 
     return Samples(
-        nanoseconds(stamps, fault),
+        nanoseconds(stamps, error_at),
         rates,
-        fault,
+        error_at,
         rate_unit="deg/s",
         axes="gyroflow",
         time_unit="ms",
         facts=facts,
-        doubts=doubts,
+        cautions=cautions,
     )
 
 

@@ -1,4 +1,4 @@
-"""Gyro logs in the formats people have.
+"""Gyro logs in the formats of common apps and cameras.
 
 To add a format, write its `sniff` and `read` in the module of its family and append a `Format` to the `FORMATS` there;
 the first whose `sniff` accepts the content wins.
@@ -11,13 +11,13 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from rsdeblur.axes import orientation as orientation_matrix
-from rsdeblur.gyro import GyroLog
 from rsdeblur.io import archives, gyro_binary, gyro_tables, gyroflow
 from rsdeblur.io.formats import Format, choose
 from rsdeblur.io.samples import GyroFile, Samples, finish
 from rsdeblur.io.source import Source
 from rsdeblur.io.text import line_error
+from rsdeblur.motion.axes import orientation as orientation_matrix
+from rsdeblur.motion.gyro import GyroLog
 
 WHAT = "gyro log"
 FORMATS: tuple[Format[Samples], ...] = (
@@ -52,41 +52,43 @@ def read_gyro(
     ``plain``             ``t wx wy wz``, exactly four columns, or a header that names them in any order
     ===================== ==================================================================================
 
-    A zip archive is looked through for a gyro log. Text is parted by commas, semicolons, spaces or tabs; blank lines
-    and lines that start with ``#`` are skipped. Units come from the header; without one, rates are in rad/s and the
-    unit of time (s, ms, us or ns) follows from the median sample spacing, which is unambiguous for a gyro between
-    20 Hz and 8 kHz. Rates of ``gcsv``, ``gyroflow`` and ``video`` are in Gyroflow's frame (x up, y left, z back), those
-    of the others in the sensor's own axes.
+    A zip archive is searched for a gyro log. Columns of text may be separated by commas, semicolons, bars, spaces or
+    tabs; blank lines and lines that start with ``#`` are skipped. Units come from the header; without one, rates are
+    in rad/s and the unit of time (s, ms, us or ns) follows from the median sample spacing, which is unambiguous for a
+    gyro between 20 Hz and 8 kHz. Rates of ``gcsv``, ``gyroflow`` and ``video`` are in Gyroflow's frame (x up, y left,
+    z back), those of the others in the sensor's own axes.
 
     Parameters
     ----------
     path : path-like
-        The log. The format is told from the content, never from the name.
+        The log. Its content decides the format.
     format : str, optional
         Name of the format, from the table above, instead of detection.
     unit : {"rad/s", "deg/s", "mrad/s", "mdeg/s"}, optional
-        Unit of the rates, instead of what the file says or its format implies.
+        Unit of the rates, instead of the one that the file states or its format implies.
     orientation : str, optional
-        Orientation string of Gyroflow, like ``"YxZ"``, that takes the file's raw axes to Gyroflow's frame; replaces
-        the file's own.
+        Orientation string of Gyroflow, such as ``"YxZ"``, that turns the file's raw axes into Gyroflow's frame. It
+        replaces the file's own.
 
     Returns
     -------
     GyroLog
-        `epoch_ns` is the first stamp; stamps are exact integers until the first one is taken off.
+        The log. `epoch_ns` is the first stamp; stamps are exact integers until the first one is subtracted.
 
     Raises
     ------
     FileFormatError
-        If the file cannot be read, is empty, cut off or of an unknown format, or holds no gyro; or, naming the line,
-        if a cell is missing, not a number or not finite, or a stamp conflicts with another or is beyond int64.
+        If the file cannot be read, is empty, damaged, cut off or of an unknown format, contains no gyro samples or
+        those of an accelerometer; if `format` is not the name of a format, or the file is not in it; if an optional
+        package is needed and not installed; or, naming the line, if a cell is missing, not a number or not finite, a
+        rate is impossible, or a stamp conflicts with another or is beyond int64.
     InputError
-        If `unit` or `orientation` is none.
+        If `unit` or `orientation` is not a valid one.
 
     Warns
     -----
     RsdeblurWarning
-        If samples were sorted or dropped, or the file itself gives reason for doubt.
+        If samples were sorted or dropped, if the rates look like degrees, or if the file gives reason for caution.
     """
     return open_gyro(path, format, unit=unit, orientation=orientation).log
 
@@ -98,20 +100,46 @@ def open_gyro(
     unit: str | None = None,
     orientation: str | None = None,
 ) -> GyroFile:
-    """Read a gyro log with what its file says about it; see `read_gyro`."""
-    given: dict[str, Any] = {}
+    """Read a gyro log with the other content of its file.
+
+    Parameters
+    ----------
+    path, format, unit, orientation
+        See `read_gyro`.
+
+    Returns
+    -------
+    GyroFile
+        The log, its file's format, axes and units, and facts for reports.
+
+    Raises
+    ------
+    FileFormatError, InputError
+        See `read_gyro`.
+    """
+    overrides: dict[str, Any] = {}
     if orientation is not None:
-        given = {"turn": orientation_matrix(orientation), "axes": "gyroflow", "doubts": ()}
+        overrides = {"turn": orientation_matrix(orientation), "axes": "gyroflow", "cautions": ()}
     chosen, source, facts = _choose(path, format)
     samples, path = chosen.read(source), source.path
-    # Its content is not needed any more, and may be a gigabyte.
+    # Frees the content, perhaps a gigabyte, before the log is made.
     del source
     facts = {**facts, **samples.facts} | ({"orientation": orientation} if orientation else {})
-    return finish(replace(samples, facts=facts, **given), chosen.name, unit, partial(line_error, path))
+    return finish(replace(samples, facts=facts, **overrides), chosen.name, unit, partial(line_error, path))
 
 
 def detect_gyro_format(path: str | os.PathLike[str]) -> str:
-    """Return the name of the format `read_gyro` would read the file as.
+    """Return the name of the format as which `read_gyro` would read the file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    str
+        Name of the format.
 
     Raises
     ------
@@ -122,7 +150,7 @@ def detect_gyro_format(path: str | os.PathLike[str]) -> str:
 
 
 def _choose(path: str | os.PathLike[str], format: str | None) -> tuple[Format[Samples], Source, dict[str, Any]]:
-    """Return the format, the file or the member of the archive that has the log, and what stands beside it."""
+    """Return the format, the source of the log (the file or a member of it), and facts from files beside it."""
     members = archives.members_of(Source(path, WHAT))
     facts = archives.facts_beside(members)
     for member in members:

@@ -1,7 +1,7 @@
-"""Gyro logs that are tables of text: columns found by their names, or in the few orders that have none.
+"""Gyro logs that are text tables: columns are found by name, or by the few layouts without a header.
 
-Apps differ in names, order, units and separators only, so there is one reader; which app wrote the file decides its
-axes, and what a column without a unit means.
+Apps differ only in names, order, units and separators, so there is one reader. The app that wrote the file decides the
+axes, and the unit of a column that names none.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from decimal import Decimal
 
 import numpy as np
 
-from rsdeblur._validate import FloatArray
 from rsdeblur.io.formats import Format, text_format
 from rsdeblur.io.samples import Axes, Samples, table_samples
 from rsdeblur.io.text import Table, TextFile, cells_of, is_number, read_table, separator_of
+from rsdeblur.types import FloatArray
 
-# Nanoseconds in each unit of time a log may use.
+# Nanoseconds in each unit of time that a log may use.
 TIME_UNITS = {"s": Decimal(10**9), "ms": Decimal(10**6), "us": Decimal(10**3), "ns": Decimal(1)}
 # A gyro samples at 20 Hz to 8 kHz. The sample spacings (ns) then lie within a factor of 400, less than the 1000
 # between the units, so a spacing fits at most one unit.
 SPACING = (125_000, 50_000_000)
 
-# How units are written, without spaces and in lower case.
+# Spellings of units, without spaces and in lower case.
 TIME_SPELLINGS = {
     "s": "s sec secs second seconds",
     "ms": "ms msec millisec milliseconds",
@@ -44,11 +44,11 @@ UNIT_OF = {
     for spelling in words.split()
 }
 
-# Names of columns, in lower case and without anything but letters.
+# Names of columns, in lower case and reduced to letters.
 TIME = re.compile(
     "(sensor|event|sampling|elapsed|gyro)?(t|ts|time|timestamp|stamp)(sincereboot)?|zeit|temps|tiempo|tempo"
 )
-# Sensor Logger's second clock, for tables that keep no other.
+# Sensor Logger's second clock, for tables without another.
 ELAPSED = re.compile("(seconds|time)elapsed|elapsed(seconds|time)?")
 GYRO = (
     "w|omega|g|gyr|gyro|gyroscope|gyroskop|giroscopio|gyrorotation|(motion)?rotationrate"
@@ -56,26 +56,26 @@ GYRO = (
 )
 RATES = tuple(re.compile(rf"({GYRO}){axis}(axis)?|{axis}({GYRO})") for axis in "xyz")
 
-# Android's numbers of sensor types: the gyro, and the one whose bias the phone does not remove.
+# Android's sensor types: the gyro, and the gyro whose bias the phone does not remove.
 GYRO_TYPE, UNCALIBRATED_TYPE = "4", "16"
 
-# No name of a column is longer, and the patterns take time in proportion to its square.
+# Longest cell that may be a name: the patterns take time in proportion to the square of the length.
 CELL_WIDTH = 100
 
 BIASED = {"bias": "not removed by the phone"}
 
-# Rows that tell the layout of a table without names.
-LOOK = 50
+# Rows that decide the layout of a table without a header.
+LAYOUT_ROWS = 50
 
-# Sensors whose files have the same columns as a gyro's, by the words in their names.
+# Words in the file names of other sensors, whose tables may have the same columns as a gyro's.
 OTHER_SENSORS = re.compile(r"acc|gravity|magn|orientation|compass|barom", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Where a table has stamps and rates (about x, y, z), and their units as far as it names them.
+    """Places of stamps and rates (about x, y, z) among the columns of a table, and their units where it names them.
 
-    `start` is the place among the rows of the first sample; `names` are those of all columns.
+    `start` is the place of the first sample among the rows; `names` are the names of all columns.
     """
 
     places: tuple[int, int, int, int]
@@ -87,7 +87,7 @@ class Columns:
 
 @dataclass(frozen=True, slots=True)
 class _Cell:
-    """A cell of a header: `t_ns`, `gx[rad/s]`, `Gyroscope x (rad/s)`."""
+    """A cell of a header, such as `t_ns`, `gx[rad/s]`, `Gyroscope x (rad/s)`."""
 
     name: str
     unit: str | None
@@ -107,15 +107,15 @@ class _Cell:
 
 
 def named_columns(text: TextFile, rates: Sequence[re.Pattern[str]] = RATES) -> Columns | None:
-    """Return the columns that a line of names tells; None if there is none, or it names no gyro."""
+    """Return the columns named by a header; None if no line names stamps and a gyro's rates."""
     for line, start in text.headers:
         cells = [_Cell.of(cell) for cell in cells_of(line)]
 
-        def place(want: re.Pattern[str], units: dict[str, str], cells: Sequence[_Cell] = cells) -> int:
+        def place(pattern: re.Pattern[str], units: dict[str, str], cells: Sequence[_Cell] = cells) -> int:
             fits = (
                 k
                 for k, cell in enumerate(cells)
-                if want.fullmatch(cell.name) and not cell.unknown and (cell.unit is None or cell.unit in units)
+                if pattern.fullmatch(cell.name) and not cell.unknown and (cell.unit is None or cell.unit in units)
             )
             return next(fits, -1)
 
@@ -128,31 +128,31 @@ def named_columns(text: TextFile, rates: Sequence[re.Pattern[str]] = RATES) -> C
 
 
 def read_columns(text: TextFile, columns: Columns, axes: Axes, rows: Sequence[int] | None = None) -> Samples:
-    """Read the table, or only `rows` of it; a unit of time that it does not name follows from the sample spacing.
+    """Read the table, or only `rows` of it; a missing unit of time follows from the sample spacing.
 
     Raises
     ------
     FileFormatError
-        If a row cannot be read, or the spacing fits no unit.
+        If a row cannot be read, or the sample spacing fits no unit.
     """
     table = read_table(text, text.rows[columns.start :] if rows is None else rows, columns.places)
-    unit = columns.time_unit or _guessed_unit(table)
+    unit = columns.time_unit or _unit_from_spacing(table)
     rate_unit = columns.rate_unit or "rad/s"
     return table_samples(table, table.nanoseconds(TIME_UNITS[unit]), rate_unit=rate_unit, axes=axes, time_unit=unit)
 
 
-def _guessed_unit(table: Table) -> str:
-    # In no unit may they be larger than in nanoseconds, and differences of what fits are safe to take.
+def _unit_from_spacing(table: Table) -> str:
+    # Stamps that fit as nanoseconds fit in every unit, and their differences do not overflow.
     table.check_range(TIME_UNITS["ns"])
     if len(table.rows) < 2:
         raise table.text.error("a gyro log needs at least 2 samples, got 1", table.rows[0])
-    spacing = float(np.median(np.abs(np.diff(table.stamps).astype(np.float64)))) / 10**table.decimals
+    spacing = float(np.median(np.abs(np.diff(table.stamps).astype(np.float64))))
     for name, unit in TIME_UNITS.items():
         if SPACING[0] <= spacing * float(unit) <= SPACING[1]:
             return name
     raise table.text.error(
-        f"cannot tell the unit of time: the median sample spacing is {spacing:g}, which is no gyro rate between 20 Hz "
-        "and 8 kHz in s, ms, us or ns; check the column of stamps"
+        f"cannot determine the unit of time: the median sample spacing is {spacing:g}, which is no gyro rate between "
+        "20 Hz and 8 kHz in s, ms, us or ns; check the column of stamps"
     )
 
 
@@ -160,7 +160,9 @@ def _read_named(axes: Axes) -> Callable[[TextFile], Samples]:
     def read(text: TextFile) -> Samples:
         columns = named_columns(text)
         if columns is None:
-            raise text.error("no header that names the stamps and the rates about x, y and z", text.rows[0])
+            raise text.error(
+                "the file has no header that names the stamps and the rates about x, y and z", text.rows[0]
+            )
         return read_columns(text, columns, axes)
 
     return read
@@ -193,7 +195,7 @@ def _sensorlogger_columns(text: TextFile) -> Columns | None:
 def _read_sensorlogger(text: TextFile) -> Samples:
     columns = _sensorlogger_columns(text)
     if columns is None:
-        raise text.error("no Sensor Logger header: time, seconds_elapsed, z, y, x expected", text.rows[0])
+        raise text.error("not a Sensor Logger header: expected time, seconds_elapsed, z, y, x", text.rows[0])
     if named_columns(text) is None:
         refuse_other_sensor(text)
     samples = read_columns(text, replace(columns, time_unit="ns"), "phone")
@@ -201,16 +203,16 @@ def _read_sensorlogger(text: TextFile) -> Samples:
 
 
 def refuse_other_sensor(text: TextFile) -> None:
-    """Raise `FileFormatError` if the name of a file, whose columns do not say it, is that of another sensor."""
+    """Raise `FileFormatError` if a file whose columns do not name the sensor is named after another one."""
     name = text.path.stem
     if OTHER_SENSORS.search(name) and "gyr" not in name.lower():
-        raise text.error(f"by its name these are the samples of another sensor ({name}); give the gyro's file")
+        raise text.error(f"the file is named after another sensor than the gyro ({name}); give the gyro's file")
 
 
 def _grid(text: TextFile, columns: int) -> FloatArray | None:
-    """Return the first rows of a table of that many numbers; None if it is none."""
-    cells = [cells_of(text.lines[row]) for row in text.rows[:LOOK]]
-    # A last line that is cut off shall be told as such, not as an unknown format.
+    """Return the first rows of a table; None unless each consists of `columns` numbers."""
+    cells = [cells_of(text.lines[row]) for row in text.rows[:LAYOUT_ROWS]]
+    # The last row may be cut off: its reader reports that better than as an unknown format.
     if not all(len(row) == columns and all(map(is_number, row)) for row in cells[: max(len(cells) - 1, 1)]):
         return None
     return np.array([row for row in cells if len(row) == columns and all(map(is_number, row))], dtype=np.float64)
@@ -224,7 +226,7 @@ def _sniff_opencamera(text: TextFile) -> bool:
     grid = _grid(text, 4)
     if grid is None or len(grid) < 2:
         return False
-    # The first column may rise for a while too; but only stamps in ns are whole numbers that far apart.
+    # The first column, a rate, may rise for a while too; but only stamps in ns are whole numbers that far apart.
     stamps = grid[:, 3]
     spaced = SPACING[0] <= np.median(np.diff(stamps)) <= SPACING[1]
     return _increasing(stamps) and bool(spaced and (stamps == np.rint(stamps)).all())
@@ -246,19 +248,19 @@ def _sniff_tagged(text: TextFile) -> bool:
         return False
     if cells[0].isdecimal() and separator_of(text.head) is None:
         return True
-    return any(_type_of(line) in (GYRO_TYPE, UNCALIBRATED_TYPE) for line in text.lines.of(text.rows))
+    return any(_type_of(line) in (GYRO_TYPE, UNCALIBRATED_TYPE) for line in text.filled())
 
 
 def _read_tagged(text: TextFile) -> Samples:
     rows: dict[str, list[int]] = {}
-    for row, line in zip(text.rows.tolist(), text.lines.of(text.rows), strict=True):
+    for row, line in zip(text.rows.tolist(), text.filled(), strict=True):
         kind = _type_of(line)
         if not (kind.isdecimal() or (kind.isalpha() and len(kind) > 2)):
             raise text.error(f"{kind[:40]!r} is not a sensor type; lines must read `type t_ns x y z`", row)
         rows.setdefault(kind, []).append(row)
     kind = GYRO_TYPE if GYRO_TYPE in rows else UNCALIBRATED_TYPE
     if kind not in rows:
-        raise text.error("the file holds no gyro samples: no line is of type 4")
+        raise text.error("the file contains no gyro samples: no line is of type 4 or 16")
     samples = read_columns(text, Columns((1, 2, 3, 4), "ns"), "phone", rows[kind])
     return samples if kind == GYRO_TYPE else replace(samples, facts=BIASED)
 
@@ -280,7 +282,7 @@ def _plain_columns(text: TextFile) -> Columns | None:
 
 
 def _without_gravity(grid: FloatArray) -> Columns | None:
-    """Tell the gyro from the accelerometer in `t x y z x y z`: the latter shows 9.8 m/s^2."""
+    """Return the gyro's columns of `t x y z x y z`; the others, an accelerometer's, show 9.8 m/s^2."""
     first, second = (abs(np.median(np.linalg.norm(grid[:, k : k + 3], axis=1)) - 9.8) < 2 for k in (1, 4))
     if first == second:
         return None
@@ -290,7 +292,7 @@ def _without_gravity(grid: FloatArray) -> Columns | None:
 def _read_plain(text: TextFile) -> Samples:
     columns = _plain_columns(text)
     if columns is None:
-        raise text.error("neither four numbers `t wx wy wz` nor a header that names them", text.rows[0])
+        raise text.error("expected four numbers `t wx wy wz`, or a header that names them", text.rows[0])
     return read_columns(text, columns, "sensor")
 
 

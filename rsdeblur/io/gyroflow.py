@@ -1,7 +1,7 @@
 """Gyro logs of Gyroflow: `.gcsv` text and `.gyroflow` projects.
 
-Both keep the sensor's raw axes and an orientation string; the string is applied, so the rates of the log are in
-Gyroflow's own frame (x up, y left, z back).
+Both contain rates in the sensor's raw axes and an orientation string. The string is applied, so the rates of the log
+are in Gyroflow's frame (x up, y left, z back).
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from typing import Any
 
 import numpy as np
 
-from rsdeblur._validate import FloatArray
-from rsdeblur.axes import orientation
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io.formats import Format, text_format
 from rsdeblur.io.samples import Samples, nanoseconds, table_samples
 from rsdeblur.io.source import Source, unpacked_limit
 from rsdeblur.io.text import NUMBER, Rows, TextFile, cells_of, read_table
+from rsdeblur.motion.axes import orientation
+from rsdeblur.types import FloatArray
 
 TITLES = ("GYROFLOW IMU LOG", "CAMERA IMU LOG")
-# What Gyroflow takes for a log that does not say how its sensor sits.
+# Gyroflow's default for a log without an orientation.
 DEFAULT_ORIENTATION = "xzY"
 
-# Gyroflow's numbers and names of the readout's direction, in lower case.
+# Gyroflow's numbers and names of readout directions, in lower case.
 DIRECTIONS = {
     "top-down": ("0", "toptobottom"),
     "bottom-up": ("1", "180", "bottomtotop"),
@@ -35,28 +35,28 @@ DIRECTIONS = {
     "right-left": ("3", "90", "righttoleft"),
 }
 
-# From picoseconds to centuries in s, and likewise for rates.
+# Smallest factor from a log's units to s or rad/s; the largest is its inverse.
 SMALLEST_SCALE = 1e-12
 
 BASE91 = b'ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789!#$%&()*+,./:;<=>?@[]^_`{|}~"'
 
 
 def readout_of(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `readout_s` and `readout_direction` as far as the keys of Gyroflow in `table` tell them.
+    """Return `readout_time_s` and `readout_direction` from Gyroflow's keys in `table`; empty if they are missing.
 
-    Older files say "bottom to top" by a negative time.
+    Older files express "bottom to top" by a negative time.
     """
     try:
-        readout = float(table["frame_readout_time"]) / 1e3
+        readout_time = float(table["frame_readout_time"]) / 1e3
     except (KeyError, TypeError, ValueError):
         return {}
-    if not np.isfinite(readout) or readout == 0:
+    if not np.isfinite(readout_time) or readout_time == 0:
         return {}
-    said = str(table.get("frame_readout_direction", "")).lower()
-    direction = next((name for name, words in DIRECTIONS.items() if said in words), "top-down")
-    if readout < 0 and direction == "top-down":
+    word = str(table.get("frame_readout_direction", "")).lower()
+    direction = next((name for name, words in DIRECTIONS.items() if word in words), "top-down")
+    if readout_time < 0 and direction == "top-down":
         direction = "bottom-up"
-    return {"readout_s": abs(readout), "readout_direction": direction}
+    return {"readout_time_s": abs(readout_time), "readout_direction": direction}
 
 
 def _sniff_gcsv(text: TextFile) -> bool:
@@ -65,9 +65,9 @@ def _sniff_gcsv(text: TextFile) -> bool:
 
 def _read_gcsv(text: TextFile) -> Samples:
     if not _sniff_gcsv(text):
-        raise text.error(f"no Gyroflow log: the first line must read {' or '.join(TITLES)}", 0)
+        raise text.error(f"not a Gyroflow log: the first line must read {' or '.join(TITLES)}", 0)
     keys: dict[str, tuple[str, int]] = {}
-    for i, (row, line) in enumerate(zip(text.rows, text.lines.of(text.rows), strict=True)):
+    for i, (row, line) in enumerate(zip(text.rows, text.filled(), strict=True)):
         names = [cell.lower() for cell in cells_of(line)]
         if len(names) >= 4 and names[0] in ("t", "time") and {"gx", "gy", "gz"} <= set(names):
             places = [0, *(names.index(name) for name in ("gx", "gy", "gz"))]
@@ -75,7 +75,7 @@ def _read_gcsv(text: TextFile) -> Samples:
         key, *value = (part.strip() for part in re.split("[,:]", line, maxsplit=1))
         if value:
             keys[key.lower()] = (value[0].rstrip(",;").strip(), int(row))
-    raise text.error("no line `t,gx,gy,gz` that starts the samples of a Gyroflow log")
+    raise text.error("the Gyroflow log has no line `t,gx,gy,gz` above its samples")
 
 
 def _gcsv_samples(text: TextFile, rows: Rows, places: list[int], keys: dict[str, tuple[str, int]]) -> Samples:
@@ -91,11 +91,11 @@ def _gcsv_samples(text: TextFile, rows: Rows, places: list[int], keys: dict[str,
         turn = orientation(letters)
     except InputError as error:
         raise text.error(str(error), row) from error
-    said = {key: value for key, (value, _) in keys.items()}
+    values = {key: value for key, (value, _) in keys.items()}
     table = read_table(text, rows, places)
     named = ("version", "id", "vendor", "videofilename", "lensprofile", "lens_info", "timestamp")
-    facts = {"orientation": letters, **readout_of(said), **{key: said[key] for key in named if key in said}}
-    doubts = [] if "orientation" in keys else [_without_orientation(letters)]
+    facts = {"orientation": letters, **readout_of(values), **{key: values[key] for key in named if key in values}}
+    cautions = [] if "orientation" in keys else [_without_orientation(letters)]
     return table_samples(
         table,
         table.nanoseconds(tscale * 10**9),
@@ -104,14 +104,14 @@ def _gcsv_samples(text: TextFile, rows: Rows, places: list[int], keys: dict[str,
         scale=gscale,
         turn=turn,
         facts=facts,
-        doubts=doubts,
+        cautions=cautions,
     )
 
 
 def _without_orientation(letters: str) -> str:
     return (
-        f"the log does not say how its sensor sits; Gyroflow's default, orientation {letters}, is taken, which is "
-        "right for few loggers"
+        f"the log contains no orientation of its sensor: Gyroflow's default, {letters}, is assumed, which is right for "
+        "few loggers"
     )
 
 
@@ -120,7 +120,7 @@ def _sniff_project(source: Source) -> bool:
 
 
 def is_project(content: Any) -> bool:
-    """Whether this is a project of Gyroflow."""
+    """Whether `content`, read from JSON, is a Gyroflow project."""
     return isinstance(content, dict) and (
         content.get("title") == "Gyroflow data file" or "gyro_source" in content or "raw_imu" in content
     )
@@ -149,31 +149,31 @@ def _project_samples(source: Source, project: dict[str, Any]) -> Samples:
         raise source.error(f"the project was saved without gyro data; give the file they come from: {origin}")
     t_ms, rates, unit = _decoded(source, raw)
     letters = gyro.get("imu_orientation") or metadata.get("imu_orientation")
-    doubts = [] if letters else [_without_orientation(DEFAULT_ORIENTATION)]
+    cautions = [] if letters else [_without_orientation(DEFAULT_ORIENTATION)]
     try:
         turn = orientation(letters or DEFAULT_ORIENTATION)
     except InputError as error:
         raise source.error(str(error)) from error
-    # In Gyroflow's order: bias (deg/s, raw axes, added), orientation, rotation (pitch, roll, yaw in degrees).
+    # Applied in Gyroflow's order: bias (deg/s, raw axes, added), orientation, rotation (pitch, roll, yaw in degrees).
     bias = np.array(gyro.get("gyro_bias") or (0, 0, 0), dtype=np.float64) * (1.0 if unit == "deg/s" else np.pi / 180)
-    from scipy.spatial.transform import Rotation  # a quarter of a second that other formats need not wait
+    from scipy.spatial.transform import Rotation  # takes 0.25 s to import; only projects need it
 
     pitch, roll, yaw = gyro.get("rotation") or (0, 0, 0)
     turn = Rotation.from_euler("xyz", (yaw, pitch, roll), degrees=True).as_matrix() @ turn
 
-    def fault(message: str, i: int) -> FileFormatError:
+    def error_at(message: str, i: int) -> FileFormatError:
         return source.error(f"sample {i}: {message}")
 
     return Samples(
-        nanoseconds(t_ms, fault),
+        nanoseconds(t_ms, error_at),
         rates + bias,
-        fault,
+        error_at,
         rate_unit=unit,
         axes="gyroflow",
         turn=turn,
         time_unit="ms",
         facts=_project_facts(project, metadata, letters or DEFAULT_ORIENTATION),
-        doubts=doubts,
+        cautions=cautions,
     )
 
 
@@ -193,12 +193,12 @@ def _project_facts(project: dict[str, Any], metadata: Mapping[str, Any], letters
 
 
 def offset_ms(value: Any) -> float:
-    """Return a clock offset of a project, video minus gyro time; some versions keep it in a list."""
+    """Return a clock offset of a project, video time minus gyro time in ms; some versions write it as a list."""
     return float(value[0] if isinstance(value, list) else value)
 
 
 def _decoded(source: Source, raw: Any) -> tuple[FloatArray, FloatArray, str]:
-    """Return the times in ms, the rates, and the unit of these."""
+    """Return the times in ms, the rates, and the unit of the rates."""
     if isinstance(raw, str):
         data = _payload(source, raw)
         if _looks_like_bincode(data):
@@ -206,10 +206,10 @@ def _decoded(source: Source, raw: Any) -> tuple[FloatArray, FloatArray, str]:
             return times, rates, "deg/s"
         raw = _cbor(source, data)
     if isinstance(raw[0], Mapping):
-        kept = [sample for sample in raw if sample.get("gyro") is not None]
-        times = np.array([sample["timestamp_ms"] for sample in kept], dtype=np.float64)
-        return _finite(times, np.array([sample["gyro"] for sample in kept], dtype=np.float64), "deg/s")
-    # The first versions, written in Python: rows of seconds and rad/s.
+        readings = [sample for sample in raw if sample.get("gyro") is not None]
+        times = np.array([sample["timestamp_ms"] for sample in readings], dtype=np.float64)
+        return _finite(times, np.array([sample["gyro"] for sample in readings], dtype=np.float64), "deg/s")
+    # The first versions of Gyroflow, written in Python, saved rows of s and rad/s.
     table = np.array(raw, dtype=np.float64)
     return _finite(1e3 * table[:, 0], table[:, 1:4], "rad/s")
 
@@ -259,7 +259,7 @@ def base91_decode(text: bytes) -> bytes:
 
 
 def _looks_like_bincode(data: bytes) -> bool:
-    """Whether the length suits the count at the start, each sample having 11 to 83 bytes."""
+    """Whether the length fits the sample count at the start, at 11 to 83 bytes per sample."""
     count = int.from_bytes(data[:8], "little")
     return 11 * count <= len(data) - 8 <= 83 * count
 
@@ -275,7 +275,7 @@ def _bincode(data: bytes) -> tuple[FloatArray, FloatArray]:
             present = data[place]
             place += 1
             if present > 1:
-                raise ValueError(f"byte {place} is no tag")
+                raise ValueError(f"byte {place} is not a tag")
             if present:
                 if sensor == 0:
                     times.append(time)

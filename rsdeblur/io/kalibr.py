@@ -1,4 +1,4 @@
-"""Cameras of calibration tools: Kalibr's chains, EuRoC's sensor files and maplab's camera systems, all YAML."""
+"""Cameras of calibration tools: Kalibr's chains, EuRoC's sensor files and maplab's camera systems, all in YAML."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from rsdeblur._validate import FloatArray
-from rsdeblur.camera import Camera
+from rsdeblur.choices import Distortion
 from rsdeblur.errors import FileFormatError, InputError
-from rsdeblur.io.camera_file import CameraFile, Doubt, Request
+from rsdeblur.io.camera_file import Assumption, CameraFile, Request
 from rsdeblur.io.source import Source
-from rsdeblur.lens import Distortion
+from rsdeblur.motion.camera import Camera
+from rsdeblur.types import FloatArray
 
-# Hardly any lens has its principal point that far off the middle, as a share of the picture's side.
+# Distance of the principal point from the middle that hardly any lens exceeds, as a share of the picture's side.
 OFF_CENTRE = 0.1
 MODELS: dict[str, Distortion] = {
     "radtan": "radtan",
@@ -25,13 +25,13 @@ MODELS: dict[str, Distortion] = {
     "kannala_brandt4": "fisheye",
     "none": "none",
 }
-# Calibrations have a few thousand characters and a few hundred values.
+# Bounds in characters and in values; calibrations have a few thousand and a few hundred.
 LONGEST, MOST_VALUES = 100_000, 10_000
 CAMERA_NAME = re.compile(r"cam\d+")
 
 
 def sniff(source: Source) -> bool:
-    """Whether this is such a file."""
+    """Whether the file is YAML of one of these tools."""
     if not source.looks_like_text or source.looks_like_json:
         return False
     keys = r"^[ \t]*(-[ \t]*)?(cam\d+|cameras|camera_model|T_cam_imu)\s*:"
@@ -44,7 +44,7 @@ def read(source: Source, request: Request) -> CameraFile:
     Raises
     ------
     FileFormatError
-        If the file is no such YAML, has no such camera, or one of a model that is not supported.
+        If the file is not such YAML, does not contain the camera, or the camera has a model that is not supported.
     """
     content = _load(source)
     name = request.name or "the file"
@@ -53,11 +53,13 @@ def read(source: Source, request: Request) -> CameraFile:
         name = request.name or next(iter(cameras))
         if name not in cameras:
             raise source.error(f"there is no camera {name!r} in the file, only {', '.join(cameras)}")
-        doubts: list[Doubt] = []
+        assumptions: list[Assumption] = []
         if request.name is None and len(cameras) > 1:
-            doubts.append(Doubt("", f"the file has {len(cameras)} cameras ({', '.join(cameras)}); {name} is taken"))
-        camera = _camera(source, cameras[name], doubts)
-        return CameraFile(camera, "kalibr", {"camera": name}, tuple(doubts)).fitted(request.size)
+            assumptions.append(
+                Assumption("", f"the file has {len(cameras)} cameras ({', '.join(cameras)}); {name} is used")
+            )
+        camera = _camera(source, cameras[name], assumptions)
+        return CameraFile(camera, "kalibr", {"camera": name}, tuple(assumptions)).fitted(request.size)
     except FileFormatError:
         raise
     except InputError as error:
@@ -71,27 +73,30 @@ def _load(source: Source) -> Any:
         import yaml
     except ModuleNotFoundError:
         raise source.error("YAML files need PyYAML; install it with: pip install 'rsdeblur[kalibr]'") from None
-    # OpenCV's header is no YAML directive, and its matrices have a tag of their own.
+    # OpenCV writes a header that is not a YAML directive, and marks its matrices with a tag.
     lines = [line for line in source.text.lines if not line.startswith("%")]
     text = re.sub(r"!!opencv-matrix", "", "\n".join(lines))
     if len(text) > LONGEST:
-        raise source.error(f"a camera's YAML has no {len(text)} characters; give the file of the calibration's results")
+        raise source.error(
+            f"the YAML has {len(text)} characters, a calibration has at most {LONGEST}; "
+            "give the file with the results of the calibration"
+        )
 
     class Loader(yaml.SafeLoader):
-        """Counts what aliases stand for: a few lines of them may mean more than fits into memory."""
+        """Counts the values behind aliases: a few lines of nested aliases may expand beyond the memory."""
 
         def __init__(self, text: str) -> None:
             super().__init__(text)
             self.values, self.sizes = 0, dict[yaml.Node | None, int]()
 
         def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-            known, before = self.check_event(yaml.AliasEvent), self.values
+            is_alias, before = self.check_event(yaml.AliasEvent), self.values
             node = super().compose_node(parent, index)
-            # One that is not counted yet is within itself.
-            self.values += self.sizes.get(node, MOST_VALUES) if known else 1
+            # An alias of a node that is not counted yet lies inside that node, so it never ends.
+            self.values += self.sizes.get(node, MOST_VALUES) if is_alias else 1
             if self.values > MOST_VALUES:
-                raise yaml.YAMLError(f"it stands for more than {MOST_VALUES} values, counting those of aliases")
-            if not known:
+                raise yaml.YAMLError(f"it contains more than {MOST_VALUES} values, counting those behind aliases")
+            if not is_alias:
                 self.sizes[node] = self.values - before
             return node
 
@@ -102,20 +107,20 @@ def _load(source: Source) -> Any:
 
 
 def _cameras(source: Source, content: Any) -> dict[str, dict[str, Any]]:
-    """Return the cameras by name, as Kalibr writes them."""
-    found: dict[str, dict[str, Any]] = {}
+    """Return the cameras by name, each in Kalibr's form."""
+    cameras: dict[str, dict[str, Any]] = {}
     if isinstance(content, dict) and "camera_model" in content:
-        found = {"cam0": content}
+        cameras = {"cam0": content}
     elif isinstance(content, dict) and isinstance(content.get("cameras"), list):
         for i, entry in enumerate(content["cameras"]):
             if isinstance(entry, dict):
-                # maplab puts what is the camera's own one level deeper, with hyphens and other names.
-                found[f"cam{i}"] = _of_maplab(entry | (entry.get("camera") or {}))
+                # maplab has the keys of the camera one level deeper, under other names and with hyphens.
+                cameras[f"cam{i}"] = _of_maplab(entry | (entry.get("camera") or {}))
     elif isinstance(content, dict):
-        found = {key: value for key, value in content.items() if CAMERA_NAME.fullmatch(str(key))}
-    if not found or not all(isinstance(camera, dict) for camera in found.values()):
-        raise source.error("the file describes no camera: cam0 with intrinsics and resolution expected")
-    return found
+        cameras = {key: value for key, value in content.items() if CAMERA_NAME.fullmatch(str(key))}
+    if not cameras or not all(isinstance(camera, dict) for camera in cameras.values()):
+        raise source.error("the file describes no camera; expected cam0 with intrinsics and resolution")
+    return cameras
 
 
 def _of_maplab(entry: dict[str, Any]) -> dict[str, Any]:
@@ -131,7 +136,7 @@ def _of_maplab(entry: dict[str, Any]) -> dict[str, Any]:
     return renamed | ({"T_BS": entry["T_B_C"]} if "T_B_C" in entry else {})
 
 
-def _camera(source: Source, entry: dict[str, Any], doubts: list[Doubt]) -> Camera:
+def _camera(source: Source, entry: dict[str, Any], assumptions: list[Assumption]) -> Camera:
     model = str(entry.get("camera_model", "pinhole"))
     if not model.startswith("pinhole"):
         raise source.error(f"the camera model {model!r} is not supported, only pinhole; calibrate with pinhole-equi")
@@ -140,22 +145,24 @@ def _camera(source: Source, entry: dict[str, Any], doubts: list[Doubt]) -> Camer
         raise source.error(f"the distortion model {kind!r} is not supported, only {', '.join(MODELS)}")
     fx, fy, cx, cy = _numbers(entry["intrinsics"])
     width, height = (int(size) for size in _numbers(entry["resolution"]))
-    given, swapped = _decentred(cx / width, cy / height), _decentred(cx / height, cy / width)
-    if given >= 0.5 > swapped or (given > OFF_CENTRE and swapped < given / 2):
+    upright, swapped = _off_centre(cx / width, cy / height), _off_centre(cx / height, cy / width)
+    if upright >= 0.5 > swapped or (upright > OFF_CENTRE and swapped < upright / 2):
         width, height = height, width
-        doubts.append(Doubt("", f"the resolution was swapped to {width}x{height}, where the principal point fits"))
+        assumptions.append(
+            Assumption("", f"the resolution was swapped to {width}x{height}, which fits the principal point")
+        )
     delay = float(entry.get("line_delay") or 0.0)
     if delay == 0:
-        text = "the file has no line_delay, so a global shutter is taken; give the readout if the shutter rolls"
-        doubts.append(Doubt("readout", text))
+        text = "the file has no line_delay: a global shutter is assumed; give the readout time if the shutter rolls"
+        assumptions.append(Assumption("readout_time", text))
     coefficients = entry.get("distortion_coeffs", entry.get("distortion_coefficients", []))
     return Camera(
         width,
         height,
         (fx, fy),
         (cx, cy),
-        readout=delay * height,
-        imu_to_camera=_imu_to_camera(entry, doubts),
+        readout_time=delay * height,
+        imu_to_camera=_imu_to_camera(entry, assumptions),
         # t_imu = t_cam + shift
         time_offset=0.0 - float(entry.get("timeshift_cam_imu") or 0.0),
         distortion_model=MODELS[kind],
@@ -163,20 +170,20 @@ def _camera(source: Source, entry: dict[str, Any], doubts: list[Doubt]) -> Camer
     )
 
 
-def _decentred(x: float, y: float) -> float:
-    """How far from the middle a point is, given as shares of the sides."""
+def _off_centre(x: float, y: float) -> float:
+    """Return the distance of a point from the middle; both are shares of the sides."""
     return max(abs(x - 0.5), abs(y - 0.5))
 
 
-def _imu_to_camera(entry: dict[str, Any], doubts: list[Doubt]) -> FloatArray:
-    """Rotation part of the transformation, which files give either way round."""
+def _imu_to_camera(entry: dict[str, Any], assumptions: list[Assumption]) -> FloatArray:
+    """Return the rotation from IMU to camera axes; files contain the transformation or its inverse."""
     if "T_cam_imu" in entry:
         return _rotation(entry["T_cam_imu"])
     for inverse in ("T_imu_cam", "T_ic", "T_BS"):
         if inverse in entry:
             return _rotation(entry[inverse]).T
-    text = "the file does not say how the IMU sits (no T_cam_imu): its axes are taken as the camera's"
-    doubts.append(Doubt("imu_to_camera", text))
+    text = "the file has no axes of the IMU (no T_cam_imu): they are assumed to be those of the camera"
+    assumptions.append(Assumption("imu_to_camera", text))
     return np.eye(3)
 
 
@@ -192,4 +199,4 @@ def _numbers(value: Any) -> list[float]:
         value = value["data"]
     if isinstance(value, list):
         return [number for item in value for number in (_numbers(item) if isinstance(item, list) else [float(item)])]
-    raise ValueError(f"{value!r} is no list of numbers")
+    raise ValueError(f"{value!r} is not a list of numbers")

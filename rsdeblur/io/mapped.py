@@ -1,6 +1,6 @@
 """Pictures that stay in their files: NumPy's own format and uncompressed TIFF, read and written through memory maps.
 
-What is mapped takes memory only while it is touched, and the system may take that back at any time.
+Mapped samples occupy memory only after they are touched, and the system may reclaim it at any time.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Mapped = tuple[NDArray[Any], bytes | None, bytes | None]
 
 
 def map_picture(file: BinaryIO, max_pixels: int) -> Mapped | None:
-    """Return read-only samples where they lie in `file`, EXIF block and colour profile; None if they must be decoded.
+    """Return the samples of `file` as a read-only map, EXIF block and colour profile; None if they must be decoded.
 
     Raises
     ------
@@ -48,25 +48,25 @@ def map_picture(file: BinaryIO, max_pixels: int) -> Mapped | None:
 
 
 def npy_place(file: BinaryIO, size: int, max_pixels: int) -> dict[str, Any]:
-    """Return where the samples of a NumPy file of `size` bytes lie: offset, dtype and shape.
+    """Return offset, dtype and shape of the samples in a NumPy file of `size` bytes.
 
     Raises
     ------
     ValueError
-        If the header is damaged, or the array is no picture.
+        If the header is damaged, or the array is not a picture.
     """
     version = np.lib.format.read_magic(file)
     read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, fortran, dtype = read_header(file)
-    picture = len(shape) in (2, 3) and all(shape) and (len(shape) == 2 or shape[2] in (2, 3, 4))
-    if not picture or fortran or dtype not in (np.uint8, np.uint16, np.float32):
+    is_picture = len(shape) in (2, 3) and all(shape) and (len(shape) == 2 or shape[2] in (2, 3, 4))
+    if not is_picture or fortran or dtype not in (np.uint8, np.uint16, np.float32):
         order = " in Fortran order" if fortran else ""
         raise _tiff.Unsupported(
             f"the array has shape {shape} and type {dtype}{order}; a picture has shape (H, W) or (H, W, C) with "
             "C = 2, 3 or 4 and type uint8, uint16 or float32, in C order"
         )
     if shape[0] * shape[1] > max_pixels:
-        raise _tiff.Unsupported(f"the picture claims {shape[1]}x{shape[0]} pixels; limit {max_pixels}")
+        raise _tiff.Unsupported(f"the picture claims {shape[1]}x{shape[0]} pixels; the limit is {max_pixels}")
     offset = file.tell()
     if offset + int(np.prod(shape)) * dtype.itemsize > size:
         raise EOFError("the file ends within the samples")
@@ -83,7 +83,7 @@ def decode_npy(data: bytes, max_pixels: int) -> NDArray[Any]:
 def mapped_samples(
     file: BinaryIO, suffix: str, shape: tuple[int, ...], dtype: np.dtype[Any], exif: bytes | None, icc: bytes | None
 ) -> Iterator[NDArray[Any]]:
-    """Make an empty `file`, open for reading and writing, a picture of zeros, and map its samples to be filled in."""
+    """Write a picture of zeros into an empty `file`, open for reading and writing, and yield its mapped samples."""
     if suffix == ".npy":
         header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
         np.lib.format.write_array_header_1_0(file, header)

@@ -1,7 +1,7 @@
 """Pictures with their bit depth, EXIF block and colour profile.
 
-Reads and writes JPEG, PNG, TIFF, WebP and NumPy files, reads HEIC and raw files. Pixels are always as the sensor saw
-them: the orientation in the EXIF block is not applied but carried over, so viewers still turn the result.
+Reads and writes JPEG, PNG, TIFF, WebP and NumPy files; reads HEIC and raw files. Pixels are always in the sensor's
+axes: the orientation in the EXIF block is not applied but carried over, so viewers still turn the result.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from rsdeblur._atomic import atomic_write, check_target
-from rsdeblur._regular import open_file, read_file
+from rsdeblur._util.atomic import atomic_write, check_target
+from rsdeblur._util.files import open_file, read_file
 from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
 from rsdeblur.io import _heif, _jpeg, _raw, _tiff, mapped
 from rsdeblur.io.source import Source
@@ -43,8 +43,8 @@ DEPTHS = {"JPEG": (8,), "PNG": (8, 16), "TIFF": (8, 16, 32), "WebP": (8,), "NumP
 
 # The largest phone sensors have 200 megapixels, the largest stitched camera files 400.
 MAX_PIXELS = 500_000_000
-# A few bytes may claim any size. That of a phone's picture is believed; a larger one must have no more pixels per byte
-# than an even picture has as JPEG (85), WebP of the lossy kind (260) or PNG of 8 bits (340 in colour, 1000 in grey).
+# A file of a few bytes may claim any size. The size of a phone's picture is believed; a larger picture must not have
+# more pixels per byte than a plain one: 85 as JPEG, 260 as lossy WebP, 340 as 8-bit PNG in colour, 1000 in grey.
 BELIEVED_PIXELS = 64_000_000
 PIXELS_PER_BYTE = 1000
 
@@ -54,12 +54,12 @@ PNG_HEADER = 33  # Length of the magic number and IHDR; colour profile and EXIF 
 JPEG_SEGMENT = 65_533  # The longest EXIF block of a JPEG.
 EXIF_PREFIX = b"Exif\0\0"
 
-# What decoders are known to raise on damaged files.
+# Errors that decoders are known to raise on damaged files.
 DAMAGE = (
     *(OSError, EOFError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, struct.error, zlib.error),
     *(SyntaxError, AssertionError),  # Pillow
     RuntimeError,  # imagecodecs
-    TokenError,  # NumPy, of the header of its files
+    TokenError,  # NumPy, from the header of its files
 )
 
 _limit_lock = threading.Lock()
@@ -72,13 +72,14 @@ class Picture:
     Parameters
     ----------
     pixels : ndarray, shape (H, W) or (H, W, C)
-        uint8 or uint16 of full range, or float32; C is 2 for grey and alpha, 3 for RGB, 4 for RGB and alpha.
+        Samples: uint8 or uint16 of full range, or float32. C is 2 for grey and alpha, 3 for RGB, 4 for RGB and alpha.
     exif : bytes, optional
         The EXIF block, from its ``Exif\0\0`` prefix on.
     icc_profile : bytes, optional
         The colour profile.
     linear : bool, optional
-        Whether the values are proportional to light; by default floats are, and what has the profile of raw files.
+        Whether the values are proportional to light. By default true for floats and for pictures with the colour
+        profile that raw files get here.
     """
 
     pixels: NDArray[Any]
@@ -96,36 +97,38 @@ class Picture:
 
 
 def read_picture(path: str | os.PathLike[str], *, in_place: bool = False) -> Picture:
-    """Read a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw file; the format is told from the content.
+    """Read a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw file; the content decides the format.
 
     Palettes become RGB, bilevel pictures 8-bit grey, and CMYK and other colour spaces RGB (without their profile). Of
-    a file with several pages or frames the first one is read. HEIC (extra ``[heif]``) is turned back to how the sensor
-    saw it. Raw files and DNG (extra ``[raw]``) are developed with the camera's white balance to linear light.
+    several pages or frames the first is read. HEIC (extra ``[heif]``) is turned back to the sensor's axes. Raw files
+    and DNG (extra ``[raw]``) are developed with the camera's white balance to linear light; makers' formats that are
+    TIFF inside are recognised by their extension.
 
     Parameters
     ----------
     path : path-like
         The picture.
     in_place : bool, default False
-        Map the pixels of a NumPy file or an uncompressed TIFF into memory instead of reading them. The file must stay
-        as it is while they are used.
+        Map the pixels of a NumPy file or an uncompressed TIFF into memory instead of reading them. The file must not
+        change while they are in use.
 
     Returns
     -------
     Picture
-        With read-only pixels as stored.
+        The picture, with read-only pixels as stored.
 
     Raises
     ------
     FileFormatError
-        If the file cannot be read, is empty, truncated, damaged or not a picture of these formats, its extra is not
-        installed, or it has more than 500 megapixels or samples other than 1 to 8, 16 bit or float.
+        If the file cannot be read, is empty, truncated, damaged or not a picture of these formats; if its extra is not
+        installed or the memory is too small; or if it has more than 500 megapixels, more than 64 megapixels at over
+        1000 pixels per byte, or samples other than 1 to 8 bit, 16 bit or float.
     """
     path = Path(path)
     if in_place:
         with open_file(path, "picture") as file, _decoding(path):
-            if found := mapped.map_picture(file, MAX_PIXELS):
-                pixels, exif, icc = found
+            if content := mapped.map_picture(file, MAX_PIXELS):
+                pixels, exif, icc = content
                 return Picture(pixels, exif, _fitting(icc, pixels))
     data = read_file(path, "picture")
     if not data:
@@ -140,12 +143,12 @@ def read_picture(path: str | os.PathLike[str], *, in_place: bool = False) -> Pic
 
 @contextmanager
 def _decoding(path: Path) -> Iterator[None]:
-    """Name the file in what decoders raise."""
+    """Turn the errors of decoders into errors that name the file."""
     try:
         yield
     except UnidentifiedImageError:
         raise FileFormatError(f"{path}: not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture") from None
-    except (Image.DecompressionBombError, _tiff.Unsupported, _heif.Missing) as error:
+    except (Image.DecompressionBombError, _tiff.Unsupported, _heif.MissingPackage) as error:
         raise FileFormatError(f"{path}: {error}") from error
     except MemoryError as error:
         raise FileFormatError(f"{path}: not enough memory for the picture, or its size is damaged") from error
@@ -166,7 +169,7 @@ def is_picture(source: Source) -> bool:
 
 
 def read_header(path: str | os.PathLike[str]) -> tuple[int, int, bytes | None]:
-    """Return width, height and EXIF block of a picture, without decoding it where that is possible.
+    """Return width, height and EXIF block of a picture, if possible without decoding it.
 
     Raises
     ------
@@ -198,19 +201,19 @@ def write_picture(
 ) -> None:
     """Write a picture; the format follows from the extension, the file appears whole or not at all.
 
-    JPEG is written at quality 95 without chroma subsampling, and without alpha: colours go in as they are, blended
-    with no background. WebP and PNG are lossless, TIFF is deflated.
+    JPEG is written at quality 95 without chroma subsampling and without alpha: colours stay as they are, not blended
+    with a background. WebP and PNG are lossless, TIFF is deflated.
 
     Parameters
     ----------
     path : path-like
-        Ends in .jpg, .jpeg, .png, .tif, .tiff, .webp or .npy, which keeps neither EXIF nor profile.
+        Path that ends in .jpg, .jpeg, .png, .tif, .tiff, .webp or .npy, which keeps neither EXIF nor profile.
     image : ndarray of float, uint8 or uint16, shape (H, W) or (H, W, C)
-        Values in [0, 1], which integers stand for; those outside are clipped, but kept in float32. C is 2 (grey and
-        alpha), 3 or 4.
+        Values in [0, 1]; integers represent them by their full range. Values outside are clipped, except in float32
+        files. C is 2 (grey and alpha), 3 or 4.
     like : Picture, optional
-        Gives the bit depth (the next lower one the format has), the EXIF block, and the colour profile if it fits
-        the number of channels.
+        Source of the bit depth (or the next lower one that the format has), of the EXIF block, and of the colour
+        profile if it fits the number of channels.
     force : bool, default False
         Replace an existing file.
     bits : {8, 16, 32}, optional
@@ -219,10 +222,15 @@ def write_picture(
     Raises
     ------
     InputError
-        If `image` has a wrong shape or type, or holds NaN or infinity.
+        If `image` has a wrong shape or type, or contains NaN or infinity.
     OutputError
-        If the extension is unknown, the format does not have `bits`, the file exists and `force` is not set, or the
-        file cannot be written.
+        If the extension is unknown, the format does not support `bits` or the size of the picture, the file exists and
+        `force` is not set, or the file cannot be written.
+
+    Warns
+    -----
+    RsdeblurWarning
+        If the EXIF block is left out: it is too long for JPEG, or it is damaged and the file is a TIFF.
     """
     path = Path(path)
     check_writable(path, force=force)
@@ -246,16 +254,26 @@ def write_picture(
 def picture_to_fill(
     path: str | os.PathLike[str], shape: tuple[int, ...], *, like: Picture, force: bool = False, in_place: bool = False
 ) -> Iterator[NDArray[Any]]:
-    """Give an array for the pixels of a picture that is written when the block ends well.
+    """Yield an array for the pixels of a picture, which is written when the block ends without an error.
 
     Parameters
     ----------
-    path, like, force
+    path : path-like
         See `write_picture`.
     shape : (H, W) or (H, W, C)
-        The array has the type of `like`.
+        Shape of the array.
+    like : Picture
+        Source of the array's type, and see `write_picture`.
+    force : bool, default False
+        See `write_picture`.
     in_place : bool, default False
-        Map the array to the file instead of holding it in memory; TIFF, then not compressed, and NumPy files only.
+        Map the array to the file instead of keeping it in memory; for TIFF, which is then not compressed, and NumPy
+        files only.
+
+    Yields
+    ------
+    ndarray
+        The array to fill.
 
     Raises
     ------
@@ -277,13 +295,20 @@ def picture_to_fill(
 
 
 def check_writable(path: str | os.PathLike[str], *, force: bool) -> None:
-    """Check cheaply that `write_picture` may write `path`, before the work whose result is to go there.
+    """Check that `write_picture` can write `path`, before the work that makes the picture.
+
+    Parameters
+    ----------
+    path : path-like
+        The file to be written.
+    force : bool
+        Whether an existing file may be replaced.
 
     Raises
     ------
     OutputError
-        If the extension is unknown, the folder is missing or not writable, `path` is a folder, or it exists and
-        `force` is not set.
+        If the extension is unknown, the folder is missing or not writable, `path` is a folder, a pipe or a device, or
+        it exists and `force` is not set.
     """
     path = Path(path)
     if path.suffix.lower() not in KINDS:
@@ -297,7 +322,7 @@ def _size_limit(pixels: int = MAX_PIXELS) -> Iterator[None]:
     with _limit_lock, warnings.catch_warnings():
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)
         saved = Image.MAX_IMAGE_PIXELS
-        # Pillow refuses what is above twice this.
+        # Pillow refuses pictures of more than twice this.
         Image.MAX_IMAGE_PIXELS = pixels // 2
         try:
             yield
@@ -325,7 +350,7 @@ def _decode(data: bytes, suffix: str) -> Picture:
         image.load()
         exif, icc = image.info.get("exif"), image.info.get("icc_profile")
         if image.format == "PNG" and data[PNG_DEPTH] == 16:
-            # Pillow cuts 16-bit colour to 8 bit.
+            # Pillow reduces 16-bit colour to 8 bit.
             pixels = imagecodecs.png_decode(data)
         else:
             pixels = np.array(_with_plain_mode(image))
@@ -342,15 +367,15 @@ def _with_plain_mode(image: Image.Image) -> Image.Image:
 
 
 def _fitting(icc: bytes | None, pixels: NDArray[Any], *, grey: bool = True) -> bytes | None:
-    """Return the profile if its colour space (bytes 16 to 20) is that of `pixels`; `grey`: they may be stored grey."""
+    """Return the profile if its colour space (bytes 16 to 20) is that of `pixels`; `grey`: the file can be grey."""
     space = b"GRAY" if grey and (pixels.ndim == 2 or pixels.shape[2] == 2) else b"RGB "
     return icc if icc and icc[16:20] == space else None
 
 
 def _check_image(image: NDArray[Any]) -> None:
     if not isinstance(image, np.ndarray) or not (image.dtype.kind == "f" or image.dtype in (np.uint8, np.uint16)):
-        found = image.dtype if isinstance(image, np.ndarray) else type(image).__name__
-        raise InputError(f"image must be an array of float in [0, 1], uint8 or uint16, got {found}")
+        kind = image.dtype if isinstance(image, np.ndarray) else type(image).__name__
+        raise InputError(f"image must be an array of float in [0, 1], uint8 or uint16, got {kind}")
     if image.ndim not in (2, 3) or not image.size or (image.ndim == 3 and image.shape[2] not in (2, 3, 4)):
         raise InputError(f"image must have shape (H, W) or (H, W, C) with C = 2, 3 or 4, got {image.shape}")
     if image.dtype.kind == "f" and not np.isfinite(image).all():
@@ -359,8 +384,8 @@ def _check_image(image: NDArray[Any]) -> None:
 
 def _depth(path: Path, kind: str, like: Picture | None, bits: int | None) -> int:
     if bits is None:
-        wanted = 8 * like.pixels.dtype.itemsize if like else 8
-        return max(depth for depth in DEPTHS[kind] if depth <= max(wanted, 8))
+        input_bits = 8 * like.pixels.dtype.itemsize if like else 8
+        return max(depth for depth in DEPTHS[kind] if depth <= max(input_bits, 8))
     if bits not in DEPTHS[kind]:
         allowed = ", ".join(map(str, DEPTHS[kind]))
         raise OutputError(f"{path}: {kind} cannot hold {bits} bits per sample, only {allowed}; use another extension")
@@ -374,7 +399,7 @@ def _quantised(image: NDArray[Any], bits: int) -> NDArray[Any]:
         image = image / np.float32(np.iinfo(image.dtype).max)
     if bits == 32:
         return image.astype(np.float32)
-    # float16 cannot count to 65535.
+    # float16 cannot represent 65535.
     clipped: NDArray[Any] = np.clip(image, 0.0, 1.0).astype(np.promote_types(image.dtype, np.float32))
     clipped *= 2**bits - 1
     levels: NDArray[Any] = np.rint(clipped, out=clipped).astype(np.uint8 if bits == 8 else np.uint16)

@@ -1,4 +1,4 @@
-"""What a gyro log's reader finds, and the log that is made of it: units, harmless faults repaired, others refused."""
+"""Samples as a reader returns them, and the log made from them: units applied, faults repaired or refused."""
 
 from __future__ import annotations
 
@@ -11,69 +11,69 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur._validate import FloatArray
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
-from rsdeblur.gyro import LARGEST_RATE, GyroLog
 from rsdeblur.io.text import INT64_LIMIT, Table, line_error
+from rsdeblur.motion.gyro import LARGEST_RATE, GyroLog
+from rsdeblur.types import FloatArray
 
-# rad/s in each unit of rate a log may use.
+# rad/s in each unit of rate that a log may use.
 RATE_UNITS = {"rad/s": 1.0, "deg/s": pi / 180, "mrad/s": 1e-3, "mdeg/s": pi / 180e3}
 
 # The frame of the rates: a phone's (x right, y up, z out of the screen, whichever app wrote them), Gyroflow's (x up,
 # y left, z back), or the sensor's own, which only its owner knows.
 Axes = Literal["phone", "gyroflow", "sensor"]
 
-# Samples that arrive late by up to ten intervals, no more than one in a hundred, were sent late; anything else is
-# another recording or a broken clock, which sorting would hide.
+# Samples that come late by up to ten intervals, at most one in a hundred, are harmless delays. Anything else is another
+# recording or a broken clock, which sorting would hide.
 LATE_INTERVALS = 10
 LATE_SHARE = 0.01
 
 # At rest an accelerometer shows gravity, 9.8 m/s^2, in nearly every sample; a gyro does not.
 GRAVITY = (9.3, 10.3)
 
-Fault = Callable[[str, int], FileFormatError]
+ErrorAt = Callable[[str, int], FileFormatError]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """What a reader found.
+    """Samples as they are in a file.
 
     Parameters
     ----------
     ns : ndarray of int64, shape (n,)
-        Stamps.
+        Stamps in ns.
     rates : ndarray, shape (n, 3)
-        In `rate_unit`, as they stand in the file.
-    fault : callable
-        Makes the error for a message about sample i.
+        Rates as in the file, in `rate_unit`.
+    error_at : callable
+        Returns the error for a message about sample i.
     rate_unit : str
         One of `RATE_UNITS`.
     axes : {"phone", "gyroflow", "sensor"}
-        The frame of the rates, once turned.
+        The frame of the rates after `turn`.
     turn : ndarray, shape (3, 3), optional
-        Takes the rates in the file to `axes`.
+        Rotation from the file's axes to `axes`.
     time_unit : str
-        The unit of the stamps in the file, for reports.
+        Unit of the stamps in the file, for reports.
     facts : mapping
-        What else the file says, for reports.
-    doubts : sequence of str
-        What makes the log doubtful; each becomes a warning.
+        Other content of the file, for reports.
+    cautions : sequence of str
+        Reasons to distrust the log; each becomes a warning.
     """
 
     ns: NDArray[np.int64]
     rates: FloatArray
-    fault: Fault
+    error_at: ErrorAt
     rate_unit: str = "rad/s"
     axes: Axes = "phone"
     turn: FloatArray | None = None
     time_unit: str = "ns"
     facts: Mapping[str, Any] = field(default_factory=dict)
-    doubts: Sequence[str] = ()
+    cautions: Sequence[str] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroFile:
-    """A gyro log with what its file says about it.
+    """A gyro log with the other content of its file.
 
     Parameters
     ----------
@@ -84,9 +84,9 @@ class GyroFile:
     axes : {"phone", "gyroflow", "sensor"}
         The frame of the rates: a phone's, Gyroflow's, or one that the file does not name.
     time_unit, rate_unit : str
-        The units in the file.
+        Units in the file.
     facts : mapping
-        What else the file says: readout time, device, clock offsets.
+        Other content of the file: readout time, device, clock offsets.
     """
 
     log: GyroLog
@@ -97,21 +97,21 @@ class GyroFile:
     facts: Mapping[str, Any]
 
 
-def table_samples(table: Table, ns: NDArray[np.int64], *, scale: float = 1.0, **found: Any) -> Samples:
-    """Return the samples of a text table, its rates times `scale`; faults name its lines."""
-    # Not the text, which may be a gigabyte.
+def table_samples(table: Table, ns: NDArray[np.int64], *, scale: float = 1.0, **fields: Any) -> Samples:
+    """Return the samples of a text table, its rates times `scale`; errors name its lines."""
+    # The errors must not keep the text alive, which may be a gigabyte.
     path, rows = table.text.path, table.rows
     rates = table.values if scale == 1 else table.values * scale
-    return Samples(ns, rates, lambda message, i: line_error(path, message, rows[i]), **found)
+    return Samples(ns, rates, lambda message, i: line_error(path, message, rows[i]), **fields)
 
 
-def nanoseconds(milliseconds: FloatArray, fault: Fault) -> NDArray[np.int64]:
-    """Return stamps, finite and in ms, as integers; the first that does not fit makes the error of its sample."""
-    # One short of the limit, so that rounding stays inside.
+def nanoseconds(milliseconds: FloatArray, error_at: ErrorAt) -> NDArray[np.int64]:
+    """Return finite stamps in ms as integers in ns; raise the error of the first one that does not fit."""
+    # float64 is coarser than 1 ns near the limit: a margin keeps rounding inside.
     (beyond,) = np.nonzero(np.abs(milliseconds) >= (INT64_LIMIT - 1024) / 1e6)
     if beyond.size:
         i = int(beyond[0])
-        raise fault(f"stamp {milliseconds[i]:g} ms is beyond the int64 range of nanoseconds (292 years)", i)
+        raise error_at(f"stamp {milliseconds[i]:g} ms is beyond the int64 range of nanoseconds (292 years)", i)
     return np.round(milliseconds * 1e6).astype(np.int64)
 
 
@@ -121,20 +121,25 @@ def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str
     Raises
     ------
     FileFormatError
-        If there are fewer than two samples, stamps conflict, or the samples are an accelerometer's.
+        If there are fewer than two samples, a rate is impossible, stamps conflict, or the samples are those of an
+        accelerometer.
+    InputError
+        If `unit` is unknown.
 
     Warns
     -----
     RsdeblurWarning
-        If the reader has doubts, or something was repaired.
+        For each caution of the reader and for each repair.
     """
     if unit is not None and unit not in RATE_UNITS:
         raise InputError(f"unit must be one of {', '.join(RATE_UNITS)}; got {unit!r}")
     if not len(samples.ns):
-        raise error("the file holds no samples")
+        raise error("the file contains no samples")
     if max(samples.rates.max(), -samples.rates.min()) > LARGEST_RATE:
         i = int(np.argwhere(np.abs(samples.rates) > LARGEST_RATE)[0, 0])
-        raise samples.fault(f"impossible rates: {samples.rates[i].tolist()} {unit or samples.rate_unit}", i)
+        raise samples.error_at(
+            f"impossible rates: {samples.rates[i].tolist()} {unit or samples.rate_unit}; is the unit right?", i
+        )
     unit = unit or samples.rate_unit
     ns, rates, repairs = _repaired(samples)
     if samples.turn is not None:
@@ -144,23 +149,23 @@ def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str
     magnitude = np.sqrt(np.einsum("ij,ij->i", rates, rates))
     if np.mean((magnitude > GRAVITY[0]) & (magnitude < GRAVITY[1])) > 0.9:
         raise error(
-            "these are the samples of an accelerometer at rest, 9.8 m/s^2 in all of them, not of a gyro; "
-            "give the gyro's file, or the unit if it is another than rad/s"
+            "these look like the samples of an accelerometer at rest (9.8 m/s^2), not of a gyro; "
+            "give the gyro's file, or the unit if it is not rad/s"
         )
     # Ordered int64 differ by at most 2**64 - 1: unsigned, the difference cannot overflow.
     t = (ns.view(np.uint64) - ns[:1].view(np.uint64)).astype(np.float64) * 1e-9
     try:
         log = GyroLog(t, rates, int(ns[0]))
     except InputError as reason:
-        raise samples.fault(str(reason), 0) if len(ns) < 2 else error(str(reason)) from reason
-    for doubt in (*samples.doubts, *repairs):
-        warnings.warn(str(error(doubt)), RsdeblurWarning, stacklevel=3)
+        raise samples.error_at(str(reason), 0) if len(ns) < 2 else error(str(reason)) from reason
+    for caution in (*samples.cautions, *repairs):
+        warnings.warn(str(error(caution)), RsdeblurWarning, stacklevel=3)
     return GyroFile(log, format, samples.axes, samples.time_unit, unit, samples.facts)
 
 
 def _repaired(samples: Samples) -> tuple[NDArray[np.int64], FloatArray, list[str]]:
-    """Return stamps and rates in order and without repetitions, and what was done."""
-    ns, rates, done = samples.ns, samples.rates, []
+    """Return stamps and rates in order and without repetitions, and a note of each repair."""
+    ns, rates, repairs = samples.ns, samples.rates, []
     origin = np.arange(len(ns))
     (backward,) = np.nonzero(ns[1:] < ns[:-1])
     if backward.size:
@@ -169,20 +174,20 @@ def _repaired(samples: Samples) -> tuple[NDArray[np.int64], FloatArray, list[str
         interval = np.median(np.abs(np.diff(ns.astype(np.float64))))
         if backward.size > max(1, LATE_SHARE * len(ns)) or late.max() > LATE_INTERVALS * interval:
             i = int(backward[0]) + 1
-            raise samples.fault(
+            raise samples.error_at(
                 f"stamp out of order: {ns[i]} ns comes after {ns[i - 1]} ns; the samples are too disordered to sort "
-                "them safely: they may be of several recordings, or of a clock that was set back",
+                "them safely; they may come from several recordings, or from a clock that was set back",
                 i,
             )
         origin = np.argsort(ns, kind="stable")
         ns, rates = ns[origin], rates[origin]
-        done.append(f"{backward.size} samples came late and were sorted in")
+        repairs.append(f"{backward.size} samples came late and were sorted in")
     (twice,) = np.nonzero(ns[1:] == ns[:-1])
     if twice.size:
         differ = twice[(rates[twice] != rates[twice + 1]).any(axis=1)]
         if differ.size:
             i = int(origin[differ[0] + 1])
-            raise samples.fault(f"duplicate stamp {samples.ns[i]} ns with another value; keep one of the samples", i)
+            raise samples.error_at(f"duplicate stamp {samples.ns[i]} ns with another value; keep one of the samples", i)
         ns, rates = np.delete(ns, twice + 1), np.delete(rates, twice + 1, axis=0)
-        done.append(f"{twice.size} repeated samples were dropped")
-    return ns, rates, done
+        repairs.append(f"{twice.size} repeated samples were dropped")
+    return ns, rates, repairs

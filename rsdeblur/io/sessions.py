@@ -1,4 +1,4 @@
-"""Folders that loggers write: which file is the log, which one tells the exposures, which exposure a photo is."""
+"""Folders of loggers: find the gyro log, the capture file, and the exposure of each photo."""
 
 from __future__ import annotations
 
@@ -10,44 +10,44 @@ from pathlib import Path
 
 import numpy as np
 
-from rsdeblur._validate import FloatArray
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.captures import CaptureFile, open_captures
 from rsdeblur.io.gyro_logs import detect_gyro_format
 from rsdeblur.io.pictures import KINDS
+from rsdeblur.types import FloatArray
 
-# Accelerometer and magnetometer are logged in the same format, so the name has to tell.
+# Accelerometer and magnetometer are logged in the same format, so the name has to decide.
 LOG_NAMES = ("gyro", "imu")
 TABLES = (".csv", ".txt")
 PHOTOS = (*KINDS, ".heic", ".dng")
-# A number in a photo's name from here on is a stamp in ns, a smaller one counts frames.
+# A number in a photo's name is a stamp in ns from here on; a smaller one is a frame number.
 LEAST_STAMP = 10**9
-# A photo may stand this part of the interval between captures from its stamp: MARS logger cuts stamps to us.
+# Largest distance of a photo's stamp from its capture, in intervals between captures: MARS logger cuts stamps to us.
 NEAR = 0.5
-LONE_INTERVAL = 1e8  # ns, where there is one capture only
+LONE_INTERVAL = 1e8  # ns, assumed where there is one capture only
 
 
 @dataclass(frozen=True, slots=True)
 class SessionPhoto:
-    """A photo of a session: its exposure's place in the capture file, or why that is unknown."""
+    """A photo of a session: index of its exposure in the capture file, or the reason why that is unknown."""
 
     path: Path
     index: int | None
-    fault: str | None = None
+    error: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """What a logger's folder holds.
+    """Contents of a logger's folder.
 
     Parameters
     ----------
     gyro, capture : Path
-        The gyro log and the file that tells the exposures, or at least when they were.
+        The gyro log, and the file of the exposures or at least of their stamps.
     camera : Path or None
-        The only camera file in the folder.
+        The camera file, if the folder contains exactly one.
     photos : list of SessionPhoto
-        By name.
+        The photos, sorted by name.
     """
 
     gyro: Path
@@ -59,20 +59,25 @@ class Session:
 def open_session(
     folder: str | os.PathLike[str], *, numbered_from: int | None = None, without: Path | None = None
 ) -> Session:
-    """Find what belongs together in a folder of MARS logger, OpenCamera Sensors or DeepGyro.
+    """Find log, captures, camera and photos in a folder of MARS logger, OpenCamera Sensors or DeepGyro.
 
-    Photos stand in the folder or in folders in it. Where the name of a photo ends in a stamp in ns, as OpenCamera
-    Sensors writes it, the nearest capture is taken. Where it ends in the number of a frame, that is a line of the list
-    of encoded frames (MARS logger's ``frame_timestamps.txt``), if there is one, or else of the captures.
+    Photos are in the folder or in its subfolders. A name that ends in a stamp in ns, as OpenCamera Sensors writes it,
+    selects the nearest capture. A name that ends in a frame number selects that line of the list of encoded frames
+    (MARS logger's ``frame_timestamps.txt``) if there is one, else of the captures.
 
     Parameters
     ----------
     folder : path-like
         The session.
     numbered_from : int, optional
-        Number of the first frame. Left out, a photo numbered 0 or like the last frame tells.
+        Number of the first frame. By default it follows from a photo that is numbered 0 or like the last frame.
     without : Path, optional
-        A folder in it that is passed over, such as for results.
+        A subfolder to ignore, such as the folder of the results.
+
+    Returns
+    -------
+    Session
+        The files, and the exposure of each photo.
 
     Raises
     ------
@@ -112,7 +117,7 @@ def _is_log(path: Path) -> bool:
         return False
 
 
-def _told_captures(path: Path) -> CaptureFile | None:
+def _captures_in(path: Path) -> CaptureFile | None:
     try:
         return open_captures(path)
     except FileFormatError:
@@ -121,34 +126,34 @@ def _told_captures(path: Path) -> CaptureFile | None:
 
 def _captures(folder: Path, files: list[Path]) -> tuple[Path, CaptureFile]:
     tables = [path for path in files if path.suffix.lower() in TABLES]
-    found = [(path, file) for path in tables if (file := _told_captures(path)) is not None]
-    if not found:
+    candidates = [(path, file) for path in tables if (file := _captures_in(path)) is not None]
+    if not candidates:
         raise FileFormatError(
             f"{folder}: no capture file in the folder (movie_metadata.csv, ..._timestamps.csv or images.txt)"
         )
-    # The one that tells exposure times; else the one named after its stamps, as flashes are logged like frames.
-    return min(found, key=lambda pair: (None in pair[1].durations, "timestamps" not in pair[0].name.lower()))
+    # First a file with all exposure times, then one named after its stamps: flashes are logged like frames.
+    return min(candidates, key=lambda pair: (None in pair[1].durations, "timestamps" not in pair[0].name.lower()))
 
 
 def encoded_stamps(capture: Path) -> list[int] | None:
-    """Return the stamps in ns of a MARS logger video's frames, which may be fewer than the captures; None without."""
+    """Return the stamps in ns of MARS logger's video frames, perhaps fewer than the captures; None without a list."""
     path = capture.with_name("frame_timestamps.txt")
     return open_captures(path).stamps if path.is_file() and path != capture else None
 
 
 def nearest_captures(stamps: list[int], times: Iterable[int]) -> list[int]:
-    """Return the place of the nearest of increasing `stamps` for each of `times`, all in ns."""
-    # Counted from the first one, float64 holds them exactly.
-    captures, wanted = (np.array([t - stamps[0] for t in given], dtype=np.float64) for given in (stamps, times))
+    """Return for each of `times` the index of the nearest of increasing `stamps`, all in ns."""
+    # Relative to the first stamp, float64 represents them exactly.
+    captures, targets = (np.array([t - stamps[0] for t in group], dtype=np.float64) for group in (stamps, times))
     middles = 0.5 * (captures[1:] + captures[:-1])
-    places: list[int] = np.searchsorted(middles, wanted).tolist()
+    places: list[int] = np.searchsorted(middles, targets).tolist()
     return places
 
 
 def _matched(
     photos: Iterable[Path], stamps: list[int], encoded: list[int] | None, numbered_from: int | None
 ) -> list[SessionPhoto]:
-    # Counted from the first one, float64 holds them exactly.
+    # Relative to the first stamp, float64 represents them exactly.
     origin = stamps[0]
     captures = np.array([stamp - origin for stamp in stamps], dtype=np.float64)
     frames = stamps if encoded is None else encoded
@@ -160,23 +165,25 @@ def _matched(
     for path in photos:
         number = numbers.get(path)
         if number is None:
-            matched.append(SessionPhoto(path, None, "its name has neither a stamp nor a frame's number"))
+            matched.append(SessionPhoto(path, None, "its name contains neither a stamp nor a frame number"))
         elif number >= LEAST_STAMP:
             matched.append(_nearest(path, number - origin, captures))
         elif numbered_from is None:
-            matched.append(SessionPhoto(path, None, "is the first frame number 0 or 1? say --numbered-from 0 or 1"))
+            matched.append(SessionPhoto(path, None, "is the first frame number 0 or 1? give --numbered-from 0 or 1"))
         elif not 0 <= number - numbered_from < len(frames):
             last = numbered_from + len(frames) - 1
-            matched.append(SessionPhoto(path, None, f"there is no frame {number}, they are {numbered_from} to {last}"))
+            matched.append(
+                SessionPhoto(path, None, f"there is no frame {number}; the frames are {numbered_from} to {last}")
+            )
         else:
             matched.append(_nearest(path, frames[number - numbered_from] - origin, captures))
     return matched
 
 
 def _nearest(path: Path, time: int, captures: FloatArray) -> SessionPhoto:
-    away = np.abs(captures - time)
-    index = int(away.argmin())
+    distance = np.abs(captures - time)
+    index = int(distance.argmin())
     interval = float(np.median(np.diff(captures))) if len(captures) > 1 else LONE_INTERVAL
-    if away[index] > NEAR * interval:
-        return SessionPhoto(path, None, f"the nearest capture is {1e-6 * away[index]:.1f} ms from it")
+    if distance[index] > NEAR * interval:
+        return SessionPhoto(path, None, f"the nearest capture is {1e-6 * distance[index]:.1f} ms away")
     return SessionPhoto(path, index)

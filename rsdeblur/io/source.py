@@ -1,4 +1,4 @@
-"""A file whose format is yet to be told: opened once, read as far as somebody looks."""
+"""A file of unknown format, of which only the parts in use are read."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from rsdeblur._regular import open_file, read_file
+from rsdeblur._util.files import open_file, read_file
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.text import TextFile
 
-# Enough to tell any format by its start, and the longest trailer that is looked for.
+# Bytes that are enough to recognise any format by its start.
 HEAD = 4096
-# Numbers pack to a third or a tenth of their size, those of a phone that lies still to less. What claims to unpack to
-# more than this many times itself is a bomb, unless it is small.
+# Numbers compress to a third or a tenth of their size, those of a phone that lies still to less. Data that claim to
+# unpack to more than this many times their size are a decompression bomb, unless the result is small (bytes).
 UNPACKED, SMALL = 100, 2**26
 
 
 def unpacked_limit(packed: int) -> int:
-    """Return how many bytes `packed` bytes may unpack to."""
+    """Return the number of bytes that `packed` bytes may unpack to."""
     return max(UNPACKED * packed, SMALL)
 
 
@@ -30,11 +30,11 @@ class Source:
     Parameters
     ----------
     path : path-like
-        Where it is, for reading and for messages.
+        Its path, for reading and for messages.
     what : str
-        What it should be, for messages.
+        The kind of file expected, for messages.
     content : bytes, optional
-        What it holds, if it is no file of its own.
+        Its content, if it is a member of an archive.
 
     Raises
     ------
@@ -52,7 +52,7 @@ class Source:
         return read_file(self.path, self.what, start, size)
 
     def tail(self, size: int) -> bytes:
-        """Return the last `size` bytes, all of a shorter file."""
+        """Return the last `size` bytes, or all bytes of a shorter file."""
         if self._content is not None:
             return self._content[-size:]
         with open_file(self.path, self.what) as file:
@@ -73,9 +73,9 @@ class Source:
 
     @cached_property
     def _parsed(self) -> TextFile | FileFormatError:
-        # Kept too if it is an error: every format asks.
+        # An error is cached as well, because every format asks for the text.
         try:
-            # A video of gigabytes is not read to learn that it is not text.
+            # A binary file, perhaps a video of gigabytes, is not read: one zero byte stands in for it.
             return TextFile.parse(self.path, self.data if self.looks_like_text else b"\0" * bool(self.head), self.what)
         except FileFormatError as error:
             return error
@@ -99,5 +99,5 @@ class Source:
             raise self.error(f"not JSON, or cut off: {error}") from error
 
     def error(self, message: str) -> FileFormatError:
-        """Return the error that names the file."""
+        """Return an error that names the file."""
         return FileFormatError(f"{self.path}: {message}")

@@ -1,7 +1,7 @@
-"""Inner loops, each with a readable NumPy twin (`name` and `name_numpy`); they trust their arguments.
+"""Inner loops in C or Numba, each with a readable NumPy twin: `name` and `name_numpy`.
 
-`native` is the C extension, or None with the reason in `why_pure`. The environment variable ``RSDEBLUR_PURE=1``, read
-when this package is imported, turns the extension off.
+The functions do not check their arguments. `native` is the C extension, or None; then `why_pure` says why. The
+environment variable ``RSDEBLUR_PURE=1``, read when this package is imported, turns the extension off.
 """
 
 from __future__ import annotations

@@ -1,60 +1,53 @@
-"""Numba's compiler, for which a damaged, full or unwritable cache is no more than a reason to compile again."""
+"""Numba's compiler, which compiles again where its cache on disk is damaged, full or unwritable."""
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numba
-from numba.core.caching import FunctionCache
 
 
-class _Cache(FunctionCache):
-    """Numba's own raises what unpickling a damaged file raises, for ever, and fails where a disk is full."""
+class _ToleratedCache:
+    """Numba's cache of a function on disk, whose faults only cost another compilation.
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
+    Numba's own raises at every later call what unpickling a damaged file raises, and fails where a disk is full.
+    """
+
+    def __init__(self, cache: Any) -> None:
+        self._cache = cache
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._cache, name)
+
+    def load_overload(self, *arguments: Any) -> Any:
         """Return a compiled function, or None if there is none that can be read."""
         try:
-            return super().load_overload(sig, target_context)
+            return self._cache.load_overload(*arguments)
         except Exception:  # unpickling damaged data may raise anything
-            # An index that cannot be read is in the way of a new one.
+            # A damaged index would prevent a new one.
             with contextlib.suppress(OSError):
-                self.flush()
+                self._cache.flush()
             return None
 
-    def save_overload(self, sig: Any, data: Any) -> None:
+    def save_overload(self, *arguments: Any) -> None:
         """Keep a compiled function if that is possible."""
         with contextlib.suppress(OSError):
-            super().save_overload(sig, data)
+            self._cache.save_overload(*arguments)
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Return `numba.njit(**options)` with a cache on disk, if there is a folder for it."""
+    """Return the decorator `numba.njit(**options)`, with a cache on disk if a folder for it is writable."""
 
     def compiled(function: Callable[..., Any]) -> Any:
-        dispatcher = numba.njit(**options)(function)
-        # No folder is writable, neither the package's nor the user's.
-        with contextlib.suppress(RuntimeError):
-            dispatcher._cache = _Cache(function)
+        try:
+            dispatcher = numba.njit(cache=True, **options)(function)
+        except RuntimeError:  # neither the package's folder nor the user's is writable
+            return numba.njit(**options)(function)
+        # Private to Numba: a version without it keeps its own cache.
+        if hasattr(dispatcher, "_cache"):
+            dispatcher._cache = _ToleratedCache(dispatcher._cache)
         return dispatcher
 
     return compiled
-
-
-# Parts for each thread: some take longer than others.
-PARTS = 4
-
-
-def in_parts(kernel: Callable[..., None], count: int, *arguments: Any) -> None:
-    """Call `kernel(first, stop, *arguments)` for parts of `range(count)`, in as many threads as there are processors.
-
-    Numba's own parallel loops end the process that runs one after a fork, and depending on its threading layer one
-    that runs two at once.
-    """
-    threads = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]  # set while it runs
-    size = -(-count // (PARTS * threads)) or 1
-    with ThreadPoolExecutor(threads) as pool:
-        for part in [pool.submit(kernel, i, min(i + size, count), *arguments) for i in range(0, count, size)]:
-            part.result()

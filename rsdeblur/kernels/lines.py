@@ -1,10 +1,11 @@
 """Moving data between picture rows and columns of the hybrid domain: the C kernels and their NumPy twins.
 
-A *line* runs along the axis that is transformed next and is contiguous. A *tile* reads a line from `start` on; beyond
-the picture the line is continued, by reflection or, if `periodic`, by repetition, and its last positions fade into what
-precedes its start, so that a transform of the tile sees a smooth repetition. Shapes: channels C, picture (H, W, C),
-spectra of rows (C, R, K), N of their columns (C, N, M), tile length L; all arrays are C-contiguous, float32 or
-complex64.
+A *line* is contiguous and runs along the axis that is transformed next. A *tile* reads a line from `start` on. Beyond
+the picture, the line continues by reflection or, if `periodic`, by repetition. The last positions of a tile fade into
+the values before its start, so that the tile is smooth when repeated, as a transform requires.
+
+Shapes: channels C, picture (H, W, C), spectra of rows (C, R, K), N of their columns (C, N, M), tile length L. All
+arrays are C-contiguous, float32 or complex64.
 """
 
 from __future__ import annotations
@@ -16,13 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.kernels import native
-
-Real = NDArray[np.float32]
-Complex = NDArray[np.complex64]
+from rsdeblur.types import ComplexArray, Float32Array
 
 
-def _cut(line: NDArray[Any], start: int, fade: Real, periodic: bool, length: int) -> NDArray[Any]:
-    """Tile along the last axis of `line`."""
+def _cut(line: NDArray[Any], start: int, fade: Float32Array, periodic: bool, length: int) -> NDArray[Any]:
+    """Return the tile at `start` of `line`, along its last axis."""
     n = line.shape[-1]
 
     def at(positions: NDArray[np.int_]) -> NDArray[Any]:
@@ -37,26 +36,29 @@ def _cut(line: NDArray[Any], start: int, fade: Real, periodic: bool, length: int
 
 
 def picture_to_lines_numpy(
-    picture: Real, top: int, rows: int, start: int, fade: Real, periodic: bool, lines: Real
+    picture: Float32Array, top: int, rows: int, start: int, fade: Float32Array, periodic: bool, lines: Float32Array
 ) -> bool:
-    """Cut the tile at `start` out of `rows` picture rows from `top` on: a line per channel and row.
+    """Copy the tile at `start` of picture rows into lines, one per channel and row.
 
     Parameters
     ----------
     picture : ndarray, shape (H, W, C), float32
-    top, rows, start : int
-        `start` may lie beyond the picture.
+        Values to copy.
+    top, rows : int
+        First row, and number of rows.
+    start : int
+        First position of the tile; it may lie beyond the picture.
     fade : ndarray, shape (taper,), float32
-        Share of what precedes the tile at its last positions.
+        Weights, at the last positions of the tile, of the values before its start.
     periodic : bool
-        How rows go on beyond the picture.
+        Whether rows continue by repetition beyond the picture; otherwise by reflection.
     lines : ndarray, shape (C, R, L), float32
-        Receives the lines, in its first `rows`.
+        Output; the first `rows` of R are written.
 
     Returns
     -------
     bool
-        Whether all that was read is finite.
+        Whether all values read are finite.
     """
     block = np.moveaxis(picture[top : top + rows], -1, 0)
     lines[:, :rows] = _cut(block, start, fade, periodic, lines.shape[-1])
@@ -64,33 +66,44 @@ def picture_to_lines_numpy(
 
 
 def lines_to_picture_numpy(
-    lines: Real, rows: int, offset: int, weights: Real, first: int, add: bool, picture: Real, top: int
+    lines: Float32Array,
+    rows: int,
+    offset: int,
+    weights: Float32Array,
+    first: int,
+    add: bool,
+    picture: Float32Array,
+    top: int,
 ) -> None:
-    """Put the first `rows` of `lines` (C, R, L), weighted, into picture rows from `top` on, or add them if `add`.
+    """Write weighted lines into picture rows, or add them if `add`.
 
-    Positions `first` to `first + n - 1` of each row receive positions `offset` on of its line times `weights` (n,).
+    The first `rows` of `lines` (C, R, L) belong to the picture rows from `top` on. In each row, the n positions from
+    `first` on receive `weights` (n,) times the positions from `offset` on of its line.
     """
     part = picture[top : top + rows, first : first + len(weights)]
     values = np.moveaxis(weights * lines[:, :rows, offset : offset + len(weights)], 0, -1)
     part[...] = part + values if add else values
 
 
-def rows_to_columns_numpy(rows: Complex, first: int, height: int, columns: Complex) -> None:
-    """Transpose the columns of `rows` (C, R, K) from `first` on into `columns` (C, N, M), `height` values each."""
+def rows_to_columns_numpy(rows: ComplexArray, first: int, height: int, columns: ComplexArray) -> None:
+    """Transpose columns of `rows` (C, R, K), from `first` on, into `columns` (C, N, M), `height` values each."""
     count = columns.shape[1]
     columns[..., :height] = np.swapaxes(rows[:, :height, first : first + count], 1, 2)
 
 
-def columns_to_rows_numpy(columns: Complex, rows: Complex, first: int, height: int) -> None:
-    """Transpose back: the inverse of :func:`rows_to_columns_numpy`."""
+def columns_to_rows_numpy(columns: ComplexArray, rows: ComplexArray, first: int, height: int) -> None:
+    """Transpose `columns` back into `rows`, the inverse of :func:`rows_to_columns_numpy`."""
     count = columns.shape[1]
     rows[:, :height, first : first + count] = np.swapaxes(columns[..., :height], 1, 2)
 
 
-def cut_lines_numpy(columns: Complex, height: int, start: int, fade: Real, periodic: bool, slab: Complex) -> None:
-    """Cut the tile at `start` out of `columns` (C, N, M), of which `height` values count, into `slab` (C, N, L).
+def cut_lines_numpy(
+    columns: ComplexArray, height: int, start: int, fade: Float32Array, periodic: bool, slab: ComplexArray
+) -> None:
+    """Copy the tile at `start` of `columns` (C, N, M) into `slab` (C, N, L).
 
-    `slab` may be `columns` itself where `start` is 0: the columns are then extended in place.
+    Only the first `height` values of a column are read. If `start` is 0, `slab` may be `columns` itself, which is then
+    extended in place.
     """
     slab[...] = _cut(columns[..., :height], start, fade, periodic, slab.shape[-1])
 

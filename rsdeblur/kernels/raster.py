@@ -1,8 +1,8 @@
 """Rasterising displacement paths into PSFs: the Numba kernel and its NumPy twin.
 
-Both integrate a unit-energy path exactly: energy is even in time along every segment between two samples, and each
-point of the path spreads over its four neighbouring pixels with bilinear weights. Along a segment, inside one pixel
-cell, those weights are quadratic in time, so two Gauss points integrate them without error.
+Both integrate a path of unit energy exactly. All segments between two samples have the same energy, spread evenly over
+time. Each point of the path contributes to its four neighbouring pixels with bilinear weights. Along a segment, inside
+one pixel cell, those weights are quadratic in time, so two Gauss points integrate them without error.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur.kernels._jit import in_parts, njit
+from rsdeblur._util.threads import share_range
+from rsdeblur.kernels._jit import njit
 
 # Two-point Gauss-Legendre nodes on [0, 1].
 GAUSS_LOW = 0.5 - 0.5 / 3.0**0.5
@@ -29,7 +30,7 @@ def _splat(kernel, x, y, weight):
 
 @njit(nogil=True, inline="always")
 def _next_crossing(position, velocity):
-    """Time until a coordinate meets the next integer; infinite when it does not move."""
+    """Return the time until a coordinate reaches the next integer; infinity where it does not move."""
     if velocity > 0.0:
         return (np.floor(position) + 1.0 - position) / velocity
     if velocity < 0.0:
@@ -47,7 +48,7 @@ def _trace(kernel, path, centre_x, centre_y):
         while t < 1.0:
             x, y = x0 + t * vx, y0 + t * vy
             step = min(_next_crossing(x, vx), _next_crossing(y, vy), 1.0 - t)
-            # Rounding may leave t a hair before a grid line: never take an empty step.
+            # Rounding may leave t just before a grid line; this keeps the step above 0.
             step = max(step, 1e-9)
             weight = 0.5 * step / segments
             for gauss in (GAUSS_LOW, GAUSS_HIGH):
@@ -61,21 +62,25 @@ def _rasterize(first, stop, paths, kernels):
         kernel = np.zeros(kernels.shape[1:], dtype=np.float64)
         _trace(kernel, paths[n], kernels.shape[2] // 2, kernels.shape[1] // 2)
         total = kernel.sum()
-        # Cell by cell: an assignment of arrays takes Numba four seconds more to compile, for its error message.
+        # A loop over cells: an assignment of arrays, with its error message, takes Numba four seconds more to compile.
         for i in range(kernel.shape[0]):
             for j in range(kernel.shape[1]):
                 kernels[n, i, j] = kernel[i, j] / total
 
 
-def rasterize(paths: NDArray[np.float64], half_height: int, half_width: int) -> NDArray[np.float32]:
-    """Render paths into kernels of odd size with the origin at the centre.
+def rasterize(
+    paths: NDArray[np.float64], half_height: int, half_width: int, threads: int | None = None
+) -> NDArray[np.float32]:
+    """Return the kernels of paths, of odd size and with the origin at the centre.
 
     Parameters
     ----------
     paths : ndarray, shape (N, T, 2), C-contiguous
         Displacements (x, y) in px at T >= 2 evenly spaced times, |x| < `half_width`, |y| < `half_height`.
     half_height, half_width : int
-        The kernel is (2 half_height + 1) x (2 half_width + 1).
+        Distances in px from the centre to the border: kernels are (2 half_height + 1) x (2 half_width + 1).
+    threads : int, optional
+        Number of threads that share the paths; default all processors. Any number gives the same bits.
 
     Returns
     -------
@@ -83,12 +88,12 @@ def rasterize(paths: NDArray[np.float64], half_height: int, half_width: int) -> 
         Kernels that sum to 1.
     """
     kernels = np.empty((len(paths), 2 * half_height + 1, 2 * half_width + 1), dtype=np.float32)
-    in_parts(_rasterize, len(paths), paths, kernels)
+    share_range(lambda first, stop: _rasterize(first, stop, paths, kernels), len(paths), threads)
     return kernels
 
 
 def rasterize_numpy(paths: NDArray[np.float64], half_height: int, half_width: int) -> NDArray[np.float32]:
-    """Readable twin of :func:`rasterize`: all grid crossings first, then one weighted histogram per kernel."""
+    """Readable twin of :func:`rasterize`: first all grid crossings, then a weighted histogram per kernel."""
     shape = (2 * half_height + 1, 2 * half_width + 1)
     kernels = np.empty((len(paths), *shape), dtype=np.float32)
     for kernel, path in zip(kernels, paths + np.array([half_width, half_height]), strict=True):
@@ -107,7 +112,7 @@ def rasterize_numpy(paths: NDArray[np.float64], half_height: int, half_width: in
 
 
 def _crossings(coordinate: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Path parameters (0 to T - 1) at which a piecewise linear coordinate crosses integers."""
+    """Return the path parameters (0 to T - 1) at which a piecewise linear coordinate crosses integers."""
     low, high = np.minimum(coordinate[:-1], coordinate[1:]), np.maximum(coordinate[:-1], coordinate[1:])
     first, last = np.ceil(low).astype(int), np.floor(high).astype(int)
     counts = np.maximum(last - first + 1, 0)

@@ -1,4 +1,4 @@
-"""Responses of the quadratic solver of tiles: the Numba kernel and its NumPy twin."""
+"""Filters of the quadratic solver of tiles: the Numba kernel and its NumPy twin."""
 
 from __future__ import annotations
 
@@ -9,30 +9,35 @@ from rsdeblur.kernels._jit import njit
 
 
 @njit(nogil=True)
-def responses(otf, across, down, nsr, beta, scale, of_pull, out):
-    """Fill `out` with the filter that acts on the observation, or on the pull.
+def responses(otf, across, down, nsr, beta, scale, of_grad_adjoint, out):
+    """Compute the frequency response of the filter for the observed picture, or for the adjoint gradient.
 
-    With `N = |H|^2 + nsr + beta (across + down)` they are `scale (1 + nsr) conj(H) / N` and `scale beta / N`.
+    With `N = |H|^2 + nsr + beta (across + down)`, they are `scale (1 + nsr) conj(H) / N` and `scale beta / N`.
 
     Parameters
     ----------
     otf : ndarray, shape (K, L), complex64
-        Transfer function H of the tile.
+        Optical transfer function H of the tile.
     across, down : ndarray, shape (K,) and (L,), float32
-        Squared magnitudes of the two differences' transfer functions.
-    nsr, beta, scale : float32
-    of_pull : bool
+        Squared magnitudes of the frequency responses of the horizontal and the vertical difference.
+    nsr, beta : float32
+        Weights of the squared picture and of the squared gradient.
+    scale : float32
+        Factor on the response.
+    of_grad_adjoint : bool
+        Whether the filter is for the adjoint gradient.
     out : ndarray, shape (K, L), complex64
+        Output.
     """
-    kept = np.float32(1.0) + nsr
+    norm = np.float32(1.0) + nsr
     for k in range(otf.shape[0]):
         for j in range(otf.shape[1]):
             h = otf[k, j]
             gain = scale / (h.real * h.real + h.imag * h.imag + nsr + beta * (across[k] + down[j]))
-            if of_pull:
+            if of_grad_adjoint:
                 out[k, j] = np.complex64(beta * gain)
             else:
-                out[k, j] = np.complex64(complex(kept * gain * h.real, -kept * gain * h.imag))
+                out[k, j] = np.complex64(complex(norm * gain * h.real, -norm * gain * h.imag))
 
 
 def responses_numpy(
@@ -42,9 +47,9 @@ def responses_numpy(
     nsr: float,
     beta: float,
     scale: float,
-    of_pull: bool,
+    of_grad_adjoint: bool,
     out: NDArray[np.complex64],
 ) -> None:
     """Readable twin of :func:`responses`."""
     normal = np.abs(otf) ** 2 + nsr + beta * (across[:, None] + down)
-    out[...] = scale * (beta if of_pull else (1 + nsr) * otf.conj()) / normal
+    out[...] = scale * (beta if of_grad_adjoint else (1 + nsr) * otf.conj()) / normal

@@ -1,8 +1,8 @@
 """The blur of every row, its adjoint and the direct solve, for 16 frequencies at once: the C kernels and their twins.
 
-A spectrum is kept as *lanes*, shape (B, C, R, 2, 16) float32: frequency 16 b + i of channel c and row r has its real
-and imaginary part at [b, c, r, :, i]. The kernels work on one b; only a table of phases
-differs from one to the next.
+A spectrum is stored as *lanes*, shape (B, C, R, 2, 16) float32: the real and imaginary part of frequency 16 b + i, for
+channel c and row r, are at [b, c, r, :, i]. A kernel works on one block b of 16 frequencies; blocks differ in their
+table of phases only.
 """
 
 from __future__ import annotations
@@ -17,23 +17,34 @@ from scipy.linalg import solveh_banded
 
 from rsdeblur.kernels import native
 from rsdeblur.kernels._jit import njit
+from rsdeblur.types import ComplexArray, Float32Array
 
-Real = NDArray[np.float32]
-Complex = NDArray[np.complex64]
 Index = NDArray[np.int32]
 
-# Frequencies to a block: floats in the widest vectors, and a cache line.
+# Frequencies per block: the widest SIMD vector has 16 floats, and so does a cache line.
 LANES = 16
-# Latent rows are taken three at a time.
+# Latent rows that the kernels process together.
 BLOCK = 3
 
 
 class RowModel(NamedTuple):
     """The blur of every row as taps: `A[y, j] = sum of weight * phase(shift)` for picture row y and latent row j.
 
-    Latent rows 3 J to 3 J + 2, block J, are seen by picture rows `row_first[J]` to `row_end[J] - 1` and by no other.
-    The taps of every latent row j and row y in that range, j outermost, begin at the next value of `tap_start`;
-    `coupled[J]` is the first block that shares a picture row, or a gradient, with block J. All int32 but the weights.
+    Block J consists of the latent rows 3 J to 3 J + 2. All indices are int32, weights float32.
+
+    Parameters
+    ----------
+    row_first, row_end : ndarray, shape (blocks,)
+        Picture rows that see block J: `row_first[J]` to `row_end[J] - 1`.
+    coupled : ndarray, shape (blocks,)
+        First block that shares a picture row, or a gradient, with block J.
+    tap_start : ndarray
+        Index of the first tap of every pair of a latent row j and a picture row y that sees its block, j outermost; and
+        at the end the number of taps.
+    tap_shift : ndarray, shape (taps,)
+        Index into the table of phases.
+    tap_weight : ndarray, shape (taps,)
+        Weight of the tap.
     """
 
     row_first: Index
@@ -41,7 +52,7 @@ class RowModel(NamedTuple):
     coupled: Index
     tap_start: Index
     tap_shift: Index
-    tap_weight: Real
+    tap_weight: Float32Array
 
     @property
     def latents(self) -> int:
@@ -49,17 +60,17 @@ class RowModel(NamedTuple):
         return BLOCK * len(self.row_first)
 
 
-def phase_table(block: int, first_shift: int, shifts: int, length: int) -> Real:
-    """Return `exp(-2 pi i k s / length)` for the 16 frequencies k of `block` and shifts s; shape (shifts, 2, 16)."""
+def phase_table(block: int, first_shift: int, shifts: int, length: int) -> Float32Array:
+    """Return `exp(-2 pi i k s / length)` for k = 16 block to 16 block + 15 and each shift s; shape (shifts, 2, 16)."""
     k, s = LANES * block + np.arange(LANES), first_shift + np.arange(shifts)
-    # Whole turns taken off before they cost digits.
+    # Modulo whole turns, which would cost digits.
     phases = np.exp(-2j * np.pi / length * (np.outer(s, k) % length))
     return np.stack([phases.real, phases.imag], axis=1).astype(np.float32)
 
 
 @njit(nogil=True)
 def spectra_to_lanes(spectra: Any, rows: Any, lanes: Any, top: Any) -> None:
-    """Put the first `rows` of `spectra` (C, R, K) into rows `top` on of `lanes`."""
+    """Copy the first `rows` of `spectra` (C, R, K) to the rows from `top` on of `lanes`."""
     channels, _, frequencies = spectra.shape
     for b in range(lanes.shape[0]):
         first = LANES * b
@@ -73,7 +84,7 @@ def spectra_to_lanes(spectra: Any, rows: Any, lanes: Any, top: Any) -> None:
 
 @njit(nogil=True)
 def lanes_to_spectra(lanes: Any, top: Any, spectra: Any, rows: Any) -> None:
-    """Inverse of :func:`spectra_to_lanes`."""
+    """Copy the rows from `top` on of `lanes` to the first `rows` of `spectra`; see :func:`spectra_to_lanes`."""
     channels, _, frequencies = spectra.shape
     for b in range(lanes.shape[0]):
         first = LANES * b
@@ -84,7 +95,7 @@ def lanes_to_spectra(lanes: Any, top: Any, spectra: Any, rows: Any) -> None:
                     spectra[c, r, first + i] = complex(lanes[b, c, top + r, 0, i], lanes[b, c, top + r, 1, i])
 
 
-def spectra_to_lanes_numpy(spectra: Complex, rows: int, lanes: Real, top: int) -> None:
+def spectra_to_lanes_numpy(spectra: ComplexArray, rows: int, lanes: Float32Array, top: int) -> None:
     """Readable twin of :func:`spectra_to_lanes`."""
     for b, block in enumerate(lanes):
         part = spectra[:, :rows, LANES * b : LANES * (b + 1)]
@@ -92,55 +103,67 @@ def spectra_to_lanes_numpy(spectra: Complex, rows: int, lanes: Real, top: int) -
             block[:, top : top + rows, axis, : part.shape[2]] = values
 
 
-def lanes_to_spectra_numpy(lanes: Real, top: int, spectra: Complex, rows: int) -> None:
+def lanes_to_spectra_numpy(lanes: Float32Array, top: int, spectra: ComplexArray, rows: int) -> None:
     """Readable twin of :func:`lanes_to_spectra`."""
     values = lanes[:, :, top : top + rows, 0] + 1j * lanes[:, :, top : top + rows, 1]
     whole = np.moveaxis(values, 0, 2).reshape(*values.shape[1:3], -1)
     spectra[:, :rows] = whole[..., : spectra.shape[2]]
 
 
-def workspace_size_numpy(model: RowModel, table: Real, rows: int, solve: bool) -> int:
-    """Return the floats of workspace that a kernel wants; the twins want none."""
+def workspace_size_numpy(model: RowModel, table: Float32Array, rows: int, solve: bool) -> int:
+    """Return the number of floats of workspace that a kernel needs; the twins need none."""
     return 0
 
 
-def forward_numpy(model: RowModel, table: Real, data: Real, latent: Real, workspace: Real) -> None:
-    """Blur: `data = A latent`.
+def forward_numpy(
+    model: RowModel, table: Float32Array, data: Float32Array, latent: Float32Array, workspace: Float32Array
+) -> None:
+    """Compute the blur `data = A latent`.
 
     Parameters
     ----------
     model : RowModel
+        The blur.
     table : ndarray, shape (n, 2, 16), float32
-        :func:`phase_table` of the block.
+        Phases of the block, see :func:`phase_table`.
     data : ndarray, shape (C, H, 2, 16), float32
-        Written.
+        Output: one block of the picture's lanes.
     latent : ndarray, shape (C, L, 2, 16), float32
+        One block of the latent picture's lanes.
     workspace : ndarray, float32
-        At least :func:`workspace_size` values.
+        Buffer of at least :func:`workspace_size` values.
     """
     for lane, blur in enumerate(_matrices(model, table, data.shape[1])):
         _store(data, lane, blur @ _load(latent, lane))
 
 
-def adjoint_numpy(model: RowModel, table: Real, data: Real, latent: Real, workspace: Real) -> None:
-    """Spread back: `latent = A^H data`; see :func:`forward_numpy`."""
+def adjoint_numpy(
+    model: RowModel, table: Float32Array, data: Float32Array, latent: Float32Array, workspace: Float32Array
+) -> None:
+    """Compute the adjoint `latent = A^H data`; parameters are those of :func:`forward_numpy`."""
     for lane, blur in enumerate(_matrices(model, table, data.shape[1])):
         _store(latent, lane, blur.conj().T @ _load(data, lane))
 
 
 def solve_numpy(
-    model: RowModel, table: Real, data: Real, latent: Real, workspace: Real, ridge: Real, smooth: float
+    model: RowModel,
+    table: Float32Array,
+    data: Float32Array,
+    latent: Float32Array,
+    workspace: Float32Array,
+    ridge: Float32Array,
+    smooth: float,
 ) -> None:
-    """Solve `(A^H A + diag(ridge) + smooth D^T D) u = A^H data + latent` in place of `latent`.
+    """Solve `(A^H A + diag(ridge) + smooth D^T D) u = A^H data + latent`; u replaces `latent`.
 
     Parameters
     ----------
     model, table, data, latent, workspace
         See :func:`forward_numpy`.
     ridge : ndarray, shape (16,), float32
-        Positive, one per frequency.
+        One positive value per frequency.
     smooth : float
-        Weight of the differences D of neighbouring latent rows.
+        Weight of the differences D of neighbouring latent rows, at least 0.
     """
     n = model.latents
     differences = sparse.eye_array(n - 1, n, k=1) - sparse.eye_array(n - 1, n)
@@ -157,12 +180,16 @@ def solve_numpy(
         _store(latent, lane, solveh_banded(band, right, lower=True))
 
 
-def _matrices(model: RowModel, table: Real, rows: int) -> list[sparse.csr_array]:
-    """Return A for each lane, shape (H, L)."""
-    seen = np.repeat(model.row_end - model.row_first, BLOCK)
+def _matrices(model: RowModel, table: Float32Array, rows: int) -> list[sparse.csr_array]:
+    """Return the matrix A of each lane, shape (H, L)."""
+    row_counts = np.repeat(model.row_end - model.row_first, BLOCK)
     first = np.repeat(model.row_first, BLOCK)
-    latent = np.repeat(np.arange(model.latents), seen)
-    row = np.arange(len(latent)) - np.repeat(np.cumsum(seen) - seen, seen) + np.repeat(first, seen)
+    latent = np.repeat(np.arange(model.latents), row_counts)
+    row = (
+        np.arange(len(latent))
+        - np.repeat(np.cumsum(row_counts) - row_counts, row_counts)
+        + np.repeat(first, row_counts)
+    )
     taps = np.diff(model.tap_start)
     at = np.repeat(row, taps), np.repeat(latent, taps)
     phases = table[model.tap_shift, 0] + 1j * table[model.tap_shift, 1].astype(np.complex128)
@@ -170,21 +197,21 @@ def _matrices(model: RowModel, table: Real, rows: int) -> list[sparse.csr_array]
     return [sparse.csr_array((values[:, lane], at), shape=(rows, model.latents)) for lane in range(LANES)]
 
 
-def _load(lanes: Real, lane: int) -> NDArray[np.complex128]:
-    """(R, C) of one lane."""
+def _load(lanes: Float32Array, lane: int) -> NDArray[np.complex128]:
+    """Return one lane, shape (R, C)."""
     return (lanes[:, :, 0, lane] + 1j * lanes[:, :, 1, lane].astype(np.complex128)).T
 
 
-def _store(lanes: Real, lane: int, values: Any) -> None:
+def _store(lanes: Float32Array, lane: int, values: Any) -> None:
     lanes[:, :, 0, lane], lanes[:, :, 1, lane] = values.T.real, values.T.imag
 
 
 def _unpacked(kernel: Callable[..., Any]) -> Callable[..., Any]:
-    """Let a kernel of the C extension take a model in place of its arrays."""
+    """Return a kernel of the C extension that takes a model instead of the model's arrays."""
     return lambda model, *arguments: kernel(*model, *arguments)
 
 
-workspace_size: Callable[[RowModel, Real, int, bool], int]
+workspace_size: Callable[[RowModel, Float32Array, int, bool], int]
 workspace_size = _unpacked(native.rowwise_workspace) if native else workspace_size_numpy
 forward: Callable[..., None] = _unpacked(native.rowwise_forward) if native else forward_numpy
 adjoint: Callable[..., None] = _unpacked(native.rowwise_adjoint) if native else adjoint_numpy

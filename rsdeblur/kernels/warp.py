@@ -1,7 +1,7 @@
 """Averaging a picture over projective warps, row by row: the Numba kernel and its NumPy twin.
 
-The picture comes as cubic B-spline coefficients (``scipy.ndimage.spline_filter``, ``mode="mirror"``), so that
-interpolation costs no visible sharpness; beyond its edges it is mirrored.
+The picture is given as cubic B-spline coefficients (``scipy.ndimage.spline_filter``, ``mode="mirror"``), so that
+interpolation costs no visible sharpness. Beyond its edges it is mirrored.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from rsdeblur.kernels._jit import in_parts, njit
+from rsdeblur._util.threads import share_range
+from rsdeblur.kernels._jit import njit
 
 
 @njit(nogil=True, inline="always")
@@ -60,24 +61,29 @@ def _average_warps(first, stop, coefficients, warps, out):
                 out[y, x, c] = value[c] / samples
 
 
-def average_warps(coefficients: NDArray[np.float32], warps: NDArray[np.float64], width: int) -> NDArray[np.float32]:
-    """Return the mean over t of the picture seen through `warps[y, t]`, for every output row y.
+def average_warps(
+    coefficients: NDArray[np.float32], warps: NDArray[np.float64], width: int, threads: int | None = None
+) -> NDArray[np.float32]:
+    """Return the mean over t of the picture warped by `warps[y, t]`, for every output row y.
 
     Parameters
     ----------
     coefficients : ndarray, shape (h, w, C), float32
         Cubic spline coefficients of the picture.
     warps : ndarray, shape (H, T, 3, 3)
-        Homographies from output pixel (x, y, 1) to picture coordinates, one set per output row.
+        Homographies from output pixel (x, y, 1) to picture coordinates, T per output row.
     width : int
-        Width of the output.
+        Width of the output in px.
+    threads : int, optional
+        Number of threads that share the rows; default all processors. Any number gives the same bits.
 
     Returns
     -------
     ndarray, shape (H, width, C), float32
+        The averaged picture.
     """
     out = np.empty((len(warps), width, coefficients.shape[2]), dtype=np.float32)
-    in_parts(_average_warps, len(out), coefficients, warps, out)
+    share_range(lambda first, stop: _average_warps(first, stop, coefficients, warps, out), len(out), threads)
     return out
 
 

@@ -1,4 +1,4 @@
-"""Drawings of results: the kernels where they belong, pictures side by side, contact sheets, and the report's page."""
+"""Drawings of results: maps of PSFs, pictures side by side, contact sheets, and the page of the report."""
 
 from rsdeblur.report.bands import BandFigures, band_figures
 from rsdeblur.report.contact_sheet import contact_sheet

@@ -1,4 +1,4 @@
-"""What the drawings share: 8-bit pictures, and type."""
+"""Helpers of all drawings: 8-bit pictures, and captions."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from rsdeblur.errors import InputError
+from rsdeblur.types import FloatImage
 
-FloatImage = NDArray[np.float32]
 Colour = tuple[int, int, int]
 
 GROUND: Colour = (24, 25, 28)
@@ -17,12 +17,12 @@ MARKS: tuple[Colour, ...] = ((255, 176, 59), (94, 206, 255), (148, 232, 128), (2
 
 
 def rgb8(name: str, image: NDArray[np.floating]) -> Image.Image:
-    """Return display values in [0, 1], grey, RGB or with alpha (left out), as an 8-bit RGB picture.
+    """Return display values in [0, 1], grey or RGB, as an 8-bit RGB picture; alpha is left out.
 
     Raises
     ------
     InputError
-        If `image` is not shaped like a picture.
+        If `image` does not have the shape of a picture; the message calls it `name`.
     """
     values = np.asarray(image)
     if values.ndim == 2:

@@ -1,4 +1,4 @@
-"""Sharpness and ringing of pictures, band by band, without knowing the truth."""
+"""Sharpness and ringing of pictures, band by band, measured without the true picture."""
 
 from __future__ import annotations
 
@@ -10,24 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from rsdeblur._validate import FloatArray
 from rsdeblur.errors import InputError
-from rsdeblur.noise import halved, noise_level
+from rsdeblur.estimate.noise import halved, noise_level
+from rsdeblur.types import FloatArray, FloatImage
 
-Grey = NDArray[np.float32]
 Figures = dict[str, tuple[float | None, ...]]
 
 BANDS = 8
-# Fewer rows say little about a band.
+# Least height of a band, px: fewer rows say little about it.
 SHORTEST = 16
 # Rec. 709.
 LUMA = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
-# Percentile of the gradient's magnitude that stands for edges. In noise alone it is 2.6 times the median (Rayleigh's
-# distribution); a band whose input has less than about twice that shows no edges.
+# Percentile of the gradient's magnitude that measures edges. In pure noise it is 2.6 times the median (Rayleigh's
+# distribution); a band of the input in which it is less than about twice that, `EDGES` times the median, has no edges.
 STEEP = 99.0
 EDGES = 5.0
-# The input is even where its roughness over one PSF stays below one and a half steps of 8 bits. A noisy one may be
-# rougher, but texture may pass for noise: so this many times the noise, and never more than a bound.
+# The input is even where its roughness over one PSF is below one and a half steps of 8 bits. With noise the limit rises
+# to `EVEN_NOISE` times the noise level, but not above `MOST_EVEN`, because texture may pass for noise.
 EVEN, MOST_EVEN = 0.006, 0.02
 EVEN_NOISE = 1.5
 # Share of a band that must be even before ringing is measured there.
@@ -36,17 +35,17 @@ FEWEST_EVEN = 0.01
 
 @dataclass(frozen=True, slots=True)
 class BandFigures:
-    """What `band_figures` measured; figures run over the bands along the readout axis, in picture order.
+    """Sharpness and ringing in each band along the readout axis, in picture order.
 
     Parameters
     ----------
     edges : tuple of int
-        Where the bands begin, px, and where the last one ends.
+        Start of each band and end of the last one, px.
     sharpness : dict of str to tuple of float or None
-        For each picture: how steep its edges are, as a multiple of the first picture's; None where that has none.
+        For each picture, the steepness of its edges as a multiple of the first picture's; None where that has no edges.
     ringing : dict of str to tuple of float or None
-        For each picture: root mean square of what it has in addition where the first picture is even, in percent of
-        the range from black to white; None where too little is even.
+        For each picture, the root mean square of the structure that it adds where the first picture is even, in percent
+        of the range from black to white; None where too little is even.
     """
 
     edges: tuple[int, ...]
@@ -59,19 +58,24 @@ def band_figures(
 ) -> BandFigures:
     """Measure sharpness and ringing in equal bands of each picture.
 
-    Both are looked at in pictures of half the size, where noise of single pixels has mostly gone. The steepness of
+    Both are measured at half the size, where most of the noise of single pixels is averaged out. The steepness of
     edges is the gradient that one pixel in a hundred exceeds. Where the blurred picture is even over a whole PSF, the
-    scene is taken to be even as well; what a restored picture shows there is ringing. Detail that the blur erased
-    entirely counts as ringing too, and ringing beside edges makes them steeper; so read both together.
+    scene is assumed to be even as well, and structure in a restored picture is ringing. Detail that the blur erased
+    entirely counts as ringing too, and ringing beside edges makes them steeper; so read both figures together.
 
     Parameters
     ----------
     pictures : mapping of str to ndarray
-        Display values in [0, 1], (H, W) or (H, W, C), all of one size; the first one is the blurred one.
+        Display values in [0, 1], (H, W) or (H, W, C), all of one size; the first picture is the blurred one.
     reach : (int, int)
         Height and width of the largest PSF, px.
     across : bool, default False
-        Bands are columns, not rows: the readout is horizontal.
+        Whether bands are columns instead of rows, as for a horizontal readout.
+
+    Returns
+    -------
+    BandFigures
+        Eight bands, or fewer of at least 16 rows each.
 
     Raises
     ------
@@ -79,7 +83,7 @@ def band_figures(
         If there is no picture, or their sizes differ.
     """
     if not pictures:
-        raise InputError("pictures must hold at least the blurred one")
+        raise InputError("pictures must contain at least the blurred one")
     greys = {label: _grey(picture) for label, picture in pictures.items()}
     if len({grey.shape for grey in greys.values()}) > 1:
         raise InputError(f"all pictures must have one size, got {[grey.shape for grey in greys.values()]}")
@@ -98,27 +102,27 @@ def band_figures(
     )
 
 
-def _grey(picture: NDArray[np.floating]) -> Grey:
+def _grey(picture: NDArray[np.floating]) -> FloatImage:
     values = np.asarray(picture, dtype=np.float32)
     if values.ndim == 2:
         return values
-    grey: Grey = values[..., :3] @ LUMA if values.shape[2] >= 3 else values[..., 0]
+    grey: FloatImage = values[..., :3] @ LUMA if values.shape[2] >= 3 else values[..., 0]
     return grey
 
 
-def _sharpness(halves: dict[str, Grey], parts: list[slice]) -> Figures:
-    found = {label: [_steepness(half[part]) for part in parts] for label, half in halves.items()}
-    blurred = next(iter(found.values()))
+def _sharpness(halves: dict[str, FloatImage], parts: list[slice]) -> Figures:
+    steepness = {label: [_steepness(half[part]) for part in parts] for label, half in halves.items()}
+    blurred = next(iter(steepness.values()))
     return {
         label: tuple(
             steep / first if first > EDGES * common else None
             for (steep, _), (first, common) in zip(mine, blurred, strict=True)
         )
-        for label, mine in found.items()
+        for label, mine in steepness.items()
     }
 
 
-def _steepness(half: Grey) -> tuple[float, float]:
+def _steepness(half: FloatImage) -> tuple[float, float]:
     """Return the gradient's magnitude at the edges, and its median."""
     if min(half.shape) < 2:
         return 0.0, 0.0
@@ -126,7 +130,7 @@ def _steepness(half: Grey) -> tuple[float, float]:
     return float(steep), float(common)
 
 
-def _ringing(halves: dict[str, Grey], parts: list[slice], window: list[int], noise: float) -> Figures:
+def _ringing(halves: dict[str, FloatImage], parts: list[slice], window: list[int], noise: float) -> Figures:
     rough = {label: _roughness(half, window) for label, half in halves.items()}
     blurred = next(iter(rough.values()))
     even = uniform_filter(blurred, window, mode="nearest") < np.clip(EVEN_NOISE * noise, EVEN, MOST_EVEN) ** 2
@@ -140,8 +144,8 @@ def _ringing(halves: dict[str, Grey], parts: list[slice], window: list[int], noi
     }
 
 
-def _roughness(half: Grey, window: list[int]) -> FloatArray:
-    """Square of the difference from the mean over a window."""
+def _roughness(half: FloatImage, window: list[int]) -> FloatArray:
+    """Return the squared difference of each pixel from the mean over a window."""
     values = half.astype(np.float64)
     return np.square(values - uniform_filter(values, window, mode="nearest"))
 

@@ -1,4 +1,4 @@
-"""Many results of one picture in a grid, each with its kernel: for choosing by eye."""
+"""Grid of many results of one picture, each with its kernel, for choosing by eye."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from rsdeblur.errors import InputError
-from rsdeblur.report._draw import GROUND, MARKS, FloatImage, caption, display, rgb8
+from rsdeblur.report._draw import GROUND, MARKS, caption, display, rgb8
+from rsdeblur.types import FloatImage
 
 CELL = 480  # px, width of a cell
-KERNEL = 96  # px, longer side of the largest kernel; all are drawn to one scale into their cells' corners
+KERNEL = 96  # px, longer side of the largest kernel; all kernels have one scale
 GUTTER = 8  # px between cells
 TITLE = 28  # px above each cell
 
@@ -21,12 +22,13 @@ Cell = tuple[str, NDArray[np.floating], NDArray[np.floating]]
 
 
 def contact_sheet(cells: Sequence[Cell], *, marked: int | None = None) -> FloatImage:
-    """Lay results out in a grid, as near to square as it gets.
+    """Lay results out in a grid that is as square as possible.
 
     Parameters
     ----------
     cells : sequence of (label, picture, kernel)
-        Display values in [0, 1], all pictures of one size; the kernel is drawn into the corner, brightened to its peak.
+        Display values in [0, 1], all pictures of one size. The kernel is drawn into the upper right corner, brightened
+        to its peak.
     marked : int, optional
         Index of a cell to frame.
 
@@ -38,10 +40,10 @@ def contact_sheet(cells: Sequence[Cell], *, marked: int | None = None) -> FloatI
     Raises
     ------
     InputError
-        If there is no cell, or the pictures' sizes differ.
+        If there is no cell, or the shapes of the pictures differ.
     """
     if not cells:
-        raise InputError("cells must hold at least one result")
+        raise InputError("cells must contain at least one result")
     if len({picture.shape for _, picture, _ in cells}) > 1:
         raise InputError("all pictures of a contact sheet must have one shape")
     tall, wide = cells[0][1].shape[:2]

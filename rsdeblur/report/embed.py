@@ -1,4 +1,4 @@
-"""What the report's page holds as data: pictures and kernels as data URIs, the motion as numbers, safe JSON."""
+"""Data embedded in the page of the report: pictures and kernels as data URIs, the motion as numbers, safe JSON."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rsdeblur._validate import FloatArray
-from rsdeblur.camera import Camera
-from rsdeblur.exposure import Exposure
-from rsdeblur.gyro import GyroLog
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.psf import PsfBank
 from rsdeblur.report._draw import rgb8
 from rsdeblur.report.psf_map import visible_part
+from rsdeblur.types import FloatArray
 
-# All pictures together, bytes; base64 adds a third.
+# Bytes of all pictures together; base64 adds a third.
 BUDGET = 9 * 2**20
-# A phone's browser decodes four bytes per pixel, for every picture.
+# Per picture: a browser, also a phone's, needs four bytes of memory for each pixel.
 MOST_PIXELS = 8_000_000
 QUALITY = 92
-# Kernels embedded per mode, along and across the picture: more would not have room on it.
+# Most rows and columns of kernels embedded per mode: more would not fit on the picture.
 MOST_KERNELS = 17, 11
-# Times of the plot before and after the exposure, as a share of it and in s.
+# Time that the plot shows before and after the exposure: this share of it, but at least this many s.
 AROUND, LEAST_AROUND = 0.5, 0.02
 MOST_SAMPLES = 4000
 
@@ -45,11 +45,11 @@ class MotionPlot:
     rates : ndarray, shape (n, 3)
         Rates about the camera's x, y and z axes, rad/s.
     every : int
-        Which of the log's samples are kept: every one, every second...
+        Spacing of the samples that are kept, in samples of the log: 1 keeps all, 2 every second.
     axis : {"y", "x"}
         Picture axis that the readout runs along.
     opens : (float, float)
-        When the first and the last line along that axis open, s.
+        Times at which the first and the last line along that axis open, s.
     lines : int
         Number of lines.
     duration : float
@@ -66,7 +66,22 @@ class MotionPlot:
 
     @classmethod
     def of(cls, log: GyroLog, camera: Camera, exposure: Exposure) -> MotionPlot:
-        """Cut the neighbourhood of the exposure out of the log, and turn it into the camera's axes."""
+        """Return the part of the log around the exposure, in the camera's axes.
+
+        Parameters
+        ----------
+        log : GyroLog
+            The gyro log.
+        camera : Camera
+            Source of the readout, the axes and the time offset.
+        exposure : Exposure
+            The exposure.
+
+        Returns
+        -------
+        MotionPlot
+            At most 4000 samples.
+        """
         start, end = exposure.span(camera)
         # Stamps are subtracted as integers; only the difference becomes a float.
         t = log.t + (log.epoch_ns - exposure.epoch_ns) * 1e-9 + camera.time_offset - start
@@ -87,7 +102,7 @@ class MotionPlot:
 
 
 def motion_data(plot: MotionPlot) -> dict[str, Any]:
-    """Return the plot for the page, times in ms."""
+    """Return the plot as data for the page, with times in ms."""
     return {
         "t": np.round(1e3 * plot.t, 4).tolist(),
         "rates": np.round(plot.rates.T, 6).tolist(),
@@ -100,14 +115,14 @@ def motion_data(plot: MotionPlot) -> dict[str, Any]:
 
 
 def picture_uris(pictures: Mapping[str, NDArray[np.floating]], icc_profile: bytes | None) -> tuple[list[str], float]:
-    """Encode pictures of one size as JPEG, reduced alike until all fit the budget.
+    """Encode pictures of one size as JPEG, all reduced by one factor until they fit the budget.
 
     Returns
     -------
     uris : list of str
         Data URIs.
     scale : float
-        Size of the encoded pictures, as a share of the original; at most 1.
+        Width and height of the encoded pictures as a share of the original; at most 1.
     """
     images = [rgb8(label, picture) for label, picture in pictures.items()]
     width, height = images[0].size
@@ -123,13 +138,13 @@ def picture_uris(pictures: Mapping[str, NDArray[np.floating]], icc_profile: byte
 
 
 def bank_data(bank: PsfBank) -> dict[str, Any]:
-    """Return an evenly chosen part of the kernels as one grey picture, each brightened to its own peak."""
+    """Return an evenly spaced selection of the kernels as one grey picture, each brightened to its own peak."""
     kernels = visible_part(np.asarray(bank.kernels, dtype=np.float64))
     rows, cols = (_spread(n, most) for n, most in zip(kernels.shape[:2], MOST_KERNELS, strict=True))
-    chosen = kernels[np.ix_(rows, cols)]
-    tall, wide = chosen.shape[2:]
-    # The root shows faint parts of a trail too.
-    shown = np.sqrt(np.clip(chosen / chosen.max(axis=(2, 3), keepdims=True), 0.0, 1.0))
+    selection = kernels[np.ix_(rows, cols)]
+    tall, wide = selection.shape[2:]
+    # The square root makes faint parts of a trail visible.
+    shown = np.sqrt(np.clip(selection / selection.max(axis=(2, 3), keepdims=True), 0.0, 1.0))
     atlas = shown.transpose(0, 2, 1, 3).reshape(len(rows) * tall, len(cols) * wide)
     buffer = BytesIO()
     Image.fromarray(np.round(255.0 * atlas).astype(np.uint8)).save(buffer, "PNG", optimize=True)
@@ -143,7 +158,7 @@ def bank_data(bank: PsfBank) -> dict[str, Any]:
 
 
 def script_json(payload: Any) -> str:
-    """Return JSON that can stand in a script element: no text in it can end the element or open a comment."""
+    """Return JSON that is safe in a script element: no text in it can end the element or open a comment."""
     text = json.dumps(payload, separators=(",", ":"), allow_nan=False)
     return text.replace("&", r"\u0026").replace("<", r"\u003c").replace(">", r"\u003e")
 

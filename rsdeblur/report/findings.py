@@ -1,4 +1,4 @@
-"""What to know before trusting a result: the log's coverage and gaps, saturation, motion too large."""
+"""Checks of a capture and its results: coverage and gaps of the log, sampling, saturation, size of the blur."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur.camera import Camera
-from rsdeblur.exposure import Exposure
-from rsdeblur.gyro import GyroLog
+from rsdeblur.image.highlights import at_full_scale
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
 
-# A log that ends this soon after the exposure leaves no room for a wrong time offset, s.
+# s: a log that ends this soon after the exposure leaves no room for a wrong time offset.
 NARROW_MARGIN = 0.02
-# Samples per exposure below which the motion between them is guessed. A hand's tremor reaches 12 Hz.
+# Samples per exposure, and rate, below which the motion between samples is guesswork. A hand's tremor reaches 12 Hz.
 FEW_SAMPLES = 4
 SLOW_RATE = 50.0  # Hz
-# Share of clipped pixels that shows.
+# Share of clipped pixels above which the result visibly suffers.
 MUCH_CLIPPED = 1e-3
-# A float picture has no largest value of its own.
-FLOAT_WHITE = 1.0
-# A rate at the gyro's limit: its largest magnitude, this often in a row, and beyond what a slow sensor resolves, rad/s.
+# A gyro is at its limit where its largest magnitude occurs this often in a row and exceeds this rate (rad/s); a sensor
+# of coarse resolution repeats small rates.
 STUCK, FAST = 3, 4.0
-# Share of a side that a PSF may span: beyond it many frequencies are lost, and borders concern much of the picture.
+# Share of a side that a PSF may span: beyond it many frequencies are lost, and borders affect much of the picture.
 LARGE_BLUR = 1 / 16
 # px below which deblurring gains nothing.
 SMALL_BLUR = 3
@@ -32,16 +32,16 @@ SMALL_BLUR = 3
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing checked.
+    """Outcome of one check.
 
     Parameters
     ----------
     level : {"good", "note", "warning"}
-        Whether it limits the result.
+        How much it limits the result.
     subject : str
-        What was looked at, a word or two.
+        Subject of the check, a word or two.
     text : str
-        What was found, a sentence.
+        Outcome, in sentences.
     """
 
     level: Literal["good", "note", "warning"]
@@ -60,41 +60,47 @@ def findings(
     unseen: float = 0.0,
     remarks: Sequence[str] = (),
 ) -> tuple[Finding, ...]:
-    """Check a capture that was deblurred; warnings come first.
+    """Check a capture that was deblurred.
 
     Parameters
     ----------
     pixels : ndarray, shape (H, W) or (H, W, C)
         The blurred picture as stored.
     log, camera, exposure
-        The motion, the camera and the time of the exposure.
+        The gyro log, the camera and the time of the exposure.
     psf : (int, int)
         Height and width of the largest PSF, px.
     checks : mapping of str to mapping, optional
-        Of each mode: the fields of a :class:`rsdeblur.Check`.
+        For each mode, the fields of its :class:`rsdeblur.QualityCheck`.
     unseen : float, default 0.0
-        Share of the result that no row saw.
-    remarks : sequence of str
-        Warnings that were given on the way.
+        Share of the result that was never exposed.
+    remarks : sequence of str, default ()
+        Warnings raised while the capture was read and deblurred.
+
+    Returns
+    -------
+    tuple of Finding
+        Warnings first, then notes, then what is good.
     """
     opens, closes = (time - camera.time_offset for time in exposure.span(camera))
-    based = log.t + (log.epoch_ns - exposure.epoch_ns) * 1e-9
-    found = [Finding("warning", "Remark", remark) for remark in remarks]
-    found += [_coverage(based, opens, closes), _gaps(log, based, opens, closes), _sampling(log, exposure)]
-    found += [_gyro_range(log, based, opens, closes), _saturation(pixels), _size(psf, pixels.shape)]
-    found += [_verdict(mode, check) for mode, check in (checks or {}).items()]
+    # In s relative to the exposure's origin; stamps are subtracted as integers, where they are exact.
+    t = log.t + (log.epoch_ns - exposure.epoch_ns) * 1e-9
+    outcomes = [Finding("warning", "Remark", remark) for remark in remarks]
+    outcomes += [_coverage(t, opens, closes), _gaps(log, t, opens, closes), _sampling(log, exposure)]
+    outcomes += [_gyro_range(log, t, opens, closes), _saturation(pixels), _size(psf, pixels.shape)]
+    outcomes += [_verdict(mode, check) for mode, check in (checks or {}).items()]
     if unseen > 0:
-        text = f"{unseen:.1%} of the straightened picture was seen by no row and is filled from its neighbours."
-        found.append(Finding("note", "Unseen parts", text))
+        text = f"{unseen:.1%} of the straightened picture was never exposed and is filled in from its neighbours."
+        outcomes.append(Finding("note", "Unexposed parts", text))
     order = ("warning", "note", "good")
-    return tuple(sorted(found, key=lambda finding: order.index(finding.level)))
+    return tuple(sorted(outcomes, key=lambda finding: order.index(finding.level)))
 
 
 def _coverage(t: NDArray[np.float64], opens: float, closes: float) -> Finding:
     before, after = opens - t[0], t[-1] - closes
     text = f"The log starts {_time(before)} before the first row opens and ends {_time(after)} after the last closes."
     if min(before, after) < NARROW_MARGIN:
-        return Finding("note", "Coverage", text + " That leaves little room for another time offset.")
+        return Finding("note", "Coverage", text + " That leaves little room for a different time offset.")
     return Finding("good", "Coverage", text)
 
 
@@ -102,11 +108,12 @@ def _gaps(log: GyroLog, t: NDArray[np.float64], opens: float, closes: float) -> 
     holes = log.gaps()
     if not len(holes):
         return Finding("good", "Gaps", "The log has no gaps.")
-    # Inside the exposure a gap is refused.
+    # A gap inside the exposure is refused, so all are outside.
     away = holes + (t[0] - log.t[0])
     nearest = float(np.maximum(away[:, 0] - closes, opens - away[:, 1]).min())
     longest = float(np.diff(holes, axis=1).max())
-    text = f"{len(holes)} in the log, none in the exposure; the nearest is {_time(nearest)} away."
+    gaps = "1 gap" if len(holes) == 1 else f"{len(holes)} gaps"
+    text = f"The log has {gaps}, none during the exposure; the nearest is {_time(nearest)} away."
     return Finding("note", "Gaps", f"{text} The longest lasts {_time(longest)}.")
 
 
@@ -114,13 +121,13 @@ def _sampling(log: GyroLog, exposure: Exposure) -> Finding:
     per_row = exposure.duration * log.rate
     text = f"{log.rate:.4g} samples per second, {per_row:.3g} per row's exposure of {_time(exposure.duration)}."
     if per_row < FEW_SAMPLES and log.rate < SLOW_RATE:
-        return Finding("warning", "Sampling", text + " The motion between samples is a straight guess.")
+        return Finding("warning", "Sampling", text + " The motion between samples is interpolated, and may be wrong.")
     return Finding("good", "Sampling", text)
 
 
 def _gyro_range(log: GyroLog, t: NDArray[np.float64], opens: float, closes: float) -> Finding:
     inside = np.abs(log.omega[(t >= opens) & (t <= closes)])
-    # The limit is that of the whole log: a sensor stuck there repeats it.
+    # The largest magnitude in the whole log: a sensor at its limit repeats it.
     limit = np.abs(log.omega).max(axis=0)
     for axis in range(3):
         at = np.concatenate([[0], inside[:, axis] == limit[axis], [0]]).astype(int)
@@ -134,12 +141,11 @@ def _gyro_range(log: GyroLog, t: NDArray[np.float64], opens: float, closes: floa
 
 def _saturation(pixels: NDArray[Any]) -> Finding:
     colours = pixels if pixels.ndim == 2 else pixels[..., : 3 if pixels.shape[2] >= 3 else 1]
-    white = np.iinfo(pixels.dtype).max if pixels.dtype.kind == "u" else FLOAT_WHITE
-    clipped = colours >= white
+    clipped = at_full_scale(colours)
     share = float(np.mean(clipped if clipped.ndim == 2 else clipped.any(axis=2)))
     text = f"{share:.2%} of the pixels are clipped at white."
     if share > MUCH_CLIPPED:
-        text += " Their light is unknown: expect waves around highlights, and fewer with --saturation auto."
+        text += " Their brightness is unknown: expect waves around highlights, fewer with --saturation auto."
         return Finding("warning", "Saturation", text)
     return Finding("good", "Saturation", text)
 
@@ -148,7 +154,7 @@ def _size(psf: tuple[int, int], shape: tuple[int, ...]) -> Finding:
     tall, wide = psf
     text = f"The largest PSF is {wide} x {tall} px in a picture of {shape[1]} x {shape[0]} px."
     if max(tall / shape[0], wide / shape[1]) > LARGE_BLUR:
-        more = " The motion is too large for a faithful result: whole frequencies are lost and borders reach far."
+        more = " The blur is too large for a faithful result: many frequencies are lost, and borders affect much of it."
         return Finding("warning", "Motion", text + more)
     if max(psf) <= SMALL_BLUR:
         return Finding("note", "Motion", text + " There is hardly any blur to remove.")
@@ -157,7 +163,7 @@ def _size(psf: tuple[int, int], shape: tuple[int, ...]) -> Finding:
 
 def _verdict(mode: str, check: Mapping[str, Any]) -> Finding:
     level: Literal["good", "warning"] = "good" if check["verdict"] == "good" else "warning"
-    return Finding(level, f"Result, {mode}", " ".join((f"The check says: {check['verdict']}.", *check["reasons"])))
+    return Finding(level, f"Result, {mode}", " ".join((f"The check finds it {check['verdict']}.", *check["reasons"])))
 
 
 def _time(seconds: float) -> str:

@@ -1,4 +1,4 @@
-"""The report: one page of HTML that holds all it shows, for a browser without network."""
+"""The report: one page of HTML that contains everything it shows, so that it needs no network."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur._atomic import atomic_write
+from rsdeblur._util.atomic import atomic_write
 from rsdeblur.errors import InputError
 from rsdeblur.psf import PsfBank
 from rsdeblur.report.bands import BandFigures
@@ -25,13 +25,13 @@ from rsdeblur.report.findings import Finding
 
 LEVELS = {"warning": "Warning", "note": "Note", "good": "Good"}
 PARTS = ("page.html", "page.css", "page_shared.js", "page_viewer.js", "page_plots.js")
-STAGES = ("tune", "psfs", "plan", "apply", "rectify", "check")
+STAGES = ("highlights", "tune", "psfs", "plan", "apply", "rectify", "check")
 TIMES, NONE = "\N{MULTIPLICATION SIGN}", "\N{EN DASH}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Page:
-    """What a report holds.
+    """Content of a report.
 
     Parameters
     ----------
@@ -46,13 +46,13 @@ class Page:
     bands : BandFigures
         Sharpness and ringing of the pictures.
     modes : mapping of str to mapping
-        What `rsdeblur compare` tells of each mode.
+        Results of each mode, as `rsdeblur compare` reports them.
     settings : mapping of str to mapping of str to str
-        Tables of names and values, each with its title.
+        Tables of names and values, by title.
     findings : sequence of Finding
-        What was checked, warnings first.
+        Outcomes of the checks, warnings first.
     blurred : mapping, optional
-        `psnr_db` and `ssim` of the input, where the truth is known.
+        `psnr_db` and `ssim` of the input, where the true picture is known.
     icc_profile : bytes, optional
         Colour profile of the pictures.
 
@@ -88,7 +88,14 @@ class Page:
 
 
 def write_page(path: str | os.PathLike[str], page: Page) -> None:
-    """Write `page` as one file of HTML, which appears whole or not at all; an existing file is replaced.
+    """Write `page` as one file of HTML, which appears whole or not at all.
+
+    Parameters
+    ----------
+    path : path-like
+        The file. An existing one is replaced.
+    page : Page
+        The content.
 
     Raises
     ------
@@ -97,12 +104,12 @@ def write_page(path: str | os.PathLike[str], page: Page) -> None:
     """
     text = render(page)
     with atomic_write(path) as file:
-        # A name that is no valid Unicode must not cost the report.
+        # A file name that is not valid Unicode must not prevent the report.
         file.write(text.encode("utf-8", "replace"))
 
 
 def render(page: Page) -> str:
-    """Return the page's HTML. Everything that came from outside is escaped; scripts other than ours are forbidden."""
+    """Return the page as HTML. Text from files is escaped, and the page's policy forbids all scripts but its own."""
     uris, scale = picture_uris(page.pictures, page.icc_profile)
     width, height = page.size
     folder = files("rsdeblur.report")
@@ -140,7 +147,9 @@ def _scale(scale: float, width: int, height: int) -> str:
     if scale == 1.0:
         return "Pictures are embedded as JPEG at full size."
     size = f"{round(width * scale)} {TIMES} {round(height * scale)} px"
-    return f"Pictures are embedded as JPEG, reduced to {scale:.1%} ({size}); the files that compare wrote are whole."
+    return (
+        f"Pictures are embedded as JPEG, reduced to {scale:.1%} ({size}); the files written by compare have full size."
+    )
 
 
 def _summary(findings: Sequence[Finding]) -> str:
@@ -160,33 +169,33 @@ def _figure(label: str, uri: str) -> str:
 
 
 def _modes(page: Page) -> str:
-    judged = page.blurred is not None
-    stages = [stage for stage in STAGES if any(stage in found["timings"] for found in page.modes.values())]
+    has_truth = page.blurred is not None
+    stages = [stage for stage in STAGES if any(stage in result["timings"] for result in page.modes.values())]
     header = ["mode", "PSFs", "PSF px", "NSR", "weight", "time s", *(f"{stage} s" for stage in stages), "peak MiB"]
-    header += ["PSNR dB", "SSIM"] * judged
+    header += ["PSNR dB", "SSIM"] * has_truth
     rows = []
     if page.blurred is not None:
-        rows.append([next(iter(page.pictures)), *[""] * (len(header) - 3), *_likeness(page.blurred)])
-    for mode, found in page.modes.items():
-        memory = found["peak_memory_mib"]
+        rows.append([next(iter(page.pictures)), *[""] * (len(header) - 3), *_similarity(page.blurred)])
+    for mode, result in page.modes.items():
+        memory = result["peak_memory_mib"]
         rows.append(
             [
                 mode,
-                f"{found['bands']} {TIMES} {found['strips']}",
-                f" {TIMES} ".join(map(str, found["psf_px"])),
-                f"{found['nsr']:.3g}",
-                NONE if found["weight"] is None else f"{found['weight']:.3g}",
-                f"{found['seconds']:.2f}",
-                *(f"{found['timings'].get(stage, 0.0):.2f}" for stage in stages),
+                f"{result['bands']} {TIMES} {result['strips']}",
+                f" {TIMES} ".join(map(str, result["psf_px"])),
+                f"{result['nsr']:.3g}",
+                NONE if result["weight"] is None else f"{result['weight']:.3g}",
+                f"{result['seconds']:.2f}",
+                *(f"{result['timings'].get(stage, 0.0):.2f}" for stage in stages),
                 NONE if memory is None else f"{memory:.0f}",
-                *(_likeness(found) if judged else []),
+                *(_similarity(result) if has_truth else []),
             ]
         )
     return _table("Modes, strengths, times and memory", header, rows)
 
 
-def _likeness(found: Mapping[str, Any]) -> list[str]:
-    return ["∞" if found["psnr_db"] is None else f"{found['psnr_db']:.2f}", f"{found['ssim']:.3f}"]
+def _similarity(result: Mapping[str, Any]) -> list[str]:
+    return ["∞" if result["psnr_db"] is None else f"{result['psnr_db']:.2f}", f"{result['ssim']:.3f}"]
 
 
 def _bands(bands: BandFigures, axis: str) -> str:
@@ -214,5 +223,5 @@ def _table(caption: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -
         for first, *rest in rows
     )
     table = f"<table><caption>{escape(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-    # Wide tables scroll by themselves, also by keyboard.
+    # A wide table scrolls inside its region, which `tabindex` makes possible with the keyboard too.
     return f'<div class="wide" tabindex="0" role="region" aria-label="{escape(caption)}">{table}</div>'

@@ -1,4 +1,4 @@
-// The motion, and figures band by band.
+// Plots: the motion, and the figures of each band.
 
 function svg(name, attributes, text) {
   const element = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -12,15 +12,15 @@ function ticks(low, high, count) {
   const raw = Math.max(high - low, 1e-12) / count;
   const power = 10 ** Math.floor(Math.log10(raw));
   const unit = [1, 2, 5, 10].find((factor) => factor * power >= raw) * power;
-  const found = [];
-  for (let i = Math.ceil(low / unit - 1e-9); i * unit <= high + 1e-9 * unit; i++) found.push(+(i * unit).toPrecision(12));
-  return found;
+  const values = [];
+  for (let i = Math.ceil(low / unit - 1e-9); i * unit <= high + 1e-9 * unit; i++) values.push(+(i * unit).toPrecision(12));
+  return values;
 }
 
 const scale = (from, to) => (value) => to[0] + ((value - from[0]) * (to[1] - to[0])) / (from[1] - from[0]);
 const path = (points) => points.map(([x, y], i) => `${i ? "L" : "M"}${x.toFixed(2)} ${y.toFixed(2)}`).join("");
 
-// Series differ by dashes or marks too, not by colour alone.
+// Series differ in dashes or marks, not only in colour.
 const DASHES = ["none", "7 3", "2 3"];
 const MARKS = [
   (x, y) => `M${x - 4} ${y}a4 4 0 1 0 8 0a4 4 0 1 0 -8 0`,
@@ -111,7 +111,7 @@ function startMotion() {
   find("line").max = motion.lines - 1;
   find("line-name").textContent = lineWord === "row" ? "Row" : "Column";
   find("line").addEventListener("input", (event) => mark(+event.target.value));
-  find("line-note").value = `choose a ${lineWord} to see its window here and the ${lineWord} in the pictures`;
+  find("line-note").value = `choose a ${lineWord} to mark it in the pictures and to see when it was exposed`;
   const holder = find("rates");
   const follow = (event) => {
     if (event.buttons && event.target.classList.contains("touchable")) {
@@ -143,7 +143,7 @@ function drawBands(holder, title, figures) {
   Object.values(figures).forEach((series, i) => {
     const at = (k) => [x(series[k]), y((bands.edges[k] + bands.edges[k + 1]) / 2)];
     const known = [...series.keys()].filter((k) => series[k] !== null);
-    // Where a band is unknown the line is broken.
+    // The line is interrupted at a band without a figure.
     const line = known.map((k) => (k && series[k - 1] !== null ? path([at(k - 1), at(k)]) : "")).join("");
     drawing.append(svg("path", { class: `s${i % SERIES}`, d: line }));
     for (const point of known.map(at)) drawing.append(svg("path", { class: `s${i % SERIES} mark`, d: MARKS[i % SERIES](...point) }));

@@ -1,4 +1,4 @@
-// What the parts of the page share. The files are joined to one module in the order shared, viewer, plots.
+// Helpers of all parts of the page. The files are joined into one module in the order shared, viewer, plots.
 
 const data = JSON.parse(document.getElementById("data").textContent);
 const find = (id) => document.getElementById(id);
@@ -14,5 +14,5 @@ const opensAt = (line) =>
   motion.opens[0] + (motion.lines > 1 ? ((motion.opens[1] - motion.opens[0]) * line) / (motion.lines - 1) : 0);
 const windowText = (line) => `exposed ${opensAt(line).toFixed(2)} to ${(opensAt(line) + motion.duration).toFixed(2)} ms`;
 
-// The marked line: null until somebody asks for one.
+// The marked line: null until the user chooses one.
 let marked = null;

@@ -1,7 +1,7 @@
-// Any two pictures under a divider or side by side, PSFs over them.
+// Viewer: any two pictures, with a divider or side by side, and PSFs drawn over them.
 
 const MOST_ZOOM = 24;
-const GRAB = 24; // CSS px beside the divider that still take hold of it
+const GRAB = 24; // CSS px beside the divider where a press still moves it
 const stage = find("stage");
 const canvas = find("canvas");
 const context = canvas.getContext("2d");
@@ -34,7 +34,7 @@ function settle() {
   view.x = keep(view.x, width, w);
   view.y = keep(view.y, height, h);
   stage.classList.toggle("zoomed", view.zoom > fit * 1.001);
-  // One picture px on one px of the screen is 100 %.
+  // 100 % is one picture pixel per screen pixel.
   find("zoom").value = `${Math.round(100 * view.zoom * devicePixelRatio)} %`;
   find("divider").hidden = sideBySide();
   changed();
@@ -46,11 +46,11 @@ function resize() {
   canvas.width = Math.round(w * devicePixelRatio);
   canvas.height = Math.round(stage.clientHeight * devicePixelRatio);
   settle();
-  // A new size empties the canvas, which must not be seen.
+  // A new size clears the canvas; drawing at once keeps it from flashing.
   draw();
 }
 
-// Left edge of the pane that a place on the stage lies in.
+// Left edge of the pane that contains a place on the stage.
 const paneLeft = (x) => (sideBySide() && x >= paneSize()[0] ? paneSize()[0] : 0);
 
 function toPicture(x, y) {
@@ -149,13 +149,13 @@ function drawBank() {
   }
 }
 
-// Which kernels have room, and how much larger than life they are drawn.
+// Which kernels have room, and by what factor they are magnified.
 function arrangement(bank) {
   const gap = (places, whole) =>
     places.length > 1 ? Math.min(...places.slice(1).map((place, i) => place - places[i])) : whole;
   const chosen = (places, side) => {
-    const wanted = places.length > 1 ? Math.ceil((1.5 * side) / gap(places, 0)) : 1;
-    const every = clamp(wanted, 1, Math.max(1, Math.floor(places.length / 4)));
+    const stride = places.length > 1 ? Math.ceil((1.5 * side) / gap(places, 0)) : 1;
+    const every = clamp(stride, 1, Math.max(1, Math.floor(places.length / 4)));
     return places.map((_, i) => i).filter((i) => i % every === Math.floor(every / 2));
   };
   const [kw, kh] = bank.kernel;
@@ -232,7 +232,7 @@ function drawDivider(x, h) {
   }
 }
 
-// Hands and keys.
+// Mouse, fingers and keys.
 
 const pointers = new Map();
 let hold = null;
@@ -295,7 +295,7 @@ stage.addEventListener("dblclick", (event) => zoomBy(2, ...place(event)));
 stage.addEventListener(
   "wheel",
   (event) => {
-    // A page must scroll under the wheel; trackpads report a pinch as Ctrl and wheel.
+    // The wheel alone must scroll the page; trackpads report a pinch as Ctrl and wheel.
     if (!event.ctrlKey && !event.metaKey) return;
     event.preventDefault();
     zoomBy(Math.exp(clamp(-event.deltaY, -60, 60) / 150), ...place(event));

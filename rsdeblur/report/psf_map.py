@@ -1,4 +1,4 @@
-"""The kernels of a bank, drawn where they belong in the picture."""
+"""Map of PSFs: the kernels of a bank, drawn at their places in the picture."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from rsdeblur._validate import FloatArray
 from rsdeblur.errors import InputError
-from rsdeblur.report._draw import GROUND, MARKS, FloatImage, caption, display, rgb8
+from rsdeblur.report._draw import GROUND, MARKS, caption, display, rgb8
+from rsdeblur.types import FloatArray, FloatImage
 
 if TYPE_CHECKING:
     from rsdeblur.psf import PsfBank
@@ -18,20 +18,20 @@ if TYPE_CHECKING:
 LONG_SIDE = 1600  # px of the drawing
 FOOTER = 40  # px below it, for the caption
 SMALLEST_CELL = 40  # px per kernel
-MAGNIFIED = 2.0  # how much larger than in the picture kernels should be, at the price of leaving some out
-FEWEST = 6  # rows or columns of kernels that are shown nevertheless
+MAGNIFIED = 2.0  # least magnification of kernels; some are left out to make room for it
+FEWEST = 6  # rows or columns of kernels that are shown even if that leaves less room
 LARGEST_ZOOM = 12.0
 DIM = 0.4  # brightness left to the picture below the kernels
 
-# What lies below this part of a kernel's peak is not seen, and is not given room.
+# Share of a kernel's peak below which values are invisible and get no room.
 VISIBLE = 1e-3
 
 
 def psf_map(bank: PsfBank, shape: tuple[int, ...], *, picture: NDArray[np.floating] | None = None) -> FloatImage:
     """Draw the kernels of `bank` at their places in the picture.
 
-    All kernels are enlarged (or reduced) alike until the closest two have just room; each is brightened to its own
-    peak. Crosses mark the places; where they are too close, only every n-th kernel is drawn, and the caption says so.
+    All kernels are enlarged (or reduced) by one factor, so that the closest two just fit; each is brightened to its own
+    peak. Crosses mark the places. Where these are too close, only every n-th kernel is drawn, and the caption says so.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def psf_map(bank: PsfBank, shape: tuple[int, ...], *, picture: NDArray[np.floati
     Raises
     ------
     InputError
-        If `picture` is not shaped like a picture of that shape.
+        If `picture` does not have that height and width, or not the shape of a picture.
     """
     height, width = shape[:2]
     if picture is not None and picture.shape[:2] != (height, width):
@@ -77,7 +77,7 @@ def psf_map(bank: PsfBank, shape: tuple[int, ...], *, picture: NDArray[np.floati
 
 
 def visible_part(kernels: FloatArray) -> FloatArray:
-    """Cut all kernels alike to what can be seen, keeping their origin in the middle."""
+    """Cut all kernels to the smallest common size that keeps their visible values, with the origin in the middle."""
     seen = (kernels > VISIBLE * kernels.max(axis=(2, 3), keepdims=True)).any(axis=(0, 1))
     middle = np.array(seen.shape) // 2
     # One pixel of margin lets the glow fade out where it is enlarged.
@@ -93,9 +93,9 @@ def _spacing(places: FloatArray, whole: int) -> float:
 
 
 def _stride(places: FloatArray, room: float) -> int:
-    """Return n for which every n-th place has `room`, or for which a few places are left."""
-    wanted = int(np.ceil(room / float(np.diff(places).min()))) if len(places) > 1 else 1
-    return max(1, min(wanted, len(places) // FEWEST))
+    """Return the least n for which every n-th place has `room`, but at most one that leaves `FEWEST` places."""
+    stride = int(np.ceil(room / float(np.diff(places).min()))) if len(places) > 1 else 1
+    return max(1, min(stride, len(places) // FEWEST))
 
 
 def _enlarged(kernel: FloatArray, zoom: float) -> FloatArray:
@@ -137,5 +137,5 @@ def _caption(bank: PsfBank, magnified: float, every: int, across: int) -> str:
     # Not bands x strips: with a horizontal readout the bands are columns.
     grid = f"{rows} row{'s' * (rows > 1)} x {cols} column{'s' * (cols > 1)} of kernels"
     text = f"{grid} of {wide} x {tall} px, drawn {magnified:.2g} times as large as in the picture"
-    left_out = [f"1 of {n} {what}" for n, what in ((every, "rows"), (across, "columns")) if n > 1]
-    return text + (f"; {' and '.join(left_out)} shown" if left_out else "")
+    thinned = [f"1 of {n} {lines}" for n, lines in ((every, "rows"), (across, "columns")) if n > 1]
+    return text + (f"; {' and '.join(thinned)} shown" if thinned else "")

@@ -1,4 +1,4 @@
-"""Pictures beside each other, with the same details enlarged below."""
+"""Pictures side by side, with the same details enlarged below."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from rsdeblur._validate import FloatArray
 from rsdeblur.errors import InputError
-from rsdeblur.report._draw import GROUND, MARKS, FloatImage, caption, display, rgb8
+from rsdeblur.report._draw import GROUND, MARKS, caption, display, rgb8
+from rsdeblur.types import FloatArray, FloatImage
 
 Box = tuple[int, int, int, int]
 
 PANEL = 560  # px, width of a panel
 GUTTER = 10  # px between panels
 TITLE = 34  # px above each panel
-BORDER = 24  # px along the picture's edge where details are not looked for: deblurring is worst there
+BORDER = 24  # px along the picture's edge that are not searched for details: deblurring is worst there
 
 
 def side_by_side(images: Mapping[str, NDArray[np.floating]], *, crops: int | Sequence[Box] = 3) -> FloatImage:
@@ -28,8 +28,8 @@ def side_by_side(images: Mapping[str, NDArray[np.floating]], *, crops: int | Seq
     images : mapping of str to ndarray
         Display values in [0, 1], grey or RGB, all of one height and width; the keys are the labels.
     crops : int or sequence of (top, left, height, width), default 3
-        The details in px, or how many to choose: each is the one with most detail at its height of the picture,
-        the heights dividing the picture evenly.
+        The details in px, or their number. By number, the picture is divided into that many horizontal parts, and the
+        box with most detail is chosen in each.
 
     Returns
     -------
@@ -42,7 +42,7 @@ def side_by_side(images: Mapping[str, NDArray[np.floating]], *, crops: int | Seq
         If there is no picture, the sizes differ, or a crop does not lie within the picture.
     """
     if not images:
-        raise InputError("images must hold at least one picture")
+        raise InputError("images must contain at least one picture")
     panels = {label: rgb8(f"picture {label!r}", image) for label, image in images.items()}
     width, height = next(iter(panels.values())).size
     for label, panel in panels.items():
@@ -91,7 +91,7 @@ def _to_width(image: Image.Image, width: int) -> Image.Image:
 
 
 def _detailed(panels: Mapping[str, Image.Image], count: int) -> list[Box]:
-    """Choose `count` boxes of 4:3, from top to bottom, where the pictures have most detail."""
+    """Return `count` boxes of 4:3, from top to bottom, where the pictures have most detail."""
     width, height = next(iter(panels.values())).size
     tall = max(min(height, round(0.75 * width)) // 4, min(height, 16))
     wide = min(round(tall * 4 / 3), width)
@@ -102,7 +102,7 @@ def _detailed(panels: Mapping[str, Image.Image], count: int) -> list[Box]:
     edge = min(BORDER, height // 16, (width - wide) // 2)
     boxes = []
     for i in range(count):
-        # A box lies wholly in its part of the height, unless the part is lower than the box.
+        # A box lies wholly in its part of the height, unless the box is taller than the part.
         part = (height - 2 * edge) / count
         first = min(round(edge + i * part), height - tall)
         last = max(round(edge + (i + 1) * part) - tall + 1, first + 1)
@@ -115,5 +115,5 @@ def _detailed(panels: Mapping[str, Image.Image], count: int) -> list[Box]:
 def _gradient(panel: Image.Image) -> FloatArray:
     grey = np.asarray(panel.convert("L"), dtype=np.float64)
     gy, gx = np.gradient(grey) if min(grey.shape) > 1 else (np.zeros_like(grey), np.zeros_like(grey))
-    # The root keeps one hard edge from outweighing fine print.
+    # The square root keeps one hard edge from outweighing fine print.
     return np.sqrt(np.hypot(gx, gy))

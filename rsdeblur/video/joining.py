@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from rsdeblur._atomic import atomic_write
+from rsdeblur._util.atomic import atomic_write
 from rsdeblur.errors import InputError, OutputError
 from rsdeblur.video._av import av
 from rsdeblur.video.clip import Clip, opened

@@ -1,72 +1,72 @@
-"""One look over all frames: what is planned once for the whole video."""
+"""One pass over all frames: what is planned once for the whole video."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rsdeblur._validate import FloatArray
-from rsdeblur.camera import Camera
-from rsdeblur.check import Check
+from rsdeblur.choices import Transfer
 from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
-from rsdeblur.exposure import Exposure
-from rsdeblur.gyro import GyroLog
-from rsdeblur.method import Method, Mode
-from rsdeblur.motion import BlurPaths, Geometry, Motion, Shot
-from rsdeblur.pipeline import deblur
-from rsdeblur.priors import brightness
-from rsdeblur.psf import PsfBank
-from rsdeblur.stored import Stored, check_size
-from rsdeblur.transfer import Transfer
+from rsdeblur.estimate.check import QualityCheck
+from rsdeblur.image.encoded import check_size
+from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.pipeline.options import Options
+from rsdeblur.pipeline.plan import Plan, Strengths, plan
+from rsdeblur.pipeline.tiles import Grid, check_reach
+from rsdeblur.types import FloatArray, Progress
+from rsdeblur.video import PRIOR
 from rsdeblur.video.clip import Clip, frames
 from rsdeblur.video.pixels import values_of
 
-# Frames, spread over the video, whose noise and brightness stand for all.
-LOOKED_AT = 5
+# Frames, spread over the video, whose noise and brightness represent all.
+SAMPLE_FRAMES = 5
 # Kernels at the tiles' centres may be this much larger than the probed paths say, px.
 SPARE = 1
-
-Progress = Callable[[str, float], None]
+# FFmpeg's numbers of transfer characteristics.
+LINEAR, HDR = 8, (16, 18)
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
-    """What all frames have in common.
+class ClipPlan:
+    """A video with its motion, and the options, strengths and tiles that all its frames share.
 
     Parameters
     ----------
-    method : Method
-        Mode, prior and strengths.
-    rows, cols : tuple of float
-        Where the PSFs stand in the upright frame, px.
-    size : (int, int)
-        Height and width of the largest kernel, px.
-    geometry, transfer
-        See :func:`rsdeblur.deblur`.
+    clip, log, camera
+        The video, the motion and the camera.
+    exposures : tuple of Exposure
+        The exposure of each frame.
+    reasons : tuple of str or None
+        Why each frame is kept as it is, None where it is deblurred.
+    options : Options
+        Options of every frame.
+    strengths : Strengths
+        Strengths of every frame.
+    grid : Grid
+        Places of the PSFs, and the size of the largest kernel.
     """
 
-    method: Method
-    rows: tuple[float, ...]
-    cols: tuple[float, ...]
-    size: tuple[int, int]
-    geometry: Geometry
-    transfer: Transfer
+    clip: Clip
+    log: GyroLog
+    camera: Camera
+    exposures: tuple[Exposure, ...]
+    reasons: tuple[str | None, ...]
+    options: Options
+    strengths: Strengths
+    grid: Grid
 
-    def largest(self) -> PsfBank:
-        """Return a bank of this size that does nothing, to plan for."""
-        kernels = np.zeros((len(self.rows), len(self.cols), *self.size), dtype=np.float32)
-        kernels[:, :, self.size[0] // 2, self.size[1] // 2] = 1.0
-        return PsfBank(kernels, np.array(self.rows), np.array(self.cols))
-
-
-def upright_shot(log: GyroLog, camera: Camera, exposure: Exposure) -> Shot:
-    """Return the shot with its readout along y, as in :func:`rsdeblur.deblur`."""
-    return Shot.from_log(log, camera.turned() if camera.horizontal_readout else camera, exposure)
+    def frame(self, index: int, previous: Plan | None = None) -> Plan:
+        """Return the plan of a frame that is deblurred; it shares the solver of a `previous` frame's plan."""
+        if previous is not None:
+            return previous.replan(self.log, self.exposures[index])
+        alone = plan(self.log, self.camera, self.exposures[index], self.options)
+        return replace(alone, strengths=self.strengths, grid=self.grid)
 
 
 def plan_clip(
@@ -74,122 +74,134 @@ def plan_clip(
     log: GyroLog,
     camera: Camera,
     exposures: Sequence[Exposure],
+    options: Options | None = None,
     *,
-    mode: Mode = "banded",
-    transfer: Transfer = "srgb",
-    geometry: Geometry = "keep",
     progress: Progress | None = None,
-    **settings: Any,
-) -> tuple[Plan, list[str | None]]:
+) -> ClipPlan:
     """Find the largest blur of all frames, and the strengths that suit the video.
 
-    Warns where the motion does not explain the frames that are looked at: those results are checked.
+    Warns where the motion does not explain the sample frames, whose results are checked.
 
     Parameters
     ----------
     clip, log, camera, exposures
         The video, the motion, the camera and the exposure of each frame.
-    mode, transfer, geometry, **settings
-        Those of :func:`rsdeblur.deblur`: bands, strips, prior, weight, exponent, nsr, solver, border, motion, planning,
-        threads.
+    options : Options, optional
+        Default `Options(prior="wiener")`. A transfer of "auto" follows the video's tags.
     progress : callable, optional
         Called as ``progress(stage, fraction)``.
 
     Returns
     -------
-    plan : Plan
-    faults : list
-        Why each frame cannot be deblurred, None where it can.
+    ClipPlan
 
     Raises
     ------
     CoverageError, ClockError, GapError
         If the log describes no frame at all.
     InputError
-        If the frames are not the camera's, or the blur of every frame is too large.
+        If the frames are not the camera's, the blur of every frame is too large, or an option is for single pictures:
+        `normalize`, `saturation`, `fallback` and `max_memory`.
     """
     check_size((clip.height, clip.width), camera)
-    told = progress or (lambda stage, fraction: None)
-    found, faults = _measure(clip, log, camera, exposures, settings["motion"], told)
-    down, across = found[:, 1:3].max(axis=0)
+    options = options or Options(prior=PRIOR)
+    _check_options(options)
+    options = replace(options, transfer=_clip_transfer(clip) if options.transfer == "auto" else options.transfer)
+    report_progress = progress or (lambda stage, fraction: None)
+    measures, reasons = _measure(clip, log, camera, exposures, options, report_progress)
+    down, across = measures[:, 1:3].max(axis=0)
     size = (2 * (int(down) + 1 + SPARE) + 1, 2 * (int(across) + 1 + SPARE) + 1)
-    good = found[:, 0].astype(int)
-    # Frames spread over the video tell the strengths, and those with the fastest change how many tiles are needed.
-    spread = good[np.unique(np.linspace(0, len(good) - 1, LOOKED_AT).astype(int))]
-    looked = []
-    for i in sorted({*spread.tolist(), *good[found[:, 3:].argmax(axis=0)].tolist()}):
-        told(f"look at frame {i}", 1.0)
+    good = measures[:, 0].astype(int)
+    # Frames spread over the video decide the strengths, and those with the fastest change the number of tiles.
+    spread = good[np.unique(np.linspace(0, len(good) - 1, SAMPLE_FRAMES).astype(int))]
+    samples: list[Plan] = []
+    checks: list[QualityCheck | None] = []
+    for i in sorted({*spread.tolist(), *good[measures[:, 3:].argmax(axis=0)].tolist()}):
+        report_progress(f"sample frame {i}", 1.0)
         (frame,) = frames(clip, i, i + 1)
-        looked.append(_alone(values_of(frame), log, camera, exposures[i], mode, transfer, settings))
-    _warn_of_bad([look.check for look in looked], clip)
-    nsr, peak = (float(np.median([getattr(look, name) for look in looked])) for name in ("nsr", "peak"))
-    weights = [look.weight for look in looked if look.weight is not None]
-    weight = float(np.median(weights)) if weights else None
-    rows, cols = (max((getattr(look.psfs, axis) for look in looked), key=len) for axis in ("rows", "cols"))
-    if camera.horizontal_readout:
-        rows, cols = cols, (camera.height - 1 - rows)[::-1]
-    own = {name: settings[name] for name in ("prior", "exponent", "solver", "motion", "border", "planning", "threads")}
-    method = Method(mode=mode, nsr=nsr, weight=weight, peak=peak, **own)
-    return Plan(method, tuple(rows.tolist()), tuple(cols.tolist()), size, geometry, transfer), faults
+        values = values_of(frame)
+        samples.append(plan(log, camera, exposures[i], options).prepare(values))
+        checks.append(samples[-1].apply(values).check)
+    _warn_of_bad(checks, clip)
+    grids = [sample.grid for sample in samples if sample.grid is not None]
+    rows, cols = (max((getattr(grid, axis) for grid in grids), key=len) for axis in ("rows", "cols"))
+    return ClipPlan(
+        *(clip, log, camera, tuple(exposures), tuple(reasons)),
+        options=replace(options, check=False),
+        strengths=_median_strengths(samples),
+        grid=Grid(rows, cols, size),
+    )
+
+
+def _check_options(options: Options) -> None:
+    """Refuse what is for single pictures."""
+    refused = {
+        "normalize=True would make a video flicker": options.normalize,
+        'saturation="auto" is for single pictures': options.saturation != "ignore",
+        "fallback=True is for single pictures": options.fallback,
+        "max_memory is for single pictures": options.max_memory is not None,
+    }
+    for text, is_set in refused.items():
+        if is_set:
+            raise InputError(f"{text}; leave it out")
+
+
+def _clip_transfer(clip: Clip) -> Transfer:
+    """Return how the video's tags say that values encode light."""
+    if clip.colours.transfer in HDR:
+        warnings.warn(
+            f"{clip.path}: the video is HDR (HLG or PQ), and its values are decoded as sRGB; --transfer GAMMA may fit "
+            "better",
+            RsdeblurWarning,
+            stacklevel=3,
+        )
+    return "linear" if clip.colours.transfer == LINEAR else "srgb"
+
+
+def _median_strengths(samples: Sequence[Plan]) -> Strengths:
+    found = [sample.strengths for sample in samples if sample.strengths is not None]
+    weights = [strengths.weight for strengths in found if strengths.weight is not None]
+    nsr, peak = (float(np.median([getattr(strengths, name) for strengths in found])) for name in ("nsr", "peak"))
+    return Strengths(nsr, float(np.median(weights)) if weights else None, peak)
 
 
 def _measure(
-    clip: Clip, log: GyroLog, camera: Camera, exposures: Sequence[Exposure], motion: Motion, told: Progress
+    clip: Clip,
+    log: GyroLog,
+    camera: Camera,
+    exposures: Sequence[Exposure],
+    options: Options,
+    report_progress: Progress,
 ) -> tuple[FloatArray, list[str | None]]:
-    """Return number, extent along y and x and what tiles depend on, of frames that can be deblurred, and all faults."""
-    measures, faults = [], list[str | None]()
+    """Return measures of the frames that can be deblurred, and for all frames why they cannot.
+
+    A row of measures holds the frame's number, the blur's extent along y and x, and what the number of tiles follows.
+    """
+    frame = ReadoutFrame(camera)
+    measures, reasons = [], list[str | None]()
     refused: CoverageError | InputError | None = None
     for i, exposure in enumerate(exposures):
         try:
-            probe = BlurPaths.probe(upright_shot(log, camera, exposure), motion=motion)
-            _check_reach(probe, camera)
+            capture = frame.capture(log, exposure, options.translation, motion=options.motion)
+            # The kernel is up to a pixel larger than the paths.
+            check_reach(capture, spare=1 + SPARE)
         except (CoverageError, InputError) as error:
             refused = refused or error
-            faults.append(str(error))
+            reasons.append(str(error))
             continue
         finally:
-            told("look at all frames", (i + 1) / len(exposures))
-        faults.append(None)
+            report_progress("measure all frames", (i + 1) / len(exposures))
+        reasons.append(None)
+        probe = capture.probe
         measures.append((i, *probe.extent, probe.change_down, probe.curvature_down, probe.curvature_across))
     if not measures:
         raise refused or InputError(f"{clip.path}: there are no frames to deblur")
-    return np.array(measures), faults
+    return np.array(measures), reasons
 
 
-def _check_reach(probe: BlurPaths, camera: Camera) -> None:
-    """Refuse a blur that `deblur` would refuse, with the spare pixels."""
-    down, across = (2 * (int(reach) + 1 + SPARE) + 1 for reach in probe.extent)
-    lines, width = (camera.width, camera.height) if camera.horizontal_readout else (camera.height, camera.width)
-    if down > lines or across > width:
-        raise InputError(f"the blur of {across} x {down} px is larger than the picture")
-
-
-class _Look(NamedTuple):
-    nsr: float
-    weight: float | None
-    peak: float
-    psfs: PsfBank
-    check: Check | None
-
-
-def _alone(
-    values: NDArray[np.uint16],
-    log: GyroLog,
-    camera: Camera,
-    exposure: Exposure,
-    mode: Mode,
-    transfer: Transfer,
-    settings: dict[str, Any],
-) -> _Look:
-    """Deblur a frame as a photo, and return what was chosen for it."""
-    result = deblur(values, log, camera, exposure, mode=mode, transfer=transfer, **settings)
-    peak = brightness(Stored(values[::4, ::4], transfer).light(slice(None)))
-    return _Look(result.nsr, result.weight, peak, result.psfs, result.check)
-
-
-def _warn_of_bad(checks: list[Check | None], clip: Clip) -> None:
-    """Warn where the motion does not explain most of the frames that were looked at."""
+def _warn_of_bad(checks: Sequence[QualityCheck | None], clip: Clip) -> None:
+    """Warn where the motion does not explain most of the sample frames."""
     bad = [check for check in checks if check is not None and check.verdict == "bad"]
     if 2 * len(bad) > len(checks):
-        found = f"{len(bad)} of {len(checks)} frames that were looked at come out bad"
-        warnings.warn(f"{clip.path}: {found}: {' '.join(bad[0].reasons)}", RsdeblurWarning, stacklevel=2)
+        share = f"{len(bad)} of {len(checks)} sample frames come out bad"
+        warnings.warn(f"{clip.path}: {share}: {' '.join(bad[0].reasons)}", RsdeblurWarning, stacklevel=3)

@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from rsdeblur import workers
-from rsdeblur._atomic import check_target, remove_unfinished
-from rsdeblur.camera import Camera
+from rsdeblur._util import workers
+from rsdeblur._util.atomic import check_target, remove_unfinished
+from rsdeblur._util.records import Records, fingerprint
 from rsdeblur.errors import OutputError, RsdeblurError
-from rsdeblur.exposure import Exposure
-from rsdeblur.gyro import GyroLog
-from rsdeblur.records import Records, fingerprint
-from rsdeblur.video.clip import Clip
+from rsdeblur.types import Progress
 from rsdeblur.video.joining import container_of, join
-from rsdeblur.video.plan import Plan
+from rsdeblur.video.plan import ClipPlan
 from rsdeblur.video.segments import Encoding, Segment, encode_segment
 
 SEGMENT = 32
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +60,7 @@ def check_output(output: Path, *, force: bool) -> None:
 
 
 def deblur_video(
-    clip: Clip,
-    log: GyroLog,
-    camera: Camera,
-    exposures: Sequence[Exposure],
-    plan: Plan,
-    faults: Sequence[str | None],
+    plan: ClipPlan,
     output: Path,
     *,
     encoding: Encoding,
@@ -84,10 +75,8 @@ def deblur_video(
 
     Parameters
     ----------
-    clip, log, camera, exposures
-        The video, the motion, the camera and the exposure of each frame.
-    plan, faults
-        See :func:`rsdeblur.video.plan.plan_clip`; frames with a fault are kept as they are.
+    plan : ClipPlan
+        See :func:`rsdeblur.video.plan.plan_clip`; frames with a reason are kept as they are.
     output : Path
         Video to write; its extension chooses the container.
     encoding : Encoding
@@ -114,36 +103,36 @@ def deblur_video(
         parts.open()
     except OSError as error:
         raise OutputError(f"{parts.folder}: cannot make the folder: {error.strerror}") from error
-    told = progress or (lambda stage, fraction: None)
-    mark = _mark(clip, log, camera, exposures, plan, encoding, segment)
+    report_progress = progress or (lambda stage, fraction: None)
+    clip = plan.clip
+    fingerprint = _fingerprint(plan, encoding, segment)
     starts = range(0, len(clip), segment)
     paths = [parts.folder / f"{first:07d}.mkv" for first in starts]
-    done = [parts.facts(path.name, mark) is not None and path.is_file() for path in paths]
+    done = [parts.facts(path.name, fingerprint) is not None and path.is_file() for path in paths]
     resumed = sum(done)
 
     def tasks() -> Iterator[Segment]:
         for first, path, ready in zip(starts, paths, done, strict=True):
             stop = min(first + segment, len(clip))
-            wanted = [None if faults[i] else exposures[i] for i in range(first, stop)]
             if not ready:
-                yield Segment(clip, first, stop, wanted, log, camera, plan, encoding, path)
+                yield Segment(plan, first, stop, encoding, path)
 
     finished = resumed
-    told(f"{min(finished * segment, len(clip))} of {len(clip)} frames", finished / len(paths))
+    report_progress(f"{min(finished * segment, len(clip))} of {len(clip)} frames", finished / len(paths))
     try:
         with closing(workers.run(encode_segment, tasks(), jobs=jobs, lost=_tidy)) as answers:
             for task, answer in answers:
                 if isinstance(answer, workers.Failure):
                     raise RsdeblurError(f"frames {task.first} to {task.stop - 1}: {answer.message}")
-                parts.finish(task.output.name, mark, answer)
+                parts.finish(task.output.name, fingerprint, answer)
                 finished += 1
-                told(f"{min(finished * segment, len(clip))} of {len(clip)} frames", finished / len(paths))
+                report_progress(f"{min(finished * segment, len(clip))} of {len(clip)} frames", finished / len(paths))
     finally:
         for path in paths:
             remove_unfinished(path)
     dropped = join(clip, paths, output)
     shutil.rmtree(parts.folder)
-    kept = sum(fault is not None for fault in faults)
+    kept = sum(reason is not None for reason in plan.reasons)
     return VideoResult(len(clip), kept, len(paths), resumed, dropped)
 
 
@@ -151,15 +140,9 @@ def _tidy(segment: Segment) -> None:
     remove_unfinished(segment.output)
 
 
-def _mark(
-    clip: Clip,
-    log: GyroLog,
-    camera: Camera,
-    exposures: Sequence[Exposure],
-    plan: Plan,
-    encoding: Encoding,
-    segment: int,
-) -> str:
-    """Return what all that the segments' bits depend on makes of them."""
-    settings: list[Any] = [clip, log.epoch_ns, log.t.tobytes(), log.omega.tobytes(), repr(camera), camera.imu_to_camera]
-    return fingerprint([*settings, list(exposures), plan, encoding, segment], [clip.path])
+def _fingerprint(plan: ClipPlan, encoding: Encoding, segment: int) -> str:
+    """Return a fingerprint of all that a segment's bits depend on."""
+    log, camera = plan.log, plan.camera
+    motion: list[Any] = [log.epoch_ns, log.t.tobytes(), log.omega.tobytes(), repr(camera), camera.imu_to_camera]
+    shared = [plan.clip, plan.exposures, plan.reasons, replace(plan.options, threads=None), plan.strengths, plan.grid]
+    return fingerprint([*motion, *shared, encoding, segment], [plan.clip.path])

@@ -3,29 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rsdeblur._atomic import atomic_write
-from rsdeblur.camera import Camera
+from rsdeblur._util.atomic import atomic_write
 from rsdeblur.errors import InputError, OutputError
-from rsdeblur.exposure import Exposure
-from rsdeblur.geometry import rectify
-from rsdeblur.gyro import GyroLog
-from rsdeblur.method import TileSolve
-from rsdeblur.motion import BlurPaths, Shot
-from rsdeblur.psf import PsfBank
-from rsdeblur.stored import Stored, result_like
+from rsdeblur.pipeline.plan import Plan
 from rsdeblur.video._av import av
 from rsdeblur.video.clip import Clip, frames
 from rsdeblur.video.pixels import frame_of, values_of
-from rsdeblur.video.plan import Plan, upright_shot
+from rsdeblur.video.plan import ClipPlan
 
 # Encoders for what decoders are called.
 ENCODERS = {
@@ -99,23 +89,11 @@ def _encoder(name: str) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """Frames `first` to before `stop` of a video, and all that is needed to deblur them.
+    """Frames `first` to before `stop` of a planned video, and the file that they are encoded into."""
 
-    Parameters
-    ----------
-    exposures : sequence of Exposure or None
-        One for each of the frames; None for a frame that is kept as it is.
-    log : GyroLog
-        At least the part that the exposures need.
-    """
-
-    clip: Clip
+    plan: ClipPlan
     first: int
     stop: int
-    exposures: Sequence[Exposure | None]
-    log: GyroLog
-    camera: Camera
-    plan: Plan
     encoding: Encoding
     output: Path
 
@@ -133,18 +111,20 @@ def encode_segment(segment: Segment) -> dict[str, Any]:
     FileFormatError, OutputError
         If a frame cannot be decoded, or the file not written.
     """
-    clip, plan = segment.clip, segment.plan
-    shown = zip(frames(clip, segment.first, segment.stop), segment.exposures, strict=True)
+    clip = segment.plan.clip
+    current: Plan | None = None
     try:
         with atomic_write(segment.output) as file, av.open(file, "w", format=CONTAINER) as container:
             stream = _stream(container, clip, segment.encoding)
-            for frame, exposure in shown:
-                if exposure is None:
+            for index, frame in enumerate(frames(clip, segment.first, segment.stop), segment.first):
+                if segment.plan.reasons[index] is not None:
                     sharp = frame.reformat(format=segment.encoding.pixels)
                     sharp.pict_type = 0  # the encoder's own choice
                 else:
-                    values = deblur_frame(values_of(frame), segment.log, segment.camera, exposure, plan)
-                    sharp = frame_of(values, frame, segment.encoding.pixels)
+                    current = segment.plan.frame(index, current)
+                    values = values_of(frame)
+                    sharp = current.apply(values, out=np.empty_like(values)).image
+                    sharp = frame_of(sharp, frame, segment.encoding.pixels)
                 container.mux(stream.encode(sharp))
             container.mux(stream.encode())
     except av.error.FFmpegError as error:
@@ -165,38 +145,3 @@ def _stream(container: Any, clip: Clip, encoding: Encoding) -> Any:
     context.thread_count = 1
     context.color_range, context.colorspace, context.color_primaries, context.color_trc = clip.colours
     return stream
-
-
-def deblur_frame(
-    values: NDArray[np.uint16], log: GyroLog, camera: Camera, exposure: Exposure, plan: Plan
-) -> NDArray[np.uint16]:
-    """Return a frame, RGB of shape (H, W, 3), deblurred as planned."""
-    shot = upright_shot(log, camera, exposure)
-    quarter = camera.horizontal_readout
-    stored = Stored.of(values, plan.transfer, quarter=quarter)
-    out, upright = result_like(values, np.empty_like(values), quarter=quarter)
-    light = _solved(stored.light(slice(None)), shot, plan)
-    if plan.geometry == "rectify":
-        light, _ = rectify(light, shot)
-    stored.put(light, slice(0, len(light)), upright)
-    return out
-
-
-def _solved(light: NDArray[np.float32], shot: Shot, plan: Plan) -> NDArray[np.float32]:
-    paths = BlurPaths.from_shot(shot, plan.rows, plan.cols, motion=plan.method.motion)
-    bank = PsfBank.from_paths(paths)
-    if plan.method.mode == "rowwise" or any(new > most for new, most in zip(bank.size, plan.size, strict=True)):
-        return plan.method.planned(shot, bank, light.shape)(light, _silent)
-    tiles = _tiles(plan, light.shape)
-    tiles.replan(bank)
-    return tiles(light, _silent)
-
-
-@lru_cache(maxsize=1)
-def _tiles(plan: Plan, shape: tuple[int, int, int]) -> TileSolve:
-    """Plan once for all frames that a process gets."""
-    return plan.method.tiles(plan.largest(), shape)
-
-
-def _silent(_: float) -> None:
-    pass

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
-from rsdeblur.exposure import Exposure
 from rsdeblur.io.captures import open_captures
 from rsdeblur.io.sessions import encoded_stamps, nearest_captures
+from rsdeblur.motion.exposure import Exposure
 from rsdeblur.video.clip import Clip
 
 # The video's own stamps and the logger's may differ by this part of the interval between frames before it is said.

@@ -17,9 +17,9 @@ import pytest
 from click.testing import CliRunner, Result
 from PIL import Image
 
-from rsdeblur import workers
-from rsdeblur.camera import Camera
+from rsdeblur._util import workers
 from rsdeblur.cli import main
+from rsdeblur.motion.camera import Camera
 
 WIDTH, HEIGHT = 96, 72
 START, DURATION = 0.2, 0.04
@@ -61,7 +61,7 @@ def files(tmp_path: Path) -> Files:
     Image.fromarray(pixels).save(files.photo)
     t = np.arange(0.0, 0.5, 0.005)
     files.write_gyro(np.column_stack([t, np.sin(20 * t), 0.8 * np.cos(9 * t), 0.1 + 0 * t]))
-    Camera(WIDTH, HEIGHT, 110.0, readout=0.03).save(files.camera)
+    Camera(WIDTH, HEIGHT, 110.0, readout_time=0.03).save(files.camera)
     header = (
         "Timestamp[nanosec],fx[px],fy[px],Frame No.,Exposure time[nanosec],Sensor frame duration[nanosec],"
         "Frame readout time[nanosec],ISO,Focal length,Focus distance,AF mode"

@@ -87,9 +87,15 @@ def test_an_item_is_what_deblur_makes_of_it(run: Run, files: Files, manifest: Pa
 
 
 @pytest.mark.usefixtures("here")
-def test_fallback_reaches_every_item(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
-    call = (manifest, *files.sources, "--fallback", "--geometry", "rectify", "-o", tmp_path / "out")
-    assert all("fallback" in item["error"] for item in entries(run, *call, code=SOME_FAILED)[:3])
+def test_options_that_exclude_each_other_are_refused_before_any_item(
+    run: Run, files: Files, manifest: Path, tmp_path: Path
+) -> None:
+    result = run(
+        *("batch", manifest, *files.sources, "--fallback", "--geometry", "rectify", "-o", tmp_path / "out"),
+    )
+    assert result.exit_code == 1
+    assert "fallback=True blends with the input" in result.stderr
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.usefixtures("here")
@@ -273,9 +279,9 @@ def test_mars_session(run: Run, files: Files, tmp_path: Path) -> None:
     found = entries(run, folder, "--camera", files.camera, "-o", folder / "out", code=SOME_FAILED)
     assert [Path(item["photo"]).name for item in found] == sorted(path.name for path in (folder / "frames").iterdir())
     assert states(found) == "done failed failed done failed"
-    assert "the nearest capture is 2200.0 ms from it" in found[1]["error"]
-    assert "neither a stamp nor a frame's number" in found[2]["error"]
-    assert "there is no frame 7, they are 0 to 1" in found[4]["error"]
+    assert "the nearest capture is 2200.0 ms away" in found[1]["error"]
+    assert "neither a stamp nor a frame number" in found[2]["error"]
+    assert "there is no frame 7; the frames are 0 to 1" in found[4]["error"]
     assert (folder / "out" / "frames" / "frame0.png").is_file()
 
 
@@ -309,7 +315,7 @@ def test_ambiguous_numbers_are_asked_for(run: Run, files: Files, tmp_path: Path)
     shutil.copy(files.photo, folder / "2.png")
     call = (folder, "--camera", files.camera, "-o", tmp_path / "out")
     (item,) = entries(run, *call, code=SOME_FAILED)
-    assert "say --numbered-from 0 or 1" in item["error"]
+    assert "give --numbered-from 0 or 1" in item["error"]
     assert states(entries(run, *call, "--numbered-from", "1")) == "done"
     for name, said in (("2.png", "no photo"), ("frames.csv", "no capture file"), ("gyro.csv", "no gyro log")):
         (folder / name).unlink()

@@ -13,7 +13,7 @@ from click.testing import Result
 from PIL import Image
 
 from rsdeblur import Camera, read_camera
-from rsdeblur.axes import imu_to_camera
+from rsdeblur.motion.axes import imu_to_camera
 
 if TYPE_CHECKING:
     from conftest import Files
@@ -26,13 +26,22 @@ Run = Callable[..., Result]
 
 def test_new(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "new.toml"
-    options = ("--readout", "18ms", "--readout-direction", "left-right", "--imu", "YxZ", "--stamp", "middle")
-    lens = ("--distortion-model", "radtan", "--distortion", "-0.1,0.01,0.001,0.002", "--principal", "200,149")
-    result = run("camera", "new", "--size", "400x300", "--focal", "410,411", *options, *lens, "-o", out)
+    options = (
+        "--readout-time",
+        "18ms",
+        "--readout-direction",
+        "left-right",
+        "--imu",
+        "YxZ",
+        "--timestamp-marks",
+        "middle",
+    )
+    lens = ("--distortion-model", "radtan", "--distortion", "-0.1,0.01,0.001,0.002", "--principal-point", "200,149")
+    result = run("camera", "new", "--size", "400x300", "--focal-length", "410,411", *options, *lens, "-o", out)
     assert result.exit_code == 0, result.stderr
     camera = read_camera(out)
-    assert (camera.focal, camera.principal, camera.readout) == ((410.0, 411.0), (200.0, 149.0), 0.018)
-    assert (camera.readout_direction, camera.stamp) == ("left-right", "middle")
+    assert (camera.focal_length, camera.principal_point, camera.readout_time) == ((410.0, 411.0), (200.0, 149.0), 0.018)
+    assert (camera.readout_direction, camera.timestamp_marks) == ("left-right", "middle")
     assert camera.distortion == (-0.1, 0.01, 0.001, 0.002)
     np.testing.assert_array_equal(camera.imu_to_camera, imu_to_camera("phone-portrait"))
     assert "phone-portrait" in result.stdout
@@ -40,21 +49,21 @@ def test_new(run: Run, tmp_path: Path) -> None:
     assert (again.exit_code, "the file exists" in again.stderr) == (1, True)
 
 
-@pytest.mark.parametrize("focal", [[], ["--focal", "400", "--focal35", "26"], ["--focal", "a"]])
-def test_new_needs_one_focal_length(run: Run, tmp_path: Path, focal: list[str]) -> None:
-    assert run("camera", "new", "--size", "400x300", *focal, "-o", tmp_path / "new.toml").exit_code == 2
+@pytest.mark.parametrize("focal_length", [[], ["--focal-length", "400", "--focal35", "26"], ["--focal-length", "a"]])
+def test_new_needs_one_focal_length(run: Run, tmp_path: Path, focal_length: list[str]) -> None:
+    assert run("camera", "new", "--size", "400x300", *focal_length, "-o", tmp_path / "new.toml").exit_code == 2
 
 
 def test_import_scales_crops_and_turns(run: Run, tmp_path: Path) -> None:
     source, out = tmp_path / "a.toml", tmp_path / "b.toml"
-    camera = Camera(400, 300, 410.0, readout=0.02, imu_to_camera="phone-landscape")
+    camera = Camera(400, 300, 410.0, readout_time=0.02, imu_to_camera="phone-landscape")
     camera.save(source)
     steps = ("--scale", 0.5, "--crop", "100x80+20+30", "--turn", 1, "--time-offset", "-5ms")
     result = run("camera", "import", source, *steps, "-o", out)
     assert result.exit_code == 0, result.stderr
     expected, found = camera.scaled(0.5).cropped(20, 30, 100, 80).turned(), read_camera(out)
-    assert (found.width, found.height, found.focal) == (80, 100, expected.focal)
-    assert (found.readout, found.readout_direction) == (expected.readout, "right-left")
+    assert (found.width, found.height, found.focal_length) == (80, 100, expected.focal_length)
+    assert (found.readout_time, found.readout_direction) == (expected.readout_time, "right-left")
     np.testing.assert_allclose(found.imu_to_camera, imu_to_camera("phone-portrait"), atol=1e-15)
     assert found.time_offset == -0.005
     assert run("camera", "import", source, "--crop", "all", "-o", out, "--force").exit_code == 2
@@ -64,18 +73,18 @@ def test_what_is_given_is_no_longer_doubted(run: Run, files: Files, tmp_path: Pa
     profile = tmp_path / "profile.json"
     lens = {"camera_matrix": [[110, 0, 48], [0, 110, 36], [0, 0, 1]], "distortion_coeffs": [0, 0, 0, 0]}
     profile.write_text(json.dumps({"calib_dimension": {"w": 96, "h": 72}, "fisheye_params": lens}))
-    doubt = "does not tell the readout time"
+    doubt = "does not contain the readout time"
     assert doubt in run("camera", "import", profile, "-o", tmp_path / "a.toml").stdout
-    assert doubt not in run("camera", "import", profile, "--readout", "20ms", "-o", tmp_path / "b.toml").stdout
+    assert doubt not in run("camera", "import", profile, "--readout-time", "20ms", "-o", tmp_path / "b.toml").stdout
     recording = ["--gyro", files.gyro, "--camera", profile, "--start", START, "--duration", DURATION]
     assert doubt in run("psf", *recording, "-o", tmp_path / "a.png").stderr
-    assert doubt not in run("psf", *recording, "--readout", "20ms", "-o", tmp_path / "b.png").stderr
+    assert doubt not in run("psf", *recording, "--readout-time", "20ms", "-o", tmp_path / "b.png").stderr
 
 
 def test_show(run: Run, files: Files, tmp_path: Path) -> None:
     shown = json.loads(run("camera", "show", files.camera, "--json").stdout)
-    assert (shown["format"], shown["readout_s"]) == ("toml", 0.03)
-    assert "readout_s: 0.03" in run("camera", "show", files.camera).stdout
+    assert (shown["format"], shown["readout_time_s"]) == ("toml", 0.03)
+    assert "readout_time_s: 0.03" in run("camera", "show", files.camera).stdout
     result = run("camera", "show", tmp_path / "none.toml")
     assert (result.exit_code, "none.toml: cannot read the camera file" in result.stderr) == (1, True)
 
@@ -88,7 +97,7 @@ def test_axes_that_cannot_be_are_doubted(run: Run, files: Files, tmp_path: Path)
     assert result.exit_code == 0, result.stderr
     assert "imu_to_camera is the identity, but" in result.stderr
     assert "is in phone axes; imu_to_camera should be phone-portrait or phone-landscape" in result.stderr
-    Camera(96, 72, 110.0, readout=0.03, imu_to_camera="phone-portrait").save(files.camera)
+    Camera(96, 72, 110.0, readout_time=0.03, imu_to_camera="phone-portrait").save(files.camera)
     assert run("deblur", files.photo, *files.recording, "-o", tmp_path / "b.png").stderr == ""
     turned = run("deblur", files.photo, *files.recording, "--orientation", "XYZ", "-o", tmp_path / "c.png")
     assert "imu_to_camera is that of a phone's axes" in turned.stderr

@@ -53,7 +53,7 @@ def test_overrides_reach_the_computation(run: Run, files: Files) -> None:
     common = ["psf", *files.sources, "--duration", DURATION, "--bands", 4, "--strips", 1, "--json"]
     plain = json.loads(run(*common, "--start", START).stdout)
     moved = json.loads(run(*common, "--start", START + 0.1, "--time-offset", 0.1).stdout)
-    still = json.loads(run(*common, "--start", START, "--readout", 0).stdout)
+    still = json.loads(run(*common, "--start", START, "--readout-time", 0).stdout)
     # A log and an exposure moved alike give the same paths, up to the rounding of times.
     assert moved["path_px"]["longest"] == pytest.approx(plain["path_px"]["longest"], rel=1e-6)
     assert still["path_px"]["longest"] != pytest.approx(plain["path_px"]["longest"], rel=1e-3)
@@ -191,7 +191,7 @@ def test_info_tells_the_kinds_apart(run: Run, files: Files) -> None:
     ]
     assert picture["size_px"] == [WIDTH, HEIGHT]
     assert gyro["rate_hz"] == pytest.approx(200.0)
-    assert camera["readout_s"] == 0.03
+    assert camera["readout_time_s"] == 0.03
     assert captures["count"] == 3
     text = run("info", *files).stdout
     assert all(f"{path}: " in text for path in files)

@@ -11,7 +11,7 @@ import pytest
 from click.testing import Result
 from PIL import Image
 
-from rsdeblur.camera import Camera
+from rsdeblur.motion.camera import Camera
 
 if TYPE_CHECKING:
     from conftest import Files
@@ -123,12 +123,12 @@ def other_size(files: Files) -> Path:
 
 
 def kernel_too_large(files: Files) -> Path:
-    Camera(96, 72, 9000.0, readout=0.03).save(files.camera)
+    Camera(96, 72, 9000.0, readout_time=0.03).save(files.camera)
     return files.photo
 
 
 def broken_camera(files: Files) -> Path:
-    files.camera.write_text("width = 96\nheigth = 72\nfocal = 110\n")
+    files.camera.write_text("width = 96\nheigth = 72\nfocal_length = 110\n")
     return files.camera
 
 

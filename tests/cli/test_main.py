@@ -5,14 +5,12 @@ from __future__ import annotations
 import subprocess
 import sys
 
-import click
 import pytest
 from click.testing import CliRunner
 
 import rsdeblur
 import rsdeblur.io.pictures
-from rsdeblur import border, motion, pipeline
-from rsdeblur.cli import COMMANDS, compare, main
+from rsdeblur.cli import COMMANDS, main
 
 HEAVY = ("numpy", "scipy", "numba", "pyfftw", "skimage", "PIL", "rich")
 
@@ -42,15 +40,6 @@ def test_every_help_has_examples(name: str) -> None:
     result = CliRunner().invoke(main, [name, "--help"])
     assert result.exit_code == 0
     assert f"Examples:\n    rsdeblur {name} " in result.stdout
-
-
-def test_choices_are_those_of_the_library() -> None:
-    command = main.get_command(click.Context(main), "deblur")
-    choices = {option.name: tuple(getattr(option.type, "choices", ())) for option in command.params}
-    assert set(choices["mode"]) == set(pipeline.MODES) == set(compare.MODES)
-    assert set(choices["geometry"]) == set(pipeline.GEOMETRIES)
-    assert set(choices["motion"]) == set(motion.MOTIONS)
-    assert choices["border"] == (*border.BORDERS, *border.EXTENSIONS)
 
 
 def test_wrong_usage_exits_with_2() -> None:

@@ -1,0 +1,1 @@
+"""Checks, files, threads and worker processes that every other room may use."""

@@ -1,0 +1,63 @@
+"""Reading of regular files only: reading a pipe or a device might block for ever or never end."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+from rsdeblur.errors import FileFormatError
+
+
+def open_file(path: str | os.PathLike[str], what: str) -> BinaryIO:
+    """Open a regular file for reading.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    what : str
+        Kind of file, for messages.
+
+    Returns
+    -------
+    file
+        Binary file, which the caller closes.
+
+    Raises
+    ------
+    FileFormatError
+        If the file does not exist, cannot be read, or is a folder, a pipe or a device.
+    """
+    try:
+        file = open(path, "rb", opener=_open_at_once)  # noqa: SIM115 (the caller closes it)
+    except (OSError, ValueError) as error:
+        raise _unreadable(path, what, error) from error
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise FileFormatError(
+            f"{path}: cannot read the {what}: it is a pipe or a device; save its output to a file first"
+        )
+    return file
+
+
+def read_file(path: str | os.PathLike[str], what: str, start: int = 0, size: int = -1) -> bytes:
+    """Return the content of a regular file, or `size` bytes from `start` on; see :func:`open_file`."""
+    with open_file(path, what) as file:
+        try:
+            file.seek(start)
+            return file.read(size)
+        except OSError as error:
+            raise _unreadable(path, what, error) from error
+
+
+def _open_at_once(path: str, flags: int) -> int:
+    # Without this flag, opening a pipe waits for its writer.
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def _unreadable(path: str | os.PathLike[str], what: str, error: OSError | ValueError) -> FileFormatError:
+    # A ValueError is raised for names that no file can have, with NUL or lone surrogates.
+    reason = error.strerror if isinstance(error, OSError) else None
+    return FileFormatError(f"{Path(path)}: cannot read the {what}: {reason or error}")

@@ -1,0 +1,138 @@
+"""Threads that share tasks: a team that a solver keeps, or one for a single call; both work in forked processes."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import AbstractContextManager
+from typing import Any
+from weakref import WeakSet
+
+from rsdeblur._util import validate
+
+# Parts per thread of a range that is cut into equal parts: some parts take longer than others.
+PARTS = 4
+
+
+def thread_count(threads: int | None) -> int:
+    """Return `threads`, or the number of processors that this process may use if it is None.
+
+    Raises
+    ------
+    InputError
+        If `threads` is not a whole number of at least 1.
+    """
+    if threads is None:
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return validate.count("threads", threads)
+
+
+class ThreadTeam:
+    """The threads of a solver.
+
+    Parameters
+    ----------
+    threads : int
+        Number of threads; with 1 the calling thread does all the work.
+
+    Attributes
+    ----------
+    lock : context manager
+        Re-entrant lock. A thread holds it while the solver's buffers belong to the thread's picture.
+    """
+
+    lock: AbstractContextManager[Any]
+
+    def __init__(self, threads: int) -> None:
+        self.threads = threads
+        self.renew()
+        _teams.add(self)
+
+    def renew(self) -> None:
+        """Replace the lock and the threads by new ones, all of them idle."""
+        self.lock = threading.RLock()
+        self._pool = _pool(self.threads) if self.threads > 1 else None
+
+    def share(self, work: Callable[[int, int], None], tasks: Sequence[int]) -> None:
+        """Call `work(thread, task)` for every task.
+
+        Each thread takes the next task that is left. Threads are numbered from 0; there are never more than tasks.
+        """
+        if self._pool is None:
+            for task in tasks:
+                work(0, task)
+        else:
+            _share(self._pool, self.threads, work, tasks)
+
+
+def share(work: Callable[[int, int], None], tasks: Sequence[int], threads: int | None) -> None:
+    """Call `work(thread, task)` for every task, as :meth:`ThreadTeam.share` does, in threads that end with the call.
+
+    Parameters
+    ----------
+    work : callable
+        Must give the same results in any order of the tasks.
+    tasks : sequence of int
+        Tasks.
+    threads : int or None
+        Number of threads; None means all processors.
+    """
+    threads = min(thread_count(threads), len(tasks))
+    if threads <= 1:
+        for task in tasks:
+            work(0, task)
+        return
+    with _pool(threads) as pool:
+        _share(pool, threads, work, tasks)
+
+
+def share_range(work: Callable[[int, int], None], count: int, threads: int | None) -> None:
+    """Call `work(first, stop)` for parts of `range(count)` that cover it, shared by threads as in :func:`share`.
+
+    Numba's own parallel loops cannot replace it: they end the process that runs one after a fork and, depending on
+    Numba's threading layer, a process that runs two at once.
+    """
+    size = max(1, -(-count // (PARTS * thread_count(threads))))
+    share(lambda _, first: work(first, min(first + size, count)), range(0, count, size), threads)
+
+
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, thread_name_prefix="rsdeblur")
+
+
+def _share(pool: ThreadPoolExecutor, threads: int, work: Callable[[int, int], None], tasks: Sequence[int]) -> None:
+    left, lock = iter(tasks), threading.Lock()
+
+    def run(thread: int) -> None:
+        while True:
+            with lock:
+                task = next(left, None)
+            if task is None:
+                return
+            work(thread, task)
+
+    runs = [pool.submit(run, thread) for thread in range(min(threads, len(tasks)))]
+    try:
+        for each in runs:
+            each.result()
+    finally:
+        # After a failure or an interrupt, no thread may keep writing to buffers that the next call uses.
+        with lock:
+            deque(left, maxlen=0)
+        wait(runs)
+
+
+_teams: WeakSet[ThreadTeam] = WeakSet()
+
+
+def _renew_all() -> None:
+    for team in _teams:
+        team.renew()
+
+
+# A forked process has only the thread that forked, and locks in the state that other threads left them in.
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_renew_all)

@@ -1,0 +1,244 @@
+"""Many tasks in worker processes, or on a Dask cluster.
+
+A task that fails does not stop the others. A task whose process dies is tried once more. `work` and the tasks are sent
+to the processes, so `work` must be a function of a module, and tasks and answers must pickle.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from itertools import islice
+from multiprocessing import connection, get_context
+from multiprocessing.connection import Connection
+from typing import Any, TypeVar
+
+from rsdeblur._util import validate
+from rsdeblur.errors import InputError, RsdeblurError
+
+Task = TypeVar("Task")
+Answer = TypeVar("Answer")
+
+ATTEMPTS = 2
+# Time for an interrupted worker to remove its unfinished files (s).
+PATIENCE = 10.0
+# Tasks that wait at a cluster, per thread of it.
+AHEAD = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A task that failed.
+
+    Parameters
+    ----------
+    message : str
+        One line.
+    died : bool
+        Whether the process was killed or crashed, so that temporary files may be left.
+    """
+
+    message: str
+    died: bool = False
+
+
+def run(
+    work: Callable[[Task], Answer],
+    tasks: Iterable[Task],
+    *,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    lost: Callable[[Task], None] | None = None,
+) -> Generator[tuple[Task, Answer | Failure], None, None]:
+    """Do `work` on every task and yield each with its answer, in the order in which they finish.
+
+    To stop early, close the iterator (`contextlib.closing`): it interrupts the tasks under way.
+
+    Parameters
+    ----------
+    work : callable
+        Takes a task and returns its answer.
+    tasks : iterable
+        Read as workers become free.
+    jobs : int, default 1
+        Number of worker processes; the calling process does no work.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers take the place of the processes; they must see the same files.
+    lost : callable, optional
+        Called with a task whose process died, before the next attempt: to remove what the process left.
+
+    Raises
+    ------
+    InputError
+        If `jobs` is out of range, no scheduler answers, or the extra ``[dask]`` is not installed.
+    """
+    jobs = validate.count("jobs", jobs)
+    lost = lost or (lambda task: None)
+    yield from _on_cluster(work, tasks, lost, scheduler) if scheduler else _in_processes(work, tasks, lost, jobs)
+
+
+def _in_processes(
+    work: Callable[[Task], Answer], tasks: Iterable[Task], lost: Callable[[Task], None], jobs: int
+) -> Iterator[tuple[Task, Answer | Failure]]:
+    waiting, idle = iter(tasks), list[_Worker]()
+    busy: dict[Connection, tuple[_Worker, Task, int]] = {}
+
+    def begin(task: Task, attempt: int) -> None:
+        worker = idle.pop() if idle else _Worker(work)
+        busy[worker.pipe] = worker, task, attempt
+        worker.send(task)
+
+    try:
+        while True:
+            for task in islice(waiting, jobs - len(busy)):
+                begin(task, 1)
+            if not busy:
+                return
+            ready = connection.wait(list(busy))
+            for pipe in [pipe for pipe in busy if pipe in ready]:
+                worker, task, attempt = busy.pop(pipe)
+                answer = worker.answer()
+                if isinstance(answer, Failure) and answer.died:
+                    lost(task)
+                    if attempt < ATTEMPTS:
+                        begin(task, attempt + 1)
+                        continue
+                else:
+                    idle.append(worker)
+                yield task, answer
+    finally:
+        # A second Ctrl-C must not stop the cleanup after the first.
+        with _interrupts_ignored():
+            workers = [*idle, *(worker for worker, _, _ in busy.values())]
+            for worker in workers:
+                worker.interrupt()
+            for worker in workers:
+                worker.end()
+
+
+class _Worker:
+    """A process that takes tasks through a pipe, one at a time."""
+
+    def __init__(self, work: Callable[[Any], Any]) -> None:
+        # Forking a process whose libraries have threads is not safe.
+        context = get_context("spawn")
+        self.pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs, work), daemon=True)
+        with _interrupts_ignored():
+            self._process.start()
+        # Only the worker keeps that end open, so the pipe breaks when it dies.
+        theirs.close()
+
+    def send(self, task: Any) -> None:
+        # `answer` reports a worker that has died.
+        with suppress(BrokenPipeError):
+            self.pipe.send(task)
+
+    def answer(self) -> Any:
+        try:
+            return self.pipe.recv()
+        except (EOFError, ConnectionResetError):
+            self._process.join()
+            code = self._process.exitcode or 0
+            cause = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
+            return Failure(f"its process {cause} (out of memory, perhaps), {ATTEMPTS} times", died=True)
+
+    def interrupt(self) -> None:
+        """Ask the worker to leave its task; on Windows this ends the process."""
+        if self._process.is_alive() and self._process.pid is not None:
+            os.kill(self._process.pid, signal.SIGINT)
+        self.pipe.close()
+
+    def end(self) -> None:
+        self._process.join(PATIENCE)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+
+
+def _serve(pipe: Connection, work: Callable[[Any], Any]) -> None:
+    """Do tasks until the pipe closes or an interrupt arrives during one."""
+    # A closed pipe raises EOFError, and ConnectionError if the parent left an answer unread.
+    with suppress(EOFError, ConnectionError, KeyboardInterrupt):
+        while True:
+            task = pipe.recv()
+            signal.signal(signal.SIGINT, _interrupt_once)
+            # No task comes before the answer to the last one, so the pipe is closed: the interrupt came too early.
+            if pipe.poll():
+                return
+            answer = _attempt(work, task)
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            pipe.send(answer)
+
+
+def _interrupt_once(*_: object) -> None:
+    # The terminal and the parent both send it; the second one must not stop the cleanup after the first.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Ignore Ctrl-C; processes started inside ignore it until they set their own handler."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+
+
+def _attempt(work: Callable[[Any], Any], task: Any) -> Any:
+    try:
+        return work(task)
+    except (RsdeblurError, OSError) as error:
+        return Failure(_one_line(error))
+    except MemoryError:
+        return Failure("not enough memory")
+    except Exception as error:  # one task's bug must not stop the others
+        return Failure(f"{type(error).__name__}: {_one_line(error)}")
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def _on_cluster(
+    work: Callable[[Task], Answer], tasks: Iterable[Task], lost: Callable[[Task], None], address: str
+) -> Iterator[tuple[Task, Answer | Failure]]:
+    try:
+        from distributed import Client, Future, as_completed
+    except ImportError as error:
+        raise InputError("a Dask scheduler needs the extra [dask]: pip install 'rsdeblur[dask]'") from error
+    try:
+        client = Client(address)
+    except (OSError, ValueError) as error:
+        raise InputError(f"no Dask scheduler answers at {address}: {_one_line(error)}") from error
+    waiting, sent = iter(tasks), dict[Future, Task]()
+
+    def send(count: int) -> list[Future]:
+        new = {client.submit(_attempt, work, task, pure=False): task for task in islice(waiting, count)}
+        sent.update(new)
+        return list(new)
+
+    with client:
+        try:
+            done = as_completed(send(AHEAD * max(1, sum(client.ncores().values()))))
+            for future in done:
+                task = sent.pop(future)
+                # `_attempt` catches what `work` raises, so a future fails only if its worker died several times.
+                died = future.status != "finished"
+                answer = Failure("its worker died, several times", died=True) if died else future.result()
+                if died:
+                    lost(task)
+                for more in send(1):
+                    done.add(more)
+                yield task, answer
+        finally:
+            client.cancel(list(sent))

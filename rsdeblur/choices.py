@@ -1,0 +1,51 @@
+"""The named choices that options offer, each typed once; loading this module loads nothing else."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+Mode = Literal["global", "banded", "rowwise"]
+MODES: tuple[Mode, ...] = get_args(Mode)
+
+Prior = Literal["wiener", "gradient", "tv", "hyper-laplacian"]
+PRIORS: tuple[Prior, ...] = get_args(Prior)
+
+Solver = Literal["auto", "direct", "cg"]
+SOLVERS: tuple[Solver, ...] = get_args(Solver)
+
+Geometry = Literal["keep", "rectify"]
+GEOMETRIES: tuple[Geometry, ...] = get_args(Geometry)
+
+Motion = Literal["rotation", "small-angle"]
+MOTIONS: tuple[Motion, ...] = get_args(Motion)
+
+# How a solver itself continues a picture beyond its frame ...
+Border = Literal["blend", "periodic"]
+BORDERS: tuple[Border, ...] = get_args(Border)
+# ... and the alternatives that make a picture periodic before a solver with border="periodic".
+Boundary = Literal["reflect", "edge-taper", "smooth"]
+BOUNDARIES: tuple[Boundary, ...] = get_args(Boundary)
+
+Saturation = Literal["ignore", "auto"]
+SATURATIONS: tuple[Saturation, ...] = get_args(Saturation)
+
+Planning = Literal["estimate", "measure"]
+PLANNINGS: tuple[Planning, ...] = get_args(Planning)
+
+# A number is a gamma: light = value ** gamma.
+Transfer = Literal["linear", "srgb"] | float
+TRANSFERS: tuple[Literal["linear", "srgb"], ...] = ("linear", "srgb")
+
+ReadoutDirection = Literal["top-down", "bottom-up", "left-right", "right-left"]
+READOUT_DIRECTIONS: tuple[ReadoutDirection, ...] = get_args(ReadoutDirection)
+
+# What the timestamp of a capture marks: of the first row read, the middle row, the last row.
+TimestampMarks = Literal["start", "middle", "end"]
+TIMESTAMP_MARKS: tuple[TimestampMarks, ...] = get_args(TimestampMarks)
+
+Distortion = Literal["none", "radtan", "fisheye"]
+DISTORTIONS: tuple[Distortion, ...] = get_args(Distortion)
+
+Auto = Literal["auto"]
+Count = int | Auto
+Strength = float | Auto

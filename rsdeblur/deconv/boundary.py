@@ -1,0 +1,135 @@
+"""Alternatives to the default border: the picture is made periodic without a seam, and then solved as periodic.
+
+All but the edge taper add rows and columns after the last ones, over which the picture leads from its end to its start.
+After the solve they are cut off again.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from rsdeblur.choices import Boundary
+from rsdeblur.deconv.fft import fast_length
+from rsdeblur.deconv.tiling import WHOLE_EXCESS
+from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatImage
+
+
+def extended(light: FloatImage, bank: PsfBank, boundary: Boundary) -> FloatImage:
+    """Return the picture made periodic; its own rows and columns come first, and `extended_shape` is its shape.
+
+    Parameters
+    ----------
+    light : ndarray, shape (H, W, C), float32
+        Linear light.
+    bank : PsfBank
+        PSFs of the picture.
+    boundary : {"reflect", "edge-taper", "smooth"}
+        See :func:`rsdeblur.deblur`.
+    """
+    if boundary == "edge-taper":
+        return tapered(light, bank.kernels[bank.kernels.shape[0] // 2, bank.kernels.shape[1] // 2])
+    height, width, _ = extended_shape(light.shape, bank, boundary)
+    return reflected(light, height, width) if boundary == "reflect" else smooth(light, height, width)
+
+
+def extended_shape(shape: tuple[int, ...], bank: PsfBank, boundary: Boundary) -> tuple[int, int, int]:
+    """Return the shape of :func:`extended`: larger by at least a PSF, except for the edge taper, which adds nothing."""
+    height, width, channels = shape
+    if boundary != "edge-taper":
+        tall, wide = bank.size
+        height = fast_length(height + tall, excess=WHOLE_EXCESS)
+        width = fast_length(width + wide, excess=WHOLE_EXCESS)
+    return height, width, channels
+
+
+def reflected(light: FloatImage, height: int, width: int) -> FloatImage:
+    """Fill the first half of the added pixels with a reflection at the end, the rest with one at the start."""
+    rows, columns = (_mirrored(n, length) for n, length in zip(light.shape, (height, width), strict=False))
+    return light[rows[:, None], columns]
+
+
+def _mirrored(n: int, length: int) -> NDArray[np.intp]:
+    added = length - n
+    after, before = np.arange(n, n + (added + 1) // 2), np.arange(-(added // 2), 0)
+    positions = np.concatenate([np.arange(n), after, before]) % (2 * n)
+    mirrored: NDArray[np.intp] = np.minimum(positions, 2 * n - 1 - positions)
+    return mirrored
+
+
+def tapered(light: FloatImage, kernel: NDArray[np.floating]) -> FloatImage:
+    """Fade the picture towards its borders into its periodic blur (the "edgetaper" of image processing toolboxes).
+
+    Along each axis, the weight of the picture at a distance from the border is one minus the PSF's autocorrelation at
+    that distance: the share of the blur that does not reach across the border.
+    """
+    height, width, _ = light.shape
+    shares = []
+    for axis, n in ((1, height), (0, width)):
+        profile = kernel.sum(axis=axis, dtype=np.float64)
+        overlap = np.correlate(profile, profile, "full")[len(profile) - 1 :]
+        reach = min(len(overlap), n)
+        share = np.ones(n)
+        share[:reach] -= overlap[:reach] / overlap[0]
+        shares.append(np.minimum(share, share[::-1]).astype(np.float32))
+    weight = shares[0][:, None, None] * shares[1][:, None]
+    placed = np.zeros((height, width), dtype=np.float32)
+    placed[: kernel.shape[0], : kernel.shape[1]] = kernel
+    placed = np.roll(placed, [-(n // 2) for n in kernel.shape], axis=(0, 1))
+    spectrum = fft.rfft2(light, axes=(0, 1)) * fft.rfft2(placed)[..., None]
+    blurred = fft.irfft2(spectrum, s=(height, width), axes=(0, 1))
+    faded: FloatImage = weight * light + (1 - weight) * blurred
+    return faded
+
+
+def smooth(light: FloatImage, height: int, width: int) -> FloatImage:
+    """Fill the added pixels with harmonic functions (zero Laplacian), in the manner of Liu and Jia (2008).
+
+    First the rows that join the last row to the first, then the columns that join the last column to the first, then
+    the corner between both.
+    """
+    out = np.empty((height, width, light.shape[2]), dtype=np.float32)
+    tall, wide, _ = light.shape
+    out[:tall, :wide] = light
+    below = _between(light[-1], light[0], height - tall)
+    right = _between(light[:, -1], light[:, 0], width - wide)
+    out[tall:, :wide] = below
+    out[:tall, wide:] = right.swapaxes(0, 1)
+    # The corner lies between the last and, as the picture repeats, the first row of `right`, and so it does between
+    # the last and the first column of `below`.
+    ring = np.zeros((height - tall + 2, width - wide + 2, light.shape[2]))
+    ring[0, 1:-1], ring[-1, 1:-1] = right[:, -1], right[:, 0]
+    ring[1:-1, 0], ring[1:-1, -1] = below[:, -1], below[:, 0]
+    out[tall:, wide:] = _harmonic(ring)
+    return out
+
+
+def _between(start: FloatImage, end: FloatImage, count: int) -> NDArray[np.float64]:
+    """Return `count` lines, shape (count, n, C), that lead harmonically from `start` to `end` (n, C)."""
+    ring = np.zeros((count + 2, *start.shape))
+    ring[0], ring[-1] = start, end
+    # The two short sides lead straight from corner to corner.
+    step = np.linspace(0, 1, count + 2)[:, None]
+    for side in (0, -1):
+        ring[:, side] = (1 - step) * start[side] + step * end[side]
+    lines = ring[1:-1]
+    lines[:, 1:-1] = _harmonic(ring)
+    return lines
+
+
+def _harmonic(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the harmonic function inside the border of `ring` (h + 2, w + 2, C); only that border is read."""
+    inner = ring.shape[0] - 2, ring.shape[1] - 2
+    known = np.zeros((*inner, ring.shape[2]))
+    if not known.size:
+        return known
+    known[0] -= ring[0, 1:-1]
+    known[-1] -= ring[-1, 1:-1]
+    known[:, 0] -= ring[1:-1, 0]
+    known[:, -1] -= ring[1:-1, -1]
+    down, across = (2 * np.cos(np.pi * np.arange(1, n + 1) / (n + 1)) - 2 for n in inner)
+    sines = fft.dstn(known, type=1, axes=(0, 1)) / (down[:, None] + across)[..., None]
+    solved: NDArray[np.float64] = fft.idstn(sines, type=1, axes=(0, 1))
+    return solved

@@ -1,0 +1,184 @@
+"""The only module that calls FFTW: planned transforms of lines, in buffers that belong to the transforms.
+
+A transform runs in the thread that calls it; threads share blocks of work (`rsdeblur.deconv.hybrid`), not transforms.
+
+Measured plans are kept in the user's cache folder, in one file per FFTW version and processor. Every later process
+uses them, for either kind of planning.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import threading
+import warnings
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import platformdirs
+import pyfftw
+from numpy.typing import NDArray
+
+from rsdeblur._util.atomic import atomic_write
+from rsdeblur._util.files import read_file
+from rsdeblur.choices import Planning
+from rsdeblur.errors import FileFormatError, OutputError, RsdeblurWarning
+
+Complex = NDArray[np.complex64]
+Real = NDArray[np.float32]
+
+
+# Bound on the time spent measuring one plan, s.
+PLANNING_TIME = 1.0
+
+
+# Time per point of a transform, relative to that of a power of two. FFTW is fast for multiples of 16, and each odd
+# factor costs time. Fitted to measured plans of lengths 96 to 2310 (float32, AVX-512): what each factor adds, what each
+# 3 after the first adds in addition, and what each factor of 2 that is missing to 16 adds.
+FACTOR_COST = {3: 0.15, 5: 0.15, 7: 0.4, 11: 1.0, 13: 1.3}
+FURTHER_3_COST = 0.35
+SHORT_OF_16_COST = 0.25
+
+
+def fast_length(minimum: int, *, excess: float) -> int:
+    """Return the even length from `minimum` to about `minimum * (1 + excess)` that FFTW transforms fastest."""
+    lengths = range(minimum + minimum % 2, max(int(minimum * (1 + excess)), minimum + 2) + 1, 2)
+    return min(lengths, key=_cost)
+
+
+def _cost(length: int) -> float:
+    """Return the predicted time of a transform; a prime above 13 costs as much as a direct sum over it."""
+    rest, powers = length, dict.fromkeys((2, *FACTOR_COST), 0)
+    for factor in powers:
+        while rest % factor == 0:
+            rest //= factor
+            powers[factor] += 1
+    odd = sum(cost * powers[factor] for factor, cost in FACTOR_COST.items())
+    further = FURTHER_3_COST * max(powers[3] - 1, 0) + SHORT_OF_16_COST * max(4 - powers[2], 0)
+    return length * (1.0 + odd + further + (rest - 1))
+
+
+def empty(shape: tuple[int, ...], dtype: type[Any]) -> NDArray[Any]:
+    """Return an uninitialised array that is aligned for SIMD."""
+    buffer: NDArray[Any] = pyfftw.empty_aligned(shape, dtype=dtype)
+    return buffer
+
+
+class RowTransform:
+    """Real transform along the last axis: `real` (..., n) <-> `spectrum` (..., n // 2 + 1).
+
+    Both buffers are created here, unless a `spectrum` is passed; :meth:`move` then replaces it by another one of the
+    same layout. The inverse is not scaled and destroys `spectrum`.
+    """
+
+    def __init__(
+        self, shape: tuple[int, ...], planning: Planning = "estimate", spectrum: Complex | None = None
+    ) -> None:
+        self.real: Real = empty(shape, np.float32)
+        self.spectrum: Complex = (
+            empty((*shape[:-1], shape[-1] // 2 + 1), np.complex64) if spectrum is None else spectrum
+        )
+        self._forward = _plan(self.real, self.spectrum, "FFTW_FORWARD", planning)
+        self._inverse = _plan(self.spectrum, self.real, "FFTW_BACKWARD", planning)
+        self.forward: Callable[[], None] = self._forward.execute
+        self.inverse: Callable[[], None] = self._inverse.execute
+        # A caller may fill the buffer in part, but the transform reads all of it.
+        self.real[...] = 0
+        self.spectrum[...] = 0
+
+    def move(self, spectrum: Complex) -> None:
+        """Use `spectrum` from now on; it must have the shape, strides and alignment of the one before."""
+        self._forward.update_arrays(self.real, spectrum)
+        self._inverse.update_arrays(spectrum, self.real)
+        self.spectrum = spectrum
+
+
+class LineTransform:
+    """Complex transform in place along the last axis of `data`, which is created here. The inverse is not scaled."""
+
+    def __init__(self, shape: tuple[int, ...], planning: Planning = "estimate") -> None:
+        self.data: Complex = empty(shape, np.complex64)
+        self.forward: Callable[[], None] = _plan(self.data, self.data, "FFTW_FORWARD", planning).execute
+        self.inverse: Callable[[], None] = _plan(self.data, self.data, "FFTW_BACKWARD", planning).execute
+        self.data[...] = 0
+
+
+def _plan(source: NDArray[Any], target: NDArray[Any], direction: str, planning: Planning) -> Any:
+    """Return the transform of lines from `source` to `target`, unscaled; it may destroy `source`."""
+    _recall()
+    # FFTW has one planner and one wisdom (its measured plans) per process.
+    with _planner:
+        return pyfftw.FFTW(
+            source,
+            target,
+            axes=(-1,),
+            direction=direction,
+            flags=(f"FFTW_{planning.upper()}", "FFTW_DESTROY_INPUT"),
+            planning_timelimit=PLANNING_TIME,
+        )
+
+
+_planner = threading.Lock()
+
+
+def wisdom_file() -> Path:
+    """Return the path of the file with this machine's measured plans."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        processor = next(line for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        processor = platform.processor()
+    kind = hashlib.sha256(f"{platform.machine()} {processor}".encode()).hexdigest()[:12]
+    return platformdirs.user_cache_path("rsdeblur") / f"{pyfftw.fftw_version}-{kind}.wisdom"
+
+
+@cache
+def _recall() -> None:
+    """Load the plans that earlier processes measured, once per process."""
+    _read_wisdom()
+
+
+def _read_wisdom() -> None:
+    try:
+        seal, _, single = read_file(wisdom_file(), "wisdom").partition(b"\n")
+    except FileFormatError:
+        return
+    # FFTW ignores wisdom of another build, but damaged wisdom may make it abort the process; hence the seal.
+    if seal == _seal(single):
+        with _planner:
+            pyfftw.import_wisdom((b"", single, b""))
+
+
+def _seal(wisdom: bytes) -> bytes:
+    return hashlib.sha256(wisdom).hexdigest().encode()
+
+
+def remember() -> None:
+    """Store all plans measured so far, together with those that other processes stored meanwhile.
+
+    Warns
+    -----
+    RsdeblurWarning
+        Once per process, if the cache folder cannot be written. The next process then measures again.
+    """
+    file = wisdom_file()
+    _read_wisdom()
+    with _planner:
+        single = pyfftw.export_wisdom()[1]
+    sealed = _seal(single) + b"\n" + single
+    try:
+        if file.exists() and file.read_bytes() == sealed:
+            return
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(file) as out:
+            out.write(sealed)
+    except (OSError, OutputError) as error:
+        _warn_not_kept(str(error))
+
+
+@cache
+def _warn_not_kept(reason: str) -> None:
+    warnings.warn(f"measured FFT plans cannot be kept, planning is repeated next time: {reason}", RsdeblurWarning, 3)

@@ -1,0 +1,352 @@
+"""The exact rolling-shutter solve: every row has its own PSF.
+
+For each frequency along x the blur is a banded matrix A along y (:mod:`rsdeblur.deconv.rowwise_blur`), so
+
+    minimise |A u - g|^2 + nsr |u - m|^2 + beta |grad u - w|^2
+
+is a banded Hermitian positive definite system: the gradient term is diagonal along x and tridiagonal along y. Where the
+data do not determine u, it falls back on m, the expectation: the picture's mean and, without a gradient term, near top
+and bottom the average of the outermost rows, smoothed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rsdeblur._util import validate
+from rsdeblur._util.threads import thread_count
+from rsdeblur.choices import BORDERS, PLANNINGS, SOLVERS, Border, Planning, Solver
+from rsdeblur.deconv.fft import Real, empty, remember
+from rsdeblur.deconv.priors import GradientPrior, minimise
+from rsdeblur.deconv.rowwise_blur import StripBlur, latent_rows
+from rsdeblur.deconv.rowwise_cg import NormalEquations, conjugate_gradients, is_faster
+from rsdeblur.deconv.rowwise_spectra import ROWS, RowSpectra
+from rsdeblur.deconv.tiling import Tile, Tiling
+from rsdeblur.deconv.wiener import DECAY_MARGIN, LEAST_MARGIN
+from rsdeblur.errors import InputError
+from rsdeblur.kernels import rowwise
+from rsdeblur.kernels.rowwise import LANES
+from rsdeblur.motion.paths import BlurPaths
+
+# Largest margin of a strip, in PSF widths: the tiny `nsr` of gradient priors would ask for a hundred.
+MOST_MARGIN = 3.0
+# Expectation beyond top and bottom: the average of this many outermost rows, smoothed along x by a Gaussian whose
+# standard deviation is as many px.
+EDGE_ROWS = 4
+# Inside the frame the expectation fades to the mean over this many rows more than paths reach beyond the frame.
+EDGE_FADE = 16
+# Frequencies that the smoothing reduces to a smaller share than this are expected to be zero.
+LEAST_EXPECTED = 1e-3
+
+# Least `nsr`. The normal matrix has elements up to 1, which float32 rounds by 6e-8, and the factorisation adds up many
+# such errors.
+LEAST_RIDGE = np.float32(1e-6)
+
+
+class RowDeconvolver:
+    """Deconvolution with the PSF of every row, planned once and applied often.
+
+    Minimises `|A u - g|^2 + nsr |u - m|^2` exactly. A is :class:`rsdeblur.RowBlur`; m is the picture's mean and, near
+    top and bottom, the smoothed average of its outermost rows. The difference u - m is then multiplied by (1 + nsr).
+    With this factor no motion is the identity, and a constant picture keeps its brightness.
+
+    Parameters
+    ----------
+    paths : BlurPaths
+        Paths of every row of the picture (:meth:`rsdeblur.BlurPaths.every_row`), in one or more strips.
+    shape : (H, W) or (H, W, C)
+        Shape of the pictures.
+    nsr : float, default 0.01
+        Noise-to-signal power ratio Phi, positive; less than 1e-6, the limit of float32, counts as 1e-6.
+    solver : {"auto", "direct", "cg"}
+        "direct" is a banded Cholesky factorisation. "cg" is conjugate gradients with a banded Wiener filter as
+        preconditioner, to a relative residual of 1e-3. "auto" takes the one that is predicted to be faster.
+    border : {"blend", "periodic"}
+        How the picture continues along x, see :class:`rsdeblur.Deconvolver`. Along y, rows beyond the frame are
+        unknowns.
+    planning : {"estimate", "measure"}
+        How FFTW plans, see :class:`rsdeblur.Deconvolver`.
+    threads : int, optional
+        Threads that share the work; default all processors. Any number gives the same bits.
+
+    Attributes
+    ----------
+    solver : {"direct", "cg"}
+        The solver in use.
+    top : int
+        Row of the picture at which the first latent row lies; 0 or less.
+
+    Raises
+    ------
+    InputError
+        If `paths` are not those of the picture's rows or reach further than the picture, or an argument is out of
+        range.
+    """
+
+    def __init__(
+        self,
+        paths: BlurPaths,
+        shape: tuple[int, ...],
+        *,
+        nsr: float = 0.01,
+        solver: Solver = "auto",
+        border: Border = "blend",
+        planning: Planning = "estimate",
+        threads: int | None = None,
+    ) -> None:
+        if len(shape) not in (2, 3):
+            raise InputError(f"shape must be (H, W) or (H, W, C), got {shape}")
+        self.shape = tuple(validate.count("shape", n) for n in shape)
+        self.nsr = validate.finite("nsr", nsr, above=0.0)
+        validate.choice("solver", solver, SOLVERS)
+        validate.choice("border", border, BORDERS)
+        validate.choice("planning", planning, PLANNINGS)
+        height, width = self.shape[:2]
+        self.top, latents = latent_rows(paths)
+        reach = int(np.floor(paths.extent[1])) + 1
+        if len(paths.rows) != height:
+            raise InputError(f"paths are those of {len(paths.rows)} rows, the picture has {height}")
+        if 2 * reach + 1 > width:
+            raise InputError(f"the paths reach {reach} px sideways, more than the picture of {width} px can hold")
+        kernel = 2 * reach + 1
+        margin = int(np.ceil(min(max(LEAST_MARGIN, DECAY_MARGIN / self.nsr**0.5), MOST_MARGIN) * kernel))
+        self._periodic = border == "periodic"
+        self._tiling = Tiling.plan(paths.cols, width, kernel, margin, periodic=self._periodic)
+        threads = thread_count(threads)
+        self._strips = [StripBlur.from_paths(paths, s, self.top, latents, threads) for s in range(len(paths.cols))]
+        channels = self.shape[2] if len(self.shape) == 3 else 1
+        self._spectra = RowSpectra(channels, self._tiling.length, planning=planning, threads=threads)
+        self._data, self._latent = self._spectra.empty(height), self._spectra.empty(latents)
+        blocks = range(self._spectra.blocks)
+        self._tables = [[strip.table(b, self._spectra.length) for b in blocks] for strip in self._strips]
+        if solver == "auto":
+            solver = "cg" if any(is_faster(strip.model, channels) for strip in self._strips) else "direct"
+        self.solver = solver
+        floats = max(strip.workspace_size(solve=self.solver == "direct") for strip in self._strips)
+        self._workspaces: list[Real] = [empty((floats,), np.float32) for _ in range(self._spectra.team.threads)]
+        if planning == "measure":
+            remember()
+
+    @property
+    def blocks(self) -> int:
+        """Blocks of 16 frequencies, each solved by one thread."""
+        return self._spectra.blocks
+
+    @property
+    def coverage(self) -> NDArray[np.bool_]:
+        """Mask (H, W) of the pixels that some recorded row saw; the prior fills the others from their neighbours.
+
+        Paths with ``geometry="keep"`` see every row; those with ``geometry="rectify"`` may not.
+        """
+        covered = np.zeros(self.shape[:2], dtype=np.bool_)
+        for strip, tile in zip(self._strips, self._tiling.tiles, strict=True):
+            columns = slice(tile.first, tile.first + len(tile.weights))
+            covered[:, columns] |= strip.seen[-self.top : len(covered) - self.top, None]
+        return covered
+
+    @property
+    def memory(self) -> int:
+        """Bytes held between and during calls, not counting pictures."""
+        tables = [table for tables in self._tables for table in tables]
+        models = [array for strip in self._strips for array in strip.model]
+        return sum(array.nbytes for array in (self._data, self._latent, *self._workspaces, *tables, *models))
+
+    def apply(
+        self,
+        image: ArrayLike,
+        out: NDArray[np.float32] | None = None,
+        *,
+        prior: GradientPrior | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> NDArray[np.float32]:
+        """Deblur one picture.
+
+        Parameters
+        ----------
+        image : array_like of the planned shape
+            Linear light, floats; converted to float32.
+        out : ndarray, float32, optional
+            Receives the result; may be `image` itself.
+        prior : GradientPrior, optional
+            Penalty on the gradient of the sharp picture; without it the result is that of the Wiener filter.
+        progress : callable, optional
+            Called with the finished fraction after each strip and, with a prior, after each solve.
+
+        Returns
+        -------
+        ndarray, float32
+            `out`, or a new array; not clipped.
+
+        Raises
+        ------
+        InputError
+            If `image` or `out` has another shape or type, or `image` is not finite. Integers are no linear light:
+            :func:`rsdeblur.image.transfer.to_linear` converts them.
+        """
+        picture = validate.picture(image, self.shape)
+        out = validate.output(out, self.shape)
+        source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))
+        prior = None if prior is None else prior.with_peak_of(picture)
+        strips = len(self._strips)
+        if strips > 1:
+            # Strips are added up in `out`, so it cannot be the source as well.
+            source = source.copy() if np.shares_memory(source, target) else source
+            target[...] = 0
+        with self._spectra.team.lock:
+            for s, tile in enumerate(self._tiling.tiles):
+                report = None if progress is None else _part_of(progress, s, strips)
+                term = self._observe(source, s)
+                if prior is None:
+                    term.filter()
+                    self._spectra.unload(self._latent, -self.top, target, tile, add=strips > 1)
+                    if report is not None:
+                        report(1.0)
+                else:
+                    latent = minimise(term, prior, threads=self._spectra.team.threads, progress=report)
+                    self._place(latent, target, tile, add=strips > 1)
+        return out
+
+    def _observe(self, source: Real, strip: int) -> DataTerm:
+        """Transform a strip of the observation (H, W, C), and return the strip's data term."""
+        start, taper = self._tiling.tiles[strip].start, self._tiling.taper
+        self._spectra.load(source, self._data, start=start, taper=taper, periodic=self._periodic)
+        return DataTerm(self, strip)
+
+    def _place(self, latent: Real, target: Real, tile: Tile, *, add: bool) -> None:
+        """Write a strip's latent picture (L, N, C) to `target` (H, W, C), or add it, where `tile` contributes."""
+        columns, weights = slice(tile.first, tile.first + len(tile.weights)), tile.weights[:, None]
+        shown = slice(tile.first - tile.start, tile.first - tile.start + len(weights))
+        source = latent[-self.top : len(target) - self.top, shown]
+
+        def block(_: int, top: int) -> None:
+            rows = slice(top, top + ROWS)
+            part = weights * source[rows]
+            target[rows, columns] = target[rows, columns] + part if add else part
+
+        self._spectra.team.share(block, range(0, len(target), ROWS))
+
+    def _solve(self, strip: int, ridge: Real, smooth: float, *, scale: float, with_grad_adjoint: bool) -> None:
+        """Minimise for all frequencies of `strip`, and leave the result in the latent spectra.
+
+        `ridge` has shape (blocks, 16). `with_grad_adjoint` means that the latent spectra hold `D^T w`, which enters the
+        right-hand side times `smooth`. The difference u - m is scaled in the end.
+        """
+        model, tables = self._strips[strip].model, self._tables[strip]
+
+        def block(thread: int, b: int) -> None:
+            data, latent, workspace = self._data[b], self._latent[b], self._workspaces[thread]
+            if with_grad_adjoint:
+                latent *= np.float32(smooth)
+            else:
+                latent[...] = 0
+            expected = self._expectation(b, edges=smooth == 0)
+            if expected is not None:
+                blurred = np.empty_like(data)
+                rowwise.forward(model, tables[b], blurred, expected, workspace)
+                data = data - blurred
+            if self.solver == "direct":
+                rowwise.solve(model, tables[b], data, latent, workspace, ridge[b], smooth)
+            else:
+                equations = NormalEquations(model, tables[b], data.shape[1], ridge[b], smooth, workspace)
+                right = np.empty_like(latent)
+                rowwise.adjoint(model, tables[b], data, right, workspace)
+                right += latent
+                latent[...] = conjugate_gradients(equations.multiply, equations.precondition, right)
+            latent *= scale
+            if expected is not None:
+                latent += expected
+
+        self._spectra.team.share(block, range(self._spectra.blocks))
+
+    def _expectation(self, block: int, *, edges: bool) -> Real | None:
+        """Return the spectra of m in one block, without `edges` those of the mean; None where they are next to zero."""
+        frequency = (block * LANES + np.arange(LANES)) / self._spectra.length
+        left = np.exp(-2 * (np.pi * EDGE_ROWS * frequency) ** 2).astype(np.float32)
+        if left[0] < LEAST_EXPECTED or (block > 0 and not edges):
+            return None
+        data = self._data[block]
+        mean = np.zeros_like(data[:, :1])
+        if block == 0:
+            mean[..., 0, 0] = data[:, :, 0, 0].mean(axis=1, keepdims=True)
+        if not edges:
+            return np.repeat(mean, self._latent.shape[2], axis=1)
+        first, last = (left * (rows.mean(axis=1) - mean[:, 0]) for rows in (data[:, :EDGE_ROWS], data[:, -EDGE_ROWS:]))
+        expected = np.repeat(mean, self._latent.shape[2], axis=1)
+        # Positions are counted from the first and from the last row of the frame; beyond the frame the weight is 1.
+        above = _fading(self.top, EDGE_FADE - self.top)
+        below = _fading(data.shape[1] - self.top - expected.shape[1], EDGE_FADE - self.top)
+        expected[:, : len(above)] += (above * first[:, None])[:, : expected.shape[1]]
+        expected[:, ::-1][:, : len(below)] += (below * last[:, None])[:, : expected.shape[1]]
+        return expected
+
+
+def _part_of(progress: Callable[[float], None], part: int, parts: int) -> Callable[[float], None]:
+    """Return the function that reports the progress of one of several equal parts."""
+    return lambda fraction: progress((part + fraction) / parts)
+
+
+def _fading(first: int, length: int) -> Real:
+    """Return weights (n, 1, 1) for positions from `first` on: 1 up to position 0, falling to 0 at `length`."""
+    positions = np.arange(first, length, dtype=np.float32)
+    return (0.5 + 0.5 * np.cos(np.pi * positions.clip(0) / length)).astype(np.float32)[:, None, None]
+
+
+class DataTerm:
+    """Data term `|A u - g|^2 + nsr |u - m|^2` of one strip of one picture, to which a prior adds a gradient term.
+
+    It is a :class:`rsdeblur.deconv.priors.QuadraticSolver`, valid until the solver observes the next strip. With a
+    gradient term m is the picture's mean. Rows beyond the frame are unknowns, so no gradient crosses an end.
+
+    Attributes
+    ----------
+    shape : (L, N, C)
+        Shape of the strip's latent picture: rows from `RowDeconvolver.top` on, the padded width, channels.
+    """
+
+    periodic = False
+
+    def __init__(self, solver: RowDeconvolver, strip: int) -> None:
+        self._solver, self._strip = solver, strip
+        spectra = solver._spectra
+        self.shape = (solver._latent.shape[2], spectra.length, spectra.channels)
+        turns = np.arange(spectra.blocks * LANES).reshape(-1, LANES) / spectra.length
+        self._wavenumbers = (2 - 2 * np.cos(2 * np.pi * turns)).astype(np.float32)
+
+    def solve(self, beta: float, grad_adjoint: Real | None) -> Real:
+        """Minimise the term plus `beta |D u - w|^2`, D taking forward differences.
+
+        Parameters
+        ----------
+        beta : float
+            Weight of the gradient term, at least 0.
+        grad_adjoint : ndarray of the strip's shape, float32, or None
+            `D^T w`; None is zero. Its memory receives the result.
+
+        Returns
+        -------
+        ndarray of the strip's shape, float32
+            The latent picture u, in the memory of `grad_adjoint` if there is one.
+        """
+        beta = validate.finite("beta", beta, minimum=0.0)
+        spectra, latent = self._solver._spectra, self._solver._latent
+        if grad_adjoint is not None:
+            if grad_adjoint.shape != self.shape:
+                raise InputError(f"grad_adjoint must have shape {self.shape}, got {grad_adjoint.shape}")
+            spectra.load(grad_adjoint, latent)
+        self._minimise(self._solver.nsr, beta, with_grad_adjoint=grad_adjoint is not None)
+        u = np.empty(self.shape, dtype=np.float32) if grad_adjoint is None else grad_adjoint
+        spectra.unload(latent, 0, u, Tile(0, 0, np.ones(spectra.length, dtype=np.float32)))
+        return u
+
+    def filter(self) -> None:
+        """Minimise the term alone, and leave the result in the solver's latent spectra."""
+        nsr = self._solver.nsr
+        # With this factor no motion is the identity at any nsr.
+        self._minimise(nsr, 0.0, scale=1.0 + nsr)
+
+    def _minimise(self, ridge: float, beta: float, *, scale: float = 1.0, with_grad_adjoint: bool = False) -> None:
+        ridges = max(np.float32(ridge), LEAST_RIDGE) + np.float32(beta) * self._wavenumbers
+        self._solver._solve(self._strip, ridges, beta, scale=scale, with_grad_adjoint=with_grad_adjoint)

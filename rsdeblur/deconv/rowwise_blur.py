@@ -1,0 +1,278 @@
+"""The rolling-shutter blur, exact for every row, and its adjoint.
+
+Row y of the recorded picture is the gather `g(p) = mean_t u(p - d(y, t))` over the path of row y. Transformed along x,
+where the blur of a strip does not change, it is a sum over latent rows j for each frequency k:
+
+    G[y] = sum_j A[y, j] U[j],    A[y, j] = mean_t hat(y - d_y(y, t) - j) exp(-2 pi i k d_x(y, t) / N)
+
+where hat is linear interpolation between rows; between columns, too, PSFs are drawn by linear interpolation. Row y
+touches only the rows that its own path visits. Some of them lie beyond the frame, so the latent picture is taller than
+the recorded one, and nothing wraps around in y.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rsdeblur._util import validate
+from rsdeblur._util.threads import thread_count
+from rsdeblur.deconv.fft import Real, empty
+from rsdeblur.deconv.rowwise_spectra import RowSpectra
+from rsdeblur.deconv.tiling import Tile, hat_weights
+from rsdeblur.errors import InputError
+from rsdeblur.kernels import rowwise
+from rsdeblur.kernels.raster import rasterize
+from rsdeblur.kernels.rowwise import BLOCK, RowModel
+from rsdeblur.motion.paths import BlurPaths
+from rsdeblur.types import FloatArray
+
+if TYPE_CHECKING:
+    from scipy.sparse.linalg import LinearOperator
+
+# Rows drawn at a time, which bounds the memory for their dense kernels.
+ROWS_TOGETHER = 256
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StripBlur:
+    """Blur of every row in one strip, as taps that do not depend on the picture's width.
+
+    Parameters
+    ----------
+    model : RowModel
+        Which latent rows each picture row gathers, with which weights and shifts.
+    rows : int
+        Rows of the recorded picture.
+    top : int
+        Row of the recorded picture at which the first latent row lies; 0 or less.
+    first_shift, shifts : int
+        Smallest shift along x, px, and the number of shifts.
+    """
+
+    model: RowModel
+    rows: int
+    top: int
+    first_shift: int
+    shifts: int
+
+    @classmethod
+    def from_paths(cls, paths: BlurPaths, strip: int, top: int, latents: int, threads: int | None = None) -> StripBlur:
+        """Draw the PSF of every row of `strip`, and sort it by latent row; they are `latents` rows from `top` on."""
+        row, down, across, weight = _draw(paths.displacements[:, strip], threads)
+        # A PSF weighs displacements d = p - q of the recorded from the latent point.
+        latent = row - down - top
+        first = int(across.min())
+        model = _sorted(row, latent, across - first, weight, latents, len(paths.rows))
+        return cls(model, len(paths.rows), top, first, int(across.max()) - first + 1)
+
+    def table(self, block: int, length: int) -> Real:
+        """Return the phases of the shifts at the 16 frequencies of `block`."""
+        return rowwise.phase_table(block, self.first_shift, self.shifts, length)
+
+    def workspace_size(self, *, solve: bool) -> int:
+        """Return the number of floats of workspace that one thread needs to apply the blur, or to solve with it."""
+        return rowwise.workspace_size(self.model, self.table(0, 1), self.rows, solve)
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """Whether any picture row sees a latent row, shape (latents,)."""
+        starts = np.concatenate([[0], np.cumsum(np.repeat(self.model.row_end - self.model.row_first, BLOCK))])
+        seen: NDArray[np.bool_] = np.diff(self.model.tap_start[starts]) > 0
+        return seen
+
+
+class RowBlur:
+    """Row-exact blur of a rolling-shutter picture as a linear operator, and its adjoint.
+
+    The picture repeats along x. Strips are blended linearly between their centres.
+
+    Parameters
+    ----------
+    paths : BlurPaths
+        Paths of every row of the picture (:meth:`rsdeblur.BlurPaths.every_row`), in one or more strips.
+    width : int
+        Width of the picture, px.
+    channels : int, default 1
+        Channels of the pictures; each has the same blur.
+    threads : int, optional
+        Threads that share the work; default all processors. Any number gives the same bits.
+
+    Attributes
+    ----------
+    picture_shape, latent_shape : (H, W, C) and (L, W, C)
+        Shapes of the recorded and of the latent picture.
+    top : int
+        Row of the recorded picture at which the first latent row lies; 0 or less.
+
+    Raises
+    ------
+    InputError
+        If `paths` do not belong to the rows 0, 1, 2 and so on, or a count is not a positive whole number.
+    """
+
+    def __init__(self, paths: BlurPaths, width: int, *, channels: int = 1, threads: int | None = None) -> None:
+        width, channels = validate.count("width", width), validate.count("channels", channels)
+        self.top, latents = latent_rows(paths)
+        height = len(paths.rows)
+        self.picture_shape, self.latent_shape = (height, width, channels), (latents, width, channels)
+        threads = thread_count(threads)
+        self._strips = [StripBlur.from_paths(paths, s, self.top, latents, threads) for s in range(len(paths.cols))]
+        self._weights = hat_weights(paths.cols, width).astype(np.float32)
+        self._spectra = RowSpectra(channels, width, planning="estimate", threads=threads)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Shape of the matrix: number of values of the recorded and of the latent picture."""
+        return int(np.prod(self.picture_shape)), int(np.prod(self.latent_shape))
+
+    def forward(self, latent: ArrayLike) -> Real:
+        """Return the blur of a latent picture.
+
+        Parameters
+        ----------
+        latent : array_like, shape (L, W, C) or, with one channel, (L, W)
+            Latent picture; converted to float32.
+
+        Returns
+        -------
+        ndarray, shape (H, W, C) or (H, W), float32
+
+        Raises
+        ------
+        InputError
+            If `latent` has another shape.
+        """
+        source = self._checked("latent", latent, self.latent_shape)
+        out = np.zeros(self.picture_shape, dtype=np.float32)
+        into, lanes = self._spectra.empty(len(source)), self._spectra.empty(len(out))
+        with self._spectra.team.lock:
+            self._spectra.load(source, into)
+            for strip, weights in zip(self._strips, self._weights, strict=True):
+                self._run(rowwise.forward, strip, lanes, into)
+                self._spectra.unload(lanes, 0, out, Tile(0, 0, weights), add=True)
+        return out.reshape(len(out), *np.shape(latent)[1:])
+
+    def adjoint(self, picture: ArrayLike) -> Real:
+        """Return the transpose of :meth:`forward` applied to a recorded picture.
+
+        Parameters
+        ----------
+        picture : array_like, shape (H, W, C) or, with one channel, (H, W)
+            Recorded picture; converted to float32.
+
+        Returns
+        -------
+        ndarray, shape (L, W, C) or (L, W), float32
+
+        Raises
+        ------
+        InputError
+            If `picture` has another shape.
+        """
+        source = self._checked("picture", picture, self.picture_shape)
+        out = np.zeros(self.latent_shape, dtype=np.float32)
+        lanes, into = self._spectra.empty(len(source)), self._spectra.empty(len(out))
+        everywhere = Tile(0, 0, np.ones(source.shape[1], dtype=np.float32))
+        with self._spectra.team.lock:
+            for strip, weights in zip(self._strips, self._weights, strict=True):
+                self._spectra.load(source * weights[:, None], lanes)
+                self._run(rowwise.adjoint, strip, lanes, into)
+                self._spectra.unload(into, 0, out, everywhere, add=True)
+        return out.reshape(len(out), *np.shape(picture)[1:])
+
+    def as_linear_operator(self) -> LinearOperator:
+        """Return this blur as a SciPy operator on flattened pictures."""
+        from scipy.sparse.linalg import LinearOperator
+
+        return LinearOperator(
+            self.shape,
+            matvec=lambda x: self.forward(x.reshape(self.latent_shape)).ravel(),
+            rmatvec=lambda x: self.adjoint(x.reshape(self.picture_shape)).ravel(),
+            dtype=np.dtype(np.float32),
+        )
+
+    def _run(self, kernel: Callable[..., None], strip: StripBlur, lanes: Real, latent: Real) -> None:
+        floats = strip.workspace_size(solve=False)
+        workspaces = [empty((floats,), np.float32) for _ in range(self._spectra.team.threads)]
+
+        def block(thread: int, b: int) -> None:
+            kernel(strip.model, strip.table(b, self._spectra.length), lanes[b], latent[b], workspaces[thread])
+
+        self._spectra.team.share(block, range(self._spectra.blocks))
+
+    @staticmethod
+    def _checked(name: str, picture: ArrayLike, shape: tuple[int, int, int]) -> Real:
+        array = np.ascontiguousarray(picture, dtype=np.float32)
+        if array.shape != shape and (shape[2] != 1 or array.shape != shape[:2]):
+            raise InputError(f"{name} must have shape {shape}, got {array.shape}")
+        return array.reshape(shape)
+
+
+def latent_rows(paths: BlurPaths) -> tuple[int, int]:
+    """Return the first latent row, in rows of the picture, and the number of latent rows.
+
+    Latent rows are those that paths visit, and those of the frame.
+
+    Raises
+    ------
+    InputError
+        If `paths` do not belong to the rows 0, 1, 2 and so on.
+    """
+    rows = paths.rows
+    if not np.array_equal(rows, np.arange(len(rows))):
+        raise InputError("paths must be those of every row of the picture; trace them with BlurPaths.every_row")
+    visited = rows[:, None, None] - paths.displacements[..., 1]
+    top = min(0, int(np.floor(visited.min())) - 1)
+    end = max(len(rows), int(np.floor(visited.max())) + 3)
+    return top, -(-(end - top) // BLOCK) * BLOCK
+
+
+def _draw(paths: FloatArray, threads: int | None) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], Real]:
+    """Draw paths (H, T, 2); return the row, the displacement down and across in px, and the weight of every pixel."""
+    # Rectifying puts paths far from zero, so each is drawn around the pixel nearest to its own centre.
+    centres = np.round((paths.max(axis=1) + paths.min(axis=1)) / 2)
+    local = np.ascontiguousarray(paths - centres[:, None])
+    half_width, half_height = (int(np.floor(reach)) + 1 for reach in np.abs(local).max(axis=(0, 1)))
+    taps = []
+    for top in range(0, len(paths), ROWS_TOGETHER):
+        kernels = rasterize(local[top : top + ROWS_TOGETHER], half_height, half_width, threads)
+        row, i, j = np.nonzero(kernels)
+        across, down = centres[top + row].astype(np.intp).T
+        taps.append((top + row, down + i - half_height, across + j - half_width, kernels[row, i, j]))
+    row, down, across, weight = (np.concatenate(parts) for parts in zip(*taps, strict=True))
+    return row, down, across, weight
+
+
+def _sorted(
+    row: NDArray[np.intp],
+    latent: NDArray[np.intp],
+    shift: NDArray[np.intp],
+    weight: Real,
+    latents: int,
+    rows: int,
+) -> RowModel:
+    """Return the model that holds the taps, sorted by block, latent row and picture row."""
+    blocks, block = latents // BLOCK, latent // BLOCK
+    first, end = np.full(blocks, rows), np.zeros(blocks, dtype=np.intp)
+    np.minimum.at(first, block, row)
+    np.maximum.at(end, block, row + 1)
+    first[end == 0] = 0
+    # The first block that each row sees, and from it the first block to which each block is coupled by the rows that it
+    # shares. Gradients couple a block to the one before in any case.
+    earliest = np.full(rows, blocks)
+    np.minimum.at(earliest, row, block)
+    before = [
+        min([max(b - 1, 0), *earliest[f:e]]) for b, (f, e) in enumerate(zip(first.tolist(), end.tolist(), strict=True))
+    ]
+    seen = end - first
+    begin = np.concatenate([[0], np.cumsum(BLOCK * seen)])
+    pair = begin[block] + latent % BLOCK * seen[block] + row - first[block]
+    order = np.argsort(pair, kind="stable")
+    start = np.concatenate([[0], np.cumsum(np.bincount(pair, minlength=begin[-1]))])
+    index = [np.asarray(values, dtype=np.int32) for values in (first, end, before, start, shift[order])]
+    return RowModel(index[0], index[1], index[2], index[3], index[4], weight[order])

@@ -1,0 +1,132 @@
+"""The rowwise solve by conjugate gradients, for PSFs so tall that a factorisation takes too much time or memory.
+
+The preconditioner is the banded Wiener filter, made symmetric. Within a slab of rows the PSF of the middle row is used
+for all rows, which makes the normal matrix diagonal in the slab's Fourier domain. Slabs overlap; the square roots of
+their blending weights are applied before and after.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy import fft
+
+from rsdeblur.deconv.fft import Real
+from rsdeblur.deconv.tiling import hat_weights
+from rsdeblur.kernels import rowwise
+from rsdeblur.kernels.rowwise import LANES, RowModel
+from rsdeblur.psf import tile_centres
+
+# Norm of the residual as a share of that of the right-hand side. The error against the direct solve is then 60 dB below
+# the picture, after some 9 steps for PSFs of any height (docs/developer/decisions.md).
+TOLERANCE = 1e-3
+MOST_STEPS = 60
+# Distance between slabs in heights of the tallest PSF. A smaller one hardly saves steps.
+SLAB_PITCH = 2.0
+
+# Predicted time for a block of 16 frequencies, measured with AVX-512. A factorisation costs FACTOR_COST seconds per
+# latent row and squared height of its coupling. Conjugate gradients take STEPS steps; each costs, per latent row and
+# channel, STEP_COST seconds and STEP_COST_PER_ROW seconds per row of the coupling's height.
+FACTOR_COST = 1e-9
+STEPS = 9
+STEP_COST, STEP_COST_PER_ROW = 8e-7, 6e-9
+
+
+class NormalEquations:
+    """`A^H A + diag(ridge) + smooth D^T D` for one block of frequencies, and an approximate inverse.
+
+    Vectors are latent spectra of one block, shape (C, L, 2, 16); the axis of 2 is real and imaginary part.
+    """
+
+    def __init__(self, model: RowModel, table: Real, rows: int, ridge: Real, smooth: float, workspace: Real) -> None:
+        self._model, self._table, self._workspace = model, table, workspace
+        self._rows, self._ridge, self._smooth = rows, ridge, np.float32(smooth)
+        self._plan()
+
+    def multiply(self, vector: Real) -> Real:
+        """Return the matrix times `vector`."""
+        blurred = np.empty((len(vector), self._rows, 2, LANES), dtype=np.float32)
+        result = np.empty_like(vector)
+        rowwise.forward(self._model, self._table, blurred, vector, self._workspace)
+        rowwise.adjoint(self._model, self._table, blurred, result, self._workspace)
+        result += self._ridge * vector
+        if self._smooth:
+            steps = self._smooth * np.diff(vector, axis=1)
+            result[:, :-1] -= steps
+            result[:, 1:] += steps
+        return result
+
+    def precondition(self, vector: Real) -> Real:
+        """Return the approximate inverse times `vector`."""
+        values = vector[:, :, 0] + 1j * vector[:, :, 1]
+        result = np.zeros_like(values)
+        for block, weights, inverse in self._blocks:
+            spectrum = fft.fft(values[:, block] * weights, len(inverse), axis=1)
+            spectrum *= inverse
+            result[:, block] += fft.ifft(spectrum, axis=1)[:, : len(weights)] * weights
+        return np.stack([result.real, result.imag], axis=2)
+
+    def _plan(self) -> None:
+        latents = self._model.latents
+        tall = rowwise.BLOCK * int((np.arange(len(self._model.coupled)) - self._model.coupled).max() + 1)
+        count = max(1, round(latents / (SLAB_PITCH * tall)))
+        windows = np.sqrt(hat_weights(tile_centres(count, latents), latents)).astype(np.float32)
+        # Some rows of A, conjugated, one per channel: the adjoint of unit vectors.
+        unit = np.zeros((count, self._rows, 2, LANES), dtype=np.float32)
+        unit[np.arange(count), np.round(tile_centres(count, self._rows)).astype(int), 0] = 1.0
+        kernels = np.empty((count, latents, 2, LANES), dtype=np.float32)
+        rowwise.adjoint(self._model, self._table, unit, kernels, self._workspace)
+        self._blocks: list[tuple[slice, Real, Real]] = []
+        for window, kernel in zip(windows, kernels, strict=True):
+            at = np.flatnonzero(window)
+            length = fft.next_fast_len(len(at) + tall)
+            # The power spectrum does not depend on where the kernel lies, as long as it is in one piece.
+            seen = np.flatnonzero(kernel.any(axis=(1, 2)))
+            part = kernel[seen[0] : seen[-1] + 1]
+            power = np.abs(fft.fft(part[:, 0] + 1j * part[:, 1], length, axis=0)) ** 2
+            turns = np.arange(length) / length
+            power += self._ridge + self._smooth * (2 - 2 * np.cos(2 * np.pi * turns))[:, None]
+            self._blocks.append((slice(at[0], at[-1] + 1), window[at][:, None], (1 / power).astype(np.float32)))
+
+
+def is_faster(model: RowModel, channels: int) -> bool:
+    """Return whether conjugate gradients are predicted to take less time than a factorisation."""
+    heights = rowwise.BLOCK * (np.arange(len(model.coupled)) - model.coupled + 1.0)
+    factor = FACTOR_COST * np.square(heights).mean()
+    return bool(STEPS * channels * (STEP_COST + STEP_COST_PER_ROW * heights.mean()) < factor)
+
+
+def conjugate_gradients(
+    multiply: Callable[[Real], Real], precondition: Callable[[Real], Real], right: Real, *, tolerance: float = TOLERANCE
+) -> Real:
+    """Return the solution for the right-hand side `right` (C, L, 2, 16).
+
+    Every channel and frequency is a system of its own; all take the same number of steps.
+    """
+    solution, rest = np.zeros_like(right), right.copy()
+    enough = tolerance**2 * _dot(right, right)
+    direction = correction = precondition(rest)
+    gain = _dot(rest, correction)
+    for _ in range(MOST_STEPS):
+        image = multiply(direction)
+        step = _ratio(gain, _dot(direction, image))
+        solution += step * direction
+        rest -= step * image
+        if (_dot(rest, rest) <= enough).all():
+            break
+        correction = precondition(rest)
+        before, gain = gain, _dot(rest, correction)
+        direction = correction + _ratio(gain, before) * direction
+    return solution
+
+
+def _dot(a: Real, b: Real) -> Real:
+    """Return the real part of the inner product along y, shape (C, 1, 1, 16)."""
+    product: Real = np.einsum("cyzl,cyzl->cl", a, b)[:, None, None]
+    return product
+
+
+def _ratio(a: Real, b: Real) -> Real:
+    """Return `a / b`, and 0 where `b` is 0."""
+    return np.divide(a, b, out=np.zeros_like(a), where=b > 0)

@@ -1,0 +1,70 @@
+"""Row spectra in blocks of 16 frequencies, the layout of the rowwise kernels: from pictures and back.
+
+Every frequency is an independent problem along y. One thread works on a block of 16 frequencies, one per SIMD lane, so
+arrays in this layout are called lanes. Threads share blocks of picture rows and blocks of frequencies, and any number
+of threads gives the same bits.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rsdeblur._util.threads import ThreadTeam
+from rsdeblur.choices import Planning
+from rsdeblur.deconv.border import fade
+from rsdeblur.deconv.fft import Real, RowTransform, empty
+from rsdeblur.deconv.tiling import Tile
+from rsdeblur.kernels import lines, rowwise
+
+# Picture rows per block.
+ROWS = 16
+
+
+class RowSpectra:
+    """Row transforms of one length, shared by threads.
+
+    Parameters
+    ----------
+    channels, length : int
+        Channels of the pictures and transform length in px.
+    planning : {"estimate", "measure"}
+        How FFTW plans, see :class:`rsdeblur.Deconvolver`.
+    threads : int
+        Number of threads.
+    """
+
+    def __init__(self, channels: int, length: int, *, planning: Planning, threads: int) -> None:
+        self.channels, self.length, self.team = channels, length, ThreadTeam(threads)
+        self.blocks = -(-(length // 2 + 1) // rowwise.LANES)
+        self._rows = [RowTransform((channels, ROWS, length), planning) for _ in range(threads)]
+
+    def empty(self, rows: int) -> Real:
+        """Return zeroed lanes for `rows` rows; frequencies that only fill up the last block stay zero."""
+        lanes: Real = empty((self.blocks, self.channels, rows, 2, rowwise.LANES), np.float32)
+        lanes[...] = 0
+        return lanes
+
+    def load(self, picture: Real, lanes: Real, *, start: int = 0, taper: int = 0, periodic: bool = True) -> None:
+        """Transform the rows of `picture` (H, W, C), read from column `start` on, into `lanes`."""
+        ramp = fade(taper)
+        height = lanes.shape[2]
+
+        def block(thread: int, top: int) -> None:
+            rows, buffers = min(ROWS, height - top), self._rows[thread]
+            lines.picture_to_lines(picture, top, rows, start, ramp, periodic, buffers.real)
+            buffers.forward()
+            rowwise.spectra_to_lanes(buffers.spectrum, rows, lanes, top)
+
+        self.team.share(block, range(0, height, ROWS))
+
+    def unload(self, lanes: Real, first: int, out: Real, tile: Tile, *, add: bool = False) -> None:
+        """Transform `lanes` back from row `first` on; write to `out` (H, W, C), or add, where `tile` contributes."""
+        weights = tile.weights * np.float32(1 / self.length)
+
+        def block(thread: int, top: int) -> None:
+            rows, buffers = min(ROWS, len(out) - top), self._rows[thread]
+            rowwise.lanes_to_spectra(lanes, first + top, buffers.spectrum, rows)
+            buffers.inverse()
+            lines.lines_to_picture(buffers.real, rows, tile.first - tile.start, weights, tile.first, add, out, top)
+
+        self.team.share(block, range(0, len(out), ROWS))

@@ -1,0 +1,375 @@
+"""Filters of tiles in the hybrid domain: the Wiener filter, and the blur itself.
+
+Global mode is one band and one strip; it has no code of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rsdeblur._util import validate
+from rsdeblur._util.threads import thread_count
+from rsdeblur.choices import BORDERS, PLANNINGS, Border, Planning
+from rsdeblur.deconv.fft import Complex, LineTransform, RowTransform, remember
+from rsdeblur.deconv.hybrid import Hybrid
+from rsdeblur.deconv.tiling import Tiling
+from rsdeblur.errors import InputError
+from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatImage
+
+# Margins of tiles, in PSF sizes: by how much a tile is longer than the part that it contributes. The margin is a fade
+# between the two ends of the tile. The inverse filter of a straight PSF of K px at NSR Phi rings with a decay length of
+# K / (2 pi sqrt(Phi)), so a margin of 0.2 K / sqrt(Phi) is some 1.3 decay lengths. docs/developer/decisions.md has
+# what smaller margins cost.
+DECAY_MARGIN = 0.2
+LEAST_MARGIN = 1.5
+
+
+class TileFilter:
+    """Base of all solvers of tiles: applies one filter per tile to pictures of one shape.
+
+    Parameters
+    ----------
+    bank : PsfBank
+        B x S kernels.
+    shape : (H, W) or (H, W, C)
+        Shape of the pictures.
+    margin : float
+        Margin of a tile: by how much it is longer than the part that it contributes, in PSF sizes.
+    border, planning, threads
+        See :class:`Deconvolver`.
+
+    Raises
+    ------
+    InputError
+        As :class:`Deconvolver` does.
+    """
+
+    def __init__(
+        self,
+        bank: PsfBank,
+        shape: tuple[int, ...],
+        *,
+        margin: float,
+        border: Border,
+        planning: Planning,
+        threads: int | None,
+    ) -> None:
+        self.shape = _picture_shape(shape)
+        validate.choice("border", border, BORDERS)
+        validate.choice("planning", planning, PLANNINGS)
+        height, width = self.shape[:2]
+        _check_fit(bank, height, width)
+        self._bands, self._strips = (
+            Tiling.plan(centres, n, kernel, int(np.ceil(margin * kernel)), periodic=border == "periodic")
+            for centres, n, kernel in zip((bank.rows, bank.cols), (height, width), bank.size, strict=True)
+        )
+        threads = thread_count(threads)
+        self._hybrid = Hybrid(
+            self._channelled,
+            self._bands,
+            self._strips,
+            border=border,
+            planning=planning,
+            threads=threads,
+        )
+        self._planners = [
+            _OtfPlanner(bank.size[0], self._bands.length, self._strips.length)
+            for _ in range(min(threads, bank.kernels[..., 0, 0].size))
+        ]
+        self._centres, self._kernel_size = (bank.rows, bank.cols), bank.size
+        self._copy: NDArray[np.float32] | None = None
+        # The inverse transforms are not scaled, so every filter contains this factor.
+        self._scale = 1.0 / (self._bands.length * self._strips.length)
+        if planning == "measure":
+            remember()
+
+    @property
+    def _channelled(self) -> tuple[int, int, int]:
+        """The planned shape as (H, W, C)."""
+        height, width, *channels = self.shape
+        return height, width, channels[0] if channels else 1
+
+    @property
+    def threads(self) -> int:
+        """Number of threads that share the work."""
+        return self._hybrid.team.threads
+
+    @property
+    def lock(self) -> AbstractContextManager[Any]:
+        """Re-entrant lock. A thread holds it while it works on a picture."""
+        return self._hybrid.team.lock
+
+    def replan(self, bank: PsfBank) -> None:
+        """Use other PSFs from now on, such as those of the next frame of a video; FFTW plans and buffers are kept.
+
+        Parameters
+        ----------
+        bank : PsfBank
+            Kernels at the planned places, no larger than the planned ones.
+
+        Raises
+        ------
+        InputError
+            If the kernels hold at other places or are larger.
+        """
+        places = all(map(np.array_equal, (bank.rows, bank.cols), self._centres))
+        if not places or any(new > planned for new, planned in zip(bank.size, self._kernel_size, strict=True)):
+            raise InputError(
+                f"a bank to replan for must have kernels at the planned places and of at most "
+                f"{' x '.join(map(str, self._kernel_size))} px, got {' x '.join(map(str, bank.size))} px"
+                + ("" if places else " elsewhere")
+            )
+        with self.lock:
+            self._take(bank)
+
+    def _take(self, bank: PsfBank) -> None:
+        """Compute the filters for `bank`, or the OTFs that they are computed from."""
+        raise NotImplementedError
+
+    def _apply(
+        self,
+        filters: Complex,
+        image: ArrayLike,
+        out: NDArray[np.float32] | None,
+        progress: Callable[[float], None] | None,
+    ) -> NDArray[np.float32]:
+        """Filter a picture as :meth:`Deconvolver.apply` does, with `filters` (S, B, padded frequencies, L)."""
+        picture = validate.linear_light(image, self.shape)
+        out = validate.output(out, self.shape)
+        self._filter(filters, picture.reshape(self._channelled), out.reshape(self._channelled), progress)
+        return out
+
+    def _filter(
+        self,
+        filters: Complex,
+        source: FloatImage,
+        target: FloatImage,
+        progress: Callable[[float], None] | None = None,
+    ) -> None:
+        """Filter `source` into `target`, both (H, W, C), contiguous, possibly the same memory."""
+        several = len(self._strips.tiles) > 1
+        with self.lock:
+            if several:
+                # Strips are added up in `target`, which may be `source`: check all values before it is overwritten, and
+                # work on a copy.
+                if not all(np.isfinite(row).all() for row in source):
+                    raise InputError("image must be finite")
+                source = self._aside(source) if np.shares_memory(source, target) else source
+                target[...] = 0
+            for s, strip in enumerate(self._strips.tiles):
+                if not self._hybrid.transform_rows(source, strip):
+                    raise InputError("image must be finite")
+                self._hybrid.filter_columns(filters[s])
+                self._hybrid.restore_rows(target, strip, add=several)
+                if progress is not None:
+                    progress((s + 1) / len(self._strips.tiles))
+
+    def _aside(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return a copy of `picture` in memory that is kept for the next call."""
+        if self._copy is None:
+            self._copy = np.empty_like(picture)
+        np.copyto(self._copy, picture)
+        return self._copy
+
+    def _new_filters(self) -> Complex:
+        """Return zeros for one filter per tile, shape (S, B, padded frequencies, L)."""
+        tiles = (len(self._strips.tiles), len(self._bands.tiles))
+        filters: Complex = np.zeros((*tiles, self._hybrid.padded_frequencies, self._bands.length), np.complex64)
+        return filters
+
+    def _fill_otfs(self, bank: PsfBank, out: Complex) -> None:
+        """Fill `out` with the OTFs of all tiles."""
+
+        def plan(thread: int, s: int, b: int) -> None:
+            self._planners[thread].plan(bank.kernels[b, s], out[s, b, : self._hybrid.frequencies])
+
+        self._share_tiles(plan)
+
+    def _share_tiles(self, work: Callable[[int, int, int], None]) -> None:
+        """Call `work(thread, s, b)` for every strip s and band b, shared by the threads."""
+        strips, bands = len(self._strips.tiles), len(self._bands.tiles)
+        self._hybrid.team.share(lambda thread, tile: work(thread, *divmod(tile, bands)), range(strips * bands))
+
+
+class Deconvolver(TileFilter):
+    """Wiener deconvolution with a bank of PSFs, planned once and applied often.
+
+    Each tile is filtered with
+
+        U = (1 + nsr) conj(H) / (|H|^2 + nsr) G
+
+    which is eq. 7 of Sindelar and Sroubek (2013) times (1 + nsr). With this factor a constant picture keeps its
+    brightness, and no motion is the identity, at any `nsr`.
+
+    Parameters
+    ----------
+    bank : PsfBank
+        B x S kernels; 1 x 1 is the global mode.
+    shape : (H, W) or (H, W, C)
+        Shape of the pictures.
+    nsr : float, default 0.01
+        Noise-to-signal power ratio Phi, positive.
+    border : {"blend", "periodic"}
+        "blend" continues the picture and fades opposite borders into each other over the PSF's size; "periodic" assumes
+        that the picture repeats.
+    planning : {"estimate", "measure"}
+        How FFTW plans: at once, or by trials of up to a second per plan, which pays for solvers that are applied often.
+        Measured plans are kept in the user's cache folder, and both kinds of planning use them.
+    threads : int, optional
+        Threads that share the work; default all processors. Any number gives the same bits.
+
+    Raises
+    ------
+    InputError
+        If a kernel is larger than the picture, two kernels are less than a pixel apart, one lies outside the picture,
+        or an argument is out of range.
+    """
+
+    def __init__(
+        self,
+        bank: PsfBank,
+        shape: tuple[int, ...],
+        *,
+        nsr: float = 0.01,
+        border: Border = "blend",
+        planning: Planning = "estimate",
+        threads: int | None = None,
+    ) -> None:
+        self.nsr = validate.finite("nsr", nsr, above=0.0)
+        margin = max(LEAST_MARGIN, DECAY_MARGIN / self.nsr**0.5)
+        super().__init__(bank, shape, margin=margin, border=border, planning=planning, threads=threads)
+        self._filters = self._new_filters()
+        self.replan(bank)
+
+    def _take(self, bank: PsfBank) -> None:
+        scale = np.float32((1.0 + self.nsr) * self._scale)
+
+        def invert(_: int, s: int, b: int) -> None:
+            _wiener(self._filters[s, b, : self._hybrid.frequencies], np.float32(self.nsr), scale)
+
+        self._fill_otfs(bank, self._filters)
+        self._share_tiles(invert)
+
+    def apply(
+        self,
+        image: ArrayLike,
+        out: NDArray[np.float32] | None = None,
+        *,
+        progress: Callable[[float], None] | None = None,
+    ) -> NDArray[np.float32]:
+        """Deblur one picture.
+
+        Parameters
+        ----------
+        image : array_like of the planned shape
+            Linear light, floats; converted to float32.
+        out : ndarray, float32, optional
+            Receives the result; may be `image` itself.
+        progress : callable, optional
+            Called with the finished fraction after each strip.
+
+        Returns
+        -------
+        ndarray, float32
+            `out`, or a new array; not clipped.
+
+        Raises
+        ------
+        InputError
+            If `image` or `out` has another shape or type, or `image` is not finite. Integers are no linear light:
+        :func:`rsdeblur.image.transfer.to_linear` converts them.
+        """
+        return self._apply(self._filters, image, out, progress)
+
+
+class TileBlur(TileFilter):
+    """The blur of a bank of PSFs, interpolated between tiles, and its adjoint.
+
+    The adjoint blends tiles by where light arrives, not by where it comes from. It is exact for one tile; for several
+    it is as accurate as the PSF is constant over its own size.
+
+    Parameters
+    ----------
+    bank, shape, border, planning, threads
+        See :class:`Deconvolver`.
+    """
+
+    def __init__(
+        self,
+        bank: PsfBank,
+        shape: tuple[int, ...],
+        *,
+        border: Border = "blend",
+        planning: Planning = "estimate",
+        threads: int | None = None,
+    ) -> None:
+        super().__init__(bank, shape, margin=LEAST_MARGIN, border=border, planning=planning, threads=threads)
+        self._filters = self._new_filters()
+        self.replan(bank)
+
+    def _take(self, bank: PsfBank) -> None:
+        self._fill_otfs(bank, self._filters)
+        self._filters *= np.float32(self._scale)
+        self._conjugates = self._filters.conj()
+
+    def forward(self, latent: ArrayLike) -> NDArray[np.float32]:
+        """Return a picture of the planned shape blurred."""
+        return self._apply(self._filters, latent, None, None)
+
+    def adjoint(self, picture: ArrayLike) -> NDArray[np.float32]:
+        """Return a picture of the planned shape with its light sent back along the paths."""
+        return self._apply(self._conjugates, picture, None, None)
+
+
+def _wiener(otf: Complex, nsr: np.float32, scale: np.float32) -> None:
+    """Turn an OTF into its Wiener filter, in place."""
+    gain = np.square(otf.real)
+    gain += np.square(otf.imag)
+    gain += nsr
+    np.divide(scale, gain, out=gain)
+    np.conjugate(otf, out=otf)
+    otf *= gain
+
+
+class _OtfPlanner:
+    """Transforms kernels into OTFs, column by column."""
+
+    def __init__(self, kernel_height: int, slab_length: int, row_length: int) -> None:
+        self._rows = RowTransform((kernel_height, row_length))
+        self._columns = LineTransform((row_length // 2 + 1, slab_length))
+
+    def plan(self, kernel: NDArray[np.float32], out: Complex) -> None:
+        """Fill `out` (K, L) with the OTF of `kernel`."""
+        # The kernel's centre goes to the origin; the rows and columns before it wrap around to the end.
+        down, across = (
+            (np.arange(n) - n // 2) % length
+            for n, length in zip(kernel.shape, (self._columns.data.shape[1], self._rows.real.shape[1]), strict=True)
+        )
+        self._rows.real[...] = 0
+        self._rows.real[: len(down), across] = kernel
+        self._rows.forward()
+        self._columns.data[...] = 0
+        self._columns.data[:, down] = self._rows.spectrum[: len(down)].T
+        self._columns.forward()
+        out[...] = self._columns.data
+
+
+def _picture_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
+    if len(shape) not in (2, 3):
+        raise InputError(f"shape must be (H, W) or (H, W, C), got {shape}")
+    return tuple(validate.count("shape", n) for n in shape)
+
+
+def _check_fit(bank: PsfBank, height: int, width: int) -> None:
+    kernel_height, kernel_width = bank.size
+    if kernel_height > height or kernel_width > width:
+        raise InputError(
+            f"the PSF of {kernel_width}x{kernel_height} px is larger than the picture of {width}x{height} px; "
+            "are the rates in rad/s, the focal length in px and the exposure in s?"
+        )

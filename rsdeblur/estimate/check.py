@@ -1,0 +1,369 @@
+"""Check of a result without a reference: whether the motion explains the blurred picture, and whether the result rings.
+
+To blur the result again proves little: a wrong PSF that was divided out gives the input again. Two other tests do prove
+something. The first uses the spectra of the blurred picture, as :mod:`rsdeblur.estimate.time_offset` does. Under the
+right motion they are likelier than under alternatives: other sizes of the motion, its mirror image, its axes exchanged,
+straight blurs and no blur. The second is light below black: a wrong inverse leaves waves, which in dark places fall
+below zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft2, rfft2
+
+from rsdeblur.estimate.noise import noise_level
+from rsdeblur.estimate.spectra import TILE, TilePeriodograms
+from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.kernels.raster import rasterize
+from rsdeblur.motion.paths import BlurPaths, Capture
+from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatArray
+
+Verdict = Literal["good", "doubtful", "bad"]
+
+# Bounds of "doubtful" and "bad": lead of the motion over the best alternative, nats per tile, and light below black as
+# a share of the picture's contrast. docs/developer/reliability.md says how they were chosen and how often they are
+# right.
+DOUBTFUL_LEAD, BAD_LEAD = -1.5, -4.0
+DOUBTFUL_RINGING, BAD_RINGING = 0.045, 0.09
+# Lead over every alternative, nats per tile, from which twice the ringing is allowed: such motion is right, and hard
+# edges on black ring in any case.
+CLEAR_LEAD = 2.0
+
+# Largest lead that a tile counts for, nats. The edge of a door, say, looks like a straight blur beyond doubt.
+MOST_NATS = 10.0
+# The picture is reduced until the blur is at most this long, px.
+REDUCED_BLUR = 16.0
+# Most tiles along each axis of the picture.
+MOST_TILES = 6
+# Least standard deviation of the tiles over that of their noise; with less there is no detail to compare.
+LEAST_DETAIL = 2.0
+# Side of a tile with the pixel before it, which its first differences need, px.
+CELL = TILE + 1
+# Mean length of the paths, px, below which a blur cannot be distinguished from the softness of a lens.
+SHORT = 3.0
+# Alternatives: the motion's size, and lengths (px) and directions of straight blurs.
+SIZES = (0.5, 0.7, 1.4, 2.0)
+LINES, DIRECTIONS = (3.0, 7.0, 15.0), 4
+# Candidates for the power of the scene, as multiples of its mean, which strong edges dominate. For that of the noise
+# there is only its estimate: if less noise were possible, short blurs would explain noise as detail.
+GAINS = np.exp(np.linspace(-2.5, -0.4, 4)).astype(np.float32)
+NOISES = np.ones(1, dtype=np.float32)
+# Distance of the rows that are measured for light below black, in pictures of at least 64 such rows.
+ROW_STEP = 8
+
+# Alternatives that do not make a result bad. If one wins, the motion is too small: too little blur is removed, which
+# does little harm.
+LARGER = tuple(f"{size:g} times" for size in SIZES if size > 1)
+
+HINTS = {
+    "still": "no blur at all.",
+    "mirrored": "the motion mirrored: is one of the gyroscope's axes reversed?",
+    "exchanged": "the motion with x and y exchanged: are the gyroscope's axes right?",
+    "straight": "a straight blur: is it another moment's motion, or does the scene move?",
+} | {
+    f"{size:g} times": f"{size:g} times the motion: are the focal length and the unit of the rates right?"
+    for size in SIZES
+}
+
+
+@dataclass(frozen=True, slots=True)
+class QualityCheck:
+    """Check of a result of :func:`rsdeblur.deblur`.
+
+    Parameters
+    ----------
+    verdict : {"good", "doubtful", "bad"}
+        Whether to trust the result.
+    reasons : tuple of str
+        Sentences that explain the verdict, or name what could not be judged.
+    lead : float or None
+        Log-likelihood of the blurred picture under the motion minus that under the best alternative, in nats per tile,
+        where no tile counts for more than 10; negative if the alternative wins, None if it cannot be judged.
+    alternative : str or None
+        The best alternative. The enlarged motion is excluded where another alternative makes the result bad.
+    weakest : float or None
+        Lead in the two neighbouring rows of tiles where it is least. It shows where to look and does not enter the
+        verdict: parts of a scene may look like an alternative.
+    ringing : float
+        Light below black that deblurring added, root mean square, as a share of the picture's standard deviation.
+    noise_gain : float or None
+        Noise of the result over that of the input.
+    residual : float or None
+        Difference between the input and the result blurred again, root mean square, as a share of the picture's
+        standard deviation; None if the PSF is too large for a tile or the result was straightened.
+    leads, ringings : tuple of float
+        Lead and ringing in equal parts of the picture along the readout. A part's lead is over the alternative that is
+        best there, without the enlarged motion.
+    blended : bool
+        Whether the result was blended towards the input because of this check.
+    """
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    lead: float | None
+    alternative: str | None
+    weakest: float | None
+    ringing: float
+    noise_gain: float | None
+    residual: float | None
+    leads: tuple[float, ...]
+    ringings: tuple[float, ...]
+    blended: bool = False
+
+
+class UndershootMeter:
+    """Measurement, chunk by chunk, of the light below black that deblurring adds.
+
+    Parameters
+    ----------
+    height : int
+        Rows of the picture.
+    """
+
+    def __init__(self, height: int) -> None:
+        self._step = int(np.clip(height // 64, 1, ROW_STEP))
+        # Not row 0, because the first row of the frame rings more than others.
+        self._first = self._step // 2
+        self._part = np.arange(self._first, height, self._step) * MOST_TILES // height
+        self._rows = np.zeros((4, len(self._part)))
+
+    def before(self, light: NDArray[np.float32], rows: slice) -> None:
+        """Measure rows of the input."""
+        light, at = self._some(light, rows)
+        self._rows[:3, at] = light.mean((1, 2)), np.square(light).mean((1, 2)), _below_black(light)
+
+    def after(self, light: NDArray[np.float32], rows: slice) -> None:
+        """Measure rows of the result, before they are clipped."""
+        light, at = self._some(light, rows)
+        self._rows[3, at] = _below_black(light)
+
+    def _some(self, light: NDArray[np.float32], rows: slice) -> tuple[NDArray[np.float32], slice]:
+        first, stop = (-(-(row - self._first) // self._step) for row in (rows.start, rows.stop))
+        return light[first * self._step + self._first - rows.start :: self._step], slice(first, stop)
+
+    def ringing(self) -> tuple[float, tuple[float, ...]]:
+        """Return the ringing of the whole picture and of each part."""
+        mean, square, before, after = self._rows
+        contrast = max(float(square.mean() - mean.mean() ** 2), 1e-12)
+        gained = (after - before) / contrast
+        parts = [gained[self._part == part] for part in range(MOST_TILES)]
+        whole, *each = (np.sqrt(max(float(np.mean(part)), 0.0)) if part.size else 0.0 for part in (gained, *parts))
+        return float(whole), tuple(map(float, each))
+
+
+def _below_black(light: NDArray[np.float32]) -> FloatArray:
+    below: FloatArray = np.square(np.minimum(light, 0.0)).mean((1, 2)).astype(np.float64)
+    return below
+
+
+def assess(
+    encoded: EncodedImage,
+    result: EncodedImage,
+    capture: Capture,
+    meter: UndershootMeter,
+    *,
+    resampled: bool,
+    threads: int | None = None,
+) -> QualityCheck:
+    """Check a result.
+
+    Parameters
+    ----------
+    encoded, result : EncodedImage
+        The blurred picture and the sharp one, readout along y.
+    capture : Capture
+        The motion that was undone.
+    meter : UndershootMeter
+        Measurements of both pictures.
+    resampled : bool
+        Whether the result was straightened.
+    threads : int, optional
+        Threads that draw PSFs; default all processors.
+
+    Returns
+    -------
+    QualityCheck
+    """
+    ringing, ringings = meter.ringing()
+    check = QualityCheck("good", (), None, None, None, ringing, None, None, (), ringings)
+    length = float(capture.probe.lengths.mean())
+    height, width, _ = encoded.shape
+    if length < SHORT:
+        return _with_verdict(check, f"The motion explains {length:.1f} px of blur, too little to be judged.")
+    if min(height, width) < CELL:
+        reason = f"The picture is narrower than {CELL} px, too small to judge the motion by."
+        return replace(_with_verdict(check, reason), verdict="bad" if ringing > BAD_RINGING else "doubtful")
+    step = int(np.clip(length / REDUCED_BLUR, 1, max(1, min(height, width) // (2 * CELL))))
+    tiles = _Tiles(encoded, capture, step, threads)
+    if not tiles.detailed:
+        return _with_verdict(check, "The picture shows no detail to judge the motion by.")
+    scores = tiles.alternatives()
+    means = {name: float(score.mean()) for name, score in scores.items()}
+    harmful = {name: mean for name, mean in means.items() if name not in LARGER}
+    alternative = min(harmful if min(harmful.values()) < BAD_LEAD else means, key=means.__getitem__)
+    gain, residual = tiles.compare(result, resampled=resampled)
+    check = replace(
+        check,
+        lead=means[alternative],
+        alternative=alternative,
+        weakest=min(float(_neighbouring(score).min()) for score in scores.values()),
+        noise_gain=gain,
+        residual=residual,
+        leads=tuple(map(float, np.min([scores[name] for name in harmful], axis=0))),
+    )
+    return _with_verdict(check)
+
+
+def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:
+    """Return `check` with the verdict and the reasons that follow from its figures."""
+    lead = np.inf if check.lead is None else check.lead
+    ringing = check.ringing / (2.0 if CLEAR_LEAD < lead < np.inf else 1.0)
+    bad = (lead < BAD_LEAD and check.alternative not in LARGER) or ringing > BAD_RINGING
+    sentences = list(reasons)
+    if lead < DOUBTFUL_LEAD and check.alternative is not None:
+        sentences.append(
+            f"The motion {'does' if bad else 'may'} not fit. The picture is explained better by "
+            f"{HINTS[check.alternative]}"
+        )
+    if ringing > DOUBTFUL_RINGING:
+        sentences.append(f"The result rings: light below black is {check.ringing:.1%} of the picture's contrast.")
+    doubtful = len(sentences) > len(reasons)
+    return replace(check, verdict="bad" if bad else "doubtful" if doubtful else "good", reasons=tuple(sentences))
+
+
+def _neighbouring(score: FloatArray) -> FloatArray:
+    """Return the means of neighbouring rows of tiles."""
+    return (score[1:] + score[:-1]) / 2 if len(score) > 1 else score
+
+
+class _Tiles:
+    """Some tiles of a picture, reduced by a whole factor and in grey, with the PSFs there."""
+
+    def __init__(self, encoded: EncodedImage, capture: Capture, step: int, threads: int | None) -> None:
+        self._step, self._threads = step, threads
+        self._corners = [_spread(n // step) for n in encoded.shape[:2]]
+        self._blurred, finest = self._cells(encoded)
+        self._noise = noise_level(_mosaic(finest)[..., None])
+        rows, cols = (corners + (CELL + 1) / 2 for corners in self._corners)
+        smaller = replace(capture, camera=capture.camera.scaled(1 / step))
+        self._paths = BlurPaths.from_capture(smaller, rows, cols)
+        self._kernels = PsfBank.from_paths(self._paths, threads=threads).kernels
+
+    @property
+    def detailed(self) -> bool:
+        """Whether the tiles show more than noise; the reduction has made the noise weaker."""
+        return float(self._blurred.std()) > max(LEAST_DETAIL * self._noise / self._step, 1e-6)
+
+    def _cells(self, encoded: EncodedImage) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the tiles reduced, and corners of them of the same size unreduced, both (B, S, CELL, CELL)."""
+        tops, lefts = (corners * self._step for corners in self._corners)
+        reduced, finest = np.empty((2, len(tops), len(lefts), CELL, CELL), dtype=np.float32)
+        channels, side = encoded.shape[2], CELL * self._step
+        for b, top in enumerate(tops):
+            for s, left in enumerate(lefts):
+                values = encoded.values[top : top + side, left : left + side, :channels]
+                cell = EncodedImage(values, encoded.transfer).linear(slice(None)) @ np.full(
+                    channels, 1 / channels, np.float32
+                )
+                finest[b, s] = cell[:CELL, :CELL]
+                reduced[b, s] = cell.reshape(CELL, self._step, CELL, self._step).mean(axis=(1, 3))
+        return reduced, finest
+
+    def alternatives(self) -> dict[str, FloatArray]:
+        """Return the lead of the motion over each alternative, nats, as means of the rows of tiles, shape (B,)."""
+        places = [np.arange(len(corners)) * CELL + 1 for corners in self._corners]
+        fit = partial(TilePeriodograms(_mosaic(self._blurred), *places).fit, gains=GAINS, noises=NOISES)
+        of_motion = fit(self._kernels)
+
+        def lead(kernels: NDArray[np.float32]) -> FloatArray:
+            each_row: FloatArray = (fit(kernels) - of_motion).clip(-MOST_NATS, MOST_NATS).mean(axis=1)
+            return each_row
+
+        def best(kernels: Iterable[NDArray[np.float32]]) -> FloatArray:
+            return min(map(lead, kernels), key=lambda score: float(score.sum()))
+
+        turned = np.swapaxes(self._kernels, 2, 3)
+        still = np.ones((1, 1, 1, 1), dtype=np.float32)
+        sized = {size: replace(self._paths, displacements=size * self._paths.displacements) for size in SIZES}
+        return {
+            "mirrored": lead(self._kernels[:, :, ::-1]),
+            "exchanged": best((turned, turned[:, :, ::-1])),
+            "still": lead(still),
+            "straight": best(_lines(self._threads)),
+            **{
+                f"{size:g} times": lead(PsfBank.from_paths(paths, threads=self._threads).kernels)
+                for size, paths in sized.items()
+            },
+        }
+
+    def compare(self, result: EncodedImage, *, resampled: bool) -> tuple[float | None, float | None]:
+        """Return the noise gain and the residual of the result, see :class:`QualityCheck`."""
+        sharp, finest = self._cells(result)
+        gain = noise_level(_mosaic(finest)[..., None]) / self._noise if self._noise > 0 else None
+        return gain, None if resampled else self._residual(sharp)
+
+    def _residual(self, sharp: NDArray[np.float32]) -> float | None:
+        """Return the residual in the inner parts of the tiles, whose blur needs no pixels outside."""
+        tall, wide = self._kernels.shape[2:]
+        if max(tall, wide) > TILE // 2:
+            return None
+        spectra = rfft2(sharp, (TILE, TILE)) * rfft2(self._kernels, (TILE, TILE))
+        # The part of the periodic convolution that does not wrap around.
+        again = irfft2(spectra, (TILE, TILE))[..., tall - 1 :, wide - 1 :]
+        inner = np.s_[..., tall // 2 : TILE - tall // 2, wide // 2 : TILE - wide // 2]
+        difference = float(np.sqrt(np.mean(np.square(again - self._blurred[inner]))))
+        return difference / float(self._blurred.std())
+
+
+def _spread(length: int) -> NDArray[np.intp]:
+    """Return the first pixels of cells that are spread over `length` px and overlap by half at most."""
+    count = min(MOST_TILES, 2 * length // CELL - 1)
+    return np.round(np.linspace(0, length - CELL, count)).astype(np.intp)
+
+
+def _mosaic(cells: NDArray[np.float32]) -> NDArray[np.float32]:
+    down, across = cells.shape[:2]
+    return cells.swapaxes(1, 2).reshape(down * CELL, across * CELL)
+
+
+def _lines(threads: int | None) -> list[NDArray[np.float32]]:
+    """Return straight blurs as kernels of shape (1, 1, k, k)."""
+    along = np.linspace(-0.5, 0.5, 129)[:, None]
+    half = int(max(LINES) // 2) + 1
+    angles = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    paths = [length * along * (np.cos(angle), np.sin(angle)) for length in LINES for angle in angles]
+    return [kernel[None, None] for kernel in rasterize(np.stack(paths), half, half, threads)]
+
+
+def fall_back(encoded: EncodedImage, check: QualityCheck, out: NDArray[Any]) -> QualityCheck:
+    """Blend `out`, which is upright like the picture, towards the input where its figures are bad, in linear light."""
+    height = encoded.shape[0]
+    share = np.maximum(
+        _share(check.ringings, height, DOUBTFUL_RINGING, BAD_RINGING),
+        _share(check.leads, height, DOUBTFUL_LEAD, BAD_LEAD),
+    )
+    sharp = EncodedImage(out, encoded.transfer)
+    for top in range(0, height, CELL):
+        rows = slice(top, min(top + CELL, height))
+        if share[rows].any():
+            weight = share[rows, None, None].astype(np.float32)
+            encoded.encode(weight * encoded.linear(rows) + (1 - weight) * sharp.linear(rows), rows, out)
+    return replace(check, blended=True)
+
+
+def _share(figures: tuple[float, ...], height: int, doubtful: float, bad: float) -> FloatArray:
+    """Return the share of the input in every row, from the figures of equal parts: 0 at `doubtful`, 1 at `bad`."""
+    if not figures:
+        return np.zeros(height)
+    shares = ((np.array(figures) - doubtful) / (bad - doubtful)).clip(0.0, 1.0)
+    centres = (np.arange(len(figures)) + 0.5) * height / len(figures) - 0.5
+    each_row: FloatArray = np.interp(np.arange(height), centres, shares)
+    return each_row

@@ -1,0 +1,221 @@
+"""Strength of the regularisation, `nsr` and `weight`, from the picture's noise and the blur.
+
+The gradient of the scene is assumed to have an even spectrum, which the lens then softens (L). So the spectrum of the
+sharp picture is `S = E L / |D|^2`, where `|D|^2` is the squared frequency response of the differences, and E is the
+energy of the gradient. E follows from the gradient of the blurred picture and from the share of it that the PSFs leave.
+Three things act as noise:
+
+- Noise of the sensor and of the file format, of variance `sigma^2`.
+- Errors of the blur's model. A path with an error of e px changes H by up to `2 pi f e` at the frequency f, which adds
+  `e^2 |D|^2 S`.
+- Errors of the continuation beyond the frame, in proportion to the signal: `b S`.
+
+The expected squared error of a filter is a sum over frequencies; the Wiener filter and the gradient prior get the
+strengths that minimise it. A single filter for the whole picture is applied to other PSFs than its own, and the errors
+that this makes are included. The weights of the sparse priors follow from that of the gradient prior, with the powers
+of brightness that their exponents require.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import fft
+
+from rsdeblur._util import validate
+from rsdeblur.choices import Prior
+from rsdeblur.estimate.noise import gradient_energy, noise_level
+from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatArray
+
+# docs/benchmarks/priors.md has the measurements behind all constants.
+# Factor on the variance of the noise, for two reasons. Errors count in encoded values, where shadows have more weight,
+# and so has noise that is even in light. And pictures have less of the finest detail than a lens leaves.
+FINE_NOISE = 4.0
+# Softness of a sharp picture (lens, area of the pixels, demosaicing): standard deviation in px.
+LENS = 0.75
+# Errors of the paths. In px, for any blur: interpolation between tiles, linear interpolation in kernels. As a share of
+# the PSF's radius: focal length, time offset, rates.
+PATH_ERROR, PATH_ERROR_SHARE = 0.12, 0.005
+# Weight of total variation where that of the gradient prior is 1 and E is 1; other exponents scale it by their root.
+SPARSE_STRENGTH = 2.0
+# Candidates for the NSR and for the weight of the gradient prior.
+LADDER = np.geomspace(1e-5, 10.0, 73)
+# Kernels used along each axis of the bank.
+KERNELS = 3
+# The NSR of Sindelar and Sroubek (2013), taken to hold at base sensitivity.
+BASE_NSR, BASE_ISO = 0.01, 100.0
+
+
+def nsr_of_iso(iso: float) -> float:
+    """Return the NSR for a sensitivity, 0.01 at ISO 100: the variance of shot noise is proportional to the gain.
+
+    Sindelar and Sroubek (2013) tried this, and found that it has little effect.
+    """
+    return BASE_NSR * validate.finite("iso", iso, above=0.0) / BASE_ISO
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tuning:
+    """Measurements of a picture and its PSFs, from which the strength of every prior follows.
+
+    Parameters
+    ----------
+    noise : float
+        Standard deviation of the noise in linear light.
+    energy : float
+        E, mean squared gradient of the sharp picture; both directions and all channels are added up.
+    radius : float
+        Root mean square radius of the PSFs, px.
+    border_error : float
+        Share b of the signal's power that the continuation beyond the frame gets wrong; it is also the `nsr` to use
+        with priors on the gradient.
+    spectra : Spectra
+        Spectra of the PSFs.
+    """
+
+    noise: float
+    energy: float
+    radius: float
+    border_error: float
+    spectra: Spectra = field(repr=False)
+
+    @classmethod
+    def of(cls, light: ArrayLike, bank: PsfBank, *, one_filter: bool = False, continued: bool = True) -> Tuning:
+        """Measure a blurred picture and its PSFs.
+
+        Parameters
+        ----------
+        light : array_like, shape (H, W) or (H, W, C)
+            The blurred picture in linear light, floats.
+        bank : PsfBank
+            PSFs of the picture; a few that are spread over it are enough.
+        one_filter : bool, default False
+            Whether the middle PSF is undone everywhere, as in ``mode="global"``.
+        continued : bool, default True
+            Whether the solver continues the picture beyond its top and bottom. In rowwise, rows there are unknowns.
+
+        Raises
+        ------
+        InputError
+            If `light` has another shape, holds integers, or is not finite.
+        """
+        light = validate.picture(light)
+        light = light.reshape(*light.shape[:2], -1)
+        spectra = Spectra.of(bank, one_filter=one_filter)
+        noise = noise_level(light)
+        # A constant picture has nothing to restore, so any energy other than 0 will do.
+        energy = gradient_energy(light, noise) / spectra.left_of_gradient or 1.0
+        share = bank.size[1] / light.shape[1]
+        if continued:
+            share = max(share, bank.size[0] / light.shape[0])
+        return cls(noise, energy, _radius(bank), share**2 / 4, spectra)
+
+    @property
+    def gradient_weight(self) -> float:
+        """Weight of the prior with exponent 2 at which the expected error is least."""
+        return self._best(lambda weight: self.border_error + weight * self.spectra.gradient)
+
+    def weight(self, prior: Prior, exponent: float) -> float:
+        """Return the weight of a prior on the gradient.
+
+        Parameters
+        ----------
+        prior : {"gradient", "tv", "hyper-laplacian"}
+            The prior.
+        exponent : float
+            Exponent of the hyper-Laplacian, in (0, 1]; the other priors ignore it.
+        """
+        weight = self.gradient_weight
+        if prior == "gradient":
+            return weight
+        power = 1.0 if prior == "tv" else exponent
+        return float(SPARSE_STRENGTH * power**0.5 * weight * self.energy ** (1 - power / 2))
+
+    @property
+    def wiener_nsr(self) -> float:
+        """The `nsr` at which the expected error of the Wiener filter is least."""
+        return self._best(lambda nsr: nsr)
+
+    def _best(self, penalty: Callable[[float], float | FloatArray]) -> float:
+        """Return the strength with the least error of `conj(H) / (|H|^2 + penalty)`, scaled to keep the mean."""
+        spectra = self.spectra
+        path_error_2 = PATH_ERROR**2 + (PATH_ERROR_SHARE * self.radius) ** 2
+        noise = (
+            FINE_NOISE * self.noise**2 / self.energy
+            + (path_error_2 * spectra.gradient + self.border_error) * spectra.signal
+        )
+
+        def error(strength: float) -> float:
+            added = np.broadcast_to(penalty(strength), spectra.undone.shape)
+            gain = (1.0 + added[0, 0]) / (spectra.undone + added)
+            left = 1.0 - 2.0 * gain * spectra.match + np.square(gain) * spectra.undone * spectra.power
+            return float((left * spectra.signal + np.square(gain) * spectra.undone * noise).sum())
+
+        return float(min(LADDER, key=error))
+
+    @property
+    def gradient_nsr(self) -> float:
+        """The `nsr` at which a Wiener filter restores the same frequencies as the gradient prior.
+
+        A straight path of L px has `|H| = 1 / (pi L f)`. The prior's limit is the frequency at which this equals
+        `sqrt(weight) 2 pi f`; there `|H|^2` is `2 sqrt(weight) / L`.
+        """
+        length = np.sqrt(12.0) * max(self.radius, 1.0)
+        return float(2.0 * np.sqrt(self.gradient_weight) / length)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spectra:
+    """Power spectra of a picture whose gradient has the energy 1, and of the PSFs; all arrays have the same shape.
+
+    Parameters
+    ----------
+    signal : ndarray
+        Spectrum of the picture, L / |D|^2; zero for the mean, which no filter changes.
+    gradient : ndarray
+        Squared response of the differences, |D|^2.
+    power : ndarray
+        Mean of |H|^2 over the PSFs.
+    undone : ndarray
+        |H|^2 of the PSF that a filter undoes; `power` where each filter undoes its own PSF.
+    match : ndarray
+        Mean of H times the conjugate of the undone one; `power` where each filter undoes its own PSF.
+    left_of_gradient : float
+        Share of the sharp gradient's energy that is left in the blurred picture at half its size.
+    """
+
+    signal: FloatArray
+    gradient: FloatArray
+    power: FloatArray
+    undone: FloatArray
+    match: FloatArray
+    left_of_gradient: float
+
+    @classmethod
+    def of(cls, bank: PsfBank, *, one_filter: bool) -> Spectra:
+        """Return the spectra of a few kernels that are spread over the bank; `one_filter` undoes the middle one."""
+        side = fft.next_fast_len(max(128, *(n + n // 2 for n in bank.size)))
+        rows, cols = (np.unique(np.linspace(0, n - 1, KERNELS).astype(int)) for n in bank.kernels.shape[:2])
+        kernels = bank.kernels[np.ix_(rows, cols)].reshape(-1, *bank.size)
+        otfs = [fft.fft2(kernel, (side, side)) for kernel in kernels]
+        power = undone = match = np.mean([np.square(np.abs(otf)) for otf in otfs], axis=0)
+        if one_filter:
+            middle = otfs[len(otfs) // 2]
+            undone, match = np.square(np.abs(middle)), (np.conj(middle) * np.mean(otfs, axis=0)).real
+        down, across = np.meshgrid(*2 * [np.pi * fft.fftfreq(side)], indexing="ij")
+        once, twice = (4 * (np.sin(step * down) ** 2 + np.sin(step * across) ** 2) for step in (1, 2))
+        lens = np.exp(-4 * LENS**2 * (down**2 + across**2))
+        lens /= lens.mean()
+        signal = np.divide(lens, once, out=np.zeros_like(once), where=once > 0)
+        halving = np.square(np.cos(down) * np.cos(across)) * twice * signal
+        return cls(signal, once, power, undone, match, float((halving * power).mean()))
+
+
+def _radius(bank: PsfBank) -> float:
+    down, across = (np.arange(n) - n // 2 for n in bank.size)
+    squared = np.square(down)[:, None] + np.square(across)
+    return float(np.sqrt((bank.kernels * squared).sum(axis=(2, 3)).mean()))

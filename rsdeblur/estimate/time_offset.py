@@ -1,0 +1,217 @@
+"""Estimate of the clock offset between gyroscope and camera from one blurred picture.
+
+Nothing is deblurred. A blur leaves its spectrum in the picture, with zeros where that of the PSF has zeros. Each
+candidate offset predicts a PSF for every tile of the picture, and so the power of each tile at each frequency. The
+offset under which the measured spectra are likeliest wins. The rolling shutter helps: every band tests another stretch
+of the log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rsdeblur._util import validate
+from rsdeblur.choices import Auto, Transfer
+from rsdeblur.errors import CoverageError, InputError
+from rsdeblur.estimate.spectra import TileSpectra
+from rsdeblur.image.encoded import EncodedImage, check_size
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.types import FloatArray, Progress
+
+# Longer side of the reduced picture in the coarse and in the fine search, px, and the steps there, s.
+COARSE_SIDE, COARSE_STEP = 320, 4e-3
+FINE_SIDE, FINE_STEP = 640, 1e-3
+# Minima of the coarse curve that the fine search examines.
+MINIMA = 6
+# Offsets nearer than this count as the same answer, s.
+SAME = 4e-3
+
+# Resamplings of the tiles from which the confidence follows, and the least confidence of an answer.
+RESAMPLES, CONFIDENT = 200, 0.8
+# Least lead over any other answer, in nats over the whole picture. A constant rate of rotation gives every offset the
+# same PSF, and then nothing leads.
+LEAST_LEAD = 30.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OffsetSearch:
+    """Result of :func:`find_time_offset`.
+
+    Parameters
+    ----------
+    time_offset : float or None
+        The camera's new `time_offset`, s; None if the picture does not determine it.
+    best : float
+        The likeliest offset, s, whether it is reliable or not.
+    confidence : float
+        Share, in [0, 1], of resamplings of the picture's tiles that give the same answer.
+    reason : str
+        Why `time_offset` is None; empty otherwise.
+    offsets : ndarray, shape (n,)
+        Candidates of the fine search, s, increasing.
+    scores : ndarray, shape (n,)
+        Negative log-likelihood of each, in nats above the best.
+    """
+
+    time_offset: float | None
+    best: float
+    confidence: float
+    reason: str
+    offsets: FloatArray
+    scores: FloatArray
+
+
+def find_time_offset(
+    image: ArrayLike,
+    log: GyroLog,
+    camera: Camera,
+    exposure: Exposure,
+    *,
+    search: tuple[float, float] = (-0.06, 0.06),
+    transfer: Transfer | Auto = "auto",
+    progress: Progress | None = None,
+) -> OffsetSearch:
+    """Find the time offset under which the picture's spectra are likeliest.
+
+    Parameters
+    ----------
+    image : array_like, shape (H, W) or (H, W, C)
+        The blurred picture, as for :func:`rsdeblur.deblur`.
+    log, camera, exposure
+        The motion, the camera and the time of the exposure.
+    search : (float, float)
+        First and last candidate relative to `camera.time_offset`, s. Candidates that the log does not cover are left
+        out.
+    transfer : {"auto", "linear", "srgb"} or float
+        How values encode light, as for :func:`rsdeblur.deblur`.
+    progress : callable, optional
+        Called as ``progress(stage, fraction)``.
+
+    Returns
+    -------
+    OffsetSearch
+        Its `time_offset` is None where different tiles of the picture give different answers.
+
+    Raises
+    ------
+    InputError
+        If an argument is out of range, or the picture is too small.
+    CoverageError, ClockError, GapError
+        If the log covers no candidate.
+
+    Notes
+    -----
+    A periodogram is distributed exponentially about its mean, so its negative log-likelihood is
+    `sum log V + P / V` (Whittle 1953) with `V = a S |H|^2 + b N`: S the scene's spectrum, whose gradients are taken as
+    white, N the noise's, and a, b free in every tile.
+    """
+    first, last = (validate.finite("search", end) for end in search)
+    if last - first < 2 * COARSE_STEP:
+        raise InputError(f"search must span at least {2 * COARSE_STEP:g} s, got {first:g} to {last:g}")
+    encoded = EncodedImage.of(image, transfer)
+    check_size(encoded.shape, camera)
+    light = encoded.linear(slice(None)).mean(2)
+
+    capture = log, camera, exposure
+    whole = np.arange(0, round((last - first) / FINE_STEP) + 1, round(COARSE_STEP / FINE_STEP))
+    coarse = _Curve(TileSpectra(light, camera, side=COARSE_SIDE), capture, first)
+    coarse.extend(whole, lambda done: progress and progress("coarse", done))
+    fine = _Curve(TileSpectra(light, camera, side=FINE_SIDE), capture, first)
+    candidates = _windows(coarse.minima()[:MINIMA], whole[-1])
+    while len(candidates):
+        fine.extend(candidates, lambda done: progress and progress("fine", done))
+        # The minimum may lie beside the window that the coarse curve chose.
+        candidates = np.setdiff1d(_windows(fine.minima()[:1], whole[-1]), fine.tried)
+        candidates = candidates if fine.at_edge() else candidates[:0]
+    return fine.result()
+
+
+def _windows(places: NDArray[np.intp], last: int) -> NDArray[np.intp]:
+    """Return all fine steps from 0 to `last` that are within a coarse step of one of `places`."""
+    reach = round(COARSE_STEP / FINE_STEP)
+    near = np.unique(places[:, None] + np.arange(-reach, reach + 1))
+    return near[(near >= 0) & (near <= last)]
+
+
+class _Curve:
+    """Scores of all tiles for the candidates tried so far; candidate k is the offset `first + k FINE_STEP`."""
+
+    def __init__(self, spectra: TileSpectra, capture: tuple[GyroLog, Camera, Exposure], first: float) -> None:
+        self._spectra, self._capture, self._first = spectra, capture, first
+        self._scores: dict[int, FloatArray] = {}
+        self.tried: list[int] = []
+
+    def extend(self, places: NDArray[np.intp], progress: Callable[[float], object]) -> None:
+        """Score candidates; those that the log does not cover are left out.
+
+        Raises
+        ------
+        CoverageError
+            If the log covers none of all candidates so far.
+        """
+        log, camera, exposure = self._capture
+        uncovered: CoverageError | None = None
+        for i, place in enumerate(places.tolist()):
+            progress(i / len(places))
+            self.tried.append(place)
+            moved = replace(camera, time_offset=camera.time_offset + self._first + place * FINE_STEP)
+            try:
+                self._scores[place] = self._spectra.score(log, moved, exposure)
+            except CoverageError as error:
+                uncovered = error
+        if uncovered and not self._scores:
+            raise uncovered
+
+    def _table(self) -> tuple[NDArray[np.intp], FloatArray]:
+        places = np.array(sorted(self._scores))
+        return places, np.array([self._scores[place] for place in places.tolist()])
+
+    def minima(self) -> NDArray[np.intp]:
+        """Return the places of the local minima, the deepest first."""
+        places, tiles = self._table()
+        total = np.pad(tiles.sum(axis=1), 1, constant_values=np.inf)
+        (minima,) = np.nonzero((total[1:-1] <= total[:-2]) & (total[1:-1] <= total[2:]))
+        return places[minima[np.argsort(total[1:-1][minima])]]
+
+    def at_edge(self) -> bool:
+        """Return whether a neighbour of the best candidate has no score."""
+        best = int(self.minima()[0])
+        return best - 1 not in self._scores or best + 1 not in self._scores
+
+    def result(self) -> OffsetSearch:
+        """Return the best candidate, with its confidence from resampling the tiles."""
+        places, tiles = self._table()
+        total = tiles.sum(axis=1)
+        at = int(total.argmin())
+        edge = self.at_edge()
+        origin = self._capture[1].time_offset + self._first
+        best = origin + float(places[at] + (0.0 if edge else _vertex(total[at - 1 : at + 2]))) * FINE_STEP
+        far = np.abs(places - places[at]) * FINE_STEP > SAME
+        # Bootstrap: as many draws as there are tiles, with repetition, stand for another picture of the same motion.
+        count = tiles.shape[1]
+        draws = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), RESAMPLES)
+        resampled = draws @ tiles.T
+        lead = np.min(resampled[:, far], axis=1, initial=np.inf) - resampled[:, ~far].min(axis=1)
+        confidence = float(np.mean(lead > LEAST_LEAD))
+        reason = ""
+        if edge:
+            reason = "the likeliest offset lies at the end of the search, or of the log; widen it"
+        elif confidence < CONFIDENT:
+            reason = "parts of the picture disagree: the motion is too uniform, or the scene without detail"
+        time_offset = None if reason else best
+        return OffsetSearch(
+            time_offset, best, confidence, reason, origin + places * np.float64(FINE_STEP), total - total[at]
+        )
+
+
+def _vertex(scores: FloatArray) -> float:
+    """Return the offset, in steps, from the middle of three scores to the vertex of the parabola through them."""
+    before, here, after = scores
+    bend = before - 2 * here + after
+    return 0.5 * float((before - after) / bend) if bend > 0 else 0.0

@@ -1,0 +1,1 @@
+"""Pictures: pixel encoding, tone curves, clipped highlights."""

@@ -1,0 +1,194 @@
+"""Encoded pictures, as files store them, and their rows as linear light: the way into `deblur` and out of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rsdeblur._util import validate
+from rsdeblur.choices import Auto, Transfer
+from rsdeblur.errors import InputError
+from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
+from rsdeblur.motion.camera import Camera
+
+# Rows decoded or encoded at a time, which bounds the memory: a conversion takes several arrays of that size.
+ROWS = 64
+
+
+@dataclass(frozen=True, slots=True)
+class EncodedImage:
+    """A picture whose readout runs along y: encoded values and their tone curve.
+
+    Parameters
+    ----------
+    values : ndarray, shape (H, W, C), uint8, uint16 or float
+        C is 1 to 4; the last channel of 2 or 4 is alpha. The range of integers represents [0, 1].
+    transfer : {"linear", "srgb"} or float
+        See :func:`rsdeblur.deblur`.
+    """
+
+    values: NDArray[Any]
+    transfer: Transfer
+
+    @classmethod
+    def of(
+        cls, image: ArrayLike, transfer: Transfer | Auto = "auto", frame: ReadoutFrame | None = None
+    ) -> EncodedImage:
+        """Check a picture that lies as stored, and take it into the upright frame, if one is given, without a copy.
+
+        A transfer of "auto" is sRGB for integers and linear for floats.
+
+        Raises
+        ------
+        InputError
+            If it is not a picture.
+        """
+        array: NDArray[Any] = np.asarray(image)
+        if array.ndim not in (2, 3) or array.size == 0 or (array.ndim == 3 and array.shape[2] > 4):
+            raise InputError(f"image must have shape (H, W) or (H, W, C) with C from 1 to 4, got {array.shape}")
+        if array.dtype not in (np.uint8, np.uint16) and not np.issubdtype(array.dtype, np.floating):
+            raise InputError(f"image must be uint8, uint16 or float, got {array.dtype}")
+        array = array if array.ndim == 3 else array[:, :, None]
+        return cls(frame.image(array) if frame else array, resolve_transfer(transfer, array.dtype))
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Shape of the picture without alpha."""
+        height, width, channels = self.values.shape
+        return height, width, channels - (channels in (2, 4))
+
+    def linear(self, rows: slice) -> NDArray[np.float32]:
+        """Return linear light of `rows`, without alpha.
+
+        Raises
+        ------
+        InputError
+            If a value is not finite.
+        """
+        height, width, channels = self.shape
+        rows = slice(*rows.indices(height)[:2])
+        light = np.empty((rows.stop - rows.start, width, channels), dtype=np.float32)
+        for here, there in _blocks(rows):
+            encoded = _as_float(self.values[there, :, :channels])
+            if not np.isfinite(encoded).all():
+                raise InputError("image must be finite")
+            light[here] = to_linear(encoded, self.transfer)
+        return light
+
+    def encode(self, light: NDArray[np.float32], rows: slice, out: NDArray[Any]) -> None:
+        """Encode `light` into `rows` of `out`, which is upright like the picture, and copy alpha.
+
+        Results are clipped to [0, 1] if the picture or `out` has integers, and rounded if `out` has.
+        """
+        channels = light.shape[2]
+        clip = self.values.dtype.kind == "u" or out.dtype.kind == "u"
+        for here, there in _blocks(rows):
+            sharp = from_linear(light[here], self.transfer)
+            if clip:
+                sharp = sharp.clip(0.0, 1.0)
+            out[there, :, :channels] = _as_stored(sharp, out.dtype)
+            if channels < out.shape[2]:
+                out[there, :, channels:] = _as_stored(_as_float(self.values[there, :, channels:]), out.dtype)
+
+
+def result_like(image: ArrayLike, out: NDArray[Any] | None, frame: ReadoutFrame) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the array for the result, `out` or a new float32 array, and its upright view.
+
+    Raises
+    ------
+    InputError
+        If `out` is not a writable array of the picture's shape and of float32, uint8 or uint16.
+    """
+    shape = np.shape(image)
+    if out is None:
+        out = np.empty(shape, dtype=np.float32)
+    elif not isinstance(out, np.ndarray) or out.shape != shape or out.dtype not in (np.float32, np.uint8, np.uint16):
+        got = f"{out.dtype} of shape {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
+        raise InputError(f"out must be a float32, uint8 or uint16 array of shape {shape}, got {got}")
+    elif not out.flags.writeable:
+        raise InputError("out must be writable")
+    elif np.may_share_memory(out, np.asarray(image)):
+        raise InputError("out must not overlap image")
+    return out, frame.image(out if out.ndim == 3 else out[:, :, None])
+
+
+def check_size(shape: tuple[int, ...], camera: Camera) -> None:
+    """Raise `InputError` unless a picture of `shape` has the camera's size."""
+    height, width = shape[:2]
+    if (height, width) == (camera.height, camera.width):
+        return
+    if (height, width) == (camera.width, camera.height):
+        hint = "it is turned by a quarter; turn the picture or describe the camera as the picture is stored"
+    elif abs(width * camera.height - height * camera.width) <= max(width, camera.width):
+        hint = f"if it was resized, scale the camera (file) too: camera.scaled({width / camera.width:.6g})"
+    else:
+        hint = "if it was cut out, cut the camera (file) too: camera.cropped(left, top, width, height)"
+    raise InputError(
+        f"the picture is {width}x{height} px but the camera's is {camera.width}x{camera.height} px; {hint}"
+    )
+
+
+def reduced(image: ArrayLike, camera: Camera, side: int) -> tuple[NDArray[np.float32], Camera]:
+    """Reduce a picture, and the camera with it, until the longer side has `side` px.
+
+    Sindelar and Sroubek (2013) reduce pictures of 3264x2448 to 2048x1536.
+
+    Parameters
+    ----------
+    image : array_like, shape (H, W) or (H, W, C)
+        As for :func:`rsdeblur.deblur`.
+    camera : Camera
+        Camera of the picture.
+    side : int
+        Longer side in px; a smaller picture keeps its size.
+
+    Returns
+    -------
+    image : ndarray, float32
+        Encoded values; integers are scaled to [0, 1].
+    camera : Camera
+        Camera of the reduced picture.
+
+    Raises
+    ------
+    InputError
+        If `image` is not a picture, or does not have the camera's size.
+    """
+    values = _as_float(EncodedImage.of(image, "linear").values)
+    check_size(values.shape, camera)
+    scale = validate.count("side", side) / max(values.shape[:2])
+    if scale < 1:
+        from PIL import Image
+
+        camera = camera.scaled(scale)
+        planes = [Image.fromarray(np.ascontiguousarray(plane)) for plane in np.moveaxis(values, -1, 0)]
+        # A filter without overshoots and aliases: each new pixel is an average of all pixels that it covers.
+        smaller = [plane.resize((camera.width, camera.height), Image.Resampling.HAMMING) for plane in planes]
+        values = np.stack([np.asarray(plane) for plane in smaller], axis=-1)
+    return values.reshape(*values.shape[:2], *np.shape(image)[2:]), camera
+
+
+def _blocks(rows: slice) -> Iterator[tuple[slice, slice]]:
+    """Yield blocks of `rows`, each counted from the first of `rows` and from the first row of the picture."""
+    for top in range(rows.start, rows.stop, ROWS):
+        stop = min(top + ROWS, rows.stop)
+        yield slice(top - rows.start, stop - rows.start), slice(top, stop)
+
+
+def _as_float(values: NDArray[Any]) -> NDArray[np.float32]:
+    scaled = values.astype(np.float32)
+    if values.dtype.kind == "u":
+        scaled /= np.iinfo(values.dtype).max
+    return scaled
+
+
+def _as_stored(values: NDArray[np.float32], dtype: np.dtype[Any]) -> NDArray[Any]:
+    if dtype.kind != "u":
+        return values
+    rounded: NDArray[Any] = np.rint(values * np.float32(np.iinfo(dtype).max)).astype(dtype)
+    return rounded

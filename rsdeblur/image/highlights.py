@@ -1,0 +1,374 @@
+"""Highlights beyond full scale: found where the picture is clipped, removed before the solve, added back after it.
+
+The clipped trail of a lamp is not a blurred lamp, and a lamp is so bright that a small error of its PSF outshines its
+surroundings. Both make streaks, in every mode and with every prior. So the picture g is separated into highlights l,
+which are estimated on their own, and a remainder without highlights, which is solved as usual:
+
+    g = A l + remainder,    restored = l + solved(remainder).
+
+Highlights are never negative, and they lie only where the light of clipped pixels can have come from: in boxes around
+these pixels, outside of which the picture does not change. The Richardson-Lucy iteration keeps both properties. A
+clipped pixel demands no more than to be at least as bright as it is recorded; Whyte et al. (2014) [1]_ model the sensor
+in the same way, while Cho et al. (2011) [2]_ leave such pixels out. Pixels that highlights spoil are filled in from
+their surroundings.
+
+.. [1] O. Whyte, J. Sivic and A. Zisserman, "Deblurring shaken and partially saturated images", IJCV 110, 2014.
+.. [2] S. Cho, J. Wang and S. Lee, "Handling outliers in non-blind image deconvolution", ICCV 2011.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from math import ceil
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from rsdeblur.deconv.wiener import TileBlur
+from rsdeblur.errors import InputError
+from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatImage
+
+Mask = NDArray[np.bool_]
+
+# Pixels that share an edge or a corner.
+TOUCHING = np.ones((3, 3), dtype=np.bool_)
+# Share of full scale, 250 of 255, from which a pixel counts as clipped if it touches one at full scale: JPEG and
+# resampling soften the edges of clipped spots.
+NEAR = 0.98
+# Least share of a point's light that must have reached clipped pixels for the point to be a highlight.
+SEEN = 0.2
+# The trail of a lamp is larger than the lamp. A spot is a wall, the sky or a sheet of paper if points that sent more
+# than MOSTLY of their light to it cover more than WALL of it. Little of its light was cut off, and to fill it in would
+# do more harm than good.
+MOSTLY, WALL = 0.7, 0.5
+# The same holds for a spot whose surroundings have more light than BRIGHT, and for a spot with more pixels than a
+# square of WIDEST PSFs: trails are smaller.
+BRIGHT, WIDEST = 0.5, 5
+# Distance from clipped pixels, px, up to which pixels are spoiled too. Spoiled are also all pixels to which highlights
+# give more than LIT of light: PSFs have errors of some percent of that.
+SPOILED, LIT = 2, 0.03
+ITERATIONS = 30
+# Least divisor in units of light, and standard deviation of the Gaussian that smooths filled pixels, px.
+DARK, SMOOTH = 1e-3, 2.0
+# A box extends beyond its spots by a PSF, there and back, and by this margin for the smoothing, px. Its ends lie at
+# multiples of CELL px.
+MARGIN, CELL = SPOILED + int(4 * SMOOTH), 8
+# Pixels that are searched for spots at a time, which bounds the memory to some 70 MB.
+LOOKED_AT = 3_000_000
+# Bytes per value of a box while its highlights are estimated (measured: 108 to 134), and as a patch afterwards.
+BOX_BYTES, PATCH_BYTES = 150, 8
+
+
+class Spot(NamedTuple):
+    """Connected clipped pixels: their bounding box, and a mask (h, w, C) of the clipped values in it."""
+
+    rows: slice
+    cols: slice
+    lost: Mask
+
+
+class Patch(NamedTuple):
+    """A box of the picture: its sharp highlights and its blurred remainder, both (h, w, C) in linear light."""
+
+    rows: slice
+    cols: slice
+    highlights: FloatImage
+    remainder: FloatImage
+
+
+@dataclass(frozen=True, slots=True)
+class HighlightSplit:
+    """A picture separated into highlights and a remainder.
+
+    Parameters
+    ----------
+    encoded : EncodedImage
+        The picture.
+    patches : tuple of Patch
+        Boxes that contain highlights; they do not overlap.
+    """
+
+    encoded: EncodedImage
+    patches: tuple[Patch, ...] = ()
+
+    def remainder(self, rows: slice, step: int = 1) -> FloatImage:
+        """Return linear light of `rows` without highlights; `step` selects every `step`-th row and column."""
+        first, stop, _ = rows.indices(self.encoded.shape[0])
+        light = replace(self.encoded, values=self.encoded.values[first:stop:step, ::step]).linear(slice(None))
+        for patch in self.patches:
+            top, bottom = max(patch.rows.start, first), min(patch.rows.stop, stop)
+            if top >= bottom:
+                continue
+            down, across = -(top - first) % step, -patch.cols.start % step
+            part = patch.remainder[top - patch.rows.start + down : bottom - patch.rows.start : step, across::step]
+            row, col = (top - first + down) // step, (patch.cols.start + across) // step
+            light[row : row + part.shape[0], col : col + part.shape[1]] = part
+        return light
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that the patches take."""
+        return sum(patch.highlights.nbytes + patch.remainder.nbytes for patch in self.patches)
+
+    def add_highlights(self, light: FloatImage, first: int) -> None:
+        """Add the highlights to the sharp `light` of the picture's rows from `first` on."""
+        for patch in self.patches:
+            top, bottom = max(patch.rows.start, first), min(patch.rows.stop, first + light.shape[0])
+            if top < bottom:
+                start = patch.rows.start
+                light[top - first : bottom - first, patch.cols] += patch.highlights[top - start : bottom - start]
+
+
+def at_full_scale(values: NDArray[Any]) -> Mask:
+    """Return which encoded values, uint8, uint16 or float, are at full scale.
+
+    Full scale is 255, 65535 or 1. In a float picture that exceeds 1 anywhere, nothing was clipped at 1.
+    """
+    white = _full_scale(values)
+    if values.max() != white:
+        return np.zeros(values.shape, dtype=np.bool_)
+    full: Mask = values == white
+    return full
+
+
+def clipped(values: NDArray[Any]) -> Mask:
+    """Return which values are clipped: those at full scale, and those next to them that are nearly so.
+
+    Parameters
+    ----------
+    values : ndarray, shape (H, W, C), uint8, uint16 or float
+        Encoded values without alpha.
+    """
+    full = at_full_scale(values)
+    if not full.any():
+        return full
+    # Integers are compared with an integer: no float copy of the picture is made.
+    near: Mask = values >= (ceil(NEAR * _full_scale(values)) if values.dtype.kind == "u" else NEAR)
+    spots, count = ndimage.label(_any(near), TOUCHING)
+    has_full = np.zeros(count + 1, dtype=np.bool_)
+    has_full[spots[_any(full)]] = True
+    return near & has_full[spots][..., None]
+
+
+def _full_scale(values: NDArray[Any]) -> float:
+    return np.iinfo(values.dtype).max if values.dtype.kind == "u" else 1.0
+
+
+def find_spots(encoded: EncodedImage) -> list[Spot]:
+    """Return the clipped spots of a picture.
+
+    It is searched in parts, a number of rows at a time; a spot that crosses from one part to the next comes in pieces.
+    """
+    height, width, channels = encoded.shape
+    values = encoded.values[..., :channels]
+    if values.dtype.kind != "u" and values.max() > 1:
+        return []
+    rows = max(1, LOOKED_AT // width)
+    return [spot for top in range(0, height, rows) for spot in _spots(clipped(values[top : top + rows]), top)]
+
+
+def separate_highlights(
+    encoded: EncodedImage,
+    spots: list[Spot],
+    bank: PsfBank,
+    *,
+    threads: int | None = None,
+    max_memory: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> HighlightSplit:
+    """Separate a picture into highlights and a remainder.
+
+    Parameters
+    ----------
+    encoded : EncodedImage
+        The picture.
+    spots : list of Spot
+        Clipped spots of that picture, see :func:`find_spots`.
+    bank : PsfBank
+        PSFs of the picture.
+    threads : int, optional
+        Threads that share the work; default all processors.
+    max_memory : int, optional
+        Bytes that the work may take.
+    progress : callable, optional
+        Called with the finished fraction.
+
+    Returns
+    -------
+    HighlightSplit
+
+    Raises
+    ------
+    InputError
+        If `max_memory` is too small for the largest box.
+    """
+    widest = (WIDEST * max(bank.size)) ** 2
+    spots = [spot for spot in spots if spot.lost.any(axis=2).sum() <= widest]
+    near = list(_boxes(encoded, spots, bank))
+    _check_memory(near, max_memory)
+    trails = [spot for box in near for spot in _trails(box, threads)]
+    boxes = list(_boxes(encoded, trails, bank))
+    _check_memory(boxes, max_memory)
+    patches: list[Patch] = []
+    for n, box in enumerate(boxes):
+        patches.append(_patch(box, threads))
+        if progress is not None:
+            progress((n + 1) / len(boxes))
+    return HighlightSplit(encoded, tuple(patches))
+
+
+def filled(light: FloatImage, spoiled: Mask) -> FloatImage:
+    """Return `light` (H, W, C) with its spoiled pixels (H, W) filled from the nearest other pixels, smoothed."""
+    if not spoiled.any() or spoiled.all():
+        return light
+    row, col = ndimage.distance_transform_edt(spoiled, return_distances=False, return_indices=True)
+    smooth = ndimage.gaussian_filter(light[row, col], (SMOOTH, SMOOTH, 0))
+    return np.where(spoiled[..., None], smooth, light)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Box:
+    """A box of the picture, with the spots in it."""
+
+    rows: slice
+    cols: slice
+    encoded: EncodedImage
+    spots: list[Spot]
+    bank: PsfBank
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width, px."""
+        return self.rows.stop - self.rows.start, self.cols.stop - self.cols.start
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        height, width, channels = *self.shape, self.encoded.shape[2]
+        return height * width * channels
+
+    @property
+    def linear(self) -> FloatImage:
+        """Linear light, shape (h, w, C)."""
+        return replace(self.encoded, values=self.encoded.values[self.rows, self.cols]).linear(slice(None))
+
+    def lost(self) -> tuple[Mask, NDArray[np.int32]]:
+        """Return a mask (h, w, C) of the clipped values, and for each pixel the number of its spot, from 1, or 0."""
+        lost = np.zeros((*self.shape, self.encoded.shape[2]), dtype=np.bool_)
+        numbers = np.zeros(self.shape, dtype=np.int32)
+        for number, spot in enumerate(self.spots, 1):
+            rows, cols = _from(self.rows.start, spot.rows), _from(self.cols.start, spot.cols)
+            lost[rows, cols] |= spot.lost
+            numbers[rows, cols][spot.lost.any(axis=2)] = number
+        return lost, numbers
+
+    def blur(self, threads: int | None) -> TileBlur:
+        """Return the planned blur in the box."""
+        bank = self.bank.cut(self.rows, self.cols)
+        bank = replace(bank, rows=bank.rows - self.rows.start, cols=bank.cols - self.cols.start)
+        return TileBlur(bank, (*self.shape, self.encoded.shape[2]), threads=threads)
+
+
+def _spots(lost: Mask, top: int) -> Iterator[Spot]:
+    if not lost.any():
+        return
+    numbers, _ = ndimage.label(_any(lost), TOUCHING)
+    for number, (rows, cols) in enumerate(ndimage.find_objects(numbers), 1):
+        own = lost[rows, cols] & (numbers[rows, cols] == number)[..., None]
+        yield Spot(_from(-top, rows), cols, own)
+
+
+def _boxes(encoded: EncodedImage, spots: list[Spot], bank: PsfBank) -> Iterator[_Box]:
+    """Yield boxes around spots; boxes that would overlap are merged."""
+    shape = encoded.shape[:2]
+    reach_down, reach_across = (n + MARGIN for n in bank.size)
+    covered = np.zeros([-(-n // CELL) for n in shape], dtype=np.bool_)
+    for spot in spots:
+        covered[_cells(spot.rows, reach_down), _cells(spot.cols, reach_across)] = True
+    count = -1
+    while True:
+        numbers, boxes = ndimage.label(covered)
+        places = ndimage.find_objects(numbers)
+        if boxes == count:
+            break
+        count = boxes
+        for place in places:
+            covered[place] = True
+    owned: list[list[Spot]] = [[] for _ in places]
+    for spot in spots:
+        owned[numbers[spot.rows.start // CELL, spot.cols.start // CELL] - 1].append(spot)
+    for own, place in zip(owned, places, strict=True):
+        rows, cols = (slice(CELL * p.start, min(CELL * p.stop, n)) for p, n in zip(place, shape, strict=True))
+        yield _Box(rows, cols, encoded, own, bank)
+
+
+def _cells(span: slice, reach: int) -> slice:
+    """Return the cells within `reach` px of a span of an axis."""
+    return slice(max(span.start - reach, 0) // CELL, -(-(span.stop + reach) // CELL))
+
+
+def _check_memory(boxes: list[_Box], max_memory: int | None) -> None:
+    """Raise `InputError` if the largest box and all patches together need more memory."""
+    if max_memory is None or not boxes:
+        return
+    largest = max(boxes, key=lambda box: box.size)
+    needed = BOX_BYTES * largest.size + PATCH_BYTES * sum(box.size for box in boxes)
+    if needed > max_memory:
+        raise InputError(
+            f"max_memory is {max_memory >> 20} MiB, but the highlights near row {largest.rows.start}, column "
+            f'{largest.cols.start} need {needed >> 20} MiB; allow that much, or use saturation="ignore"'
+        )
+
+
+def _trails(box: _Box, threads: int | None) -> list[Spot]:
+    """Return the spots that may be trails of highlights."""
+    lost, numbers = box.lost()
+    each = np.arange(1, len(box.spots) + 1)
+    sent = box.blur(threads).adjoint(lost.astype(np.float32)).max(axis=2)
+    kept = ndimage.mean(sent > MOSTLY, numbers, each) < WALL
+    if kept.any():
+        kept &= ndimage.mean(_around(box.linear, lost).mean(axis=2), numbers, each) < BRIGHT
+    return [spot for spot, keep in zip(box.spots, kept, strict=True) if keep]
+
+
+def _patch(box: _Box, threads: int | None) -> Patch:
+    """Separate a box by Richardson-Lucy iteration."""
+    light, (lost, _), blur = box.linear, box.lost(), box.blur(threads)
+    # The same places for all channels; otherwise highlights would have coloured fringes.
+    possible = (blur.adjoint(lost.astype(np.float32)) > SEEN).any(axis=2, keepdims=True)
+    around = _around(light, lost).clip(DARK)
+    highlights = np.where(possible, (light - around).clip(DARK), np.float32(0))
+    for _ in range(ITERATIONS):
+        blurred = blur.forward(highlights).clip(0) + around
+        ratio = light.clip(0) / blurred
+        np.maximum(ratio, 1, out=ratio, where=lost)
+        highlights *= blur.adjoint(ratio).clip(0)
+    blurred = blur.forward(highlights).clip(0)
+    lit = (blurred > LIT).any(axis=2)
+    return Patch(box.rows, box.cols, highlights, filled(light - blurred, _spoiled(lost) | lit))
+
+
+def _spoiled(lost: Mask) -> Mask:
+    spoiled: Mask = ndimage.binary_dilation(np.any(lost, axis=2), iterations=SPOILED)
+    return spoiled
+
+
+def _around(light: FloatImage, lost: Mask) -> FloatImage:
+    """Return the light without highlights: clipped spots are filled in, where that makes them darker."""
+    return np.minimum(filled(light, _spoiled(lost)), light)
+
+
+def _any(mask: Mask) -> Mask:
+    """Return where `mask` holds in any channel; ten times as fast as `numpy.any` along the last axis."""
+    any_channel: Mask = np.logical_or.reduce([mask[..., c] for c in range(mask.shape[2])])
+    return any_channel
+
+
+def _from(start: int, span: slice) -> slice:
+    """Return `span` counted from `start`."""
+    return slice(span.start - start, span.stop - start)

@@ -1,0 +1,86 @@
+"""Tone curves between encoded values and linear light, in which blur happens."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rsdeblur._util import validate
+from rsdeblur.choices import TRANSFERS, Auto, Transfer
+from rsdeblur.errors import InputError
+
+# IEC 61966-2-1: below these values the sRGB curve is a straight line.
+SRGB_LINEAR_END = 0.0031308
+SRGB_STORED_END = 0.04045
+
+
+def check_transfer(transfer: Transfer) -> Transfer:
+    """Return `transfer` if it is "linear", "srgb" or a positive gamma."""
+    if isinstance(transfer, str):
+        if transfer not in TRANSFERS:
+            raise InputError(f'transfer must be "linear", "srgb" or a gamma, got {transfer!r}')
+        return transfer
+    return validate.finite("transfer", transfer, above=0.0)
+
+
+def resolve_transfer(transfer: Transfer | Auto, dtype: np.dtype[Any]) -> Transfer:
+    """Return a checked transfer; "auto" is sRGB for integers and linear for floats."""
+    if transfer != "auto":
+        return check_transfer(transfer)
+    return "srgb" if dtype.kind == "u" else "linear"
+
+
+def to_linear(values: NDArray[np.float32], transfer: Transfer) -> NDArray[np.float32]:
+    """Decode encoded values to linear light.
+
+    Parameters
+    ----------
+    values : ndarray, float32
+        Encoded values, nominal range [0, 1]; negative values keep their sign. Divide integers by their full scale, 255
+        or 65535, before.
+    transfer : {"linear", "srgb"} or float
+        The tone curve; a number is a gamma: light = value ** gamma.
+
+    Returns
+    -------
+    ndarray, float32
+        `values` themselves if the curve is linear.
+    """
+    if transfer == "linear":
+        return values
+    magnitude = np.abs(values)
+    if transfer == "srgb":
+        light = np.where(magnitude <= SRGB_STORED_END, magnitude / 12.92, ((magnitude + 0.055) / 1.055) ** 2.4)
+    else:
+        light = magnitude**transfer
+    return np.copysign(light, values).astype(np.float32)
+
+
+def from_linear(light: NDArray[np.float32], transfer: Transfer) -> NDArray[np.float32]:
+    """Encode linear light; the inverse of :func:`to_linear`."""
+    if transfer == "linear":
+        return light
+    magnitude = np.abs(light)
+    if transfer == "srgb":
+        values = np.where(magnitude <= SRGB_LINEAR_END, magnitude * 12.92, 1.055 * magnitude ** (1 / 2.4) - 0.055)
+    else:
+        values = magnitude ** (1.0 / transfer)
+    return np.copysign(values, light).astype(np.float32)
+
+
+# Share of the values at either end that counts as outliers.
+OUTLIERS = 1e-3
+
+
+def normalized(light: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return overshooting light squeezed into [0, 1]: outliers are clipped and the rest is scaled, with less contrast.
+
+    This is the optional last step of Sindelar and Sroubek (2013). It helps where large blurs of bright scenes ring
+    beyond the range. Light that is in the range, except for outliers, is only clipped.
+    """
+    low, high = np.quantile(light, [OUTLIERS, 1.0 - OUTLIERS])
+    low, high = min(float(low), 0.0), max(float(high), 1.0)
+    squeezed: NDArray[np.float32] = ((light - np.float32(low)) / np.float32(high - low)).clip(0.0, 1.0)
+    return squeezed

@@ -1,0 +1,80 @@
+"""Orientation of the IMU in the camera: orientation strings and presets."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from rsdeblur.errors import InputError
+from rsdeblur.types import FloatArray
+
+# Gyroflow's axes are x up, y left, z back; the camera's are x right, y down, z forward.
+GYROFLOW_TO_CAMERA = ((0, -1, 0), (-1, 0, 0), (0, 0, -1))
+
+# The phone presets are for device axes of Android and iOS (x right, y up, z out of the screen, phone upright) and the
+# rear camera. Its picture is stored upright ("portrait") or as the sensor reads it, with the phone's right side at the
+# top ("landscape"); "reversed" means upside down.
+PRESETS = {
+    "gyroflow": "XYZ",
+    "phone-portrait": "YxZ",
+    "phone-landscape": "XYZ",
+    "phone-portrait-reversed": "yXZ",
+    "phone-landscape-reversed": "xyZ",
+}
+
+
+def orientation(letters: str) -> FloatArray:
+    """Return the matrix of one of Gyroflow's orientation strings.
+
+    The matrix takes raw rates to Gyroflow's axes. Some action cameras record rates in left-handed axes, with strings
+    like ``"xZy"``; their matrix is not a rotation.
+
+    Parameters
+    ----------
+    letters : str
+        For each of Gyroflow's axes x (up), y (left) and z (back), the raw axis that it is taken from, in lower case if
+        the sign changes: ``"XYZ"`` changes nothing, ``"YxZ"`` is a phone held upright.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        Matrix M of `gyroflow = M @ raw`.
+
+    Raises
+    ------
+    InputError
+        If `letters` does not name each axis once.
+    """
+    if not re.fullmatch(r"[XYZxyz]{3}", letters) or len(set(letters.upper())) != 3:
+        raise InputError(f"{letters!r} is not an orientation: it must name each of X, Y and Z once, like 'YxZ'")
+    matrix = np.zeros((3, 3))
+    for row, letter in enumerate(letters):
+        matrix[row, "XYZ".index(letter.upper())] = 1.0 if letter.isupper() else -1.0
+    return matrix
+
+
+def imu_to_camera(name: str) -> FloatArray:
+    """Return the matrix from IMU axes to camera axes that a preset or an orientation string describes.
+
+    Parameters
+    ----------
+    name : str
+        A key of `PRESETS`, or an orientation string, see :func:`orientation`.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        Matrix for the parameter `imu_to_camera` of :class:`rsdeblur.Camera`.
+
+    Raises
+    ------
+    InputError
+        If `name` is neither a preset nor an orientation string.
+    """
+    if name not in PRESETS and not re.fullmatch(r"[XYZxyz]{3}", name):
+        raise InputError(
+            f"there is no IMU orientation {name!r}; use one of {', '.join(PRESETS)}, or three letters like 'YxZ'"
+        )
+    camera: FloatArray = np.array(GYROFLOW_TO_CAMERA, dtype=np.float64) @ orientation(PRESETS.get(name, name))
+    return camera

@@ -1,0 +1,478 @@
+"""The camera: intrinsics and lens, rolling-shutter readout, and orientation and clock relative to the IMU."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+import warnings
+from dataclasses import dataclass, fields, replace
+from difflib import get_close_matches
+from typing import Any
+
+import numpy as np
+import tomli_w
+from numpy.typing import ArrayLike
+
+from rsdeblur._util import validate
+from rsdeblur._util.atomic import atomic_write
+from rsdeblur._util.files import read_file
+from rsdeblur.choices import (
+    DISTORTIONS,
+    READOUT_DIRECTIONS,
+    TIMESTAMP_MARKS,
+    Distortion,
+    ReadoutDirection,
+    TimestampMarks,
+)
+from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
+from rsdeblur.motion import axes, lens
+from rsdeblur.types import FloatArray
+
+# Moments that the timestamp of a capture may mark, each as a share of the time from the start of the first row's
+# exposure to the end of the last row's. Android marks the start, Gyroflow the middle row's mid-exposure.
+TIMESTAMP_SHARES: dict[TimestampMarks, float] = {"start": 0.0, "middle": 0.5, "end": 1.0}
+
+# Former keys of camera files, which are still read.
+FORMER_KEYS = {
+    "focal": "focal_length", "principal": "principal_point", "readout": "readout_time", "stamp": "timestamp_marks",
+}  # fmt: skip
+
+# Largest width and height, px: that of PNG, the largest of all formats that are read.
+MOST_PIXELS = 2**31 - 1
+
+# Largest length in px and largest coefficient. No lens comes near it, and its eighth power does not overflow.
+LARGEST = 1e12
+
+# Largest deviation from orthonormality. A rotation typed with four decimals deviates by 1e-4.
+ROTATION_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class Camera:
+    """A camera with a rolling shutter and a rigidly mounted IMU.
+
+    Camera axes are x right, y down, z forward in the picture as stored; pixel centres are at integer coordinates.
+
+    Parameters
+    ----------
+    width, height : int
+        Size of the picture in px.
+    focal_length : float or (float, float)
+        Focal length in px, one for both axes or (fx, fy). The attribute is always (fx, fy).
+    principal_point : (float, float), optional
+        Principal point (cx, cy) in px; default the picture's centre ((width - 1)/2, (height - 1)/2).
+    readout_time : float, default 0.0
+        Readout time in s, at least 0: the start of exposure moves by `readout_time / lines` from one sensor row to the
+        next. 0 is a global shutter.
+    readout_direction : {"top-down", "bottom-up", "left-right", "right-left"}
+        Direction of the readout in the picture as stored.
+    imu_to_camera : array_like, shape (3, 3), or str, optional
+        Rotation from IMU axes to camera axes; default identity. Its rows are the camera's axes in the IMU frame. A str
+        is a preset, ``"phone-portrait"``, ``"phone-landscape"`` (rear camera, log in phone axes) or ``"gyroflow"`` (log
+        in Gyroflow's axes), or an orientation string like ``"YxZ"``; see `rsdeblur.motion.axes`.
+    time_offset : float, default 0.0
+        `camera_time = gyro_time + time_offset`, in s.
+    distortion_model : {"none", "radtan", "fisheye"}
+        Model of the lens distortion, as in OpenCV; Kalibr calls ``"fisheye"`` equidistant.
+    distortion : array_like, default ()
+        Coefficients: k1, k2, p1, p2[, k3[, k4, k5, k6]] of ``"radtan"``, k1, k2, k3, k4 of ``"fisheye"``.
+    timestamp_marks : {"start", "middle", "end"}
+        Moment that the timestamp of a capture marks: the start of exposure of the first row read, the mid-exposure of
+        the middle row, or the end of exposure of the last row read.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range, `imu_to_camera` is not a rotation, or the distortion maps two directions to one
+        pixel of the frame.
+    """
+
+    width: int
+    height: int
+    focal_length: tuple[float, float]
+    principal_point: tuple[float, float]
+    readout_time: float
+    readout_direction: ReadoutDirection
+    imu_to_camera: FloatArray
+    time_offset: float
+    distortion_model: Distortion
+    distortion: tuple[float, ...]
+    timestamp_marks: TimestampMarks
+
+    # Written by hand, because arguments may have more types than the attributes: one focal length, any array, a preset.
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        focal_length: float | tuple[float, float] | ArrayLike,
+        principal_point: tuple[float, float] | ArrayLike | None = None,
+        *,
+        readout_time: float = 0.0,
+        readout_direction: ReadoutDirection = "top-down",
+        imu_to_camera: ArrayLike | str | None = None,
+        time_offset: float = 0.0,
+        distortion_model: Distortion = "none",
+        distortion: ArrayLike = (),
+        timestamp_marks: TimestampMarks = "start",
+    ) -> None:
+        def put(name: str, value: object) -> None:
+            object.__setattr__(self, name, value)
+
+        put("width", validate.count("width", width, maximum=MOST_PIXELS))
+        put("height", validate.count("height", height, maximum=MOST_PIXELS))
+        put("focal_length", _focal_length(focal_length))
+        if principal_point is None:
+            principal_point = ((self.width - 1) / 2, (self.height - 1) / 2)
+        put(
+            "principal_point",
+            tuple(map(float, validate.real_array("principal_point", principal_point, (2,), most=LARGEST))),
+        )
+        put("readout_time", validate.finite("readout_time", readout_time, minimum=0.0))
+        put("readout_direction", validate.choice("readout_direction", readout_direction, READOUT_DIRECTIONS))
+        put("imu_to_camera", _rotation(np.eye(3) if imu_to_camera is None else imu_to_camera))
+        put("time_offset", validate.finite("time_offset", time_offset))
+        put("distortion_model", validate.choice("distortion_model", distortion_model, DISTORTIONS))
+        put("distortion", _coefficients(self.distortion_model, distortion))
+        put("timestamp_marks", validate.choice("timestamp_marks", timestamp_marks, TIMESTAMP_MARKS))
+        self._check_distortion()
+
+    @property
+    def matrix(self) -> FloatArray:
+        """Intrinsic matrix K, shape (3, 3)."""
+        (fx, fy), (cx, cy) = self.focal_length, self.principal_point
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def horizontal_readout(self) -> bool:
+        """Whether the readout runs along the x axis of the picture."""
+        return self.readout_direction in ("left-right", "right-left")
+
+    @property
+    def lines(self) -> int:
+        """Number of sensor rows read out: the height, or the width for a horizontal readout."""
+        return self.width if self.horizontal_readout else self.height
+
+    def reading_order(self, rows: FloatArray) -> FloatArray:
+        """Return how many sensor rows are read before each of `rows`.
+
+        Parameters
+        ----------
+        rows : ndarray
+            Positions along the readout axis of the picture as stored (y, or x for a horizontal readout); any shape,
+            fractions allowed.
+
+        Returns
+        -------
+        ndarray
+            Shaped like `rows`.
+        """
+        backwards = self.readout_direction in ("bottom-up", "right-left")
+        return self.lines - 1 - rows if backwards else rows
+
+    def timestamp_delay(self, duration: float) -> float:
+        """Return the time in s from the first row's start of exposure to the moment that the timestamp marks.
+
+        Parameters
+        ----------
+        duration : float
+            Exposure time of every row in s.
+        """
+        return TIMESTAMP_SHARES[self.timestamp_marks] * (self.readout_time * (self.lines - 1) / self.lines + duration)
+
+    def rays(self, points: FloatArray) -> FloatArray:
+        """Return the viewing directions of pixels.
+
+        Parameters
+        ----------
+        points : ndarray, shape (..., 2)
+            (x, y) in px.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+            In camera axes, of any length; NaN where the lens model has no direction.
+        """
+        (fx, fy), (cx, cy) = self.focal_length, self.principal_point
+        normalised = np.stack([(points[..., 0] - cx) / fx, (points[..., 1] - cy) / fy], axis=-1)
+        return lens.rays(normalised, self.distortion_model, self.distortion)
+
+    def project(self, directions: FloatArray) -> FloatArray:
+        """Return the pixels that see directions; the inverse of :meth:`rays`.
+
+        Parameters
+        ----------
+        directions : ndarray, shape (..., 3)
+            In camera axes, of any length.
+
+        Returns
+        -------
+        ndarray, shape (..., 2)
+            (x, y) in px.
+        """
+        (fx, fy), (cx, cy) = self.focal_length, self.principal_point
+        points = lens.project(directions, self.distortion_model, self.distortion)
+        points *= (fx, fy)
+        points += (cx, cy)
+        return points
+
+    def _check_distortion(self) -> None:
+        """Raise `InputError` unless each pixel of the frame sees exactly one direction."""
+        if self.distortion_model == "none":
+            return
+        (fx, fy), (cx, cy) = self.focal_length, self.principal_point
+        x, y = np.linspace(0, self.width - 1, 17), np.linspace(0, self.height - 1, 17)
+        if self.distortion_model == "fisheye":
+            # Only distances along the axes count, because the model may be extrapolated in the corners.
+            farthest = max(abs(x - cx).max() / fx, abs(y - cy).max() / fy)
+            folds = farthest > lens.reach(self.distortion)
+        else:
+            folds = not np.isfinite(self.rays(np.stack(np.meshgrid(x, y), axis=-1))).all()
+        if folds:
+            raise InputError(
+                f"the {self.distortion_model} distortion {self.distortion} folds the picture over itself within the "
+                "frame; check the coefficients and their order, and that focal_length and principal_point are for this "
+                "size"
+            )
+
+    def scaled(self, s: float) -> Camera:
+        """Return the camera of the picture resized by a factor; pixel centres stay at integers.
+
+        Parameters
+        ----------
+        s : float
+            Factor, positive; sizes are rounded to whole pixels.
+
+        Returns
+        -------
+        Camera
+            The same camera for the resized picture.
+
+        Raises
+        ------
+        InputError
+            If `s` is not positive and finite.
+        """
+        s = validate.finite("s", s, above=0.0)
+        return self.resized(max(round(self.width * s), 1), max(round(self.height * s), 1))
+
+    def resized(self, width: int, height: int) -> Camera:
+        """Return the camera of the picture resized to a given size; pixel centres stay at integers.
+
+        Parameters
+        ----------
+        width, height : int
+            New size in px.
+
+        Returns
+        -------
+        Camera
+            The same camera for the resized picture.
+
+        Raises
+        ------
+        InputError
+            If a size is not a whole number of at least 1.
+        """
+        width, height = validate.count("width", width), validate.count("height", height)
+        (fx, fy), (cx, cy) = self.focal_length, self.principal_point
+        # Sizes are whole pixels, so the two ratios may differ.
+        sx, sy = width / self.width, height / self.height
+        principal_point = ((cx + 0.5) * sx - 0.5, (cy + 0.5) * sy - 0.5)
+        return replace(
+            self, width=width, height=height, focal_length=(fx * sx, fy * sy), principal_point=principal_point
+        )
+
+    def delayed(self, dt: float) -> Camera:
+        """Return the camera with another time offset.
+
+        Parameters
+        ----------
+        dt : float
+            Seconds added to `time_offset`.
+
+        Returns
+        -------
+        Camera
+            The same camera, whose clock shows `dt` more for the same gyro time.
+
+        Raises
+        ------
+        InputError
+            If `dt` is not finite.
+        """
+        return replace(self, time_offset=self.time_offset + validate.finite("dt", dt))
+
+    def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
+        """Return the camera of a part of the picture.
+
+        The readout time shrinks in proportion to the rows. `time_offset` accounts for the rows cut off before the first
+        one, so an `Exposure` of the whole picture stays valid for the part.
+
+        Parameters
+        ----------
+        left, top : int
+            First column and row of the part in px.
+        width, height : int
+            Size of the part in px.
+
+        Returns
+        -------
+        Camera
+            The same camera for the part.
+
+        Raises
+        ------
+        InputError
+            If a value is not a whole number, or the part does not fit into the picture.
+        """
+        left, top = validate.count("left", left, minimum=0), validate.count("top", top, minimum=0)
+        width, height = validate.count("width", width), validate.count("height", height)
+        if left + width > self.width or top + height > self.height:
+            raise InputError(
+                f"the cut-out {width}x{height} at ({left}, {top}) does not fit the picture, {self.width}x{self.height}"
+            )
+        first, size = (left, width) if self.horizontal_readout else (top, height)
+        skipped = self.reading_order(np.array([first, first + size - 1], dtype=np.float64)).min()
+        cx, cy = self.principal_point
+        # A timestamp of the middle or the end is that of the whole picture.
+        later = TIMESTAMP_SHARES[self.timestamp_marks] * (self.lines - size) - float(skipped)
+        return replace(
+            self,
+            width=width,
+            height=height,
+            principal_point=(cx - left, cy - top),
+            readout_time=self.readout_time * size / self.lines,
+            time_offset=self.time_offset + self.readout_time * later / self.lines,
+        )
+
+    def turned(self) -> Camera:
+        """Return the camera of the picture turned a quarter clockwise (`numpy.rot90(picture, -1)`).
+
+        A horizontal readout becomes a vertical one. A turn keeps the handedness of the axes; a transposition would
+        not.
+        """
+        (fx, fy), (cx, cy) = self.focal_length, self.principal_point
+        # The new x axis is the old -y axis, the new y axis the old x axis.
+        quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        turn: dict[ReadoutDirection, ReadoutDirection] = {
+            "left-right": "top-down",
+            "right-left": "bottom-up",
+            "top-down": "right-left",
+            "bottom-up": "left-right",
+        }
+        return replace(
+            self,
+            width=self.height,
+            height=self.width,
+            focal_length=(fy, fx),
+            principal_point=(self.height - 1 - cy, cx),
+            readout_direction=turn[self.readout_direction],
+            imu_to_camera=quarter @ self.imu_to_camera,
+            distortion=lens.turned(self.distortion_model, self.distortion),
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the camera as TOML (see ``docs/camera-file.md``); the file is replaced atomically.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be written.
+        """
+        table: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        table |= {
+            "focal_length": list(self.focal_length),
+            "principal_point": list(self.principal_point),
+            "imu_to_camera": self.imu_to_camera.tolist(),
+            "distortion": list(self.distortion),
+        }
+        with atomic_write(path) as file:
+            file.write(b"# rsdeblur camera: px, s; camera axes x right, y down, z forward\n")
+            tomli_w.dump(table, file)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Camera:
+        """Read a camera from TOML.
+
+        Parameters
+        ----------
+        path : path-like
+            A file written by :meth:`save`, or by hand; all keys except `width`, `height` and `focal_length` are
+            optional.
+
+        Returns
+        -------
+        Camera
+            The camera.
+
+        Raises
+        ------
+        FileFormatError
+            If the file cannot be read, is not TOML, lacks `width`, `height` or `focal_length`, has an unknown key, or
+            a value is out of its range.
+
+        Warns
+        -----
+        RsdeblurWarning
+            If a key has a former name, such as `focal` for `focal_length`.
+        """
+        try:
+            # A ValueError also where an integer has thousands of digits.
+            table = tomllib.loads(read_file(path, "camera file").decode())
+        except (ValueError, RecursionError) as error:
+            raise FileFormatError(f"{path}: not a TOML camera file: {error}") from error
+        known = [f.name for f in fields(cls)]
+        for old, new in FORMER_KEYS.items():
+            if old in table and new not in table:
+                table[new] = table.pop(old)
+                message = f"{path}: the key {old!r} is now called {new!r}; rename it"
+                warnings.warn(message, RsdeblurWarning, stacklevel=2)
+        for key in table:
+            if key not in known:
+                close = get_close_matches(key, known, n=1)
+                hint = f"did you mean {close[0]!r}?" if close else f"known keys are {', '.join(known)}"
+                raise FileFormatError(f"{path}: unknown key {key!r}; {hint}")
+        missing = [key for key in ("width", "height", "focal_length") if key not in table]
+        if missing:
+            raise FileFormatError(f"{path}: the camera file lacks {', '.join(missing)}")
+        try:
+            return cls(**table)
+        except InputError as error:
+            raise FileFormatError(f"{path}: {error}") from error
+
+
+def _focal_length(value: Any) -> tuple[float, float]:
+    pair: Any = (value, value) if isinstance(value, (int, float, np.number)) else value
+    fx, fy = validate.real_array("focal_length", pair, (2,), most=LARGEST)
+    if min(fx, fy) < 1 / LARGEST:
+        raise InputError(f"focal_length must be positive px, got ({fx:g}, {fy:g})")
+    return float(fx), float(fy)
+
+
+def _coefficients(model: Distortion, value: ArrayLike) -> tuple[float, ...]:
+    k = validate.real_array("distortion", value, (None,), most=LARGEST)
+    if len(k) not in lens.COEFFICIENTS[model]:
+        counts = " or ".join(map(str, lens.COEFFICIENTS[model]))
+        raise InputError(f"distortion of the model {model!r} must have {counts} coefficients, got {len(k)}")
+    return tuple(k.tolist())
+
+
+def _rotation(value: ArrayLike | str) -> FloatArray:
+    rows = axes.imu_to_camera(value) if isinstance(value, str) else value
+    matrix = validate.real_array("imu_to_camera", rows, (3, 3), most=LARGEST)
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_TOLERANCE:
+        raise InputError(
+            f"imu_to_camera must be a rotation: its rows must be perpendicular unit vectors, got {matrix.tolist()}"
+        )
+    if np.linalg.det(matrix) < 0:
+        raise InputError(
+            "imu_to_camera has determinant -1: it mirrors the axes instead of turning them, and rates, being "
+            "right-handed, would change sign. An exchange of two axes needs one more sign: turn the sign of the row "
+            "whose direction was guessed, so that the determinant is +1"
+        )
+    return matrix

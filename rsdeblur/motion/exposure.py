@@ -1,0 +1,108 @@
+"""Time of the exposure, of the whole picture and of each row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rsdeblur._util import validate
+from rsdeblur.motion.camera import Camera
+from rsdeblur.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """Start and duration of one exposure, in camera time.
+
+    Parameters
+    ----------
+    start : float
+        Timestamp of the capture, in s relative to `epoch_ns`. It is the start of exposure of the first row read, unless
+        the camera's `timestamp_marks` names another moment.
+    duration : float
+        Exposure time of every row in s, positive.
+    epoch_ns : int, default 0
+        Origin of `start`, in nanoseconds, within 64 bits.
+
+    Raises
+    ------
+    InputError
+        If a value is not finite, the duration is not positive, or `epoch_ns` does not fit into 64 bits.
+    """
+
+    start: float
+    duration: float
+    epoch_ns: int = 0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "start", validate.finite("start", self.start))
+        object.__setattr__(self, "duration", validate.finite("duration", self.duration, above=0.0))
+        object.__setattr__(self, "epoch_ns", validate.nanoseconds("epoch_ns", self.epoch_ns))
+
+    def shifted(self, dt: float) -> Exposure:
+        """Return the exposure at another time.
+
+        Parameters
+        ----------
+        dt : float
+            Seconds added to `start`.
+
+        Returns
+        -------
+        Exposure
+            The exposure that is `dt` later.
+
+        Raises
+        ------
+        InputError
+            If `dt` is not finite.
+        """
+        return replace(self, start=self.start + validate.finite("dt", dt))
+
+    def window(self, rows: ArrayLike, camera: Camera) -> tuple[FloatArray, FloatArray]:
+        """Return the times at which the exposure of each row starts and ends.
+
+        Parameters
+        ----------
+        rows : array_like
+            Positions along the readout axis of the picture as stored (y, or x for a horizontal readout); any shape,
+            fractions allowed.
+        camera : Camera
+            The camera, with its readout time, readout direction and `timestamp_marks`.
+
+        Returns
+        -------
+        opens : ndarray
+            Starts in s relative to `epoch_ns`, shaped like `rows`.
+        closes : ndarray
+            Ends in s relative to `epoch_ns`, shaped like `rows`.
+
+        Raises
+        ------
+        InputError
+            If `rows` is not an array of finite numbers.
+        """
+        order = camera.reading_order(validate.real_array("rows", rows))
+        first = self.start - camera.timestamp_delay(self.duration)
+        opens: FloatArray = first + camera.readout_time * order / camera.lines
+        return opens, opens + self.duration
+
+    def span(self, camera: Camera) -> tuple[float, float]:
+        """Return the start and the end of the exposure of the whole picture.
+
+        Parameters
+        ----------
+        camera : Camera
+            The camera, as for :meth:`window`.
+
+        Returns
+        -------
+        opens : float
+            Start of the first row's exposure in s relative to `epoch_ns`.
+        closes : float
+            End of the last row's exposure in s relative to `epoch_ns`.
+        """
+        opens, closes = self.window(np.array([0.0, camera.lines - 1.0]), camera)
+        return float(opens.min()), float(closes.max())

@@ -1,0 +1,443 @@
+"""From orientation to blur: the path that each part of the picture traces while it is exposed.
+
+The blurred picture g is a mean over time of the latent picture u: `g(p) = mean_t u(q(t))`, where t runs over the
+exposure window of pixel p. With `geometry="keep"`, u is a sharp rolling-shutter picture, each row of which shows the
+scene at the mid-exposure of that row. Then q(t) is the position *in that picture* of the point that p sees at time t:
+
+    q = K C(mid(q_y)) C(t)^T K^-1 p,
+
+where K is the projection of the camera, with its lens distortion, and C(t) its orientation. With a
+:class:`~rsdeblur.Translation` the scene lies at one depth Z and the camera has the position P(t) (Sindelar and Sroubek
+2013, eq. 3):
+
+    q = K C(mid(q_y)) (C(t)^T K^-1 p + (P(t) - P(mid(q_y))) / Z)
+
+The reference time depends on the row that q falls on. Fixed-point iteration finds it in a few steps, because a picture
+moves by far less than a row while a row is read. With `geometry="rectify"`, u is the picture of a global shutter at the
+mid-exposure of the middle row, `q = K C(mid) C(t)^T K^-1 p`, and the paths contain the skew in addition to the blur.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rsdeblur._util import validate
+from rsdeblur.choices import GEOMETRIES, MOTIONS, Geometry, Motion
+from rsdeblur.errors import InputError
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog, OrientationTrack
+from rsdeblur.motion.translation import Translation
+from rsdeblur.types import FloatArray
+
+# Time samples per pixel of path. Rasterisation draws segments between them, so they need to follow the curve only.
+SAMPLES_PER_PIXEL = 4
+
+# The same where every row has a path: samples may be a pixel apart, because paths of neighbouring rows differ by more.
+ROW_SAMPLES_PER_PIXEL = 1
+# Rows traced at a time, which bounds the memory for the poses along their paths.
+ROWS_TOGETHER = 64
+
+# Rows and columns of the probe. The rows are about a millisecond apart in an ordinary readout, well within a gyro
+# interval; across the picture the blur changes smoothly for any motion.
+PROBE_ROWS, PROBE_COLS = 33, 9
+
+# Steps of the fixed-point iteration. Each multiplies the error by (vertical speed x line time), at most about 0.1 in
+# practice: after three, a path of 100 px is right to 0.1 px in the worst case and usually to 1e-3 px.
+FIXED_POINT_STEPS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """One exposure with the motion of the camera during it; the readout runs along y.
+
+    Use :meth:`from_log` to make one; it checks that the log covers the exposure.
+
+    Parameters
+    ----------
+    track : OrientationTrack
+        Orientation of the camera in camera time, at least from the start of the first row's exposure to the end of the
+        last one's.
+    camera : Camera
+        Camera with readout top-down or bottom-up. Turn a camera with horizontal readout first, see
+        :meth:`rsdeblur.Camera.turned`.
+    exposure : Exposure
+        Exposure times of the rows.
+    translation : Translation, optional
+        Positions of the camera, relative to the exposure's epoch; without them, the camera only rotates.
+    motion : {"rotation", "small-angle"}
+        Model of the paths: the full homography; or Sindelar and Sroubek (2013), eq. 6, for small angles about x and y,
+        with paths that are the same over the whole width.
+    """
+
+    track: OrientationTrack
+    camera: Camera
+    exposure: Exposure
+    translation: Translation | None = None
+    motion: Motion = "rotation"
+
+    @classmethod
+    def from_log(
+        cls,
+        log: GyroLog,
+        camera: Camera,
+        exposure: Exposure,
+        translation: Translation | None = None,
+        *,
+        motion: Motion = "rotation",
+    ) -> Capture:
+        """Return the capture, with the orientation integrated from a gyro log.
+
+        Parameters
+        ----------
+        log : GyroLog
+            Rates that cover the exposure.
+        camera : Camera
+            Camera with readout along y.
+        exposure : Exposure
+            Time of the exposure.
+        translation : Translation, optional
+            Positions that cover the exposure; without them, the camera only rotates.
+        motion : {"rotation", "small-angle"}
+            Model of the paths, see :class:`Capture`.
+
+        Returns
+        -------
+        Capture
+            The capture.
+
+        Raises
+        ------
+        InputError
+            If `motion` is unknown, the readout runs along x, or there is a translation but the lens sees 180 degrees
+            or more.
+        CoverageError, ClockError, GapError
+            If the log or the translation does not describe the exposure, see :meth:`rsdeblur.GyroLog.covering`.
+        """
+        validate.choice("motion", motion, MOTIONS)
+        if camera.horizontal_readout and camera.readout_time > 0:
+            raise InputError(f"the camera is read {camera.readout_direction}; trace paths with camera.turned()")
+        opens, closes = exposure.span(camera)
+        track = OrientationTrack.from_log(log, camera, opens, closes, exposure.epoch_ns)
+        if translation is not None:
+            translation = translation.covering(opens, closes, exposure.epoch_ns)
+            corners = np.stack(np.meshgrid([0.0, camera.width - 1], [0.0, camera.height - 1]), axis=-1)
+            if not (camera.rays(corners)[..., 2] > 0).all():
+                raise InputError(
+                    "a translation needs a scene at one depth, which a lens that sees 180 degrees or more cannot show "
+                    "whole; use no translation"
+                )
+        return cls(track, camera, exposure, translation, motion)
+
+    @cached_property
+    def probe(self) -> BlurPaths:
+        """Few paths with few samples, spread over the whole picture: enough for the extent and change of all paths."""
+        rows = np.linspace(0.0, self.camera.height - 1, PROBE_ROWS)
+        cols = np.linspace(0.0, self.camera.width - 1, PROBE_COLS)
+        return BlurPaths.from_capture(self, rows, cols, samples=2 * len(self.track.t) + 1)
+
+    @cached_property
+    def row_poses(self) -> RowPoses:
+        """Poses of all rows, from half a height above the picture to half a height below; paths may leave it."""
+        rows = np.arange(2.0 * self.camera.lines) - self.camera.lines // 2
+        mid = self.mid(rows)
+        rotations = self.track.at(mid)
+        shifts = -rotations @ self.position(mid)[..., None]
+        return RowPoses(self.camera, np.concatenate([rotations, shifts], axis=-1).reshape(-1, 12))
+
+    def position(self, times: FloatArray) -> FloatArray:
+        """Return the positions of the camera at given times; zeros without a translation.
+
+        Parameters
+        ----------
+        times : ndarray
+            Times in s relative to the exposure's epoch; any shape.
+
+        Returns
+        -------
+        ndarray, shape ``times.shape + (3,)``
+            Positions in units of the scene's depth.
+        """
+        return np.zeros((*times.shape, 3)) if self.translation is None else self.translation.at(times)
+
+    def points(self, pixels: FloatArray) -> FloatArray:
+        """Return the scene points that pixels see.
+
+        Parameters
+        ----------
+        pixels : ndarray, shape (..., 2)
+            (x, y) in px.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+            In camera axes: points in units of the scene's depth, or only their directions if there is no translation.
+        """
+        rays = self.camera.rays(pixels)
+        return rays if self.translation is None else rays / rays[..., 2:]
+
+    def mid(self, rows: FloatArray) -> FloatArray:
+        """Return the mid-exposure times of rows.
+
+        Parameters
+        ----------
+        rows : ndarray
+            Picture rows in px, fractions allowed; any shape.
+
+        Returns
+        -------
+        ndarray
+            Times in s relative to the exposure's epoch, shaped like `rows`.
+        """
+        opens, closes = self.exposure.window(rows, self.camera)
+        return 0.5 * (opens + closes)
+
+    @property
+    def middle(self) -> FloatArray:
+        """Mid-exposure time of the middle row, the reference time of rectified pictures."""
+        return self.mid(np.array((self.camera.height - 1) / 2))
+
+    def times(self, rows: FloatArray, samples: int) -> FloatArray:
+        """Return times spread evenly over the exposure of each row.
+
+        Parameters
+        ----------
+        rows : ndarray, shape (B,)
+            Picture rows in px, fractions allowed.
+        samples : int
+            Number of times per row.
+
+        Returns
+        -------
+        ndarray, shape (B, samples)
+            Times in s relative to the exposure's epoch, with both ends of the exposure.
+        """
+        opens, closes = self.exposure.window(rows, self.camera)
+        return opens[:, None] + (closes - opens)[:, None] * np.linspace(0.0, 1.0, samples)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlurPaths:
+    """Displacement paths of pixels on a grid of rows x columns of the picture.
+
+    Parameters
+    ----------
+    displacements : ndarray, shape (B, S, T, 2)
+        Displacements `d = p - q` as (x, y) in px, at T times spread evenly over the exposure of the grid point.
+    rows : ndarray, shape (B,)
+        Picture rows of the grid in px.
+    cols : ndarray, shape (S,)
+        Picture columns of the grid in px.
+    """
+
+    displacements: FloatArray
+    rows: FloatArray
+    cols: FloatArray
+
+    @classmethod
+    def from_capture(
+        cls,
+        capture: Capture,
+        rows: ArrayLike,
+        cols: ArrayLike,
+        *,
+        geometry: Geometry = "keep",
+        samples: int | Literal["auto"] = "auto",
+    ) -> BlurPaths:
+        """Return the paths of the pixels at `rows` x `cols`.
+
+        Parameters
+        ----------
+        capture : Capture
+            The exposure and the motion of the camera during it.
+        rows, cols : array_like, shape (B,) and (S,)
+            Grid in px.
+        geometry : {"keep", "rectify"}
+            Latent picture: rolling-shutter like the recorded one, or global-shutter at the middle row's mid-exposure.
+        samples : int or "auto"
+            Number of time samples, at least 2; "auto" takes at least 4 per pixel of the longest path and 2 per gyro
+            interval.
+
+        Returns
+        -------
+        BlurPaths
+            Paths on the grid.
+
+        Raises
+        ------
+        InputError
+            If an argument is out of its range.
+        """
+        validate.choice("geometry", geometry, GEOMETRIES)
+        rows, cols = (validate.real_array(name, grid, (None,)) for name, grid in (("rows", rows), ("cols", cols)))
+        trace = _rotation_paths if capture.motion == "rotation" else _small_angle_paths
+        if samples == "auto":
+            # Two samples per gyro interval follow every bend of the track. Their paths' lengths give the final number.
+            coarse = 2 * len(capture.track.t) + 1
+            length = _lengths(trace(capture, rows, cols, coarse, geometry)).max()
+            samples = max(coarse, int(np.ceil(SAMPLES_PER_PIXEL * length)) + 1)
+        displacements = trace(capture, rows, cols, validate.count("samples", samples, minimum=2), geometry)
+        displacements.setflags(write=False)
+        return cls(displacements, rows, cols)
+
+    @classmethod
+    def every_row(
+        cls,
+        capture: Capture,
+        cols: ArrayLike,
+        *,
+        geometry: Geometry = "keep",
+        within: slice = slice(None),
+    ) -> BlurPaths:
+        """Return the paths of every row of the picture.
+
+        Parameters
+        ----------
+        capture : Capture
+            The exposure and the motion of the camera during it.
+        cols : array_like, shape (S,)
+            Columns in px.
+        geometry : {"keep", "rectify"}
+            Latent picture, see :meth:`from_capture`.
+        within : slice, optional
+            Only these rows.
+
+        Returns
+        -------
+        BlurPaths
+            With at least one time sample per pixel of the longest path.
+
+        Raises
+        ------
+        InputError
+            If an argument is out of its range.
+        """
+        longest = float(capture.probe.lengths.max())
+        samples = max(2 * len(capture.track.t) + 1, int(np.ceil(ROW_SAMPLES_PER_PIXEL * longest)) + 1)
+        rows = np.arange(float(capture.camera.height))[within]
+        parts = [
+            cls.from_capture(capture, part, cols, geometry=geometry, samples=samples)
+            for part in np.split(rows, range(ROWS_TOGETHER, len(rows), ROWS_TOGETHER))
+        ]
+        displacements = np.concatenate([part.displacements for part in parts])
+        displacements.setflags(write=False)
+        return cls(displacements, rows, parts[0].cols)
+
+    @property
+    def change_down(self) -> float:
+        """Largest change of the path from row to row, in px per height of the grid.
+
+        The difference of two paths is the largest distance between their points at equal fractions of the exposure.
+        """
+        steps = np.linalg.norm(np.diff(self.displacements, axis=0), axis=-1)
+        return float(steps.max()) * (len(self.rows) - 1)
+
+    @property
+    def curvature_down(self) -> float:
+        """Largest second derivative of the path from row to row, in px per squared height of the evenly spaced grid.
+
+        Paths interpolated linearly between N equal parts of the height err by about `curvature_down / (8 N^2)` px.
+        """
+        return self._curvature(0, len(self.rows))
+
+    @property
+    def curvature_across(self) -> float:
+        """Largest second derivative of the path from column to column, in px per squared width of the grid."""
+        return self._curvature(1, len(self.cols))
+
+    def _curvature(self, axis: int, points: int) -> float:
+        bends = np.linalg.norm(np.diff(self.displacements, n=2, axis=axis), axis=-1)
+        return float(bends.max()) * (points - 1) ** 2
+
+    @property
+    def lengths(self) -> FloatArray:
+        """Length of each path in px, shape (B, S)."""
+        return _lengths(self.displacements)
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Largest displacement along y and along x in px."""
+        dx, dy = np.abs(self.displacements).max(axis=(0, 1, 2))
+        return float(dy), float(dx)
+
+
+def _lengths(displacements: FloatArray) -> FloatArray:
+    lengths: FloatArray = np.linalg.norm(np.diff(displacements, axis=2), axis=-1).sum(axis=2)
+    return lengths
+
+
+def _rotation_paths(
+    capture: Capture, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry
+) -> FloatArray:
+    camera = capture.camera
+    points = np.stack(np.meshgrid(cols, rows), axis=-1)[:, :, None, :]  # (B, S, 1, 2), x before y
+    scene = capture.points(points)[:, :, 0]
+    times = capture.times(rows, samples)
+    orientation = capture.track.at(times)  # (B, T, 3, 3)
+    world = np.einsum("btji,bsj->bsti", orientation, scene) + capture.position(times)[:, None]
+    if geometry == "rectify":
+        return points - camera.project((world - capture.position(capture.middle)) @ capture.track.at(capture.middle).T)
+    # The reference orientation of the pixel's own row is nearly right.
+    q = np.broadcast_to(points, (*world.shape[:-1], 2))
+    for _ in range(FIXED_POINT_STEPS if camera.readout_time > 0 else 1):
+        q = capture.row_poses.project(world, q[..., 1])
+    return points - q
+
+
+def _small_angle_paths(
+    capture: Capture, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry
+) -> FloatArray:
+    reference = capture.mid(rows) if geometry == "keep" else np.repeat(capture.middle, len(rows))
+    times = capture.times(rows, samples)
+    angles = capture.track.angles(times) - capture.track.angles(reference)[:, None]
+    shifts = capture.position(times) - capture.position(reference)[:, None]
+    fx, fy = capture.camera.focal_length
+    # The picture moves by f (-theta_y, +theta_x), and opposite to the camera's translation.
+    d = np.stack([-fx * (angles[..., 1] + shifts[..., 0]), fy * (angles[..., 0] - shifts[..., 1])], axis=-1)
+    return np.repeat(d[:, None], len(cols), axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RowPoses:
+    """Camera poses at the mid-exposures of all rows, for projection.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera, with a picture of H rows.
+    matrices : ndarray, shape (2 H, 12)
+        Matrices `C(mid(y)) [I | -P(mid(y))]` for the rows y from -H/2 on.
+    """
+
+    camera: Camera
+    matrices: FloatArray
+
+    def project(self, world: FloatArray, rows: FloatArray) -> FloatArray:
+        """Return the pixels at which points appear, each with the pose of a row.
+
+        Poses are interpolated linearly between rows; from row to row they differ by at most 1e-4 rad in a picture of
+        thousands of rows.
+
+        Parameters
+        ----------
+        world : ndarray, shape (..., 3)
+            Directions in world axes, or points in units of the scene's depth.
+        rows : ndarray, shape (...)
+            Rows in px, fractions allowed.
+
+        Returns
+        -------
+        ndarray, shape (..., 2)
+            (x, y) in px.
+        """
+        half = len(self.matrices) // 4
+        place = np.clip(rows + half, 0.0, len(self.matrices) - 1.0)
+        i = np.minimum(place.astype(np.intp), len(self.matrices) - 2)
+        pose = self.matrices[i] + (place - i)[..., None] * (self.matrices[i + 1] - self.matrices[i])
+        pose = pose.reshape(*rows.shape, 3, 4)
+        return self.camera.project(np.einsum("...ij,...j->...i", pose[..., :3], world) + pose[..., 3])

@@ -1,0 +1,100 @@
+"""Positions of the camera: the part of its motion that a gyroscope does not measure, for scenes at one depth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rsdeblur._util import validate
+from rsdeblur.errors import CoverageError, InputError
+from rsdeblur.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Translation:
+    """Positions of the camera over time, and the depth of the scene.
+
+    Parameters
+    ----------
+    t : array_like, shape (n,)
+        Times in s relative to `epoch_ns`, camera time, strictly increasing, n >= 2.
+    position : array_like, shape (n, 3)
+        Positions of the camera's centre in m, in the camera's axes (x right, y down, z forward) at the start of the
+        exposure, from any origin; interpolated linearly between the times.
+    depth : float
+        Distance of the whole scene along the optical axis in m, positive.
+    epoch_ns : int, default 0
+        Origin of `t`, in nanoseconds, within 64 bits.
+
+    Raises
+    ------
+    InputError
+        If an array has a wrong shape, a value is not finite, the times do not increase, the depth is not positive, or
+        `epoch_ns` does not fit into 64 bits.
+    """
+
+    t: FloatArray
+    position: FloatArray
+    depth: float
+    epoch_ns: int = 0
+
+    def __post_init__(self) -> None:
+        t = validate.real_array("t", self.t, (None,))
+        position = validate.real_array("position", self.position, (None, 3))
+        if len(t) != len(position) or len(t) < 2:
+            raise InputError(f"t and position must have the same length, at least 2; got {len(t)} and {len(position)}")
+        if (np.diff(t) <= 0).any():
+            raise InputError("t must increase")
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "position", position)
+        object.__setattr__(self, "depth", validate.finite("depth", self.depth, above=0.0))
+        object.__setattr__(self, "epoch_ns", validate.nanoseconds("epoch_ns", self.epoch_ns))
+
+    def covering(self, t0: float, t1: float, epoch_ns: int) -> Translation:
+        """Return the track with its times relative to another epoch.
+
+        Parameters
+        ----------
+        t0, t1 : float
+            Times that the track must cover, in s relative to the new epoch.
+        epoch_ns : int
+            The new epoch in nanoseconds.
+
+        Returns
+        -------
+        Translation
+            The whole track, with the new epoch.
+
+        Raises
+        ------
+        CoverageError
+            If the track does not cover [t0, t1].
+        """
+        t = self.t + (self.epoch_ns - epoch_ns) * 1e-9
+        if t[0] > t0 or t[-1] < t1:
+            raise CoverageError(
+                f"the translation track spans {t[0]:.4f} s to {t[-1]:.4f} s, the exposure needs {t0:.4f} s to "
+                f"{t1:.4f} s; use a longer track"
+            )
+        return replace(self, t=t, epoch_ns=epoch_ns)
+
+    def at(self, times: FloatArray) -> FloatArray:
+        """Return the positions at given times.
+
+        Parameters
+        ----------
+        times : ndarray
+            Times in s relative to `epoch_ns`; any shape.
+
+        Returns
+        -------
+        ndarray, shape ``times.shape + (3,)``
+            Positions in units of `depth`.
+        """
+        return np.stack([np.interp(times, self.t, axis) for axis in self.position.T], axis=-1) / self.depth
+
+    def turned(self) -> Translation:
+        """Return the track in the axes of the turned camera, see :meth:`rsdeblur.Camera.turned`."""
+        x, y, z = self.position.T
+        return replace(self, position=np.stack([-y, x, z], axis=-1))

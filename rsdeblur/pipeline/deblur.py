@@ -1,0 +1,205 @@
+"""The one call: photo, gyro log, camera and exposure in, sharp picture out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numpy.typing import ArrayLike, NDArray
+
+from rsdeblur._util import validate
+from rsdeblur.choices import (
+    Auto,
+    Border,
+    Boundary,
+    Count,
+    Geometry,
+    Mode,
+    Motion,
+    Planning,
+    Prior,
+    Saturation,
+    Solver,
+    Strength,
+    Transfer,
+)
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.translation import Translation
+from rsdeblur.pipeline.options import Options
+from rsdeblur.pipeline.plan import DeblurResult, plan
+from rsdeblur.psf import PsfBank
+from rsdeblur.types import Progress
+
+# Noise-to-signal ratio that the number of bands goes by where no picture says it.
+NSR = 0.01
+
+
+def deblur(
+    image: ArrayLike,
+    log: GyroLog,
+    camera: Camera,
+    exposure: Exposure,
+    *,
+    mode: Mode = "banded",
+    bands: Count = "auto",
+    strips: Count = "auto",
+    prior: Prior = "tv",
+    weight: Strength = "auto",
+    exponent: float = 2 / 3,
+    nsr: Strength = "auto",
+    solver: Solver = "auto",
+    geometry: Geometry = "keep",
+    border: Border | Boundary = "blend",
+    motion: Motion = "rotation",
+    translation: Translation | None = None,
+    transfer: Transfer | Auto = "auto",
+    normalize: bool = False,
+    saturation: Saturation = "ignore",
+    check: bool = True,
+    fallback: bool = False,
+    planning: Planning = "estimate",
+    threads: int | None = None,
+    max_memory: int | None = None,
+    out: NDArray[Any] | None = None,
+    progress: Progress | None = None,
+) -> DeblurResult:
+    """Remove camera shake from a rolling-shutter picture.
+
+    The keywords up to `max_memory` are the fields of :class:`rsdeblur.Options`. To deblur several pictures alike, make
+    a :func:`rsdeblur.plan` and apply it.
+
+    Parameters
+    ----------
+    image : array_like, shape (H, W) or (H, W, C)
+        Grey (C = 1 or none), grey + alpha (2), RGB (3) or RGBA (4). uint8 and uint16 are scaled to [0, 1]; floats have
+        the nominal range [0, 1]. Alpha is copied.
+    log, camera, exposure
+        The motion, the camera and the time of the exposure.
+    mode : {"banded", "global", "rowwise"}
+        One PSF per tile; one for the whole picture (Sindelar and Sroubek 2013); or one per row, solved exactly.
+    bands, strips : int or "auto"
+        Number of tiles along the readout axis and across it; "auto" bounds how much the blur changes between
+        neighbours. "global" ignores both, "rowwise" ignores `bands`.
+    prior : {"tv", "wiener", "gradient", "hyper-laplacian"}
+        Regularisation: the Wiener filter, or a penalty on the gradient (:mod:`rsdeblur.deconv.priors`). "tv" and
+        "hyper-laplacian" keep edges sharp and even areas quiet; "wiener" takes about a twentieth of their time.
+    weight : float or "auto"
+        Weight of the penalty on the gradient: larger is smoother. "auto" derives it from the picture's noise and the
+        blur (:mod:`rsdeblur.estimate.strength`).
+    exponent : float, default 2/3
+        Exponent of the hyper-Laplacian, in (0, 1].
+    nsr : float or "auto"
+        Noise-to-signal power ratio Phi: larger is smoother. For the Wiener filter, "auto" derives it from noise and
+        blur; for the other priors, which depend on it little, from the size of the blur.
+    solver : {"auto", "direct", "cg"}
+        How "rowwise" solves, see :class:`rsdeblur.RowDeconvolver`.
+    geometry : {"keep", "rectify"}
+        Keep the rolling shutter's shape, or resample to the middle row's mid-exposure.
+    border : {"blend", "periodic", "reflect", "edge-taper", "smooth"}
+        How the picture continues beyond its frame: see :class:`rsdeblur.Deconvolver` for the first two. The others are
+        alternatives for comparison: mirrored without a blend; tapered into itself blurred; or filled in without a
+        Laplacian, in the manner of Liu and Jia (2008). "rowwise" takes the first two only.
+    motion : {"rotation", "small-angle"}
+        The full homography path, or eq. 6 of Sindelar and Sroubek (2013).
+    translation : Translation, optional
+        Where the camera was and how far away the scene is (eq. 3 in full); without it only rotation counts.
+    transfer : {"auto", "linear", "srgb"} or float
+        How values encode light; a number is a gamma. "auto" is sRGB for uint8 and uint16 and linear for floats. The
+        result is encoded alike.
+    normalize : bool, default False
+        Squeeze light that overshoots [0, 1] into it, outliers clipped, at the price of contrast.
+    saturation : {"ignore", "auto"}
+        "auto" estimates the highlights behind clipped pixels, solves the picture without them and adds them to the
+        result (:mod:`rsdeblur.image.highlights`). This leaves fewer streaks around lamps and takes 63 passes of a
+        filter over boxes around them. A picture without clipped highlights comes out the same.
+    check : bool, default True
+        Assess the result without a reference.
+    fallback : bool, default False
+        Blend the result towards the input where the check finds it bad; not with ``geometry="rectify"``.
+    planning : {"estimate", "measure"}
+        How FFTW plans: at once, or by measuring, up to a second per plan. Measured plans are kept for later runs,
+        which use them with either setting.
+    threads : int, optional
+        Threads that share the work; default all processors. Any number gives the same bits.
+    max_memory : int, optional
+        Bytes that the work may take beside the picture and its result: large pictures are solved in chunks of rows.
+        The picture and `out` may be memory-mapped files.
+    out : ndarray, float32, uint8 or uint16, shaped like `image`, optional
+        Receives the result; integers are clipped and rounded.
+    progress : callable, optional
+        Called as ``progress(stage, fraction)``.
+
+    Returns
+    -------
+    DeblurResult
+
+    Raises
+    ------
+    InputError
+        If an argument is out of range, the picture's size is not the camera's, or the blur is larger than the picture.
+    CoverageError, ClockError, GapError
+        If the log does not describe the exposure.
+    """
+    options = Options(
+        mode=mode,
+        bands=bands,
+        strips=strips,
+        prior=prior,
+        weight=weight,
+        exponent=exponent,
+        nsr=nsr,
+        solver=solver,
+        geometry=geometry,
+        border=border,
+        motion=motion,
+        translation=translation,
+        transfer=transfer,
+        normalize=normalize,
+        saturation=saturation,
+        check=check,
+        fallback=fallback,
+        planning=planning,
+        threads=threads,
+        max_memory=max_memory,
+    )
+    return plan(log, camera, exposure, options).apply(image, out=out, progress=progress)
+
+
+def psfs(
+    log: GyroLog,
+    camera: Camera,
+    exposure: Exposure,
+    *,
+    mode: Mode = "banded",
+    bands: Count = "auto",
+    strips: Count = "auto",
+    nsr: float = NSR,
+    motion: Motion = "rotation",
+    translation: Translation | None = None,
+) -> PsfBank:
+    """Return the PSFs that :func:`deblur` would undo, without a picture.
+
+    Parameters
+    ----------
+    log, camera, exposure, mode, bands, strips
+        See :func:`deblur`.
+    nsr : float, default 0.01
+        Noise-to-signal ratio that the automatic number of bands goes by; :func:`deblur` derives it from the picture.
+    motion, translation
+        See :func:`deblur`.
+
+    Returns
+    -------
+    PsfBank
+        Where the PSFs hold in the picture as stored.
+
+    Raises
+    ------
+    InputError, CoverageError, ClockError, GapError
+        As :func:`deblur`.
+    """
+    nsr = validate.finite("nsr", nsr, above=0.0)
+    options = Options(mode=mode, bands=bands, strips=strips, motion=motion, translation=translation)
+    planned = plan(log, camera, exposure, options)
+    return planned.frame.bank(PsfBank.from_paths(planned.tile_paths(nsr)))

@@ -1,0 +1,132 @@
+"""Every option of :func:`rsdeblur.deblur`, its default and its check.
+
+The command line reads its defaults here before it knows whether it computes anything, so this module loads no library.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rsdeblur import choices
+from rsdeblur.choices import (
+    Auto,
+    Border,
+    Boundary,
+    Count,
+    Geometry,
+    Mode,
+    Motion,
+    Planning,
+    Prior,
+    Saturation,
+    Solver,
+    Strength,
+    Transfer,
+)
+from rsdeblur.errors import InputError
+
+if TYPE_CHECKING:
+    from rsdeblur.motion.translation import Translation
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """How a picture is deblurred; the fields are the keywords of :func:`rsdeblur.deblur`, which describes them.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range, or two values exclude each other.
+    """
+
+    mode: Mode = "banded"
+    bands: Count = "auto"
+    strips: Count = "auto"
+    prior: Prior = "tv"
+    weight: Strength = "auto"
+    exponent: float = 2 / 3
+    nsr: Strength = "auto"
+    solver: Solver = "auto"
+    geometry: Geometry = "keep"
+    border: Border | Boundary = "blend"
+    motion: Motion = "rotation"
+    translation: Translation | None = None
+    transfer: Transfer | Auto = "auto"
+    normalize: bool = False
+    saturation: Saturation = "ignore"
+    check: bool = True
+    fallback: bool = False
+    planning: Planning = "estimate"
+    threads: int | None = None
+    max_memory: int | None = None
+
+    def __post_init__(self) -> None:
+        self._check_choices()
+        self._check_numbers()
+        self._check_combinations()
+
+    def _check_choices(self) -> None:
+        from rsdeblur._util import validate
+
+        allowed = {
+            "mode": choices.MODES,
+            "prior": choices.PRIORS,
+            "solver": choices.SOLVERS,
+            "geometry": choices.GEOMETRIES,
+            "border": (*choices.BORDERS, *choices.BOUNDARIES),
+            "motion": choices.MOTIONS,
+            "saturation": choices.SATURATIONS,
+            "planning": choices.PLANNINGS,
+        }
+        for name, values in allowed.items():
+            validate.choice(name, getattr(self, name), values)
+        for name in ("normalize", "check", "fallback"):
+            if not isinstance(getattr(self, name), bool):
+                raise InputError(f"{name} must be True or False, got {getattr(self, name)!r}")
+
+    def _check_numbers(self) -> None:
+        from rsdeblur._util import validate
+        from rsdeblur.image.transfer import check_transfer
+
+        checked: dict[str, object] = {}
+        for name in ("bands", "strips"):
+            if getattr(self, name) != "auto":
+                checked[name] = validate.count(name, getattr(self, name))
+        for name in ("nsr", "weight"):
+            if getattr(self, name) != "auto":
+                checked[name] = validate.finite(name, getattr(self, name), above=0.0)
+        checked["exponent"] = validate.exponent(self.exponent)
+        for name in ("threads", "max_memory"):
+            if getattr(self, name) is not None:
+                checked[name] = validate.count(name, getattr(self, name))
+        if self.transfer != "auto":
+            checked["transfer"] = check_transfer(self.transfer)
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    def _check_combinations(self) -> None:
+        if self.mode == "rowwise" and self.boundary is not None:
+            raise InputError(f'mode="rowwise" solves for the rows beyond the frame: it takes no border="{self.border}"')
+        if self.fallback and self.geometry == "rectify":
+            raise InputError(
+                'fallback=True blends with the input, which geometry="rectify" straightens; use geometry="keep"'
+            )
+        whole = {
+            'geometry="rectify"': self.geometry == "rectify",
+            "normalize=True": self.normalize,
+            f'border="{self.border}"': self.boundary is not None,
+        }
+        for text, needs_all in whole.items():
+            if self.max_memory is not None and needs_all:
+                raise InputError(f"{text} needs the whole picture at once: leave out max_memory, or that")
+
+    @property
+    def solver_border(self) -> Border:
+        """How the solver itself continues the picture beyond its frame."""
+        return self.border if self.border == "blend" else "periodic"
+
+    @property
+    def boundary(self) -> Boundary | None:
+        """What makes the picture periodic before it is solved; None if the solver's own border does."""
+        return None if self.border == "blend" or self.border == "periodic" else self.border

@@ -1,0 +1,395 @@
+"""One way from picture to picture: what is planned for a capture, and how it is applied."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rsdeblur.choices import Mode
+from rsdeblur.deconv.priors import brightness
+from rsdeblur.errors import InputError
+from rsdeblur.estimate.check import QualityCheck, UndershootMeter, assess, fall_back
+from rsdeblur.estimate.strength import KERNELS, Tuning
+from rsdeblur.image.encoded import EncodedImage, check_size, result_like
+from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.image.highlights import HighlightSplit, find_spots, separate_highlights
+from rsdeblur.image.transfer import normalized
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.paths import BlurPaths, Capture
+from rsdeblur.motion.rectify import rectify
+from rsdeblur.pipeline.memory import Chunk, plan_chunks
+from rsdeblur.pipeline.options import Options
+from rsdeblur.pipeline.settings import Solve, SolverSettings, TileSolver
+from rsdeblur.pipeline.stages import StageClock
+from rsdeblur.pipeline.tiles import Grid, tile_paths
+from rsdeblur.psf import PsfBank
+from rsdeblur.types import Progress
+
+# Strength of the Wiener filter that finds highlights behind clipped pixels.
+HIGHLIGHT_NSR = 0.01
+# Pixels that automatic strengths are derived from: the middle rows of larger pictures are enough.
+MOST_TUNED_PIXELS = 8_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeblurResult:
+    """A deblurred picture and what was used for it.
+
+    Parameters
+    ----------
+    image : ndarray, float32
+        The sharp picture, or `out`: shaped and coded like the input, nominal range [0, 1]. Integer input is clipped to
+        that range; float input is not.
+    psfs : PsfBank
+        The PSFs that were undone, where they hold in the picture as stored; for ``mode="rowwise"`` those of a few rows.
+    bands, strips : int
+        Number of tiles along the readout axis, every row for ``mode="rowwise"``, and across it.
+    nsr : float
+        Noise-to-signal ratio that was used.
+    weight : float or None
+        Weight of the prior that was used; None for ``prior="wiener"``.
+    coverage : ndarray, shape (H, W), bool
+        Pixels whose scene point was exposed in some row; all true for ``geometry="keep"``.
+    timings : dict
+        Seconds spent in each stage.
+    check : QualityCheck or None
+        Whether to trust the result, see :class:`rsdeblur.QualityCheck`; None where no check was requested.
+    """
+
+    image: NDArray[Any]
+    psfs: PsfBank
+    bands: int
+    strips: int
+    nsr: float
+    weight: float | None
+    coverage: NDArray[np.bool_]
+    timings: dict[str, float] = field(default_factory=dict)
+    check: QualityCheck | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Strengths:
+    """Numbers that follow from a picture's noise and blur, or are given.
+
+    Parameters
+    ----------
+    nsr : float
+        Noise-to-signal ratio.
+    weight : float or None
+        Weight of the prior; None for the Wiener filter.
+    peak : float
+        Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
+    """
+
+    nsr: float
+    weight: float | None
+    peak: float
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """How pictures of one capture are deblurred; made by :func:`rsdeblur.plan`.
+
+    Strengths and tiles that the options leave open follow from a picture. :meth:`apply` chooses them for each picture;
+    :meth:`prepare` fixes them, and the solver of tiles is then planned once.
+
+    Parameters
+    ----------
+    frame : ReadoutFrame
+        The camera, and the way into the frame that is computed in.
+    capture : Capture
+        The motion, in that frame.
+    options : Options
+        All options.
+    strengths : Strengths, optional
+        Fixed strengths.
+    grid : Grid, optional
+        Fixed places of the PSFs and the largest size of their kernels.
+    """
+
+    frame: ReadoutFrame
+    capture: Capture
+    options: Options
+    strengths: Strengths | None = None
+    grid: Grid | None = None
+    _kept: _KeptSolver = field(default_factory=lambda: _KeptSolver(), repr=False)
+
+    @cached_property
+    def bank(self) -> PsfBank:
+        """The PSFs in the upright frame; for a plan whose grid is fixed."""
+        if self.grid is None:
+            raise InputError("the plan has no tiles yet: call prepare(image) first")
+        return self.grid.bank(self.capture, threads=self.options.threads)
+
+    def prepare(self, image: ArrayLike) -> Plan:
+        """Fix strengths and tiles to those that suit `image`.
+
+        Parameters
+        ----------
+        image : array_like
+            See :func:`rsdeblur.deblur`.
+
+        Returns
+        -------
+        Plan
+            For this capture, with one solver for all pictures of this shape.
+
+        Raises
+        ------
+        InputError
+            As :func:`rsdeblur.deblur`.
+        """
+        encoded = self._encoded(image)
+        return self._prepared(self._split(encoded, StageClock()), StageClock())
+
+    def replan(self, log: GyroLog, exposure: Exposure) -> Plan:
+        """Return the plan of another exposure of the same camera; what is fixed stays, and so does the solver.
+
+        Parameters
+        ----------
+        log : GyroLog
+            The motion.
+        exposure : Exposure
+            The time of the other exposure.
+
+        Raises
+        ------
+        CoverageError, ClockError, GapError
+            If the log does not describe the exposure.
+        """
+        capture = self.frame.capture(log, exposure, self.options.translation, motion=self.options.motion)
+        return replace(self, capture=capture)
+
+    def apply(
+        self, image: ArrayLike, *, out: NDArray[Any] | None = None, progress: Progress | None = None
+    ) -> DeblurResult:
+        """Deblur one picture.
+
+        Parameters
+        ----------
+        image, out, progress
+            See :func:`rsdeblur.deblur`.
+
+        Returns
+        -------
+        DeblurResult
+
+        Raises
+        ------
+        InputError
+            As :func:`rsdeblur.deblur`.
+        """
+        options, clock = self.options, StageClock(progress)
+        encoded = self._encoded(image)
+        out, upright = result_like(image, out, self.frame)
+        split = self._split(encoded, clock)
+        ready = self._prepared(split, clock)
+        meter = UndershootMeter(encoded.shape[0])
+        coverage = ready._solve(split, upright, meter, clock)
+        check = None
+        if options.check or options.fallback:
+            with clock.stage("check"):
+                resampled = options.geometry == "rectify"
+                result = EncodedImage(upright, encoded.transfer)
+                check = assess(encoded, result, self.capture, meter, resampled=resampled, threads=options.threads)
+                if options.fallback and check.verdict == "bad":
+                    check = fall_back(encoded, check, upright)
+        return ready._result(out, encoded, coverage, check, clock)
+
+    def _result(
+        self,
+        out: NDArray[Any],
+        encoded: EncodedImage,
+        coverage: NDArray[np.bool_],
+        check: QualityCheck | None,
+        clock: StageClock,
+    ) -> DeblurResult:
+        assert self.strengths is not None
+        bands, strips = self.bank.kernels.shape[:2]
+        return DeblurResult(
+            image=out,
+            psfs=self.frame.bank(self.bank),
+            bands=encoded.shape[0] if self.options.mode == "rowwise" else bands,
+            strips=strips,
+            nsr=self.strengths.nsr,
+            weight=self.strengths.weight,
+            coverage=self.frame.back(coverage),
+            timings=clock.timings,
+            check=check,
+        )
+
+    def _encoded(self, image: ArrayLike) -> EncodedImage:
+        encoded = EncodedImage.of(image, self.options.transfer, self.frame)
+        check_size(np.shape(image), self.frame.stored)
+        return encoded
+
+    def _split(self, encoded: EncodedImage, clock: StageClock) -> HighlightSplit:
+        """Separate the highlights, if that was requested and there are any."""
+        if self.options.saturation == "ignore":
+            return HighlightSplit(encoded)
+        with clock.stage("highlights"):
+            spots = find_spots(encoded)
+            if not spots:
+                return HighlightSplit(encoded)
+            paths = tile_paths(self.capture, "banded", "auto", "auto", HIGHLIGHT_NSR)
+            return separate_highlights(
+                encoded,
+                spots,
+                PsfBank.from_paths(paths, threads=self.options.threads),
+                threads=self.options.threads,
+                max_memory=self.options.max_memory,
+                progress=clock.within("highlights"),
+            )
+
+    def _prepared(self, split: HighlightSplit, clock: StageClock) -> Plan:
+        """Return the plan with strengths and grid fixed, chosen for a picture where they are open."""
+        if self.strengths is not None and self.grid is not None:
+            return self
+        with clock.stage("tune"):
+            strengths, band_nsr = self._strengths(split)
+        with clock.stage("psfs"):
+            bank = PsfBank.from_paths(self.tile_paths(band_nsr), threads=self.options.threads)
+        ready = replace(self, strengths=strengths, grid=Grid.of(bank))
+        ready.__dict__["bank"] = bank
+        return ready
+
+    def _strengths(self, split: HighlightSplit) -> tuple[Strengths, float]:
+        """Return the strengths, and the `nsr` that the number of bands goes by."""
+        options, prior = self.options, self.options.prior
+        if prior == "wiener" and options.nsr != "auto":
+            return Strengths(options.nsr, None, 1.0), options.nsr
+        height, width, _ = split.encoded.shape
+        half = min(height, max(1, MOST_TUNED_PIXELS // width)) // 2
+        linear = split.remainder(slice(height // 2 - half, height - height // 2 + half))
+        bank = PsfBank.from_paths(tile_paths(self.capture, "banded", KERNELS, KERNELS, 1.0), threads=options.threads)
+        tuning = Tuning.of(linear, bank, one_filter=self._mode == "global", continued=self._mode != "rowwise")
+        if prior == "wiener":
+            return Strengths(tuning.wiener_nsr, None, 1.0), tuning.wiener_nsr
+        nsr = tuning.border_error if options.nsr == "auto" else options.nsr
+        weight = tuning.weight(prior, options.exponent) if options.weight == "auto" else options.weight
+        return Strengths(nsr, weight, brightness(split.remainder(slice(None), 4))), tuning.gradient_nsr
+
+    @property
+    def _mode(self) -> Mode:
+        """The mode; one band and one strip are the global mode."""
+        one_tile = self.options.bands == self.options.strips == 1
+        return "global" if self.options.mode == "banded" and one_tile else self.options.mode
+
+    def tile_paths(self, nsr: float) -> BlurPaths:
+        """Trace the paths behind the PSFs, in the upright frame; `nsr` decides the automatic number of bands."""
+        return tile_paths(self.capture, self._mode, self.options.bands, self.options.strips, nsr)
+
+    @property
+    def _settings(self) -> SolverSettings:
+        options, strengths = self.options, self.strengths
+        assert strengths is not None
+        return SolverSettings(
+            mode=self._mode,
+            prior=options.prior,
+            exponent=options.exponent,
+            nsr=strengths.nsr,
+            weight=strengths.weight,
+            peak=strengths.peak,
+            solver=options.solver,
+            border=options.solver_border,
+            boundary=options.boundary,
+            planning=options.planning,
+            threads=options.threads,
+        )
+
+    def _solve(
+        self, split: HighlightSplit, out: NDArray[Any], meter: UndershootMeter, clock: StageClock
+    ) -> NDArray[np.bool_]:
+        """Solve chunk by chunk into `out`, upright, and return which pixels were exposed."""
+        options, shape = self.options, split.encoded.shape
+        memory = None if options.max_memory is None else options.max_memory - split.nbytes
+        chunks, _ = plan_chunks(self.bank, shape, self._settings, memory)
+        coverage: NDArray[np.bool_] = np.broadcast_to(np.True_, shape[:2])
+        with self._kept.lock:
+            for n, chunk in enumerate(chunks):
+                linear = split.remainder(chunk.read)
+                given = slice(chunk.given.start - chunk.read.start, chunk.given.stop - chunk.read.start)
+                meter.before(linear[given], chunk.given)
+                with clock.stage("plan"):
+                    solve = self._planned(chunk, linear.shape, keep=len(chunks) == 1)
+                with clock.stage("apply"):
+                    linear = solve(linear, clock.within("apply", n, len(chunks)))
+                split.add_highlights(linear, chunk.read.start)
+                meter.after(linear[given], chunk.given)
+                if options.geometry == "rectify":
+                    with clock.stage("rectify"):
+                        linear, coverage = rectify(linear, self.capture)
+                if options.normalize:
+                    linear = normalized(linear)
+                split.encoded.encode(linear[given], chunk.given, out)
+                # Free them before the next chunk is planned.
+                del linear, solve
+        return coverage
+
+    def _planned(self, chunk: Chunk, shape: tuple[int, int, int], *, keep: bool) -> Solve:
+        settings = self._settings
+        fits = self.grid is not None and all(np.less_equal(chunk.bank.size, self.grid.size))
+        if keep and fits and self.grid is not None and settings.mode != "rowwise" and settings.boundary is None:
+            return self._kept.planned(settings, chunk.bank, self.grid, shape)
+        return settings.planned(self.capture, chunk.bank, shape, chunk.read.start)
+
+
+class _KeptSolver:
+    """The solver of tiles that a plan and its replans share, planned for one shape at a time."""
+
+    def __init__(self) -> None:
+        # Held while the solver has the PSFs of one capture.
+        self.lock = threading.Lock()
+        self._planned_for: tuple[SolverSettings, Grid, tuple[int, int, int]] | None = None
+        self._solver: TileSolver | None = None
+        self._bank: PsfBank | None = None
+
+    def planned(self, settings: SolverSettings, bank: PsfBank, grid: Grid, shape: tuple[int, int, int]) -> TileSolver:
+        """Return the solver for `bank`, whose kernels are at the places of the grid and no larger than its size."""
+        if self._solver is None or self._planned_for != (settings, grid, shape):
+            self._bank = bank if bank.size == grid.size else grid.still()
+            self._solver = settings.tiles(self._bank, shape)
+            self._planned_for = settings, grid, shape
+        if self._bank is not bank:
+            self._solver.replan(bank)
+            self._bank = bank
+        return self._solver
+
+    def __reduce__(self) -> tuple[type[_KeptSolver], tuple[()]]:
+        """Locks and FFT plans stay in their process."""
+        return _KeptSolver, ()
+
+
+def plan(log: GyroLog, camera: Camera, exposure: Exposure, options: Options | None = None) -> Plan:
+    """Plan how the pictures of a capture are deblurred.
+
+    Parameters
+    ----------
+    log, camera, exposure
+        The motion, the camera and the time of the exposure.
+    options : Options, optional
+        See :func:`rsdeblur.deblur` for all of them; default `Options()`.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    CoverageError, ClockError, GapError
+        If the log does not describe the exposure.
+
+    Examples
+    --------
+    >>> plan = rsdeblur.plan(log, camera, exposure, rsdeblur.Options(mode="rowwise"))
+    >>> sharp = plan.apply(image).image
+    """
+    options, frame = options or Options(), ReadoutFrame(camera)
+    return Plan(frame, frame.capture(log, exposure, options.translation, motion=options.motion), options)

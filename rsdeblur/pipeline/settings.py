@@ -1,0 +1,113 @@
+"""How a picture, or a chunk of its rows, is solved: mode, prior and numbers, with nothing left automatic."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+from rsdeblur.choices import Border, Boundary, Mode, Planning, Prior, Solver
+from rsdeblur.deconv.boundary import extended, extended_shape
+from rsdeblur.deconv.priors import GradientPrior
+from rsdeblur.deconv.quadratic import TileQuadratic
+from rsdeblur.deconv.rowwise import RowDeconvolver
+from rsdeblur.deconv.wiener import Deconvolver, TileFilter
+from rsdeblur.errors import InputError
+from rsdeblur.motion.paths import BlurPaths, Capture
+from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatImage, StageProgress
+
+Solve = Callable[[FloatImage, StageProgress], FloatImage]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SolverSettings:
+    """Everything except the blur that a solution depends on; the names are those of :func:`rsdeblur.deblur`.
+
+    Parameters
+    ----------
+    nsr, weight : float
+        Numbers, never "auto"; `weight` is None for the Wiener filter.
+    peak : float
+        Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
+    border, boundary
+        How the solver continues the picture, and what makes it periodic first, if anything; see
+        :class:`rsdeblur.Options`.
+    """
+
+    mode: Mode
+    prior: Prior
+    exponent: float
+    nsr: float
+    weight: float | None
+    peak: float
+    solver: Solver
+    border: Border
+    boundary: Boundary | None = None
+    planning: Planning
+    threads: int | None
+
+    @property
+    def _engine(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in ("nsr", "border", "planning", "threads")}
+
+    @property
+    def _gradient_prior(self) -> GradientPrior | None:
+        return None if self.weight is None else GradientPrior(self.prior, self.weight, self.exponent, self.peak)
+
+    def planned(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:
+        """Plan the solver. The returned function restores one picture and reports its progress.
+
+        Parameters
+        ----------
+        capture : Capture
+            The motion of the whole picture.
+        bank : PsfBank
+            PSFs, their places counted in the rows to be solved.
+        shape : (H, W, C)
+            Shape of the rows to be solved.
+        first : int
+            Row of the whole picture at which they start.
+        """
+        if self.boundary is not None:
+            return self._extended(capture, bank, shape, self.boundary)
+        if self.mode == "rowwise":
+            return self._rowwise(capture, bank, shape, first)
+        return self.tiles(bank, shape)
+
+    def tiles(self, bank: PsfBank, shape: tuple[int, int, int]) -> TileSolver:
+        """Plan a solver of tiles that takes other PSFs later."""
+        if self.mode == "rowwise":
+            raise InputError('mode="rowwise" has no tiles')
+        if self._gradient_prior is None:
+            wiener = Deconvolver(bank, shape, **self._engine)
+            return TileSolver(wiener, wiener.apply)
+        quadratic = TileQuadratic(bank, shape, **self._engine)
+        return TileSolver(quadratic, partial(quadratic.apply, prior=self._gradient_prior))
+
+    def _extended(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], boundary: Boundary) -> Solve:
+        height, width, _ = shape
+        solve = replace(self, boundary=None).planned(capture, bank, extended_shape(shape, bank, boundary))
+        return lambda light, progress: solve(extended(light, bank, boundary), progress)[:height, :width]
+
+    def _rowwise(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:
+        paths = BlurPaths.every_row(capture, bank.cols, within=slice(first, first + shape[0]))
+        rows = RowDeconvolver(replace(paths, rows=paths.rows - first), shape, solver=self.solver, **self._engine)
+        return lambda light, progress: rows.apply(light, prior=self._gradient_prior, progress=progress)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TileSolver:
+    """Tiles planned for pictures of one shape, which take other PSFs at the same places without new plans."""
+
+    filters: TileFilter
+    apply: Callable[..., FloatImage]
+
+    def replan(self, bank: PsfBank) -> None:
+        """Take other PSFs; see :meth:`rsdeblur.Deconvolver.replan`."""
+        self.filters.replan(bank)
+
+    def __call__(self, light: FloatImage, progress: StageProgress) -> FloatImage:
+        """Restore one picture."""
+        return self.apply(light, progress=progress)

@@ -1,0 +1,47 @@
+"""Times of the stages of a computation, and reports of their progress."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rsdeblur.types import Progress, StageProgress
+
+
+class StageClock:
+    """Times the stages of one computation and reports their progress.
+
+    Parameters
+    ----------
+    progress : callable, optional
+        Called as ``progress(stage, fraction)``.
+
+    Attributes
+    ----------
+    timings : dict
+        Seconds spent in each stage so far.
+    """
+
+    def __init__(self, progress: Progress | None = None) -> None:
+        self.timings: dict[str, float] = {}
+        self._progress = progress
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time the body as a stage, or as one more part of it."""
+        begin = time.perf_counter()
+        if name not in self.timings:
+            self._report(name, 0.0)
+        yield
+        self.timings[name] = self.timings.get(name, 0.0) + time.perf_counter() - begin
+        if name != "apply":
+            self._report(name, 1.0)
+
+    def within(self, name: str, part: int = 0, parts: int = 1) -> StageProgress:
+        """Return what reports the progress of one of several parts of a stage."""
+        return lambda fraction: self._report(name, (part + fraction) / parts)
+
+    def _report(self, name: str, fraction: float) -> None:
+        if self._progress is not None:
+            self._progress(name, fraction)

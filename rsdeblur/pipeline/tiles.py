@@ -1,0 +1,116 @@
+"""How many bands and strips a picture needs, and the PSFs of those tiles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rsdeblur.choices import Count, Mode
+from rsdeblur.errors import InputError
+from rsdeblur.motion.paths import BlurPaths, Capture
+from rsdeblur.psf import PsfBank, tile_centres
+
+# Results are interpolated linearly between tiles. Tiles are added until paths interpolated linearly between them are
+# this close to the true ones, px.
+PATH_ERROR = 0.1
+# Interpolating results is not quite interpolating paths: at the highest frequency that the filter restores, about
+# 1 / (pi L sqrt(nsr)) for a path of L px and never more than 1/2, neighbouring bands must still agree in phase. Their
+# paths may differ by this many L sqrt(nsr). (Both numbers: docs/developer/decisions.md.)
+BAND_CHANGE = 0.4
+# Rowwise reports the PSFs of this many rows per strip.
+ROWS_SHOWN = 9
+# Bounds of the cost where the motion is wild.
+MOST_BANDS = 64
+MOST_STRIPS = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Where the PSFs of a picture hold, in the upright frame.
+
+    Parameters
+    ----------
+    rows, cols : tuple of float
+        Rows of the bands' kernels and columns of the strips', px.
+    size : (int, int)
+        Height and width of the largest kernel that a solver is planned for, px.
+    """
+
+    rows: tuple[float, ...]
+    cols: tuple[float, ...]
+    size: tuple[int, int]
+
+    @classmethod
+    def of(cls, bank: PsfBank) -> Grid:
+        """Return the grid of a bank."""
+        return cls(tuple(bank.rows.tolist()), tuple(bank.cols.tolist()), bank.size)
+
+    def bank(self, capture: Capture, *, threads: int | None) -> PsfBank:
+        """Return the PSFs of a capture at the places of this grid; their size is their own."""
+        return PsfBank.from_paths(BlurPaths.from_capture(capture, self.rows, self.cols), threads=threads)
+
+    def still(self) -> PsfBank:
+        """Return a bank of the largest size that changes no picture, to plan a solver for."""
+        kernels = np.zeros((len(self.rows), len(self.cols), *self.size), dtype=np.float32)
+        kernels[:, :, self.size[0] // 2, self.size[1] // 2] = 1.0
+        return PsfBank(kernels, np.array(self.rows), np.array(self.cols))
+
+
+def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: float) -> BlurPaths:
+    """Trace the paths at the tiles' centres.
+
+    Parameters
+    ----------
+    capture : Capture
+        The motion.
+    mode, bands, strips
+        See :func:`rsdeblur.deblur`.
+    nsr : float
+        Noise-to-signal ratio that the automatic number of bands goes by.
+
+    Raises
+    ------
+    InputError
+        If the blur is larger than the picture.
+    """
+    check_reach(capture)
+    height, width = capture.camera.height, capture.camera.width
+    automatic = _automatic_counts(capture, nsr)
+    if mode == "global":
+        counts = 1, 1
+    elif mode == "rowwise":
+        counts = min(ROWS_SHOWN, height), automatic[1] if strips == "auto" else strips
+    else:
+        counts = automatic[0] if bands == "auto" else bands, automatic[1] if strips == "auto" else strips
+    rows, cols = (tile_centres(n, length) for n, length in zip(counts, (height, width), strict=True))
+    return BlurPaths.from_capture(capture, rows, cols)
+
+
+def _automatic_counts(capture: Capture, nsr: float) -> tuple[int, int]:
+    """Return how many bands and strips bound the change of the blur between neighbours."""
+    probe, camera = capture.probe, capture.camera
+    allowed = BAND_CHANGE * max(float(probe.lengths.max()) * np.sqrt(nsr), 2 / np.pi)
+    needed = (
+        max(np.sqrt(probe.curvature_down / (8 * PATH_ERROR)), probe.change_down / allowed),
+        np.sqrt(probe.curvature_across / (8 * PATH_ERROR)),
+    )
+    counts = []
+    for tiles, reach, length, most in zip(
+        needed, probe.extent, (camera.height, camera.width), (MOST_BANDS, MOST_STRIPS), strict=True
+    ):
+        # A PSF spans 2 reach + 1 px. A tile narrower than half of that filters rows that are mostly not its own.
+        bound = min(most, max(1, int(length / (reach + 0.5))))
+        counts.append(int(np.clip(np.ceil(tiles), 1, bound)))
+    return counts[0], counts[1]
+
+
+def check_reach(capture: Capture, *, spare: int = 0) -> None:
+    """Raise `InputError` unless the picture can hold the blur and `spare` px around it."""
+    height, width = capture.camera.height, capture.camera.width
+    down, across = (reach + spare for reach in capture.probe.extent)
+    if 2 * down + 1 > height or 2 * across + 1 > width:
+        raise InputError(
+            f"the blur reaches {across:.3g} px sideways and {down:.3g} px up and down from its centre, more than "
+            f"the picture of {width}x{height} px can hold; are the rates in rad/s, the focal length in px, times in s?"
+        )

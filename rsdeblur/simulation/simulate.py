@@ -1,0 +1,302 @@
+"""Forward model: the picture that a shaking rolling-shutter camera records of a sharp scene.
+
+Each row is the average of the scene warped at many times. The model shares no code with the paths and PSFs, not even
+the integration of the rates, so that an error in one is visible against the other.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+from scipy.spatial.transform import Rotation, Slerp
+
+from rsdeblur._util import validate
+from rsdeblur.choices import Auto, Transfer
+from rsdeblur.errors import InputError
+from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
+from rsdeblur.kernels.warp import average_warps
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.translation import Translation
+from rsdeblur.types import FloatArray
+
+# Integration steps of the orientation per second. At 10 rad/s and 1000 rad/s^2, the midpoint rule with steps of 50 us
+# errs by less than 1e-7 rad over 0.1 s, far below a hundredth of a pixel.
+STEPS_PER_SECOND = 20_000
+
+# Warps per pixel of path: steps of half a pixel alias at 2 cycles/px, four times the highest frequency of a picture.
+SAMPLES_PER_PIXEL = 2
+
+
+class Simulation(NamedTuple):
+    """Result of :func:`simulate`; all pictures are float32 and have the size of the camera's picture.
+
+    Parameters
+    ----------
+    blurred : ndarray
+        The recorded picture, with noise.
+    rectified : ndarray
+        The sharp scene at the mid-exposure of the middle row: the ideal result for ``geometry="rectify"``.
+    rolling : ndarray
+        The sharp scene, each row at its own mid-exposure: the ideal result for ``geometry="keep"``.
+    """
+
+    blurred: NDArray[np.float32]
+    rectified: NDArray[np.float32]
+    rolling: NDArray[np.float32]
+
+
+def simulate(
+    sharp: ArrayLike,
+    log: GyroLog,
+    camera: Camera,
+    exposure: Exposure,
+    *,
+    noise: float = 0.0,
+    seed: int = 0,
+    samples: int | Literal["auto"] = "auto",
+    translation: Translation | None = None,
+    transfer: Transfer | Auto = "auto",
+) -> Simulation:
+    """Return a sharp picture blurred as a rolling-shutter camera with this motion would record it.
+
+    Parameters
+    ----------
+    sharp : array_like, shape (h, w) or (h, w, C)
+        The scene at the mid-exposure of the middle row; floats of the nominal range [0, 1], or uint8 or uint16, which
+        are scaled to it. It must be at least as large as the camera's picture, which is centred in it; the rest is
+        visible when the camera turns. Beyond its borders, the scene is mirrored.
+    log : GyroLog
+        Motion of the camera.
+    camera : Camera
+        The camera.
+    exposure : Exposure
+        Time of the exposure.
+    noise : float, default 0.0
+        Standard deviation of white Gaussian noise, in linear light of range [0, 1]; 0.01 is 40 dB.
+    seed : int, default 0
+        Seed of the noise, at least 0.
+    samples : int or "auto"
+        Number of warps per row, at least 1; "auto" takes at least 2 per pixel of the longest path.
+    translation : Translation, optional
+        Positions of the camera. The scene is then a plane at `translation.depth`, perpendicular to the optical axis at
+        the mid-exposure of the middle row.
+    transfer : {"auto", "linear", "srgb"} or float
+        How values encode light, as for :func:`rsdeblur.deblur`: "auto" is sRGB for integers and linear for floats.
+
+    Returns
+    -------
+    Simulation
+        ``(blurred, rectified, rolling)``, float32, not clipped, encoded like `sharp`.
+
+    Raises
+    ------
+    InputError
+        If an argument is out of its range, or `sharp` is smaller than the camera's picture or not finite.
+    CoverageError, ClockError, GapError
+        If the log or the translation does not describe the exposure.
+    """
+    scene, transfer = _linear_scene(sharp, transfer)
+    if scene.shape[0] < camera.height or scene.shape[1] < camera.width:
+        raise InputError(
+            f"sharp must be at least as large as the camera's picture, {camera.width}x{camera.height}, "
+            f"got {scene.shape[1]}x{scene.shape[0]}"
+        )
+    noise = validate.finite("noise", noise, minimum=0.0)
+    seed = validate.count("seed", seed, minimum=0)
+    left, top = (scene.shape[1] - camera.width) // 2, (scene.shape[0] - camera.height) // 2
+    frame = ReadoutFrame(camera)
+    if frame.quarter:
+        left, top = scene.shape[0] - camera.height - top, left
+        translation = translation and translation.turned()
+    upright = _simulate(frame.image(scene), (left, top), log, frame.camera, exposure, samples, translation)
+    clean = Simulation(*(np.ascontiguousarray(frame.back(picture)) for picture in upright))
+    grain = np.random.default_rng(seed).normal(0.0, noise, clean.blurred.shape)
+    noisy = clean._replace(blurred=clean.blurred + grain.astype(np.float32))
+    return Simulation(*(from_linear(picture, transfer) for picture in noisy))
+
+
+def _linear_scene(sharp: ArrayLike, transfer: Transfer | Auto) -> tuple[NDArray[np.float32], Transfer]:
+    """Return the scene in linear light, and how its values encoded it."""
+    values: NDArray[Any] = sharp if isinstance(sharp, np.ndarray) else validate.real_array("sharp", sharp)
+    if values.ndim not in (2, 3) or values.size == 0:
+        raise InputError(f"sharp must be a picture of shape (h, w) or (h, w, C), got {values.shape}")
+    if values.dtype not in (np.uint8, np.uint16) and not np.issubdtype(values.dtype, np.floating):
+        raise InputError(f"sharp must be uint8, uint16 or float, got {values.dtype}")
+    encoding = resolve_transfer(transfer, values.dtype)
+    if values.dtype.kind == "u":
+        values = values.astype(np.float32) / np.float32(np.iinfo(values.dtype).max)
+    return to_linear(validate.real_array("sharp", values).astype(np.float32), encoding), encoding
+
+
+def _simulate(
+    scene: NDArray[np.float32],
+    corner: tuple[int, int],
+    log: GyroLog,
+    camera: Camera,
+    exposure: Exposure,
+    samples: int | Literal["auto"],
+    translation: Translation | None,
+) -> Simulation:
+    left, top = corner
+    opens, closes = exposure.window(np.arange(camera.height), camera)
+    middle = 0.5 * (opens + closes)
+    reference = float(np.interp((camera.height - 1) / 2, np.arange(camera.height), middle))
+    path = _CameraPath(log, camera, float(opens.min()), float(closes.max()), exposure.epoch_ns, translation)
+    if samples == "auto":
+        slices = max(16, int(np.ceil(SAMPLES_PER_PIXEL * path.longest(opens, closes))))
+    else:
+        slices = validate.count("samples", samples)
+    phase = (np.arange(slices) + 0.5) / slices
+    times = opens[:, None] + (closes - opens)[:, None] * phase
+    planes = np.atleast_3d(scene).astype(np.float64)
+    coefficients = np.stack(
+        [ndimage.spline_filter(planes[..., c], 3, output=np.float32, mode="mirror") for c in range(planes.shape[2])],
+        axis=-1,
+    )
+    shape = (camera.height, camera.width, *scene.shape[2:])
+
+    def seen(at: FloatArray) -> NDArray[np.float32]:
+        if camera.distortion_model != "none":
+            return _through_lens(coefficients, path, at, reference, left, top).reshape(shape)
+        return average_warps(coefficients, path.warps(at, reference, left, top), camera.width).reshape(shape)
+
+    frame = scene[top : top + camera.height, left : left + camera.width]
+    return Simulation(seen(times), np.ascontiguousarray(frame), seen(middle[:, None]))
+
+
+class _CameraPath:
+    """Pose of the camera over time; its orientation is integrated by many midpoint steps of the interpolated rates."""
+
+    def __init__(
+        self,
+        log: GyroLog,
+        camera: Camera,
+        t0: float,
+        t1: float,
+        epoch_ns: int,
+        translation: Translation | None = None,
+    ) -> None:
+        samples = log.covering(t0 - camera.time_offset, t1 - camera.time_offset, epoch_ns)
+        t = samples.t + camera.time_offset
+        omega = samples.omega @ camera.imu_to_camera.T
+        self.nodes = np.linspace(t0, t1, max(2, int(np.ceil((t1 - t0) * STEPS_PER_SECOND)) + 1))
+        centres = 0.5 * (self.nodes[1:] + self.nodes[:-1])
+        self.rates = np.stack([np.interp(centres, t, omega[:, axis]) for axis in range(3)], axis=1)
+        # In camera axes, a far point X moves by dX/dt = -omega x X.
+        steps = Rotation.from_rotvec(-self.rates * np.diff(self.nodes)[:, None])
+        orientation = [Rotation.identity()]
+        for step in steps:
+            orientation.append(step * orientation[-1])
+        self.orientation = Slerp(self.nodes, Rotation.concatenate(orientation))
+        self.camera = camera
+        self.places = translation and translation.covering(t0, t1, epoch_ns)
+
+    def longest(self, opens: FloatArray, closes: FloatArray) -> float:
+        """Return an upper bound in px on the length of all paths between `opens` and `closes`."""
+        focal_length, (cx, cy) = max(self.camera.focal_length), self.camera.principal_point
+        radius = np.hypot(max(cx, self.camera.width - 1 - cx), max(cy, self.camera.height - 1 - cy))
+        # At a distance r from the principal point, perspective multiplies f by 1 + (r/f)^2.
+        tilt, roll = np.hypot(self.rates[:, 0], self.rates[:, 1]), np.abs(self.rates[:, 2])
+        speed = focal_length * (1.0 + (radius / min(self.camera.focal_length)) ** 2) * tilt + radius * roll
+        steps = speed * np.diff(self.nodes)
+        if self.places is not None:
+            steps = steps + 2 * focal_length * np.linalg.norm(np.diff(self.places.at(self.nodes), axis=0), axis=1)
+        travelled = np.concatenate([[0.0], np.cumsum(steps)])
+        lengths = np.interp(closes, self.nodes, travelled) - np.interp(opens, self.nodes, travelled)
+        return float(lengths.max())
+
+    def turns(self, times: FloatArray, reference: float) -> FloatArray:
+        """Return the matrices from camera directions at `times` to those at `reference`, `times.shape + (3, 3)`."""
+        at_reference = self.orientation([reference]).as_matrix()[0]
+        at_times = self.orientation(times.ravel()).as_matrix().reshape(*times.shape, 3, 3)
+        turns: FloatArray = at_reference @ np.swapaxes(at_times, -1, -2)
+        if self.places is None:
+            return turns
+        # From position s, in reference axes, direction r meets the plane z = 1 at s + r (1 - s_z) / r_z.
+        s = (self.places.at(times) - self.places.at(np.array(reference))) @ at_reference.T
+        meeting = (1.0 - s[..., 2, None, None]) * np.eye(3)
+        meeting[..., 2] += s
+        moved: FloatArray = meeting @ turns
+        return moved
+
+    def warps(self, times: FloatArray, reference: float, left: int, top: int) -> FloatArray:
+        """Return the homographies from a pixel at `times` to the scene at `reference`, shape `times.shape + (3, 3)`."""
+        k = self.camera.matrix
+        to_scene = np.array([[1.0, 0.0, left], [0.0, 1.0, top], [0.0, 0.0, 1.0]]) @ k
+        warps: FloatArray = to_scene @ self.turns(times, reference) @ np.linalg.inv(k)
+        return warps
+
+
+def _through_lens(
+    coefficients: NDArray[np.float32], path: _CameraPath, times: FloatArray, reference: float, left: int, top: int
+) -> NDArray[np.float32]:
+    """Return the same as `average_warps` for a distorting lens, whose warps are not homographies: pixels are traced."""
+    camera = path.camera
+    grid = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
+    directions = _undistorted((grid - np.array(camera.principal_point)) / np.array(camera.focal_length), camera)
+    turns = path.turns(times, reference)
+    out = np.empty((camera.height, camera.width, coefficients.shape[2]), dtype=np.float32)
+    for y in range(camera.height):
+        at = (
+            _distorted(np.einsum("tij,xj->txi", turns[y], directions[y]), camera) * camera.focal_length
+            + camera.principal_point
+        )
+        for c in range(out.shape[2]):
+            values = ndimage.map_coordinates(
+                coefficients[..., c], [at[..., 1] + top, at[..., 0] + left], order=3, mode="mirror", prefilter=False
+            )
+            out[y, :, c] = values.mean(axis=0)
+    return out
+
+
+# A second implementation of the lens, from OpenCV's documentation, with other inverses than `rsdeblur.motion.lens`.
+def _distorted(directions: FloatArray, camera: Camera) -> FloatArray:
+    k = camera.distortion
+    if camera.distortion_model == "fisheye":
+        a, b, c = np.moveaxis(directions, -1, 0)
+        r = np.sqrt(a**2 + b**2)
+        theta = np.arccos(c / np.sqrt(r**2 + c**2))
+        # theta (1 + k1 theta^2 + ...) as a polynomial, the highest power first. Where r is 0, the result is 0.
+        bent = np.polyval([k[3], 0, k[2], 0, k[1], 0, k[0], 0, 1, 0], theta)
+        ratio: FloatArray = bent / np.maximum(r, 1e-300)
+        return directions[..., :2] * ratio[..., None]
+    plane = directions[..., :2] / directions[..., 2:]
+    radial, shift = _brown(plane, k)
+    points: FloatArray = plane * radial + shift
+    return points
+
+
+def _brown(plane: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
+    """Return the radial factor and the tangential shift."""
+    full = np.zeros(8)
+    full[: len(k)] = k
+    k1, k2, p1, p2, k3, k4, k5, k6 = full
+    r2 = (plane**2).sum(axis=-1, keepdims=True)
+    radial = np.polyval([k3, k2, k1, 1], r2) / np.polyval([k6, k5, k4, 1], r2)
+    across = np.array([p2, p1])
+    return radial, 2 * plane * (plane @ across)[..., None] + across * r2
+
+
+def _undistorted(plane: FloatArray, camera: Camera) -> FloatArray:
+    k = camera.distortion
+    if camera.distortion_model == "fisheye":
+        theta = np.linspace(0.0, np.pi, 300_001)
+        bent = np.polyval([k[3], 0, k[2], 0, k[1], 0, k[0], 0, 1, 0], theta)
+        # Only where the polynomial increases; no pixel of the frame lies beyond.
+        end = int(np.argmax(np.append(np.diff(bent) <= 0, True))) + 1
+        radius = np.linalg.norm(plane, axis=-1)
+        angle = np.interp(radius, bent[:end], theta[:end])
+        sideways = plane * (np.sin(angle) / np.maximum(radius, 1e-300))[..., None]
+        return np.concatenate([sideways, np.cos(angle)[..., None]], axis=-1)
+    flat = plane
+    # OpenCV's fixed-point iteration; each step multiplies the error by the relative size of the distortion.
+    for _ in range(300):
+        radial, shift = _brown(flat, k)
+        flat = (plane - shift) / radial
+    return np.concatenate([flat, np.ones_like(flat[..., :1])], axis=-1)

@@ -1,0 +1,86 @@
+"""Sharing tasks between threads: every task once, no more threads than allowed, the same bits for any number."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+from rsdeblur import BlurPaths, Camera, Capture, Exposure, InputError, PsfBank, deblur
+from rsdeblur._util.threads import ThreadTeam, share, share_range
+from rsdeblur.kernels.raster import rasterize
+from rsdeblur.kernels.warp import average_warps
+from rsdeblur.simulation.shake import hand_shake
+
+ANYWHERE = pytest.mark.parametrize("threads", [1, 2, 7])
+
+
+@pytest.fixture
+def no_new_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    def start(_: threading.Thread) -> None:
+        raise AssertionError("a thread was started")
+
+    monkeypatch.setattr(threading.Thread, "start", start)
+
+
+@ANYWHERE
+@pytest.mark.parametrize("count", [0, 1, 3, 100])
+def test_every_task_is_done_once_by_a_numbered_thread(threads: int, count: int) -> None:
+    def done_by(run) -> list[tuple[int, int]]:
+        done: list[tuple[int, int]] = []
+        run(lambda thread, task: done.append((task, thread)))
+        return sorted(done)
+
+    for run in (
+        lambda work: share(work, range(count), threads),
+        lambda work: ThreadTeam(threads).share(work, range(count)),
+    ):
+        done = done_by(run)
+        assert [task for task, _ in done] == list(range(count))
+        assert all(thread < min(threads, count) for _, thread in done)
+
+
+@ANYWHERE
+@pytest.mark.parametrize("count", [0, 1, 5, 100])
+def test_parts_cover_a_range(threads: int, count: int) -> None:
+    parts: list[tuple[int, int]] = []
+    share_range(lambda first, stop: parts.append((first, stop)), count, threads)
+    assert [i for first, stop in sorted(parts) for i in range(first, stop)] == list(range(count))
+
+
+def test_a_failure_reaches_the_caller() -> None:
+    def fail(thread: int, task: int) -> None:
+        raise ValueError(f"task {task} failed")
+
+    for threads in (1, 3):
+        with pytest.raises(ValueError, match=r"task \d failed"):
+            share(fail, range(5), threads)
+
+
+def test_threads_are_a_positive_number() -> None:
+    with pytest.raises(InputError, match="threads must be at least 1"):
+        share(lambda thread, task: None, range(5), 0)
+
+
+@ANYWHERE
+def test_drawing_and_warping_give_the_same_bits(threads: int) -> None:
+    rng = np.random.default_rng(3)
+    paths = np.cumsum(rng.normal(0, 0.3, (33, 20, 2)), axis=1).clip(-8, 8)
+    np.testing.assert_array_equal(rasterize(paths, 9, 9, threads), rasterize(paths, 9, 9))
+    coefficients = rng.random((20, 30, 3), dtype=np.float32)
+    warps = np.eye(3) + rng.normal(0, 1e-3, (20, 4, 3, 3))
+    np.testing.assert_array_equal(
+        average_warps(coefficients, warps, 30, threads), average_warps(coefficients, warps, 30)
+    )
+
+
+@pytest.mark.parametrize("mode", ["global", "banded", "rowwise"])
+@pytest.mark.parametrize("prior", ["wiener", "tv"])
+def test_one_thread_is_the_callers(mode: str, prior: str, no_new_threads: None) -> None:
+    capture = hand_shake(0.3, seed=1), Camera(64, 48, 60.0, readout_time=0.03), Exposure(0.1, 0.03)
+    picture = np.random.default_rng(0).random((48, 64, 3), dtype=np.float32)
+    picture[20:22, 30:33] = 1.0
+    deblur(picture, *capture, mode=mode, prior=prior, saturation="auto", threads=1)
+    paths = BlurPaths.every_row(Capture.from_log(*capture), [20.0])
+    PsfBank.from_paths(paths, threads=1)

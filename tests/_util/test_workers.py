@@ -1,0 +1,113 @@
+"""Processes: every task is answered, faults stay with their task, and nothing is left behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from contextlib import closing
+
+import pytest
+
+from rsdeblur._util import workers
+from rsdeblur._util.workers import Failure
+from rsdeblur.errors import InputError
+
+# `eval` is the work: a function that a fresh process can import, whose tasks are written here.
+DIE = "__import__('os').kill(__import__('os').getpid(), 9)"
+
+
+def answers(tasks, **options):
+    with closing(workers.run(eval, tasks, **options)) as done:
+        return dict(done)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_every_task_is_answered_once(jobs):
+    tasks = [f"{i} * {i}" for i in range(9)]
+    assert answers(tasks, jobs=jobs) == {task: eval(task) for task in tasks}
+
+
+def test_a_fault_stays_with_its_task():
+    found = answers(["1 / 0", "2", "open('/nowhere/x')", "__import__('rsdeblur.errors').InputError('a\\n b')"])
+    assert found["2"] == 2
+    assert found["1 / 0"] == Failure("ZeroDivisionError: division by zero")
+    assert "/nowhere/x" in found["open('/nowhere/x')"].message
+
+
+def test_a_killed_worker_is_replaced_and_its_task_tried_once_more(tmp_path):
+    # Dies the first time only: the file that it leaves says so.
+    once = f"(__import__('pathlib').Path('{tmp_path}/x').exists() and 7) or (open('{tmp_path}/x', 'w').close(), {DIE})"
+    lost = []
+    found = answers([once, DIE, "3"], lost=lost.append)
+    assert found[once] == 7
+    assert found["3"] == 3
+    assert found[DIE].died
+    assert "killed by signal 9" in found[DIE].message
+    assert sorted(lost) == sorted([once, DIE, DIE])
+
+
+def test_tasks_are_taken_as_workers_get_free():
+    taken = []
+
+    def tasks():
+        for i in range(6):
+            taken.append(i)
+            yield str(i)
+
+    with closing(workers.run(eval, tasks(), jobs=2)) as done:
+        for answered, _ in enumerate(done, start=1):
+            assert len(taken) <= answered + 2
+
+
+def test_closing_interrupts_what_is_under_way(tmp_path):
+    # The task tidies up after an interrupt, as atomic writing does.
+    begun, mark = tmp_path / "begun", tmp_path / "tidy"
+    code = f"try:\n open({str(begun)!r}, 'w')\n import time\n time.sleep(60)\nfinally:\n open({str(mark)!r}, 'w')"
+    task = f"exec({code!r})"
+    done = workers.run(eval, [task, "1"], jobs=2)
+    next(done)
+    while not begun.exists():
+        pass
+    done.close()
+    assert mark.exists()
+
+
+def test_an_answer_that_nobody_reads_is_no_fault(tmp_path, capfd):
+    mark = tmp_path / "mark"
+    done = workers.run(eval, ["1", f"open({str(mark)!r}, 'w').close()"], jobs=2)
+    next(done)
+    while not mark.exists():
+        pass
+    # The second answer is on its way, or in the pipe.
+    time.sleep(0.2)
+    done.close()
+    assert capfd.readouterr().err == ""
+
+
+def test_interrupt_of_the_parent(tmp_path):
+    begun = tmp_path / "begun"
+    task = f"(open({str(begun)!r}, 'w').close(), __import__('time').sleep(60))"
+
+    def press():
+        while not begun.exists():
+            pass
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=press).start()
+    with pytest.raises(KeyboardInterrupt):
+        answers([task])
+
+
+def test_refusals():
+    with pytest.raises(InputError, match="jobs"):
+        answers(["1"], jobs=0)
+
+
+def test_a_cluster_does_the_same(tmp_path):
+    distributed = pytest.importorskip("distributed", reason="the extra [dask] is not installed")
+    with distributed.LocalCluster(1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+        found = answers(["1 / 0", *map(str, range(9))], scheduler=cluster.scheduler_address)
+    assert found.pop("1 / 0") == Failure("ZeroDivisionError: division by zero")
+    assert found == {str(i): i for i in range(9)}

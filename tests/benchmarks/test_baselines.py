@@ -1,0 +1,84 @@
+"""The baselines: they undo a blur whose PSF they are given, and the blind one finds it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import fftconvolve
+from skimage import data
+from skimage.metrics import peak_signal_noise_ratio
+
+from benchmarks import baselines
+from rsdeblur import Deconvolver, InputError, PsfBank
+
+# A photograph that comes with scikit-image, roughly in linear light.
+SHARP = (data.camera()[32:416, 32:416] / 255.0) ** 2.2
+NOISE = 0.003
+
+
+@pytest.fixture(scope="module")
+def psf():
+    """A bent trail in a box of 15 px."""
+    t = np.linspace(-1, 1, 600)
+    y, x = 7 * t**3 - 2 * t, 7 * np.sin(1.4 * t) + 2 * t**2 - 1
+    kernel, _, _ = np.histogram2d(y, x, bins=15, range=[[-7.5, 7.5]] * 2)
+    return kernel / kernel.sum()
+
+
+@pytest.fixture(scope="module")
+def blurred(psf):
+    clean = fftconvolve(np.pad(SHARP, 16, mode="symmetric"), psf, mode="same")[16:-16, 16:-16]
+    return clean + np.random.default_rng(0).normal(0, NOISE, clean.shape)
+
+
+def psnr(image, truth=SHARP):
+    inside = np.s_[24:-24, 24:-24]
+    return peak_signal_noise_ratio(truth[inside], image.clip(0, 1)[inside], data_range=1.0)
+
+
+@pytest.mark.parametrize("name", ["tv_l1", "richardson_lucy", "unsupervised_wiener"])
+def test_a_known_psf_is_undone(name, psf, blurred):
+    result = getattr(baselines, name)(blurred, psf)
+    assert result.dtype == np.float32
+    # At least half of the squared error is removed; all three do far better on this picture.
+    assert psnr(result) > psnr(blurred) + 3
+
+
+@pytest.mark.parametrize("name", ["tv_l1", "richardson_lucy"])
+def test_no_blur_is_left_alone(name):
+    picture = np.stack([SHARP[:64, :80], SHARP[64:128, :80]], axis=-1)
+    point = np.zeros((3, 3))
+    point[1, 1] = 1
+    result = getattr(baselines, name)(picture, point)
+    assert result.shape == picture.shape
+    # TV-L1 smooths as much as its weight of 0.005 allows.
+    assert np.abs(result - picture).mean() < 0.01
+
+
+def test_the_blind_estimator_finds_a_15_px_kernel(psf, blurred):
+    estimate = baselines.estimate_psf(blurred, 21)
+    assert estimate.min() >= 0
+    assert estimate.sum() == pytest.approx(1, abs=1e-5)
+    # Two different trails in a box of 15 px correlate by 0.5 to 0.6; published estimators reach 0.8 to 0.95.
+    assert baselines.kernel_similarity(estimate, psf) > 0.8
+    restored = Deconvolver(PsfBank.for_picture(estimate, blurred.shape), blurred.shape, nsr=0.01).apply(blurred)
+    # The kernel is estimated up to a shift.
+    shifts = [np.roll(restored, (dy, dx), (0, 1)) for dy in range(-2, 3) for dx in range(-2, 3)]
+    assert max(map(psnr, shifts)) > psnr(blurred) + 1
+
+
+def test_similarity_ignores_shifts_and_sizes(psf):
+    padded = np.pad(psf, ((0, 6), (4, 0)))
+    assert baselines.kernel_similarity(psf, padded) == pytest.approx(1.0)
+    assert baselines.kernel_similarity(psf, np.eye(15)) < 0.9
+
+
+def test_invalid_pictures_and_psfs_are_refused(psf):
+    with pytest.raises(InputError, match="larger than the picture"):
+        baselines.tv_l1(np.zeros((10, 10)), psf)
+    with pytest.raises(InputError, match="must be odd"):
+        baselines.estimate_psf(SHARP, 20)
+    with pytest.raises(InputError, match="four kernels"):
+        baselines.estimate_psf(SHARP[:50], 21)
+    with pytest.raises(InputError, match="shape"):
+        baselines.richardson_lucy(np.zeros(9), psf)

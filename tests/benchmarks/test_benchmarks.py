@@ -1,0 +1,134 @@
+"""The benchmarks' own machinery: how times are taken and compared, and what happens where an alternative is missing."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture
+def module():
+    """Import a module of the benchmarks; some want what is not installed."""
+    return lambda name: importlib.import_module(f"benchmarks.{name}")
+
+
+class FakeClock:
+    """A clock that only jobs move."""
+
+    def __init__(self):
+        self.now = 0.0
+        self.calls = []
+
+    def __call__(self):
+        return self.now
+
+    def job(self, name, durations):
+        pending = iter(durations)
+
+        def run():
+            self.calls.append(name)
+            self.now += next(pending)
+
+        return run
+
+
+def test_first_round_is_not_counted_and_the_rest_is_summarised(module):
+    timing, clock = module("timing"), FakeClock()
+    jobs = {"steady": clock.job("steady", [100, 4, 4, 4, 4, 4]), "rising": clock.job("rising", [100, 1, 2, 3, 4, 50])}
+    times = timing.interleave(jobs, 5, clock=clock)
+    assert list(times) == ["steady", "rising"]
+    assert times["steady"] == timing.Times(4, 4, 4)
+    # One outlier moves neither the median nor a quartile.
+    assert times["rising"] == timing.Times(median=3, low=2, high=4)
+    assert times["steady"] / times["rising"] == pytest.approx(4 / 3)
+
+
+def test_every_round_runs_each_job_once_in_changing_order(module):
+    clock = FakeClock()
+    jobs = {name: clock.job(name, [1.0] * 21) for name in "abcd"}
+    module("timing").interleave(jobs, 20, clock=clock)
+    rounds = [tuple(clock.calls[i : i + 4]) for i in range(0, len(clock.calls), 4)]
+    assert len(rounds) == 21
+    assert all(sorted(order) == list("abcd") for order in rounds)
+    assert len(set(rounds)) > 5
+
+
+def test_what_slows_the_machine_down_leaves_ratios_alone(module):
+    clock = FakeClock()
+    slowness = [1, 1, 1, 3, 3, 3, 3]
+    jobs = {factor: clock.job(factor, [factor * s for s in slowness]) for factor in (2, 5)}
+    times = module("timing").interleave(jobs, 6, clock=clock)
+    assert times[5] / times[2] == pytest.approx(2.5)
+
+
+def test_missing_alternative_is_skipped_with_a_message(module, monkeypatch):
+    peers, cases = module("peers"), module("cases")
+    for name in ("cv2", "mkl_fft", "regularizepsf"):
+        monkeypatch.setitem(sys.modules, name, None)  # the import system's way to say that there is none
+    alternatives = {name: peers.c.ALTERNATIVES[name] for name in (peers.c.PERIODIC, "SciPy FFT", "OpenCV", peers.c.MKL)}
+    monkeypatch.setattr(peers.c, "ALTERNATIVES", alternatives)
+    tasks, builds, skipped = peers.build(cases.Case(64, 48, (5, 9)), [1, 2])
+    assert set(tasks) == set(builds) == {(name, n) for name in (peers.c.PERIODIC, "SciPy FFT") for n in (1, 2)}
+    assert [message.split(":")[0] for message in skipped] == ["OpenCV", peers.c.MKL]
+    assert "cv2" in skipped[0]
+
+
+def test_target_that_lacks_an_alternative_is_not_judged(module):
+    peers = module("peers")
+    at_most, at_least = peers.Target("", "a", "b", 2.0), peers.Target("", "a", "b", 2.0, at_least=True)
+    assert at_most.assess({"a": 3.0, "b": 1.0})["met"] is False
+    assert at_least.assess({"a": 3.0, "b": 1.0})["met"] is True
+    assert at_most.assess({"a": 3.0}) == {"text": "", "bound": 2.0, "at_least": False, "ratio": None, "met": None}
+
+
+def test_another_picture_is_noticed(module):
+    peers = module("peers")
+    right = np.zeros((8, 8, 3), dtype=np.float32)
+    wrong = right + np.float32(1e-3)
+    for picture, same in ((right, True), (wrong, False)):
+        deviation = peers.deviation(("SciPy FFT", 1), {("SciPy FFT", 1): picture, (peers.c.PERIODIC, 1): right})
+        assert (deviation <= peers.c.ALTERNATIVES["SciPy FFT"].tolerance) is same
+    with pytest.raises(SystemExit, match="another picture: SciPy FFT"):
+        peers.refuse_other_pictures({"cases": [{"alternatives": [{"name": "SciPy FFT", "same": False}]}]})
+
+
+@pytest.mark.parametrize("bands", [1, 4])
+def test_psfs_fill_the_box(module, bands):
+    bank = module("cases").Case(128, 96, (9, 17)).bank(bands)
+    assert bank.size == (17, 9)
+    # The outermost row or column of a kernel may stay empty: a splat needs the pixel beyond the last one touched.
+    used = np.abs(bank.kernels).sum(axis=(0, 1))
+    assert max(used.sum(axis=1)[[1, -2]]) > 0
+    assert max(used.sum(axis=0)[[1, -2]]) > 0
+
+
+def test_figures_of_several_runs_make_one_page(module, tmp_path, monkeypatch):
+    """Each run writes some groups' figures; the page shows all, in the order of the groups."""
+    pytest.importorskip("matplotlib")
+    paper, figure = module("paper.__main__"), module("paper.figure")
+
+    def made(name):
+        curves = {"a": [1.0, 2.0]}
+        return figure.Figure(
+            name,
+            f"Title of {name}",
+            "What was done.",
+            "Holds: 1.",
+            ("x", "a"),
+            [(0.0, 1.0), ("b", 2.0)],
+            figure.lines([0.0, 1.0], curves, "x", "y"),
+        )
+
+    groups = {name: SimpleNamespace(figures=lambda quick, name=name: iter([made(name)])) for name in ("first", "last")}
+    monkeypatch.setattr(paper, "GROUPS", groups)
+    for name in ("last", "first"):
+        assert "Holds: 1." in next(paper.run(name, tmp_path, quick=True))
+    page = paper.page(tmp_path, load=0.0)
+    assert page.index("## Title of first") < page.index("## Title of last")
+    assert "| b | 2 |" in page
+    assert (tmp_path / "first.csv").read_text() == "x,a\n0.0,1.0\nb,2.0\n"
+    assert "<svg" in (tmp_path / "last.svg").read_text()

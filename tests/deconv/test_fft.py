@@ -1,0 +1,120 @@
+"""Laws of the transforms, and of keeping measured plans."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from rsdeblur import RsdeblurWarning
+from rsdeblur.choices import PLANNINGS
+from rsdeblur.deconv import fft
+
+
+@pytest.fixture
+def cache_dir(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(fft, "wisdom_file", lambda: tmp_path / "rsdeblur" / "test.wisdom")
+    fft._warn_not_kept.cache_clear()
+    return tmp_path / "rsdeblur"
+
+
+@pytest.mark.parametrize("planning", PLANNINGS)
+def test_rows_are_numpys_transform_and_come_back(planning):
+    rng = np.random.default_rng(0)
+    rows = fft.RowTransform((2, 3, 30), planning)
+    values = rng.random((2, 3, 30)).astype(np.float32)
+    rows.real[...] = values
+    rows.forward()
+    # 30 values of order 1 are summed in float32.
+    np.testing.assert_allclose(rows.spectrum, np.fft.rfft(values), atol=1e-5)
+    rows.inverse()
+    np.testing.assert_allclose(rows.real / 30, values, atol=1e-6)
+
+
+def test_rows_move_to_another_place():
+    values = np.random.default_rng(0).random((2, 4, 30)).astype(np.float32)
+    spectra = fft.empty((2, 8, 24), np.complex64)
+    rows = fft.RowTransform((2, 4, 30), "estimate", spectra[:, :4, :16])
+    assert not spectra[:, :4, :16].any()
+    for top in (4, 0):
+        rows.move(spectra[:, top : top + 4, :16])
+        rows.real[...] = values
+        rows.forward()
+    # 30 values of order 1 are summed in float32.
+    np.testing.assert_allclose(spectra[..., :16], np.tile(np.fft.rfft(values), (1, 2, 1)), atol=1e-5)
+    rows.move(spectra[:, 4:, :16])
+    rows.inverse()
+    np.testing.assert_allclose(rows.real / 30, values, atol=1e-6)
+
+
+def test_lines_are_numpys_transform_and_come_back():
+    rng = np.random.default_rng(0)
+    lines = fft.LineTransform((4, 24))
+    values = (rng.random((4, 24)) + 1j * rng.random((4, 24))).astype(np.complex64)
+    lines.data[...] = values
+    lines.forward()
+    np.testing.assert_allclose(lines.data, np.fft.fft(values), atol=1e-5)
+    lines.inverse()
+    np.testing.assert_allclose(lines.data / 24, values, atol=1e-6)
+
+
+def test_measured_plans_are_kept_and_damage_is_harmless(cache_dir):
+    fft.LineTransform((3, 48), "measure")
+    fft.remember()
+    (kept,) = cache_dir.iterdir()
+    good = kept.read_bytes()
+    assert b"fftwf_wisdom" in good
+    kept.write_bytes(good[: len(good) // 2])
+    fft._read_wisdom()
+    fft.remember()
+    assert kept.read_bytes() == good
+    assert [path.name for path in cache_dir.iterdir()] == [kept.name]
+
+
+def test_changed_wisdom_does_not_reach_fftw(cache_dir, monkeypatch):
+    # FFTW aborts the process where plans contradict themselves.
+    fft.LineTransform((3, 48), "measure")
+    fft.remember()
+    (kept,) = cache_dir.iterdir()
+    given = []
+    monkeypatch.setattr("rsdeblur.deconv.fft.pyfftw.import_wisdom", given.append)
+    fft._read_wisdom()
+    assert len(given) == 1
+    good = kept.read_bytes()
+    for place in range(0, len(good), 50):
+        kept.write_bytes(good[:place] + bytes([good[place] ^ 1]) + good[place + 1 :])
+        fft._read_wisdom()
+    kept.unlink()
+    os.mkfifo(kept)
+    fft._read_wisdom()
+    assert len(given) == 1
+
+
+def test_a_cache_that_cannot_be_written_costs_one_warning(cache_dir):
+    # A file in place of the folder: unlike permissions, it stops root, too.
+    cache_dir.write_text("")
+    with pytest.warns(RsdeblurWarning, match="cannot be kept"):
+        fft.remember()
+    fft.remember()  # a second warning would be an error
+
+
+def test_another_process_uses_stored_plans(tmp_path):
+    program = (
+        "from rsdeblur.deconv import fft; import pyfftw, sys\n"
+        "fft._recall()\n"
+        "before = pyfftw.export_wisdom()[1]\n"
+        "fft.LineTransform((3, 48), 'measure')\n"
+        "fft.remember()\n"
+        "print(before == pyfftw.export_wisdom()[1])\n"
+    )
+    environment = {"XDG_CACHE_HOME": str(tmp_path), "LOCALAPPDATA": str(tmp_path), "HOME": str(tmp_path)}
+    for knew in ("False", "True"):
+        run = subprocess.run(
+            [sys.executable, "-P", "-c", program], capture_output=True, text=True, check=True, env=environment
+        )
+        # The first process learns by measuring; the second knows before it plans.
+        assert run.stdout.strip() == knew

@@ -1,0 +1,247 @@
+"""Priors on the gradient: the shrinkage, the quadratic problem of tiles, and the splitting."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+from skimage.metrics import peak_signal_noise_ratio
+
+from rsdeblur import Deconvolver, InputError, PsfBank
+from rsdeblur.deconv.priors import (
+    PENALTIES,
+    TABLE,
+    GradientPrior,
+    brightness,
+    half_quadratic,
+    restore,
+    shrinkage,
+    threshold,
+)
+from rsdeblur.deconv.quadratic import TileQuadratic
+from rsdeblur.kernels import responses
+from rsdeblur.kernels.shrink import gradient
+from rsdeblur.simulation.scene import scene
+
+H, W = 90, 122
+NSR = 0.003
+NOISE = 0.01
+
+
+def kernel() -> np.ndarray:
+    values = np.random.default_rng(1).random((7, 11)).astype(np.float32) ** 4
+    return values / values.sum()
+
+
+def otf() -> np.ndarray:
+    placed = np.zeros((H, W))
+    placed[:7, :11] = kernel()
+    return np.fft.fft2(np.roll(placed, (-3, -5), axis=(0, 1)))[:, :, None]
+
+
+def blur(picture: np.ndarray) -> np.ndarray:
+    return np.fft.ifft2(otf() * np.fft.fft2(picture, axes=(0, 1)), axes=(0, 1)).real
+
+
+@pytest.fixture(scope="module")
+def sharp() -> np.ndarray:
+    # Enlarged twofold: unlike drawings, photographs have little detail at the scale of single pixels.
+    return ndimage.zoom(scene(64, 64), (2, 2, 1), order=1)[:H, :W]
+
+
+@pytest.fixture(scope="module")
+def blurred(sharp: np.ndarray) -> np.ndarray:
+    noise = np.random.default_rng(2).normal(0, NOISE, sharp.shape)
+    return (blur(sharp) + noise).astype(np.float32)
+
+
+def solver(*, kernels: np.ndarray | None = None, border: str = "periodic", nsr: float = NSR, threads: int = 1):
+    bank = PsfBank.for_picture(kernel() if kernels is None else kernels, (H, W))
+    return TileQuadratic(bank, (H, W, 3), nsr=nsr, border=border, threads=threads)
+
+
+def grad_adjoint_of(across: np.ndarray, down: np.ndarray) -> np.ndarray:
+    return (np.roll(across, 1, 1) - across + np.roll(down, 1, 0) - down).astype(np.float32)
+
+
+@pytest.mark.parametrize("exponent", [0.1, 0.5, 2 / 3, 0.9, 1.0])
+def test_shrinkage_minimises(exponent: float) -> None:
+    least, table = threshold(exponent), shrinkage(exponent)
+    w = np.linspace(0, 1, 200_001)
+    for t in least * np.array([0.5, 0.999, 1.001, 1.1, 2.0, 30.0]):
+        kept = np.interp(least / t, np.linspace(0, 1, TABLE), table) if t > least else 0.0
+        best = w[((w * t) ** exponent + (w * t - t) ** 2).argmin()]
+        # 1e-5 of the grid; minima are flat: a thousandth more of w costs 1e-6 of the function at small exponents.
+        assert kept == pytest.approx(best, abs=3e-4)
+
+
+@pytest.mark.parametrize("beta", [0.003, 0.1, 3.0])
+def test_global_is_the_equation(blurred: np.ndarray, beta: float) -> None:
+    target = np.random.default_rng(4).normal(0, 0.1, (2, H, W, 3))
+    grad_adjoint = grad_adjoint_of(*target)
+    own = solver()
+    own.prepare(blurred)
+    y, x = np.fft.fftfreq(H)[:, None, None], np.fft.fftfreq(W)[:, None]
+    differences = 4 * np.sin(np.pi * y) ** 2 + 4 * np.sin(np.pi * x) ** 2
+    above = (1 + NSR) * otf().conj() * np.fft.fft2(blurred, axes=(0, 1)) + beta * np.fft.fft2(grad_adjoint, axes=(0, 1))
+    normal = np.abs(otf()) ** 2 + NSR + beta * differences
+    expected = np.fft.ifft2(above / normal, axes=(0, 1)).real
+    # float32 transforms, times a gain of at most 1 / (2 sqrt(nsr)) = 9.
+    np.testing.assert_allclose(own.solve(beta, grad_adjoint), expected, atol=5e-5)
+
+
+def test_responses_twins_agree() -> None:
+    rng = np.random.default_rng(5)
+    otf = (rng.normal(size=(6, 10)) + 1j * rng.normal(size=(6, 10))).astype(np.complex64)
+    across, down = rng.random(6, dtype=np.float32), rng.random(10, dtype=np.float32)
+    for of_grad_adjoint in (False, True):
+        fast, slow = np.empty_like(otf), np.empty_like(otf)
+        for fill, out in ((responses.responses, fast), (responses.responses_numpy, slow)):
+            fill(otf, across, down, np.float32(0.01), np.float32(0.3), np.float32(0.5), of_grad_adjoint, out)
+        np.testing.assert_allclose(fast, slow, rtol=1e-5)
+
+
+@pytest.mark.parametrize("grid", [(1, 1), (4, 3)])
+@pytest.mark.parametrize("border", ["blend", "periodic"])
+def test_without_blur_the_picture_and_its_gradient_agree(sharp: np.ndarray, grid: tuple[int, int], border: str) -> None:
+    kernels = np.zeros((*grid, 5, 7), dtype=np.float32)
+    kernels[..., 2, 3] = 1.0
+    own = solver(kernels=kernels, border=border)
+    own.prepare(sharp)
+    across, down = gradient(sharp, periodic=border == "periodic")
+    latent = own.solve(1.0, grad_adjoint_of(across, down))
+    # Not near the frame: beyond it a tile's end fades into its start, where `D^T w` belongs to another picture. The
+    # response to `D^T w` decays by e per px.
+    np.testing.assert_allclose(latent[8:-8, 8:-8], sharp[8:-8, 8:-8], atol=3e-3)
+
+
+@pytest.mark.parametrize("exponent", [0.5, 2 / 3, 1.0])
+def test_the_splitting_descends(blurred: np.ndarray, exponent: float) -> None:
+    weight = 0.002
+    own = solver(nsr=0.0)
+    own.prepare(blurred)
+
+    def objective(picture: np.ndarray) -> float:
+        across, down = gradient(picture, periodic=True)
+        magnitude = np.sqrt((across**2 + down**2).sum(axis=2))
+        return float(((blur(picture) - blurred) ** 2).sum() + weight * (magnitude**exponent).sum())
+
+    before = objective(own.solve(weight * PENALTIES[0], None))
+    changes = []
+    for step in half_quadratic(own, weight=weight, exponent=exponent, threads=1):
+        now = objective(step.latent)
+        assert now < before
+        before = now
+        changes.append(step.change)
+    assert len(changes) == len(PENALTIES)
+    # Measured: 0.4 to 0.8 of the first change.
+    assert changes[-1] < changes[1]
+
+
+def test_priors_beat_the_wiener_filter(sharp: np.ndarray, blurred: np.ndarray) -> None:
+    def psnr(picture: np.ndarray) -> float:
+        return float(peak_signal_noise_ratio(sharp, picture, data_range=1.0))
+
+    bank = PsfBank.for_picture(kernel(), (H, W))
+    wiener = max(
+        psnr(Deconvolver(bank, blurred.shape, nsr=nsr, border="periodic").apply(blurred)) for nsr in (0.01, 0.03, 0.1)
+    )
+    tikhonov, sparse = (
+        max(psnr(restore(solver(), blurred, prior=prior, weight=weight)) for weight in weights)
+        for prior, weights in (("gradient", (0.01, 0.03, 0.1)), ("hyper-laplacian", (0.0003, 0.001, 0.003)))
+    )
+    assert tikhonov > wiener + 1
+    assert sparse > tikhonov + 0.3
+
+
+def test_exponent_one_is_total_variation(blurred: np.ndarray) -> None:
+    np.testing.assert_array_equal(
+        restore(solver(), blurred, prior="tv", weight=0.01),
+        restore(solver(), blurred, prior="hyper-laplacian", exponent=1.0, weight=0.01),
+    )
+
+
+def test_threads_change_nothing(blurred: np.ndarray) -> None:
+    kernels = np.broadcast_to(kernel(), (3, 2, 7, 11))
+    one, three = (
+        restore(solver(kernels=kernels, border="blend", threads=n), blurred, prior="tv", weight=0.01) for n in (1, 3)
+    )
+    np.testing.assert_array_equal(one, three)
+
+
+def test_a_settled_picture_stops_early() -> None:
+    flat = np.full((H, W, 3), 0.4, dtype=np.float32)
+    fractions: list[float] = []
+    result = restore(solver(), flat, prior="tv", weight=0.01, progress=fractions.append)
+    np.testing.assert_allclose(result, flat, atol=1e-5)
+    assert fractions == [1 / len(PENALTIES), 2 / len(PENALTIES), 1.0]
+
+
+def test_gradients_that_all_vanish_stop_nothing() -> None:
+    # A weak prior, but a penalty so small against the peak that no gradient of the noise survives the first shrinkages.
+    noise = np.random.default_rng(5).normal(0.4, 0.01, (H, W, 3)).astype(np.float32)
+    fractions: list[float] = []
+    result = restore(solver(), noise, prior="hyper-laplacian", weight=0.001, progress=fractions.append)
+    assert len(fractions) > 2
+    first = solver()
+    first.prepare(noise)
+    # The first solve alone amplifies the noise.
+    assert result.std() < first.solve(0.001 * PENALTIES[0]).std() / 2
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "message"),
+    [
+        ({"prior": "wiener"}, "use rsdeblur.Deconvolver"),
+        ({"prior": "lasso"}, "prior must be one of"),
+        ({"weight": 0.0}, "weight must be greater than 0"),
+        ({"exponent": 0.0}, "exponent must be greater than 0"),
+        ({"exponent": 1.5}, "exponent must be at most 1"),
+    ],
+)
+def test_bad_arguments_are_refused(blurred: np.ndarray, kwargs: dict[str, object], message: str) -> None:
+    arguments = {"prior": "hyper-laplacian", "weight": 0.01} | kwargs
+    with pytest.raises(InputError, match=message):
+        restore(solver(), blurred, **arguments)
+
+
+def test_bad_solvers_and_pictures_are_refused(blurred: np.ndarray) -> None:
+    with pytest.raises(InputError, match="nsr must be at least 0"):
+        solver(nsr=-1.0)
+    with pytest.raises(InputError, match="planned shape"):
+        restore(solver(), blurred[1:], prior="gradient", weight=0.01)
+    for bad in (np.full_like(blurred, np.nan), np.where(blurred == blurred[1, 1], np.inf, blurred)):
+        with pytest.raises(InputError, match="image must be finite"):
+            restore(solver(), bad, prior="gradient", weight=0.01)
+    for encoded in (blurred.astype(np.uint8), blurred.astype(int).tolist(), blurred > 0.5, blurred.astype(complex)):
+        with pytest.raises(InputError, match="linear light as floats"):
+            restore(solver(), encoded, prior="gradient", weight=0.01)
+    with pytest.raises(InputError, match="out must be a float32 array"):
+        solver().apply(blurred, out=np.empty(blurred.shape), prior=GradientPrior("tv", 0.01))
+
+
+@pytest.mark.parametrize("prior", ["gradient", "tv"])
+def test_a_grey_picture_is_one_channel(blurred: np.ndarray, prior: str) -> None:
+    grey = np.ascontiguousarray(blurred[..., 0])
+    bank = PsfBank.for_picture(kernel(), (H, W))
+    flat, deep = (
+        restore(TileQuadratic(bank, picture.shape), picture, prior=prior, weight=0.01)
+        for picture in (grey, grey[..., None])
+    )
+    assert flat.shape == (H, W)
+    np.testing.assert_array_equal(flat, deep[..., 0])
+
+
+def test_out_may_be_the_input(blurred: np.ndarray) -> None:
+    prior = GradientPrior("tv", 0.01)
+    expected, work = solver().apply(blurred, prior=prior), blurred.copy()
+    assert solver().apply(work, out=work, prior=prior) is work
+    np.testing.assert_array_equal(work, expected)
+
+
+def test_the_peak_is_that_of_the_picture(blurred: np.ndarray) -> None:
+    prior = GradientPrior("hyper-laplacian", 0.01)
+    dim, bright = 0.1 * blurred, GradientPrior("hyper-laplacian", 0.01, peak=brightness(0.1 * blurred))
+    np.testing.assert_array_equal(solver().apply(dim, prior=prior), solver().apply(dim, prior=bright))
+    full = GradientPrior("hyper-laplacian", 0.01, peak=1.0)
+    assert np.abs(solver().apply(dim, prior=prior) - solver().apply(dim, prior=full)).max() > 1e-3

@@ -1,0 +1,215 @@
+"""RowDeconvolver: against dense systems, and the laws of all solvers of this package."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rsdeblur import GradientPrior, InputError, RowBlur, RowDeconvolver, restore
+from rsdeblur.kernels import native, rowwise
+from rsdeblur.simulation.scene import scene
+from tests.deconv.test_rowwise_blur import H, W, still_paths, wavy_paths
+
+# Transforms of values near 1 in float32, times a gain of at most 1 / (2 sqrt(nsr)) = 5.
+FLOAT32 = 2e-5
+
+
+@pytest.fixture
+def picture() -> np.ndarray:
+    return np.random.default_rng(7).random((H, W, 3), dtype=np.float32)
+
+
+def dense_blur(paths) -> np.ndarray:
+    """Return the matrix of RowBlur for one channel; a single call has one channel per latent pixel."""
+    pixels = RowBlur(paths, W).shape[1]
+    blur = RowBlur(paths, W, channels=pixels)
+    return blur.forward(np.eye(pixels).reshape(blur.latent_shape)).reshape(-1, pixels).astype(float)
+
+
+def dense_gradients(rows: int) -> tuple[np.ndarray, np.ndarray]:
+    pixels = np.eye(rows * W).reshape(rows, W, rows * W)
+    across = (np.roll(pixels, -1, axis=1) - pixels).reshape(-1, rows * W)
+    down = np.zeros_like(pixels)
+    down[:-1] = np.diff(pixels, axis=0)
+    return across, down.reshape(-1, rows * W)
+
+
+@pytest.mark.parametrize("solver", ["direct", "cg"])
+@pytest.mark.parametrize(("nsr", "beta"), [(0.01, 0.0), (0.01, 0.3), (1e-3, 5.0), (1e-4, 1000.0)])
+def test_solve_is_the_dense_minimum(picture, solver, nsr, beta, monkeypatch):
+    monkeypatch.setattr("rsdeblur.deconv.rowwise_cg.conjugate_gradients.__kwdefaults__", {"tolerance": 1e-6})
+    paths, rng = wavy_paths(down=2.0), np.random.default_rng(3)
+    grey = np.ascontiguousarray(picture[..., 0])
+    term = RowDeconvolver(paths, grey.shape, nsr=nsr, border="periodic", solver=solver)._observe(grey[..., None], 0)
+    across, down = dense_gradients(term.shape[0])
+    grad_adjoint = across.T @ rng.normal(size=len(across)) + down.T @ rng.normal(size=len(down))
+    latent = term.solve(beta, grad_adjoint.reshape(term.shape).astype(np.float32)).ravel()
+    blur = dense_blur(paths)
+    normal = blur.T @ blur + nsr * np.eye(blur.shape[1]) + beta * (across.T @ across + down.T @ down)
+    if beta:
+        mean = np.full(blur.shape[1], grey.mean(dtype=float))
+        right = blur.T @ grey.ravel() + nsr * mean + beta * grad_adjoint
+        np.testing.assert_allclose(latent, np.linalg.solve(normal, right), atol=1e-4)
+    else:
+        # The right-hand side is blur.T g + nsr m, and the expectation m is at most 1.
+        excess = normal @ latent - blur.T @ grey.ravel()
+        assert np.abs(excess).max() < 1.01 * nsr
+
+
+def test_a_prior_shows_the_frames_rows_of_its_minimum(picture):
+    paths = wavy_paths(down=2.0)
+    grey = np.ascontiguousarray(picture[..., 0])
+    deconvolver = RowDeconvolver(paths, grey.shape, border="periodic")
+    latent = deconvolver._observe(grey[..., None], 0).solve(0.3, None)
+    result = deconvolver.apply(grey, prior=GradientPrior("gradient", 0.3))
+    np.testing.assert_array_equal(result, latent[-deconvolver.top : H - deconvolver.top, :, 0])
+
+
+def test_restore_is_apply_with_a_prior(picture):
+    deconvolver = RowDeconvolver(wavy_paths(cols=(8.0, 24.0)), picture.shape, nsr=1e-3)
+    progress = []
+    work = picture.copy()
+    sharp = restore(deconvolver, picture, prior="hyper-laplacian", weight=0.01, exponent=0.7, progress=progress.append)
+    prior = GradientPrior("hyper-laplacian", 0.01, 0.7)
+    assert deconvolver.apply(work, out=work, prior=prior) is work
+    np.testing.assert_array_equal(sharp, work)
+    assert progress == sorted(progress)
+    assert 0.5 in progress
+    assert progress[-1] == 1.0
+
+
+def test_undoes_its_own_blur():
+    """Without noise a tiny nsr restores the picture to 50 dB and more."""
+    paths = wavy_paths(rows=90, cols=(60.0,), down=1.0, across=2.0)
+    blur = RowBlur(paths, 120)
+    sharp = scene(*blur.latent_shape[:2])[..., 1]
+    deconvolver = RowDeconvolver(paths, (90, 120), nsr=1e-6, border="periodic")
+    result = deconvolver.apply(blur.forward(sharp))
+    # Rows near top and bottom are partly unknown: more unknowns than data.
+    error = (result - sharp[-blur.top : 90 - blur.top])[24:-24]
+    assert -10 * np.log10(np.mean(error**2)) > 50
+
+
+@pytest.mark.parametrize("cols", [(16.0,), (5.0, 16.0, 27.0)])
+@pytest.mark.parametrize("border", ["blend", "periodic"])
+def test_no_motion_is_the_identity(picture, cols, border):
+    result = RowDeconvolver(still_paths(cols=cols), picture.shape, nsr=0.05, border=border).apply(picture)
+    np.testing.assert_allclose(result, picture, atol=FLOAT32)
+
+
+@pytest.mark.parametrize("prior", [None, GradientPrior("gradient", 0.1)], ids=["wiener", "gradient"])
+@pytest.mark.parametrize("solver", ["direct", "cg"])
+def test_constant_picture_keeps_its_brightness(prior, solver):
+    picture = np.full((H, W), 0.7, dtype=np.float32)
+    paths = wavy_paths(cols=(8.0, 24.0))
+    result = RowDeconvolver(paths, (H, W), nsr=0.1, solver=solver).apply(picture, prior=prior)
+    np.testing.assert_allclose(result, 0.7, atol=FLOAT32)
+
+
+def test_twins_agree(picture, monkeypatch):
+    """The twin computes in double precision; float32 makes hardly a difference."""
+    paths = wavy_paths()
+    native = RowDeconvolver(paths, picture.shape).apply(picture)
+    for name in ("forward", "solve", "workspace_size"):
+        monkeypatch.setattr(rowwise, name, getattr(rowwise, name + "_numpy"))
+    np.testing.assert_allclose(RowDeconvolver(paths, picture.shape).apply(picture), native, atol=1e-4)
+
+
+def test_threads_change_nothing(picture):
+    paths = wavy_paths(cols=(8.0, 24.0))
+    one = RowDeconvolver(paths, picture.shape, threads=1).apply(picture)
+    for threads in (2, 5):
+        np.testing.assert_array_equal(RowDeconvolver(paths, picture.shape, threads=threads).apply(picture), one)
+
+
+def test_conjugate_gradients_agree(picture):
+    paths = wavy_paths(down=6.0)
+    direct, cg = (RowDeconvolver(paths, picture.shape, solver=solver) for solver in ("direct", "cg"))
+    if native:
+        assert cg.memory < direct.memory
+    difference = direct.apply(picture) - cg.apply(picture)
+    # A residual of 1e-3 leaves some 60 dB.
+    assert np.sqrt(np.mean(difference**2)) < 2e-3
+
+
+def test_auto_takes_conjugate_gradients_for_tall_psfs():
+    assert RowDeconvolver(wavy_paths(), (H, W)).solver == "direct"
+    tall = wavy_paths(rows=700, down=330.0, samples=700)
+    assert RowDeconvolver(tall, (700, W)).solver == "cg"
+
+
+def test_strips_leave_no_seams():
+    """Strips that share their paths differ from the whole only by what lies beyond their margins."""
+    picture = scene(80, 240)
+    paths = wavy_paths(rows=80, cols=(119.5,))
+    several = type(paths)(np.repeat(paths.displacements, 4, axis=1), paths.rows, np.array([30.0, 90.0, 150.0, 210.0]))
+    whole, striped = (RowDeconvolver(p, picture.shape).apply(picture) for p in (paths, several))
+    inside = np.s_[:, 24:-24]
+    leak = np.sqrt(np.mean((striped - whole)[inside] ** 2))
+    # The same bound as for Deconvolver.
+    assert leak < 0.02 * np.sqrt(np.mean((whole - picture)[inside] ** 2))
+
+
+def test_unseen_rows_are_reported_and_filled(picture):
+    """Paths displaced by 5 rows: every row sees the row 5 rows below it, and no row sees the first 5."""
+    paths = still_paths()
+    moved = type(paths)(paths.displacements - np.array([0.0, 5.0]), paths.rows, paths.cols)
+    assert RowDeconvolver(paths, picture.shape).coverage.all()
+    deconvolver = RowDeconvolver(moved, picture.shape)
+    np.testing.assert_array_equal(deconvolver.coverage, np.repeat(np.arange(H) >= 5, W).reshape(H, W))
+    result = deconvolver.apply(picture)
+    np.testing.assert_allclose(result[5:], picture[:-5], atol=FLOAT32)
+    assert result[:5].min() > 0.3
+    assert result[:5].max() < 0.7
+
+
+@pytest.mark.parametrize("cols", [(16.0,), (8.0, 24.0)])
+def test_out_may_be_the_input(picture, cols):
+    deconvolver = RowDeconvolver(wavy_paths(cols=cols), picture.shape)
+    expected = deconvolver.apply(picture)
+    work, fractions = picture.copy(), []
+    assert deconvolver.apply(work, out=work, progress=fractions.append) is work
+    np.testing.assert_array_equal(work, expected)
+    assert fractions[-1] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("shape", "kwargs", "message"),
+    [
+        ((H + 1, W), {}, "paths are those of 40 rows, the picture has 41"),
+        ((H, 10, 3), {}, "reach 6 px sideways"),
+        ((H,), {}, "shape must be"),
+        ((H, W), {"nsr": 0.0}, "nsr must be greater than 0"),
+        ((H, W), {"solver": "lu"}, "solver must be one of"),
+        ((H, W), {"border": "mirror"}, "border must be one of"),
+        ((H, W), {"threads": 0}, "threads must be at least 1"),
+        ((H, W), {"planning": "guess"}, "planning must be one of"),
+    ],
+)
+def test_bad_arguments_are_refused(shape, kwargs, message):
+    with pytest.raises(InputError, match=message):
+        RowDeconvolver(wavy_paths(), shape, **kwargs)
+
+
+def test_bad_pictures_are_refused(picture):
+    deconvolver = RowDeconvolver(wavy_paths(), picture.shape)
+    with pytest.raises(InputError, match="planned shape"):
+        deconvolver.apply(picture[:-1])
+    with pytest.raises(InputError, match="finite"):
+        deconvolver.apply(np.where(picture > 0.99, np.nan, picture))
+    with pytest.raises(InputError, match="out must be a float32 array"):
+        deconvolver.apply(picture, out=np.empty(picture.shape))
+
+
+@pytest.mark.parametrize("prior", [None, GradientPrior("tv", 0.01)])
+def test_encoded_values_are_refused(picture, prior):
+    deconvolver = RowDeconvolver(wavy_paths(), picture.shape)
+    for encoded in (picture.astype(np.uint8), picture.astype(int).tolist(), picture > 0.5, picture.astype(complex)):
+        with pytest.raises(InputError, match="linear light as floats"):
+            deconvolver.apply(encoded, prior=prior)
+
+
+def test_a_grey_picture_is_one_channel(picture):
+    grey, prior = np.ascontiguousarray(picture[..., 0]), GradientPrior("tv", 0.01)
+    flat, deep = (RowDeconvolver(wavy_paths(), shape) for shape in (grey.shape, (*grey.shape, 1)))
+    np.testing.assert_array_equal(flat.apply(grey, prior=prior), deep.apply(grey[..., None], prior=prior)[..., 0])

@@ -1,0 +1,105 @@
+"""Laws of the tiles: their weights sum to one, and each is longer than its part by the margin."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rsdeblur.deconv.fft import fast_length
+from rsdeblur.deconv.tiling import Tiling, hat_weights
+from rsdeblur.errors import InputError
+from rsdeblur.psf import tile_centres
+
+N = 1000
+
+# (centres, kernel, margin): even tiles, uneven ones, ones beyond the picture's ends, and one for each position.
+CASES = {
+    "one": (tile_centres(1, N), 9, 20),
+    "two": (tile_centres(2, N), 9, 20),
+    "many": (tile_centres(16, N), 31, 17),
+    "uneven": (np.array([3.0, 100.2, 130.9, 700.0, 998.5]), 5, 0),
+    "beyond": (np.array([-80.0, 300.0, 1100.0]), 7, 11),
+    "dense": (tile_centres(N, N), 3, 6),
+}
+
+
+def rebuilt(tiling):
+    total = np.zeros(N)
+    for tile in tiling.tiles:
+        total[tile.first : tile.first + len(tile.weights)] += tile.weights
+    return total
+
+
+@pytest.fixture(params=CASES)
+def case(request):
+    return CASES[request.param]
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_weights_sum_to_one_and_are_positive(case, periodic):
+    tiling = Tiling.plan(case[0], N, *case[1:], periodic=periodic)
+    assert len(tiling.tiles) == len(case[0])
+    # Two float32 weights meet at a position.
+    np.testing.assert_allclose(rebuilt(tiling), 1.0, rtol=0, atol=1e-6)
+    for tile in tiling.tiles:
+        assert tile.weights.min() > 0
+        assert tile.weights.dtype == np.float32
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_a_tile_is_longer_than_its_part_by_a_margin_that_fades(case, periodic):
+    centres, kernel, margin = case
+    tiling = Tiling.plan(centres, N, kernel, margin, periodic=periodic)
+    longest = max(len(tile.weights) for tile in tiling.tiles)
+    for tile in tiling.tiles:
+        assert tile.start <= tile.first
+        # The fade at the tile's end lies beyond its part of the picture.
+        assert tile.first + len(tile.weights) <= tile.start + tiling.length - tiling.taper
+    if tiling.length < N:
+        assert tiling.taper == tiling.length - longest >= margin
+
+
+def test_a_single_tile_spans_all():
+    tiling = Tiling.plan(tile_centres(1, N), N, 9, 20, periodic=False)
+    (tile,) = tiling.tiles
+    assert (tile.start, tile.first) == (0, 0)
+    assert np.all(tile.weights == 1)
+    # The continuation, in which the ends are blended, is at least as long as the PSF.
+    assert tiling.length - N == tiling.taper >= 9
+
+
+@pytest.mark.parametrize("n", [999, 1000, 1009])
+def test_a_single_periodic_tile_has_exactly_its_length(n):
+    tiling = Tiling.plan(tile_centres(1, n), n, 9, 20, periodic=True)
+    assert (tiling.length, tiling.taper) == (n, 0)
+
+
+def test_tiles_with_wide_margins_span_all_but_never_more():
+    tiling = Tiling.plan(tile_centres(4, N), N, 9, 800, periodic=False)
+    single = Tiling.plan(tile_centres(1, N), N, 9, 400, periodic=False)
+    assert (tiling.length, tiling.taper) == (single.length, single.taper)
+    assert {tile.start for tile in tiling.tiles} == {0}
+
+
+def test_weights_interpolate_linearly():
+    centres = np.array([10.0, 14.0, 30.5])
+    values = np.array([3.0, -1.0, 7.0])
+    expected = np.interp(np.arange(50), centres, values)
+    np.testing.assert_allclose(values @ hat_weights(centres, 50), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("centres", [[10.2, 10.4, 10.6], [-50.0, -40.0, 30.0]], ids=["between pixels", "outside"])
+def test_a_tile_without_a_pixel_is_refused(centres):
+    with pytest.raises(InputError, match=r"must lie within the picture, a pixel or more apart, got \["):
+        Tiling.plan(np.array(centres), 64, 1, 0, periodic=False)
+
+
+@pytest.mark.parametrize("excess", [0.038, 0.16])
+def test_fast_lengths_are_even_bounded(excess):
+    for minimum in range(2, 3000, 7):
+        length = fast_length(minimum, excess=excess)
+        assert length % 2 == 0
+        assert minimum <= length <= max(minimum * (1 + excess), minimum + 2)
+    # Of 1554 to 1611, only 1600 = 2^6 5^2 fills vectors of 16 without a factor above 5.
+    assert fast_length(1553, excess=0.038) == 1600
+    assert fast_length(243, excess=0.16) == 256

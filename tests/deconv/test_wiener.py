@@ -1,0 +1,226 @@
+"""The Deconvolver: against its equation, and the laws that tiling must not break."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rsdeblur import Deconvolver, InputError, PsfBank
+from rsdeblur.deconv import fft
+from rsdeblur.simulation.scene import scene
+
+H, W = 90, 122
+# Forward and inverse float32 transforms of values near 1, times a gain of at most 1 / (2 sqrt(nsr)) = 5.
+FLOAT32 = 2e-5
+
+
+@pytest.fixture
+def picture() -> np.ndarray:
+    return np.random.default_rng(7).random((H, W, 3), dtype=np.float32)
+
+
+def random_kernels(*shape: int, seed: int = 1) -> np.ndarray:
+    kernels = np.random.default_rng(seed).random(shape).astype(np.float32) ** 4
+    return kernels / kernels.sum(axis=(-2, -1), keepdims=True)
+
+
+def delta(*grid: int, size: tuple[int, int] = (5, 7)) -> np.ndarray:
+    kernels = np.zeros((*grid, *size), dtype=np.float32)
+    kernels[..., size[0] // 2, size[1] // 2] = 1.0
+    return kernels
+
+
+@pytest.mark.parametrize("nsr", [0.3, 0.01, 0.0005])
+def test_global_is_the_wiener_equation(picture: np.ndarray, nsr: float) -> None:
+    kernel = random_kernels(9, 13)
+    result = Deconvolver(PsfBank.for_picture(kernel, picture.shape), picture.shape, nsr=nsr, border="periodic").apply(
+        picture
+    )
+    placed = np.zeros((H, W))
+    placed[:9, :13] = kernel
+    otf = np.fft.fft2(np.roll(placed, (-4, -6), axis=(0, 1)))
+    wiener = (1 + nsr) * otf.conj() / (np.abs(otf) ** 2 + nsr)
+    expected = np.fft.ifft2(wiener[..., None] * np.fft.fft2(picture, axes=(0, 1)), axes=(0, 1)).real
+    # The gain, and float32's error with it, grows like 1 / (2 sqrt(nsr)).
+    np.testing.assert_allclose(result, expected, atol=2e-6 / nsr**0.5)
+
+
+@pytest.mark.parametrize("grid", [(1, 1), (6, 1), (1, 5), (4, 3)])
+@pytest.mark.parametrize("border", ["blend", "periodic"])
+def test_no_motion_is_the_identity(picture: np.ndarray, grid: tuple[int, int], border: str) -> None:
+    bank = PsfBank.for_picture(delta(*grid), picture.shape)
+    result = Deconvolver(bank, picture.shape, nsr=0.05, border=border).apply(picture)
+    np.testing.assert_allclose(result, picture, atol=FLOAT32)
+
+
+def test_constant_picture_keeps_its_brightness() -> None:
+    picture = np.full((H, W), 0.7, dtype=np.float32)
+    bank = PsfBank.for_picture(random_kernels(5, 2, 9, 13), picture.shape)
+    np.testing.assert_allclose(Deconvolver(bank, picture.shape, nsr=0.1).apply(picture), 0.7, atol=FLOAT32)
+
+
+def test_same_kernel_everywhere_equals_global() -> None:
+    """Tiles that share one kernel differ from the whole only by the fade in their margins."""
+    picture = scene(150, 200)
+    kernel = random_kernels(7, 9)
+    whole, tiled = (
+        Deconvolver(PsfBank.for_picture(np.broadcast_to(kernel, (*grid, 7, 9)), picture.shape), picture.shape).apply(
+            picture
+        )
+        for grid in ((1, 1), (4, 3))
+    )
+    # Leave out three PSFs at the border, where the continuation differs: the opposite ends are nearer.
+    inside = np.s_[27:-27, 27:-27]
+    leak = np.sqrt(np.mean((tiled - whole)[inside] ** 2))
+    # Across a margin of 1.3 decay lengths the filter's response still has some percent of its size;
+    # measured 0.6 % of what the filter adds to the picture.
+    assert leak < 0.02 * np.sqrt(np.mean((whole - picture)[inside] ** 2))
+
+
+def test_linear_in_the_picture(picture: np.ndarray) -> None:
+    solver = Deconvolver(PsfBank.for_picture(random_kernels(3, 2, 9, 7), picture.shape), picture.shape)
+    other = np.random.default_rng(3).random(picture.shape, dtype=np.float32)
+    combined = solver.apply(2 * picture - 3 * other)
+    np.testing.assert_allclose(combined, 2 * solver.apply(picture) - 3 * solver.apply(other), atol=10 * FLOAT32)
+
+
+def test_channels_and_grey_agree(picture: np.ndarray) -> None:
+    bank = PsfBank.for_picture(random_kernels(4, 1, 9, 7), picture.shape)
+    colour = Deconvolver(bank, picture.shape).apply(picture)
+    grey = Deconvolver(bank, (H, W)).apply(picture[..., 1])
+    np.testing.assert_allclose(grey, colour[..., 1], atol=FLOAT32)
+
+
+def test_threads_and_plans_change_nothing(picture: np.ndarray) -> None:
+    bank = PsfBank.for_picture(random_kernels(4, 2, 9, 7), picture.shape)
+    one = Deconvolver(bank, picture.shape, threads=1).apply(picture)
+    for threads in (2, 5):
+        np.testing.assert_array_equal(Deconvolver(bank, picture.shape, threads=threads).apply(picture), one)
+    measured = Deconvolver(bank, picture.shape, threads=1, planning="measure").apply(picture)
+    np.testing.assert_allclose(measured, one, atol=FLOAT32)
+
+
+def test_one_solver_serves_many_threads(picture: np.ndarray) -> None:
+    solver = Deconvolver(PsfBank.for_picture(random_kernels(4, 1, 9, 7), picture.shape), picture.shape)
+    pictures = [picture + i for i in range(8)]
+    alone = [solver.apply(p) for p in pictures]
+    with ThreadPoolExecutor(8) as pool:
+        for got, expected in zip(pool.map(solver.apply, pictures), alone, strict=True):
+            np.testing.assert_array_equal(got, expected)
+
+
+def test_out_may_be_the_input(picture: np.ndarray) -> None:
+    solver = Deconvolver(PsfBank.for_picture(random_kernels(2, 2, 9, 7), picture.shape), picture.shape)
+    expected = solver.apply(picture)
+    work = picture.copy()
+    assert solver.apply(work, out=work) is work
+    np.testing.assert_array_equal(work, expected)
+
+
+def test_undoes_a_circular_blur(picture: np.ndarray) -> None:
+    """An invertible kernel, no noise, tiny nsr: the blur is undone, and the origin is the kernel's centre."""
+    kernel = np.zeros((3, 5), dtype=np.float32)
+    kernel[1, 2], kernel[1, 3], kernel[2, 2] = 0.7, 0.2, 0.1
+    blurred = 0.7 * picture + 0.2 * np.roll(picture, 1, axis=1) + 0.1 * np.roll(picture, 1, axis=0)
+    bank = PsfBank.for_picture(kernel, picture.shape)
+    result = Deconvolver(bank, picture.shape, nsr=1e-7, border="periodic").apply(blurred)
+    # The least |H| is 0.4, so float32 noise grows at most 2.5 times, and nsr changes 1e-7 / 0.16 of the picture.
+    np.testing.assert_allclose(result, picture, atol=FLOAT32)
+
+
+@pytest.mark.parametrize(
+    ("shape", "kwargs", "message"),
+    [
+        ((6, 122), {}, "PSF of 13x9 px is larger than the picture of 122x6 px"),
+        ((90, 10, 3), {}, "larger than the picture"),
+        ((90,), {}, "shape must be"),
+        ((90, 122, 3), {"nsr": 0.0}, "nsr must be greater than 0"),
+        ((90, 122, 3), {"nsr": float("nan")}, "nsr must be finite"),
+        ((90, 122, 3), {"border": "mirror"}, "border must be one of"),
+        ((90, 122, 3), {"threads": 0}, "threads must be at least 1"),
+        ((90, 122, 3), {"planning": "guess"}, "planning must be one of"),
+    ],
+)
+def test_bad_arguments_are_refused(shape: tuple[int, ...], kwargs: dict[str, object], message: str) -> None:
+    bank = PsfBank.for_picture(random_kernels(9, 13), (90, 122))
+    with pytest.raises(InputError, match=message):
+        Deconvolver(bank, shape, **kwargs)
+
+
+def test_bad_pictures_are_refused(picture: np.ndarray) -> None:
+    solver = Deconvolver(PsfBank.for_picture(delta(1, 1), picture.shape), picture.shape)
+    with pytest.raises(InputError, match="planned shape"):
+        solver.apply(picture[:-1])
+    with pytest.raises(InputError, match="finite"):
+        solver.apply(np.where(picture > 0.99, np.nan, picture))
+    for encoded in (picture.astype(np.uint8), picture.astype(int).tolist(), picture > 0.5, picture.astype(complex)):
+        with pytest.raises(InputError, match="linear light as floats"):
+            solver.apply(encoded)
+    with pytest.raises(InputError, match=r'to_linear\(image.astype\("float32"\) / 65535, "srgb"\)'):
+        solver.apply(picture.astype(np.uint16))
+    with pytest.raises(InputError, match="array of floats"):
+        solver.apply([[0.5, 0.5], [0.5]])
+    with pytest.raises(InputError, match="out must be a float32 array"):
+        solver.apply(picture, out=np.empty(picture.shape))
+    with pytest.raises(InputError, match="got list"):
+        solver.apply(picture, out=picture.tolist())
+    frozen = picture.copy()
+    frozen.flags.writeable = False
+    with pytest.raises(InputError, match="writable"):
+        solver.apply(picture, out=frozen)
+
+
+@pytest.mark.parametrize("grid", [(1, 1), (2, 3)])
+def test_a_refused_picture_is_left_as_it_was(picture: np.ndarray, grid: tuple[int, int]) -> None:
+    solver = Deconvolver(PsfBank.for_picture(delta(*grid), picture.shape), picture.shape)
+    picture[40, 50, 1] = np.inf
+    before = picture.copy()
+    with pytest.raises(InputError, match="finite"):
+        solver.apply(picture, out=picture)
+    np.testing.assert_array_equal(picture, before)
+
+
+def test_replanning_is_planning_anew(picture: np.ndarray) -> None:
+    bank, other, smaller = (
+        PsfBank.for_picture(random_kernels(2, 2, *size), picture.shape) for size in ((9, 7), (9, 7), (5, 3))
+    )
+    solver = Deconvolver(bank, picture.shape)
+    solver.replan(other)
+    np.testing.assert_array_equal(solver.apply(picture), Deconvolver(other, picture.shape).apply(picture))
+    padded = PsfBank(np.pad(smaller.kernels, ((0, 0), (0, 0), (2, 2), (2, 2))), smaller.rows, smaller.cols)
+    solver.replan(smaller)
+    np.testing.assert_array_equal(solver.apply(picture), Deconvolver(padded, picture.shape).apply(picture))
+    with pytest.raises(InputError, match="of at most 9 x 7 px, got 11 x 7 px"):
+        solver.replan(PsfBank.for_picture(random_kernels(2, 2, 11, 7), picture.shape))
+    with pytest.raises(InputError, match="elsewhere"):
+        solver.replan(PsfBank.for_picture(random_kernels(3, 2, 9, 7), picture.shape))
+
+
+def test_seven_transforms_for_rgb(monkeypatch):
+    """One transform of the PSF and two per channel, counted in lines: a 2-D real one has H rows and W/2 + 1 columns."""
+    lines = {np.float32: 0, np.complex64: 0}
+
+    def counting(source, target, direction, planning, plan=fft._plan):
+        transform = plan(source, target, direction, planning)
+        real = np.float32 if np.float32 in (source.dtype, target.dtype) else np.complex64
+
+        def execute():
+            lines[real] += source.size // source.shape[-1]
+            transform.execute()
+
+        return SimpleNamespace(execute=execute, update_arrays=transform.update_arrays)
+
+    monkeypatch.setattr(fft, "_plan", counting)
+    height, width = 192, 256
+    kernel = np.full((9, 17), 1 / 153)
+    bank = PsfBank.for_picture(kernel, (height, width))
+    solver = Deconvolver(bank, (height, width, 3), border="periodic", threads=1)
+    solver.apply(np.zeros((height, width, 3), dtype=np.float32))
+    columns = width // 2 + 1
+    # Of the PSF's rows only those that are not empty are transformed.
+    assert lines[np.float32] == 6 * height + 9
+    # Columns go in blocks of 16, the last one filled up.
+    assert 7 * columns <= lines[np.complex64] <= 6 * (columns + 15) + columns

@@ -1,0 +1,141 @@
+"""The check of a result: right and wrong motion, what cannot be judged, the blend towards the input."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from skimage.metrics import peak_signal_noise_ratio
+
+from rsdeblur import Camera, Exposure, InputError, deblur, simulate
+from rsdeblur.estimate.check import UndershootMeter, _neighbouring, fall_back
+from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.simulation.scene import scene
+from rsdeblur.simulation.shake import hand_shake
+
+RECORDING = hand_shake(0.3, seed=3), Camera(320, 256, 350.0, readout_time=0.02), Exposure(0.08, 1 / 25)
+
+
+@pytest.fixture(scope="module")
+def pictures():
+    """A capture of 320x256 px with about 15 px of blur."""
+    return simulate(scene(300, 380), *RECORDING, noise=0.003)
+
+
+@pytest.fixture(scope="module")
+def capture(pictures):
+    return pictures.blurred, *RECORDING
+
+
+def wrong(log):
+    return replace(log, omega=log.omega * (3.0, -3.0, 1.0))
+
+
+def test_the_right_motion_is_good_and_a_wrong_one_bad(capture):
+    blurred, log, camera, exposure = capture
+    good = deblur(blurred, log, camera, exposure, prior="tv").check
+    bad = deblur(blurred, wrong(log), camera, exposure, prior="tv").check
+    assert (good.verdict, good.reasons) == ("good", ())
+    assert bad.verdict == "bad"
+    assert "does not fit" in " ".join(bad.reasons)
+    assert good.lead > bad.lead
+    assert good.ringing < bad.ringing
+    # Blurred again, the right result is much nearer to the input than 1, the contrast of the input.
+    assert good.residual < 0.25
+
+
+def test_readout_direction_changes_nothing(capture):
+    blurred, log, camera, exposure = capture
+    turned = np.rot90(blurred)
+    aside = Camera(256, 320, 350.0, readout_time=0.02, readout_direction="left-right")
+    # The picture turned counter-clockwise with its camera: x becomes -y, y becomes x.
+    moved = replace(log, omega=log.omega[:, [1, 0, 2]] * (1.0, -1.0, 1.0))
+    check = deblur(turned, moved, aside, exposure, prior="wiener").check
+    straight = deblur(blurred, log, camera, exposure, prior="wiener").check
+    assert check.verdict == straight.verdict
+    # The same tiles, turned; their paths agree to float32.
+    assert check.lead == pytest.approx(straight.lead, rel=0.02)
+
+
+def test_a_reason_is_given_where_nothing_can_be_judged(capture):
+    blurred, log, camera, exposure = capture
+    still = deblur(blurred, replace(log, omega=0 * log.omega), camera, exposure, prior="wiener").check
+    assert (still.verdict, still.lead) == ("good", None)
+    assert "too little" in still.reasons[0]
+    small = deblur(blurred[:60, :60], log, camera.cropped(0, 0, 60, 60), exposure, prior="wiener").check
+    assert (small.verdict, small.lead) == ("doubtful", None)
+    assert "too small" in small.reasons[0]
+    assert deblur(blurred, log, camera, exposure, check=False, prior="wiener").check is None
+
+
+def test_pictures_without_detail_are_not_judged_and_give_no_warnings(capture):
+    _, log, camera, exposure = capture
+    noise = np.random.default_rng(0).normal(0.5, 0.01, (256, 320)).astype(np.float32)
+    for picture in (np.zeros((256, 320), np.float32), np.full((256, 320), 128, np.uint8), noise):
+        check = deblur(picture, log, camera, exposure, prior="wiener").check
+        assert (check.verdict, check.lead) == ("good", None)
+        assert "no detail" in check.reasons[0]
+
+
+def test_the_weakest_neighbouring_rows_of_tiles(capture):
+    blurred, log, camera, exposure = capture
+    right = deblur(blurred, log, camera, exposure, prior="wiener").check
+    # Half of the readout is right, the other half is of another moment.
+    later = deblur(blurred, log, replace(camera, readout_time=0.1), exposure, prior="wiener").check
+    assert later.weakest < right.weakest
+    np.testing.assert_array_equal(_neighbouring(np.array([4.0, -10.0, 2.0])), [-3.0, -4.0])
+    np.testing.assert_array_equal(_neighbouring(np.array([4.0])), [4.0])
+
+
+def test_fallback_blends_only_where_it_is_bad(capture):
+    blurred, log, camera, exposure = capture
+    light = blurred.clip(0, 1)
+    result = deblur(light, wrong(log), camera, exposure, prior="tv")
+    blended = deblur(light, wrong(log), camera, exposure, prior="tv", fallback=True)
+    assert blended.check == replace(result.check, blended=True)
+    assert np.abs(blended.image - light).mean() < 0.2 * np.abs(result.image - light).mean()
+    good = deblur(light, log, camera, exposure, prior="tv")
+    kept = deblur(light, log, camera, exposure, prior="tv", fallback=True)
+    np.testing.assert_array_equal(kept.image, good.image)
+    with pytest.raises(InputError, match="fallback"):
+        deblur(light, log, camera, exposure, geometry="rectify", fallback=True, prior="wiener")
+
+    # The upper half is bad, the lower good: rows go from the input to the result.
+    check = replace(result.check, leads=(-99.0, 99.0), ringings=())
+    out = np.ones((256, 320, 1), np.float32)
+    fall_back(EncodedImage(np.zeros((256, 320, 1), np.float32), "linear"), check, out)
+    assert (out[:64] == 0).all()
+    assert (out[192:] == 1).all()
+    assert (np.diff(out[:, 0, 0]) >= 0).all()
+
+
+@pytest.mark.parametrize("prior", ["wiener", "tv"])
+def test_fallback_does_no_harm(pictures, prior):
+    log, camera, exposure = RECORDING
+    light = pictures.blurred.clip(0, 1)
+    longer = replace(camera, focal_length=(700.0, 700.0))
+    captures = [(wrong(log), camera), (log, longer), (replace(log, omega=log.omega[:, [1, 0, 2]]), camera)]
+    before = peak_signal_noise_ratio(pictures.rolling, light, data_range=1.0)
+    for moved, seen in captures:
+        harmed, saved = (
+            peak_signal_noise_ratio(
+                pictures.rolling,
+                deblur(light, moved, seen, exposure, prior=prior, fallback=fallback).image,
+                data_range=1.0,
+            )
+            for fallback in (False, True)
+        )
+        # Measured: 2.4 to 5.8 dB below the input. The whole picture is bad, so the input is returned.
+        assert harmed < before - 1
+        assert saved > before - 0.1
+
+
+def test_slabs_are_measured_like_the_whole():
+    light = np.random.default_rng(0).normal(0.2, 0.3, (2, 50, 40, 3)).astype(np.float32)
+    whole, slabs = UndershootMeter(50), UndershootMeter(50)
+    for meter, parts in ((whole, [slice(0, 50)]), (slabs, [slice(0, 17), slice(17, 50)])):
+        for rows in parts:
+            meter.before(light[0, rows], rows)
+            meter.after(2 * light[1, rows], rows)
+    assert whole.ringing() == slabs.ringing()

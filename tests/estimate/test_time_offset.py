@@ -1,0 +1,114 @@
+"""The clock offset from one picture: known offsets of simulated captures, and motions that do not determine it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rsdeblur import Camera, Exposure, GyroLog, InputError, simulate
+from rsdeblur.estimate.time_offset import find_time_offset
+from rsdeblur.image.transfer import to_linear
+from rsdeblur.io import read_camera, read_captures, read_gyro, read_picture
+from rsdeblur.io.camera_file import write_time_offset
+from rsdeblur.simulation.scene import scene
+from rsdeblur.simulation.shake import hand_shake
+
+ROOT = Path(__file__).resolve().parents[2]
+CAMERA = Camera(448, 320, 500.0, readout_time=0.03)
+EXPOSURE = Exposure(0.5, 1 / 25)
+SHARP = scene(336, 464)
+
+
+@pytest.fixture(scope="module")
+def capture():
+    log = hand_shake(1.0, seed=2)
+    return simulate(SHARP, log, CAMERA, EXPOSURE, noise=0.005).blurred, log
+
+
+def test_known_offsets_are_found(data_dir):
+    """Photographs, whose spectra are as natural as the model expects; blurs of 10 px and more."""
+    errors = []
+    cases = (("kodim01", 0.5, -0.05), ("kodim05", 0.2, -0.013), ("kodim13", 0.35, 0.0), ("kodim23", 0.6, 0.05))
+    for seed, (name, start, offset) in enumerate(cases):
+        sharp = to_linear(read_picture(data_dir / "sharp" / f"{name}.png").pixels[90:426, 150:614] / 255, "srgb")
+        log, exposure = hand_shake(1.0, seed=seed), Exposure(start, 1 / 25)
+        picture = simulate(sharp, log, CAMERA, exposure, noise=0.01).blurred
+        search = find_time_offset(picture, log.shifted(-offset), CAMERA, exposure, search=(-0.06, 0.06))
+        assert search.time_offset is not None
+        assert search.scores.min() == 0
+        errors.append(abs(search.time_offset - offset))
+    # Requirement: 2 ms.
+    assert np.median(errors) < 2e-3
+    # Well below a tenth of the tremor's period of 0.1 s, where the rates are different.
+    assert max(errors) < 5e-3
+
+
+def test_offsets_count_from_the_camera(capture):
+    picture, log = capture
+    late = replace(CAMERA, time_offset=8e-3)
+    near, far = (find_time_offset(picture, log, camera, EXPOSURE, search=(-0.02, 0.02)) for camera in (CAMERA, late))
+    # Both searches are on the same 1 ms grid; the parabola between its points is the same.
+    assert far.best == pytest.approx(near.best, abs=1e-6)
+
+
+def test_constant_rates_give_no_answer():
+    log = GyroLog(np.arange(0, 1.0, 0.005), np.tile([0.3, 0.9, 0.1], (200, 1)))
+    picture = simulate(SHARP, log, CAMERA, EXPOSURE, noise=0.005).blurred
+    search = find_time_offset(picture, log, CAMERA, EXPOSURE)
+    assert search.time_offset is None
+    assert search.reason
+
+
+def test_stillness_gives_no_answer():
+    log = hand_shake(1.0, strength=0.0)
+    picture = simulate(SHARP, log, CAMERA, EXPOSURE, noise=0.005).blurred
+    assert find_time_offset(picture, log, CAMERA, EXPOSURE).time_offset is None
+
+
+def test_a_turned_capture_gives_the_same_answer(capture):
+    picture, log = capture
+    upright = find_time_offset(picture, log, CAMERA, EXPOSURE, search=(-0.02, 0.02))
+    turned = find_time_offset(np.rot90(picture, -1), log, CAMERA.turned(), EXPOSURE, search=(-0.02, 0.02))
+    # Differences are taken towards another side, so tiles lie half a pixel apart.
+    assert turned.best == pytest.approx(upright.best, abs=3e-4)
+
+
+@pytest.mark.parametrize("search", [(0.0, 0.001), (0.1, -0.1), (np.nan, 1.0)])
+def test_impossible_searches_are_refused(search):
+    with pytest.raises(InputError, match="search"):
+        find_time_offset(SHARP, hand_shake(1.0), CAMERA, EXPOSURE, search=search)
+
+
+def test_small_pictures_are_refused():
+    with pytest.raises(InputError, match="64 px"):
+        find_time_offset(np.zeros((60, 60)), hand_shake(1.0), Camera(60, 60, 100.0), EXPOSURE)
+
+
+def test_real_recordings(data_dir):
+    folder = data_dir / "real" / "mars-phone-240ms"
+    picture, log = read_picture(folder / "frame4.jpg").pixels, read_gyro(folder / "gyro_accel.csv")
+    exposure = read_captures(folder / "movie_metadata.csv")[4]
+    camera = read_camera(ROOT / "docs" / "cameras" / "mars-phone-240ms.toml")
+    search = find_time_offset(picture, log, camera, exposure, transfer="srgb")
+    # Known to be the same clock within 5 ms; measured 5.8 ms.
+    assert search.time_offset == pytest.approx(0.0, abs=8e-3)
+    folder = data_dir / "real" / "shield-burst"
+    picture, log = read_picture(folder / "images" / "0004.jpg").pixels, read_gyro(folder / "imu.txt")
+    exposure = read_captures(folder / "images" / "images.txt")[3]
+    camera = read_camera(ROOT / "docs" / "cameras" / "shield-burst.toml")
+    # In a steady pan every moment has the same blur.
+    assert find_time_offset(picture, log, camera, exposure, transfer="srgb").time_offset is None
+
+
+@pytest.mark.parametrize("line", ["", "time_offset = 0.5 # guessed\n"])
+def test_the_camera_file_keeps_its_other_lines(tmp_path, line):
+    file = tmp_path / "camera.toml"
+    file.write_text(f"# mine\nwidth = 64\nheight = 48\n{line}focal_length = 70.0")
+    write_time_offset(file, -1.25e-3)
+    assert read_camera(file).time_offset == -1.25e-3
+    text = file.read_text()
+    assert text.startswith("# mine\nwidth = 64\nheight = 48\n")
+    assert ("# guessed" in text) is bool(line)

@@ -1,0 +1,103 @@
+"""Laws of the transfer curves."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from rsdeblur.errors import InputError
+from rsdeblur.image.transfer import SRGB_LINEAR_END, SRGB_STORED_END, check_transfer, from_linear, normalized, to_linear
+
+CURVES = ["linear", "srgb", 2.2, 0.5, 1.0]
+
+
+@pytest.fixture
+def values():
+    return np.linspace(-1.0, 2.0, 3001, dtype=np.float32).reshape(1, -1)
+
+
+@pytest.mark.parametrize("transfer", CURVES)
+def test_there_and_back(values, transfer):
+    # Powers of float32 values: relative roundings of 6e-8 times exponents up to 2.4, twice.
+    np.testing.assert_allclose(from_linear(to_linear(values, transfer), transfer), values, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(to_linear(from_linear(values, transfer), transfer), values, rtol=1e-6, atol=1e-7)
+
+
+@pytest.mark.parametrize("transfer", CURVES)
+def test_increasing_odd_and_fixed_at_zero_and_one(values, transfer):
+    for curve in (to_linear, from_linear):
+        coded = curve(values, transfer)
+        assert coded.dtype == np.float32
+        assert coded.shape == values.shape
+        assert np.all(np.diff(coded) > 0)
+        np.testing.assert_array_equal(curve(-values, transfer), -coded)
+        np.testing.assert_allclose(curve(np.array([0, 1], np.float32), transfer), [0, 1], atol=1e-7)
+
+
+def test_all_bytes_come_back():
+    stored = np.arange(256, dtype=np.float32) / 255
+    for transfer in CURVES:
+        assert np.array_equal(np.rint(255 * from_linear(to_linear(stored, transfer), transfer)), np.arange(256))
+
+
+@pytest.mark.parametrize(
+    ("stored", "light"), [(0.5, 0.21404114), (10 / 255, 0.0030352698), (11 / 255, 0.0033465358), (0.735357, 0.5)]
+)
+def test_known_values_of_srgb(stored, light):
+    assert to_linear(np.float32([stored]), "srgb")[0] == pytest.approx(light, rel=3e-6)
+    assert from_linear(np.float32([light]), "srgb")[0] == pytest.approx(stored, rel=3e-6)
+
+
+def test_the_two_parts_of_srgb_join():
+    around = np.float32([SRGB_STORED_END - 1e-6, SRGB_STORED_END + 1e-6])
+    # The standard's constants are rounded: the parts meet within 1e-8 in light.
+    assert abs(np.diff(to_linear(around, "srgb"))[0] - 2e-6 / 12.92) < 3e-8
+    around = np.float32([SRGB_LINEAR_END - 1e-7, SRGB_LINEAR_END + 1e-7])
+    assert abs(np.diff(from_linear(around, "srgb"))[0] - 2e-7 * 12.92) < 1e-7
+
+
+def test_gamma_is_the_exponent_to_light():
+    assert to_linear(np.float32([0.25]), 2.0)[0] == 0.0625
+
+
+def test_input_is_not_changed(values):
+    before = values.copy()
+    for transfer in CURVES:
+        to_linear(values, transfer)
+        from_linear(values, transfer)
+    np.testing.assert_array_equal(values, before)
+
+
+@pytest.mark.parametrize("transfer", ["srgb", "linear", 2.2, np.float32(1.8), 2])
+def test_accepts(transfer):
+    assert check_transfer(transfer) == transfer
+
+
+@pytest.mark.parametrize(
+    ("transfer", "message"),
+    [
+        ("sRGB", 'transfer must be "linear", "srgb" or a gamma, got \'sRGB\''),
+        ("2.2", "transfer must be"),
+        (0.0, "transfer must be greater than 0"),
+        (-2.2, "transfer must be greater than 0"),
+        (math.nan, "transfer must be finite"),
+        (None, "transfer must be a number"),
+    ],
+)
+def test_refuses(transfer, message):
+    with pytest.raises(InputError, match=message):
+        check_transfer(transfer)
+
+
+def test_normalized_light_fills_the_range_only_if_it_overshoots():
+    light = np.linspace(-0.5, 2.0, 10001, dtype=np.float32)
+    squeezed = normalized(light)
+    assert (squeezed.min(), squeezed.max()) == (0.0, 1.0)
+    # All but the outliers are scaled alike: 0.1 % at either end are clipped.
+    inside = (squeezed > 0) & (squeezed < 1)
+    assert np.count_nonzero(~inside) == pytest.approx(20, abs=4)
+    assert np.ptp(np.diff(squeezed[inside])) < 1e-5
+    tame = light[(light > 0.1) & (light < 0.9)]
+    np.testing.assert_array_equal(normalized(tame), tame)

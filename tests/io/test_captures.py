@@ -1,0 +1,168 @@
+"""Captures, clocks of sessions, and our own camera files."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from rsdeblur.errors import ClockError, FileFormatError
+from rsdeblur.io import read_camera, read_captures, read_gyro
+from rsdeblur.io.clocks import read_clocks
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+
+STAMP = 1_766_385_749_427_863_801
+ANDROID = (
+    "Timestamp[nanosec],fx[px],fy[px],Frame No.,Exposure time[nanosec],Sensor frame duration[nanosec],"
+    "Frame readout time[nanosec],ISO,Focal length,Focus distance,AF mode"
+)
+IOS = "Timestamp[nanosec], fx[px], fy[px], cx[px], cy[px], exposure duration[nanosec]"
+FILES = {
+    "android": f"{ANDROID}\n{STAMP},null,null,170,240000000,null,null,100,4.71,1.6,1\n{STAMP + 7},1,1,2,20000000,1\n",
+    "ios": f"{IOS}\n{STAMP}, 1500.1, 1500.1, 960, 540, 240000000\n{STAMP + 7}, null, null, null, null, 20000000\n",
+    "deepgyro": f"# stamps\n{STAMP} 240000000\n{STAMP + 7} 20000000\n",
+}
+
+
+def test_null_exposure_times_must_be_given(tmp_path: Path) -> None:
+    path = tmp_path / "movie_metadata.csv"
+    path.write_text("Timestamp[nanosec],fx[px],Exposure time[nanosec]\n1000,null,null\n2000,null,5000000\n")
+    with pytest.raises(FileFormatError, match="give the exposure time"):
+        read_captures(path)
+    assert [exposure.duration for exposure in read_captures(path, duration=0.01)] == [0.01, 0.005]
+
+
+@pytest.mark.parametrize(("source", "offset"), [("REALTIME", 0.0), ("UNKNOWN", -3.7948831225)])
+def test_clocks_of_a_session(tmp_path: Path, source: str, offset: float) -> None:
+    path = tmp_path / "edge_epochs.txt"
+    path.write_text(
+        "#Camera frame timestamp source according to CameraCharacteristics.SENSOR_INFO_TIMESTAMP_SOURCE is "
+        f"SENSOR_INFO_TIMESTAMP_SOURCE_{source}.\n#elapsedRealtimeNanos()\tnanoTime()\tDifference\n"
+        "1560503966948\t1556709084554\t3794882394\n1562660845704\t1558865961853\t3794883851\n"
+    )
+    assert read_clocks(path).time_offset == pytest.approx(offset, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [("1 2", "three whole numbers"), ("5 3 1", "not the difference"), ("9000000 0 9000000", "drift apart")],
+)
+def test_clocks_that_contradict_each_other(tmp_path: Path, line: str, message: str) -> None:
+    path = tmp_path / "edge_epochs.txt"
+    path.write_text(f"# SENSOR_INFO_TIMESTAMP_SOURCE is UNKNOWN\n7 3 4\n{line}\n")
+    with pytest.raises(FileFormatError, match=f"line 3: .*{message}"):
+        read_clocks(path)
+
+
+@pytest.mark.parametrize("text", FILES.values(), ids=FILES)
+def test_formats(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "captures.txt"
+    path.write_text(text)
+    assert read_captures(path) == [Exposure(0.0, 0.24, STAMP), Exposure(0.0, 0.02, STAMP + 7)]
+
+
+FAULTS = {
+    "null stamp": (f"{ANDROID}\nnull,1,1,1,5000000,1,1\n", 2, "'null' in column 1 is not a number"),
+    "zero exposure": (f"{IOS}\n1,1,1,1,1,5000000\n2,1,1,1,1,0\n", 3, "impossible exposure time of 0 ns"),
+    "negative exposure": ("1 100\n2 -100\n", 2, "impossible exposure time of -100 ns"),
+    "too few columns": ("1 100\n2\n3 100\n", 2, "too few columns: 1 found, at least 2"),
+    "cut off": ("1 100\n2", 2, "cut off"),
+    "nan": ("1 100\n2 nan\n", 2, "not finite"),
+    "beyond int64": (f"1 100\n{2**64} 100\n", 2, "beyond the int64 range"),
+    "unknown": ("a b c\n", 1, "unknown capture file format, .*; known formats: .*mars .*deepgyro"),
+    "gyro log": ("1 0.1 0.2 0.3\n", 1, "unknown capture file format"),
+}
+
+
+@pytest.mark.parametrize(("text", "line", "message"), FAULTS.values(), ids=FAULTS)
+def test_faults_name_the_file_and_the_line(tmp_path: Path, text: str, line: int, message: str) -> None:
+    path = tmp_path / "captures.txt"
+    path.write_text(text)
+    with pytest.raises(FileFormatError, match=rf"captures\.txt, line {line}: .*{message}"):
+        read_captures(path)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"), [(b"", "empty"), (b"\x89PNG\0", "binary"), (ANDROID.encode(), "no samples"), (None, "No such")]
+)
+def test_faults_of_the_whole_file_name_it(tmp_path: Path, data: bytes | None, message: str) -> None:
+    path = tmp_path / "captures.txt"
+    if data is not None:
+        path.write_bytes(data)
+    with pytest.raises(FileFormatError, match=rf"captures\.txt: .*{message}"):
+        read_captures(path)
+
+
+def test_real_captures(data_dir: Path) -> None:
+    mars = read_captures(data_dir / "real/mars-phone-240ms/movie_metadata.csv")
+    burst = read_captures(data_dir / "real/shield-burst/images/images.txt")
+    assert (len(mars), len(burst)) == (10, 7)
+    assert mars[0] == Exposure(0.0, 0.24, 1_560_201_774_322)
+    assert burst[-1] == Exposure(0.0, 0.02, 767_900_977_000)
+
+
+def test_read_camera_reads_what_save_wrote(tmp_path: Path) -> None:
+    camera = Camera(
+        1080, 1920, 1500.0, readout_time=0.0056, imu_to_camera=np.diag([1.0, -1.0, -1.0]), time_offset=-0.01
+    )
+    camera.save(tmp_path / "phone.toml")
+    again = read_camera(tmp_path / "phone.toml")
+    assert (again.width, again.height, again.focal_length, again.principal_point) == (
+        1080,
+        1920,
+        (1500.0, 1500.0),
+        (539.5, 959.5),
+    )
+    assert (again.readout_time, again.readout_direction, again.time_offset) == (0.0056, "top-down", -0.01)
+    np.testing.assert_array_equal(again.imu_to_camera, camera.imu_to_camera)
+
+
+def test_read_camera_refuses_what_is_no_camera(tmp_path: Path) -> None:
+    (tmp_path / "phone.toml").write_text("width = 1080\nheight = 1920\nfocal_length = 1500\nread_out = 0.0056\n")
+    with pytest.raises(FileFormatError, match=r"phone\.toml: unknown key 'read_out'; did you mean 'readout_time'"):
+        read_camera(tmp_path / "phone.toml")
+    with pytest.raises(FileFormatError, match=r"none\.toml"):
+        read_camera(tmp_path / "none.toml")
+
+
+def test_stamps_alone_need_the_exposure_time(tmp_path: Path) -> None:
+    path = tmp_path / "timestamps.csv"
+    for text in (f"{STAMP}\n{STAMP + 7}\n", f"Frame timestamp[nanosec]\n{STAMP}\n{STAMP + 7}\n"):
+        path.write_text(text)
+        assert read_captures(path, duration=0.1) == [Exposure(0.0, 0.1, STAMP), Exposure(0.0, 0.1, STAMP + 7)]
+        with pytest.raises(FileFormatError, match=r"timestamps\.csv: .* stamps without exposure times"):
+            read_captures(path)
+
+
+def test_image_info_of_gyrodeblurnet(tmp_path: Path) -> None:
+    path = tmp_path / "image_info.txt"
+    path.write_text(f"{STAMP} 800 33333333 3182.59 3179.30 1458.69 2114.26 0\n")
+    assert read_captures(path) == [Exposure(0.0, 0.033333333, STAMP)]
+
+
+def test_a_jpeg_with_gyro_data_contains_its_capture(tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0x829A] = 0.0625
+    for block, expected in ((exif, [Exposure(0.0, 0.0625, STAMP)]), (None, None)):
+        path = tmp_path / "a.jpg"
+        Image.new("RGB", (8, 8)).save(path, **({} if block is None else {"exif": block}))
+        header = struct.pack("<16sqIIq", b"GYRODATA", STAMP, 1, 0, 0)
+        path.write_bytes(path.read_bytes() + header.ljust(16384, b"\0"))
+        if expected is None:
+            with pytest.raises(FileFormatError, match="without exposure times"):
+                read_captures(path)
+        else:
+            assert read_captures(path) == expected
+
+
+def test_the_stamps_of_opencamera_have_another_clock(data_dir: Path) -> None:
+    """The gyro log and the frames do not overlap: that is an error, never an extrapolation."""
+    folder = data_dir / "formats/opencamera-sensors"
+    exposure = read_captures(folder / "timestamps.csv", duration=0.02)[0]
+    log = read_gyro(folder / "gyro_data.csv")
+    with pytest.raises(ClockError, match="unrelated clocks"):
+        log.covering(exposure.start, exposure.start + 0.02, exposure.epoch_ns)

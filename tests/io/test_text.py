@@ -1,0 +1,97 @@
+"""Tables of text: stamps stay exact however they are written, and an error names the line."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rsdeblur.errors import FileFormatError
+from rsdeblur.io import text
+from rsdeblur.io.text import Table, TextFile, read_table
+
+UNITS = [Decimal(1), Decimal(10**9), Decimal("976562.5"), Decimal("0.3"), Decimal("0.5"), Decimal("1e-3")]
+FORMS: dict[str, Callable[[np.random.Generator], str]] = {
+    "whole": lambda rng: str(rng.integers(-(10**6), 10**17)),
+    "halves": lambda rng: f"{rng.integers(10**6)}{rng.choice(['', '.5', '.25', '.50'])}",
+    "decimals": lambda rng: f"{rng.uniform(-10, 1e6):.{rng.integers(10)}f}",
+    "since 1970": lambda rng: f"{rng.integers(10**9, 2 * 10**9)}.{rng.integers(10**9):09d}",
+    "exponents": lambda rng: f"{rng.uniform(-10, 1e6):.9e}",
+    "long": lambda rng: f"{rng.uniform(0, 1e3):.25f}",
+    "longer": lambda rng: "0" * 60 + f"{rng.uniform(0, 1e3):.25f}" + "0" * 60,
+    "signs": lambda rng: rng.choice(["+.5", "-.25", "-7.", "+7", " 8.5 ", "-0.0", '"9.5"']),
+    "mixed": lambda rng: FORMS[rng.choice(["whole", "decimals", "exponents", "long", "signs"])](rng),
+}
+
+
+def parse(content: str) -> TextFile:
+    return TextFile.parse(Path("log.csv"), content.encode(), "log")
+
+
+def table(content: str) -> Table:
+    parsed = parse(content)
+    return read_table(parsed, parsed.rows, [0, 1])
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("block", [1, 7, 1000])
+def test_stamps_are_exact(form: str, block: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(text, "BLOCK", block)
+    rng = np.random.default_rng(0)
+    stamps = [FORMS[form](rng) for _ in range(50)]
+    found = table("".join(f"{stamp},{i}\n" for i, stamp in enumerate(stamps)))
+    assert found.values[:, 0].tolist() == list(range(50))
+    exact = [Decimal(stamp.strip('"')) for stamp in stamps]
+    for unit in UNITS:
+        if max(abs(stamp * unit) for stamp in exact) < 2**62:
+            assert found.nanoseconds(unit).tolist() == [round(stamp * unit) for stamp in exact]
+
+
+def test_whole_stamps_fill_int64() -> None:
+    limit = 2**63 - 4096
+    assert table(f"{-limit},1\n{limit - 1},1\n").nanoseconds(Decimal(1)).tolist() == [-limit, limit - 1]
+    for stamp in (2**63 - 1, -(2**63), 2**63, 10**300, f"{limit}e3"):
+        with pytest.raises(FileFormatError, match=r"line 2: stamp .* is beyond the int64 range"):
+            table(f"0,1\n{stamp},1\n").nanoseconds(Decimal(1))
+
+
+def test_a_fraction_is_kept_by_every_numpy() -> None:
+    """NumPy before 2.3 reads 1.5 as the integer 1, and only warns."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert table("0.5,1\n1.5,1\n").nanoseconds(Decimal(10**9)).tolist() == [500_000_000, 1_500_000_000]
+
+
+@pytest.mark.parametrize("stamp", ["-.", ".", "1_0.5", "1.-5", "--5.5", "5 5.5", "x", "", "0x10", "1d5"])
+def test_a_stamp_that_is_not_a_number_is_refused_with_its_line(stamp: str) -> None:
+    with pytest.raises(FileFormatError, match=r"line 3: '.*' in column 1 is not a number"):
+        table(f"0.5,1\n1.5,1\n{stamp},1\n3.5,1\n")
+
+
+@pytest.mark.parametrize("cell", ["nan", "-inf", "Infinity", "1e400"])
+@pytest.mark.parametrize("column", [0, 1])
+def test_a_cell_that_is_not_finite_is_refused_with_its_line(cell: str, column: int) -> None:
+    cells = ["2.5", "1"]
+    cells[column] = cell
+    with pytest.raises(FileFormatError, match=f"line 3: '{cell}' in column {column + 1} is not finite"):
+        table(f"0.5,1\n1.5,1\n{','.join(cells)}\n3.5,1\n")
+
+
+@pytest.mark.parametrize("first", ["0", "0.5"])
+def test_an_open_quote_does_not_swallow_lines(first: str) -> None:
+    with pytest.raises(FileFormatError, match="line 2: a quote is not closed"):
+        table(f'{first},1,a\n1,2,"a\n2,3,a\n3,4,a\n')
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_lines_are_those_of_the_text(end: str, encoding: str) -> None:
+    lines = ["# a", "1,2", "", " ", "\t# b", " 3,4", "\u3000", "\u3000\u00b5", "\x1c", "#", "5,6", "\x1c7"]
+    parsed = TextFile.parse(Path("log.csv"), end.join(lines).encode(encoding), "log")
+    assert parsed.lines == end.join(lines).split("\n")
+    assert parsed.rows.tolist() == [i for i, line in enumerate(lines) if line.strip() and line.strip()[0] != "#"]
+    assert list(parsed.filled()) == [parsed.lines[row] for row in parsed.rows]

@@ -1,0 +1,214 @@
+"""Laws of moving lines, on the C kernels and on their NumPy twins.
+
+The picture is unchanged, and its continuation joins smoothly.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rsdeblur.deconv.border import fade
+from rsdeblur.kernels import lines, native, why_pure
+
+N = 40
+
+
+NAMES = ("picture_to_lines", "lines_to_picture", "rows_to_columns", "columns_to_rows", "cut_lines")
+
+needs_native = pytest.mark.skipif(native is None, reason=f"no C extension: {why_pure}")
+
+
+@pytest.fixture(params=[pytest.param("native", marks=needs_native), "numpy"])
+def kernels(request):
+    if request.param == "native":
+        return native
+    return SimpleNamespace(**{name: getattr(lines, name + "_numpy") for name in NAMES})
+
+
+def complex_noise(*shape):
+    rng = np.random.default_rng(0)
+    return (rng.random(shape) + 1j * rng.random(shape)).astype(np.complex64)
+
+
+@pytest.fixture
+def extended(kernels):
+    """Function that returns a tile of `length` at `start` of the rows of `source` (N, C)."""
+
+    def cut(source, length, start, *, taper=0, border="blend"):
+        out = np.full((source.shape[1], 1, length), np.nan, dtype=np.float32)
+        assert kernels.picture_to_lines(source[None].copy(), 0, 1, start, fade(taper), border == "periodic", out)
+        return out[:, 0].T
+
+    return cut
+
+
+@pytest.fixture
+def noise():
+    return np.random.default_rng(0).random((N, 3)).astype(np.float32)
+
+
+@pytest.mark.parametrize(("length", "start"), [(40, 0), (60, 0), (60, -13), (25, 7), (25, -9), (25, 30), (200, -70)])
+def test_periodic_repeats(extended, noise, length, start):
+    expected = np.take(noise, np.arange(start, start + length), axis=0, mode="wrap")
+    np.testing.assert_array_equal(extended(noise, length, start, border="periodic"), expected)
+
+
+@pytest.mark.parametrize(("length", "start"), [(40, 0), (60, 0), (60, -13), (25, 7), (25, -9), (25, 30), (200, -70)])
+def test_blend_reflects_and_repeats_the_border_pixel(extended, noise, length, start):
+    wide = np.pad(noise, ((300, 300), (0, 0)), mode="symmetric")
+    np.testing.assert_array_equal(extended(noise, length, start), wide[300 + start : 300 + start + length])
+
+
+@pytest.mark.parametrize("border", ["blend", "periodic"])
+@pytest.mark.parametrize(("length", "start", "taper"), [(60, -8, 12), (52, 0, 12), (30, 5, 8), (30, -10, 8)])
+def test_inside_is_untouched(extended, noise, border, length, start, taper):
+    out = extended(noise, length, start, taper=taper, border=border)
+    inside = [k for k in range(length - taper) if 0 <= start + k < N]
+    np.testing.assert_array_equal(out[inside], noise[start + np.array(inside)])
+
+
+@pytest.mark.parametrize(("length", "start", "taper"), [(64, -6, 16), (56, 0, 16), (36, 10, 16)])
+def test_ends_of_a_smooth_picture_meet_smoothly(extended, length, start, taper):
+    x = np.linspace(0.0, 1.0, N)
+    # A ramp and a curve, whose two ends differ by 0.9.
+    picture = (0.9 * x + 0.1 * np.sin(7 * x)).astype(np.float32)[:, None]
+    out = extended(picture, length, start, taper=taper)[:, 0]
+    steps = np.abs(np.diff(np.append(out, out[0])))
+    # The fade crosses at most the whole range, with the slope of half a cosine period over `taper`, in addition to
+    # the picture's own steps on both sides.
+    allowed = 0.9 * np.pi / 2 / taper + 2 * np.abs(np.diff(picture[:, 0])).max()
+    assert steps[-1] <= 2 * np.abs(np.diff(picture[:, 0])).max()
+    assert steps.max() <= allowed
+
+
+def test_without_a_taper_the_ends_do_not_meet(extended):
+    # The law above can fail.
+    picture = np.linspace(0.0, 0.9, N, dtype=np.float32)[:, None]
+    out = extended(picture, 36, 0)[:, 0]
+    assert abs(out[-1] - out[0]) > 0.7
+
+
+def test_the_taper_fades_from_one_end_into_the_other(extended):
+    low, high = np.zeros((20, 1), np.float32), np.ones((20, 1), np.float32)
+    out = extended(np.concatenate([low, high]), 52, 0, taper=12)[:, 0]
+    # After the last row, which is bright, the continuation falls to the first row, which is dark.
+    end = out[40:]
+    assert np.all(np.diff(end) < 0)
+    assert 0.95 < end[0] < 1
+    assert 0 < end[-1] < 0.05
+    np.testing.assert_allclose(end + end[::-1], 1, atol=1e-6)
+
+
+@pytest.mark.parametrize(("length", "start"), [(30, 4), (30, -5), (60, -8)])
+def test_the_taper_ends_where_the_start_begins(extended, noise, length, start):
+    taper = 10
+    wide = np.pad(noise, ((300, 300), (0, 0)), mode="symmetric")
+    after = wide[300 + start + length - taper : 300 + start + length]
+    before = wide[300 + start - taper : 300 + start]
+    share = (extended(noise, length, start, taper=taper)[-taper:] - after) / (before - after)
+    # One increasing weight for all channels; differences of noise are often small, hence the tolerance.
+    np.testing.assert_allclose(share, np.repeat(share[:, :1], 3, axis=1), atol=1e-3)
+    assert np.all(np.diff(share, axis=0) > 0)
+
+
+@pytest.mark.parametrize("start", [-6, 0, 11, 30, 100, -100])
+@pytest.mark.parametrize("border", ["blend", "periodic"])
+def test_columns_are_cut_like_rows(kernels, extended, noise, start, border):
+    columns = np.full((2, 3, N + 5), np.nan, np.complex64)
+    columns[..., :N] = np.stack([noise.T, 2 * noise.T]) * np.complex64(1 - 2j)
+    slab = np.empty((2, 3, 30), np.complex64)
+    kernels.cut_lines(columns, N, start, fade(8), border == "periodic", slab)
+    row = extended(noise, 30, start, taper=8, border=border).T * (1 - 2j)
+    # Two roundings of values of order 1.
+    np.testing.assert_allclose(slab, [row, 2 * row], atol=1e-6)
+
+
+@pytest.mark.parametrize("border", ["blend", "periodic"])
+def test_columns_are_extended_in_place(kernels, border):
+    columns = complex_noise(2, 3, N + 20)
+    elsewhere = np.empty_like(columns)
+    kernels.cut_lines(columns, N, 0, fade(20), border == "periodic", elsewhere)
+    kernels.cut_lines(columns, N, 0, fade(20), border == "periodic", columns)
+    np.testing.assert_array_equal(columns, elsewhere)
+
+
+@pytest.mark.parametrize(("height", "count"), [(1, 1), (7, 3), (16, 16), (33, 24), (100, 13)])
+def test_rows_become_columns_and_come_back(kernels, height, count):
+    rows = complex_noise(3, height + 2, count + 9)
+    columns = np.full((3, count, height + 3), 7, np.complex64)
+    kernels.rows_to_columns(rows, 5, height, columns)
+    np.testing.assert_array_equal(columns[..., :height], rows[:, :height, 5 : 5 + count].swapaxes(1, 2))
+    np.testing.assert_array_equal(columns[..., height:], 7)
+    back = np.full_like(rows, 7)
+    kernels.columns_to_rows(columns, back, 5, height)
+    place = np.s_[:, :height, 5 : 5 + count]
+    np.testing.assert_array_equal(back[place], rows[place])
+    back[place] = 7
+    np.testing.assert_array_equal(back, 7)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_what_is_not_finite_is_reported_where_it_is_read(kernels, bad, channels):
+    picture = np.zeros((3, 50, channels), np.float32)
+    picture[1, 20, -1] = bad
+    line = np.empty((channels, 1, 10), np.float32)
+    seen = [kernels.picture_to_lines(picture, 1, 1, start, fade(0), False, line) for start in (0, 10, 11, 20, 21)]
+    assert seen == [True, True, False, False, True]
+    assert kernels.picture_to_lines(picture, 0, 1, 15, fade(0), False, line)
+    # Values that are huge but finite, and the smallest ones.
+    picture[1, 20] = [[3e38], [1e-45]][channels == 1]
+    assert kernels.picture_to_lines(picture, 1, 1, 15, fade(0), False, line)
+
+
+@pytest.mark.parametrize("add", [False, True])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_lines_go_back_to_their_place(kernels, noise, add, channels):
+    picture = np.full((4, 12, channels), 0.5, np.float32)
+    source = np.stack([noise.T, noise.T[::-1], noise.T], axis=1)[:channels].copy()
+    weights = np.linspace(0.1, 1, 7, dtype=np.float32)
+    kernels.lines_to_picture(source, 2, 5, weights, 4, add, picture, 1)
+    expected = np.full((4, 12, channels), 0.5)
+    values = weights[:, None] * np.moveaxis(source, 0, -1)[:2, 5:12]
+    expected[1:3, 4:11] = values + 0.5 if add else values
+    # One product and one sum of values of order 1.
+    np.testing.assert_allclose(picture, expected, atol=1e-6)
+
+
+@needs_native
+class TestMisuse:
+    """The binding refuses arguments that would make the C code read or write beyond an array."""
+
+    picture, lines = np.zeros((4, 12, 3), np.float32), np.zeros((3, 4, 20), np.float32)
+    rows, columns = np.zeros((3, 9, 30), np.complex64), np.zeros((3, 16, 9), np.complex64)
+    ramp, weights = fade(4), np.ones(5, np.float32)
+
+    @pytest.mark.parametrize(
+        ("name", "args", "message"),
+        [
+            ("picture_to_lines", ("picture", 1, 4, 0, "ramp", False, "lines"), "rows from top on"),
+            ("picture_to_lines", ("picture", -1, 1, 0, "ramp", False, "lines"), "rows from top on"),
+            ("picture_to_lines", ("lines", 0, 1, 0, "ramp", False, "lines"), "same channels"),
+            ("picture_to_lines", ("picture", 0, 1, 2**62, "ramp", False, "lines"), "overflows"),
+            ("lines_to_picture", ("lines", 4, 0, "weights", 8, False, "picture", 0), "first on within picture"),
+            ("lines_to_picture", ("lines", 4, 16, "weights", 0, False, "picture", 0), "offset on must lie within"),
+            ("lines_to_picture", ("lines", 4, 0, "weights", 0, False, "picture", 1), "rows from top on"),
+            ("rows_to_columns", ("rows", 15, 9, "columns"), "columns from first on"),
+            ("rows_to_columns", ("rows", 0, 10, "columns"), "height must lie within"),
+            ("columns_to_rows", ("columns", "rows", -1, 9), "columns from first on"),
+            ("cut_lines", ("columns", 10, 0, "ramp", False, "columns"), "height must lie within"),
+            ("cut_lines", ("columns", 9, 1, "ramp", False, "columns"), "starts at 0"),
+            ("cut_lines", ("rows", 9, 0, "ramp", False, "columns"), "same channels and columns"),
+        ],
+    )
+    def test_what_lies_outside(self, name, args, message):
+        args = [getattr(self, arg) if isinstance(arg, str) else arg for arg in args]
+        with pytest.raises(ValueError, match=message):
+            getattr(native, name)(*args)
+
+    def test_a_taper_longer_than_the_tile(self):
+        with pytest.raises(ValueError, match="overflows"):
+            native.picture_to_lines(self.picture, 0, 1, 0, fade(21), False, self.lines)

@@ -1,0 +1,181 @@
+"""Laws of the rowwise kernels, on the C code and on its SciPy twin."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rsdeblur.kernels import native, rowwise, why_pure
+from rsdeblur.kernels.rowwise import BLOCK, LANES, RowModel
+
+needs_native = pytest.mark.skipif(native is None, reason=f"no C extension: {why_pure}")
+SHIFTS, LENGTH = 12, 50
+
+
+@pytest.fixture(params=[pytest.param("native", marks=needs_native), "numpy"])
+def kernels(request):
+    suffix = "" if request.param == "native" else "_numpy"
+    return SimpleNamespace(
+        **{name: getattr(rowwise, name + suffix) for name in ("forward", "adjoint", "solve", "workspace_size")}
+    )
+
+
+def random_model(rng, rows, tallest):
+    """Return a model whose rows see 1 to `tallest` latent rows near their own position."""
+    taps = [
+        (y, first + n, int(rng.integers(SHIFTS)), rng.random() / tallest)
+        for y in range(rows)
+        for height in [int(rng.integers(1, tallest + 1))]
+        for first in [y + int(rng.integers(tallest - height + 1))]
+        for n in range(height)
+        for _ in range(2)
+    ]
+    blocks = -(-(rows + tallest) // BLOCK)
+    seen = [[y for y, latent, _, _ in taps if latent // BLOCK == b] for b in range(blocks)]
+    first = [min(ys, default=0) for ys in seen]
+    end = [max(ys, default=-1) + 1 for ys in seen]
+    sees = [min(latent // BLOCK for y, latent, _, _ in taps if y == row) for row in range(rows)]
+    coupled = [min([max(b - 1, 0), *sees[first[b] : end[b]]]) for b in range(blocks)]
+    order = [
+        [t for t in taps if t[0] == y and t[1] == latent]
+        for latent in range(BLOCK * blocks)
+        for y in range(first[latent // BLOCK], end[latent // BLOCK])
+    ]
+    start = np.cumsum([0, *map(len, order)])
+    shift, weight = zip(*[(s, w) for pair in order for _, _, s, w in pair], strict=True)
+    arrays = [np.array(values, dtype=np.int32) for values in (first, end, coupled, start, shift)]
+    return RowModel._make([*arrays, np.array(weight, dtype=np.float32)]), taps
+
+
+def case(rows=20, tallest=7, channels=3, seed=0):
+    rng = np.random.default_rng(seed)
+    model, taps = random_model(rng, rows, tallest)
+    data, latent = (rng.uniform(-1, 1, (channels, n, 2, LANES)).astype(np.float32) for n in (rows, model.latents))
+    table = rowwise.phase_table(1, -4, SHIFTS, LENGTH)
+    return SimpleNamespace(model=model, taps=taps, data=data, latent=latent, table=table, rows=rows)
+
+
+def workspace(kernels, c, solve):
+    return np.empty(kernels.workspace_size(c.model, c.table, c.rows, solve), dtype=np.float32)
+
+
+def dense(c):
+    """Return the matrices A of all lanes, computed by definition, shape (16, H, L)."""
+    matrices = np.zeros((LANES, c.rows, c.model.latents), dtype=complex)
+    for y, latent, shift, weight in c.taps:
+        matrices[:, y, latent] += weight * np.exp(-2j * np.pi * (LANES + np.arange(LANES)) * (shift - 4) / LENGTH)
+    return matrices
+
+
+def values(lanes):
+    """Return lanes as complex numbers, shape (16, R, C)."""
+    return np.moveaxis(lanes[:, :, 0] + 1j * lanes[:, :, 1].astype(complex), (0, 1, 2), (2, 1, 0))
+
+
+# Numbers of channels below and above the block of three.
+CASES = [(20, 7, 3), (50, 16, 1), (33, 9, 2), (7, 3, 4), (9, 1, 5)]
+
+
+@pytest.mark.parametrize(("rows", "tallest", "channels"), CASES)
+def test_forward_and_adjoint_are_the_matrix(kernels, rows, tallest, channels):
+    c = case(rows, tallest, channels)
+    blur, data, latent = dense(c), np.empty_like(c.data), np.empty_like(c.latent)
+    kernels.forward(c.model, c.table, data, c.latent, workspace(kernels, c, False))
+    kernels.adjoint(c.model, c.table, c.data, latent, workspace(kernels, c, False))
+    # Sums of some dozen values below 1 in float32.
+    np.testing.assert_allclose(values(data), blur @ values(c.latent), atol=2e-6)
+    np.testing.assert_allclose(values(latent), blur.conj().swapaxes(1, 2) @ values(c.data), atol=2e-6)
+
+
+@pytest.mark.parametrize(("rows", "tallest", "channels"), CASES)
+@pytest.mark.parametrize("smooth", [0.0, 0.3])
+def test_solve_solves(kernels, rows, tallest, channels, smooth):
+    c = case(rows, tallest, channels, seed=1)
+    blur, n = dense(c), c.model.latents
+    ridge = np.linspace(0.05, 0.1, LANES, dtype=np.float32)
+    d = np.diff(np.eye(n), axis=0)
+    normal = blur.conj().swapaxes(1, 2) @ blur + ridge[:, None, None] * np.eye(n) + smooth * d.T @ d
+    expected = np.linalg.solve(normal, blur.conj().swapaxes(1, 2) @ values(c.data) + values(c.latent))
+    kernels.solve(c.model, c.table, c.data, c.latent, workspace(kernels, c, True), ridge, smooth)
+    # Rounding 6e-8 times the condition number, at most 2 / 0.05, times a few steps.
+    np.testing.assert_allclose(values(c.latent), expected, atol=2e-5 * np.abs(expected).max())
+
+
+def test_spectra_and_lanes():
+    rng = np.random.default_rng(2)
+    spectra = (rng.random((3, 16, 37)) + 1j * rng.random((3, 16, 37))).astype(np.complex64)
+    for put, get in (
+        (rowwise.spectra_to_lanes, rowwise.lanes_to_spectra),
+        (rowwise.spectra_to_lanes_numpy, rowwise.lanes_to_spectra_numpy),
+    ):
+        lanes = np.zeros((3, 3, 20, 2, LANES), dtype=np.float32)
+        put(spectra, 5, lanes, 7)
+        np.testing.assert_array_equal(lanes[1, 2, 9, :, 4], [spectra[2, 2, 20].real, spectra[2, 2, 20].imag])
+        assert not lanes[:, :, :7].any()
+        assert not lanes[:, :, 12:].any()
+        back = np.zeros_like(spectra)
+        get(lanes, 7, back, 5)
+        np.testing.assert_array_equal(back[:, :5], spectra[:, :5])
+        assert not back[:, 5:].any()
+
+
+@needs_native
+class TestMisuse:
+    """The binding refuses arguments that would make the C code read or write beyond an array."""
+
+    def solve(self, change, **replaced):
+        c = case()
+        space = workspace(rowwise, c, True)
+        model = c.model._replace(**{k: f(getattr(c.model, k).copy()) for k, f in change.items()})
+        own = {"table": c.table, "data": c.data, "latent": c.latent, "workspace": space} | replaced
+        native.rowwise_solve(*model, *own.values(), np.full(LANES, 0.1, np.float32), 0.0)
+
+    def test_accepts_what_is_right(self):
+        self.solve({})
+
+    @pytest.mark.parametrize(
+        ("change", "message"),
+        [
+            ({"row_first": lambda a: a[:-1].copy()}, "same length"),
+            ({"tap_weight": lambda a: a[:-1].copy()}, "same length"),
+            ({"tap_start": lambda a: a[:-1].copy()}, "tap_start must have"),
+            ({"tap_start": lambda a: a[::-1].copy()}, "inconsistent"),
+            ({"tap_shift": lambda a: a + SHIFTS}, "inconsistent"),
+            ({"tap_shift": lambda a: a - SHIFTS}, "inconsistent"),
+            ({"coupled": lambda a: a + 1}, "inconsistent"),
+            ({"coupled": lambda a: a - 100}, "inconsistent"),
+            ({"row_first": lambda a: a - 1, "row_end": lambda a: a - 1}, "inconsistent"),
+            ({"row_first": lambda a: a + 1, "row_end": lambda a: a + 1}, "inconsistent"),
+        ],
+    )
+    def test_inconsistent_models(self, change, message):
+        with pytest.raises(ValueError, match=message):
+            self.solve(change)
+
+    def test_arrays_that_do_not_fit(self):
+        c = case()
+        for replaced, message in (
+            ({"workspace": np.empty(10, np.float32)}, "workspace is too small"),
+            ({"latent": c.latent[:, :-1].copy()}, "three rows per block"),
+            ({"latent": c.latent[:1].copy()}, "same channels"),
+            ({"table": c.table[:, :, :8].copy()}, "table must have shape"),
+            ({"data": c.data[:, :-3].copy()}, "inconsistent"),
+        ):
+            with pytest.raises(ValueError, match=message):
+                self.solve({}, **replaced)
+        with pytest.raises(TypeError, match="data must be float32"):
+            self.solve({}, data=c.data.astype(float))
+        both = np.empty((3, c.model.latents, 2, LANES), np.float32)
+        with pytest.raises(ValueError, match="must not overlap"):
+            self.solve({}, latent=both, data=both)
+
+    def test_gradients_need_coupled_neighbours(self):
+        c = case(9, 1)
+        model = c.model._replace(coupled=np.arange(len(c.model.coupled), dtype=np.int32))
+        space = np.empty(native.rowwise_workspace(*model, c.table, c.rows, 1), np.float32)
+        ridge = np.full(LANES, 0.1, np.float32)
+        native.rowwise_solve(*model, c.table, c.data, c.latent, space, ridge, 0.0)
+        with pytest.raises(ValueError, match="inconsistent"):
+            native.rowwise_solve(*model, c.table, c.data, c.latent, space, ridge, 0.1)

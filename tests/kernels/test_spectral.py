@@ -1,0 +1,141 @@
+"""Laws of the spectral kernels, on the C code and on its NumPy twin."""
+
+from __future__ import annotations
+
+import os
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rsdeblur.kernels import native, spectral, why_pure
+
+# Values are of order 1 and each result is one complex product and one sum: a few roundings of 6e-8.
+TOLERANCE = {"rtol": 0, "atol": 1e-6}
+
+needs_native = pytest.mark.skipif(native is None, reason=f"no C extension: {why_pure}")
+
+
+@pytest.fixture(params=[pytest.param("native", marks=needs_native), "numpy"])
+def kernels(request):
+    if request.param == "native":
+        return SimpleNamespace(multiply=native.multiply, blend=native.blend)
+    return SimpleNamespace(multiply=spectral.multiply_numpy, blend=spectral.blend_numpy)
+
+
+def complex_noise(rng, *shape):
+    return (rng.uniform(-1, 1, shape) + 1j * rng.uniform(-1, 1, shape)).astype(np.complex64)
+
+
+@pytest.mark.skipif(os.environ.get("RSDEBLUR_REQUIRE_CEXT", "0") != "1", reason="RSDEBLUR_REQUIRE_CEXT is not 1")
+def test_c_code_is_in_use():
+    assert native is not None, why_pure
+    assert spectral.multiply is native.multiply
+    assert spectral.blend is native.blend
+
+
+def test_the_names_are_native_where_that_exists():
+    assert spectral.multiply is (native.multiply if native else spectral.multiply_numpy)
+    assert spectral.blend is (native.blend if native else spectral.blend_numpy)
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 1), (3, 7, 13), (4, 16, 129), (2, 0, 5), (0, 3, 5)])
+def test_multiply_is_the_complex_product(kernels, shape):
+    rng = np.random.default_rng(1)
+    spectra, response = complex_noise(rng, *shape), complex_noise(rng, *shape[1:])
+    expected = spectra.astype(np.complex128) * response.astype(np.complex128)
+    assert kernels.multiply(spectra, response) is None
+    np.testing.assert_allclose(spectra, expected, **TOLERANCE)
+
+
+@pytest.mark.parametrize("n", [0, 1, 6])
+def test_blend_adds_weighted_positions_and_touches_no_other(kernels, n):
+    rng = np.random.default_rng(2)
+    accumulator, slab = complex_noise(rng, 3, 5, 11), complex_noise(rng, 3, 5, 9)
+    weights = rng.uniform(-1, 1, n).astype(np.float32)
+    expected = accumulator.astype(np.complex128)
+    for i, weight in enumerate(weights):
+        expected[..., 4 + i] += float(weight) * slab[..., 2 + i]
+    assert kernels.blend(accumulator, slab, weights, 4, 2) is None
+    np.testing.assert_allclose(accumulator, expected, **TOLERANCE)
+
+
+def test_slabs_with_windows_that_sum_to_one_rebuild_the_picture(kernels):
+    rng = np.random.default_rng(3)
+    picture = complex_noise(rng, 2, 9, 20)
+    up = np.linspace(0, 1, 6, dtype=np.float32)
+    accumulator = np.zeros_like(picture)
+    kernels.blend(accumulator, picture, np.r_[np.ones(7, np.float32), 1 - up], 0, 0)
+    lower = picture[..., 7:].copy()
+    kernels.blend(accumulator, lower, np.r_[up, np.ones(7, np.float32)], 7, 0)
+    np.testing.assert_allclose(accumulator, picture, **TOLERANCE)
+
+
+@needs_native
+class TestMisuse:
+    """The binding refuses arguments that would make the C code read or write beyond an array, and changes nothing."""
+
+    @pytest.fixture
+    def arrays(self):
+        rng = np.random.default_rng(4)
+        return SimpleNamespace(
+            spectra=complex_noise(rng, 2, 5, 6),
+            response=complex_noise(rng, 5, 6),
+            weights=np.ones(4, np.float32),
+            whole=complex_noise(rng, 2, 5, 10),
+        )
+
+    @pytest.mark.parametrize(
+        ("change", "error", "message"),
+        [
+            (lambda a: a.astype(np.complex128), TypeError, "response must be complex64, got a buffer of format 'Zd'"),
+            (lambda a: a.astype(">c8"), TypeError, "response must be complex64"),
+            (lambda a: a.real.copy(), TypeError, "response must be complex64"),
+            (lambda a: a[None], ValueError, "response must have 2 dimensions, got 3"),
+            (lambda a: np.asfortranarray(a), ValueError, "response must be C-contiguous"),
+            (lambda a: a[:, :4].copy(), ValueError, "response must have the shape of one channel"),
+            (lambda a: a.tolist(), TypeError, "list"),
+        ],
+    )
+    def test_multiply_names_the_argument(self, arrays, change, error, message):
+        before = arrays.spectra.copy()
+        with pytest.raises(error, match=message):
+            native.multiply(arrays.spectra, change(arrays.response))
+        np.testing.assert_array_equal(arrays.spectra, before)
+
+    def test_read_only_and_overlap(self, arrays):
+        with pytest.raises(ValueError, match="spectra and response must not overlap"):
+            native.multiply(arrays.spectra, arrays.spectra[1])
+        with pytest.raises(ValueError, match="accumulator must not overlap"):
+            native.blend(arrays.whole, arrays.whole, arrays.weights, 0, 4)
+        arrays.spectra.flags.writeable = False
+        with pytest.raises(ValueError, match="spectra is changed in place and must be writable"):
+            native.multiply(arrays.spectra, arrays.response)
+
+    def test_misaligned(self, arrays):
+        weights = memoryview(bytearray(17))[1:].cast("f")
+        with pytest.raises(ValueError, match="weights must be aligned to 4 bytes"):
+            native.blend(arrays.whole, arrays.spectra, weights, 0, 0)
+
+    @pytest.mark.parametrize(
+        ("positions", "message"),
+        [
+            ((-1, 0), "must lie within accumulator"),
+            ((7, 0), "must lie within accumulator"),
+            ((0, -1), "must lie within slab"),
+            ((0, 3), "must lie within slab"),
+            ((2**62, 2**62), "must lie within accumulator"),
+        ],
+    )
+    def test_blend_positions_out_of_range(self, arrays, positions, message):
+        with pytest.raises(ValueError, match=message):
+            native.blend(arrays.whole, arrays.spectra, arrays.weights, *positions)
+
+    def test_blend_checks_every_array(self, arrays):
+        positions = (0, 0)
+        with pytest.raises(ValueError, match="must have the same channels and columns"):
+            native.blend(arrays.whole[:1].copy(), arrays.spectra, arrays.weights, *positions)
+        with pytest.raises(TypeError, match="weights must be float32"):
+            native.blend(arrays.whole, arrays.spectra, arrays.weights.astype(float), *positions)
+        with pytest.raises(TypeError, match="slab must be complex64"):
+            native.blend(arrays.whole, arrays.spectra.real.copy(), arrays.weights, *positions)

@@ -1,0 +1,272 @@
+"""Laws of the camera: turning, resizing and cropping keep rays and times; errors in files are named."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from rsdeblur.choices import READOUT_DIRECTIONS
+from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+
+MOUNT = Rotation.from_rotvec([0.4, -2.0, 1.1]).as_matrix()
+
+
+@pytest.fixture(params=READOUT_DIRECTIONS)
+def camera(request):
+    return Camera(
+        96, 64, (90.0, 85.0), (44.2, 33.9), readout_time=0.03, readout_direction=request.param, imu_to_camera=MOUNT,
+        time_offset=-0.7, distortion_model="radtan", distortion=(-0.1, 0.02, 0.001, -0.002), timestamp_marks="middle",
+    )  # fmt: skip
+
+
+def directions(camera, points):
+    """Return the rays of unit depth through points (n, 2)."""
+    return np.column_stack([points, np.ones(len(points))]) @ np.linalg.inv(camera.matrix).T
+
+
+def project(camera, rays):
+    x, y, z = (rays @ camera.matrix.T).T
+    return np.stack([x / z, y / z], axis=-1)
+
+
+def gyro_windows(camera, exposure, rows):
+    """Return the exposure times of each row, in gyro time."""
+    opens, closes = exposure.window(rows, camera)
+    return opens - camera.time_offset, closes - camera.time_offset
+
+
+def assert_same(a, b):
+    for f in fields(Camera):
+        np.testing.assert_array_equal(getattr(a, f.name), getattr(b, f.name), err_msg=f.name)
+
+
+POINTS = np.array([[0, 0], [95, 63], [10, 50], [44.2, 33.9], [70.25, 3.5]])
+
+
+class TestDefaults:
+    def test_one_focal_length_and_the_centre(self):
+        camera = Camera(7, 4, 5)
+        assert camera.focal_length == (5.0, 5.0)
+        assert camera.principal_point == (3.0, 1.5)
+        assert camera.readout_time == camera.time_offset == 0.0
+        assert np.array_equal(camera.imu_to_camera, np.eye(3))
+        np.testing.assert_array_equal(camera.matrix, [[5, 0, 3], [0, 5, 1.5], [0, 0, 1]])
+
+    def test_lines_run_along_the_readout(self, camera):
+        assert camera.lines == (96 if camera.horizontal_readout else 64)
+        first = 0 if camera.readout_direction in ("top-down", "left-right") else camera.lines - 1
+        assert camera.reading_order(np.array(first, dtype=float)) == 0
+
+
+class TestTurned:
+    def test_four_turns_are_the_identity(self, camera):
+        assert_same(camera.turned().turned().turned().turned(), camera)
+
+    def test_pixels_follow_rot90(self, camera):
+        picture = np.arange(64 * 96).reshape(64, 96)
+        turned = np.rot90(picture, -1)
+        after = camera.turned()
+        assert (after.height, after.width) == turned.shape
+        # In the turned axes (x' = -y, y' = x), the ray through a pixel meets the same pixel of the turned picture.
+        points = np.array([[0, 0], [95, 0], [17, 60]])
+        x, y, z = directions(camera, points).T
+        x1, y1 = np.rint(project(after, np.stack([-y, x, z], axis=1))).astype(int).T
+        assert np.array_equal(turned[y1, x1], picture[points[:, 1], points[:, 0]])
+
+    def test_motion_commutes_with_turning(self, camera):
+        imu_angle = np.array([0.03, -0.02, 0.05])
+        after = camera.turned()
+
+        def moved(c, points):
+            # A far point moves by dX/dt = -omega x X.
+            return project(c, Rotation.from_rotvec(-c.imu_to_camera @ imu_angle).apply(directions(c, points)))
+
+        def turn(points):
+            return np.stack([camera.height - 1 - points[:, 1], points[:, 0]], axis=1)
+
+        np.testing.assert_allclose(moved(after, turn(POINTS)), turn(moved(camera, POINTS)), atol=1e-10)
+
+    def test_rows_keep_their_times(self, camera):
+        exposure, after = Exposure(1.0, 0.01), camera.turned()
+        rows = np.arange(camera.lines)
+        # Readout along x becomes readout along y; readout along y becomes readout against the new x axis.
+        moved = rows if camera.horizontal_readout else camera.height - 1 - rows
+        np.testing.assert_array_equal(exposure.window(moved, after), exposure.window(rows, camera))
+
+
+class TestScaled:
+    @pytest.mark.parametrize("s", [0.5, 2.0, 0.25, 1.0, 0.3])
+    def test_rays_keep_their_pixel_edges(self, camera, s):
+        small = camera.scaled(s)
+        assert (small.width, small.height) == (round(96 * s), round(64 * s))
+        # Resizing maps pixel edges onto each other. They are at halves, because pixel centres are at integers.
+        ratio = np.array([small.width / 96, small.height / 64])
+        np.testing.assert_allclose(
+            directions(small, (POINTS + 0.5) * ratio - 0.5), directions(camera, POINTS), atol=1e-12
+        )
+
+    def test_times_are_kept(self, camera):
+        assert camera.scaled(0.5).readout_time == camera.readout_time
+        assert camera.scaled(0.5).time_offset == camera.time_offset
+
+    def test_never_below_a_pixel(self, camera):
+        tiny = camera.scaled(1e-4)
+        assert (tiny.width, tiny.height) == (1, 1)
+
+    @pytest.mark.parametrize("s", [0.0, -1.0, math.nan, "half"])
+    def test_refuses(self, camera, s):
+        with pytest.raises(InputError, match="s must be"):
+            camera.scaled(s)
+
+
+class TestCropped:
+    BOX = (13, 7, 50, 40)
+
+    def test_rays_stay(self, camera):
+        left, top, width, height = self.BOX
+        cut = camera.cropped(*self.BOX)
+        assert (cut.width, cut.height) == (width, height)
+        np.testing.assert_allclose(directions(cut, POINTS - [left, top]), directions(camera, POINTS), atol=1e-14)
+
+    def test_rows_keep_their_times(self, camera):
+        left, top, width, height = self.BOX
+        cut, exposure = camera.cropped(*self.BOX), Exposure(3.0, 0.02)
+        first, size = (left, width) if camera.horizontal_readout else (top, height)
+        rows = np.arange(size)
+        whole = gyro_windows(camera, exposure, first + rows)
+        np.testing.assert_allclose(gyro_windows(cut, exposure, rows), whole, atol=1e-14)
+
+    def test_cut_twice_is_cut_once(self, camera):
+        once, twice = camera.cropped(13, 7, 50, 40), camera.cropped(3, 2, 70, 60).cropped(10, 5, 50, 40)
+        for f in fields(Camera):
+            if f.name not in ("readout_direction", "distortion_model", "timestamp_marks"):
+                np.testing.assert_allclose(getattr(twice, f.name), getattr(once, f.name), atol=1e-14, err_msg=f.name)
+
+    def test_whole_picture_is_the_identity(self, camera):
+        assert_same(camera.cropped(0, 0, 96, 64), camera)
+
+    @pytest.mark.parametrize("box", [(50, 0, 47, 10), (0, 30, 10, 35)])
+    def test_refuses_what_does_not_fit(self, camera, box):
+        with pytest.raises(InputError, match=r"does not fit the picture.* 96x64"):
+            camera.cropped(*box)
+
+    @pytest.mark.parametrize(
+        ("box", "name"),
+        [((-1, 0, 5, 5), "left"), ((0, -1, 5, 5), "top"), ((0, 0, 0, 5), "width"), ((0, 0, 5, 2.5), "height")],
+    )
+    def test_names_the_argument(self, camera, box, name):
+        with pytest.raises(InputError, match=f"^{name} must be"):
+            camera.cropped(*box)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"width": 0}, "width must be at least 1"),
+        ({"height": 48.0}, "height must be a whole number"),
+        ({"width": True}, "width must be a whole number"),
+        ({"focal_length": 0.0}, "focal_length must be positive"),
+        ({"focal_length": (80.0, -80.0)}, "focal_length must be positive"),
+        ({"focal_length": math.nan}, "focal_length must be finite"),
+        ({"focal_length": (1.0, 2.0, 3.0)}, r"focal_length must have shape \(2\)"),
+        ({"focal_length": "80 px"}, "focal_length must be an array of real numbers"),
+        ({"principal_point": (1.0,)}, r"principal_point must have shape \(2\)"),
+        ({"readout_time": -0.01}, "readout_time must be at least 0"),
+        ({"readout_direction": "down"}, "readout_direction must be one of bottom-up, left-right, right-left, top-down"),
+        ({"imu_to_camera": np.eye(2)}, r"imu_to_camera must have shape \(3, 3\)"),
+        ({"imu_to_camera": 2 * np.eye(3)}, "imu_to_camera must be a rotation: .* perpendicular unit vectors"),
+        ({"imu_to_camera": np.ones((3, 3))}, "imu_to_camera must be a rotation"),
+        ({"time_offset": math.inf}, "time_offset must be finite"),
+    ],
+)
+def test_refuses(change, message):
+    with pytest.raises(InputError, match=message):
+        Camera(**({"width": 64, "height": 48, "focal_length": 80.0} | change))
+
+
+@pytest.mark.parametrize("mirror", [np.diag([1, 1, -1]), -np.eye(3), np.eye(3)[[1, 0, 2]]])
+def test_mirrors_are_refused_with_the_way_out(mirror):
+    with pytest.raises(InputError, match=r"determinant -1: it mirrors .* turn the sign of the row .* is \+1"):
+        Camera(64, 48, 80.0, imu_to_camera=mirror)
+
+
+def test_a_rotation_typed_with_four_decimals_is_accepted():
+    assert Camera(64, 48, 80.0, imu_to_camera=MOUNT.round(4)).imu_to_camera[0, 0] == MOUNT[0, 0].round(4)
+
+
+class TestFile:
+    def test_round_trip(self, camera, tmp_path):
+        camera.save(tmp_path / "camera.toml")
+        assert_same(Camera.load(tmp_path / "camera.toml"), camera)
+
+    def test_three_keys_are_enough(self, tmp_path):
+        path = tmp_path / "camera.toml"
+        path.write_text("width = 64\nheight = 48\nfocal_length = 80\n")
+        assert_same(Camera.load(path), Camera(64, 48, 80.0))
+
+    def test_former_keys_are_read_with_a_warning(self, tmp_path):
+        path = tmp_path / "camera.toml"
+        path.write_text("width = 64\nheight = 48\nfocal = 80\n")
+        with pytest.warns(RsdeblurWarning, match="'focal' is now called 'focal_length'; rename it"):
+            assert_same(Camera.load(path), Camera(64, 48, 80.0))
+
+    @pytest.mark.parametrize(
+        ("text", "message"),
+        [
+            (
+                "width = 6\nheight = 4\nfocal_length = 8\nread_out = 0.1",
+                "unknown key 'read_out'; did you mean 'readout_time'?",
+            ),
+            ("width = 6\nheight = 4\nfocal_length = 8\nmaker = 'x'", "unknown key 'maker'; known keys are width,"),
+            ("width = 6\nreadout_time = 0.1", "the camera file lacks height, focal"),
+            ("", "the camera file lacks width, height, focal"),
+            ("width = 6\nheight 4", "not a TOML camera file: .*line 2"),
+            ("width = 6\nheight = 4\nfocal_length = 'long'", "focal_length must be an array of real numbers"),
+            ("width = 6.5\nheight = 4\nfocal_length = 8", "width must be a whole number, got 6.5"),
+            ("width = 6\nheight = 4\nfocal_length = -8", "focal_length must be positive"),
+            ("width = 6\nheight = 4\nfocal_length = 8\nreadout_time = [0.1]", "readout_time must be a number"),
+            ("width = 6\nheight = 4\nfocal_length = 8\nreadout_time = nan", "readout_time must be finite"),
+            ("width = 6\nheight = 4\nfocal_length = 8\nreadout_direction = 1", "readout_direction must be one of"),
+            (
+                "width = 6\nheight = 4\nfocal_length = 8\nimu_to_camera = [[1, 0], [0, 1]]",
+                "imu_to_camera must have shape",
+            ),
+            ("width = 6\nheight = 4\nfocal_length = [[1, 2], [3]]", "focal_length must be an array of real numbers"),
+            # TOML allows integers of any length.
+            (
+                f"width = 6\nheight = 4\nfocal_length = 1{'0' * 400}",
+                "focal_length must be an array of real numbers: .* too large",
+            ),
+            (f"width = 6\nheight = 4\nfocal_length = 8\ntime_offset = 1{'0' * 400}", "time_offset is too large"),
+        ],
+    )
+    def test_bad_file_is_named(self, tmp_path, text, message):
+        path = tmp_path / "camera.toml"
+        path.write_text(text)
+        with pytest.raises(FileFormatError, match=message) as caught:
+            Camera.load(path)
+        assert str(caught.value).startswith(f"{path}: ")
+
+    def test_binary_missing_and_folder_are_named(self, tmp_path):
+        binary = tmp_path / "photo.jpg"
+        binary.write_bytes(bytes(range(256)))
+        for path, message in (
+            (binary, "not a TOML camera file"),
+            (tmp_path / "none.toml", "No such file"),
+            (tmp_path, "Is a directory"),
+        ):
+            with pytest.raises(FileFormatError, match=message) as caught:
+                Camera.load(path)
+            assert str(caught.value).startswith(f"{path}: ")
+
+    def test_unwritable_is_named(self, tmp_path):
+        path = tmp_path / "missing" / "camera.toml"
+        with pytest.raises(OutputError, match="cannot write the file") as caught:
+            Camera(64, 48, 80.0).save(path)
+        assert str(caught.value).startswith(f"{path}: ")

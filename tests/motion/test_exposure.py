@@ -1,0 +1,102 @@
+"""Laws of the exposure: times of each row, for the four readout directions."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from rsdeblur.choices import READOUT_DIRECTIONS
+from rsdeblur.errors import InputError
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+
+EXPOSURE = Exposure(2.0, 0.01)
+
+
+def camera_of(direction, readout_time=0.03):
+    return Camera(60, 40, 50.0, readout_time=readout_time, readout_direction=direction)
+
+
+@pytest.mark.parametrize(
+    ("direction", "first", "last"),
+    [("top-down", 0, 39), ("bottom-up", 39, 0), ("left-right", 0, 59), ("right-left", 59, 0)],
+)
+def test_first_and_last_line(direction, first, last):
+    camera = camera_of(direction)
+    opens, closes = EXPOSURE.window([first, last], camera)
+    assert opens[0] == 2.0
+    # The readout ends one row past the last.
+    assert opens[1] == pytest.approx(2.0 + 0.03 * (camera.lines - 1) / camera.lines)
+    np.testing.assert_allclose(closes - opens, 0.01, atol=1e-15)
+
+
+@pytest.mark.parametrize("direction", READOUT_DIRECTIONS)
+def test_lines_are_evenly_spaced_fractions_and_beyond_included(direction):
+    camera = camera_of(direction)
+    rows = np.linspace(-3.0, camera.lines + 2.0, 31)
+    opens, _ = EXPOSURE.window(rows, camera)
+    sign = 1 if direction in ("top-down", "left-right") else -1
+    # Times of 2 s are rounded by 4e-16 s.
+    np.testing.assert_allclose(np.diff(opens), sign * np.diff(rows) * 0.03 / camera.lines, atol=1e-14)
+
+
+@pytest.mark.parametrize("shape", [(), (5,), (2, 3)])
+def test_shaped_like_the_rows(shape):
+    opens, closes = EXPOSURE.window(np.full(shape, 7), camera_of("top-down"))
+    assert np.shape(opens) == np.shape(closes) == shape
+
+
+@pytest.mark.parametrize("direction", READOUT_DIRECTIONS)
+def test_global_shutter_opens_all_at_once(direction):
+    opens, closes = EXPOSURE.window(np.arange(40), camera_of(direction, readout_time=0.0))
+    assert np.all(opens == 2.0)
+    assert np.all(closes == 2.01)
+
+
+@pytest.mark.parametrize("direction", READOUT_DIRECTIONS)
+def test_span_holds_every_window_and_no_more(direction):
+    camera = camera_of(direction)
+    opens, closes = EXPOSURE.window(np.arange(camera.lines), camera)
+    assert EXPOSURE.span(camera) == (opens.min(), closes.max())
+
+
+def test_shifted():
+    later = Exposure(2.0, 0.01, 77).shifted(0.5)
+    assert later == Exposure(2.5, 0.01, 77)
+    with pytest.raises(InputError, match="dt must be finite"):
+        later.shifted(math.nan)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((0.0, 0.0), "duration must be greater than 0"),
+        ((0.0, -0.1), "duration must be greater than 0"),
+        ((math.nan, 0.1), "start must be finite"),
+        ((0.0, math.inf), "duration must be finite"),
+        (("now", 0.1), "start must be a number"),
+        ((0.0, 0.1, 1.7e18), "epoch_ns must be a whole number"),
+        ((0.0, 0.1, 2**63), "epoch_ns must be nanoseconds in 64 bits"),
+    ],
+)
+def test_refuses(arguments, message):
+    with pytest.raises(InputError, match=message):
+        Exposure(*arguments)
+
+
+@pytest.mark.parametrize("direction", ["top-down", "bottom-up", "left-right", "right-left"])
+def test_the_stamp_marks_what_the_camera_says(direction: str) -> None:
+    exposure = Exposure(1.0, 0.04)
+    rows = np.arange(10.0)
+
+    def windows(stamp: str) -> tuple[np.ndarray, np.ndarray]:
+        camera = Camera(10, 10, 50.0, readout_time=0.02, readout_direction=direction, timestamp_marks=stamp)
+        return exposure.window(rows, camera)
+
+    assert windows("start")[0].min() == 1.0
+    # Rounding of a few sums near 1.
+    assert windows("end")[1].max() == pytest.approx(1.0, abs=1e-15)
+    opens, closes = windows("middle")
+    assert (opens + closes).mean() / 2 == pytest.approx(1.0, abs=1e-15)

@@ -1,0 +1,343 @@
+"""Laws of the gyro log and of the orientation integrated from it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from rsdeblur.errors import ClockError, CoverageError, GapError, InputError, RsdeblurWarning
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.gyro import GyroLog, OrientationTrack
+
+CAMERA = Camera(64, 48, 80.0)
+EPOCH = 1_700_000_000_123_456_789
+
+# A product of n rotation matrices in float64 errs by about n roundings of 2e-16; n is below 500 here.
+ROUNDING = 1e-12
+
+
+def track_of(t, omega, camera=CAMERA):
+    return OrientationTrack.from_log(GyroLog(t, omega), camera, float(t[0]), float(t[-1]), 0)
+
+
+def irregular_times(n, span, seed=0):
+    steps = np.random.default_rng(seed).uniform(0.5, 1.5, n - 1)
+    return np.concatenate([[0.0], np.cumsum(steps)]) * span / steps.sum()
+
+
+def whole_track(log, camera):
+    """Return the track over the whole log."""
+    start, end = log.span
+    return OrientationTrack.from_log(log, camera, start, end, 0)
+
+
+class TestIntegration:
+    @pytest.mark.filterwarnings("ignore:gyro rates look like degrees")
+    @pytest.mark.parametrize("rate", [(0, 0, 0), (3, 0, 0), (0, -0.7, 0), (0, 0, 25), (1.3, -2.1, 0.4)])
+    @pytest.mark.parametrize("samples", [2, 9, 200])
+    def test_constant_rate_is_exact(self, rate, samples):
+        t = irregular_times(samples, 0.5)
+        track = track_of(t, np.tile(rate, (samples, 1)))
+        times = np.linspace(0.0, 0.5, 77)
+        # C(t + dt) = exp(-[omega dt]x) C(t)
+        expected = Rotation.from_rotvec(-times[:, None] * np.asarray(rate)).as_matrix()
+        np.testing.assert_allclose(track.at(times), expected, atol=ROUNDING)
+
+    @pytest.mark.parametrize("seed", range(3))
+    def test_linear_rates_are_integrated_to_fourth_order(self, seed):
+        n, substeps = 12, 1000
+        t = irregular_times(n, 0.8, seed)
+        omega = np.random.default_rng(seed).uniform(-2.8, 2.8, (n, 3))
+        track = track_of(t, omega)
+        orientation, bound = Rotation.identity(), 0.0
+        for k in range(n - 1):
+            h, jump = t[k + 1] - t[k], omega[k + 1] - omega[k]
+            middles = (np.arange(substeps) + 0.5) / substeps
+            for step in Rotation.from_rotvec(-h / substeps * (omega[k] + middles[:, None] * jump)):
+                orientation = step * orientation
+            # With a = h |omega| and b = h |jump|, the first terms that the Magnus step leaves out (sixth order, Blanes
+            # et al. 2009) are [a,[a,[a,b]]]/720 and [[a,b],b]/240; the midpoint steps leave out a b / (12 substeps^2).
+            # A rotation vector of length e moves an entry by at most e; the next order is less than half of this one.
+            a, b = h * np.linalg.norm(omega[k : k + 2], axis=1).max(), h * np.linalg.norm(jump)
+            bound += 1.5 * (a**3 * b / 720 + a * b**2 / 240) + a * b / (12 * substeps**2)
+            error = np.abs(track.at(t[k + 1]) - orientation.as_matrix()).max()
+            assert error <= bound
+        # Without the cross product, steps of 70 ms at 3 rad/s would each err by a b / 12, about 5e-3.
+        assert bound < 3e-3
+
+    def test_halved_samples_change_nothing_where_rates_are_linear(self):
+        t, omega = irregular_times(30, 0.3), np.random.default_rng(1).uniform(-2, 2, (30, 3))
+        middle = 0.5 * (t[1:] + t[:-1])
+        both = np.sort(np.concatenate([t, middle]))
+        fine = np.stack([np.interp(both, t, omega[:, axis]) for axis in range(3)], axis=1)
+        # 29 steps of 10 ms at 3.5 rad/s, each with an error of little more than (3.5e-2)^3 / 240.
+        np.testing.assert_allclose(track_of(both, fine).at(t), track_of(t, omega).at(t), atol=1e-5)
+
+    def test_stays_a_rotation(self):
+        t = irregular_times(400, 2.0)
+        track = track_of(t, np.random.default_rng(2).uniform(-2.8, 2.8, (400, 3)))
+        c = track.at(np.linspace(0.0, 2.0, 999))
+        np.testing.assert_allclose(c @ c.transpose(0, 2, 1), np.broadcast_to(np.eye(3), c.shape), atol=ROUNDING)
+        np.testing.assert_allclose(np.linalg.det(c), 1.0, atol=ROUNDING)
+
+    def test_starts_at_identity_and_meets_its_own_samples(self, shaky_log):
+        log = shaky_log()
+        track = whole_track(log, CAMERA)
+        assert np.array_equal(track.rotations[0], np.eye(3))
+        np.testing.assert_allclose(track.at(track.t), track.rotations, atol=ROUNDING)
+        assert track.at(np.zeros((4, 5))).shape == (4, 5, 3, 3)
+
+    def test_angles_are_the_integral_of_the_rates(self):
+        # Linear rates: the integral of (1, t, -2t) is (t, t^2/2, -t^2), whatever the samples.
+        t = irregular_times(7, 0.9)
+        track = track_of(t, np.stack([np.ones(7), t, -2 * t], axis=1))
+        times = np.linspace(0.0, 0.9, 31).reshape(1, 31)
+        expected = np.stack([times, times**2 / 2, -(times**2)], axis=-1)
+        np.testing.assert_allclose(track.angles(times), expected, atol=ROUNDING)
+
+    @pytest.mark.parametrize("axis", range(3))
+    def test_about_a_fixed_axis_angles_are_the_rotation(self, shaky_log, axis):
+        log = shaky_log(np.eye(3)[axis])
+        track = whole_track(log, CAMERA)
+        times = np.linspace(*log.span, 55)
+        expected = Rotation.from_rotvec(-track.angles(times)).as_matrix()
+        np.testing.assert_allclose(track.at(times), expected, atol=ROUNDING)
+
+    def test_imu_axes_are_turned_into_camera_axes(self, shaky_log):
+        log = shaky_log()
+        turn = Rotation.from_rotvec([0.3, -1.2, 2.0]).as_matrix()
+        turned = Camera(64, 48, 80.0, imu_to_camera=turn)
+        straight = whole_track(log, CAMERA)
+        rotated = whole_track(log, turned)
+        times = np.linspace(*log.span, 23)
+        # A change of basis: exp(-[R w]x) = R exp(-[w]x) R^T.
+        np.testing.assert_allclose(rotated.at(times), turn @ straight.at(times) @ turn.T, atol=ROUNDING)
+
+
+class TestTime:
+    def test_camera_time_is_gyro_time_plus_offset(self):
+        t = np.linspace(0.0, 1.0, 11)
+        omega = np.stack([t, 0 * t, 0 * t], axis=1)
+        camera = Camera(64, 48, 80.0, time_offset=5.0)
+        track = OrientationTrack.from_log(GyroLog(t, omega), camera, 5.2, 5.6, 0)
+        before, at, after = track.angles(np.array([5.2, 5.4, 5.6]))
+        # The rate at gyro time 0.2 to 0.6 s is 0.2 to 0.6 rad/s.
+        assert at[0] - before[0] == pytest.approx(0.06, abs=ROUNDING)
+        assert after[0] - at[0] == pytest.approx(0.10, abs=ROUNDING)
+
+    @pytest.mark.parametrize("dt", [0.25, -0.0123, 7.7])
+    def test_stamps_and_offset_shifted_together_change_nothing(self, shaky_log, dt):
+        log = shaky_log()
+        times = np.linspace(0.1, 0.2, 50)
+        straight = OrientationTrack.from_log(log, CAMERA, 0.1, 0.2, 0)
+        moved = OrientationTrack.from_log(log.shifted(dt), Camera(64, 48, 80.0, time_offset=-dt), 0.1, 0.2, 0)
+        # Times of some seconds are rounded by 1e-15 s; rates are a few rad/s.
+        np.testing.assert_allclose(moved.at(times), straight.at(times), atol=ROUNDING)
+
+    @pytest.mark.parametrize("ns", [1, -1, 37, 123_456_789])
+    def test_epochs_of_today_keep_nanoseconds(self, shaky_log, ns):
+        log = shaky_log()
+        dated = GyroLog(log.t, log.omega, EPOCH)
+        based = dated.covering(0.15, 0.2, EPOCH + ns)
+        assert based.epoch_ns == EPOCH + ns
+        kept = log.trimmed(0.15 + ns * 1e-9, 0.2 + ns * 1e-9)
+        # Float64 would round whole timestamps to 256 ns; the difference is right to a millionth of a nanosecond.
+        np.testing.assert_allclose(based.t, kept.t - ns * 1e-9, rtol=0, atol=1e-15)
+        assert np.array_equal(based.omega, kept.omega)
+
+
+class TestCovering:
+    @pytest.fixture
+    def log(self):
+        t = np.arange(101) * 0.005
+        return GyroLog(t, np.zeros((101, 3)))
+
+    def test_gives_the_samples_around_the_window(self, log):
+        part = log.covering(0.1012, 0.1993, 0)
+        assert part.span == pytest.approx((0.1, 0.2))
+        assert len(part) == 21
+
+    def test_the_log_may_end_with_the_window(self, log):
+        assert len(log.covering(*log.span, epoch_ns=0)) == len(log)
+
+    def test_late(self, log):
+        with pytest.raises(CoverageError, match=r"misses 12\.500 ms at its start; check") as caught:
+            log.covering(-0.0125, 0.1, 0)
+        assert not isinstance(caught.value, (ClockError, GapError))
+
+    def test_early(self, log):
+        with pytest.raises(CoverageError, match=r"misses 30\.250 ms at its end; check"):
+            log.covering(0.4, 0.53025, 0)
+
+    def test_both(self, log):
+        with pytest.raises(CoverageError, match=r"misses 1\.000 ms at its start and 2\.000 ms at its end"):
+            log.covering(-0.001, 0.502, 0)
+
+    @pytest.mark.parametrize(
+        ("t0", "epoch"),
+        [(0.1, EPOCH), (0.1, -EPOCH), (61.0, 0), (-60.5, 0)],
+        ids=["dated", "negative", "late", "early"],
+    )
+    def test_unrelated_clocks(self, log, t0, epoch):
+        with pytest.raises(ClockError, match=r"unrelated clocks: the log spans .* s to .* s.*give the time offset"):
+            log.covering(t0, t0 + 0.05, epoch)
+
+    def test_a_minute_is_not_yet_another_clock(self, log):
+        with pytest.raises(CoverageError, match=r"misses 59500\.000 ms at its end"):
+            log.covering(0.3, 60.0, 0)
+
+    def test_gap_inside(self, log):
+        holed = GyroLog(np.delete(log.t, slice(40, 50)), np.delete(log.omega, slice(40, 50), axis=0))
+        # Samples at 195 ms and 250 ms remain.
+        with pytest.raises(GapError, match=r"gap of 55\.0 ms inside the exposure, 15\.0 ms after the first row opens"):
+            holed.covering(0.18, 0.3, 0)
+
+    @pytest.mark.parametrize("window", [(0.2, 0.3), (0.1, 0.24), (0.21, 0.23)], ids=["begins", "ends", "lies"])
+    def test_window_that_touches_a_gap(self, log, window):
+        holed = GyroLog(np.delete(log.t, slice(40, 50)), np.delete(log.omega, slice(40, 50), axis=0))
+        with pytest.raises(GapError):
+            holed.covering(window[0], window[1], 0)
+
+    @pytest.mark.parametrize("window", [(0.05, 0.195), (0.25, 0.4)])
+    def test_gap_outside_is_no_matter(self, log, window):
+        holed = GyroLog(np.delete(log.t, slice(40, 50)), np.delete(log.omega, slice(40, 50), axis=0))
+        assert holed.covering(window[0], window[1], 0).span == pytest.approx(window)
+
+    def test_the_neighbourhood_tells_what_a_gap_is(self):
+        # The second half of the log has a fifth of the sampling rate of the first half, and a gap.
+        t = np.concatenate([np.arange(10_000) / 200, 50 + np.delete(np.arange(4_000), slice(2_000, 2_010)) / 40])
+        log = GyroLog(t, np.zeros((len(t), 3)))
+        for t0 in (10.0, 70.0):
+            assert log.covering(t0, t0 + 0.1, 0).span == pytest.approx((t0, t0 + 0.1), abs=1 / 40)
+        with pytest.raises(GapError, match=r"gap of 275\.0 ms"):
+            log.covering(99.9, 100.1, 0)
+
+    def test_the_camera_reports_in_gyro_time(self, log):
+        camera = Camera(64, 48, 80.0, time_offset=0.1)
+        with pytest.raises(CoverageError, match=r"misses 20\.000 ms at its start"):
+            OrientationTrack.from_log(log, camera, 0.08, 0.3, 0)
+
+
+class TestLog:
+    @pytest.fixture
+    def log(self, shaky_log):
+        return shaky_log()
+
+    def test_holds_its_own_read_only_arrays(self):
+        t, omega = np.arange(3.0), np.ones((3, 3))
+        log = GyroLog(t, omega)
+        t[0], omega[0] = -1.0, 2.0
+        assert log.t[0] == 0.0
+        assert log.omega[0, 0] == 1.0
+        with pytest.raises(ValueError, match="read-only"):
+            log.t[0] = 1.0
+
+    def test_rate_span_and_length(self, log):
+        assert log.rate == pytest.approx(200.0)
+        assert log.span == (0.0, pytest.approx(0.4))
+        assert len(log) == 81
+
+    def test_gaps_lists_long_intervals(self):
+        t = np.delete(np.arange(50) * 0.01, [10, 20, 21, 22, 23])
+        log = GyroLog(t, np.zeros((45, 3)))
+        np.testing.assert_allclose(log.gaps(), [[0.19, 0.24]])
+        np.testing.assert_allclose(log.gaps(factor=1.5), [[0.09, 0.11], [0.19, 0.24]])
+        assert log.gaps(factor=5.5).shape == (0, 2)
+
+    def test_shifted(self, log):
+        later = log.shifted(0.25)
+        np.testing.assert_allclose(later.t, log.t + 0.25, rtol=0, atol=0)
+        assert np.array_equal(later.omega, log.omega)
+
+    def test_shifted_so_far_that_stamps_coincide_is_refused(self, log):
+        # Near 1e20 s, neighbouring float64 values are hours apart.
+        with pytest.raises(InputError, match="makes sample times equal; change epoch_ns instead"):
+            log.shifted(1e20)
+
+    @pytest.mark.parametrize(
+        ("t0", "t1", "first", "last"),
+        [(0.101, 0.199, 20, 40), (0.099, 0.201, 19, 41), (-1.0, 9.0, 0, 80), (0.301, 0.302, 60, 61)],
+    )
+    def test_trimmed_keeps_the_neighbours(self, log, t0, t1, first, last):
+        assert log.trimmed(t0, t1).span == (log.t[first], log.t[last])
+
+    def test_trimmed_to_samples_keeps_no_more(self, log):
+        assert log.trimmed(log.t[20], log.t[40]).span == (log.t[20], log.t[40])
+
+    @pytest.mark.parametrize(("i", "first", "last"), [(0, 0, 1), (20, 20, 21), (80, 79, 80)])
+    def test_trimmed_to_a_moment_is_a_log_still(self, log, i, first, last):
+        assert log.trimmed(log.t[i], log.t[i]).span == (log.t[first], log.t[last])
+
+    @pytest.mark.parametrize(
+        ("t0", "t1", "message"),
+        [
+            (0.2, 0.1, "t1 must not be before t0"),
+            (math.nan, 0.1, "t0 must be finite, got nan"),
+            (0.1, math.inf, "t1 must be finite, got inf"),
+            (2.0, 3.0, "spans 0.0 s to 0.4 s"),
+        ],
+    )
+    def test_trimmed_refuses(self, log, t0, t1, message):
+        with pytest.raises(InputError, match=message):
+            log.trimmed(t0, t1)
+
+    def test_minus_bias(self, log):
+        bias = np.array([0.1, -0.2, 0.3])
+        np.testing.assert_allclose(log.minus_bias(bias).omega + bias, log.omega, atol=1e-15)
+        with pytest.raises(InputError, match="b must have shape"):
+            log.minus_bias(0.1)
+
+    def test_changes_keep_the_epoch(self, log):
+        dated = GyroLog(log.t, log.omega, EPOCH)
+        for changed in (dated.shifted(1.0), dated.trimmed(0.1, 0.2), dated.minus_bias([0, 0, 0])):
+            assert changed.epoch_ns == EPOCH
+            assert not changed.t.flags.writeable
+            assert not changed.omega.flags.writeable
+
+    @pytest.mark.parametrize("scale", [180 / np.pi, 60.0])
+    def test_degrees_are_suspected(self, log, scale):
+        with pytest.warns(RsdeblurWarning, match=r"look like degrees per second .* multiply by pi/180") as caught:
+            GyroLog(log.t, scale * log.omega)
+        assert caught[0].filename == __file__
+
+    def test_degrees_are_suspected_once(self, log):
+        with pytest.warns(RsdeblurWarning):
+            suspicious = GyroLog(log.t, 180 / np.pi * log.omega)
+        # Warnings are errors in tests.
+        suspicious.shifted(1.0).minus_bias([0, 0, 0]).trimmed(1.1, 1.3).covering(1.15, 1.2, 0)
+
+    def test_one_peak_beyond_a_gyro_is_suspected(self, log):
+        omega = log.omega.copy()
+        omega[7, 1] = 40.0
+        with pytest.warns(RsdeblurWarning, match="peak 40"):
+            GyroLog(log.t, omega)
+
+    def test_fast_but_possible_rates_are_not(self, log):
+        GyroLog(log.t, np.full((81, 3), 2.8))
+
+    @pytest.mark.parametrize(
+        ("t", "omega", "message"),
+        [
+            ([0, 1, 2], np.zeros((3, 2)), r"omega must have shape \(n, 3\), got \(3, 2\)"),
+            ([[0, 1]], np.zeros((2, 3)), r"t must have shape \(n\), got \(1, 2\)"),
+            ([0, 1], np.zeros((3, 3)), "same length, got 2 and 3"),
+            ([0], np.zeros((1, 3)), "at least 2 samples, got 1"),
+            ([], np.zeros((0, 3)), "at least 2 samples, got 0"),
+            ([0, math.nan, 2], np.zeros((3, 3)), r"t must be finite, got nan at index \(1,\)"),
+            ([0, 1], [[0, 0, 0], [0, math.inf, 0]], r"omega must be finite, got inf at index \(1, 1\)"),
+            ([0, 1, 1, 2], np.zeros((4, 3)), "sample 2 .* is a duplicate after sample 1"),
+            ([0, 1, 0.5, 2], np.zeros((4, 3)), "sample 2 .* is out of order after sample 1"),
+            (["a", "b"], np.zeros((2, 3)), "t must be an array of real numbers"),
+        ],
+    )
+    def test_refuses(self, t, omega, message):
+        with pytest.raises(InputError, match=message):
+            GyroLog(t, omega)
+
+    @pytest.mark.parametrize("epoch", [1.7e18, "0", True, -(2**63) - 1, 2**63, 10**400])
+    def test_epoch_is_an_integer_of_64_bits(self, epoch):
+        with pytest.raises(InputError, match="epoch_ns must be"):
+            GyroLog([0, 1], np.zeros((2, 3)), epoch)

@@ -1,0 +1,344 @@
+"""Laws of the paths: signs, the reference of each row, and agreement with independent computations."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from rsdeblur.choices import MOTIONS
+from rsdeblur.errors import ClockError, CoverageError, GapError, InputError
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.paths import BlurPaths, Capture
+from rsdeblur.psf import PsfBank, tile_centres
+
+WIDTH, HEIGHT, FOCAL = 96, 64, 110.0
+CENTRE = (np.array([31.5]), np.array([47.5]))
+ROWS, COLS = np.array([0.0, 10.0, 31.5, 50.0, 63.0]), np.array([0.0, 40.0, 95.0])
+EXPOSURE = Exposure(0.1, 0.04)
+
+# Poses are tabulated at rows, here dt = 0.47 ms apart, and interpolated linearly. At up to 200 rad/s^2 they err by
+# dt^2 / 8 x 200 = 5e-6 rad, times the focal length, which perspective increases by a third towards the corners.
+BETWEEN_ROWS = 8e-4  # px
+
+
+def camera_of(readout_time=0.03, **options):
+    return Camera(WIDTH, HEIGHT, FOCAL, readout_time=readout_time, **options)
+
+
+def constant(*rate):
+    """Return a log of 0.4 s with a constant rate."""
+    return GyroLog(np.linspace(0.0, 0.4, 81), np.tile(np.float64(rate), (81, 1)))
+
+
+def paths_of(log, camera, rows=ROWS, cols=COLS, exposure=EXPOSURE, *, motion="rotation", **options):
+    return BlurPaths.from_capture(Capture.from_log(log, camera, exposure, motion=motion), rows, cols, **options)
+
+
+class TestSigns:
+    """Displacements d = p - q at time t, compared with the angle theta turned since mid-exposure."""
+
+    THETA = np.linspace(-0.02, 0.02, 9)  # 1 rad/s for 40 ms
+
+    @pytest.mark.parametrize("motion", MOTIONS)
+    @pytest.mark.parametrize(
+        ("rate", "direction"), [((1, 0, 0), (0, 1)), ((0, 1, 0), (-1, 0)), ((0, 0, 1), (0, 0))], ids="xyz"
+    )
+    def test_centre_moves_by_f_times_minus_theta_y_theta_x(self, motion, rate, direction):
+        d = paths_of(constant(*rate), camera_of(0.0), *CENTRE, motion=motion, samples=9).displacements[0, 0]
+        # The rotation moves by f tan(theta), which is f theta^3 / 3 = 3e-4 px more.
+        np.testing.assert_allclose(d, FOCAL * self.THETA[:, None] * direction, atol=4e-4)
+
+    def test_roll_moves_a_point_by_theta_z_times_y_minus_x(self):
+        d = paths_of(constant(0, 0, 1), camera_of(0.0), samples=9).displacements
+        y, x = np.meshgrid(ROWS - 31.5, COLS - 47.5, indexing="ij")
+        expected = self.THETA[:, None] * np.stack([y, -x], axis=-1)[:, :, None]
+        # Second order of the angle: theta^2 / 2 times the 57 px from the centre to a corner.
+        np.testing.assert_allclose(d, expected, atol=0.012)
+
+    def test_two_focal_lengths_belong_to_their_axes(self):
+        camera = Camera(WIDTH, HEIGHT, (100.0, 200.0))
+        for motion in MOTIONS:
+            d = paths_of(constant(1, 1, 0), camera, *CENTRE, motion=motion, samples=3).displacements[0, 0, -1]
+            # tan(theta) differs by a relative theta^2 = 4e-4 at most.
+            np.testing.assert_allclose(d, [-2.0, 4.0], rtol=1e-3)
+
+    @pytest.mark.parametrize("scale", [1.0, 0.1])
+    def test_small_angle_is_the_limit_of_the_rotation_at_the_centre(self, shaky_log, scale):
+        log = shaky_log()
+        log = GyroLog(log.t, scale * log.omega)
+        both = [paths_of(log, camera_of(0.0), *CENTRE, motion=motion, samples=101) for motion in MOTIONS]
+        # At 2 rad/s, 20 ms from mid-exposure: angles below scale x 0.05 rad; the error of small angles is quadratic.
+        error = np.abs(both[0].displacements - both[1].displacements).max()
+        assert 0 < error < FOCAL * (0.05 * scale) ** 2
+        assert both[0].lengths.min() > 2 * scale
+
+
+class TestAnchor:
+    @pytest.mark.parametrize("motion", MOTIONS)
+    @pytest.mark.parametrize("readout_time", [0.0, 0.03])
+    def test_no_motion_is_no_path(self, motion, readout_time):
+        paths = paths_of(constant(0, 0, 0), camera_of(readout_time), motion=motion)
+        # Rounding in float64, of a projection and its inverse.
+        np.testing.assert_allclose(paths.displacements, 0.0, atol=1e-12)
+
+    @pytest.mark.parametrize("motion", MOTIONS)
+    def test_paths_pass_zero_at_mid_exposure(self, shaky_log, motion):
+        d = paths_of(shaky_log(), camera_of(), motion=motion, samples=101).displacements
+        np.testing.assert_allclose(d[:, :, 50], 0.0, atol=BETWEEN_ROWS)
+
+    @pytest.mark.parametrize("direction", ["top-down", "bottom-up"])
+    @pytest.mark.parametrize("seed", range(2))
+    def test_keep_is_the_inverse_of_the_rolling_shutter_projection(self, shaky_log, direction, seed):
+        camera = camera_of(readout_direction=direction)
+        capture = Capture.from_log(shaky_log(seed=seed), camera, EXPOSURE)
+        paths = BlurPaths.from_capture(capture, ROWS, COLS, samples=9)
+        times = capture.times(ROWS, 9)
+        for (b, y), (s, x), t in itertools.product(enumerate(ROWS), enumerate(COLS), range(9)):
+            # The point that the pixel sees at that time appears on the row that shows it at its own mid-exposure.
+            world = capture.track.at(times[b, t]).T @ np.linalg.inv(camera.matrix) @ [x, y, 1.0]
+
+            def shown(row, world=world):
+                u, v, w = camera.matrix @ capture.track.at(capture.mid(np.array(row))) @ world
+                return np.array([u / w, v / w])
+
+            row = brentq(lambda row, shown=shown: shown(row)[1] - row, -30.0, 100.0, xtol=1e-10)
+            # Three steps of the iteration leave (speed x line time)^3 of the path, here at most 0.1^3 of 3 px.
+            np.testing.assert_allclose(paths.displacements[b, s, t], [x, y] - shown(row), atol=3e-3)
+
+    def test_readout_shifts_the_window_down_the_picture(self, shaky_log):
+        # Row y of a rolling shutter moves like the whole picture of a global shutter that opens readout * y / H later.
+        log, rolling = shaky_log(), camera_of(0.03)
+        row = 48.0
+        later = EXPOSURE.shifted(0.03 * row / HEIGHT)
+        a = paths_of(log, rolling, np.array([row]), CENTRE[1], motion="small-angle", samples=11)
+        b = paths_of(log, camera_of(0.0), np.array([row]), CENTRE[1], later, motion="small-angle", samples=11)
+        np.testing.assert_allclose(a.displacements, b.displacements, atol=1e-9)
+
+    def test_small_angle_is_the_same_over_the_width(self, shaky_log):
+        d = paths_of(shaky_log(), camera_of(), motion="small-angle").displacements
+        assert np.array_equal(d, np.broadcast_to(d[:, :1], d.shape))
+
+
+class TestSamples:
+    @pytest.mark.parametrize("motion", MOTIONS)
+    @pytest.mark.parametrize("focal_length", [110.0, 2000.0])
+    def test_auto_takes_four_per_pixel_and_two_per_gyro_interval(self, shaky_log, motion, focal_length):
+        camera = Camera(WIDTH, HEIGHT, focal_length, readout_time=0.03)
+        capture = Capture.from_log(shaky_log(), camera, EXPOSURE, motion=motion)
+        paths = BlurPaths.from_capture(capture, ROWS, COLS)
+        steps = paths.displacements.shape[2] - 1
+        # "auto" measures the length with fewer samples, which cut corners by less than 1 %.
+        assert steps >= 0.99 * 4 * paths.lengths.max()
+        assert steps >= 2 * len(capture.track.t)
+
+    @pytest.mark.parametrize("seed", range(4))
+    def test_doubling_them_changes_no_kernel(self, shaky_log, seed):
+        capture = Capture.from_log(shaky_log(seed=seed), Camera(WIDTH, HEIGHT, 400.0, readout_time=0.03), EXPOSURE)
+        auto = BlurPaths.from_capture(capture, ROWS, COLS)
+        double = BlurPaths.from_capture(capture, ROWS, COLS, samples=2 * auto.displacements.shape[2] - 1)
+        half = (auto.extent[0] + 2, auto.extent[1] + 2)
+        kernels = [_kernels_of_size(paths, half) for paths in (auto, double)]
+        # Half a percent of the energy may move, by a fraction of a pixel.
+        assert np.abs(kernels[0] - kernels[1]).sum(axis=(2, 3)).max() < 5e-3
+
+    def test_a_number_is_taken(self, shaky_log):
+        assert paths_of(shaky_log(), camera_of(), samples=7).displacements.shape == (5, 3, 7, 2)
+
+    @pytest.mark.parametrize("samples", [1, 0, 2.0, "many"])
+    def test_refuses(self, shaky_log, samples):
+        with pytest.raises(InputError, match="samples must be"):
+            paths_of(shaky_log(), camera_of(), samples=samples)
+
+    @pytest.mark.parametrize(
+        ("arguments", "message"),
+        [
+            ({"motion": "paper"}, "motion must be one of rotation, small-angle; got 'paper'"),
+            ({"rows": 3.0}, r"rows must have shape \(n\), got \(\)"),
+            ({"cols": [0.0, np.nan]}, "cols must be finite"),
+        ],
+    )
+    def test_refuses_other_grids_and_motions(self, shaky_log, arguments, message):
+        with pytest.raises(InputError, match=message):
+            paths_of(shaky_log(), camera_of(), **arguments)
+
+    def test_times_are_even_and_hold_both_ends(self, shaky_log):
+        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
+        times = capture.times(ROWS, 5)
+        opens, closes = EXPOSURE.window(ROWS, camera_of())
+        np.testing.assert_allclose(times[:, [0, -1]], np.stack([opens, closes], axis=1), atol=1e-15)
+        np.testing.assert_allclose(np.diff(times, axis=1), EXPOSURE.duration / 4, atol=1e-15)
+
+    def test_length_and_extent(self):
+        corner = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, -1.0]])
+        paths = BlurPaths(np.stack([corner, 0 * corner])[:, None], np.arange(2.0), np.zeros(1))
+        assert paths.lengths.tolist() == [[10.0], [0.0]]
+        # The extent along y comes before the one along x.
+        assert paths.extent == (4.0, 3.0)
+
+
+def _kernels_of_size(paths, half):
+    """Return the kernels of all paths at one size, forced by an additional path to the corner."""
+    size = [int(np.ceil(n)) for n in half]
+    frame = np.full((1, 1, paths.displacements.shape[2], 2), size[::-1], dtype=np.float64)
+    displacements = np.concatenate([paths.displacements, np.repeat(frame, len(paths.cols), axis=1)])
+    return PsfBank.from_paths(BlurPaths(displacements, np.append(paths.rows, 1e3), paths.cols)).kernels[:-1]
+
+
+class TestCapture:
+    def test_refuses_what_the_log_does_not_describe(self):
+        log, camera = constant(0, 0, 0), camera_of(0.03)
+        with pytest.raises(CoverageError, match=r"misses 50\.000 ms at its start"):
+            Capture.from_log(log, camera, Exposure(-0.05, 0.04))
+        # The last row opens 30 ms x 63/64 after the first.
+        with pytest.raises(CoverageError, match=r"misses 19\.531 ms at its end"):
+            Capture.from_log(log, camera, Exposure(0.35, 0.04))
+        with pytest.raises(ClockError):
+            Capture.from_log(log, camera, Exposure(0.1, 0.04, 10**18))
+        with pytest.raises(GapError):
+            Capture.from_log(GyroLog(np.delete(log.t, range(25, 32)), log.omega[7:]), camera, EXPOSURE)
+
+    def test_refuses_a_camera_read_along_x(self):
+        camera = camera_of(readout_direction="left-right")
+        with pytest.raises(InputError, match=r"read left-right; trace paths with camera\.turned\(\)"):
+            Capture.from_log(constant(0, 0, 0), camera, EXPOSURE)
+        Capture.from_log(constant(0, 0, 0), camera.turned(), EXPOSURE)
+
+    def test_probe_and_poses_are_computed_once_and_not_copied(self, shaky_log):
+        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
+        assert capture.probe is capture.probe
+        assert capture.row_poses is capture.row_poses
+        smaller = replace(capture, camera=capture.camera.scaled(0.5))
+        assert smaller.probe.extent[1] == pytest.approx(capture.probe.extent[1] / 2, rel=0.05)
+        assert smaller.row_poses.camera is smaller.camera
+
+    def test_mid_is_between_open_and_close(self, shaky_log):
+        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
+        opens, closes = EXPOSURE.window(ROWS, camera_of())
+        np.testing.assert_allclose(capture.mid(ROWS), 0.5 * (opens + closes), atol=1e-15)
+
+
+class TestRowPoses:
+    def test_a_row_is_projected_with_its_own_pose(self, shaky_log):
+        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
+        world = np.random.default_rng(0).uniform([-0.3, -0.3, 0.7], [0.3, 0.3, 1.3], (5, 3))
+        for row in (0.0, 17.0, 31.5, 63.0):
+            u, v, w = capture.camera.matrix @ capture.track.at(capture.mid(np.array(row))) @ world.T
+            q = capture.row_poses.project(world, np.full(5, row))
+            exact = np.stack([u / w, v / w], axis=1)
+            np.testing.assert_allclose(q, exact, atol=1e-10 if row % 1 == 0 else BETWEEN_ROWS)
+
+    def test_rows_go_on_beyond_the_picture(self, shaky_log):
+        """A path that leaves the picture does not bend at the border."""
+        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE)
+        world = np.array([0.1, 0.2, 1.0])
+        for row in (-9.0, 70.0):
+            u, v, w = capture.camera.matrix @ capture.track.at(capture.mid(np.array(row))) @ world
+            np.testing.assert_allclose(capture.row_poses.project(world, np.array(row)), [u / w, v / w], atol=1e-9)
+
+    def test_a_picture_of_one_row(self, shaky_log):
+        capture = Capture.from_log(shaky_log(), Camera(WIDTH, 1, FOCAL, readout_time=0.01), EXPOSURE)
+        assert np.isfinite(capture.row_poses.project(np.array([[0.0, 0.0, 1.0]]), np.zeros(1))).all()
+
+    def test_rays_undo_the_projection(self):
+        camera = Camera(WIDTH, HEIGHT, (100.0, 120.0), (40.0, 30.0))
+        points = np.random.default_rng(0).uniform(0, 60, (4, 5, 2))
+        image = camera.rays(points) @ camera.matrix.T
+        np.testing.assert_allclose(image, np.concatenate([points, np.ones((4, 5, 1))], axis=-1), atol=1e-12)
+
+
+class TestChange:
+    """Changes and curvatures, from which the numbers of bands and strips follow."""
+
+    @pytest.mark.parametrize("motion", MOTIONS)
+    def test_none_without_motion_or_change(self, motion):
+        still = Capture.from_log(constant(0, 0, 0), camera_of(), EXPOSURE, motion=motion)
+        # A small-angle path at a constant rate is the same everywhere.
+        turning = Capture.from_log(constant(0.3, -0.2, 0.1), camera_of(), EXPOSURE, motion="small-angle")
+        for probe in (still.probe, turning.probe):
+            # Roundings of 1e-13 px in projected positions, times the squared number of rows.
+            assert max(probe.change_down, probe.curvature_down, probe.curvature_across) < 1e-8
+
+    @pytest.mark.parametrize("motion", MOTIONS)
+    @pytest.mark.parametrize("bands", [2, 4, 8, 32])
+    @pytest.mark.parametrize("seed", range(3))
+    def test_neighbouring_bands_differ_by_no_more_than_their_share_of_the_change(self, shaky_log, motion, bands, seed):
+        capture = Capture.from_log(shaky_log(seed=seed), camera_of(), EXPOSURE, motion=motion)
+        probe = capture.probe
+        tiles = _paths_with_the_times_of_the_probe(capture, tile_centres(bands, HEIGHT), probe.cols)
+        steps = np.linalg.norm(np.diff(tiles, axis=0), axis=-1)
+        # The grid is a row shorter than the picture, 1.6 % here, and 33 rows may miss a little of the fastest change.
+        assert steps.max() <= 1.05 * probe.change_down / bands + 1e-3
+        if bands == 32:
+            # The bound is not too large: bands as narrow as the rows of the grid have the fastest change too.
+            assert steps.max() >= 0.95 * probe.change_down / bands
+
+    @pytest.mark.parametrize("motion", MOTIONS)
+    @pytest.mark.parametrize("tiles", [2, 4, 8])
+    @pytest.mark.parametrize("seed", range(3))
+    def test_curvature_bounds_the_error_of_interpolation_between_tiles(self, shaky_log, motion, tiles, seed):
+        capture = Capture.from_log(shaky_log(seed=seed), camera_of(), EXPOSURE, motion=motion)
+        probe = capture.probe
+        for axis, curvature, length in ((0, probe.curvature_down, HEIGHT), (1, probe.curvature_across, WIDTH)):
+            centres, grid = tile_centres(tiles, length), [probe.rows, probe.cols]
+            between = np.linspace(centres[0], centres[-1], 41)
+            coarse, true = (
+                _paths_with_the_times_of_the_probe(capture, *((places, grid[1]) if axis == 0 else (grid[0], places)))
+                for places in (centres, between)
+            )
+            weights = np.stack([np.interp(between, centres, unit) for unit in np.eye(tiles)], axis=1)
+            guess = np.moveaxis(np.tensordot(weights, coarse, axes=(1, axis)), 0, axis)
+            error = np.linalg.norm(guess - true, axis=-1).max()
+            # Curvature is measured at 33 and 9 positions, which may miss a little of the largest.
+            assert error <= 1.05 * curvature / (8 * tiles**2) + 1e-3
+
+    @pytest.mark.parametrize(
+        "camera", [camera_of(), Camera(2048, 1536, 2250.0, readout_time=0.03)], ids=["small", "large"]
+    )
+    @pytest.mark.parametrize("seed", range(6))
+    def test_paths_change_no_faster_at_the_edges_than_inside(self, shaky_log, camera, seed):
+        """Poses continue beyond the picture; constant ones would bend the outer paths several times as much."""
+        probe = Capture.from_log(shaky_log(seed=seed), camera, EXPOSURE).probe
+        for order in (1, 2):
+            steps = np.linalg.norm(np.diff(probe.displacements, n=order, axis=0), axis=-1).max(axis=(1, 2))
+            # Perspective makes the outer rows change faster, by up to 8 % here.
+            assert max(steps[:2].max(), steps[-2:].max()) <= 1.2 * steps[2:-2].max()
+
+
+def _paths_with_the_times_of_the_probe(capture, rows, cols):
+    samples = capture.probe.displacements.shape[2]
+    return BlurPaths.from_capture(capture, rows, cols, samples=samples).displacements
+
+
+class TestEveryRow:
+    @pytest.mark.parametrize("motion", MOTIONS)
+    def test_is_from_capture_at_all_rows(self, shaky_log, motion):
+        capture = Capture.from_log(shaky_log(), camera_of(), EXPOSURE, motion=motion)
+        paths = BlurPaths.every_row(capture, COLS)
+        np.testing.assert_array_equal(paths.rows, np.arange(HEIGHT))
+        some = BlurPaths.from_capture(capture, paths.rows[[5, 63]], COLS, samples=paths.displacements.shape[2])
+        np.testing.assert_array_equal(paths.displacements[[5, 63]], some.displacements)
+        assert not paths.displacements.flags.writeable
+
+
+class TestRectify:
+    """Paths to the picture of a global shutter."""
+
+    @pytest.mark.parametrize("motion", MOTIONS)
+    def test_is_keep_for_a_global_shutter(self, shaky_log, motion):
+        keep, flat = (
+            paths_of(shaky_log(), camera_of(0.0), motion=motion, geometry=g, samples=21) for g in ("keep", "rectify")
+        )
+        np.testing.assert_allclose(flat.displacements, keep.displacements, atol=1e-9)
+
+    def test_holds_the_skew(self):
+        """At a constant rate about y, a row is displaced by the angle since the mid-exposure of the middle row."""
+        paths = paths_of(constant(0, 0.5, 0), camera_of(), cols=CENTRE[1], geometry="rectify", samples=5)
+        since = (ROWS[:, None] - 31.5) / HEIGHT * 0.03 + np.linspace(-0.02, 0.02, 5)
+        # Tolerance for the tangent, on a row that is a third of f away from the centre.
+        np.testing.assert_allclose(paths.displacements[:, 0, :, 0], -FOCAL * 0.5 * since, atol=0.01)

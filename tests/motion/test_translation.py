@@ -1,0 +1,124 @@
+"""A camera that moves sideways in front of a scene at one depth: paths and restoration, checked by simulation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from skimage.metrics import peak_signal_noise_ratio
+
+from rsdeblur import (
+    BlurPaths,
+    Camera,
+    Capture,
+    CoverageError,
+    Exposure,
+    GyroLog,
+    InputError,
+    Translation,
+    deblur,
+    simulate,
+)
+from rsdeblur.simulation.scene import scene
+
+CAMERA = Camera(160, 120, 200.0, readout_time=0.02)
+EXPOSURE = Exposure(0.05, 0.04)
+T = np.linspace(0, 0.2, 41)
+STILL = GyroLog(T, np.zeros((len(T), 3)))
+DEPTH = 0.5
+
+
+def sway(amplitude=0.02):
+    """Return a sway of centimetres within 0.1 s: about 10 px for a scene at half a metre."""
+    x, y = amplitude * np.sin(25 * T), 0.7 * amplitude * np.cos(31 * T)
+    return Translation(T, np.stack([x, y, 0.1 * x], axis=-1), DEPTH)
+
+
+def paths(log, translation, camera=CAMERA, motion="rotation"):
+    capture = Capture.from_log(log, camera, EXPOSURE, translation, motion=motion)
+    return BlurPaths.from_capture(capture, [10.0, 60.0, 110.0], [20.0, 80.0], samples=21)
+
+
+def test_the_picture_moves_against_the_camera():
+    speed = 0.1  # m/s to the right
+    right = Translation([0.0, 0.2], [[0, 0, 0], [0.2 * speed, 0, 0]], DEPTH)
+    camera = replace(CAMERA, readout_time=0.0)
+    for motion in ("rotation", "small-angle"):
+        d = paths(STILL, right, camera, motion).displacements
+        shift = -200.0 * speed * EXPOSURE.duration / DEPTH
+        # Exact for a translation parallel to the picture.
+        np.testing.assert_allclose(d[..., -1, 0] - d[..., 0, 0], shift, atol=1e-9)
+        np.testing.assert_allclose(d[..., 1], 0, atol=1e-9)
+
+
+def test_only_position_over_depth_counts():
+    near, far = sway(), sway()
+    far = replace(far, position=3 * far.position + [1.0, -2.0, 5.0], depth=3 * DEPTH)
+    # The origin is arbitrary, up to rounding.
+    np.testing.assert_allclose(paths(STILL, near).displacements, paths(STILL, far).displacements, atol=1e-9)
+
+
+def test_no_translation_is_none(shaky_log):
+    log = shaky_log()
+    rest = Translation([0.0, 0.4], np.zeros((2, 3)), DEPTH)
+    np.testing.assert_array_equal(paths(log, rest).displacements, paths(log, None).displacements)
+
+
+def quality(image, truth):
+    inside = np.s_[24:-24, 24:-24]
+    return peak_signal_noise_ratio(truth[inside], image[inside], data_range=1.0)
+
+
+@pytest.mark.parametrize("lens", [("none", ()), ("radtan", (-0.2, 0.05, 0.0, 0.0))])
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("geometry", ["keep", "rectify"])
+def test_what_the_simulator_moves_is_undone(shaky_log, turned, geometry, lens):
+    log, track = shaky_log((0.5, 0.5, 0.5)), sway()
+    camera, sharp = replace(CAMERA, distortion_model=lens[0], distortion=lens[1]), scene(200, 240)
+    if turned:
+        camera, track, sharp = camera.turned(), track.turned(), np.rot90(sharp, -1)
+    pictures = simulate(sharp, log, camera, EXPOSURE, noise=1e-3, translation=track)
+    truth = pictures.rectified if geometry == "rectify" else pictures.rolling
+
+    def gain(translation):
+        image = deblur(
+            pictures.blurred,
+            log,
+            camera,
+            EXPOSURE,
+            nsr=3e-3,
+            geometry=geometry,
+            translation=translation,
+            prior="wiener",
+        )
+        return quality(image.image, truth) - quality(pictures.blurred, truth)
+
+    # Without the translation half of the motion is unknown. With it, the gain is that for rotations: 3 dB and more on
+    # such a small picture, whose borders are a large part.
+    assert gain(track) > max(gain(None), 0) + 3
+
+
+@pytest.mark.parametrize("geometry", ["keep", "rectify"])
+def test_at_rest_nothing_moves_whatever_the_lens(geometry):
+    camera = replace(CAMERA, distortion_model="radtan", distortion=(-0.2, 0.05, 0.01, 0.0))
+    rest = Translation([0.0, 0.2], np.zeros((2, 3)), DEPTH)
+    for track in (rest, None):
+        capture = Capture.from_log(STILL, camera, EXPOSURE, track)
+        found = BlurPaths.from_capture(capture, [0.0, 60.0], [0.0, 80.0], geometry=geometry).displacements
+        # The lens is inverted by iteration.
+        np.testing.assert_allclose(found, 0, atol=1e-6)
+
+
+def test_what_is_no_track_is_refused():
+    with pytest.raises(InputError, match="depth"):
+        Translation([0, 1], np.zeros((2, 3)), 0.0)
+    with pytest.raises(InputError, match="same length"):
+        Translation([0, 1, 2], np.zeros((2, 3)), 1.0)
+    with pytest.raises(InputError, match="increase"):
+        Translation([1, 0], np.zeros((2, 3)), 1.0)
+    with pytest.raises(CoverageError, match="translation track"):
+        paths(STILL, Translation([0.06, 0.2], np.zeros((2, 3)), 1.0))
+    wide = Camera(160, 120, 40.0, distortion_model="fisheye", distortion=(0.0, 0.0, 0.0, 0.0))
+    with pytest.raises(InputError, match="180 degrees"):
+        paths(STILL, Translation([0.0, 0.2], np.zeros((2, 3)), 1.0), wide)

@@ -1,0 +1,345 @@
+"""deblur(): from log and picture to sharp picture, on simulated captures."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+from scipy import ndimage
+from skimage.metrics import peak_signal_noise_ratio
+
+import rsdeblur
+from rsdeblur import Camera, CoverageError, Exposure, GyroLog, InputError, RsdeblurWarning, Simulation, simulate
+from rsdeblur.deconv import tiling
+from rsdeblur.pipeline.deblur import psfs
+from rsdeblur.simulation.scene import scene
+from rsdeblur.simulation.shake import hand_shake
+
+# The published method's filter unless a test says otherwise: fast, and linear in the picture.
+deblur = partial(rsdeblur.deblur, prior="wiener")
+
+EXPOSURE = Exposure(0.05, 0.025)
+CAMERA = Camera(192, 160, 210.0, readout_time=0.03)
+
+
+def psnr(truth: np.ndarray, image: np.ndarray, border: int = 16) -> float:
+    inside = np.s_[border:-border, border:-border]
+    return float(peak_signal_noise_ratio(truth[inside], image.clip(0, 1)[inside], data_range=1.0))
+
+
+@pytest.fixture(scope="module")
+def log() -> GyroLog:
+    return hand_shake(0.2, strength=1.5, seed=3)
+
+
+@pytest.fixture(scope="module")
+def capture(log: GyroLog) -> Simulation:
+    """A capture whose blur changes a lot down the picture, at 60 dB so that the model counts and not the noise."""
+    return simulate(scene(220, 250), log, CAMERA, EXPOSURE, noise=0.001)
+
+
+def test_banded_beats_global_and_the_input(capture: Simulation, log: GyroLog) -> None:
+    blurred = psnr(capture.rolling, capture.blurred)
+    one = psnr(capture.rolling, deblur(capture.blurred, log, CAMERA, EXPOSURE, mode="global", nsr=0.01).image)
+    many = psnr(capture.rolling, deblur(capture.blurred, log, CAMERA, EXPOSURE, mode="banded", nsr=0.01).image)
+    # Measured 18.2, 17.2 and 26.7 dB; half of that gain separates a right engine from any sign or timing error.
+    assert many > max(one, blurred) + 4
+
+
+def test_rowwise_beats_banded(capture: Simulation, log: GyroLog) -> None:
+    def quality(nsr: float, **kwargs: object) -> float:
+        return psnr(capture.rolling, deblur(capture.blurred, log, CAMERA, EXPOSURE, nsr=nsr, strips=6, **kwargs).image)
+
+    # A tiny nsr forgives no error of the model; measured 20.7 and 22.0 dB.
+    assert quality(1e-4, mode="rowwise") > quality(1e-4, bands=16) + 0.7
+    # Measured 26.5 and 27.3 dB.
+    assert quality(0.0003, mode="rowwise", prior="gradient", weight=0.003) > quality(0.003, bands=16) + 0.4
+
+
+def test_rowwise_reports_its_rows(capture: Simulation, log: GyroLog) -> None:
+    result = deblur(capture.blurred, log, CAMERA, EXPOSURE, mode="rowwise", bands=3, strips=2)
+    assert (result.bands, result.strips) == (CAMERA.height, 2)
+    bank = psfs(log, CAMERA, EXPOSURE, mode="rowwise", strips=2)
+    np.testing.assert_array_equal(bank.kernels, result.psfs.kernels)
+    assert result.coverage.all()
+    direct, cg = (
+        deblur(capture.blurred, log, CAMERA, EXPOSURE, mode="rowwise", strips=2, solver=solver).image
+        for solver in ("direct", "cg")
+    )
+    np.testing.assert_array_equal(direct, result.image)
+    # See test_rowwise.py.
+    np.testing.assert_allclose(cg, direct, atol=0.02)
+
+
+def test_global_is_enough_for_a_global_shutter(log: GyroLog) -> None:
+    """Without readout one PSF holds for the whole picture, up to roll and perspective."""
+    camera = Camera(192, 160, 210.0)
+    capture = simulate(scene(220, 250), log, camera, EXPOSURE, noise=0.001)
+    result = deblur(capture.blurred, log, camera, EXPOSURE, mode="global")
+    # Measured 17.2 and 20.3 dB; this motion rolls, which one PSF cannot follow.
+    assert psnr(capture.rolling, result.image) > psnr(capture.rolling, capture.blurred) + 1.5
+
+
+def test_auto_tiles_are_near_the_best(capture: Simulation, log: GyroLog) -> None:
+    def quality(bands: int | str) -> float:
+        # 60 dB of noise call for a small nsr.
+        return psnr(capture.rolling, deblur(capture.blurred, log, CAMERA, EXPOSURE, bands=bands, nsr=0.003).image)
+
+    assert quality("auto") > max(quality(n) for n in (4, 8, 16, 32)) - 0.2
+
+
+def test_one_band_equals_global(capture: Simulation, log: GyroLog) -> None:
+    one = deblur(capture.blurred, log, CAMERA, EXPOSURE, mode="banded", bands=1, strips=1)
+    whole = deblur(capture.blurred, log, CAMERA, EXPOSURE, mode="global", bands=7, strips=3)
+    assert (whole.bands, whole.strips) == (1, 1)
+    np.testing.assert_allclose(one.image, whole.image, atol=1e-6)
+
+
+def test_rectify_matches_the_rectified_reference(capture: Simulation, log: GyroLog) -> None:
+    keep = deblur(capture.blurred, log, CAMERA, EXPOSURE, nsr=0.01)
+    flat = deblur(capture.blurred, log, CAMERA, EXPOSURE, nsr=0.01, geometry="rectify")
+    assert keep.coverage.all()
+    assert not flat.coverage.all()
+    assert flat.coverage[40:-40, 40:-40].all()
+    # The references differ by the skew (20 dB), so each geometry fits only its own. Resampling a picture with detail
+    # down to single pixels costs the rectified one 1 dB.
+    own = psnr(capture.rectified, flat.image, border=40)
+    assert own > psnr(capture.rectified, keep.image, border=40) + 4
+    assert own > psnr(capture.rolling, keep.image, border=40) - 2
+
+
+def test_no_motion_is_the_identity(capture: Simulation) -> None:
+    still = GyroLog([0.0, 0.3], np.zeros((2, 3)))
+    result = deblur(capture.blurred, still, CAMERA, EXPOSURE, nsr=0.1)
+    assert (result.bands, result.strips) == (1, 1)
+    np.testing.assert_allclose(result.image, capture.blurred, atol=1e-5)
+    exact = deblur(capture.blurred, still, CAMERA, EXPOSURE, nsr=0.1, mode="rowwise")
+    np.testing.assert_allclose(exact.image, capture.blurred, atol=1e-5)
+
+
+@pytest.mark.parametrize("direction", ["left-right", "right-left", "bottom-up"])
+@pytest.mark.parametrize("mode", ["banded", "rowwise"])
+def test_readout_directions_are_one_problem_turned(
+    capture: Simulation, log: GyroLog, mode: str, direction: str
+) -> None:
+    """The same scene stored turned, on a camera described as turned, gives the same result turned."""
+    turns = {"left-right": 1, "bottom-up": 2, "right-left": 3}[direction]
+    camera = CAMERA
+    for _ in range((4 - turns) % 4):
+        camera = camera.turned()
+    assert camera.readout_direction == direction
+    kwargs = {"mode": mode, "bands": 6, "strips": 2, "geometry": "rectify"}
+    upright = deblur(capture.blurred, log, CAMERA, EXPOSURE, **kwargs)
+    turned = deblur(np.rot90(capture.blurred, turns), log, camera, EXPOSURE, **kwargs)
+    # Read bottom-up, the problem is solved as it is stored, and the ends of its tiles lie elsewhere: the difference
+    # is what margins of 0.6 decay lengths let through.
+    inside = np.s_[32:-32, 32:-32]
+    np.testing.assert_allclose(np.rot90(turned.image, -turns)[inside], upright.image[inside], atol=0.02)
+    np.testing.assert_array_equal(np.rot90(turned.coverage, -turns), upright.coverage)
+    kernels = np.rot90(np.rot90(turned.psfs.kernels, -turns, axes=(0, 1)), -turns, axes=(2, 3))
+    np.testing.assert_allclose(kernels, upright.psfs.kernels, atol=1e-6)
+
+
+def test_psfs_are_those_of_deblur(capture: Simulation, log: GyroLog) -> None:
+    bank = psfs(log, CAMERA, EXPOSURE)
+    result = deblur(capture.blurred, log, CAMERA, EXPOSURE, nsr=0.01)
+    np.testing.assert_array_equal(bank.kernels, result.psfs.kernels)
+    np.testing.assert_array_equal(bank.centres, result.psfs.centres)
+
+
+def test_clock_origin_does_not_matter(capture: Simulation, log: GyroLog) -> None:
+    """Stamps of a real clock, 1.7e18 ns, give the very same picture."""
+    far = 1_700_000_000_123_456_789
+    shifted = GyroLog(log.t, log.omega, far)
+    exposure = Exposure(EXPOSURE.start, EXPOSURE.duration, far)
+    np.testing.assert_array_equal(
+        deblur(capture.blurred, shifted, CAMERA, exposure).image, deblur(capture.blurred, log, CAMERA, EXPOSURE).image
+    )
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (2,), (3,), (4,)])
+def test_shapes_and_alpha(log: GyroLog, shape: tuple[int, ...]) -> None:
+    picture = np.random.default_rng(2).random((CAMERA.height, CAMERA.width, *shape), dtype=np.float32)
+    result = deblur(picture, log, CAMERA, EXPOSURE, mode="global").image
+    assert result.shape == picture.shape
+    assert result.dtype == np.float32
+    if shape in ((2,), (4,)):
+        np.testing.assert_array_equal(result[..., -1], picture[..., -1])
+        colour = deblur(picture[..., :-1], log, CAMERA, EXPOSURE, mode="global").image
+        np.testing.assert_array_equal(result[..., :-1], colour)
+
+
+@pytest.mark.parametrize(("dtype", "top"), [(np.uint8, 255), (np.uint16, 65535)])
+def test_integers_are_scaled_and_clipped(capture: Simulation, log: GyroLog, dtype: type, top: int) -> None:
+    stored = np.round(capture.blurred.clip(0, 1) * top).astype(dtype)
+    result = deblur(stored, log, CAMERA, EXPOSURE, transfer="linear").image
+    reference = deblur(stored.astype(np.float32) / top, log, CAMERA, EXPOSURE).image
+    assert result.min() >= 0.0
+    assert result.max() <= 1.0
+    np.testing.assert_allclose(result, reference.clip(0, 1), atol=1e-6)
+
+
+@pytest.mark.parametrize("transfer", ["srgb", 2.2])
+def test_transfer_goes_both_ways(capture: Simulation, transfer: str | float) -> None:
+    still = GyroLog([0.0, 0.3], np.zeros((2, 3)))
+    picture = capture.rolling.clip(0, 1)
+    result = deblur(picture, still, CAMERA, EXPOSURE, transfer=transfer).image
+    # Near black the curve is steep: float32 noise of 1e-6 in light is 1e-3 in stored values.
+    np.testing.assert_allclose(result, picture, atol=2e-3)
+
+
+def test_small_angles_agree_for_small_motion(log: GyroLog, capture: Simulation) -> None:
+    full = psfs(log, CAMERA, EXPOSURE, mode="global")
+    paper = psfs(log, CAMERA, EXPOSURE, mode="global", motion="small-angle")
+    assert full.size == paper.size
+    # At the centre, roll and perspective vanish; 2 degrees of rotation leave a second-order change of some percent.
+    assert 0.5 * np.abs(full.kernels - paper.kernels).sum() < 0.1
+
+
+@pytest.fixture(scope="module")
+def soft() -> tuple[Simulation, GyroLog]:
+    """A capture as detailed as photographs are, at 40 dB."""
+    log = hand_shake(0.2, strength=0.7, seed=3)
+    sharp = ndimage.gaussian_filter(scene(220, 250), (1, 1, 0))
+    return simulate(sharp, log, CAMERA, EXPOSURE, noise=0.01), log
+
+
+def test_auto_is_near_the_best(soft: tuple[Simulation, GyroLog]) -> None:
+    capture, log = soft
+
+    def quality(**kwargs: object) -> float:
+        return psnr(capture.rolling, deblur(capture.blurred, log, CAMERA, EXPOSURE, **kwargs).image)
+
+    best = {"wiener": max(quality(nsr=nsr) for nsr in (0.01, 0.03, 0.1, 0.3))}
+    ladders = {"gradient": (0.01, 0.03, 0.1), "tv": (0.003, 0.01, 0.03), "hyper-laplacian": (0.001, 0.003, 0.01)}
+    for prior, weights in ladders.items():
+        best[prior] = max(quality(prior=prior, weight=weight) for weight in weights)
+    for prior, most in best.items():
+        # Measured 0.7, 0.3, 0.7 and 0.0 dB below; flat areas between edges are easier than what photographs show.
+        assert quality(prior=prior) > most - 1.0
+    # Measured 32.7, 35.0, 35.8 and 35.6 dB.
+    assert best["hyper-laplacian"] > best["gradient"] + 0.3
+    assert best["gradient"] > best["wiener"] + 0.3
+
+
+@pytest.mark.parametrize("prior", ["wiener", "gradient", "tv", "hyper-laplacian"])
+@pytest.mark.parametrize("noise", [0.01, 0.03])
+def test_auto_does_a_still_picture_no_harm(soft: tuple[Simulation, GyroLog], prior: str, noise: float) -> None:
+    still = GyroLog([0.0, 0.3], np.full((2, 3), 0.02))  # 0.1 px during the exposure
+    sharp = soft[0].rolling
+    taken = sharp + np.random.default_rng(6).normal(0, noise, sharp.shape).astype(np.float32)
+    result = deblur(taken, still, CAMERA, EXPOSURE, prior=prior)
+    assert psnr(sharp, result.image) > psnr(sharp, taken)
+
+
+def test_given_strengths_are_used_and_told(soft: tuple[Simulation, GyroLog]) -> None:
+    capture, log = soft
+    wiener = deblur(capture.blurred, log, CAMERA, EXPOSURE, nsr=0.07)
+    assert (wiener.nsr, wiener.weight) == (0.07, None)
+    tv = deblur(capture.blurred, log, CAMERA, EXPOSURE, prior="tv", nsr=0.002, weight=0.03)
+    assert (tv.nsr, tv.weight) == (0.002, 0.03)
+
+
+def test_brightness_is_only_a_factor(soft: tuple[Simulation, GyroLog]) -> None:
+    """A darker picture of the same scene gives the same result, darker."""
+    capture, log = soft
+    for prior in ("wiener", "tv", "hyper-laplacian"):
+        bright = deblur(capture.blurred, log, CAMERA, EXPOSURE, prior=prior).image
+        dark = deblur(capture.blurred / 16, log, CAMERA, EXPOSURE, prior=prior).image
+        # Rounding decides about gradients at the threshold.
+        assert np.sqrt(np.mean((16 * dark - bright) ** 2)) < 1e-4
+
+
+def test_progress_and_timings(capture: Simulation, log: GyroLog) -> None:
+    told: list[tuple[str, float]] = []
+    result = deblur(
+        capture.blurred, log, CAMERA, EXPOSURE, geometry="rectify", progress=lambda s, f: told.append((s, f))
+    )
+    assert list(result.timings) == ["tune", "psfs", "plan", "apply", "rectify", "check"]
+    assert list(dict.fromkeys(stage for stage, _ in told)) == list(result.timings)
+    for stage in result.timings:
+        fractions = [f for s, f in told if s == stage]
+        assert fractions == sorted(fractions)
+        assert fractions[-1] == 1.0
+
+
+def seam(image: np.ndarray, bands: int) -> float:
+    """Largest mean second difference across a band border, relative to the median of the rows around it."""
+    rough = np.abs(np.diff(image, n=2, axis=0)).mean(axis=(1, 2))
+    ratios = []
+    for border in (np.arange(1, bands) * len(image) / bands - 1).astype(int):
+        ratios.append(rough[border - 1 : border + 1].max() / np.median(rough[max(border - 8, 0) : border + 8]))
+    return max(ratios)
+
+
+def test_no_seam_between_bands(log: GyroLog, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Band borders are no rougher than the picture itself there; a seam put in on purpose is found."""
+    # A smooth picture without noise shows seams best.
+    capture = simulate(ndimage.gaussian_filter(scene(220, 250), (6, 6, 0)), log, CAMERA, EXPOSURE)
+    own = seam(capture.rolling, 8)
+    # Measured 0.99 times the picture's own 1.57.
+    assert seam(deblur(capture.blurred, log, CAMERA, EXPOSURE, bands=8).image, 8) < 1.1 * own
+
+    def nearest(centres: np.ndarray, n: int) -> np.ndarray:
+        return np.eye(len(centres))[:, np.abs(np.arange(n) - centres[:, None]).argmin(axis=0)]
+
+    monkeypatch.setattr(tiling, "hat_weights", nearest)
+    # Measured 4.8 times.
+    assert seam(deblur(capture.blurred, log, CAMERA, EXPOSURE, bands=8).image, 8) > 2 * own
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "message"),
+    [
+        ({"mode": "magic"}, "mode must be one of banded, global"),
+        ({"geometry": "flat"}, "geometry must be one of"),
+        ({"prior": "lasso"}, "prior must be one of"),
+        ({"prior": "tv", "weight": 0.0}, "weight must be greater than 0"),
+        ({"weight": "much"}, "weight must be a number"),
+        ({"exponent": 2.0}, "exponent must be at most 1"),
+        ({"solver": "lu"}, "solver must be one of"),
+        ({"motion": "paper"}, "motion must be one of"),
+        ({"border": "none"}, "border must be one of"),
+        ({"bands": 0}, "bands must be at least 1"),
+        ({"strips": 2.5}, "strips must be a whole number"),
+        ({"bands": "many"}, "bands must be a whole number"),
+        ({"nsr": -1.0}, "nsr must be greater than 0"),
+        ({"transfer": "rec709"}, "transfer must be"),
+        ({"transfer": 0.0}, "transfer must be greater than 0"),
+        ({"threads": 0}, "threads must be at least 1"),
+    ],
+)
+def test_bad_arguments_are_refused(log: GyroLog, kwargs: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        deblur(np.zeros((160, 192)), log, CAMERA, EXPOSURE, **kwargs)
+
+
+@pytest.mark.parametrize(
+    ("image", "message"),
+    [
+        (np.zeros((192, 160)), "turned by a quarter"),
+        (np.zeros((80, 96)), r"camera.scaled\(0.5\)"),
+        (np.zeros((100, 100)), "camera.cropped"),
+        (np.zeros((160, 192, 5)), "C from 1 to 4"),
+        (np.zeros(7), "must have shape"),
+        (np.zeros((160, 192), dtype=np.int32), "must be uint8, uint16 or float, got int32"),
+        (np.zeros((160, 192), dtype=complex), "got complex128"),
+        (np.full((160, 192), np.nan), "finite"),
+    ],
+)
+def test_bad_pictures_are_refused(log: GyroLog, image: np.ndarray, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        deblur(image, log, CAMERA, EXPOSURE)
+
+
+def test_log_must_cover_the_exposure(log: GyroLog, capture: Simulation) -> None:
+    with pytest.raises(CoverageError, match=r"misses .* ms at its end"):
+        deblur(capture.blurred, log, CAMERA, Exposure(0.19, 0.025))
+
+
+def test_degrees_are_suspected_and_blur_beyond_the_picture_refused(log: GyroLog, capture: Simulation) -> None:
+    with pytest.warns(RsdeblurWarning, match="degrees"):
+        degrees = GyroLog(log.t, np.rad2deg(log.omega))
+    with pytest.raises(InputError, match="rates in rad/s"):
+        deblur(capture.blurred, degrees, CAMERA, EXPOSURE)

@@ -1,0 +1,131 @@
+"""Laws of bounded memory: slabs give every row once, and the picture is the one that is solved whole."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+import rsdeblur
+from rsdeblur import Camera, Exposure, GyroLog, InputError, Simulation, simulate
+from rsdeblur.pipeline import memory as chunks
+from rsdeblur.simulation.scene import scene
+from rsdeblur.simulation.shake import hand_shake
+
+# The published method's filter unless a test says otherwise: fast, and linear in the picture.
+deblur = partial(rsdeblur.deblur, prior="wiener")
+
+HEIGHT, WIDTH = 400, 96
+CAMERA = Camera(WIDTH, HEIGHT, 500.0, readout_time=0.03)
+EXPOSURE = Exposure(0.06, 1 / 50)
+METHODS = {
+    "global": {"mode": "global", "nsr": 0.02},
+    "banded": {"bands": 12, "strips": 2, "nsr": 0.02},
+    "banded tv": {"bands": 12, "strips": 1, "prior": "tv", "weight": 1e-3},
+    "rowwise": {"mode": "rowwise", "strips": 1, "nsr": 0.02},
+    "rowwise tv": {"mode": "rowwise", "strips": 2, "prior": "tv", "weight": 1e-3},
+}
+
+# Bytes that cut it into some slabs.
+MEMORY = {
+    "global": 1_100_000,
+    "banded": 1_600_000,
+    "banded tv": 3_000_000,
+    "rowwise": 1_300_000,
+    "rowwise tv": 3_000_000,
+}
+
+
+@pytest.fixture(scope="module")
+def log() -> GyroLog:
+    return hand_shake(0.2, seed=3)
+
+
+@pytest.fixture(scope="module")
+def capture(log: GyroLog) -> Simulation:
+    return simulate(scene(HEIGHT + 40, WIDTH + 60), log, CAMERA, EXPOSURE, noise=0.003)
+
+
+@pytest.fixture
+def planned(monkeypatch):
+    """No fixed share, so that small pictures can be cut; records the slabs."""
+    found = []
+
+    def plan(*args):
+        found[:] = slabs_planned(*args)[0]
+        return found, 0
+
+    slabs_planned = chunks.plan_chunks
+    monkeypatch.setattr(chunks, "FIXED", 0)
+    monkeypatch.setattr("rsdeblur.pipeline.plan.plan_chunks", plan)
+    return found
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_slabs_give_the_picture_that_is_solved_whole(capture, log, planned, name):
+    arguments = (capture.blurred, log, CAMERA, EXPOSURE)
+    whole = deblur(*arguments, **METHODS[name])
+    assert len(planned) == 1
+    sliced = deblur(*arguments, **METHODS[name], max_memory=MEMORY[name])
+    assert len(planned) > 1
+    rows = [row for chunk in planned for row in range(chunk.given.start, chunk.given.stop)]
+    assert rows == list(range(HEIGHT))
+    assert all(chunk.read.start <= chunk.given.start and chunk.given.stop <= chunk.read.stop for chunk in planned)
+    assert (sliced.bands, sliced.strips) == (whole.bands, whole.strips)
+    # What slabs change at the rows they give is some percent of what deblurring changes; measured 0.1 to 1.5 %.
+    # At the frame the continuation of the whole picture meets its opposite border, that of a slab another row; and
+    # rowwise continues rows by the longest PSF of the slab.
+    inside = np.s_[60:-60, 24:-24]
+    change, error = (np.sqrt(np.mean((image - whole.image)[inside] ** 2)) for image in (capture.blurred, sliced.image))
+    assert error < 0.03 * change
+
+
+def test_more_memory_means_fewer_slabs(capture, log, planned):
+    counts = []
+    for size in (900_000, 1_400_000, 20_000_000):
+        deblur(capture.blurred, log, CAMERA, EXPOSURE, mode="global", nsr=0.05, max_memory=size)
+        counts.append(len(planned))
+    assert counts[0] > counts[1] > counts[2] == 1
+
+
+def test_too_little_memory_is_refused_before_the_work(capture, log, monkeypatch):
+    monkeypatch.setattr(chunks, "FIXED", 0)
+    with pytest.raises(InputError, match=r"max_memory is 0 MiB, but even 16 rows of this picture need \d+ MiB"):
+        deblur(capture.blurred, log, CAMERA, EXPOSURE, max_memory=2**18)
+    for wanted in ({"geometry": "rectify"}, {"normalize": True}, {"border": "smooth"}):
+        with pytest.raises(InputError, match="leave out max_memory"):
+            deblur(capture.blurred, log, CAMERA, EXPOSURE, max_memory=2**30, **wanted)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_results_go_where_they_shall(capture, log, tmp_path, dtype):
+    """Into mapped files too, from mapped files, rounded like any picture."""
+    top = 1 if dtype == np.float32 else np.iinfo(dtype).max
+    np.save(tmp_path / "in.npy", (capture.blurred.clip(0, 1) * top).astype(dtype))
+    blurred = np.load(tmp_path / "in.npy", mmap_mode="r")
+    out = np.lib.format.open_memmap(tmp_path / "out.npy", mode="w+", dtype=dtype, shape=blurred.shape)
+    result = deblur(blurred, log, CAMERA, EXPOSURE, nsr=0.02, out=out)
+    assert result.image is out
+    expected = deblur(np.array(blurred), log, CAMERA, EXPOSURE, nsr=0.02).image
+    if dtype != np.float32:
+        expected = np.rint(expected * np.float32(top))
+    np.testing.assert_array_equal(np.load(tmp_path / "out.npy"), expected)
+
+
+@pytest.mark.parametrize(
+    ("out", "message"),
+    [
+        (np.empty((3, 3), np.float32), "out must be a float32, uint8 or uint16 array of shape"),
+        (np.empty((HEIGHT, WIDTH, 3)), "got float64"),
+        ("file.npy", "got str"),
+    ],
+)
+def test_bad_places_for_results(capture, log, out, message):
+    with pytest.raises(InputError, match=message):
+        deblur(capture.blurred, log, CAMERA, EXPOSURE, out=out)
+
+
+def test_out_must_not_overlap(capture, log):
+    with pytest.raises(InputError, match="out must not overlap image"):
+        deblur(capture.blurred, log, CAMERA, EXPOSURE, out=capture.blurred)

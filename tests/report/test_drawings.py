@@ -1,0 +1,95 @@
+"""Drawings: each part is shown, and at its place."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from rsdeblur.errors import InputError
+from rsdeblur.psf import PsfBank
+from rsdeblur.report import psf_map, side_by_side
+from rsdeblur.report.psf_map import FOOTER, LONG_SIDE
+
+
+def bank(bands: int, strips: int, size: tuple[int, int] = (9, 15)) -> PsfBank:
+    """Return kernels that are bars along x, at the tile centres of a picture of 120x160."""
+    kernels = np.zeros((bands, strips, *size), np.float32)
+    kernels[:, :, size[0] // 2, 1:-1] = 1.0 / (size[1] - 2)
+    return PsfBank.for_picture(kernels, (120, 160))
+
+
+@pytest.mark.parametrize("bands", [1, 5, 16, 64])
+@pytest.mark.parametrize("strips", [1, 8])
+def test_psf_map_draws_within_its_cells(bands: int, strips: int) -> None:
+    drawing = psf_map(bank(bands, strips), (120, 160))
+    assert drawing.shape == (LONG_SIDE * 120 // 160 + FOOTER, LONG_SIDE, 3)
+    assert drawing.dtype == np.float32
+    assert drawing.min() >= 0.0
+    assert drawing.max() <= 1.0
+    red = drawing[:-FOOTER, :, 0] > 0.6
+    # Each strip's kernel leaves the borders of its cell free, so kernels never touch.
+    borders = np.linspace(0, LONG_SIDE, strips + 1).round().astype(int)
+    assert not red[:, np.clip(borders, 0, LONG_SIDE - 1)].any()
+    for left, right in pairwise(borders):
+        assert red[:, left:right].any()
+
+
+def test_psf_map_puts_the_kernel_at_its_place() -> None:
+    kernel = np.zeros((1, 1, 5, 5), np.float32)
+    kernel[..., 2, 2] = 1.0
+    drawing = psf_map(PsfBank(kernel, [30.0], [120.0]), (120, 160))
+    y, x = np.argwhere(drawing[:-FOOTER, :, 0] > 0.8).mean(axis=0)
+    # The pixel (30, 120) is centred at 30.5 and 120.5 pixel widths; half a px of the drawing is rounding.
+    assert y == pytest.approx(305, abs=1.0)
+    assert x == pytest.approx(1205, abs=1.0)
+
+
+def test_psf_map_dims_the_picture_below() -> None:
+    drawing = psf_map(bank(1, 1), (120, 160), picture=np.ones((120, 160), np.float32))
+    assert 0.2 < drawing[5, 5].mean() < 0.5
+    with pytest.raises(InputError, match="shape"):
+        psf_map(bank(1, 1), (120, 160), picture=np.ones((120, 161), np.float32))
+
+
+def test_side_by_side_shows_each_picture_in_its_column() -> None:
+    grey = np.full((60, 80), 0.25, np.float32)
+    sheet = side_by_side({"dark": grey, "light": np.dstack([grey * 3] * 3)}, crops=2)
+    assert sheet.ndim == 3
+    half = sheet.shape[1] // 2
+    assert np.median(sheet[100:400, 100 : half - 100]) == pytest.approx(0.25, abs=1 / 255)
+    assert np.median(sheet[100:400, half + 100 : -100]) == pytest.approx(0.75, abs=1 / 255)
+
+
+def test_side_by_side_finds_detail_at_different_heights() -> None:
+    rng = np.random.default_rng(0)
+    quiet = np.full((120, 160), 0.5, np.float32)
+    busy = quiet.copy()
+    # One noisy patch in each third, far from the others' columns.
+    for top, left in ((10, 100), (45, 20), (80, 70)):
+        busy[top : top + 30, left : left + 40] += rng.normal(0.0, 0.1, (30, 40)).astype(np.float32)
+    sheet, blank = side_by_side({"busy": busy}), side_by_side({"quiet": quiet})
+    details = sheet[sheet.shape[0] // 3 :]
+    assert blank.shape == sheet.shape
+    # Every crop is filled with noise for the most part.
+    for part in np.array_split(details, 3):
+        assert part[50:-50, 50:-50].std() > 0.05
+
+
+def test_side_by_side_takes_given_crops_and_refuses_wrong_ones() -> None:
+    picture = np.zeros((60, 80), np.float32)
+    picture[10:20, 30:40] = 1.0
+    sheet = side_by_side({"a": picture}, crops=[(10, 30, 10, 10)])
+    assert sheet[-300:-50, 100:-100].min() > 0.95
+    with pytest.raises(InputError, match="crop"):
+        side_by_side({"a": picture}, crops=[(55, 0, 10, 10)])
+
+
+def test_side_by_side_refuses_unlike_sizes_and_shapes() -> None:
+    with pytest.raises(InputError, match="'b' has 80x61 px"):
+        side_by_side({"a": np.zeros((60, 80), np.float32), "b": np.zeros((61, 80), np.float32)})
+    with pytest.raises(InputError, match="at least one"):
+        side_by_side({})
+    with pytest.raises(InputError, match="shape"):
+        side_by_side({"a": np.zeros(5, np.float32)})

@@ -1,0 +1,233 @@
+"""The report's page without a browser: its structure, its escaping, its size, and its figures and findings."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+import rsdeblur
+from rsdeblur.errors import InputError, OutputError
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.psf import PsfBank
+from rsdeblur.report import MotionPlot, band_figures, embed, findings, write_page
+from rsdeblur.report.page import render
+
+# Every way out of an element, an attribute, a comment, JSON and a template.
+HOSTILE = (
+    """</script><script>alert(1)</script><!-- <img src=x onerror="alert(2)"> ' " & $title ${data} \u2028 ]]> </title>"""
+)
+VOID = {"meta", "img", "input", "br"}
+
+
+class Outline(HTMLParser):
+    """Collects elements, and checks that they are closed in order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: dict[str, list[str]] = {}
+        self._open: list[str] = []
+        self.feed(text)
+        self.close()
+        assert self._open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self._open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        for tag in self._open[-1:]:
+            self.texts.setdefault(tag, []).append(data)
+
+    def attributes(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+def test_the_page_is_whole_and_accessible(report_page) -> None:
+    outline = Outline(render(report_page()))
+    ids = [attributes["id"] for _, attributes in outline.elements if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    assert outline.attributes("html")[0]["lang"] == "en"
+    assert any(attributes.get("name") == "viewport" for attributes in outline.attributes("meta"))
+    assert [attributes["alt"] for attributes in outline.attributes("img")] == ["input", "global", "banded"]
+    named = {attributes.get("aria-label") for _, attributes in outline.elements}
+    assert "Swap left and right" in named
+    for _, attributes in outline.elements:
+        for reference in ("aria-labelledby", "aria-describedby", "for"):
+            assert attributes.get(reference, ids[0]) in ids
+    columns = outline.texts["th"]
+    assert {"mode", "time s", "apply s", "global", "banded", "0 to 16"} <= set(columns)
+    assert "Recording" in outline.texts["h3"]
+
+
+def test_every_stage_of_deblurring_has_a_column(report_page, shaky_log) -> None:
+    picture = np.random.default_rng(0).random((64, 64), dtype=np.float32)
+    capture = shaky_log(), Camera(64, 64, 90.0, readout_time=0.03), Exposure(0.1, 0.04)
+    timings = rsdeblur.deblur(picture, *capture, saturation="auto", geometry="rectify").timings
+    page = report_page()
+    page = replace(page, modes={"banded": {**page.modes["banded"], "timings": timings}})
+    assert {f"{stage} s" for stage in timings} <= set(Outline(render(page)).texts["th"])
+
+
+def test_nothing_is_fetched_and_no_foreign_script_may_run(report_page) -> None:
+    text = render(report_page())
+    outline = Outline(text)
+    for _, attributes in outline.elements:
+        for source in ("src", "href"):
+            assert attributes.get(source, "#").startswith(("data:", "#"))
+        assert not any(name.startswith("on") or name == "style" for name in attributes)
+    assert "url(" not in text
+    (policy,) = (a["content"] for a in outline.attributes("meta") if "http-equiv" in a)
+    assert policy.startswith("default-src 'none'")
+    assert "unsafe" not in policy
+
+
+def test_foreign_text_stays_text(report_page) -> None:
+    page, tame = report_page(photo=HOSTILE, remark=HOSTILE), report_page()
+    page = replace(
+        page,
+        banks={HOSTILE: page.banks["global"]},
+        modes={HOSTILE: page.modes["global"]},
+        pictures={HOSTILE: page.pictures["input"], "b": page.pictures["global"]},
+        bands=replace(page.bands, sharpness={HOSTILE: page.bands.sharpness["input"]}),
+        settings={HOSTILE: {HOSTILE: HOSTILE}},
+    )
+    outline = Outline(render(page))
+    # No element and no attribute beyond those of a harmless page.
+    assert {tag for tag, _ in outline.elements} == {tag for tag, _ in Outline(render(tame)).elements}
+    assert len(outline.attributes("script")) == 2
+    assert outline.texts["title"] == [f"{HOSTILE} · rsdeblur report"]
+    assert outline.texts["dd"] == [HOSTILE]
+    assert HOSTILE in outline.texts["th"]
+    data = json.loads("".join(outline.texts["script"][:1]))
+    assert list(data["banks"]) == [HOSTILE]
+
+
+def test_a_name_that_is_no_unicode_is_replaced(report_page, tmp_path) -> None:
+    write_page(tmp_path / "report.html", report_page(photo="b\udcffd.png"))
+    assert "<h1>b?d.png</h1>" in (tmp_path / "report.html").read_text("utf-8")
+    with pytest.raises(OutputError, match="cannot write"):
+        write_page(tmp_path / "no" / "report.html", report_page())
+
+
+def test_large_pictures_are_reduced_alike_until_they_fit(monkeypatch) -> None:
+    noise = np.random.default_rng(0).random((300, 400, 3), dtype=np.float32)
+    pictures = {"a": noise, "b": noise / 2}
+    whole, scale = embed.picture_uris(pictures, None)
+    assert scale == 1.0
+    monkeypatch.setattr(embed, "BUDGET", sum(map(len, whole)) // 8)
+    uris, scale = embed.picture_uris(pictures, None)
+    # Base64 adds a third, and each URI its prefix.
+    assert sum(map(len, uris)) <= embed.BUDGET * 4 / 3 + 2 * 40
+    assert 0.2 < scale < 0.5
+    assert all(uri.startswith("data:image/jpeg;base64,") for uri in uris)
+
+
+def test_many_kernels_are_thinned_out_evenly() -> None:
+    kernels = np.zeros((64, 3, 5, 7), np.float32)
+    kernels[..., 2, 3] = 1.0
+    data = embed.bank_data(PsfBank.for_picture(kernels, (640, 480)))
+    assert (len(data["rows"]), len(data["cols"])) == (embed.MOST_KERNELS[0], 3)
+    assert data["of"] == [64, 3]
+    assert data["rows"][0] + data["rows"][-1] == pytest.approx(639.0, abs=0.01)
+
+
+@pytest.mark.parametrize("direction", ["top-down", "right-left"])
+def test_the_plot_shows_camera_axes_and_each_lines_window(shaky_log, direction) -> None:
+    log = shaky_log()
+    camera = Camera(
+        80, 60, 100.0, readout_time=0.03, readout_direction=direction, imu_to_camera="phone-portrait", time_offset=0.02
+    )
+    epoch = 1_700_000_000_000_000_000
+    plot = MotionPlot.of(GyroLog(log.t, log.omega, epoch), camera, Exposure(0.15, 0.04, epoch))
+    lines = 60 if direction == "top-down" else 80
+    last = 0.03 * (lines - 1) / lines
+    # The exposure lasts 70 ms less one line; half of that is shown on either side.
+    assert plot.t[0] == pytest.approx(-0.035, abs=0.006)
+    assert plot.lines == lines
+    assert plot.opens == pytest.approx((0.0, last) if direction == "top-down" else (last, 0.0), abs=1e-9)
+    i = np.argmin(np.abs(log.t + 0.02 - 0.15 - plot.t[0]))
+    np.testing.assert_allclose(plot.rates[0], camera.imu_to_camera @ log.omega[i])
+
+
+def test_sharpness_and_ringing_are_separated() -> None:
+    y, x = np.mgrid[:128, :160].astype(float)
+    # Edges as boxes of 21 and 7 px leave them: ramps.
+    blurred, sharp = (0.3 + 0.4 * np.clip((x - 120) / width + 0.5, 0, 1) for width in (21, 7))
+    # Waves of 1 % amplitude, hence 0.71 % root mean square, in the lower four bands where the input is even.
+    ringing = sharp + np.where((y >= 64) & (x < 90), 0.01 * np.sin(2 * np.pi * x / 10), 0.0)
+    figures = band_figures({"input": blurred, "sharp": sharp, "ringing": ringing}, (9, 21))
+    assert figures.edges == tuple(range(0, 129, 16))
+    assert figures.sharpness["input"] == (1.0,) * 8
+    # Single precision; at half the size both ramps still have pixels whose gradient depends on the ramp alone.
+    np.testing.assert_allclose(figures.sharpness["sharp"], 3.0, rtol=1e-4)
+    # A window of 21 px that lies where the input is even never meets the edge itself.
+    np.testing.assert_allclose(figures.ringing["sharp"], 0.0, atol=0.05)
+    upper, lower = np.split(np.array(figures.ringing["ringing"]), 2)
+    np.testing.assert_allclose(upper[:3], 0.0, atol=0.05)
+    # Of the 160 columns, some 110 are even and 90 hold waves; halving and the window's mean take a tenth.
+    np.testing.assert_allclose(lower[1:], 0.9 * 0.71 * np.sqrt(90 / 110), rtol=0.15)
+    turned = band_figures({"input": blurred.T, "sharp": sharp.T}, (21, 9), across=True)
+    np.testing.assert_allclose(turned.sharpness["sharp"], figures.sharpness["sharp"], rtol=1e-5)
+
+
+def test_noise_alone_shows_no_edges_and_texture_nothing_even() -> None:
+    rng = np.random.default_rng(1)
+    noise = np.clip(rng.normal(0.5, 0.003, (64, 64)), 0, 1)
+    assert set(band_figures({"input": noise, "b": noise}, (5, 5)).sharpness["b"]) == {None}
+    texture = rng.random((64, 64)).repeat(4, 0).repeat(4, 1)
+    assert set(band_figures({"input": texture, "b": texture}, (5, 5)).ringing["b"]) == {None}
+    with pytest.raises(InputError, match="one size"):
+        band_figures({"a": noise, "b": texture}, (5, 5))
+
+
+def levels(outcomes) -> dict[str, str]:
+    return {finding.subject: finding.level for finding in outcomes}
+
+
+def test_findings_of_a_good_and_of_a_bad_capture() -> None:
+    t = np.arange(0.0, 1.0, 0.005)
+    omega = np.column_stack([np.sin(20 * t), np.cos(9 * t), 0 * t])
+    camera, exposure = Camera(400, 300, 500.0, readout_time=0.03), Exposure(0.5, 0.04)
+    grey = np.full((300, 400, 3), 100, np.uint8)
+    good = findings(grey, GyroLog(t, omega), camera, exposure, psf=(9, 9))
+    assert set(levels(good).values()) == {"good"}
+
+    # A clipped gyro, a hole before the exposure, few samples beyond it, highlights, and much blur.
+    omega[:, 0] = np.clip(20 * omega[:, 0], -4.5, 4.5)
+    keep = (t < 0.2) | ((t > 0.3) & (t < 0.575))
+    grey[:30, :30, 1] = 255
+    bad = findings(grey, GyroLog(t[keep], omega[keep]), camera, exposure, psf=(9, 99), remarks=["odd"], unseen=0.1)
+    assert levels(bad) == {
+        "Remark": "warning",
+        "Gyro saturation": "warning",
+        "Saturation": "warning",
+        "Motion": "warning",
+        "Coverage": "note",
+        "Gaps": "note",
+        "Unexposed parts": "note",
+        "Sampling": "good",
+    }
+    texts = {finding.subject: finding.text for finding in bad}
+    assert "0.75%" in texts["Saturation"]
+    assert "195 ms away" in texts["Gaps"]
+    assert re.search(r"ends 0\.1 ms after", texts["Coverage"])
+
+
+def test_a_report_needs_two_pictures_of_one_size(report_page) -> None:
+    page = report_page()
+    with pytest.raises(InputError, match="at least two"):
+        replace(page, pictures={"input": page.pictures["input"]})
+    with pytest.raises(InputError, match="one size"):
+        replace(page, pictures={"a": np.zeros((2, 3)), "b": np.zeros((3, 3))})

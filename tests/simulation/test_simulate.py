@@ -1,0 +1,298 @@
+"""Laws of the forward model, and its agreement with the PSF branch, with which it shares no code."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from rsdeblur.choices import READOUT_DIRECTIONS
+from rsdeblur.errors import ClockError, CoverageError, GapError, InputError
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.paths import BlurPaths, Capture
+from rsdeblur.psf import PsfBank
+from rsdeblur.simulation.scene import scene
+from rsdeblur.simulation.simulate import _CameraPath, simulate
+
+SIZE, FOCAL = 80, 100.0
+EXPOSURE = Exposure(0.12, 0.05)
+
+# Half the side of the window around a dot, px.
+RADIUS = 16
+
+# Spline coefficients and weights are float32: some roundings of 6e-8 of values up to 1.
+SPLINE = 3e-6
+
+
+def camera_of(readout_time=0.03, direction="top-down", **options):
+    return Camera(SIZE, SIZE, FOCAL, readout_time=readout_time, readout_direction=direction, **options)
+
+
+def still():
+    return GyroLog(np.linspace(0.0, 0.4, 41), np.zeros((41, 3)))
+
+
+def turning(*acceleration):
+    """Return a log whose rate increases through zero: blur is one-sided, shows its sign, and changes with the row.
+
+    The angle since mid-exposure has the mean acceleration x duration^2 / 24, about 1 px for 100 rad/s^2.
+    """
+    t = np.linspace(0.0, 0.4, 201)
+    return GyroLog(t, np.clip(t - 0.165, -0.045, 0.045)[:, None] * acceleration)
+
+
+def dots(places, sigma=2.5):
+    y, x = np.mgrid[:SIZE, :SIZE]
+    return np.sum([np.exp(-((y - b) ** 2 + (x - a) ** 2) / (2 * sigma**2)) for a, b in places], axis=0)
+
+
+def moments(picture):
+    """Return the sum, the centroid (x, y) and the covariances xx, yy, xy of a picture."""
+    total = picture.sum(dtype=np.float64)
+    weights = picture / total
+    y, x = np.mgrid[: picture.shape[0], : picture.shape[1]]
+    centre = np.array([(weights * x).sum(), (weights * y).sum()])
+    x, y = x - centre[0], y - centre[1]
+    return total, centre, np.array([(weights * x * x).sum(), (weights * y * y).sum(), (weights * x * y).sum()])
+
+
+@pytest.fixture(scope="module")
+def picture():
+    return scene(SIZE, SIZE, seed=1)
+
+
+class TestIdentities:
+    @pytest.mark.parametrize("direction", READOUT_DIRECTIONS)
+    def test_zero_motion_returns_the_sharp_picture(self, picture, direction):
+        for seen in simulate(picture, still(), camera_of(direction=direction), EXPOSURE):
+            np.testing.assert_allclose(seen, picture, atol=SPLINE)
+            assert seen.dtype == np.float32
+
+    def test_a_constant_stays_constant(self, shaky_log):
+        for seen in simulate(np.full((SIZE, SIZE, 3), 0.6), shaky_log(), camera_of(), EXPOSURE):
+            np.testing.assert_allclose(seen, 0.6, atol=SPLINE)
+
+    def test_grey_and_colour_are_treated_alike(self, picture, shaky_log):
+        colour = simulate(picture, shaky_log(), camera_of(), EXPOSURE)
+        grey = simulate(picture[..., 1], shaky_log(), camera_of(), EXPOSURE)
+        for one, three in zip(grey, colour, strict=True):
+            assert one.shape == (SIZE, SIZE)
+            np.testing.assert_allclose(one, three[..., 1], atol=SPLINE)
+
+    def test_blur_is_linear(self, picture, shaky_log):
+        a, b = picture[..., 0], picture[..., 1]
+        whole, part_a, part_b = (
+            simulate(p, shaky_log(), camera_of(), EXPOSURE).blurred for p in (0.3 * a + 0.7 * b, a, b)
+        )
+        np.testing.assert_allclose(whole, 0.3 * part_a + 0.7 * part_b, atol=SPLINE)
+
+    @pytest.mark.parametrize("axes", np.eye(3), ids="xyz")
+    def test_the_sum_of_a_blob_inside_is_kept(self, axes, shaky_log):
+        blob = dots([(40, 40)], sigma=4)
+        blurred = simulate(blob, shaky_log(axes), camera_of(0.0), EXPOSURE).blurred
+        # A homography changes areas by 3 theta r / f: with a turn below 0.05 rad and a blob of radius 10 px at the
+        # centre 1.5 %, with opposite signs on opposite sides; the rest is quadratic, 1.5 theta^2.
+        assert blurred.sum() == pytest.approx(blob.sum(), rel=4e-3)
+
+    def test_rolling_is_rectified_without_readout(self, picture, shaky_log):
+        seen = simulate(picture, shaky_log(), camera_of(0.0), EXPOSURE)
+        np.testing.assert_allclose(seen.rolling, seen.rectified, atol=SPLINE)
+        np.testing.assert_allclose(seen.rectified, picture, atol=0)
+
+    def test_with_readout_rolling_differs_but_in_the_middle_row(self, picture, shaky_log):
+        odd = scene(SIZE + 1, SIZE, seed=1)
+        camera = Camera(SIZE, SIZE + 1, FOCAL, readout_time=0.03)
+        seen = simulate(odd, shaky_log(), camera, EXPOSURE)
+        np.testing.assert_allclose(seen.rolling[SIZE // 2], odd[SIZE // 2], atol=SPLINE)
+        assert np.abs(seen.rolling - odd).max() > 0.1
+
+    def test_auto_takes_enough_samples(self, picture, shaky_log):
+        seen = simulate(picture, shaky_log(), camera_of(), EXPOSURE).blurred
+        many = simulate(picture, shaky_log(), camera_of(), EXPOSURE, samples=400).blurred
+        # Midpoints half a pixel apart alias at 2 cycles/px, where a picture has hardly any energy.
+        assert np.abs(seen - many).max() < 2e-3
+
+    @pytest.mark.parametrize(
+        "camera",
+        [Camera(96, 64, 110.0), Camera(96, 64, 40.0), Camera(96, 64, 110.0, (0.0, 0.0))],
+        ids=["ordinary", "wide", "off-axis"],
+    )
+    @pytest.mark.parametrize("axes", [(1, 0, 0), (0, 0, 1)], ids="xz")
+    def test_samples_follow_a_bound_of_every_path(self, shaky_log, camera, axes):
+        log, rows, cols = shaky_log(axes), np.linspace(0, 63, 5), np.linspace(0, 95, 5)
+        paths = BlurPaths.from_capture(Capture.from_log(log, camera, EXPOSURE), rows, cols, samples=801)
+        opens, closes = EXPOSURE.window(np.arange(64), camera)
+        bound = _CameraPath(log, camera, opens.min(), closes.max(), 0).longest(opens, closes)
+        # The speed is summed over small steps, whose ends may miss 0.1 % of it.
+        assert bound >= 0.999 * paths.lengths.max()
+
+    def test_samples_are_taken_as_given(self, picture):
+        one = simulate(picture, turning(100, 0, 0), camera_of(0.0), EXPOSURE, samples=1)
+        # The only sample is mid-exposure.
+        np.testing.assert_allclose(one.blurred, picture, atol=SPLINE)
+
+    def test_stamps_and_offset_shifted_together_change_nothing(self, picture, shaky_log):
+        straight = simulate(picture, shaky_log(), camera_of(), EXPOSURE)
+        moved = simulate(picture, shaky_log().shifted(3.5), camera_of(time_offset=-3.5), EXPOSURE)
+        np.testing.assert_allclose(moved.blurred, straight.blurred, atol=SPLINE)
+
+
+class TestReadout:
+    def test_backwards_in_time_and_space_is_the_same(self, picture):
+        # Bottom-up readout of the picture turned upside down is top-down readout of the picture.
+        half_turn = np.diag([-1.0, -1.0, 1.0])
+        log = turning(90, 60, 0)
+        upright = simulate(picture, log, camera_of(), EXPOSURE)
+        over = simulate(picture[::-1, ::-1], log, camera_of(direction="bottom-up", imu_to_camera=half_turn), EXPOSURE)
+        for a, b in zip(upright, over, strict=True):
+            np.testing.assert_allclose(b[::-1, ::-1], a, atol=SPLINE)
+
+    @pytest.mark.parametrize("direction", ["left-right", "right-left"])
+    def test_horizontal_readout_is_the_turned_problem(self, picture, direction, shaky_log):
+        camera = camera_of(direction=direction)
+        seen = simulate(picture, shaky_log(), camera, EXPOSURE)
+        turned = simulate(np.rot90(picture, -1), shaky_log(), camera.turned(), EXPOSURE)
+        for a, b in zip(seen, turned, strict=True):
+            np.testing.assert_allclose(a, np.rot90(b), atol=SPLINE)
+
+    def test_without_readout_all_directions_are_one(self, picture, shaky_log):
+        seen = [
+            simulate(picture, shaky_log(), camera_of(0.0, direction), EXPOSURE).blurred
+            for direction in READOUT_DIRECTIONS
+        ]
+        for other in seen[1:]:
+            np.testing.assert_allclose(other, seen[0], atol=SPLINE)
+
+
+class TestFrame:
+    @pytest.mark.parametrize("direction", READOUT_DIRECTIONS)
+    def test_a_larger_scene_is_centred(self, direction, shaky_log):
+        large = scene(SIZE + 20, SIZE + 8)
+        seen = simulate(large, shaky_log(), camera_of(direction=direction), EXPOSURE)
+        np.testing.assert_array_equal(seen.rectified, large[10:-10, 4:-4])
+        assert seen.blurred.shape == seen.rolling.shape == (SIZE, SIZE, 3)
+
+    def test_an_odd_surplus_is_halved_alike_for_all_readouts(self, shaky_log):
+        large = scene(SIZE + 1, SIZE + 3)
+        for direction in READOUT_DIRECTIONS:
+            seen = simulate(large, shaky_log(), camera_of(direction=direction), EXPOSURE)
+            np.testing.assert_array_equal(seen.rectified, large[:-1, 1:-2])
+
+    def test_what_is_beyond_the_frame_does_not_change_the_inside(self, shaky_log):
+        large = scene(SIZE + 40, SIZE + 40)
+        whole = simulate(large, shaky_log(), camera_of(), EXPOSURE).blurred
+        cut = simulate(large[20:-20, 20:-20], shaky_log(), camera_of(), EXPOSURE).blurred
+        # Inside, paths end within 20 px; spline tails of the cut fade as 0.27 per pixel.
+        np.testing.assert_allclose(whole[28:-28, 28:-28], cut[28:-28, 28:-28], atol=1e-5)
+        assert np.abs(whole - cut).max() > 1e-2
+
+
+class TestNoise:
+    def test_level_and_place(self, picture):
+        seen = simulate(picture, still(), camera_of(), EXPOSURE, noise=0.01, seed=3)
+        grain = seen.blurred - picture
+        n = grain.size
+        # Five standard errors of a standard deviation and of a mean.
+        assert grain.std() == pytest.approx(0.01, rel=5 / math.sqrt(2 * n))
+        assert abs(grain.mean()) < 5 * 0.01 / math.sqrt(n)
+        for reference in (seen.rectified, seen.rolling):
+            np.testing.assert_allclose(reference, picture, atol=SPLINE)
+
+    def test_seed_decides(self, picture, shaky_log):
+        a, b, c = (
+            simulate(picture, shaky_log(), camera_of(), EXPOSURE, noise=0.01, seed=seed).blurred for seed in (1, 1, 2)
+        )
+        np.testing.assert_array_equal(a, b)
+        assert np.abs(a - c).max() > 0.01
+
+
+class TestOracle:
+    """The blur of isolated smooth dots by warping, compared with PSFs traced and rasterised at their positions."""
+
+    PLACES = ((22, 20), (58, 20), (21, 59), (57, 58))
+
+    @pytest.mark.parametrize("direction", ["top-down", "bottom-up"])
+    @pytest.mark.parametrize(
+        "acceleration", [(110, 0, 0), (0, 110, 0), (0, 0, 300), (60, -80, 150)], ids=["x", "y", "z", "all"]
+    )
+    # About z, 13 rad/s are needed to see something at 30 px from the centre.
+    @pytest.mark.filterwarnings("ignore:gyro rates look like degrees")
+    def test_dots_are_blurred_as_the_psfs_say(self, acceleration, direction):
+        log, camera = turning(*acceleration), camera_of(direction=direction)
+        seen = simulate(dots(self.PLACES), log, camera, EXPOSURE)
+        capture = Capture.from_log(log, camera, EXPOSURE)
+        shifts = []
+        for x, y in self.PLACES:
+            window = np.s_[y - RADIUS : y + RADIUS + 1, x - RADIUS : x + RADIUS + 1]
+            total, centre, spread = moments(seen.blurred[window])
+            expected_total, expected_centre, expected_spread = moments(_gathered(seen.rolling, capture, x, y))
+            assert total == pytest.approx(expected_total, rel=1e-3)
+            # Poses linear between rows 0.4 ms apart, and the last step of the iteration, leave about 1e-3 px.
+            np.testing.assert_allclose(centre, expected_centre, atol=0.02)
+            # Bilinear drawing of the path adds f (1 - f) to the variances, at most 1/4 px^2, and none between x and y.
+            excess = expected_spread - spread
+            assert np.all((excess[:2] > -0.03) & (excess[:2] < 0.28)), excess
+            assert abs(excess[2]) < 0.03, excess
+            shifts.append(np.abs(centre - moments(seen.rolling[window])[1]).max())
+        # The test can fail: with a wrong sign, the centroid would err by twice this.
+        assert min(shifts) > 0.2
+
+
+def _gathered(sharp, capture, x, y):
+    """Return the blur g(p) = sum_d h(p, d) u(p - d) around (x, y), with a separate PSF h for each pixel p."""
+    reach = np.arange(-RADIUS, RADIUS + 1.0)
+    bank = PsfBank.from_paths(BlurPaths.from_capture(capture, y + reach, x + reach))
+    height, width = bank.size
+    padded = np.pad(sharp, ((height // 2,) * 2, (width // 2,) * 2))
+    latent = np.lib.stride_tricks.sliding_window_view(padded, bank.size)
+    latent = latent[y - RADIUS : y + RADIUS + 1, x - RADIUS : x + RADIUS + 1]
+    return np.einsum("yxij,yxij->yx", bank.kernels[..., ::-1, ::-1], latent)
+
+
+class TestErrors:
+    @pytest.mark.parametrize(
+        ("sharp", "message"),
+        [
+            (np.zeros(SIZE), r"sharp must be a picture of shape \(h, w\) or \(h, w, C\)"),
+            (np.zeros((1, SIZE, SIZE, 3)), "sharp must be a picture"),
+            (np.zeros((SIZE, SIZE, 0)), "sharp must be a picture"),
+            ([[1, 2], [3]], "sharp must be an array of real numbers"),
+            ("picture", "sharp must be an array of real numbers"),
+            (np.full((SIZE, SIZE), math.nan), "sharp must be finite"),
+            (
+                np.zeros((SIZE - 1, SIZE)),
+                f"at least as large as the camera's picture, {SIZE}x{SIZE}, got {SIZE}x{SIZE - 1}",
+            ),
+            (np.zeros((SIZE, SIZE - 2)), f"got {SIZE - 2}x{SIZE}"),
+        ],
+    )
+    def test_pictures(self, sharp, message):
+        with pytest.raises(InputError, match=message):
+            simulate(sharp, still(), camera_of(), EXPOSURE)
+
+    @pytest.mark.parametrize(
+        ("name", "value"),
+        [
+            *(("noise", -0.1), ("noise", math.nan)),
+            *(("samples", 0), ("samples", 2.5), ("samples", "many")),
+            *(("seed", -1), ("seed", 1.5)),
+        ],
+    )
+    def test_options(self, name, value):
+        with pytest.raises(InputError, match=f"^{name} must be"):
+            simulate(np.zeros((SIZE, SIZE)), still(), camera_of(), EXPOSURE, **{name: value})
+
+    @pytest.mark.parametrize("direction", READOUT_DIRECTIONS)
+    def test_logs(self, direction):
+        sharp, camera = np.zeros((SIZE, SIZE)), camera_of(direction=direction)
+        with pytest.raises(CoverageError, match=r"misses 20\.000 ms at its start"):
+            simulate(sharp, still(), camera, Exposure(-0.02, 0.05))
+        with pytest.raises(ClockError):
+            simulate(sharp, still(), camera, Exposure(0.1, 0.05, 10**18))
+        log = still()
+        holed = GyroLog(np.delete(log.t, range(14, 20)), log.omega[6:])
+        with pytest.raises(GapError):
+            simulate(sharp, holed, camera, EXPOSURE)
