@@ -1,6 +1,6 @@
-"""Faults: a full disk, a killed process, an interruption, a damaged cache; no file is lost and no half of one stays.
+"""Faults: a full disk, a killed process, an interrupt, a damaged cache. No file is lost, and none is left half written.
 
-A short run of `benchmarks.faults`, which counts how things end.
+Short runs of `benchmarks.faults`.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ KILLS = 6
 
 @pytest.mark.parametrize("name", faults.WRITERS)
 def test_a_killed_process_leaves_the_old_file_or_the_new_one(name: str) -> None:
-    found = faults.kills(name, KILLS)
-    assert (found["the old or the new file"], found["another file"]) == (KILLS, 0)
+    counts = faults.kills(name, KILLS)
+    assert (counts["the old or the new file"], counts["another file"]) == (KILLS, 0)
 
 
 @pytest.mark.parametrize("name", faults.WRITERS)
-def test_a_full_disk_is_said_and_costs_nothing(name: str) -> None:
+def test_a_full_disk_is_reported_and_the_old_file_kept(name: str) -> None:
     assert faults.full_disk(name, 5) == {"refused, the old file whole": 5, "else": 0}
 
 
@@ -65,7 +65,7 @@ def test_two_processes_plan_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_an_interrupted_command_cleans_up(tmp_path: Path) -> None:
     """Interrupted while it writes: exit 130, one line, no temporary file."""
-    # A write that takes for ever, which says when it has begun.
+    # A write that never ends, and prints when it has begun.
     code = (
         "import time, rsdeblur.cli, rsdeblur._util.atomic as atomic\n"
         "def slow(*_):\n    print('writing', flush=True)\n    time.sleep(60)\n"
@@ -86,7 +86,7 @@ def test_an_interrupted_command_cleans_up(tmp_path: Path) -> None:
 
 
 class TestPlaces:
-    """What is no file is never replaced by one."""
+    """A pipe, a folder or a device is never replaced by a file."""
 
     @pytest.mark.parametrize("kind", ["pipe", "folder", "loop"])
     def test_refused(self, tmp_path: Path, kind: str) -> None:
@@ -109,7 +109,7 @@ class TestPlaces:
         assert stat.S_ISCHR(Path("/dev/null").stat().st_mode)
 
     @pytest.mark.parametrize("name", ["a\0b.png", "a\ud800b.png", "x" * 256 + ".png"])
-    def test_names_that_no_file_can_have(self, tmp_path: Path, name: str) -> None:
+    def test_invalid_file_names(self, tmp_path: Path, name: str) -> None:
         with pytest.raises(OutputError, match="cannot write the file"):
             write_picture(tmp_path / name, np.zeros((3, 3)))
 
@@ -118,7 +118,7 @@ class TestPlaces:
         write_picture(tmp_path / name, np.zeros((3, 3)))
         assert [path.name for path in tmp_path.iterdir()] == [name]
 
-    def test_a_link_stays_one(self, tmp_path: Path) -> None:
+    def test_a_link_stays_a_link(self, tmp_path: Path) -> None:
         (tmp_path / "there").mkdir()
         file, link = tmp_path / "there" / "camera.toml", tmp_path / "link.toml"
         link.symlink_to(file)
@@ -130,7 +130,7 @@ class TestPlaces:
             check_target(link, force=False)
 
     @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-    def test_a_folder_that_must_not_be_written(self, tmp_path: Path) -> None:
+    def test_a_read_only_folder(self, tmp_path: Path) -> None:
         tmp_path.chmod(0o500)
         for write in (lambda: check_target(tmp_path / "a", force=True), lambda: Camera(3, 3, 5.0).save(tmp_path / "a")):
             with pytest.raises(OutputError, match="cannot write the file"):
@@ -149,7 +149,7 @@ class TestNumbaCache:
     SOURCE = "from rsdeblur.kernels._jit import njit\n\n\n@njit()\ndef double(x):\n    return 2 * x\n"
 
     def kernel(self, folder: Path, run: int) -> ModuleType:
-        """Import the same source anew, as the next process would."""
+        """Import the same source again, as the next process would."""
         spec = importlib.util.spec_from_file_location(f"kernel_{run}", folder / "kernel.py")
         assert spec is not None
         assert spec.loader is not None
@@ -168,7 +168,7 @@ class TestNumbaCache:
             file.write_bytes(content)
         again = self.kernel(tmp_path, 1)
         assert again.double(3) == 6
-        # It was compiled anew, and kept.
+        # The function was compiled again and saved.
         assert all(file.read_bytes() != content for file in files)
         assert self.kernel(tmp_path, 2).double.stats.cache_hits == {}
         hit = self.kernel(tmp_path, 3).double

@@ -1,4 +1,4 @@
-"""Solvers in many threads and in forked and spawned processes: the bits of one thread, and no waiting for ever.
+"""Solvers in many threads and in forked and spawned processes give the bits of one thread and never hang.
 
 Short runs of `benchmarks.load`.
 """
@@ -22,11 +22,11 @@ def test_threads_that_share_a_solver_get_the_bits_of_one(kind: str) -> None:
 
 @pytest.mark.parametrize("method", ["fork", "spawn"])
 def test_other_processes_get_the_same_bits(method: str) -> None:
-    found = load.in_processes(method, 1)
-    assert found == {"the same bits": len(KINDS) + 2, "exit 0": 1}
+    counts = load.in_processes(method, 1)
+    assert counts == {"the same bits": len(KINDS) + 2, "exit 0": 1}
 
 
-def test_after_a_failure_nobody_is_at_work() -> None:
+def test_after_a_failure_no_thread_is_at_work() -> None:
     team, begun, done = ThreadTeam(3), threading.Event(), []
 
     def block(thread: int, task: int) -> None:
@@ -41,6 +41,6 @@ def test_after_a_failure_nobody_is_at_work() -> None:
         team.share(block, range(1000))
     finished = len(done)
     assert finished < 1000
-    # What was under way then is in the list by now, and nothing comes after it.
+    # Tasks under way at the failure have finished, and no later one starts.
     team.share(lambda thread, task: None, range(9))
     assert len(done) == finished

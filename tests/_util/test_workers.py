@@ -1,4 +1,4 @@
-"""Processes: every task is answered, faults stay with their task, and nothing is left behind."""
+"""Worker processes: every task is answered, a fault stays with its task, and nothing is left behind."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rsdeblur._util import workers
 from rsdeblur._util.workers import Failure
 from rsdeblur.errors import InputError
 
-# `eval` is the work: a function that a fresh process can import, whose tasks are written here.
+# The work is `eval`: a fresh process can import it, and the tasks are expressions.
 DIE = "__import__('os').kill(__import__('os').getpid(), 9)"
 
 
@@ -30,21 +30,22 @@ def test_every_task_is_answered_once(jobs):
 
 
 def test_a_fault_stays_with_its_task():
-    found = answers(["1 / 0", "2", "open('/nowhere/x')", "__import__('rsdeblur.errors').InputError('a\\n b')"])
-    assert found["2"] == 2
-    assert found["1 / 0"] == Failure("ZeroDivisionError: division by zero")
-    assert "/nowhere/x" in found["open('/nowhere/x')"].message
+    results = answers(["1 / 0", "2", "open('/nowhere/x')", "int('a\\n  b')"])
+    assert results["2"] == 2
+    assert results["1 / 0"] == Failure("ZeroDivisionError: division by zero")
+    assert "/nowhere/x" in results["open('/nowhere/x')"].message
+    assert "\n" not in results["int('a\\n  b')"].message
 
 
 def test_a_killed_worker_is_replaced_and_its_task_tried_once_more(tmp_path):
-    # Dies the first time only: the file that it leaves says so.
+    # The first task dies only once: it leaves a file and finds it the second time.
     once = f"(__import__('pathlib').Path('{tmp_path}/x').exists() and 7) or (open('{tmp_path}/x', 'w').close(), {DIE})"
     lost = []
-    found = answers([once, DIE, "3"], lost=lost.append)
-    assert found[once] == 7
-    assert found["3"] == 3
-    assert found[DIE].died
-    assert "killed by signal 9" in found[DIE].message
+    results = answers([once, DIE, "3"], lost=lost.append)
+    assert results[once] == 7
+    assert results["3"] == 3
+    assert results[DIE].died
+    assert "killed by signal 9" in results[DIE].message
     assert sorted(lost) == sorted([once, DIE, DIE])
 
 
@@ -61,8 +62,8 @@ def test_tasks_are_taken_as_workers_get_free():
             assert len(taken) <= answered + 2
 
 
-def test_closing_interrupts_what_is_under_way(tmp_path):
-    # The task tidies up after an interrupt, as atomic writing does.
+def test_closing_interrupts_the_tasks_under_way(tmp_path):
+    # The task cleans up after an interrupt, as atomic writing does.
     begun, mark = tmp_path / "begun", tmp_path / "tidy"
     code = f"try:\n open({str(begun)!r}, 'w')\n import time\n time.sleep(60)\nfinally:\n open({str(mark)!r}, 'w')"
     task = f"exec({code!r})"
@@ -74,7 +75,7 @@ def test_closing_interrupts_what_is_under_way(tmp_path):
     assert mark.exists()
 
 
-def test_an_answer_that_nobody_reads_is_no_fault(tmp_path, capfd):
+def test_an_unread_answer_prints_nothing(tmp_path, capfd):
     mark = tmp_path / "mark"
     done = workers.run(eval, ["1", f"open({str(mark)!r}, 'w').close()"], jobs=2)
     next(done)
@@ -108,6 +109,6 @@ def test_refusals():
 def test_a_cluster_does_the_same(tmp_path):
     distributed = pytest.importorskip("distributed", reason="the extra [dask] is not installed")
     with distributed.LocalCluster(1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
-        found = answers(["1 / 0", *map(str, range(9))], scheduler=cluster.scheduler_address)
-    assert found.pop("1 / 0") == Failure("ZeroDivisionError: division by zero")
-    assert found == {str(i): i for i in range(9)}
+        results = answers(["1 / 0", *map(str, range(9))], scheduler=cluster.scheduler_address)
+    assert results.pop("1 / 0") == Failure("ZeroDivisionError: division by zero")
+    assert results == {str(i): i for i in range(9)}
