@@ -17,9 +17,13 @@ from .estimate.check import QualityCheck as QualityCheck
 from .estimate.strength import Tuning as Tuning
 from .estimate.time_offset import OffsetSearch as OffsetSearch
 from .estimate.time_offset import find_time_offset as find_time_offset
+from .image.transfer import from_linear as from_linear
+from .image.transfer import to_linear as to_linear
 from .io import read_camera as read_camera
 from .io import read_captures as read_captures
 from .io import read_gyro as read_gyro
+from .io import read_picture as read_picture
+from .io import write_picture as write_picture
 from .motion.camera import Camera as Camera
 from .motion.exposure import Exposure as Exposure
 from .motion.gyro import GyroLog as GyroLog
@@ -33,6 +37,8 @@ from .pipeline.plan import DeblurResult as DeblurResult
 from .pipeline.plan import Plan as Plan
 from .pipeline.plan import plan as plan
 from .psf import PsfBank as PsfBank
+from .simulation.scene import scene as scene
+from .simulation.shake import hand_shake as hand_shake
 from .simulation.simulate import Simulation as Simulation
 from .simulation.simulate import simulate as simulate
 

@@ -26,10 +26,7 @@ from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.files import read_file
 from rsdeblur.choices import Planning
 from rsdeblur.errors import FileFormatError, OutputError, RsdeblurWarning
-
-Complex = NDArray[np.complex64]
-Real = NDArray[np.float32]
-
+from rsdeblur.types import ComplexArray, Float32Array
 
 # Bound on the time spent measuring one plan, s.
 PLANNING_TIME = 1.0
@@ -75,10 +72,10 @@ class RowTransform:
     """
 
     def __init__(
-        self, shape: tuple[int, ...], planning: Planning = "estimate", spectrum: Complex | None = None
+        self, shape: tuple[int, ...], planning: Planning = "estimate", spectrum: ComplexArray | None = None
     ) -> None:
-        self.real: Real = empty(shape, np.float32)
-        self.spectrum: Complex = (
+        self.real: Float32Array = empty(shape, np.float32)
+        self.spectrum: ComplexArray = (
             empty((*shape[:-1], shape[-1] // 2 + 1), np.complex64) if spectrum is None else spectrum
         )
         self._forward = _plan(self.real, self.spectrum, "FFTW_FORWARD", planning)
@@ -89,7 +86,7 @@ class RowTransform:
         self.real[...] = 0
         self.spectrum[...] = 0
 
-    def move(self, spectrum: Complex) -> None:
+    def move(self, spectrum: ComplexArray) -> None:
         """Use `spectrum` from now on; it must have the shape, strides and alignment of the one before."""
         self._forward.update_arrays(self.real, spectrum)
         self._inverse.update_arrays(spectrum, self.real)
@@ -100,7 +97,7 @@ class LineTransform:
     """Complex transform in place along the last axis of `data`, which is created here. The inverse is not scaled."""
 
     def __init__(self, shape: tuple[int, ...], planning: Planning = "estimate") -> None:
-        self.data: Complex = empty(shape, np.complex64)
+        self.data: ComplexArray = empty(shape, np.complex64)
         self.forward: Callable[[], None] = _plan(self.data, self.data, "FFTW_FORWARD", planning).execute
         self.inverse: Callable[[], None] = _plan(self.data, self.data, "FFTW_BACKWARD", planning).execute
         self.data[...] = 0

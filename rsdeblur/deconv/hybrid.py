@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from rsdeblur._util.threads import ThreadTeam
 from rsdeblur.choices import Border, Planning
 from rsdeblur.deconv.border import fade
-from rsdeblur.deconv.fft import Complex, LineTransform, Real, RowTransform, empty
+from rsdeblur.deconv.fft import LineTransform, RowTransform, empty
 from rsdeblur.deconv.tiling import Tile, Tiling
 from rsdeblur.kernels import lines, spectral
+from rsdeblur.types import ComplexArray, Float32Array
 
 # Picture rows per block. 16 rows of 2048 RGB pixels and their spectrum are 0.8 MB, within a second-level cache of 1 to
 # 2 MB.
@@ -68,7 +69,7 @@ class Hybrid:
         # the number of cache lines in a row odd: with rows a multiple of 4096 bytes apart, all would share cache sets.
         self.padded_frequencies = -(-self.frequencies // COLUMNS) * COLUMNS
         padded_height = -(-self.height // ROWS) * ROWS
-        self._spectra: Complex = empty((channels, padded_height, self.padded_frequencies + 8), np.complex64)
+        self._spectra: ComplexArray = empty((channels, padded_height, self.padded_frequencies + 8), np.complex64)
         slab_bytes = channels * COLUMNS * bands.length * self._spectra.itemsize
         together = max(1, min(len(bands.tiles), SLAB_BYTES // slab_bytes))
         self._groups = [bands.tiles[g : g + together] for g in range(0, len(bands.tiles), together)]
@@ -78,7 +79,7 @@ class Hybrid:
         self._spectra[...] = 0
         self.team = ThreadTeam(threads)
 
-    def transform_rows(self, picture: Real, strip: Tile) -> bool:
+    def transform_rows(self, picture: Float32Array, strip: Tile) -> bool:
         """Cut `strip` out of `picture` (H, W, C) and transform its rows.
 
         Return whether all values that were read are finite. To check it here costs no further pass over the picture.
@@ -97,7 +98,7 @@ class Hybrid:
         self.team.share(block, range(0, self.height, ROWS))
         return finite[0]
 
-    def filter_columns(self, filters: Complex) -> None:
+    def filter_columns(self, filters: ComplexArray) -> None:
         """Filter every band with `filters` (B, padded frequencies, L) and blend the bands, in place."""
         single = len(self.bands.tiles) == 1
         taper = fade(self.bands.taper)
@@ -126,7 +127,7 @@ class Hybrid:
 
         self.team.share(block, range(0, self.padded_frequencies, COLUMNS))
 
-    def restore_rows(self, out: Real, strip: Tile, *, add: bool) -> None:
+    def restore_rows(self, out: Float32Array, strip: Tile, *, add: bool) -> None:
         """Transform rows back; write them to `out` (H, W, C), or add them, where `strip` contributes."""
 
         def block(thread: int, top: int) -> None:
@@ -138,7 +139,7 @@ class Hybrid:
 
         self.team.share(block, range(0, self.height, ROWS))
 
-    def _rows(self, top: int) -> Complex:
+    def _rows(self, top: int) -> ComplexArray:
         """Return a view of the spectra of a block of rows."""
         return self._spectra[:, top : top + ROWS, : self.frequencies]
 
@@ -147,7 +148,7 @@ class _Worker:
     """Buffers of one thread: a block of rows and a group of slabs, with their transforms."""
 
     def __init__(
-        self, spectrum: Complex, height: int, slab_length: int, row_length: int, slabs: int, planning: Planning
+        self, spectrum: ComplexArray, height: int, slab_length: int, row_length: int, slabs: int, planning: Planning
     ) -> None:
         channels = spectrum.shape[0]
         self.rows = RowTransform((channels, ROWS, row_length), planning, spectrum)

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import BORDERS, PLANNINGS, SOLVERS, Border, Planning, Solver
-from rsdeblur.deconv.fft import Real, empty, remember
+from rsdeblur.deconv.fft import empty, remember
 from rsdeblur.deconv.priors import GradientPrior, minimise
 from rsdeblur.deconv.rowwise_blur import StripBlur, latent_rows
 from rsdeblur.deconv.rowwise_cg import NormalEquations, conjugate_gradients, is_faster
@@ -30,6 +30,7 @@ from rsdeblur.errors import InputError
 from rsdeblur.kernels import rowwise
 from rsdeblur.kernels.rowwise import LANES
 from rsdeblur.motion.paths import BlurPaths
+from rsdeblur.types import Float32Array
 
 # Largest margin of a strip, in PSF widths: the tiny `nsr` of gradient priors would ask for a hundred.
 MOST_MARGIN = 3.0
@@ -126,7 +127,7 @@ class RowDeconvolver:
             solver = "cg" if any(is_faster(strip.model, channels) for strip in self._strips) else "direct"
         self.solver = solver
         floats = max(strip.workspace_size(solve=self.solver == "direct") for strip in self._strips)
-        self._workspaces: list[Real] = [empty((floats,), np.float32) for _ in range(self._spectra.team.threads)]
+        self._workspaces: list[Float32Array] = [empty((floats,), np.float32) for _ in range(self._spectra.team.threads)]
         if planning == "measure":
             remember()
 
@@ -209,13 +210,13 @@ class RowDeconvolver:
                     self._place(latent, target, tile, add=strips > 1)
         return out
 
-    def _observe(self, source: Real, strip: int) -> DataTerm:
+    def _observe(self, source: Float32Array, strip: int) -> DataTerm:
         """Transform a strip of the observation (H, W, C), and return the strip's data term."""
         start, taper = self._tiling.tiles[strip].start, self._tiling.taper
         self._spectra.load(source, self._data, start=start, taper=taper, periodic=self._periodic)
         return DataTerm(self, strip)
 
-    def _place(self, latent: Real, target: Real, tile: Tile, *, add: bool) -> None:
+    def _place(self, latent: Float32Array, target: Float32Array, tile: Tile, *, add: bool) -> None:
         """Write a strip's latent picture (L, N, C) to `target` (H, W, C), or add it, where `tile` contributes."""
         columns, weights = slice(tile.first, tile.first + len(tile.weights)), tile.weights[:, None]
         shown = slice(tile.first - tile.start, tile.first - tile.start + len(weights))
@@ -228,7 +229,7 @@ class RowDeconvolver:
 
         self._spectra.team.share(block, range(0, len(target), ROWS))
 
-    def _solve(self, strip: int, ridge: Real, smooth: float, *, scale: float, with_grad_adjoint: bool) -> None:
+    def _solve(self, strip: int, ridge: Float32Array, smooth: float, *, scale: float, with_grad_adjoint: bool) -> None:
         """Minimise for all frequencies of `strip`, and leave the result in the latent spectra.
 
         `ridge` has shape (blocks, 16). `with_grad_adjoint` means that the latent spectra hold `D^T w`, which enters the
@@ -261,7 +262,7 @@ class RowDeconvolver:
 
         self._spectra.team.share(block, range(self._spectra.blocks))
 
-    def _expectation(self, block: int, *, edges: bool) -> Real | None:
+    def _expectation(self, block: int, *, edges: bool) -> Float32Array | None:
         """Return the spectra of m in one block, without `edges` those of the mean; None where they are next to zero."""
         frequency = (block * LANES + np.arange(LANES)) / self._spectra.length
         left = np.exp(-2 * (np.pi * EDGE_ROWS * frequency) ** 2).astype(np.float32)
@@ -288,7 +289,7 @@ def _part_of(progress: Callable[[float], None], part: int, parts: int) -> Callab
     return lambda fraction: progress((part + fraction) / parts)
 
 
-def _fading(first: int, length: int) -> Real:
+def _fading(first: int, length: int) -> Float32Array:
     """Return weights (n, 1, 1) for positions from `first` on: 1 up to position 0, falling to 0 at `length`."""
     positions = np.arange(first, length, dtype=np.float32)
     return (0.5 + 0.5 * np.cos(np.pi * positions.clip(0) / length)).astype(np.float32)[:, None, None]
@@ -315,7 +316,7 @@ class DataTerm:
         turns = np.arange(spectra.blocks * LANES).reshape(-1, LANES) / spectra.length
         self._wavenumbers = (2 - 2 * np.cos(2 * np.pi * turns)).astype(np.float32)
 
-    def solve(self, beta: float, grad_adjoint: Real | None) -> Real:
+    def solve(self, beta: float, grad_adjoint: Float32Array | None) -> Float32Array:
         """Minimise the term plus `beta |D u - w|^2`, D taking forward differences.
 
         Parameters

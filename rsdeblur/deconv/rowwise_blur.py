@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.threads import thread_count
-from rsdeblur.deconv.fft import Real, empty
+from rsdeblur.deconv.fft import empty
 from rsdeblur.deconv.rowwise_spectra import RowSpectra
 from rsdeblur.deconv.tiling import Tile, hat_weights
 from rsdeblur.errors import InputError
@@ -29,7 +29,7 @@ from rsdeblur.kernels import rowwise
 from rsdeblur.kernels.raster import rasterize
 from rsdeblur.kernels.rowwise import BLOCK, RowModel
 from rsdeblur.motion.paths import BlurPaths
-from rsdeblur.types import FloatArray
+from rsdeblur.types import Float32Array, FloatArray
 
 if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator
@@ -70,7 +70,7 @@ class StripBlur:
         model = _sorted(row, latent, across - first, weight, latents, len(paths.rows))
         return cls(model, len(paths.rows), top, first, int(across.max()) - first + 1)
 
-    def table(self, block: int, length: int) -> Real:
+    def table(self, block: int, length: int) -> Float32Array:
         """Return the phases of the shifts at the 16 frequencies of `block`."""
         return rowwise.phase_table(block, self.first_shift, self.shifts, length)
 
@@ -130,7 +130,7 @@ class RowBlur:
         """Shape of the matrix: number of values of the recorded and of the latent picture."""
         return int(np.prod(self.picture_shape)), int(np.prod(self.latent_shape))
 
-    def forward(self, latent: ArrayLike) -> Real:
+    def forward(self, latent: ArrayLike) -> Float32Array:
         """Return the blur of a latent picture.
 
         Parameters
@@ -157,7 +157,7 @@ class RowBlur:
                 self._spectra.unload(lanes, 0, out, Tile(0, 0, weights), add=True)
         return out.reshape(len(out), *np.shape(latent)[1:])
 
-    def adjoint(self, picture: ArrayLike) -> Real:
+    def adjoint(self, picture: ArrayLike) -> Float32Array:
         """Return the transpose of :meth:`forward` applied to a recorded picture.
 
         Parameters
@@ -196,7 +196,7 @@ class RowBlur:
             dtype=np.dtype(np.float32),
         )
 
-    def _run(self, kernel: Callable[..., None], strip: StripBlur, lanes: Real, latent: Real) -> None:
+    def _run(self, kernel: Callable[..., None], strip: StripBlur, lanes: Float32Array, latent: Float32Array) -> None:
         floats = strip.workspace_size(solve=False)
         workspaces = [empty((floats,), np.float32) for _ in range(self._spectra.team.threads)]
 
@@ -206,7 +206,7 @@ class RowBlur:
         self._spectra.team.share(block, range(self._spectra.blocks))
 
     @staticmethod
-    def _checked(name: str, picture: ArrayLike, shape: tuple[int, int, int]) -> Real:
+    def _checked(name: str, picture: ArrayLike, shape: tuple[int, int, int]) -> Float32Array:
         array = np.ascontiguousarray(picture, dtype=np.float32)
         if array.shape != shape and (shape[2] != 1 or array.shape != shape[:2]):
             raise InputError(f"{name} must have shape {shape}, got {array.shape}")
@@ -232,7 +232,9 @@ def latent_rows(paths: BlurPaths) -> tuple[int, int]:
     return top, -(-(end - top) // BLOCK) * BLOCK
 
 
-def _draw(paths: FloatArray, threads: int | None) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], Real]:
+def _draw(
+    paths: FloatArray, threads: int | None
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], Float32Array]:
     """Draw paths (H, T, 2); return the row, the displacement down and across in px, and the weight of every pixel."""
     # Rectifying puts paths far from zero, so each is drawn around the pixel nearest to its own centre.
     centres = np.round((paths.max(axis=1) + paths.min(axis=1)) / 2)
@@ -252,7 +254,7 @@ def _sorted(
     row: NDArray[np.intp],
     latent: NDArray[np.intp],
     shift: NDArray[np.intp],
-    weight: Real,
+    weight: Float32Array,
     latents: int,
     rows: int,
 ) -> RowModel:

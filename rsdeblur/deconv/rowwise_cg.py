@@ -12,11 +12,11 @@ from collections.abc import Callable
 import numpy as np
 from scipy import fft
 
-from rsdeblur.deconv.fft import Real
 from rsdeblur.deconv.tiling import hat_weights
 from rsdeblur.kernels import rowwise
 from rsdeblur.kernels.rowwise import LANES, RowModel
 from rsdeblur.psf import tile_centres
+from rsdeblur.types import Float32Array
 
 # Norm of the residual as a share of that of the right-hand side. The error against the direct solve is then 60 dB below
 # the picture, after some 9 steps for PSFs of any height (docs/developer/decisions.md).
@@ -39,12 +39,20 @@ class NormalEquations:
     Vectors are latent spectra of one block, shape (C, L, 2, 16); the axis of 2 is real and imaginary part.
     """
 
-    def __init__(self, model: RowModel, table: Real, rows: int, ridge: Real, smooth: float, workspace: Real) -> None:
+    def __init__(
+        self,
+        model: RowModel,
+        table: Float32Array,
+        rows: int,
+        ridge: Float32Array,
+        smooth: float,
+        workspace: Float32Array,
+    ) -> None:
         self._model, self._table, self._workspace = model, table, workspace
         self._rows, self._ridge, self._smooth = rows, ridge, np.float32(smooth)
         self._plan()
 
-    def multiply(self, vector: Real) -> Real:
+    def multiply(self, vector: Float32Array) -> Float32Array:
         """Return the matrix times `vector`."""
         blurred = np.empty((len(vector), self._rows, 2, LANES), dtype=np.float32)
         result = np.empty_like(vector)
@@ -57,7 +65,7 @@ class NormalEquations:
             result[:, 1:] += steps
         return result
 
-    def precondition(self, vector: Real) -> Real:
+    def precondition(self, vector: Float32Array) -> Float32Array:
         """Return the approximate inverse times `vector`."""
         values = vector[:, :, 0] + 1j * vector[:, :, 1]
         result = np.zeros_like(values)
@@ -77,7 +85,7 @@ class NormalEquations:
         unit[np.arange(count), np.round(tile_centres(count, self._rows)).astype(int), 0] = 1.0
         kernels = np.empty((count, latents, 2, LANES), dtype=np.float32)
         rowwise.adjoint(self._model, self._table, unit, kernels, self._workspace)
-        self._blocks: list[tuple[slice, Real, Real]] = []
+        self._blocks: list[tuple[slice, Float32Array, Float32Array]] = []
         for window, kernel in zip(windows, kernels, strict=True):
             at = np.flatnonzero(window)
             length = fft.next_fast_len(len(at) + tall)
@@ -98,8 +106,12 @@ def is_faster(model: RowModel, channels: int) -> bool:
 
 
 def conjugate_gradients(
-    multiply: Callable[[Real], Real], precondition: Callable[[Real], Real], right: Real, *, tolerance: float = TOLERANCE
-) -> Real:
+    multiply: Callable[[Float32Array], Float32Array],
+    precondition: Callable[[Float32Array], Float32Array],
+    right: Float32Array,
+    *,
+    tolerance: float = TOLERANCE,
+) -> Float32Array:
     """Return the solution for the right-hand side `right` (C, L, 2, 16).
 
     Every channel and frequency is a system of its own; all take the same number of steps.
@@ -121,12 +133,12 @@ def conjugate_gradients(
     return solution
 
 
-def _dot(a: Real, b: Real) -> Real:
+def _dot(a: Float32Array, b: Float32Array) -> Float32Array:
     """Return the real part of the inner product along y, shape (C, 1, 1, 16)."""
-    product: Real = np.einsum("cyzl,cyzl->cl", a, b)[:, None, None]
+    product: Float32Array = np.einsum("cyzl,cyzl->cl", a, b)[:, None, None]
     return product
 
 
-def _ratio(a: Real, b: Real) -> Real:
+def _ratio(a: Float32Array, b: Float32Array) -> Float32Array:
     """Return `a / b`, and 0 where `b` is 0."""
     return np.divide(a, b, out=np.zeros_like(a), where=b > 0)

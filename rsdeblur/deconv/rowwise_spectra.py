@@ -12,9 +12,10 @@ import numpy as np
 from rsdeblur._util.threads import ThreadTeam
 from rsdeblur.choices import Planning
 from rsdeblur.deconv.border import fade
-from rsdeblur.deconv.fft import Real, RowTransform, empty
+from rsdeblur.deconv.fft import RowTransform, empty
 from rsdeblur.deconv.tiling import Tile
 from rsdeblur.kernels import lines, rowwise
+from rsdeblur.types import Float32Array
 
 # Picture rows per block.
 ROWS = 16
@@ -38,13 +39,15 @@ class RowSpectra:
         self.blocks = -(-(length // 2 + 1) // rowwise.LANES)
         self._rows = [RowTransform((channels, ROWS, length), planning) for _ in range(threads)]
 
-    def empty(self, rows: int) -> Real:
+    def empty(self, rows: int) -> Float32Array:
         """Return zeroed lanes for `rows` rows; frequencies that only fill up the last block stay zero."""
-        lanes: Real = empty((self.blocks, self.channels, rows, 2, rowwise.LANES), np.float32)
+        lanes: Float32Array = empty((self.blocks, self.channels, rows, 2, rowwise.LANES), np.float32)
         lanes[...] = 0
         return lanes
 
-    def load(self, picture: Real, lanes: Real, *, start: int = 0, taper: int = 0, periodic: bool = True) -> None:
+    def load(
+        self, picture: Float32Array, lanes: Float32Array, *, start: int = 0, taper: int = 0, periodic: bool = True
+    ) -> None:
         """Transform the rows of `picture` (H, W, C), read from column `start` on, into `lanes`."""
         ramp = fade(taper)
         height = lanes.shape[2]
@@ -57,7 +60,7 @@ class RowSpectra:
 
         self.team.share(block, range(0, height, ROWS))
 
-    def unload(self, lanes: Real, first: int, out: Real, tile: Tile, *, add: bool = False) -> None:
+    def unload(self, lanes: Float32Array, first: int, out: Float32Array, tile: Tile, *, add: bool = False) -> None:
         """Transform `lanes` back from row `first` on; write to `out` (H, W, C), or add, where `tile` contributes."""
         weights = tile.weights * np.float32(1 / self.length)
 

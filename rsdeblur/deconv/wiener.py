@@ -15,12 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import BORDERS, PLANNINGS, Border, Planning
-from rsdeblur.deconv.fft import Complex, LineTransform, RowTransform, remember
+from rsdeblur.deconv.fft import LineTransform, RowTransform, remember
 from rsdeblur.deconv.hybrid import Hybrid
 from rsdeblur.deconv.tiling import Tiling
 from rsdeblur.errors import InputError
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import FloatImage
+from rsdeblur.types import ComplexArray, FloatImage
 
 # Margins of tiles, in PSF sizes: by how much a tile is longer than the part that it contributes. The margin is a fade
 # between the two ends of the tile. The inverse filter of a straight PSF of K px at NSR Phi rings with a decay length of
@@ -134,7 +134,7 @@ class TileFilter:
 
     def _apply(
         self,
-        filters: Complex,
+        filters: ComplexArray,
         image: ArrayLike,
         out: NDArray[np.float32] | None,
         progress: Callable[[float], None] | None,
@@ -147,7 +147,7 @@ class TileFilter:
 
     def _filter(
         self,
-        filters: Complex,
+        filters: ComplexArray,
         source: FloatImage,
         target: FloatImage,
         progress: Callable[[float], None] | None = None,
@@ -177,13 +177,13 @@ class TileFilter:
         np.copyto(self._copy, picture)
         return self._copy
 
-    def _new_filters(self) -> Complex:
+    def _new_filters(self) -> ComplexArray:
         """Return zeros for one filter per tile, shape (S, B, padded frequencies, L)."""
         tiles = (len(self._strips.tiles), len(self._bands.tiles))
-        filters: Complex = np.zeros((*tiles, self._hybrid.padded_frequencies, self._bands.length), np.complex64)
+        filters: ComplexArray = np.zeros((*tiles, self._hybrid.padded_frequencies, self._bands.length), np.complex64)
         return filters
 
-    def _fill_otfs(self, bank: PsfBank, out: Complex) -> None:
+    def _fill_otfs(self, bank: PsfBank, out: ComplexArray) -> None:
         """Fill `out` with the OTFs of all tiles."""
 
         def plan(thread: int, s: int, b: int) -> None:
@@ -327,7 +327,7 @@ class TileBlur(TileFilter):
         return self._apply(self._conjugates, picture, None, None)
 
 
-def _wiener(otf: Complex, nsr: np.float32, scale: np.float32) -> None:
+def _wiener(otf: ComplexArray, nsr: np.float32, scale: np.float32) -> None:
     """Turn an OTF into its Wiener filter, in place."""
     gain = np.square(otf.real)
     gain += np.square(otf.imag)
@@ -344,7 +344,7 @@ class _OtfPlanner:
         self._rows = RowTransform((kernel_height, row_length))
         self._columns = LineTransform((row_length // 2 + 1, slab_length))
 
-    def plan(self, kernel: NDArray[np.float32], out: Complex) -> None:
+    def plan(self, kernel: NDArray[np.float32], out: ComplexArray) -> None:
         """Fill `out` (K, L) with the OTF of `kernel`."""
         # The kernel's centre goes to the origin; the rows and columns before it wrap around to the end.
         down, across = (
