@@ -8,7 +8,7 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -110,6 +110,8 @@ class _Batch:
     def __init__(self, target: Target, options: Options, changes: PhotoChanges, records: Records) -> None:
         self._target, self._options, self._changes, self._records = target, options, changes, records
         self._under_way: dict[int, PhotoJob] = {}
+        # Folders that do not exist before their items start.
+        self._new_folders: set[Path] = set()
 
     def run(self, items: list[Item], jobs: int, scheduler: str | None) -> list[dict[str, Any]]:
         """Do what is not done yet and return an entry for each item."""
@@ -131,10 +133,11 @@ class _Batch:
                         finished = sum("state" in entry for entry in entries)
                         move(f"{finished} of {len(items)}, {failed} failed", finished / len(items))
             finally:
-                # First the workers, then what those that had to be killed left.
+                # The workers end first, because those that are killed leave unfinished files.
                 done.close()
                 for i, job in self._under_way.items():
                     _tidy((i, job))
+                self._remove_empty_folders()
         return entries
 
     def _entry(self, item: Item) -> dict[str, Any]:
@@ -174,7 +177,14 @@ class _Batch:
             if not self._target.dry_run and (job.force or not job.output.exists()):
                 self._records.claim(str(item.output), fingerprint)
             self._under_way[i] = job
+            self._new_folders.update(folder for folder in job.output.parents if not folder.exists())
             yield i, job
+
+    def _remove_empty_folders(self) -> None:
+        """Remove the folders of items that all failed; a worker cannot, as another may be about to write there."""
+        for folder in sorted(self._new_folders, reverse=True):
+            with suppress(OSError):
+                folder.rmdir()
 
     def _finish(self, item: Item, job: PhotoJob, entry: dict[str, Any], facts: dict[str, Any]) -> None:
         for message in facts.pop("warnings"):

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from click.testing import Result
+from PIL import Image
 
 from rsdeblur.cli._inputs import read_device
 from rsdeblur.cli._items import COLUMNS
@@ -111,6 +112,19 @@ def test_finished_items_are_skipped(run: Run, files: Files, manifest: Path, tmp_
     assert states(entries(run, *call, code=SOME_FAILED)) == "skipped skipped done done failed"
     assert (out / "photo.png").stat().st_mtime_ns == stamp
     assert states(entries(run, *call, "--force", code=SOME_FAILED)) == "done done done done failed"
+
+
+@pytest.mark.usefixtures("here")
+def test_items_that_failed_leave_no_empty_folders(run: Run, files: Files, tmp_path: Path) -> None:
+    out, path = tmp_path / "out", tmp_path / "m.csv"
+    # Beyond the log, which shows before the work, and a size that is not the camera's, which shows in it.
+    Image.new("RGB", (80, 72)).save(tmp_path / "small.png")
+    rows = ["photo.png,9,a/b/late.png", "small.png,0.2,c/small.png", "photo.png,9,d/late.png", "photo.png,0.2,d/p.png"]
+    path.write_text("photo,start,output,duration\n" + "".join(f"{row},0.04\n" for row in rows))
+    (out / "mine").mkdir(parents=True)
+    found = entries(run, path, *files.sources, "-o", out, code=SOME_FAILED)
+    assert states(found) == "failed failed failed done"
+    assert {item.name for item in out.iterdir() if item.is_dir()} == {".rsdeblur-batch", "mine", "d"}
 
 
 @pytest.mark.usefixtures("here")
