@@ -63,7 +63,9 @@ def exposures_from_captures(clip: Clip, path: Path, *, duration: float | None = 
     for stamp, index in zip(stamps[: len(clip)], nearest_captures(file.stamps, stamps[: len(clip)]), strict=True):
         time = file.durations[index] if duration is None else duration
         if time is None:
-            raise InputError(f"{path}: the file tells when, but not for how long; give the exposure time (--duration)")
+            raise InputError(
+                f"{path}: the file contains stamps without exposure times; give the exposure time (--duration)"
+            )
         exposures.append(Exposure(0.0, time, stamp if encoded is None else file.stamps[index]))
     return exposures
 
