@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import warnings
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -11,9 +13,9 @@ from typing import Any
 import click
 
 from rsdeblur.cli._options import Defaults, Recording, SecondsType
-from rsdeblur.errors import FileFormatError
+from rsdeblur.errors import FileFormatError, RsdeblurWarning
 
-# What a cell of a column is; an empty cell says nothing.
+# Columns of a manifest, with the conversion of their cells; an empty cell sets nothing.
 COLUMNS: dict[str, Callable[[str], Any]] = {
     **dict.fromkeys(("photo", "output", "gyro", "camera", "capture"), Path),
     **dict.fromkeys(("gyro_format", "unit", "orientation"), str),
@@ -22,6 +24,8 @@ COLUMNS: dict[str, Callable[[str], Any]] = {
         ("start", "duration", "time_offset", "readout_time"), lambda cell: SecondsType().convert(cell, None, None)
     ),
 }
+# Columns by their former names.
+RENAMED = {"readout": "readout_time"}
 FILES = ("gyro", "camera", "capture")
 # Results of other pictures, HEIC and raw, are written as PNG.
 WRITABLE = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".npy")
@@ -85,14 +89,28 @@ def _manifest(path: Path, defaults: Defaults) -> Iterator[Item]:
         raise FileFormatError(f"{path}: the manifest is empty; its first line must name columns: photo,index,...")
     # Spreadsheets of some countries write semicolons.
     reader = csv.reader(lines, delimiter=max(",;\t", key=lines[0].count), skipinitialspace=True)
-    head = [cell.strip().lower() for cell in next(reader)]
-    unknown = [name for name in head if name not in COLUMNS]
-    if unknown or "photo" not in head:
-        found = f"unknown column {unknown[0]!r}" if unknown else "no column photo"
-        raise FileFormatError(f"{path}, line 1: {found}; columns are {', '.join(COLUMNS)}")
+    head = _head(path, next(reader))
     for row in reader:
         if any(cell.strip() for cell in row):
             yield _row(path, reader.line_num, head, row, defaults)
+
+
+def _head(path: Path, cells: list[str]) -> list[str]:
+    """Return the names of the columns."""
+    head = []
+    for name in (cell.strip().lower() for cell in cells):
+        head.append(RENAMED.get(name, name))
+        if name in RENAMED:
+            warnings.warn(
+                f"{path}, line 1: the column {name} is now called {RENAMED[name]}", RsdeblurWarning, stacklevel=2
+            )
+    problems = [f"unknown column {name!r}" for name in head if name not in COLUMNS]
+    problems += [f"the column {name} occurs {count} times" for name, count in Counter(head).items() if count > 1]
+    if "photo" not in head:
+        problems.append("no column photo")
+    if problems:
+        raise FileFormatError(f"{path}, line 1: {problems[0]}; columns are {', '.join(COLUMNS)}")
+    return head
 
 
 def _row(path: Path, line: int, head: list[str], row: list[str], defaults: Defaults) -> Item:
@@ -107,14 +125,19 @@ def _row(path: Path, line: int, head: list[str], row: list[str], defaults: Defau
         for name, cell in zip(head, map(str.strip, row), strict=True):
             if cell and name != "photo":
                 cells[name] = _converted(name, cell)
-        own = photo.relative_to(path.parent) if photo.is_relative_to(path.parent) else Path(photo.name)
-        result = cells.pop("output", _result(own))
-        if result.is_absolute() or ".." in result.parts or ".." in own.parts:
-            result = Path(result.name)
+        result = cells.pop("output", None) or _result(_inside(photo, path.parent))
+        if result.anchor or ".." in result.parts:
+            raise ValueError(f"output: {result} leads out of the output folder; give a path relative to that folder")
         files = {name: path.parent / cells[name] for name in FILES if name in cells}
         return _item(photo, result, cells | files, defaults)
     except ValueError as error:
         return Item(photo, Path(f"line {line}"), None, f"{path}, line {line}: {error}")
+
+
+def _inside(photo: Path, folder: Path) -> Path:
+    """Return the path of a photo relative to `folder`, or its name alone if it lies elsewhere."""
+    relative = photo.relative_to(folder) if photo.is_relative_to(folder) else photo
+    return Path(photo.name) if relative.anchor or ".." in relative.parts else relative
 
 
 def _converted(name: str, cell: str) -> Any:

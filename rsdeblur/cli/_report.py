@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 class Compared(NamedTuple):
     """What came out of a comparison.
 
-    `shown` are display values by label, the input first; `unseen` is the share of the results that no row saw.
+    `shown` are display values by label, the input first; `unseen` is the share of the results that was never exposed.
     """
 
     report: dict[str, Any]

@@ -8,7 +8,7 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rsdeblur.cli import _options
-from rsdeblur.cli._items import Item, read_items
+from rsdeblur.cli._items import COLUMNS, Item, read_items
 from rsdeblur.cli._jobs import Workers, shared_threads, workers_options
 from rsdeblur.cli._options import Defaults, PhotoChanges, Target
 from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, write_json
@@ -30,6 +30,15 @@ if TYPE_CHECKING:
 TABLE, REPORT, RECORDS = "batch.csv", "batch.json", ".rsdeblur-batch"
 SOME_FAILED = 3
 
+HELP = f"""Deblur all photos of a manifest or of a logger's folder; a photo that fails does not stop the others.
+
+MANIFEST is a CSV file with a line for each photo. Its first line names the columns: photo, and if needed
+{", ".join(name for name in COLUMNS if name != "photo")}. They mean what the options of `deblur` mean; empty cells take
+the options given here. FOLDER is a session of MARS logger or OpenCamera Sensors that contains photos or frames.
+
+A second run skips the photos that are done. The command writes batch.csv and batch.json beside the photos. Exit code
+3: some photos failed.
+"""
 EXAMPLES = """\b
 Examples:
   rsdeblur batch manifest.csv -o sharp
@@ -39,7 +48,7 @@ Examples:
 """
 
 
-@click.command("batch", epilog=EXAMPLES)
+@click.command("batch", help=HELP, epilog=EXAMPLES)
 @click.argument("source", type=_options.PATH, metavar="MANIFEST|FOLDER")
 @_options.defaults_options
 @click.option(
@@ -65,16 +74,7 @@ def command(
     workers: Workers,
     target: Target,
 ) -> None:
-    """Deblur all photos of a manifest or a logger's folder; a photo that fails does not stop the others.
-
-    MANIFEST is a CSV file with a line for each photo; its first line names the columns: photo, and as needed output,
-    gyro, camera, capture, index, start_ns, start, duration, time_offset, readout, gyro_format, unit, orientation. They
-    mean what the options of `deblur` mean; options given here stand in for empty cells. FOLDER is a session of MARS
-    logger or OpenCamera Sensors with photos or frames in it.
-
-    Started again, it does what is not done yet. Writes batch.csv and batch.json beside the photos. Exit code 3: some
-    failed.
-    """
+    """Deblur the photos of a manifest or of a session folder."""
     from rsdeblur._util.records import Records
 
     begin = time.perf_counter()
@@ -110,6 +110,8 @@ class _Batch:
     def __init__(self, target: Target, options: Options, changes: PhotoChanges, records: Records) -> None:
         self._target, self._options, self._changes, self._records = target, options, changes, records
         self._under_way: dict[int, PhotoJob] = {}
+        # Folders that do not exist before their items start.
+        self._new_folders: set[Path] = set()
 
     def run(self, items: list[Item], jobs: int, scheduler: str | None) -> list[dict[str, Any]]:
         """Do what is not done yet and return an entry for each item."""
@@ -131,10 +133,11 @@ class _Batch:
                         finished = sum("state" in entry for entry in entries)
                         move(f"{finished} of {len(items)}, {failed} failed", finished / len(items))
             finally:
-                # First the workers, then what those that had to be killed left.
+                # The workers end first, because those that are killed leave unfinished files.
                 done.close()
                 for i, job in self._under_way.items():
                     _tidy((i, job))
+                self._remove_empty_folders()
         return entries
 
     def _entry(self, item: Item) -> dict[str, Any]:
@@ -174,7 +177,14 @@ class _Batch:
             if not self._target.dry_run and (job.force or not job.output.exists()):
                 self._records.claim(str(item.output), fingerprint)
             self._under_way[i] = job
+            self._new_folders.update(folder for folder in job.output.parents if not folder.exists())
             yield i, job
+
+    def _remove_empty_folders(self) -> None:
+        """Remove the folders of items that all failed; a worker cannot, as another may be about to write there."""
+        for folder in sorted(self._new_folders, reverse=True):
+            with suppress(OSError):
+                folder.rmdir()
 
     def _finish(self, item: Item, job: PhotoJob, entry: dict[str, Any], facts: dict[str, Any]) -> None:
         for message in facts.pop("warnings"):

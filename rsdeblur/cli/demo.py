@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shlex
+import shutil
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -68,9 +71,9 @@ def command(size: tuple[int, int], seed: int, target: Target) -> None:
     recording = Recording(gyro, camera, start=START, duration=EXPOSURE)
     options = Options(prior=PRIOR, nsr=NSR)
     report = compare_modes(blurred, recording, options, truth=rolling, output=output, force=force).report
-    again = ["rsdeblur", "deblur", str(blurred), "--gyro", str(gyro), "--camera", str(camera)]
+    again = [*program(), "deblur", str(blurred), "--gyro", str(gyro), "--camera", str(camera)]
     again += ["--start", str(START), "--duration", str(EXPOSURE), "--prior", PRIOR, "--nsr", str(NSR)]
-    again += ["-o", str(output / "again.png")]
+    again += ["--force", "-o", str(output / "again.png")]
     report["command"] = shlex.join(again)
     write_json(output / REPORT, report)
     if target.as_json:
@@ -79,6 +82,17 @@ def command(size: tuple[int, int], seed: int, target: Target) -> None:
         print_report(report)
         click.echo(f"\nThe pictures are in {output}; see side-by-side.png. The same from the files:\n")
         click.echo(f"  {report['command']}")
+
+
+def program() -> list[str]:
+    """Return the words that start rsdeblur again from the same folder: its name alone only if the shell finds it."""
+    started = Path(sys.argv[0])
+    if started.name == "__main__.py":
+        return [sys.executable, "-m", "rsdeblur"]
+    found = shutil.which("rsdeblur")
+    if started.stem != "rsdeblur" or (found is not None and os.path.realpath(found) == os.path.realpath(started)):
+        return ["rsdeblur"]
+    return [sys.argv[0]]
 
 
 def _capture(size: tuple[int, int], seed: int, output: Path, *, force: bool) -> None:

@@ -123,11 +123,21 @@ def check_size(shape: tuple[int, ...], camera: Camera) -> None:
     if (height, width) == (camera.height, camera.width):
         return
     if (height, width) == (camera.width, camera.height):
-        hint = "it is turned by a quarter; turn the picture or describe the camera as the picture is stored"
+        hint = (
+            "it is turned by a quarter; turn the picture, or turn the camera: rsdeblur camera import CAMERA --turn 1 "
+            "(or 3) -o OUT, or camera.turned() in Python"
+        )
     elif abs(width * camera.height - height * camera.width) <= max(width, camera.width):
-        hint = f"if it was resized, scale the camera (file) too: camera.scaled({width / camera.width:.6g})"
+        scale = f"{width / camera.width:.6g}"
+        hint = (
+            f"if it was resized, scale the camera too: rsdeblur camera import CAMERA --scale {scale} -o OUT, "
+            f"or camera.scaled({scale}) in Python"
+        )
     else:
-        hint = "if it was cut out, cut the camera (file) too: camera.cropped(left, top, width, height)"
+        hint = (
+            f"if it was cropped, crop the camera too: rsdeblur camera import CAMERA --crop {width}x{height}+LEFT+TOP "
+            "-o OUT, or camera.cropped(left, top, width, height) in Python"
+        )
     raise InputError(
         f"the picture is {width}x{height} px but the camera's is {camera.width}x{camera.height} px; {hint}"
     )

@@ -1,4 +1,4 @@
-"""The frame that everything is computed in: the picture turned so that its readout runs along y."""
+"""The upright frame, in which everything is computed: the picture turned so that its readout runs along y."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from rsdeblur.psf import PsfBank
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReadoutFrame:
-    """The way into the upright frame, whose readout runs along y, and the way back.
+    """Conversion between the picture as stored and the upright frame, whose readout runs along y.
 
-    A picture with horizontal readout is turned a quarter clockwise on the way in; any other stays as it is. No other
-    place in the package knows which.
+    A picture with horizontal readout is turned a quarter clockwise; any other is left as it is. Only this class knows
+    which, so that everything else computes in the upright frame.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class ReadoutFrame:
 
     @property
     def quarter(self) -> bool:
-        """Whether the upright frame is turned by a quarter."""
+        """Whether the upright frame is turned by a quarter from the stored one."""
         return self.stored.horizontal_readout
 
     @property
@@ -45,19 +45,19 @@ class ReadoutFrame:
     def capture(
         self, log: GyroLog, exposure: Exposure, translation: Translation | None = None, *, motion: Motion = "rotation"
     ) -> Capture:
-        """Return the motion of the upright camera; parameters and errors are those of `Capture.from_log`."""
+        """Return the capture of the upright camera; parameters and errors are those of `Capture.from_log`."""
         if translation is not None and self.quarter:
             translation = translation.turned()
         return Capture.from_log(log, self.camera, exposure, translation, motion=motion)
 
     def image(self, array: NDArray[Any]) -> NDArray[Any]:
-        """Return the upright view of an array (H, W) or (H, W, C) that lies as stored."""
+        """Return the upright view of a stored array of shape (H, W) or (H, W, C)."""
         return np.rot90(array, -1) if self.quarter else array
 
     def back(self, array: NDArray[Any]) -> NDArray[Any]:
-        """Return an upright array as a view that lies as stored."""
+        """Return the stored view of an upright array."""
         return np.rot90(array) if self.quarter else array
 
     def bank(self, upright: PsfBank) -> PsfBank:
-        """Return upright PSFs as they hold in the picture as stored."""
+        """Return upright PSFs turned, with their places, to the picture as stored."""
         return upright.turned(self.stored.height) if self.quarter else upright

@@ -28,9 +28,9 @@ def rectify(image: NDArray[np.float32], capture: Capture) -> tuple[NDArray[np.fl
     Returns
     -------
     image : ndarray, shape (H, W, C), float32
-        The resampled picture. Where no row saw the scene, it repeats the nearest border pixel.
+        The resampled picture. Pixels that were never exposed repeat the nearest border pixel.
     coverage : ndarray, shape (H, W), bool
-        Whether some row saw the scene at this pixel.
+        Whether some row was exposed to the scene at this pixel.
     """
     from scipy import ndimage  # imported here: it takes 0.2 s, which geometry="keep" need not spend
 

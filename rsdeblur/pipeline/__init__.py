@@ -1,1 +1,1 @@
-"""From a photo and its motion to the sharp picture: :func:`rsdeblur.deblur` and what it is made of."""
+"""From a photo and its motion to the sharp picture: :func:`rsdeblur.deblur` and :func:`rsdeblur.plan`."""

@@ -1,4 +1,4 @@
-"""The one call: photo, gyro log, camera and exposure in, sharp picture out."""
+"""The functions of the package: photo, gyro log, camera and exposure in, sharp picture or PSFs out."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from rsdeblur.pipeline.plan import DeblurResult, plan
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import Progress
 
-# Noise-to-signal ratio that the number of bands goes by where no picture says it.
+# Noise-to-signal ratio that decides the automatic number of bands when there is no picture to derive it from.
 NSR = 0.01
 
 
@@ -66,65 +66,66 @@ def deblur(
 ) -> DeblurResult:
     """Remove camera shake from a rolling-shutter picture.
 
-    The keywords up to `max_memory` are the fields of :class:`rsdeblur.Options`. To deblur several pictures alike, make
-    a :func:`rsdeblur.plan` and apply it.
+    The keywords up to `max_memory` are the fields of :class:`rsdeblur.Options`. To deblur several pictures with the
+    same settings, make a :func:`rsdeblur.plan` and apply it.
 
     Parameters
     ----------
     image : array_like, shape (H, W) or (H, W, C)
-        Grey (C = 1 or none), grey + alpha (2), RGB (3) or RGBA (4). uint8 and uint16 are scaled to [0, 1]; floats have
-        the nominal range [0, 1]. Alpha is copied.
+        Grey (without C, or C = 1), grey + alpha (2), RGB (3) or RGBA (4). uint8 and uint16 are scaled to [0, 1];
+        floats have the nominal range [0, 1]. Alpha is copied.
     log, camera, exposure
-        The motion, the camera and the time of the exposure.
+        The motion, the camera, and when the picture was exposed and for how long.
     mode : {"banded", "global", "rowwise"}
         One PSF per tile; one for the whole picture (Sindelar and Sroubek 2013); or one per row, solved exactly.
     bands, strips : int or "auto"
-        Number of tiles along the readout axis and across it; "auto" bounds how much the blur changes between
-        neighbours. "global" ignores both, "rowwise" ignores `bands`.
+        Number of tiles along the readout axis and across it; "auto" limits the change of the blur between neighbouring
+        tiles. "global" ignores both, "rowwise" ignores `bands`.
     prior : {"tv", "wiener", "gradient", "hyper-laplacian"}
         Regularisation: the Wiener filter, or a penalty on the gradient (:mod:`rsdeblur.deconv.priors`). "tv" and
-        "hyper-laplacian" keep edges sharp and even areas quiet; "wiener" takes about a twentieth of their time.
+        "hyper-laplacian" keep edges sharp and even areas free of noise; "wiener" takes about a twentieth of their time.
     weight : float or "auto"
-        Weight of the penalty on the gradient: larger is smoother. "auto" derives it from the picture's noise and the
-        blur (:mod:`rsdeblur.estimate.strength`).
+        Weight of the penalty on the gradient: a larger weight gives a smoother picture. "auto" derives it from the
+        picture's noise and the blur (:mod:`rsdeblur.estimate.strength`).
     exponent : float, default 2/3
         Exponent of the hyper-Laplacian, in (0, 1].
     nsr : float or "auto"
-        Noise-to-signal power ratio Phi: larger is smoother. For the Wiener filter, "auto" derives it from noise and
-        blur; for the other priors, which depend on it little, from the size of the blur.
+        Noise-to-signal power ratio Phi: a larger ratio gives a smoother picture. For the Wiener filter, "auto" derives
+        it from noise and blur. The other priors depend on it little; "auto" then derives it from the size of the blur.
     solver : {"auto", "direct", "cg"}
-        How "rowwise" solves, see :class:`rsdeblur.RowDeconvolver`.
+        Solver of "rowwise", see :class:`rsdeblur.RowDeconvolver`.
     geometry : {"keep", "rectify"}
-        Keep the rolling shutter's shape, or resample to the middle row's mid-exposure.
+        Keep the rolling-shutter shape, or resample the picture to the middle row's mid-exposure.
     border : {"blend", "periodic", "reflect", "edge-taper", "smooth"}
         How the picture continues beyond its frame: see :class:`rsdeblur.Deconvolver` for the first two. The others are
-        alternatives for comparison: mirrored without a blend; tapered into itself blurred; or filled in without a
-        Laplacian, in the manner of Liu and Jia (2008). "rowwise" takes the first two only.
+        alternatives for comparison. "reflect" mirrors the picture without a blend; "edge-taper" fades its borders into
+        the blurred picture; "smooth" fills in values whose Laplacian is zero, in the manner of Liu and Jia (2008).
+        "rowwise" takes the first two only.
     motion : {"rotation", "small-angle"}
-        The full homography path, or eq. 6 of Sindelar and Sroubek (2013).
+        Paths of the full homography, or the approximation of eq. 6 of Sindelar and Sroubek (2013).
     translation : Translation, optional
-        Where the camera was and how far away the scene is (eq. 3 in full); without it only rotation counts.
+        Positions of the camera and distance of the scene (eq. 3 in full); without it only rotation counts.
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light; a number is a gamma. "auto" is sRGB for uint8 and uint16 and linear for floats. The
-        result is encoded alike.
+        result has the same encoding.
     normalize : bool, default False
-        Squeeze light that overshoots [0, 1] into it, outliers clipped, at the price of contrast.
+        Compress light that exceeds [0, 1] into that range and clip outliers, at the price of contrast.
     saturation : {"ignore", "auto"}
         "auto" estimates the highlights behind clipped pixels, solves the picture without them and adds them to the
         result (:mod:`rsdeblur.image.highlights`). This leaves fewer streaks around lamps and takes 63 passes of a
-        filter over boxes around them. A picture without clipped highlights comes out the same.
+        filter over boxes around them. It does not change the result of a picture without clipped highlights.
     check : bool, default True
         Assess the result without a reference.
     fallback : bool, default False
-        Blend the result towards the input where the check finds it bad; not with ``geometry="rectify"``.
+        Blend the result towards the input if the check finds it bad; not with ``geometry="rectify"``.
     planning : {"estimate", "measure"}
         How FFTW plans: at once, or by measuring, up to a second per plan. Measured plans are kept for later runs,
         which use them with either setting.
     threads : int, optional
         Threads that share the work; default all processors. Any number gives the same bits.
     max_memory : int, optional
-        Bytes that the work may take beside the picture and its result: large pictures are solved in chunks of rows.
-        The picture and `out` may be memory-mapped files.
+        Bytes that the work may use in addition to the picture and its result: large pictures are solved in chunks of
+        rows. The picture and `out` may be memory-mapped files.
     out : ndarray, float32, uint8 or uint16, shaped like `image`, optional
         Receives the result; integers are clipped and rounded.
     progress : callable, optional
@@ -133,13 +134,14 @@ def deblur(
     Returns
     -------
     DeblurResult
+        The sharp picture, and what was used for it.
 
     Raises
     ------
     InputError
         If an argument is out of range, the picture's size is not the camera's, or the blur is larger than the picture.
     CoverageError, ClockError, GapError
-        If the log does not describe the exposure.
+        If the log does not cover the exposure, is on another clock, or has a gap inside the exposure.
     """
     options = Options(
         mode=mode,
@@ -185,14 +187,14 @@ def psfs(
     log, camera, exposure, mode, bands, strips
         See :func:`deblur`.
     nsr : float, default 0.01
-        Noise-to-signal ratio that the automatic number of bands goes by; :func:`deblur` derives it from the picture.
+        Noise-to-signal ratio that decides the automatic number of bands; :func:`deblur` derives it from the picture.
     motion, translation
         See :func:`deblur`.
 
     Returns
     -------
     PsfBank
-        Where the PSFs hold in the picture as stored.
+        The PSFs, at their places in the picture as stored.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Every option of :func:`rsdeblur.deblur`, its default and its check.
 
-The command line reads its defaults here before it knows whether it computes anything, so this module loads no library.
+``rsdeblur --help`` reads the defaults here, so this module imports no heavy library when it is loaded.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """How a picture is deblurred; the fields are the keywords of :func:`rsdeblur.deblur`, which describes them.
+    """Options of :func:`rsdeblur.deblur`, under the names of its keywords, where they are described.
 
     Raises
     ------
     InputError
-        If a value is out of range, or two values exclude each other.
+        If a value is out of range, or two options exclude each other.
     """
 
     mode: Mode = "banded"
@@ -107,10 +107,13 @@ class Options:
 
     def _check_combinations(self) -> None:
         if self.mode == "rowwise" and self.boundary is not None:
-            raise InputError(f'mode="rowwise" solves for the rows beyond the frame: it takes no border="{self.border}"')
+            raise InputError(
+                f'mode="rowwise" takes no border="{self.border}", because it solves for the rows beyond the frame; '
+                'use border="blend" or "periodic"'
+            )
         if self.fallback and self.geometry == "rectify":
             raise InputError(
-                'fallback=True blends with the input, which geometry="rectify" straightens; use geometry="keep"'
+                'fallback=True blends with the input, but geometry="rectify" changes its shape; use geometry="keep"'
             )
         whole = {
             'geometry="rectify"': self.geometry == "rectify",
@@ -119,7 +122,7 @@ class Options:
         }
         for text, needs_all in whole.items():
             if self.max_memory is not None and needs_all:
-                raise InputError(f"{text} needs the whole picture at once: leave out max_memory, or that")
+                raise InputError(f"{text} needs the whole picture at once: leave out max_memory or {text}")
 
     @property
     def solver_border(self) -> Border:
@@ -128,5 +131,5 @@ class Options:
 
     @property
     def boundary(self) -> Boundary | None:
-        """What makes the picture periodic before it is solved; None if the solver's own border does."""
+        """The method that makes the picture periodic before it is solved; None if the solver does so itself."""
         return None if self.border == "blend" or self.border == "periodic" else self.border

@@ -1,4 +1,4 @@
-"""One way from picture to picture: what is planned for a capture, and how it is applied."""
+"""Plans: everything that is decided for a capture before a picture is deblurred, and the deblurring itself."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from rsdeblur.pipeline.tiles import Grid, tile_paths
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import Progress
 
-# Strength of the Wiener filter that finds highlights behind clipped pixels.
+# Noise-to-signal ratio of the Wiener filter that estimates the highlights behind clipped pixels.
 HIGHLIGHT_NSR = 0.01
-# Pixels that automatic strengths are derived from: the middle rows of larger pictures are enough.
+# Number of pixels that automatic strengths are derived from: the middle rows of larger pictures are enough.
 MOST_TUNED_PIXELS = 8_000_000
 
 
@@ -45,18 +45,18 @@ class DeblurResult:
     Parameters
     ----------
     image : ndarray, float32
-        The sharp picture, or `out`: shaped and coded like the input, nominal range [0, 1]. Integer input is clipped to
-        that range; float input is not.
+        The sharp picture, or `out`. Shape and encoding are those of the input, the nominal range is [0, 1]. Results of
+        integer input are clipped to that range, those of float input are not.
     psfs : PsfBank
-        The PSFs that were undone, where they hold in the picture as stored; for ``mode="rowwise"`` those of a few rows.
+        The PSFs that were undone, at their places in the picture as stored; for ``mode="rowwise"`` those of a few rows.
     bands, strips : int
-        Number of tiles along the readout axis, every row for ``mode="rowwise"``, and across it.
+        Number of tiles along the readout axis (for ``mode="rowwise"`` the number of rows) and across it.
     nsr : float
         Noise-to-signal ratio that was used.
     weight : float or None
         Weight of the prior that was used; None for ``prior="wiener"``.
     coverage : ndarray, shape (H, W), bool
-        Pixels whose scene point was exposed in some row; all true for ``geometry="keep"``.
+        Whether the scene point of a pixel was exposed in some row; True everywhere for ``geometry="keep"``.
     timings : dict
         Seconds spent in each stage.
     check : QualityCheck or None
@@ -76,7 +76,7 @@ class DeblurResult:
 
 @dataclass(frozen=True, slots=True)
 class Strengths:
-    """Numbers that follow from a picture's noise and blur, or are given.
+    """Strengths of a solution, derived from a picture's noise and blur or set by the options.
 
     Parameters
     ----------
@@ -95,15 +95,15 @@ class Strengths:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """How pictures of one capture are deblurred; made by :func:`rsdeblur.plan`.
+    """Plan for deblurring pictures of one capture; made by :func:`rsdeblur.plan`.
 
-    Strengths and tiles that the options leave open follow from a picture. :meth:`apply` chooses them for each picture;
-    :meth:`prepare` fixes them, and the solver of tiles is then planned once.
+    Strengths and tiles that the options leave open are derived from a picture. :meth:`apply` does so for each picture;
+    :meth:`prepare` does so once, and the solver of tiles is then planned once.
 
     Parameters
     ----------
     frame : ReadoutFrame
-        The camera, and the way into the frame that is computed in.
+        The camera, and the conversion to the frame of the computation.
     capture : Capture
         The motion, in that frame.
     options : Options
@@ -123,13 +123,13 @@ class Plan:
 
     @cached_property
     def bank(self) -> PsfBank:
-        """The PSFs in the upright frame; for a plan whose grid is fixed."""
+        """The PSFs in the upright frame, for a plan whose grid is fixed."""
         if self.grid is None:
-            raise InputError("the plan has no tiles yet: call prepare(image) first")
+            raise InputError("the plan has no tiles yet; call prepare(image) first")
         return self.grid.bank(self.capture, threads=self.options.threads)
 
     def prepare(self, image: ArrayLike) -> Plan:
-        """Fix strengths and tiles to those that suit `image`.
+        """Return this plan with the strengths and tiles that suit `image`.
 
         Parameters
         ----------
@@ -139,7 +139,7 @@ class Plan:
         Returns
         -------
         Plan
-            For this capture, with one solver for all pictures of this shape.
+            Plan of this capture, with one solver for all pictures of this shape.
 
         Raises
         ------
@@ -150,7 +150,7 @@ class Plan:
         return self._prepared(self._split(encoded, StageClock()), StageClock())
 
     def replan(self, log: GyroLog, exposure: Exposure) -> Plan:
-        """Return the plan of another exposure of the same camera; what is fixed stays, and so does the solver.
+        """Return the plan for another exposure of the same camera, with the same strengths, tiles and solver.
 
         Parameters
         ----------
@@ -159,10 +159,15 @@ class Plan:
         exposure : Exposure
             The time of the other exposure.
 
+        Returns
+        -------
+        Plan
+            Plan of the other exposure.
+
         Raises
         ------
         CoverageError, ClockError, GapError
-            If the log does not describe the exposure.
+            If the log does not cover the exposure, is on another clock, or has a gap inside the exposure.
         """
         capture = self.frame.capture(log, exposure, self.options.translation, motion=self.options.motion)
         return replace(self, capture=capture)
@@ -180,6 +185,7 @@ class Plan:
         Returns
         -------
         DeblurResult
+            The sharp picture, and what was used for it.
 
         Raises
         ------
@@ -231,7 +237,7 @@ class Plan:
         return encoded
 
     def _split(self, encoded: EncodedImage, clock: StageClock) -> HighlightSplit:
-        """Separate the highlights, if that was requested and there are any."""
+        """Separate the clipped highlights, if the options request it and there are any."""
         if self.options.saturation == "ignore":
             return HighlightSplit(encoded)
         with clock.stage("highlights"):
@@ -249,7 +255,7 @@ class Plan:
             )
 
     def _prepared(self, split: HighlightSplit, clock: StageClock) -> Plan:
-        """Return the plan with strengths and grid fixed, chosen for a picture where they are open."""
+        """Return the plan with fixed strengths and grid, derived from a picture if this plan has none."""
         if self.strengths is not None and self.grid is not None:
             return self
         with clock.stage("tune"):
@@ -261,7 +267,7 @@ class Plan:
         return ready
 
     def _strengths(self, split: HighlightSplit) -> tuple[Strengths, float]:
-        """Return the strengths, and the `nsr` that the number of bands goes by."""
+        """Return the strengths, and the `nsr` that decides the automatic number of bands."""
         options, prior = self.options, self.options.prior
         if prior == "wiener" and options.nsr != "auto":
             return Strengths(options.nsr, None, 1.0), options.nsr
@@ -278,12 +284,12 @@ class Plan:
 
     @property
     def _mode(self) -> Mode:
-        """The mode; one band and one strip are the global mode."""
+        """The mode; a single band and strip count as the global mode."""
         one_tile = self.options.bands == self.options.strips == 1
         return "global" if self.options.mode == "banded" and one_tile else self.options.mode
 
     def tile_paths(self, nsr: float) -> BlurPaths:
-        """Trace the paths behind the PSFs, in the upright frame; `nsr` decides the automatic number of bands."""
+        """Trace the paths of the PSFs in the upright frame; `nsr` decides the automatic number of bands."""
         return tile_paths(self.capture, self._mode, self.options.bands, self.options.strips, nsr)
 
     @property
@@ -307,55 +313,55 @@ class Plan:
     def _solve(
         self, split: HighlightSplit, out: NDArray[Any], meter: UndershootMeter, clock: StageClock
     ) -> NDArray[np.bool_]:
-        """Solve chunk by chunk into `out`, upright, and return which pixels were exposed."""
+        """Solve chunk by chunk into `out`, which is upright; return a mask of the pixels that were exposed."""
         options, shape = self.options, split.encoded.shape
         memory = None if options.max_memory is None else options.max_memory - split.nbytes
         chunks, _ = plan_chunks(self.bank, shape, self._settings, memory)
         coverage: NDArray[np.bool_] = np.broadcast_to(np.True_, shape[:2])
         with self._kept.lock:
             for n, chunk in enumerate(chunks):
-                linear = split.remainder(chunk.read)
-                given = slice(chunk.given.start - chunk.read.start, chunk.given.stop - chunk.read.start)
-                meter.before(linear[given], chunk.given)
+                linear = split.remainder(chunk.source)
+                inner = slice(chunk.target.start - chunk.source.start, chunk.target.stop - chunk.source.start)
+                meter.before(linear[inner], chunk.target)
                 with clock.stage("plan"):
-                    solve = self._planned(chunk, linear.shape, keep=len(chunks) == 1)
+                    solve = self._plan_solver(chunk, linear.shape, keep=len(chunks) == 1)
                 with clock.stage("apply"):
                     linear = solve(linear, clock.within("apply", n, len(chunks)))
-                split.add_highlights(linear, chunk.read.start)
-                meter.after(linear[given], chunk.given)
+                split.add_highlights(linear, chunk.source.start)
+                meter.after(linear[inner], chunk.target)
                 if options.geometry == "rectify":
                     with clock.stage("rectify"):
                         linear, coverage = rectify(linear, self.capture)
                 if options.normalize:
                     linear = normalized(linear)
-                split.encoded.encode(linear[given], chunk.given, out)
-                # Free them before the next chunk is planned.
+                split.encoded.encode(linear[inner], chunk.target, out)
+                # Free the memory before the next chunk is planned.
                 del linear, solve
         return coverage
 
-    def _planned(self, chunk: Chunk, shape: tuple[int, int, int], *, keep: bool) -> Solve:
+    def _plan_solver(self, chunk: Chunk, shape: tuple[int, int, int], *, keep: bool) -> Solve:
         settings = self._settings
         fits = self.grid is not None and all(np.less_equal(chunk.bank.size, self.grid.size))
         if keep and fits and self.grid is not None and settings.mode != "rowwise" and settings.boundary is None:
-            return self._kept.planned(settings, chunk.bank, self.grid, shape)
-        return settings.planned(self.capture, chunk.bank, shape, chunk.read.start)
+            return self._kept.solver(settings, chunk.bank, self.grid, shape)
+        return settings.plan_solver(self.capture, chunk.bank, shape, chunk.source.start)
 
 
 class _KeptSolver:
-    """The solver of tiles that a plan and its replans share, planned for one shape at a time."""
+    """The solver of tiles that a plan and its replans share; it is planned for one shape at a time."""
 
     def __init__(self) -> None:
-        # Held while the solver has the PSFs of one capture.
+        # Held by the plan whose PSFs the solver has.
         self.lock = threading.Lock()
         self._planned_for: tuple[SolverSettings, Grid, tuple[int, int, int]] | None = None
         self._solver: TileSolver | None = None
         self._bank: PsfBank | None = None
 
-    def planned(self, settings: SolverSettings, bank: PsfBank, grid: Grid, shape: tuple[int, int, int]) -> TileSolver:
-        """Return the solver for `bank`, whose kernels are at the places of the grid and no larger than its size."""
+    def solver(self, settings: SolverSettings, bank: PsfBank, grid: Grid, shape: tuple[int, int, int]) -> TileSolver:
+        """Return the solver with the PSFs of `bank`, which lie on the grid and are no larger than its size."""
         if self._solver is None or self._planned_for != (settings, grid, shape):
             self._bank = bank if bank.size == grid.size else grid.still()
-            self._solver = settings.tiles(self._bank, shape)
+            self._solver = settings.plan_tiles(self._bank, shape)
             self._planned_for = settings, grid, shape
         if self._bank is not bank:
             self._solver.replan(bank)
@@ -363,12 +369,12 @@ class _KeptSolver:
         return self._solver
 
     def __reduce__(self) -> tuple[type[_KeptSolver], tuple[()]]:
-        """Locks and FFT plans stay in their process."""
+        """Pickle as an empty object, because locks and FFT plans cannot leave their process."""
         return _KeptSolver, ()
 
 
 def plan(log: GyroLog, camera: Camera, exposure: Exposure, options: Options | None = None) -> Plan:
-    """Plan how the pictures of a capture are deblurred.
+    """Plan the deblurring of pictures of one capture.
 
     Parameters
     ----------
@@ -380,11 +386,12 @@ def plan(log: GyroLog, camera: Camera, exposure: Exposure, options: Options | No
     Returns
     -------
     Plan
+        Plan whose :meth:`Plan.apply` deblurs a picture.
 
     Raises
     ------
     CoverageError, ClockError, GapError
-        If the log does not describe the exposure.
+        If the log does not cover the exposure, is on another clock, or has a gap inside the exposure.
 
     Examples
     --------

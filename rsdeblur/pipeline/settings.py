@@ -1,4 +1,4 @@
-"""How a picture, or a chunk of its rows, is solved: mode, prior and numbers, with nothing left automatic."""
+"""Settings of the solver for a picture or a chunk of its rows, with a number for everything automatic."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Solve = Callable[[FloatImage, StageProgress], FloatImage]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SolverSettings:
-    """Everything except the blur that a solution depends on; the names are those of :func:`rsdeblur.deblur`.
+    """Everything that a solution depends on except picture and blur; the names are those of :func:`rsdeblur.deblur`.
 
     Parameters
     ----------
@@ -32,8 +32,8 @@ class SolverSettings:
     peak : float
         Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
     border, boundary
-        How the solver continues the picture, and what makes it periodic first, if anything; see
-        :class:`rsdeblur.Options`.
+        How the solver continues the picture beyond its frame, and the method that makes it periodic before, or None;
+        see :class:`rsdeblur.Options`.
     """
 
     mode: Mode
@@ -56,7 +56,7 @@ class SolverSettings:
     def _gradient_prior(self) -> GradientPrior | None:
         return None if self.weight is None else GradientPrior(self.prior, self.weight, self.exponent, self.peak)
 
-    def planned(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:
+    def plan_solver(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:
         """Plan the solver. The returned function restores one picture and reports its progress.
 
         Parameters
@@ -64,20 +64,25 @@ class SolverSettings:
         capture : Capture
             The motion of the whole picture.
         bank : PsfBank
-            PSFs, their places counted in the rows to be solved.
+            PSFs, at places counted from the first of the rows to be solved.
         shape : (H, W, C)
             Shape of the rows to be solved.
         first : int
-            Row of the whole picture at which they start.
+            Row of the whole picture at which those rows start.
+
+        Returns
+        -------
+        callable
+            Called as ``solve(light, progress)``; returns the restored light.
         """
         if self.boundary is not None:
             return self._extended(capture, bank, shape, self.boundary)
         if self.mode == "rowwise":
             return self._rowwise(capture, bank, shape, first)
-        return self.tiles(bank, shape)
+        return self.plan_tiles(bank, shape)
 
-    def tiles(self, bank: PsfBank, shape: tuple[int, int, int]) -> TileSolver:
-        """Plan a solver of tiles that takes other PSFs later."""
+    def plan_tiles(self, bank: PsfBank, shape: tuple[int, int, int]) -> TileSolver:
+        """Plan a solver of tiles, whose PSFs can be replaced later."""
         if self.mode == "rowwise":
             raise InputError('mode="rowwise" has no tiles')
         if self._gradient_prior is None:
@@ -88,7 +93,7 @@ class SolverSettings:
 
     def _extended(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], boundary: Boundary) -> Solve:
         height, width, _ = shape
-        solve = replace(self, boundary=None).planned(capture, bank, extended_shape(shape, bank, boundary))
+        solve = replace(self, boundary=None).plan_solver(capture, bank, extended_shape(shape, bank, boundary))
         return lambda light, progress: solve(extended(light, bank, boundary), progress)[:height, :width]
 
     def _rowwise(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:
@@ -99,13 +104,13 @@ class SolverSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TileSolver:
-    """Tiles planned for pictures of one shape, which take other PSFs at the same places without new plans."""
+    """Solver of tiles, planned for pictures of one shape; its PSFs can be replaced by others at the same places."""
 
     filters: TileFilter
     apply: Callable[..., FloatImage]
 
     def replan(self, bank: PsfBank) -> None:
-        """Take other PSFs; see :meth:`rsdeblur.Deconvolver.replan`."""
+        """Replace the PSFs; see :meth:`rsdeblur.Deconvolver.replan`."""
         self.filters.replan(bank)
 
     def __call__(self, light: FloatImage, progress: StageProgress) -> FloatImage:

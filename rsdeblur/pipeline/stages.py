@@ -1,4 +1,4 @@
-"""Times of the stages of a computation, and reports of their progress."""
+"""Times and progress of the stages of a computation."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class StageClock:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Time the body as a stage, or as one more part of it."""
+        """Time the body as a stage; the times of several bodies of one stage add up."""
         begin = time.perf_counter()
         if name not in self.timings:
             self._report(name, 0.0)
@@ -39,7 +39,7 @@ class StageClock:
             self._report(name, 1.0)
 
     def within(self, name: str, part: int = 0, parts: int = 1) -> StageProgress:
-        """Return what reports the progress of one of several parts of a stage."""
+        """Return a function that reports the progress of one of several parts of a stage."""
         return lambda fraction: self._report(name, (part + fraction) / parts)
 
     def _report(self, name: str, fraction: float) -> None:

@@ -1,4 +1,4 @@
-"""How many bands and strips a picture needs, and the PSFs of those tiles."""
+"""Number of bands and strips that a picture needs, and the PSFs of those tiles."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from rsdeblur.errors import InputError
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank, tile_centres
 
-# Results are interpolated linearly between tiles. Tiles are added until paths interpolated linearly between them are
-# this close to the true ones, px.
+# Results are interpolated linearly between tiles. The number of tiles is such that paths interpolated linearly between
+# them are this close to the true ones, px.
 PATH_ERROR = 0.1
-# Interpolating results is not quite interpolating paths: at the highest frequency that the filter restores, about
-# 1 / (pi L sqrt(nsr)) for a path of L px and never more than 1/2, neighbouring bands must still agree in phase. Their
-# paths may differ by this many L sqrt(nsr). (Both numbers: docs/developer/decisions.md.)
+# Interpolated results differ from the result of interpolated paths: at the highest frequency that the filter restores,
+# about 1 / (pi L sqrt(nsr)) for a path of L px and never more than 1/2, neighbouring bands must still agree in phase.
+# Their paths may differ by this many L sqrt(nsr). (Both numbers: docs/developer/decisions.md.)
 BAND_CHANGE = 0.4
-# Rowwise reports the PSFs of this many rows per strip.
+# Number of rows per strip whose PSFs the mode "rowwise" reports.
 ROWS_SHOWN = 9
-# Bounds of the cost where the motion is wild.
+# Bounds of the cost for violent motion.
 MOST_BANDS = 64
 MOST_STRIPS = 16
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Where the PSFs of a picture hold, in the upright frame.
+    """Places of the PSFs of a picture in the upright frame.
 
     Parameters
     ----------
@@ -47,18 +47,18 @@ class Grid:
         return cls(tuple(bank.rows.tolist()), tuple(bank.cols.tolist()), bank.size)
 
     def bank(self, capture: Capture, *, threads: int | None) -> PsfBank:
-        """Return the PSFs of a capture at the places of this grid; their size is their own."""
+        """Return the PSFs of a capture at the places of this grid; their own motion decides their size."""
         return PsfBank.from_paths(BlurPaths.from_capture(capture, self.rows, self.cols), threads=threads)
 
     def still(self) -> PsfBank:
-        """Return a bank of the largest size that changes no picture, to plan a solver for."""
+        """Return a bank of unit impulses of the largest size, to plan a solver for."""
         kernels = np.zeros((len(self.rows), len(self.cols), *self.size), dtype=np.float32)
         kernels[:, :, self.size[0] // 2, self.size[1] // 2] = 1.0
         return PsfBank(kernels, np.array(self.rows), np.array(self.cols))
 
 
 def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: float) -> BlurPaths:
-    """Trace the paths at the tiles' centres.
+    """Trace the paths at the centres of the tiles.
 
     Parameters
     ----------
@@ -67,7 +67,12 @@ def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: f
     mode, bands, strips
         See :func:`rsdeblur.deblur`.
     nsr : float
-        Noise-to-signal ratio that the automatic number of bands goes by.
+        Noise-to-signal ratio that decides the automatic number of bands.
+
+    Returns
+    -------
+    BlurPaths
+        One path for each tile.
 
     Raises
     ------
@@ -88,7 +93,7 @@ def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: f
 
 
 def _automatic_counts(capture: Capture, nsr: float) -> tuple[int, int]:
-    """Return how many bands and strips bound the change of the blur between neighbours."""
+    """Return the numbers of bands and strips that limit the change of the blur between neighbouring tiles."""
     probe, camera = capture.probe, capture.camera
     allowed = BAND_CHANGE * max(float(probe.lengths.max()) * np.sqrt(nsr), 2 / np.pi)
     needed = (
@@ -99,7 +104,7 @@ def _automatic_counts(capture: Capture, nsr: float) -> tuple[int, int]:
     for tiles, reach, length, most in zip(
         needed, probe.extent, (camera.height, camera.width), (MOST_BANDS, MOST_STRIPS), strict=True
     ):
-        # A PSF spans 2 reach + 1 px. A tile narrower than half of that filters rows that are mostly not its own.
+        # A PSF spans 2 reach + 1 px. Most rows that a tile narrower than half of that filters belong to other tiles.
         bound = min(most, max(1, int(length / (reach + 0.5))))
         counts.append(int(np.clip(np.ceil(tiles), 1, bound)))
     return counts[0], counts[1]

@@ -1,4 +1,4 @@
-"""PyAV, or how to get it."""
+"""PyAV, or the advice to install it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a video is, and its frames."""
+"""Properties and frames of a video."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rsdeblur.video._av import av
 
 
 class Colours(NamedTuple):
-    """What FFmpeg calls range, space (the matrix of YCbCr), primaries and transfer characteristic, as its numbers."""
+    """FFmpeg's numbers for colour range, colour space (the matrix of YCbCr), primaries and transfer characteristic."""
 
     range: int
     space: int
@@ -26,22 +26,22 @@ class Colours(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Clip:
-    """A video's first picture stream.
+    """Properties of a file's first video stream.
 
     Parameters
     ----------
     path : Path
         The file.
     width, height : int
-        Of the frames as stored, px.
+        Size of the frames as stored, px.
     stamps : tuple of int
-        When each frame is shown, in units of `time_base`, increasing.
+        Presentation times of the frames, in units of `time_base`, increasing.
     end : int
-        When the last one's time is over.
+        End of the last frame, in the same units.
     keys : tuple of int
-        Those among `stamps` at which decoding can start.
+        Stamps of the frames at which decoding can start.
     time_base : Fraction
-        In s.
+        Unit of the stamps, s.
     codec, pixels : str
         FFmpeg's names of the codec and of the pixel format.
     rate : Fraction
@@ -70,18 +70,18 @@ class Clip:
 
     @property
     def times(self) -> list[float]:
-        """When each frame is shown, in s after the first one."""
+        """Presentation times of the frames, s after the first one."""
         return [float((stamp - self.stamps[0]) * self.time_base) for stamp in self.stamps]
 
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """Open a video for reading; what FFmpeg cannot read is refused.
+    """Open a video for reading.
 
     Raises
     ------
     FileFormatError
-        Naming the file.
+        If FFmpeg cannot read the file, now or later in the block.
     """
     try:
         with av.open(os.fspath(path)) as container:
@@ -91,30 +91,30 @@ def opened(path: Path) -> Iterator[Any]:
 
 
 def open_clip(path: str | os.PathLike[str]) -> Clip:
-    """Read what a video is; all of the file is looked through, but only its first frame decoded.
+    """Read the properties of a video; the whole file is scanned, but only its first frame is decoded.
 
     Raises
     ------
     FileFormatError
-        If the file is no video, has no picture stream, or its frames have no stamps.
+        If the file is not a video, has no video stream, or its frames have no stamps.
     """
     path = Path(path)
     with opened(path) as container:
         if not container.streams.video:
-            raise FileFormatError(f"{path}: there are no pictures in the file")
+            raise FileFormatError(f"{path}: the file has no video stream")
         stream = container.streams.video[0]
         shown, keys, end = set(), set(), 0
         for packet in container.demux(stream):
             if not packet.size or packet.is_discard:
                 continue
             if packet.pts is None:
-                raise FileFormatError(f"{path}: its frames have no stamps; convert it to MP4 or Matroska first")
+                raise FileFormatError(f"{path}: the frames have no stamps; convert it to MP4 or Matroska first")
             shown.add(packet.pts)
             end = max(end, packet.pts + max(packet.duration or 0, 1))
             if packet.is_keyframe:
                 keys.add(packet.pts)
         if not shown:
-            raise FileFormatError(f"{path}: there are no frames in the video")
+            raise FileFormatError(f"{path}: the video has no frames")
         container.seek(min(shown), stream=stream)
         first = next(container.decode(stream))
         context = stream.codec_context
@@ -144,24 +144,24 @@ def _display_matrix(frame: Any) -> tuple[int, ...] | None:
 
 
 def frames(clip: Clip, first: int, stop: int) -> Iterator[Any]:
-    """Decode the frames from number `first` to before `stop`.
+    """Decode the frames with the numbers `first` to `stop - 1`.
 
     Raises
     ------
     FileFormatError
         If a frame cannot be decoded.
     """
-    wanted = set(clip.stamps[first:stop])
+    remaining = set(clip.stamps[first:stop])
     with opened(clip.path) as container:
         stream = container.streams.video[0]
         stream.thread_type = "AUTO"
-        # From one key frame earlier than needed: frames shown before a key frame may refer to what was before it.
+        # One key frame earlier than needed: frames shown before a key frame may refer to frames before it.
         earlier = [key for key in clip.keys if key <= clip.stamps[first]][-2:]
         container.seek(min(earlier, default=clip.stamps[0]), stream=stream)
         for frame in container.decode(stream):
-            if frame.pts in wanted:
-                wanted.remove(frame.pts)
+            if frame.pts in remaining:
+                remaining.remove(frame.pts)
                 yield frame
-            if not wanted:
+            if not remaining:
                 return
-    raise FileFormatError(f"{clip.path}: {len(wanted)} of frames {first} to {stop - 1} cannot be decoded")
+    raise FileFormatError(f"{clip.path}: {len(remaining)} of frames {first} to {stop - 1} cannot be decoded")

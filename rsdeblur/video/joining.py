@@ -1,4 +1,4 @@
-"""Segments and sound put together without encoding anything again."""
+"""Joining of segments and sound into one video, without encoding anything again."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ CONTAINERS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", "
 
 
 def container_of(path: str | os.PathLike[str]) -> str:
-    """Return FFmpeg's name of the container that a file's extension names.
+    """Return FFmpeg's name of the container for a file's extension.
 
     Raises
     ------
     OutputError
-        If it names none of ours.
+        If the extension is unknown.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in CONTAINERS:
@@ -39,14 +39,14 @@ def join(clip: Clip, segments: Sequence[Path], output: Path) -> list[str]:
     clip : Clip
         The original.
     segments : sequence of Path
-        Its frames, a packet for each.
+        Files of the new frames, one packet for each frame.
     output : Path
-        Replaced atomically.
+        Video to write; replaced atomically.
 
     Returns
     -------
     list of str
-        Kinds of streams that the new file does not have: all but pictures and sound.
+        Types of the streams that the new file does not have: all except the first video stream and sound.
 
     Raises
     ------
@@ -79,13 +79,13 @@ def _without_encoder(metadata: dict[str, str]) -> dict[str, str]:
 
 
 def _picture_stream(container: Any, clip: Clip, template: Any) -> Any:
-    # Opaque: as for sound, no encoder is made, which some decoders' names do not lead to.
+    # Opaque: no encoder is created, because there is none for the names of some decoders.
     stream = container.add_stream_from_template(template, opaque=True)
     stream.time_base = clip.time_base
     if clip.matrix is not None:
         stream.set_display_matrix(clip.matrix)
     if template.codec_context.name == "hevc" and container.format.name in ("mp4", "mov"):
-        # Apple's players know no other tag.
+        # Apple's players accept no other tag.
         stream.codec_context.codec_tag = "hvc1"
     return stream
 
@@ -105,7 +105,7 @@ def _pictures(clip: Clip, segments: Sequence[Path], stream: Any) -> Iterator[Any
                     continue
                 following = next(stamps, None)
                 if following is None:
-                    raise InputError(f"{path}: the segments hold more frames than {clip.path}")
+                    raise InputError(f"{path}: the segments contain more frames than {clip.path}")
                 packet.pts = packet.dts = here
                 packet.time_base = clip.time_base
                 packet.duration = following - here
@@ -113,7 +113,7 @@ def _pictures(clip: Clip, segments: Sequence[Path], stream: Any) -> Iterator[Any
                 here = following
                 yield packet
     if next(stamps, None) is not None:
-        raise InputError(f"{clip.path}: the segments hold fewer frames")
+        raise InputError(f"{clip.path}: the segments contain fewer frames")
 
 
 def _sound(source: Any, streams: dict[Any, Any]) -> Iterator[Any]:

@@ -1,4 +1,4 @@
-"""Between FFmpeg's frames and arrays of RGB."""
+"""Conversion between FFmpeg's frames and arrays of RGB."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from rsdeblur.video._av import av
 
-# 16 bits hold what 8, 10 and 12 bits of YCbCr become.
+# 16 bits are enough for the RGB values of 8, 10 and 12 bits of YCbCr.
 RGB = "rgb48le"
 FULL_RANGE = 2  # AVCOL_RANGE_JPEG; frames without a tag have the limited one
 LIMITED_RANGE = 1
 
 
 def values_of(frame: Any) -> NDArray[np.uint16]:
-    """Return a frame as RGB, shape (H, W, 3), as its tags say."""
+    """Return a frame as RGB, shape (H, W, 3), decoded as its tags say."""
     kind = av.video.reformatter.Interpolation
     rgb = frame.reformat(
         format=RGB,

@@ -1,4 +1,4 @@
-"""One pass over all frames: what is planned once for the whole video."""
+"""Planning of a video: one pass over all frames decides what they share."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from rsdeblur.video import PRIOR
 from rsdeblur.video.clip import Clip, frames
 from rsdeblur.video.pixels import values_of
 
-# Frames, spread over the video, whose noise and brightness represent all.
+# Number of frames, spread over the video, whose noise and brightness represent all.
 SAMPLE_FRAMES = 5
-# Kernels at the tiles' centres may be this much larger than the probed paths say, px.
+# Kernels at the tiles' centres may reach this much further than the probed paths, px.
 SPARE = 1
-# FFmpeg's numbers of transfer characteristics.
+# FFmpeg's numbers for transfer characteristics.
 LINEAR, HDR = 8, (16, 18)
 
 
@@ -43,7 +43,7 @@ class ClipPlan:
     exposures : tuple of Exposure
         The exposure of each frame.
     reasons : tuple of str or None
-        Why each frame is kept as it is, None where it is deblurred.
+        Reason why a frame is left as it is; None where it is deblurred.
     options : Options
         Options of every frame.
     strengths : Strengths
@@ -62,7 +62,7 @@ class ClipPlan:
     grid: Grid
 
     def frame(self, index: int, previous: Plan | None = None) -> Plan:
-        """Return the plan of a frame that is deblurred; it shares the solver of a `previous` frame's plan."""
+        """Return the plan of one frame, which shares the solver of the `previous` plan, if one is given."""
         if previous is not None:
             return previous.replan(self.log, self.exposures[index])
         alone = plan(self.log, self.camera, self.exposures[index], self.options)
@@ -78,9 +78,9 @@ def plan_clip(
     *,
     progress: Progress | None = None,
 ) -> ClipPlan:
-    """Find the largest blur of all frames, and the strengths that suit the video.
+    """Plan a video: measure the blur of every frame, and derive shared tiles and strengths from sample frames.
 
-    Warns where the motion does not explain the sample frames, whose results are checked.
+    The results of the sample frames are checked; if most of them are bad, a warning says so.
 
     Parameters
     ----------
@@ -94,14 +94,15 @@ def plan_clip(
     Returns
     -------
     ClipPlan
+        Everything that the frames share, and the reasons why some are left as they are.
 
     Raises
     ------
     CoverageError, ClockError, GapError
-        If the log describes no frame at all.
+        If the log describes no frame.
     InputError
-        If the frames are not the camera's, the blur of every frame is too large, or an option is for single pictures:
-        `normalize`, `saturation`, `fallback` and `max_memory`.
+        If the frames do not have the camera's size, the blur of every frame is too large, or `options` sets one of
+        those for single pictures: `normalize`, `saturation`, `fallback` and `max_memory`.
     """
     check_size((clip.height, clip.width), camera)
     options = options or Options(prior=PRIOR)
@@ -134,7 +135,7 @@ def plan_clip(
 
 
 def _check_options(options: Options) -> None:
-    """Refuse what is for single pictures."""
+    """Refuse options for single pictures."""
     refused = {
         "normalize=True would make a video flicker": options.normalize,
         'saturation="auto" is for single pictures': options.saturation != "ignore",
@@ -147,7 +148,7 @@ def _check_options(options: Options) -> None:
 
 
 def _clip_transfer(clip: Clip) -> Transfer:
-    """Return how the video's tags say that values encode light."""
+    """Return how values encode light, according to the video's tags."""
     if clip.colours.transfer in HDR:
         warnings.warn(
             f"{clip.path}: the video is HDR (HLG or PQ), and its values are decoded as sRGB; --transfer GAMMA may fit "
@@ -159,9 +160,9 @@ def _clip_transfer(clip: Clip) -> Transfer:
 
 
 def _median_strengths(samples: Sequence[Plan]) -> Strengths:
-    found = [sample.strengths for sample in samples if sample.strengths is not None]
-    weights = [strengths.weight for strengths in found if strengths.weight is not None]
-    nsr, peak = (float(np.median([getattr(strengths, name) for strengths in found])) for name in ("nsr", "peak"))
+    strengths = [sample.strengths for sample in samples if sample.strengths is not None]
+    weights = [each.weight for each in strengths if each.weight is not None]
+    nsr, peak = (float(np.median([getattr(each, name) for each in strengths])) for name in ("nsr", "peak"))
     return Strengths(nsr, float(np.median(weights)) if weights else None, peak)
 
 
@@ -173,20 +174,21 @@ def _measure(
     options: Options,
     report_progress: Progress,
 ) -> tuple[FloatArray, list[str | None]]:
-    """Return measures of the frames that can be deblurred, and for all frames why they cannot.
+    """Return measures of the frames that can be deblurred, and for each frame the reason why it cannot, or None.
 
-    A row of measures holds the frame's number, the blur's extent along y and x, and what the number of tiles follows.
+    Columns of the measures: the frame's number; the blur's extent along y and x, px; its change down the picture, and
+    its curvature down and across, which decide the number of tiles.
     """
     frame = ReadoutFrame(camera)
     measures, reasons = [], list[str | None]()
-    refused: CoverageError | InputError | None = None
+    first_error: CoverageError | InputError | None = None
     for i, exposure in enumerate(exposures):
         try:
             capture = frame.capture(log, exposure, options.translation, motion=options.motion)
-            # The kernel is up to a pixel larger than the paths.
+            # A kernel reaches up to 1 px further than its paths.
             check_reach(capture, spare=1 + SPARE)
         except (CoverageError, InputError) as error:
-            refused = refused or error
+            first_error = first_error or error
             reasons.append(str(error))
             continue
         finally:
@@ -195,12 +197,12 @@ def _measure(
         probe = capture.probe
         measures.append((i, *probe.extent, probe.change_down, probe.curvature_down, probe.curvature_across))
     if not measures:
-        raise refused or InputError(f"{clip.path}: there are no frames to deblur")
+        raise first_error or InputError(f"{clip.path}: the video has no frames to deblur")
     return np.array(measures), reasons
 
 
 def _warn_of_bad(checks: Sequence[QualityCheck | None], clip: Clip) -> None:
-    """Warn where the motion does not explain most of the sample frames."""
+    """Warn if most of the sample frames come out bad."""
     bad = [check for check in checks if check is not None and check.verdict == "bad"]
     if 2 * len(bad) > len(checks):
         share = f"{len(bad)} of {len(checks)} sample frames come out bad"

@@ -1,4 +1,4 @@
-"""A video from end to end: plan, segments in processes of their own, joining."""
+"""Deblurring of a planned video: segments in worker processes, then joining."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ SEGMENT = 32
 
 @dataclass(frozen=True, slots=True)
 class VideoResult:
-    """What `deblur_video` did.
+    """Summary of a deblurred video.
 
     Parameters
     ----------
     frames, kept : int
-        Frames of the video, and how many of them were kept as they are.
+        Number of frames, and how many of them were left as they are.
     segments, resumed : int
-        How many parts it was encoded in, and how many of them an earlier run had left.
+        Number of segments, and how many of them an earlier run had finished.
     dropped : list of str
-        Kinds of streams that were not taken over.
+        Types of the streams that were left out.
     """
 
     frames: int
@@ -43,17 +43,17 @@ class VideoResult:
 
 
 def parts_folder(output: Path) -> Path:
-    """Return where segments are kept until the video is finished."""
+    """Return the folder that contains the finished segments until the video is complete."""
     return output.with_name(f"{output.name}.parts")
 
 
 def check_output(output: Path, *, force: bool) -> None:
-    """Check cheaply that a video may be written.
+    """Check that a video can be written, before the work.
 
     Raises
     ------
     OutputError
-        If it may not, or its extension is unknown.
+        If the extension is unknown, the folder is missing or not writable, or the file exists and `force` is not set.
     """
     container_of(output)
     check_target(output, force=force)
@@ -71,24 +71,30 @@ def deblur_video(
 ) -> VideoResult:
     """Deblur a video as planned; sound, stamps, rotation and colour tags are kept.
 
-    Finished segments stand in a folder beside `output` until it is complete: interrupted, it goes on from there.
+    Finished segments are kept in a folder beside `output` until it is complete. After an interrupt, the next call with
+    the same arguments continues with them.
 
     Parameters
     ----------
     plan : ClipPlan
-        See :func:`rsdeblur.video.plan.plan_clip`; frames with a reason are kept as they are.
+        See :func:`rsdeblur.video.plan.plan_clip`; frames with a reason are left as they are.
     output : Path
         Video to write; its extension chooses the container.
     encoding : Encoding
         See :meth:`Encoding.like`.
     segment : int
-        Frames in a segment.
+        Number of frames in a segment.
     jobs : int
-        Processes.
+        Number of worker processes.
     force : bool
         Whether `output` may be replaced.
     progress : callable, optional
         Called as ``progress(stage, fraction)``.
+
+    Returns
+    -------
+    VideoResult
+        Numbers of frames and segments.
 
     Raises
     ------
@@ -141,7 +147,7 @@ def _tidy(segment: Segment) -> None:
 
 
 def _fingerprint(plan: ClipPlan, encoding: Encoding, segment: int) -> str:
-    """Return a fingerprint of all that a segment's bits depend on."""
+    """Return the fingerprint of everything that the bits of a segment depend on."""
     log, camera = plan.log, plan.camera
     motion: list[Any] = [log.epoch_ns, log.t.tobytes(), log.omega.tobytes(), repr(camera), camera.imu_to_camera]
     shared = [plan.clip, plan.exposures, plan.reasons, replace(plan.options, threads=None), plan.strengths, plan.grid]

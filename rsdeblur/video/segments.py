@@ -1,4 +1,4 @@
-"""A few frames of a video, deblurred and encoded into a file of their own."""
+"""Segments: a few consecutive frames of a video, deblurred and encoded into one file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rsdeblur.video.clip import Clip, frames
 from rsdeblur.video.pixels import frame_of, values_of
 from rsdeblur.video.plan import ClipPlan
 
-# Encoders for what decoders are called.
+# Encoder for each decoder name.
 ENCODERS = {
     "h264": "libx264",
     "hevc": "libx265",
@@ -27,7 +27,7 @@ ENCODERS = {
     "libdav1d": "libsvtav1",
     "prores": "prores_ks",
 }
-# A segment goes on in any player's stream: no frame refers to a later one, so packets come in the order of frames.
+# No frame refers to a later one, so packets come in the order of the frames and segments can be joined.
 OPTIONS = {
     "libx264": {"preset": "medium"},
     "libx265": {"preset": "medium", "x265-params": "log-level=none"},
@@ -58,38 +58,38 @@ class Encoding:
 
     @classmethod
     def like(cls, clip: Clip, *, codec: str | None = None, crf: int = 17) -> Encoding:
-        """Return the encoding of the clip, or one with another `codec` and the same pixels if it has them.
+        """Return the clip's encoding, or that of another `codec` with the clip's pixel format if it supports it.
 
         Raises
         ------
         InputError
-            If there is no such encoder of pictures.
+            If FFmpeg has no video encoder of that name.
         """
         name = codec or ENCODERS.get(clip.codec, clip.codec)
-        found = _encoder(name) or (_encoder(FALLBACK) if codec is None else None)
-        if found is None:
+        encoder = _encoder(name) or (_encoder(FALLBACK) if codec is None else None)
+        if encoder is None:
             raise InputError(f"FFmpeg has no video encoder called {name!r}; try libx264 or libx265")
-        # Full range is a tag, not a format of its own.
-        wanted = clip.pixels.replace("yuvj", "yuv")
-        allowed = [kind.name for kind in found.video_formats or ()] or [wanted]
-        deep = "10" in wanted or "12" in wanted
-        for pixels in (wanted, "yuv420p10le" if deep else "yuv420p", allowed[0]):
+        # The formats yuvj mean full range, which is a tag of the stream as well.
+        own = clip.pixels.replace("yuvj", "yuv")
+        allowed = [kind.name for kind in encoder.video_formats or ()] or [own]
+        deep = "10" in own or "12" in own
+        for pixels in (own, "yuv420p10le" if deep else "yuv420p", allowed[0]):
             if pixels in allowed:
-                return cls(found.name, pixels, crf)
+                return cls(encoder.name, pixels, crf)
         raise AssertionError("unreachable: the first allowed format is allowed")
 
 
 def _encoder(name: str) -> Any:
     try:
-        found = av.Codec(name, "w")
+        encoder = av.Codec(name, "w")
     except av.codec.codec.UnknownCodecError:
         return None
-    return found if found.type == "video" else None
+    return encoder if encoder.type == "video" else None
 
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """Frames `first` to before `stop` of a planned video, and the file that they are encoded into."""
+    """Frames `first` to `stop - 1` of a planned video, and the file that they are encoded into."""
 
     plan: ClipPlan
     first: int
@@ -104,12 +104,12 @@ def encode_segment(segment: Segment) -> dict[str, Any]:
     Returns
     -------
     dict
-        "frames": how many were written.
+        The number of frames, as "frames".
 
     Raises
     ------
     FileFormatError, OutputError
-        If a frame cannot be decoded, or the file not written.
+        If a frame cannot be decoded, or the file cannot be written.
     """
     clip = segment.plan.clip
     current: Plan | None = None
@@ -119,7 +119,7 @@ def encode_segment(segment: Segment) -> dict[str, Any]:
             for index, frame in enumerate(frames(clip, segment.first, segment.stop), segment.first):
                 if segment.plan.reasons[index] is not None:
                     sharp = frame.reformat(format=segment.encoding.pixels)
-                    sharp.pict_type = 0  # the encoder's own choice
+                    sharp.pict_type = 0  # the encoder chooses
                 else:
                     current = segment.plan.frame(index, current)
                     values = values_of(frame)
@@ -133,7 +133,7 @@ def encode_segment(segment: Segment) -> dict[str, Any]:
 
 
 def _stream(container: Any, clip: Clip, encoding: Encoding) -> Any:
-    # SVT-AV1 talks on stderr; errors only.
+    # SVT-AV1 logs to stderr; level 1 means errors only.
     os.environ.setdefault("SVT_LOG", "1")
     options = {"crf": str(encoding.crf)} | OPTIONS.get(encoding.codec, {})
     stream = container.add_stream(encoding.codec, rate=clip.rate, options=options)
@@ -141,7 +141,7 @@ def _stream(container: Any, clip: Clip, encoding: Encoding) -> Any:
     context = stream.codec_context
     context.time_base = clip.time_base
     context.max_b_frames = 0
-    # An encoder's bits may depend on how many threads it has; an interrupted video shall go on with the same.
+    # The bits may depend on the encoder's number of threads; a resumed video must get the same ones.
     context.thread_count = 1
     context.color_range, context.colorspace, context.color_primaries, context.color_trc = clip.colours
     return stream

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import shutil
 import signal
 from collections.abc import Callable
@@ -13,8 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from click.testing import Result
+from PIL import Image
 
 from rsdeblur.cli._inputs import read_device
+from rsdeblur.cli._items import COLUMNS
 from rsdeblur.cli._options import Recording
 from rsdeblur.cli.batch import SOME_FAILED
 from rsdeblur.errors import RsdeblurWarning
@@ -112,6 +115,19 @@ def test_finished_items_are_skipped(run: Run, files: Files, manifest: Path, tmp_
 
 
 @pytest.mark.usefixtures("here")
+def test_items_that_failed_leave_no_empty_folders(run: Run, files: Files, tmp_path: Path) -> None:
+    out, path = tmp_path / "out", tmp_path / "m.csv"
+    # Beyond the log, which shows before the work, and a size that is not the camera's, which shows in it.
+    Image.new("RGB", (80, 72)).save(tmp_path / "small.png")
+    rows = ["photo.png,9,a/b/late.png", "small.png,0.2,c/small.png", "photo.png,9,d/late.png", "photo.png,0.2,d/p.png"]
+    path.write_text("photo,start,output,duration\n" + "".join(f"{row},0.04\n" for row in rows))
+    (out / "mine").mkdir(parents=True)
+    found = entries(run, path, *files.sources, "-o", out, code=SOME_FAILED)
+    assert states(found) == "failed failed failed done"
+    assert {item.name for item in out.iterdir() if item.is_dir()} == {".rsdeblur-batch", "mine", "d"}
+
+
+@pytest.mark.usefixtures("here")
 def test_results_of_other_settings_are_not_replaced(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
     call = (manifest, *files.sources, "-o", tmp_path / "out")
     entries(run, *call, code=SOME_FAILED)
@@ -158,6 +174,8 @@ def test_dry_run_writes_nothing(run: Run, files: Files, manifest: Path, tmp_path
         ("", "manifest is empty"),
         ("photo,foo\na.png,1", "line 1: unknown column 'foo'"),
         ("index\n1", "line 1: no column photo"),
+        ("photo,start,Start\n", "line 1: the column start occurs 2 times"),
+        ("photo,readout,readout_time\n", "line 1: the column readout_time occurs 2 times"),
         ("photo\n", "nothing to do"),
         (b"photo\n\xff.png", "no UTF-8 text"),
     ],
@@ -187,6 +205,41 @@ def test_bad_rows(run: Run, files: Files, tmp_path: Path, row: str, said: str) -
     path.write_text(f"photo,index,start\n{row}\n")
     (item,) = entries(run, path, *files.sources, "-o", tmp_path / "out", code=SOME_FAILED)
     assert said in item["error"]
+
+
+@pytest.mark.usefixtures("here")
+def test_the_former_name_of_a_column_works(run: Run, files: Files, tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text("photo,start,duration,readout,output\nphoto.png,0.2,0.04,20ms,a.png\n")
+    result = run("batch", path, *files.sources, *FAST, "-o", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "m.csv, line 1: the column readout is now called readout_time" in result.stderr
+    one = run("deblur", files.photo, *files.recording, "--readout-time", "20ms", *FAST[:-2], "-o", tmp_path / "b.png")
+    assert one.exit_code == 0
+    assert (tmp_path / "out" / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_the_help_names_every_column(run: Run) -> None:
+    assert set(COLUMNS) <= set(re.findall(r"\w+", run("batch", "--help").stdout))
+
+
+@pytest.mark.usefixtures("here")
+def test_nothing_is_written_outside_the_output_folder(run: Run, files: Files, tmp_path: Path) -> None:
+    folder = tmp_path / "lists"
+    folder.mkdir()
+    path = folder / "m.csv"
+    outside = ["../a.png", "..", "b/../../c.png", str(tmp_path / "d.png")]
+    rows = "".join(f"../photo.png,0.2,0.04,{output}\n" for output in [*outside, "", "sub/e.png"])
+    path.write_text(f"photo,start,duration,output\n{rows}")
+    before = set(tmp_path.rglob("*"))
+    found = entries(run, path, *files.sources, "-o", tmp_path / "out", code=SOME_FAILED)
+    assert states(found) == "failed failed failed failed done done"
+    assert "line 2: output: ../a.png leads out of the output folder" in found[0]["error"]
+    out = tmp_path / "out"
+    written = set(tmp_path.rglob("*")) - before
+    assert all(path == out or out in path.parents for path in written)
+    assert (out / "photo.png").is_file()
+    assert (out / "sub" / "e.png").is_file()
 
 
 @pytest.mark.usefixtures("here")

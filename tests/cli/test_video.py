@@ -185,7 +185,7 @@ def test_captures_tell_each_frame(run: Run, here: None, movie: Movie, tmp_path: 
     (tmp_path / "frame_timestamps.txt").write_text("\n".join(encoded[:-1]) + "\n")
     result = run(*movie.arguments("--capture", captures, "-o", tmp_path / "c.mp4"))
     assert result.exit_code == 1
-    assert f"tells of {FRAMES - 1} frames, but {movie.path} has {FRAMES}" in result.stderr
+    assert f"the file lists {FRAMES - 1} frames, but {movie.path} has {FRAMES}" in result.stderr
 
 
 @pytest.mark.parametrize(("tagged", "pixels"), [(True, "yuv420p"), (False, "yuv420p"), (True, "yuvj420p")])

@@ -1,4 +1,4 @@
-"""Laws of bounded memory: slabs give every row once, and the picture is the one that is solved whole."""
+"""Laws of bounded memory: chunks write every row once, and the result is that of the picture solved whole."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 import rsdeblur
 from rsdeblur import Camera, Exposure, GyroLog, InputError, Simulation, simulate
-from rsdeblur.pipeline import memory as chunks
+from rsdeblur.pipeline import memory
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 
@@ -27,7 +27,7 @@ METHODS = {
     "rowwise tv": {"mode": "rowwise", "strips": 2, "prior": "tv", "weight": 1e-3},
 }
 
-# Bytes that cut it into some slabs.
+# Bytes for which the picture is cut into a few chunks.
 MEMORY = {
     "global": 1_100_000,
     "banded": 1_600_000,
@@ -49,39 +49,39 @@ def capture(log: GyroLog) -> Simulation:
 
 @pytest.fixture
 def planned(monkeypatch):
-    """No fixed share, so that small pictures can be cut; records the slabs."""
-    found = []
+    """Record the chunks, without the fixed part of the memory, so that small pictures can be cut."""
+    chunks = []
 
     def plan(*args):
-        found[:] = slabs_planned(*args)[0]
-        return found, 0
+        chunks[:] = plan_chunks(*args)[0]
+        return chunks, 0
 
-    slabs_planned = chunks.plan_chunks
-    monkeypatch.setattr(chunks, "FIXED", 0)
+    plan_chunks = memory.plan_chunks
+    monkeypatch.setattr(memory, "FIXED", 0)
     monkeypatch.setattr("rsdeblur.pipeline.plan.plan_chunks", plan)
-    return found
+    return chunks
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_slabs_give_the_picture_that_is_solved_whole(capture, log, planned, name):
+def test_chunks_give_the_picture_that_is_solved_whole(capture, log, planned, name):
     arguments = (capture.blurred, log, CAMERA, EXPOSURE)
     whole = deblur(*arguments, **METHODS[name])
     assert len(planned) == 1
     sliced = deblur(*arguments, **METHODS[name], max_memory=MEMORY[name])
     assert len(planned) > 1
-    rows = [row for chunk in planned for row in range(chunk.given.start, chunk.given.stop)]
+    rows = [row for chunk in planned for row in range(chunk.target.start, chunk.target.stop)]
     assert rows == list(range(HEIGHT))
-    assert all(chunk.read.start <= chunk.given.start and chunk.given.stop <= chunk.read.stop for chunk in planned)
+    assert all(chunk.source.start <= chunk.target.start and chunk.target.stop <= chunk.source.stop for chunk in planned)
     assert (sliced.bands, sliced.strips) == (whole.bands, whole.strips)
-    # What slabs change at the rows they give is some percent of what deblurring changes; measured 0.1 to 1.5 %.
-    # At the frame the continuation of the whole picture meets its opposite border, that of a slab another row; and
-    # rowwise continues rows by the longest PSF of the slab.
+    # Chunks change the rows that they write by some percent of what deblurring changes; measured: 0.1 to 1.5 %. The
+    # frame is left out: the whole picture continues to its opposite border, a chunk to another row, and rowwise
+    # continues rows by the longest PSF of the chunk.
     inside = np.s_[60:-60, 24:-24]
     change, error = (np.sqrt(np.mean((image - whole.image)[inside] ** 2)) for image in (capture.blurred, sliced.image))
     assert error < 0.03 * change
 
 
-def test_more_memory_means_fewer_slabs(capture, log, planned):
+def test_more_memory_means_fewer_chunks(capture, log, planned):
     counts = []
     for size in (900_000, 1_400_000, 20_000_000):
         deblur(capture.blurred, log, CAMERA, EXPOSURE, mode="global", nsr=0.05, max_memory=size)
@@ -90,17 +90,17 @@ def test_more_memory_means_fewer_slabs(capture, log, planned):
 
 
 def test_too_little_memory_is_refused_before_the_work(capture, log, monkeypatch):
-    monkeypatch.setattr(chunks, "FIXED", 0)
+    monkeypatch.setattr(memory, "FIXED", 0)
     with pytest.raises(InputError, match=r"max_memory is 0 MiB, but even 16 rows of this picture need \d+ MiB"):
         deblur(capture.blurred, log, CAMERA, EXPOSURE, max_memory=2**18)
-    for wanted in ({"geometry": "rectify"}, {"normalize": True}, {"border": "smooth"}):
+    for option in ({"geometry": "rectify"}, {"normalize": True}, {"border": "smooth"}):
         with pytest.raises(InputError, match="leave out max_memory"):
-            deblur(capture.blurred, log, CAMERA, EXPOSURE, max_memory=2**30, **wanted)
+            deblur(capture.blurred, log, CAMERA, EXPOSURE, max_memory=2**30, **option)
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
-def test_results_go_where_they_shall(capture, log, tmp_path, dtype):
-    """Into mapped files too, from mapped files, rounded like any picture."""
+def test_results_are_written_to_out(capture, log, tmp_path, dtype):
+    """Also between memory-mapped files; integers are rounded."""
     top = 1 if dtype == np.float32 else np.iinfo(dtype).max
     np.save(tmp_path / "in.npy", (capture.blurred.clip(0, 1) * top).astype(dtype))
     blurred = np.load(tmp_path / "in.npy", mmap_mode="r")
@@ -121,7 +121,7 @@ def test_results_go_where_they_shall(capture, log, tmp_path, dtype):
         ("file.npy", "got str"),
     ],
 )
-def test_bad_places_for_results(capture, log, out, message):
+def test_bad_out_is_refused(capture, log, out, message):
     with pytest.raises(InputError, match=message):
         deblur(capture.blurred, log, CAMERA, EXPOSURE, out=out)
 

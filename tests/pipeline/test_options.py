@@ -1,4 +1,4 @@
-"""Options: one set of defaults for Python and the command line, and every check at the door."""
+"""Options: one set of defaults for Python and the command line, and their checks."""
 
 from __future__ import annotations
 
@@ -41,15 +41,15 @@ def test_the_command_line_has_the_same_defaults(command: click.Command) -> None:
         if isinstance(option.type, click.Choice):
             with pytest.raises(InputError, match=f"{name} must be one of {', '.join(sorted(option.type.choices))}"):
                 Options(**{name: "?"})
-    # The one exception, for speed.
+    # The only exception, for speed.
     assert video.context_settings["default_map"] == {"prior": PRIOR}
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"mode": "rowwise", "border": "smooth"}, 'it takes no border="smooth"'),
-        ({"fallback": True, "geometry": "rectify"}, "straightens"),
+        ({"mode": "rowwise", "border": "smooth"}, 'mode="rowwise" takes no border="smooth"'),
+        ({"fallback": True, "geometry": "rectify"}, "changes its shape"),
         ({"max_memory": 2**30, "normalize": True}, "normalize=True needs the whole picture"),
         ({"max_memory": 2**30, "border": "reflect"}, 'border="reflect" needs the whole picture'),
         ({"max_memory": 2**30, "geometry": "rectify"}, 'geometry="rectify" needs the whole picture'),
