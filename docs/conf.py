@@ -34,7 +34,12 @@ numpydoc_show_class_members = False  # `:members:` lists them
 # Every public function, method and class documents every parameter, in order. The form of docstrings is checked by
 # `make lint`: tool.numpydoc_validation in pyproject.toml.
 numpydoc_validation_checks = {"PR01", "PR02", "PR03"}
-numpydoc_validation_exclude = {r"\.(Prepared)?Quadratic$"}  # protocols: their constructor is not theirs
+numpydoc_validation_exclude = {
+    r"\.(Quadratic|Prior)Solver$",  # protocols: their constructor is not theirs
+    r"\.PriorSolver\.apply$",  # described by the solvers
+    r"\.Options$",  # its fields are the keywords of deblur, which describes them
+    r"\.Plan$",  # has a private field
+}
 
 html_theme = "pydata_sphinx_theme"
 html_title = "rsdeblur"

@@ -62,7 +62,12 @@ class QuadraticSolver(Protocol):
     def solve(self, beta: float, grad_adjoint: FloatImage | None) -> FloatImage:
         """Return u (H', W', C), which may be larger than the observation.
 
-        `grad_adjoint` is `D^T w`, shaped like u; None is zero. The solver may overwrite it and return u in its memory.
+        Parameters
+        ----------
+        beta : float
+            Weight of the target gradient.
+        grad_adjoint : ndarray, shape (H', W', C), float32, or None
+            `D^T w`; None is zero. The solver may overwrite it and return u in its memory.
         """
 
 
@@ -117,7 +122,13 @@ class GradientPrior:
             object.__setattr__(self, "peak", validate.finite("peak", self.peak))
 
     def with_peak_of(self, image: FloatImage) -> GradientPrior:
-        """Return this prior with the `peak` of `image`, linear light, unless it has one."""
+        """Return this prior with the `peak` of a picture, unless it has one.
+
+        Parameters
+        ----------
+        image : ndarray, shape (H, W, C), float32
+            Linear light.
+        """
         return self if self.peak is not None else replace(self, peak=brightness(image))
 
 
@@ -177,6 +188,11 @@ def restore(
 
 def brightness(image: FloatImage) -> float:
     """Return the value of the bright parts of a picture; it looks at every fourth row and column.
+
+    Parameters
+    ----------
+    image : ndarray, shape (H, W, C), float32
+        Linear light.
 
     Raises
     ------
@@ -299,7 +315,13 @@ def _change(before: FloatImage, after: FloatImage, threads: int | None) -> float
 
 
 def threshold(exponent: float) -> float:
-    """Return the largest t for which `argmin_w |w|^p + (w - t)^2` is zero."""
+    """Return the largest t for which `argmin_w |w|^p + (w - t)^2` is zero.
+
+    Parameters
+    ----------
+    exponent : float
+        p, in (0, 1].
+    """
     free = 1.0 - exponent
     return float((1.0 + free) / 2.0 * free ** (-free / (1.0 + free)))
 
@@ -308,6 +330,11 @@ def shrinkage(exponent: float) -> NDArray[np.float32]:
     """Return a table of w / t, the share of t that `w = argmin_w |w|^p + (w - t)^2` keeps.
 
     Its entries are at evenly spaced values of T / t from 0 to 1, T being the :func:`threshold`.
+
+    Parameters
+    ----------
+    exponent : float
+        p, in (0, 1].
     """
     t = threshold(exponent) / np.linspace(0.0, 1.0, TABLE)[1:]
     w = t - 0.5  # for p = 1, total variation

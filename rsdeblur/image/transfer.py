@@ -59,7 +59,20 @@ def to_linear(values: NDArray[np.float32], transfer: Transfer) -> NDArray[np.flo
 
 
 def from_linear(light: NDArray[np.float32], transfer: Transfer) -> NDArray[np.float32]:
-    """Encode linear light; the inverse of :func:`to_linear`."""
+    """Encode linear light; the inverse of :func:`to_linear`.
+
+    Parameters
+    ----------
+    light : ndarray, float32
+        Linear light, nominal range [0, 1]; negative values keep their sign.
+    transfer : {"linear", "srgb"} or float
+        The tone curve; a number is a gamma.
+
+    Returns
+    -------
+    ndarray, float32
+        `light` itself if the curve is linear.
+    """
     if transfer == "linear":
         return light
     magnitude = np.abs(light)

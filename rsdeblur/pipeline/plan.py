@@ -289,7 +289,13 @@ class Plan:
         return "global" if self.options.mode == "banded" and one_tile else self.options.mode
 
     def tile_paths(self, nsr: float) -> BlurPaths:
-        """Trace the paths of the PSFs in the upright frame; `nsr` decides the automatic number of bands."""
+        """Trace the paths of the PSFs in the upright frame.
+
+        Parameters
+        ----------
+        nsr : float
+            Noise-to-signal ratio that decides the automatic number of bands.
+        """
         return tile_paths(self.capture, self._mode, self.options.bands, self.options.strips, nsr)
 
     @property

@@ -16,7 +16,13 @@ from rsdeblur.video._av import av
 
 
 class Colours(NamedTuple):
-    """FFmpeg's numbers for colour range, colour space (the matrix of YCbCr), primaries and transfer characteristic."""
+    """FFmpeg's numbers for the colours of a video.
+
+    Parameters
+    ----------
+    range, space, primaries, transfer : int
+        Colour range, colour space (the matrix of YCbCr), primaries and transfer characteristic.
+    """
 
     range: int
     space: int
@@ -78,6 +84,11 @@ class Clip:
 def opened(path: Path) -> Iterator[Any]:
     """Open a video for reading.
 
+    Parameters
+    ----------
+    path : Path
+        The video.
+
     Raises
     ------
     FileFormatError
@@ -92,6 +103,11 @@ def opened(path: Path) -> Iterator[Any]:
 
 def open_clip(path: str | os.PathLike[str]) -> Clip:
     """Read the properties of a video; the whole file is scanned, but only its first frame is decoded.
+
+    Parameters
+    ----------
+    path : path-like
+        The video.
 
     Raises
     ------
@@ -145,6 +161,13 @@ def _display_matrix(frame: Any) -> tuple[int, ...] | None:
 
 def frames(clip: Clip, first: int, stop: int) -> Iterator[Any]:
     """Decode the frames with the numbers `first` to `stop - 1`.
+
+    Parameters
+    ----------
+    clip : Clip
+        The video.
+    first, stop : int
+        Numbers of the first frame and of the one after the last, from 0.
 
     Raises
     ------

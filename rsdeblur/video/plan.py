@@ -62,7 +62,15 @@ class ClipPlan:
     grid: Grid
 
     def frame(self, index: int, previous: Plan | None = None) -> Plan:
-        """Return the plan of one frame, which shares the solver of the `previous` plan, if one is given."""
+        """Return the plan of one frame.
+
+        Parameters
+        ----------
+        index : int
+            Number of the frame, from 0.
+        previous : Plan, optional
+            Plan of another frame, whose solver this one shares.
+        """
         if previous is not None:
             return previous.replan(self.log, self.exposures[index])
         alone = plan(self.log, self.camera, self.exposures[index], self.options)

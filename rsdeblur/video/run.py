@@ -43,12 +43,25 @@ class VideoResult:
 
 
 def parts_folder(output: Path) -> Path:
-    """Return the folder that contains the finished segments until the video is complete."""
+    """Return the folder that contains the finished segments until the video is complete.
+
+    Parameters
+    ----------
+    output : Path
+        The video to be written.
+    """
     return output.with_name(f"{output.name}.parts")
 
 
 def check_output(output: Path, *, force: bool) -> None:
     """Check that a video can be written, before the work.
+
+    Parameters
+    ----------
+    output : Path
+        The video to be written.
+    force : bool
+        Whether an existing file may be replaced.
 
     Raises
     ------
