@@ -320,7 +320,7 @@ def threshold(exponent: float) -> float:
     Parameters
     ----------
     exponent : float
-        p, in (0, 1].
+        Exponent p, in (0, 1].
     """
     free = 1.0 - exponent
     return float((1.0 + free) / 2.0 * free ** (-free / (1.0 + free)))
@@ -334,7 +334,7 @@ def shrinkage(exponent: float) -> NDArray[np.float32]:
     Parameters
     ----------
     exponent : float
-        p, in (0, 1].
+        Exponent p, in (0, 1].
     """
     t = threshold(exponent) / np.linspace(0.0, 1.0, TABLE)[1:]
     w = t - 0.5  # for p = 1, total variation
