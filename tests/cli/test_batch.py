@@ -177,7 +177,7 @@ def test_dry_run_writes_nothing(run: Run, files: Files, manifest: Path, tmp_path
         ("photo,start,Start\n", "line 1: the column start occurs 2 times"),
         ("photo,readout,readout_time\n", "line 1: the column readout_time occurs 2 times"),
         ("photo\n", "nothing to do"),
-        (b"photo\n\xff.png", "no UTF-8 text"),
+        (b"photo\n\xff.png", "not UTF-8 text"),
     ],
 )
 def test_bad_manifests(run: Run, tmp_path: Path, lines: str | bytes, said: str) -> None:
@@ -267,7 +267,7 @@ def test_a_log_is_read_once_unless_it_changes(files: Files) -> None:
 @pytest.mark.usefixtures("here")
 def test_no_log_named(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
     found = entries(run, manifest, "--camera", files.camera, "-o", tmp_path / "out", code=SOME_FAILED)
-    assert "give it in the column gyro or by --gyro" in found[0]["error"]
+    assert "give it in the column gyro or with --gyro" in found[0]["error"]
 
 
 def test_a_killed_worker_is_retried(processes: Processes, files: Files, tmp_path: Path) -> None:

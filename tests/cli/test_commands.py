@@ -261,7 +261,7 @@ def test_sync_refuses_to_guess(run, files):
     before = files.camera.read_text()
     result = run("sync", files.photo, *files.recording, "--from", "-20ms", "--to", "20ms", "--write", "--json")
     assert result.exit_code == 1
-    assert "cannot tell the time offset" in result.stderr
+    assert "does not determine the time offset" in result.stderr
     assert json.loads(result.stdout)["time_offset_s"] is None
     assert files.camera.read_text() == before
 

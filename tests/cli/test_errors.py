@@ -194,7 +194,7 @@ def test_exposure_must_be_given_once(run: Run, files: Files, tmp_path: Path) -> 
 
 def test_capture_out_of_range(run: Run, files: Files, tmp_path: Path) -> None:
     arguments = [*files.sources, "--capture", files.captures, "--index", 7]
-    refused(run("deblur", files.photo, *arguments, "-o", tmp_path / "o.png"), files.captures, f"holds {3}")
+    refused(run("deblur", files.photo, *arguments, "-o", tmp_path / "o.png"), files.captures, "contains 3")
 
 
 def test_nothing_is_overwritten_without_force(run: Run, files: Files, tmp_path: Path) -> None:
@@ -207,7 +207,7 @@ def test_nothing_is_overwritten_without_force(run: Run, files: Files, tmp_path: 
     page = ["compare", tmp_path / "none.png", *files.recording, "-o", folder, "--report"]
     (tmp_path / "r.html").write_bytes(b"precious")
     refused(run(*page, tmp_path / "r.html"), tmp_path / "r.html", "--force")
-    refused(run(*page, tmp_path / "r.pdf"), tmp_path / "r.pdf", "page of HTML")
+    refused(run(*page, tmp_path / "r.pdf"), tmp_path / "r.pdf", "HTML page")
     assert out.read_bytes() == b"precious"
     assert run("deblur", files.photo, *files.recording, "--force", "-o", out).exit_code == 0
     assert out.read_bytes() != b"precious"

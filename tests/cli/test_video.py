@@ -290,7 +290,7 @@ def test_an_interrupted_video_goes_on_to_the_same_file(
         _, stderr = process.communicate()
     # It may have been faster than the signal.
     if process.returncode == 130:
-        assert "the same command goes on from there" in stderr
+        assert "the same command continues from there" in stderr
         assert not again.exists()
         assert not list(parts.glob("*.part"))
         made = {path: path.stat().st_mtime_ns for path in parts.glob("*.mkv")}
