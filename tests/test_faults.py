@@ -1,4 +1,4 @@
-"""Faults: a full disk, a killed process, an interruption, a damaged cache; no file is lost and no half of one stays.
+"""Faults: a full disk, a killed process, an interrupt, a damaged cache. No file is lost, and none stays incomplete.
 
 A short run of `benchmarks.faults`, which counts how things end.
 """
@@ -65,7 +65,7 @@ def test_two_processes_plan_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_an_interrupted_command_cleans_up(tmp_path: Path) -> None:
     """Interrupted while it writes: exit 130, one line, no temporary file."""
-    # A write that takes for ever, which says when it has begun.
+    # A write that never ends and prints a line when it begins.
     code = (
         "import time, rsdeblur.cli, rsdeblur._util.atomic as atomic\n"
         "def slow(*_):\n    print('writing', flush=True)\n    time.sleep(60)\n"
@@ -86,7 +86,7 @@ def test_an_interrupted_command_cleans_up(tmp_path: Path) -> None:
 
 
 class TestPlaces:
-    """What is no file is never replaced by one."""
+    """Pipes, folders, devices and links are never replaced by a file."""
 
     @pytest.mark.parametrize("kind", ["pipe", "folder", "loop"])
     def test_refused(self, tmp_path: Path, kind: str) -> None:
@@ -144,12 +144,12 @@ class TestPlaces:
 
 
 class TestNumbaCache:
-    """Numba itself raises for ever what unpickling a damaged file raises, and what a full disk does."""
+    """Without our cache, Numba raises the errors of damaged files and of a full disk in every later run."""
 
     SOURCE = "from rsdeblur.kernels._jit import njit\n\n\n@njit()\ndef double(x):\n    return 2 * x\n"
 
     def kernel(self, folder: Path, run: int) -> ModuleType:
-        """Import the same source anew, as the next process would."""
+        """Import the same source again, as the next process would."""
         spec = importlib.util.spec_from_file_location(f"kernel_{run}", folder / "kernel.py")
         assert spec is not None
         assert spec.loader is not None
@@ -168,7 +168,7 @@ class TestNumbaCache:
             file.write_bytes(content)
         again = self.kernel(tmp_path, 1)
         assert again.double(3) == 6
-        # It was compiled anew, and kept.
+        # It was compiled again, and the files were replaced.
         assert all(file.read_bytes() != content for file in files)
         assert self.kernel(tmp_path, 2).double.stats.cache_hits == {}
         hit = self.kernel(tmp_path, 3).double

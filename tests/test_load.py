@@ -1,4 +1,4 @@
-"""Solvers in many threads and in forked and spawned processes: the bits of one thread, and no waiting for ever.
+"""Solvers in many threads and in forked and spawned processes give the bits of one thread, and never hang.
 
 Short runs of `benchmarks.load`.
 """
@@ -26,7 +26,7 @@ def test_other_processes_get_the_same_bits(method: str) -> None:
     assert found == {"the same bits": len(KINDS) + 2, "exit 0": 1}
 
 
-def test_after_a_failure_nobody_is_at_work() -> None:
+def test_after_a_failure_no_task_is_running() -> None:
     team, begun, done = ThreadTeam(3), threading.Event(), []
 
     def block(thread: int, task: int) -> None:
@@ -41,6 +41,6 @@ def test_after_a_failure_nobody_is_at_work() -> None:
         team.share(block, range(1000))
     finished = len(done)
     assert finished < 1000
-    # What was under way then is in the list by now, and nothing comes after it.
+    # Tasks that had begun are in the list by now, and no other task begins later.
     team.share(lambda thread, task: None, range(9))
     assert len(done) == finished

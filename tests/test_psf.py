@@ -1,4 +1,4 @@
-"""Laws of the PSF bank: what it accepts, how paths become kernels, how it turns, and its file."""
+"""Laws of the PSF bank: its checks, kernels drawn from paths, cuts, turns, and its file."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def random_bank(bands=3, strips=2, height=5, width=7):
 
 def assert_same(a, b):
     for name in ("kernels", "rows", "cols"):
-        # Banks normalise again what is normalised to a rounding of float32.
+        # Banks normalise kernels again, which changes them by a rounding of float32.
         np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=3e-7, atol=1e-12, err_msg=name)
 
 
@@ -115,7 +115,7 @@ class TestFromPaths:
         capture = Capture.from_log(shaky_log(), Camera(96, 64, 90.0, readout_time=0.03), EXPOSURE)
         return BlurPaths.from_capture(capture, tile_centres(4, 64), tile_centres(3, 96))
 
-    def test_kernels_stand_where_the_paths_do(self, paths):
+    def test_kernels_are_at_the_places_of_the_paths(self, paths):
         bank = PsfBank.from_paths(paths)
         assert np.array_equal(bank.rows, paths.rows)
         assert np.array_equal(bank.cols, paths.cols)
@@ -126,7 +126,7 @@ class TestFromPaths:
         dy, dx = (np.arange(n) - n // 2 for n in bank.size)
         d = paths.displacements
         mean = 0.5 * (d[:, :, 1:] + d[:, :, :-1]).mean(axis=2)
-        # Float32 rounds by 6e-8 of a reach of some px.
+        # Positions of some px, rounded by 6e-8 of themselves in float32.
         np.testing.assert_allclose(np.einsum("bsij,j->bs", bank.kernels.astype(float), dx), mean[..., 0], atol=1e-6)
         np.testing.assert_allclose(np.einsum("bsij,i->bs", bank.kernels.astype(float), dy), mean[..., 1], atol=1e-6)
 
@@ -167,13 +167,13 @@ class TestTurned:
     def test_kernels_are_turned_and_moved(self):
         bank = random_bank()
         turned = bank.turned(50)
-        # numpy.rot90: old (y, x) stands at new (width - 1 - x, y).
+        # numpy.rot90: old (y, x) is new (width - 1 - x, y).
         for b, s in np.ndindex(3, 2):
             np.testing.assert_allclose(turned.kernels[1 - s, b], np.rot90(bank.kernels[b, s]), rtol=3e-7)
             assert np.array_equal(turned.centres[1 - s, b], [49 - bank.cols[s], bank.rows[b]])
 
     def test_undoes_the_turn_of_the_camera(self, shaky_log):
-        # Without readout the blur is known on both ways: of the picture as it is, and turned by a quarter and back.
+        # Without readout, the blur can be computed both from the picture as stored and from the turned one.
         camera = Camera(96, 64, 90.0, (50.0, 30.0), readout_time=0.0)
         rows, cols = tile_centres(3, 64), tile_centres(4, 96)
 
@@ -222,7 +222,7 @@ class TestFile:
         damaged = [whole[:i] + bytes([whole[i] ^ 0xFF]) + whole[i + 1 :] for i in range(0, len(whole), 7)]
         truncated = [whole[:i] for i in range(0, len(whole), 50)]
         refused = sum(_is_refused_by_name(path, content) for content in damaged + truncated)
-        # A flipped byte in a date or a name's copy does no harm; most do, and every truncation.
+        # A flipped byte in a date or in the copy of a name does no harm. Most others and all truncations are refused.
         assert refused > len(truncated) + len(damaged) // 2
 
     def test_unwritable_is_named(self, tmp_path):
@@ -232,7 +232,7 @@ class TestFile:
 
 
 def _is_refused_by_name(path, content):
-    """Whether a bank file of that content is refused; any other error than the right one is let through."""
+    """Return whether a bank file of that content is refused with the right error; let other errors pass."""
     path.write_bytes(content)
     try:
         PsfBank.load(path)

@@ -79,7 +79,7 @@ class BytesType(click.ParamType[Any]):
 
 
 class TransferType(click.ParamType[Any]):
-    """How pixel values encode light: a name, a gamma, or `auto`."""
+    """Encoding of light in pixel values: a name, a gamma, or `auto`."""
 
     name = "auto|linear|srgb|GAMMA"
 

@@ -79,7 +79,7 @@ def progress(title: str) -> Iterator[Progress | None]:
         task = bar.add_task(title, total=None)
 
         def move(stage: str, fraction: float) -> None:
-            # A smaller fraction starts another stage, whose remaining time is estimated anew.
+            # A smaller fraction starts another stage, whose remaining time is estimated again.
             if fraction < bar.tasks[0].completed:
                 bar.reset(task)
             bar.update(task, description=f"{title}: {stage}", total=1.0, completed=fraction)

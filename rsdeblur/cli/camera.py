@@ -138,7 +138,7 @@ def new(
     focal_length: tuple[float, ...] | None,
     focal35: float | None,
     target: Target,
-    **given: Any,
+    **values: Any,
 ) -> None:
     """Create a camera file from numbers."""
     from rsdeblur.io.camera_file import CameraFile
@@ -151,7 +151,7 @@ def new(
     length: Any = focal_length[0] if focal_length and len(focal_length) == 1 else focal_length
     if focal35 is not None:
         length = focal35 / FILM_DIAGONAL * (width**2 + height**2) ** 0.5
-    camera = Camera(width, height, length, **{key: value for key, value in given.items() if value is not None})
+    camera = Camera(width, height, length, **{key: value for key, value in values.items() if value is not None})
     _write(camera, target)
     _print_camera(target.output, CameraFile(camera, "toml"), target.as_json)
 
@@ -185,7 +185,7 @@ def import_(
     fps: float | None,
     edits: Edits,
     target: Target,
-    **given: Any,
+    **values: Any,
 ) -> None:
     """Import a camera from SOURCE and write a camera file.
 
@@ -195,7 +195,7 @@ def import_(
     from rsdeblur.io import open_camera
 
     file = open_camera(source, format, size=size, name=name, fps=fps)
-    file = replace(file, camera=edits.apply(file.camera)).with_overrides(**given)
+    file = replace(file, camera=edits.apply(file.camera)).with_overrides(**values)
     _write(file.camera, target)
     _print_camera(target.output, file, target.as_json)
 

@@ -90,11 +90,11 @@ def command(size: tuple[int, int], seed: int, target: Target) -> None:
 
 def program() -> list[str]:
     """Return the words that start rsdeblur again from the same folder: its name alone only if the shell finds it."""
-    started = Path(sys.argv[0])
-    if started.name == "__main__.py":
+    script = Path(sys.argv[0])
+    if script.name == "__main__.py":
         return [sys.executable, "-m", "rsdeblur"]
-    found = shutil.which("rsdeblur")
-    if started.stem != "rsdeblur" or (found is not None and os.path.realpath(found) == os.path.realpath(started)):
+    on_path = shutil.which("rsdeblur")
+    if script.stem != "rsdeblur" or (on_path is not None and os.path.realpath(on_path) == os.path.realpath(script)):
         return ["rsdeblur"]
     return [sys.argv[0]]
 

@@ -138,9 +138,9 @@ def _report_of_parts(output: Path) -> Iterator[None]:
 def _exposures(clip: Clip, recording: Recording) -> list[Exposure]:
     from rsdeblur.video.times import exposures_from_captures, exposures_from_stamps
 
-    given = [name for name in ("capture", "start", "start_ns") if getattr(recording, name) is not None]
-    if len(given) > 1:
-        options = " and ".join("--" + name.replace("_", "-") for name in given)
+    starts = [name for name in ("capture", "start", "start_ns") if getattr(recording, name) is not None]
+    if len(starts) > 1:
+        options = " and ".join("--" + name.replace("_", "-") for name in starts)
         raise click.UsageError(f"{options} exclude each other", ctx=click.get_current_context())
     if recording.capture is not None:
         return exposures_from_captures(clip, recording.capture, duration=recording.duration)

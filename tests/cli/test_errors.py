@@ -22,7 +22,7 @@ START, DURATION = 0.2, 0.04
 
 
 def refused(result: Result, *words: object) -> None:
-    """Check that a command ended with one line of error that holds `words`."""
+    """Check that a command ended with one line of error that contains `words`."""
     assert result.exit_code == 1, result.output
     errors = [line for line in result.stderr.splitlines() if not line.startswith("rsdeblur: warning: ")]
     assert len(errors) == 1, result.stderr
@@ -254,7 +254,7 @@ def test_psf_picture_of_another_size(run: Run, files: Files, tmp_path: Path) -> 
     refused(run("psf", *files.recording, "--picture", files.photo, "-o", tmp_path / "p.png"), files.photo)
 
 
-def test_info_on_what_is_nothing(run: Run, files: Files, tmp_path: Path) -> None:
+def test_info_on_unknown_files(run: Run, files: Files, tmp_path: Path) -> None:
     strange = tmp_path / "strange.bin"
     strange.write_bytes(bytes(range(256)) * 8)
     refused(run("info", strange), strange)
