@@ -1,4 +1,4 @@
-"""The installation: lazy names, what an import loads, the layer ladder, show_config, the guard of the source folder."""
+"""The installation: lazy names, modules that an import loads, allowed imports, show_config, the bare source folder."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def loaded_modules(path):
 
 
 def package_modules(path):
-    """Yield the dotted names, without `rsdeblur.`, of all that a file imports, wherever it does."""
+    """Yield the dotted names, without `rsdeblur.`, of everything that a file imports anywhere."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name.removeprefix("rsdeblur.") for alias in node.names if "rsdeblur." in alias.name)
@@ -77,15 +77,15 @@ def test_every_module_has_a_rung():
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
 def test_imports_only_from_above(path):
     here = LADDER.index(rung(path))
-    # What the build made stands above everything.
+    # Every module may import the products of the build.
     for name in {name.split(".")[0] for name in loaded_modules(path)} - {"_config", "_cext"}:
         assert name in LADDER, f"{path} imports {name} from the package: name its module instead"
         allowed = LADDER.index(name) < here or name == rung(path)
-        assert allowed, f"{path} imports {name}, which does not stand above {rung(path)}"
+        assert allowed, f"{path} imports {name}, which is not above {rung(path)}"
 
 
 def crossings(path, imported):
-    """Return what a file of one branch imports from the other; `deconv` may import `BlurPaths`."""
+    """Return the forbidden imports between `motion` and `deconv`; the latter may import `BlurPaths`."""
     other = {"motion": ("deconv.", "psf."), "deconv": ("motion.", "io.", "image.", "estimate.", "pipeline.")}
     forbidden = other.get(rung(path), ())
     return {name for name in imported if name.startswith(forbidden)} - {"motion.paths.BlurPaths"}
@@ -131,7 +131,7 @@ def test_public_names_resolve():
 
 
 def test_no_room_is_named_like_a_public_name():
-    """An import of the room would hide the name behind a module."""
+    """A module or folder of that name would hide the public name."""
     assert not set(LADDER) & set(rsdeblur.__all__)
 
 
@@ -162,7 +162,7 @@ def test_the_build_knows_every_subpackage():
 
 
 def test_the_bare_source_folder_says_what_to_do():
-    # -S: no site-packages, so neither an editable install nor an installed copy can answer.
+    # -S leaves out site-packages, and with it any installed rsdeblur.
     process = python("import rsdeblur", "-S", cwd=ROOT, PYTHONSAFEPATH="")
     assert process.returncode == 1
     assert "ImportError: rsdeblur was imported from its source folder" in process.stderr

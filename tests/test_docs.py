@@ -1,4 +1,4 @@
-"""The documentation: commands run as they stand, links lead somewhere, and no public name is forgotten."""
+"""The documentation: commands run as printed, links have targets, and every public name is described."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 PAGES = sorted(page for page in [*ROOT.glob("*.md"), *DOCS.rglob("*.md")] if "generated" not in page.parts)
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-# Pages whose commands need nothing but what `rsdeblur demo` writes.
+# Pages whose commands need only the files that `rsdeblur demo` writes.
 WALKTHROUGH = ("tutorials/first-photo.md", "good-data.md")
 
 
@@ -35,15 +35,15 @@ def commands(page: Path) -> list[str]:
 
 
 def slug(heading: str) -> str:
-    """Return a heading's anchor, as code hosts and the site make it."""
+    """Return the anchor of a heading, as code hosts and the site form it."""
     return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
 
 
 def test_the_commands_of_the_walkthrough_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    # What an earlier page ran already is not run again.
+    # A command that an earlier page has too runs once.
     for command in dict.fromkeys(command for page in WALKTHROUGH for command in commands(DOCS / page)):
-        # A quarter of the picture is as good and takes a fraction of the time.
+        # A picture of a quarter of the size tests the same in a fraction of the time.
         words = shlex.split(command.replace("\\\n", "").replace("--size 640x480", "--size 320x240"))
         if words[0] == "rsdeblur":
             result = CliRunner().invoke(main, words[1:], catch_exceptions=False)

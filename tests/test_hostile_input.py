@@ -1,6 +1,6 @@
-"""Hostile files: whatever stands in them, a reader reads them or refuses them in one message that names the file.
+"""Hostile files: a reader reads them, or refuses them in one message that names the file.
 
-A short run of `benchmarks.fuzz`, and by name what long runs of it found.
+A short run of `benchmarks.fuzz`, and a test for every fault that its long runs have found.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "picture": read_picture,
     "bank": PsfBank.load,
 }
-# Seeds in the fuzzer's order; each takes a millisecond or a few.
+# Number of inputs per target, in the fuzzer's order; each takes a few milliseconds.
 INPUTS = 25
 
 
@@ -48,7 +48,7 @@ def read(request: pytest.FixtureRequest) -> Callable[[Path], Any]:
 
 
 def refuses(read: Callable[[Path], Any], path: Path) -> bool:
-    """Return whether a file is refused, which must be said of it or of what was to be written beside it."""
+    """Return whether a file is refused; the message must name the file, or one that was to be written beside it."""
     error = None
     try:
         read(path)
@@ -65,7 +65,7 @@ def refusal(read: Callable[[Path], Any], path: Path) -> str:
     return str(caught.value)
 
 
-# What these are made or read with.
+# Packages that write or read these formats.
 EXTRAS = {
     "gyroflow": "cbor2",
     "gyroflow-cbor": "cbor2",
@@ -84,7 +84,7 @@ def test_spoilt_files_are_read_or_refused(name: str, tmp_path: Path) -> None:
     path = tmp_path / target.name
     refused = 0
     with warnings.catch_warnings():
-        # Libraries say what they think of files; a number that is no number must not come of them.
+        # Warnings of libraries about the files do not matter; computing with NaN or overflowing numbers does.
         warnings.simplefilter("ignore")
         warnings.filterwarnings("error", category=RuntimeWarning, module="rsdeblur")
         for content in target.seeds():
@@ -93,7 +93,7 @@ def test_spoilt_files_are_read_or_refused(name: str, tmp_path: Path) -> None:
         for number in range(INPUTS):
             path.write_bytes(fuzz.hostile(name, number))
             refused += refuses(target.read, path)
-    # The mutations do something; a picture is worth reading without its EXIF block.
+    # The mutations have an effect; but a picture is read even without its EXIF block.
     assert refused or name == "jpeg-exif"
 
 
@@ -115,7 +115,7 @@ def set_tag(data: bytearray, tag: int, value: int) -> None:
 
 
 class TestPlaces:
-    """What is no file is refused at once, and never waited for."""
+    """Everything that is not a regular file is refused at once, without waiting for data."""
 
     def test_pipe(self, read: Callable[[Path], Any], tmp_path: Path) -> None:
         os.mkfifo(tmp_path / "pipe")
@@ -276,7 +276,7 @@ def test_deep_json(tmp_path: Path, nest: str) -> None:
 
 
 class TestBombs:
-    """What unpacks to far more than it is, is refused before it is unpacked."""
+    """Files that unpack to far more than their size are refused before they are unpacked."""
 
     def test_zip(self, tmp_path: Path) -> None:
         path = tmp_path / "a.zip"
@@ -331,7 +331,7 @@ class TestBombs:
 
     @pytest.mark.parametrize(("scans", "allowed"), [(90, True), (100, False), (20_000, False)])
     def test_jpeg_of_many_scans(self, tmp_path: Path, scans: int, allowed: bool) -> None:
-        # With 50 bytes each, a file of a MB would have a picture of 64 megapixels worked on for minutes.
+        # Scans take 50 bytes each: with them, decoding 64 megapixels from a file of 1 MB would take minutes.
         path = tmp_path / "a.jpg"
         Image.new("L", (64, 64)).save(path, progressive=True)
         data = path.read_bytes()
@@ -365,7 +365,7 @@ class TestBombs:
 
     @pytest.mark.parametrize("in_place", [False, True])
     def test_tiff_whose_width_is_a_list(self, tmp_path: Path, in_place: bool) -> None:
-        """500 widths times a height of 10^6 took 4 GB."""
+        """500 widths times a height of 10^6 would take 4 GB."""
         path = tmp_path / "a.tif"
         tifffile.imwrite(path, np.zeros((3, 2), np.uint8))
         with tifffile.TiffFile(path, mode="r+b") as file:
@@ -395,7 +395,7 @@ class TestDamagedPictures:
         assert "truncated or damaged" in refusal(read_picture, path)
 
     def test_a_damaged_block_does_not_cost_the_picture(self, tmp_path: Path) -> None:
-        # A date that is none: a TIFF is written from the block's entries, and must not be lost for one of them.
+        # An invalid date. A TIFF is written from the entries of the block; one bad entry must not prevent that.
         exif = bytearray(seeds.exif())
         place = exif.index(struct.pack("<H", 36867)) if exif[6:8] == b"II" else exif.index(struct.pack(">H", 36867))
         exif[place + 3] = 250
@@ -406,7 +406,7 @@ class TestDamagedPictures:
             write_picture(tmp_path / "a.tif", picture.pixels, like=picture)
             np.testing.assert_array_equal(read_picture(tmp_path / "a.tif").pixels, picture.pixels)
 
-    def test_the_tale_of_a_damaged_tiff_is_not_told(self, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    def test_a_damaged_tiff_prints_nothing(self, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
         path = tmp_path / "a.tif"
         path.write_bytes(b"II*\0\x08\0\0\0\x02\0" + b"\x01\x63" * 30)
         refusal(read_picture, path)

@@ -1,4 +1,4 @@
-"""Laws over random cameras, logs, exposures, sizes and modes: what a deblurred picture must obey whatever they are.
+"""Laws that hold for deblurred pictures of random cameras, logs, exposures, sizes and modes.
 
 Every test takes its cases from hypothesis, the same ones each time.
 """
@@ -37,7 +37,7 @@ several = settings(derandomize=True, deadline=None, max_examples=30)
 
 @dataclass(frozen=True)
 class Taken:
-    """What a picture is deblurred with."""
+    """Log, camera and exposure of a picture."""
 
     log: GyroLog
     camera: Camera
@@ -54,7 +54,7 @@ class Taken:
 
 @st.composite
 def captures(draw: st.DrawFn, directions: tuple[str, ...] = READOUT_DIRECTIONS) -> Taken:
-    """Any camera, held in any way, with a few px of blur in pictures of odd, even and prime sizes."""
+    """Draw a camera, held in any way, with a few px of blur in pictures of odd, even and prime sizes."""
     width, height = draw(st.integers(24, 60)), draw(st.integers(24, 60))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     model = draw(st.sampled_from(["none", "radtan", "fisheye"]))
@@ -78,7 +78,7 @@ def captures(draw: st.DrawFn, directions: tuple[str, ...] = READOUT_DIRECTIONS) 
 
 
 modes = st.sampled_from(MODES)
-# What does not depend on the picture, and hence is linear in it.
+# Strengths that do not depend on the picture, so that the result is linear in it.
 LINEAR: dict[str, dict[str, Any]] = {
     "wiener": {"prior": "wiener", "nsr": 0.02},
     "gradient": {"prior": "gradient", "nsr": 0.002, "weight": 0.01},
@@ -142,7 +142,7 @@ def test_a_later_epoch_changes_nothing(capture: Taken, mode: str, later: int) ->
 def test_stamps_and_offsets_move_together(capture: Taken, dt: float) -> None:
     log, camera, exposure = capture.parts
     kernels = psfs(*capture.parts, bands=3, strips=2).kernels
-    # The gyro's clock, and what is known of it; and both clocks. Times of 50 s have steps of 7e-15 s.
+    # The gyro's clock with its offset, the camera's clock, and both clocks. Times of 50 s have steps of 7e-15 s.
     for moved in (
         (log.shifted(dt), camera.delayed(-dt), exposure),
         (log, camera.delayed(dt), exposure.shifted(dt)),
@@ -161,7 +161,7 @@ def mirrored(capture: Taken, axis: int) -> Taken:
         k[3 if along_x else 2] *= -1
     turns = camera.horizontal_readout == along_x
     direction = MIRRORED[camera.readout_direction] if turns else camera.readout_direction
-    # Rates are axial: mirrored in x, only the one about x keeps its sign.
+    # Rates are axial vectors: mirrored in x, only the rate about x keeps its sign.
     signs = np.diag([1.0, -1.0, -1.0] if along_x else [-1.0, 1.0, -1.0])
     mirror = replace(
         camera,
@@ -178,7 +178,7 @@ def mirrored(capture: Taken, axis: int) -> Taken:
 def test_psfs_of_a_mirrored_camera_are_mirrored(capture: Taken, axis: int) -> None:
     kernels = psfs(*capture.parts, bands=3, strips=2).kernels
     mirror = psfs(*mirrored(capture, axis).parts, bands=3, strips=2).kernels
-    # Paths differ by rounding in float64; a weight follows its path's place with a slope of 1 per px.
+    # Paths differ by rounding in float64; a weight changes by up to 1 per px of its path's place.
     np.testing.assert_allclose(np.flip(mirror, (axis, axis + 2)), kernels, atol=1e-6)
 
 
@@ -189,7 +189,7 @@ def test_a_mirrored_picture_is_deblurred_into_its_mirror_image(capture: Taken, a
     options = {"mode": "global", "nsr": 0.02, "border": "periodic"}
     sharp = deblur(image, *capture.parts, **options).image
     mirror = deblur(np.flip(image, axis), *mirrored(capture, axis).parts, **options).image
-    # As in test_linear_in_the_picture: a gain of 3.5 on float32's roundings.
+    # As in test_linear_in_the_picture: roundings of float32, times a gain of 3.5.
     np.testing.assert_allclose(np.flip(mirror, axis), sharp, atol=1e-4)
 
 
@@ -204,7 +204,7 @@ def test_paths_scale_with_the_camera(capture: Taken, times: int) -> None:
     scaled = BlurPaths.from_capture(
         Capture.from_log(log, large, exposure), (rows + 0.5) * times - 0.5, (cols + 0.5) * times - 0.5
     )
-    # Longer paths have more samples; ends and lengths are theirs whatever the samples.
+    # Longer paths have more samples, but their ends do not depend on the samples.
     for place in (0, -1):
         np.testing.assert_allclose(
             scaled.displacements[:, :, place], times * paths.displacements[:, :, place], atol=1e-6 * times
@@ -236,7 +236,7 @@ np.savez(sys.argv[1], **{
 
 
 def test_c_and_numpy_agree(tmp_path: Path) -> None:
-    """The SIMD levels of the C code are held to double precision in its own tests; here, all of it to the twins."""
+    """Compare the results of the C code with those of its NumPy twins; its own tests compare its SIMD levels."""
     found = []
     for pure in ("0", "1"):
         path = tmp_path / f"{pure}.npz"
@@ -260,7 +260,7 @@ SIZES = [(1, 1), (1, 2), (2, 1), (1, 31), (31, 1), (2, 2), (3, 3), (5, 4), (13, 
 def test_any_size_is_deblurred_or_refused(
     size: tuple[int, int], mode: str, prior: str, dtype: str, data: st.DataObject | None
 ) -> None:
-    """A still camera's picture comes back; a shaken one's is finite, and even where it was even."""
+    """The picture of a still camera is unchanged; that of a shaken one is finite, and an even one stays even."""
     height, width = size
     speed, even = (0.0, False) if data is None else (data.draw(st.sampled_from([0.0, 0.3])), data.draw(st.booleans()))
     t = np.arange(40) * 0.005
@@ -287,7 +287,7 @@ def test_any_size_is_deblurred_or_refused(
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_psf_as_large_as_the_picture(mode: str, axis: int) -> None:
-    """The longest blur that fits is worked on, one that is longer by a px to both sides is refused."""
+    """The longest blur that fits is solved; a blur that is longer by 1 px on both sides is refused."""
     side, focal_length, exposure = 41, 600.0, Exposure(0.05, 0.02)
     image = np.random.default_rng(0).random((side, side), dtype=np.float32)
 

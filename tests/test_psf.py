@@ -115,7 +115,7 @@ class TestFromPaths:
         capture = Capture.from_log(shaky_log(), Camera(96, 64, 90.0, readout_time=0.03), EXPOSURE)
         return BlurPaths.from_capture(capture, tile_centres(4, 64), tile_centres(3, 96))
 
-    def test_kernels_stand_where_the_paths_do(self, paths):
+    def test_kernels_are_at_the_places_of_the_paths(self, paths):
         bank = PsfBank.from_paths(paths)
         assert np.array_equal(bank.rows, paths.rows)
         assert np.array_equal(bank.cols, paths.cols)
@@ -126,7 +126,7 @@ class TestFromPaths:
         dy, dx = (np.arange(n) - n // 2 for n in bank.size)
         d = paths.displacements
         mean = 0.5 * (d[:, :, 1:] + d[:, :, :-1]).mean(axis=2)
-        # Float32 rounds by 6e-8 of a reach of some px.
+        # Positions of some px, rounded by 6e-8 of themselves in float32.
         np.testing.assert_allclose(np.einsum("bsij,j->bs", bank.kernels.astype(float), dx), mean[..., 0], atol=1e-6)
         np.testing.assert_allclose(np.einsum("bsij,i->bs", bank.kernels.astype(float), dy), mean[..., 1], atol=1e-6)
 

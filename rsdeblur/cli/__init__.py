@@ -1,6 +1,6 @@
-"""The command line: one module per command, imported when it is called for.
+"""The command line: one module per command, imported when the command is used.
 
-The command modules import no more than click at their top, so that ``rsdeblur --help`` answers at once.
+Command modules import nothing heavier than click when they are loaded, so that ``rsdeblur --help`` answers at once.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 
 
 class Commands(click.Group):
-    """The group that loads commands by name and turns every refusal into one line and an exit code."""
+    """Group that loads commands by name, and reports every refusal as one line and an exit code."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Name the commands in the order in which a user meets them."""
+        """Return the names of the commands, the most important ones first."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import the module of one command."""
+        """Import and return one command."""
         if cmd_name not in COMMANDS:
             return None
         command: click.Command = import_module(f"rsdeblur.cli.{cmd_name}").command
@@ -46,9 +46,12 @@ class Commands(click.Group):
             except RsdeblurError as error:
                 _refuse(ctx, str(error))
             except MemoryError:
-                _refuse(ctx, "not enough memory; close other programs, or take a smaller picture")
+                _refuse(
+                    ctx,
+                    "not enough memory; close other programs, set --max-memory, or use a smaller picture",
+                )
             except OSError as error:
-                # A reader that closes the pipe early is no error; click ends quietly then.
+                # It is no error if the reader of a pipe closes it early; click then exits without a message.
                 if error.errno == errno.EPIPE:
                     raise
                 _refuse(ctx, f"{error.filename}: {error.strerror}" if error.filename else str(error))
@@ -60,7 +63,7 @@ class Commands(click.Group):
 
 
 def _interrupted(error: BaseException | None) -> bool:
-    """Return whether an interrupt is behind an error: while a compiled module starts, one becomes an ImportError."""
+    """Return whether an interrupt caused an error; while a compiled module loads, it becomes an ImportError."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None
@@ -73,21 +76,21 @@ def _refuse(ctx: click.Context, message: str) -> NoReturn:
 
 def _one_line(message: object) -> str:
     line = " ".join(str(message).split())
-    # Names of files may hold what moves the cursor, or what is no text at all.
+    # File names may contain control characters, or bytes that are not text.
     return "".join(character if character.isprintable() else ascii(character)[1:-1] for character in line)
 
 
 @contextmanager
 def _one_line_warnings() -> Iterator[None]:
-    said = set()
+    shown = set()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
         line = _one_line(message)
-        # A part of a suspicious log is as suspicious: what differs in numbers only is said once.
+        # Several parts of one log may cause a warning each, which differ in their numbers only; one is enough.
         kind = re.sub(r"[\d.]+", "", line)
-        if kind not in said:
+        if kind not in shown:
             click.echo(f"rsdeblur: warning: {line}", err=True)
-        said.add(kind)
+        shown.add(kind)
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", RsdeblurWarning)
@@ -108,8 +111,8 @@ Examples:
 def main() -> None:
     """Deblur photos with the gyroscope log of the camera that took them.
 
-    Each row of a rolling-shutter picture has its own exposure window, so its own blur; rsdeblur computes the blur from
-    the log and undoes it.
+    Each row of a rolling-shutter picture has its own exposure window, and therefore its own blur. rsdeblur computes
+    the blur from the log and removes it.
 
     Exit codes: 0 done, 1 input refused, 2 wrong usage, 3 some photos of a batch failed, 130 interrupted.
     """

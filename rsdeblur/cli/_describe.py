@@ -1,4 +1,4 @@
-"""What a file is and holds, for `info` and `camera show`."""
+"""Kind and contents of a file, for `info` and `camera show`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rsdeblur.io.camera_file import CameraFile
     from rsdeblur.motion.camera import Camera
 
-# Of a long list, as of exposures or gaps, the text shows this many; JSON shows all.
+# Number of entries of a long list, such as exposures or gaps, that the text shows; JSON has all.
 SHOWN = 12
 
 AXES = {
@@ -25,12 +25,12 @@ AXES = {
 
 
 def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
-    """Return what the file is and holds; `reading` says how to read a gyro log.
+    """Return the kind and the contents of a file; `reading` are the options for reading a gyro log.
 
     Raises
     ------
     FileFormatError
-        If the file is no gyro log, camera file, capture file or picture.
+        If the file is not a gyro log, camera file, capture file or picture.
     """
     from rsdeblur.io.cameras import detect_camera_format
     from rsdeblur.io.captures import WHAT
@@ -40,25 +40,25 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
     from rsdeblur.io.source import Source
 
     source = Source(path, WHAT)
-    # A damaged picture shall be told as such.
+    # By its extension too, so that the error of a damaged picture is about a picture.
     if is_picture(source) or path.suffix.lower() in KINDS:
         return describe_picture(path)
     if reading["format"]:
         return describe_gyro(path, reading)
     if is_clocks(source):
         return describe_clocks(path)
-    for detect, tell in ((detect_camera_format, describe_camera), (detect_gyro_format, describe_gyro)):
+    for detect, describe_kind in ((detect_camera_format, describe_camera), (detect_gyro_format, describe_gyro)):
         try:
-            found = detect(path)
+            format = detect(path)
         except FileFormatError:
             continue
-        # A project of Gyroflow is a gyro log first, and may hold a camera beside it.
-        if found != "gyroflow" or tell is describe_gyro or _is_lens_profile(path):
-            return tell(path, reading)
+        # A project of Gyroflow is described as a gyro log, although it may contain a camera too.
+        if format != "gyroflow" or describe_kind is describe_gyro or _is_lens_profile(path):
+            return describe_kind(path, reading)
     try:
         return describe_captures(path)
     except FileFormatError as error:
-        raise FileFormatError(f"{error}; nor is it a gyro log, a camera file or a picture") from error
+        raise FileFormatError(f"{error}; it is not a gyro log, a camera file or a picture either") from error
 
 
 def _is_lens_profile(path: Path) -> bool:
@@ -69,7 +69,7 @@ def _is_lens_profile(path: Path) -> bool:
 
 
 def describe_gyro(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
-    """Return what a gyro log holds."""
+    """Return the properties of a gyro log."""
     import numpy as np
 
     from rsdeblur.io import open_gyro
@@ -96,7 +96,7 @@ def describe_gyro(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
 
 
 def describe_clocks(path: Path) -> dict[str, Any]:
-    """Return how the clocks of a session go."""
+    """Return the differences between the clocks of a session."""
     from rsdeblur.io.clocks import read_clocks
 
     clocks = read_clocks(path)
@@ -109,14 +109,14 @@ def describe_clocks(path: Path) -> dict[str, Any]:
 
 
 def describe_camera(path: Path, reading: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Return what a camera file holds."""
+    """Return the contents of a camera file."""
     from rsdeblur.io import open_camera
 
     return camera_facts(open_camera(path))
 
 
 def camera_facts(file: CameraFile) -> dict[str, Any]:
-    """Return what is known of a camera."""
+    """Return the properties of a camera and of its file."""
     camera = file.camera
     return {
         "kind": "camera",
@@ -147,7 +147,7 @@ def _preset_of(camera: Camera) -> str | None:
 
 
 def describe_captures(path: Path) -> dict[str, Any]:
-    """Return what a capture file holds."""
+    """Return the exposures in a capture file."""
     from rsdeblur.io.captures import open_captures
 
     file = open_captures(path)
@@ -159,7 +159,7 @@ def describe_captures(path: Path) -> dict[str, Any]:
 
 
 def describe_picture(path: Path) -> dict[str, Any]:
-    """Return what a picture holds, and the gyro data in it."""
+    """Return the properties of a picture, and of the gyro data in its file."""
     from rsdeblur.io.exif import MAKE, MODEL, Exif
     from rsdeblur.io.gyro_binary import trailer_of
     from rsdeblur.io.pictures import read_picture
@@ -168,7 +168,7 @@ def describe_picture(path: Path) -> dict[str, Any]:
     picture = read_picture(path)
     exif = Exif(picture.exif)
     height, width = picture.pixels.shape[:2]
-    found = {
+    facts = {
         "kind": "picture",
         "size_px": [width, height],
         "channels": 1 if picture.pixels.ndim == 2 else picture.pixels.shape[2],
@@ -179,13 +179,13 @@ def describe_picture(path: Path) -> dict[str, Any]:
         "icc_profile": picture.icc_profile is not None,
     }
     if trailer_of(Source(path, "picture")) is None:
-        return found
+        return facts
     gyro = describe_gyro(path, {"format": "gyrodata"})
-    return found | {"gyro": {key: gyro[key] for key in ("samples", "rate_hz", "epoch_ns", "capture_ns")}}
+    return facts | {"gyro": {key: gyro[key] for key in ("samples", "rate_hz", "epoch_ns", "capture_ns")}}
 
 
 def print_entry(entry: dict[str, Any]) -> None:
-    """Print what `describe` returned, for people."""
+    """Print a result of `describe` as text."""
     click.echo(f"{entry['file']}: {entry['kind']}")
     for key, value in entry.items():
         if key in ("file", "kind", "reason") or value in ([], None):

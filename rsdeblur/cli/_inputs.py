@@ -1,4 +1,4 @@
-"""From options to the picture, the log, the camera and the exposure."""
+"""Reading of the picture, the log, the camera and the exposure that the options name."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class Inputs(NamedTuple):
-    """What every computation starts from."""
+    """Inputs of a computation."""
 
     picture: Picture
     log: GyroLog
@@ -35,18 +35,18 @@ class Inputs(NamedTuple):
 
 
 def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False) -> Inputs:
-    """Read the picture, or leave it `in_place`, and what belongs to it.
+    """Read the picture, or map its file if `in_place` is set, and read the log, the camera and the exposure.
 
     Raises
     ------
     RsdeblurError
-        If a file is refused, or the capture file has no such index.
+        If a file is refused, or the capture file has no exposure of that index.
     click.UsageError
         If the options do not give the exposure.
     """
     from rsdeblur.io.pictures import read_picture
 
-    # The small files first: a wrong option shows before a large picture is read.
+    # The small files come first, so that a wrong option shows before a large picture is read.
     log, camera, exposure = read_recording(recording, photo)
     return Inputs(read_picture(photo, in_place=in_place), log, camera, exposure)
 
@@ -65,11 +65,11 @@ def read_device(recording: Recording) -> tuple[GyroLog, Camera]:
         time_offset=recording.time_offset, readout_time=recording.readout_time
     )
     camera = with_overrides.warn(recording.camera)
-    how = recording.gyro_format, recording.unit, recording.orientation
-    file, doubts = _gyro_file(recording.gyro, _state(recording.gyro), *how)
-    for doubt in doubts:
-        warnings.warn(doubt, RsdeblurWarning, stacklevel=2)
-    _doubt_axes(file, camera, recording)
+    reading = recording.gyro_format, recording.unit, recording.orientation
+    file, messages = _gyro_file(recording.gyro, _state(recording.gyro), *reading)
+    for message in messages:
+        warnings.warn(message, RsdeblurWarning, stacklevel=2)
+    _check_axes(file, camera, recording)
     return file.log, camera
 
 
@@ -77,7 +77,7 @@ def read_device(recording: Recording) -> tuple[GyroLog, Camera]:
 def _gyro_file(
     path: Path, _: tuple[int, ...] | None, format: str | None, unit: str | None, orientation: str | None
 ) -> tuple[GyroFile, list[str]]:
-    """Read a log and its warnings, or give those of the photo before: reading a day's takes longer than deblurring."""
+    """Read a log and collect its warnings; kept for the next photo, as a long log takes longer than deblurring."""
     from rsdeblur.io import open_gyro
 
     with warnings.catch_warnings(record=True) as caught:
@@ -87,7 +87,7 @@ def _gyro_file(
 
 
 def _state(path: Path) -> tuple[int, ...] | None:
-    """Return what changes when a file does; None if there is none, which its reader will tell."""
+    """Return numbers that change when a file does; None if there is no such file, which its reader reports."""
     try:
         facts = path.stat()
     except (OSError, ValueError):
@@ -95,8 +95,8 @@ def _state(path: Path) -> tuple[int, ...] | None:
     return facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns
 
 
-def _doubt_axes(file: GyroFile, camera: Camera, recording: Recording) -> None:
-    """Warn if the camera file cannot mean the axes that the log is known to have."""
+def _check_axes(file: GyroFile, camera: Camera, recording: Recording) -> None:
+    """Warn if the camera file contradicts the axes of the log, where those are known."""
     import numpy as np
 
     from rsdeblur.motion.axes import imu_to_camera
@@ -105,14 +105,15 @@ def _doubt_axes(file: GyroFile, camera: Camera, recording: Recording) -> None:
     if file.axes == "sensor":
         return
     if np.array_equal(matrix, np.eye(3)):
-        wrong = "imu_to_camera is the identity"
+        problem = "imu_to_camera is the identity"
     elif file.axes == "gyroflow" and np.array_equal(matrix, imu_to_camera("phone-portrait")):
-        wrong = "imu_to_camera is that of a phone's axes"
+        problem = "imu_to_camera is that of a phone's axes"
     else:
         return
-    wanted = "phone-portrait or phone-landscape" if file.axes == "phone" else "gyroflow"
+    expected = "phone-portrait or phone-landscape" if file.axes == "phone" else "gyroflow"
     warnings.warn(
-        f"{recording.camera}: {wrong}, but {recording.gyro} is in {file.axes} axes; imu_to_camera should be {wanted}",
+        f"{recording.camera}: {problem}, but {recording.gyro} is in {file.axes} axes; "
+        f"imu_to_camera should be {expected}",
         RsdeblurWarning,
         stacklevel=2,
     )
@@ -141,14 +142,14 @@ def _exposure(recording: Recording, photo: Path | None) -> Exposure:
         duration = _exif_exposure(photo)
     if start is None or duration is None:
         raise _usage(
-            "the exposure is not given; name it with --capture FILE --index N, "
-            "or with --duration (which EXIF may tell) and one of --start-ns and --start"
+            "the exposure is not given; use --capture FILE --index N, or --start or --start-ns together with "
+            "--duration, which may be left out if the photo's EXIF block contains it"
         )
     return Exposure(start[0], duration, start[1])
 
 
 def _exif_exposure(photo: Path | None) -> float | None:
-    """Return the exposure time that the picture's EXIF block tells."""
+    """Return the exposure time in the picture's EXIF block; None if there is none."""
     if photo is None:
         return None
     from rsdeblur.io.exif import Exif
@@ -160,17 +161,17 @@ def _exif_exposure(photo: Path | None) -> float | None:
 def _chosen(captures: list[Exposure], recording: Recording) -> Exposure:
     last = len(captures) - 1
     if recording.index is None and last > 0:
-        raise _usage(f"{recording.capture} holds {len(captures)} exposures; choose one with --index 0 to {last}")
+        raise _usage(f"{recording.capture} contains {len(captures)} exposures; choose one with --index 0 to {last}")
     index = recording.index or 0
     if index > last:
         raise InputError(
-            f"{recording.capture}: there is no exposure {index}: the file holds {len(captures)}, --index 0 to {last}"
+            f"{recording.capture}: there is no exposure {index}; the file contains {len(captures)}: --index 0 to {last}"
         )
     return captures[index]
 
 
 def _usage(message: str) -> click.UsageError:
-    # In a batch's worker there is no context.
+    # The workers of a batch have no context.
     return click.UsageError(message, ctx=click.get_current_context(silent=True))
 
 
@@ -180,7 +181,7 @@ def transfer_of(picture: Picture, transfer: Transfer | Auto) -> Transfer:
 
 
 def display_values(values: NDArray[Any], transfer: Transfer) -> NDArray[Any]:
-    """Return values for the eye, clipped to [0, 1]; only linear light has to be encoded (sRGB) for that."""
+    """Return values for display, clipped to [0, 1]; linear light is encoded as sRGB."""
     import numpy as np
 
     from rsdeblur.image.transfer import from_linear
@@ -199,7 +200,7 @@ def unit_range(pixels: NDArray[Any]) -> NDArray[Any]:
 
 @contextmanager
 def naming(photo: Path | None, recording: Recording) -> Iterator[None]:
-    """Name the file at fault in errors that come out of a computation."""
+    """Put the name of the file at fault before errors of a computation."""
     try:
         yield
     except CoverageError as error:

@@ -1,4 +1,4 @@
-"""The items of a batch: the rows of a manifest, or the photos of a session folder."""
+"""Items of a batch: the rows of a manifest, or the photos of a session folder."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ COLUMNS: dict[str, Callable[[str], Any]] = {
 # Columns by their former names.
 RENAMED = {"readout": "readout_time"}
 FILES = ("gyro", "camera", "capture")
-# Results of other pictures, HEIC and raw, are written as PNG.
+# Results keep these formats; those of other pictures, HEIC and raw, are written as PNG.
 WRITABLE = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".npy")
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """A photo of the batch, what belongs to it, and the result's place in the output folder; or what is wrong."""
+    """A photo of the batch, its recording, and the path of its result in the output folder; or its error."""
 
     photo: Path
     output: Path
@@ -54,7 +54,7 @@ def read_items(source: Path, defaults: Defaults, output: Path, *, numbered_from:
 
 
 def _without_clashes(items: Iterable[Item]) -> Iterator[Item]:
-    """Find fault with items whose result another one writes already."""
+    """Set the error of items whose result another item already writes."""
     writers: dict[Path, Path] = {}
     for item in items:
         other = writers.setdefault(item.output, item.photo)
@@ -68,25 +68,25 @@ def _session(folder: Path, defaults: Defaults, output: Path, numbered_from: int 
     from rsdeblur.io.sessions import open_session
 
     session = open_session(folder, numbered_from=numbered_from, without=output)
-    found = Defaults(**asdict(defaults) | {"gyro": session.gyro, "capture": session.capture})
+    known = replace(defaults, gyro=session.gyro, capture=session.capture)
     if defaults.camera is None:
-        found = replace(found, camera=session.camera)
+        known = replace(known, camera=session.camera)
     for photo in session.photos:
         place = _result(photo.path.relative_to(folder))
         if photo.error is not None:
             yield Item(photo.path, place, None, f"{photo.path}: {photo.error}")
         else:
-            yield _item(photo.path, place, {"index": photo.index}, found)
+            yield _item(photo.path, place, {"index": photo.index}, known)
 
 
 def _manifest(path: Path, defaults: Defaults) -> Iterator[Item]:
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is no UTF-8 text"
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise FileFormatError(f"{path}: cannot read the manifest: {reason}") from error
     if not lines:
-        raise FileFormatError(f"{path}: the manifest is empty; its first line must name columns: photo,index,...")
+        raise FileFormatError(f"{path}: the manifest is empty; its first line must name the columns, like photo,index")
     # Spreadsheets of some countries write semicolons.
     reader = csv.reader(lines, delimiter=max(",;\t", key=lines[0].count), skipinitialspace=True)
     head = _head(path, next(reader))
@@ -119,9 +119,9 @@ def _row(path: Path, line: int, head: list[str], row: list[str], defaults: Defau
     try:
         if len(row) != len(head):
             raise ValueError(f"{len(row)} cells, but the first line names {len(head)} columns")
-        if not (named := row[head.index("photo")].strip()):
+        if not (photo_name := row[head.index("photo")].strip()):
             raise ValueError("no photo")
-        photo = path.parent / named
+        photo = path.parent / photo_name
         for name, cell in zip(head, map(str.strip, row), strict=True):
             if cell and name != "photo":
                 cells[name] = _converted(name, cell)
@@ -150,14 +150,15 @@ def _converted(name: str, cell: str) -> Any:
 
 
 def _item(photo: Path, result: Path, own: dict[str, Any], defaults: Defaults) -> Item:
-    given = {name: value for name, value in asdict(defaults).items() if value is not None}
+    values = {name: value for name, value in asdict(defaults).items() if value is not None}
+    # A photo with a start of its own needs no capture file.
     if "capture" not in own and not own.keys().isdisjoint(("start", "start_ns")):
-        given.pop("capture", None)
-    given |= own
+        values.pop("capture", None)
+    values |= own
     for name in ("gyro", "camera"):
-        if name not in given:
-            return Item(photo, result, None, f"{photo}: no {name} file; give it in the column {name} or by --{name}")
-    return Item(photo, result, Recording(**given))
+        if name not in values:
+            return Item(photo, result, None, f"{photo}: no {name} file; give it in the column {name} or with --{name}")
+    return Item(photo, result, Recording(**values))
 
 
 def _result(photo: Path) -> Path:

@@ -1,4 +1,4 @@
-"""How commands that work in several processes share the processors out."""
+"""Worker processes of commands, and the number of threads in each."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import click
 
 from rsdeblur.cli._options import gathered
 
-# Threads of a process where nothing else is asked for: reading and writing a file uses one.
+# Default number of threads in a process. With many, most would wait while the process reads or writes a file.
 THREADS = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Workers:
-    """Where a batch is worked on."""
+    """Workers of a batch: processes of this machine, or a Dask cluster."""
 
     jobs: int | None
     scheduler: str | None
@@ -24,7 +24,7 @@ jobs_option = click.option(
     "--jobs",
     type=click.IntRange(min=1),
     metavar="N",
-    help="Processes; --threads counts for each of them.  [default: half as many as cores]",
+    help="Number of processes; --threads applies to each of them.  [default: half the number of cores]",
 )
 
 
@@ -34,16 +34,16 @@ workers_options = gathered(
     (
         jobs_option,
         click.option(
-            "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the work (they see the files)."
+            "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the work; they need the same files."
         ),
     ),
 )
 
 
 def shared_threads(jobs: int | None, threads: int | None, *, alone: bool = True) -> tuple[int, int]:
-    """Return the number of processes and of threads in each, as given or sharing the cores out.
+    """Return the number of processes and of threads in each: as given, else so that they use all cores.
 
-    Workers of a cluster, which are not `alone` on their machine, take one thread each if nothing is said.
+    Workers of a cluster are not `alone` on their machine; they use one thread each unless `threads` is given.
     """
     from rsdeblur._util.threads import thread_count
 

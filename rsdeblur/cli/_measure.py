@@ -1,4 +1,4 @@
-"""What `compare` and `demo` measure: likeness to the truth, and memory."""
+"""Measurements of `compare` and `demo`: similarity to the truth, and memory."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-# px along the picture's edge that are not judged: what lies there was blurred with what lies outside.
+# Pixels along the picture's edges that do not count, because light from beyond the frame blurred them.
 BORDER = 24
 
 
 def similarity(image: NDArray[Any], truth: NDArray[Any]) -> dict[str, float | None]:
-    """Return PSNR in dB and SSIM of display values in [0, 1], borders and alpha left out.
+    """Return PSNR in dB and SSIM of display values in [0, 1], without borders and alpha.
 
-    PSNR is None where both are the same, as JSON has no infinity. SSIM uses the Gaussian window of its authors (Wang
+    PSNR is None for equal pictures, because JSON has no infinity. SSIM uses the Gaussian window of its authors (Wang
     et al. 2004).
     """
     import numpy as np
     from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
-    # A picture too small for the whole border gives up a quarter of its side.
+    # Small pictures lose no more than a quarter of a side at each edge.
     y, x = (min(BORDER, side // 4) for side in image.shape[:2])
     a, b = (values[y : values.shape[0] - y, x : values.shape[1] - x] for values in (image, truth))
     axis = None if a.ndim == 2 else 2
@@ -36,7 +36,7 @@ def similarity(image: NDArray[Any], truth: NDArray[Any]) -> dict[str, float | No
 
 
 def forget_peak_memory() -> None:
-    """Start a new measurement of the peak; where the system has none, `peak_memory_mib` says so."""
+    """Start a new measurement of the peak; without effect where the system has no such measurement."""
     with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
 
@@ -44,7 +44,7 @@ def forget_peak_memory() -> None:
 def peak_memory_mib() -> float | None:
     """Return the process's peak resident memory in MiB since `forget_peak_memory`, None where it is unknown."""
     try:
-        found = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
+        match = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
     except OSError:
         return None
-    return int(found[1]) / 1024 if found else None
+    return int(match[1]) / 1024 if match else None

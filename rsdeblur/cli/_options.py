@@ -1,4 +1,4 @@
-"""The options that commands share, each group gathered into one value."""
+"""Options that several commands share; a command receives each group as one value."""
 
 from __future__ import annotations
 
@@ -72,14 +72,14 @@ class BytesType(click.ParamType[Any]):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
         """Return the number of bytes."""
-        found = re.fullmatch(r"(\d+(?:\.\d*)?)\s*([kmg]i?b)?", str(value).strip().lower())
-        if not found:
+        match = re.fullmatch(r"(\d+(?:\.\d*)?)\s*([kmg]i?b)?", str(value).strip().lower())
+        if not match:
             self.fail(f"{value!r} is not an amount of memory like 1GiB or 500MB", param, ctx)
-        return int(float(found[1]) * self.units[found[2] or ""])
+        return int(float(match[1]) * self.units[match[2] or ""])
 
 
 class TransferType(click.ParamType[Any]):
-    """How pixel values encode light: a name, a gamma, or `auto`."""
+    """Encoding of light in pixel values: a name, a gamma, or `auto`."""
 
     name = "auto|linear|srgb|GAMMA"
 
@@ -93,7 +93,7 @@ class TransferType(click.ParamType[Any]):
 
 
 class WorkSizeType(click.ParamType[Any]):
-    """The longer side to work on: `paper` (2048), `full` or a number of px."""
+    """Longer side of the reduced picture: `paper` (2048), `full` or a number of px."""
 
     name = "paper|full|N"
 
@@ -105,7 +105,7 @@ class WorkSizeType(click.ParamType[Any]):
 
 
 class SizeType(click.ParamType[tuple[int, int]]):
-    """A picture's size, `WIDTHxHEIGHT`."""
+    """Size of a picture, `WIDTHxHEIGHT`."""
 
     name = "WIDTHxHEIGHT"
 
@@ -119,7 +119,7 @@ class SizeType(click.ParamType[tuple[int, int]]):
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Where the log, the camera and the exposure come from."""
+    """Files and values that give the log, the camera and the exposure."""
 
     gyro: Path
     camera: Path
@@ -137,7 +137,7 @@ class Recording:
 
 @dataclass(frozen=True, slots=True)
 class Defaults:
-    """What holds for the items of a batch that say nothing else; the names are those of `Recording`."""
+    """Values for the items of a batch that set none of their own; the names are those of `Recording`."""
 
     gyro: Path | None
     camera: Path | None
@@ -152,7 +152,7 @@ class Defaults:
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Where the result goes, and what is printed about it."""
+    """File or folder of the result, and what the command prints."""
 
     output: Path
     force: bool
@@ -162,14 +162,14 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class PhotoChanges:
-    """What is done to a photo or taken from its EXIF block before it is deblurred."""
+    """Changes to a photo, and to the options by its EXIF block, before it is deblurred."""
 
     work_size: int | None = None
     nsr_from_iso: bool = False
 
 
 def gathered(name: str, kind: type, options: Sequence[Decorator], members: Sequence[str] | None = None) -> Decorator:
-    """Return a decorator that adds `options` and passes their values as one `kind` called `name`."""
+    """Return a decorator that adds `options` and passes their values as one argument `name`, a `kind`."""
 
     def decorate(function: Command) -> Command:
         @wraps(function)
@@ -187,40 +187,45 @@ def gathered(name: str, kind: type, options: Sequence[Decorator], members: Seque
 
 
 _LOG = (
-    click.option("--gyro-format", metavar="NAME", help="Format of the log; recognised by its content if left out."),
+    click.option("--gyro-format", metavar="NAME", help="Format of the log.  [default: recognised by its content]"),
     click.option(
         "--unit",
         type=click.Choice(["rad/s", "deg/s", "mrad/s", "mdeg/s"]),
-        help="Unit of the log's rates, if it is not what the file says.",
+        help="Unit of the log's rates; replaces the file's.",
     ),
     click.option(
         "--orientation",
         metavar="XYZ",
-        help="Gyroflow's orientation string of the log's axes, like YxZ; replaces the one in the file.",
+        help="Axes of the log as an orientation string of Gyroflow, like YxZ; replaces the file's.",
     ),
 )
 
 
 def log_options(function: Command) -> Command:
-    """Add the options that say how to read a gyro log."""
+    """Add the options for reading a gyro log."""
     for option in reversed(_LOG):
         function = option(function)
     return function
 
 
 _EXPOSURE = (
-    click.option("--capture", type=PATH, metavar="FILE", help="Metadata file that holds the exposure."),
-    click.option("--index", type=click.IntRange(min=0), metavar="N", help="Which exposure of --capture, from 0."),
+    click.option("--capture", type=PATH, metavar="FILE", help="Metadata file that contains the exposure."),
+    click.option(
+        "--index", type=click.IntRange(min=0), metavar="N", help="Number of the exposure in --capture, counted from 0."
+    ),
     click.option(
         "--start-ns",
         type=int,
         metavar="NS",
-        help="Stamp of the capture in ns, camera clock: the first row's start, unless the camera file says otherwise.",
+        help="Timestamp in ns, camera clock: the first row's start, unless the camera file sets timestamp_marks.",
     ),
     click.option("--start", type=SecondsType(), help="The same in seconds on the log's own clock."),
     click.option(
-        "--duration", type=SecondsType(), help="Exposure time of a row: 0.05, 1/20 or 50ms.  [default: by EXIF]"
+        "--duration", type=SecondsType(), help="Exposure time of a row: 0.05, 1/20 or 50ms.  [default: from EXIF]"
     ),
+)
+_CAMERA = click.option(
+    "--camera", type=PATH, required=True, metavar="FILE", help="Camera file of rsdeblur, Gyroflow or Kalibr."
 )
 _OVERRIDES = (
     click.option("--time-offset", type=SecondsType(), help="Camera time minus gyro time; replaces the camera file's."),
@@ -232,9 +237,7 @@ recording_options = gathered(
     (
         click.option("--gyro", type=PATH, required=True, metavar="LOG", help="Gyro log."),
         *_LOG,
-        click.option(
-            "--camera", type=PATH, required=True, metavar="FILE", help="Camera file: ours, Gyroflow's or Kalibr's."
-        ),
+        _CAMERA,
         *_EXPOSURE,
         *_OVERRIDES,
     ),
@@ -243,13 +246,11 @@ clip_options = gathered(
     "recording",
     Recording,
     (
-        click.option("--gyro", type=PATH, required=True, metavar="LOG", help="Gyro log; the video itself may hold it."),
+        click.option("--gyro", type=PATH, required=True, metavar="LOG", help="Gyro log; may be the video itself."),
         *_LOG,
-        click.option(
-            "--camera", type=PATH, required=True, metavar="FILE", help="Camera file: ours, Gyroflow's or Kalibr's."
-        ),
-        click.option("--capture", type=PATH, metavar="FILE", help="Metadata file with a line for each frame."),
-        click.option("--start-ns", type=int, metavar="NS", help="Stamp of the first frame in ns, camera clock."),
+        _CAMERA,
+        click.option("--capture", type=PATH, metavar="FILE", help="Metadata file with one line per frame."),
+        click.option("--start-ns", type=int, metavar="NS", help="Timestamp of the first frame in ns, camera clock."),
         click.option("--start", type=SecondsType(), help="The same in seconds on the log's own clock.  [default: 0]"),
         click.option("--duration", type=SecondsType(), help="Exposure time of a row; replaces that of --capture."),
         *_OVERRIDES,
@@ -259,11 +260,11 @@ defaults_options = gathered(
     "defaults",
     Defaults,
     (
-        click.option("--gyro", type=PATH, metavar="LOG", help="Gyro log of items that name none."),
+        click.option("--gyro", type=PATH, metavar="LOG", help="Gyro log of photos that name none."),
         *_LOG,
-        click.option("--camera", type=PATH, metavar="FILE", help="Camera file of items that name none."),
-        click.option("--capture", type=PATH, metavar="FILE", help="Metadata file, likewise."),
-        click.option("--duration", type=SecondsType(), help="Exposure time, likewise.  [default: by EXIF]"),
+        click.option("--camera", type=PATH, metavar="FILE", help="Camera file of photos that name none."),
+        click.option("--capture", type=PATH, metavar="FILE", help="Metadata file of photos that name none."),
+        click.option("--duration", type=SecondsType(), help="Exposure time of other photos.  [default: from EXIF]"),
         *_OVERRIDES,
     ),
 )
@@ -288,18 +289,22 @@ transfer_option = click.option(
     metavar="auto|linear|srgb|GAMMA",
     default=_DEFAULTS["transfer"],
     show_default=True,
-    help="How pixel values encode light; auto is srgb for 8 and 16 bit pictures, linear for float.",
+    help="How pixel values encode light; auto means srgb for 8 and 16 bits, linear for floating point.",
 )
 # The options of `Options`, by its fields.
 _SOLVE: dict[str, Decorator] = {
     "mode": _choice("mode", choices.MODES, "One PSF for the picture, one per tile, or one per row."),
-    "bands": _auto("bands", AutoType(), "Bands along the readout."),
-    "strips": _auto("strips", AutoType(), "Strips across it."),
+    "bands": _auto("bands", AutoType(), "Number of bands, which divide the picture along the readout."),
+    "strips": _auto("strips", AutoType(), "Number of strips, which divide it across the readout."),
     "motion": _choice("motion", choices.MOTIONS, "Full rotation, or small angles about x and y only."),
     "prior": _choice(
-        "prior", choices.PRIORS, "Model of sharp pictures; wiener is the published method's and several times faster."
+        "prior",
+        choices.PRIORS,
+        "Assumption about sharp pictures; wiener is the published filter, and the fastest.",
     ),
-    "weight": _auto("weight", StrengthType(), "Weight of the prior (not of wiener): higher is smoother."),
+    "weight": _auto(
+        "weight", StrengthType(), "Weight of the prior (not wiener): a higher one gives a smoother picture."
+    ),
     "exponent": click.option(
         "--exponent",
         type=click.FloatRange(min=0.0, min_open=True, max=1.0),
@@ -308,19 +313,19 @@ _SOLVE: dict[str, Decorator] = {
         show_default="2/3",
         help="Exponent of the hyper-Laplacian.",
     ),
-    "nsr": _auto("nsr", StrengthType(), "Noise-to-signal ratio: higher is smoother."),
+    "nsr": _auto("nsr", StrengthType(), "Noise-to-signal ratio: a higher one gives a smoother picture."),
     "solver": _choice(
-        "solver", choices.SOLVERS, "How --mode rowwise solves: banded Cholesky, conjugate gradients, or the faster one."
+        "solver", choices.SOLVERS, "Solver of --mode rowwise: the faster one, banded Cholesky, or conjugate gradients."
     ),
     "geometry": _choice("geometry", choices.GEOMETRIES, "Keep the rolling-shutter shape, or straighten it."),
     "border": _choice(
         "border",
         (*choices.BORDERS, *choices.BOUNDARIES),
-        "Beyond the frame: blend opposite borders, treat the picture as repeating, or an alternative.",
+        "Picture beyond the frame: opposite borders blended, the picture repeated, or an alternative.",
     ),
     "transfer": transfer_option,
     "normalize": click.option(
-        "--normalize", is_flag=True, help="Squeeze what overshoots into the range, at the price of contrast."
+        "--normalize", is_flag=True, help="Compress light that exceeds the range into it, at the price of contrast."
     ),
     "saturation": _choice(
         "saturation",
@@ -330,18 +335,18 @@ _SOLVE: dict[str, Decorator] = {
     "planning": _choice(
         "planning",
         choices.PLANNINGS,
-        "Plan transforms at once, or measure some for seconds, once, and keep the plans for later runs.",
+        "Plan transforms at once, or measure for some seconds and keep the plans for later runs.",
     ),
     "threads": click.option(
-        "--threads", type=click.IntRange(min=1), metavar="N", help="Threads.  [default: all cores]"
+        "--threads", type=click.IntRange(min=1), metavar="N", help="Number of threads.  [default: all cores]"
     ),
     "max_memory": click.option(
         "--max-memory",
         type=BytesType(),
-        help="Memory for the work beside the picture and its result, like 1GiB; slower where that is little.",
+        help="Memory for the work, without the picture and its result, like 1GiB; little memory takes longer.",
     ),
     "fallback": click.option(
-        "--fallback", is_flag=True, help="Blend the result towards the photo where the check finds it bad."
+        "--fallback", is_flag=True, help="Blend the result towards the photo if the check finds it bad."
     ),
 }
 BLUR = ("mode", "bands", "strips", "motion")
@@ -360,10 +365,10 @@ work_size_option = click.option(
     "--work-size",
     type=WorkSizeType(),
     metavar="paper|full|N",
-    help="Reduce the picture first: its longer side in px, paper means 2048.  [default: full]",
+    help="Reduce the picture first, to this longer side in px; paper means 2048.  [default: full]",
 )
 nsr_from_iso_option = click.option(
-    "--nsr-from-iso", is_flag=True, help="Take --nsr from the picture's EXIF sensitivity: 0.01 at ISO 100."
+    "--nsr-from-iso", is_flag=True, help="Derive --nsr from the picture's EXIF sensitivity: 0.01 at ISO 100."
 )
 photo_options = gathered("changes", PhotoChanges, (work_size_option, nsr_from_iso_option))
 force_option = click.option("--force", is_flag=True, help="Replace files that exist.")
@@ -372,7 +377,7 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON."
 
 
 def target_options(metavar: str, text: str, *, force: Decorator = force_option, dry_run: bool = False) -> Decorator:
-    """Return a decorator that adds --output, --force, --json and perhaps --dry-run, passed as one `target`."""
+    """Return a decorator that adds --output, --force, --json and, if requested, --dry-run as one `target`."""
     output = click.option("-o", "--output", type=PATH, required=True, metavar=metavar, help=text)
     dry_runs = (dry_run_option,) if dry_run else ()
     return gathered("target", Target, (output, force, *dry_runs, json_option))

@@ -1,4 +1,4 @@
-"""What commands print, draw and write."""
+"""Output of the commands: folders, JSON, tables and progress bars."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ def prepare_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:
 
 
 def print_json(payload: Any) -> None:
-    """Print `payload` for machines."""
+    """Print `payload` as JSON."""
     click.echo(json.dumps(payload, indent=2))
 
 
 def write_json(path: Path, payload: Any) -> None:
-    """Write `payload` atomically."""
+    """Write `payload` as JSON, atomically."""
     from rsdeblur._util.atomic import atomic_write
 
     with atomic_write(path) as file:
@@ -49,7 +49,7 @@ def write_json(path: Path, payload: Any) -> None:
 
 
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a table; the first column is text, the others are numbers."""
+    """Print a table; the first column is aligned left, the others right."""
     from rich.console import Console
     from rich.table import Table
 
@@ -58,15 +58,15 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
         table.add_column(column, justify="right" if i else "left", no_wrap=True)
     for row in rows:
         table.add_row(*row)
-    # A pipe has no width; the table must not be folded to 80 columns there.
+    # A pipe has no width, and 80 columns, the default, would cut the table.
     Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(table)
 
 
 @contextmanager
 def progress(title: str) -> Iterator[Progress | None]:
-    """Show a progress bar on a terminal; yields the callable that moves it, or None in a pipe.
+    """Show a progress bar on a terminal; yield the function that moves it, or None if stderr is not a terminal.
 
-    Until it is moved, it only shows that work goes on.
+    Until its first move, the bar shows activity only.
     """
     if not sys.stderr.isatty():
         yield None
@@ -79,7 +79,7 @@ def progress(title: str) -> Iterator[Progress | None]:
         task = bar.add_task(title, total=None)
 
         def move(stage: str, fraction: float) -> None:
-            # The next stage has its own times.
+            # A smaller fraction starts another stage, whose remaining time is estimated again.
             if fraction < bar.tasks[0].completed:
                 bar.reset(task)
             bar.update(task, description=f"{title}: {stage}", total=1.0, completed=fraction)

@@ -1,4 +1,4 @@
-"""One photo, from its files to the written result: what `deblur` does once and `batch` for every item."""
+"""Deblurring of one photo, from its files to the written result: once in `deblur`, for every item in `batch`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PhotoJob:
-    """What to deblur, how, and where to."""
+    """A photo to deblur, with its recording, options and output."""
 
     photo: Path
     recording: Recording
@@ -33,7 +33,7 @@ class PhotoJob:
 
 
 def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
-    """Deblur and write one photo, or only read and check its files, and return the facts.
+    """Deblur and write one photo, or only read and check its files, and return the facts to report.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     in_place = job.options.max_memory is not None
     inputs = read_inputs(job.photo, job.recording, in_place=in_place)
     if job.dry_run:
-        return _foreseen(job, inputs)
+        return _dry_run(job, inputs)
     picture, log, camera, exposure = inputs
 
     from rsdeblur.image.encoded import reduced
@@ -65,7 +65,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     if job.changes.work_size is not None:
         with naming(job.photo, job.recording):
             pixels, camera = reduced(pixels, camera, job.changes.work_size)
-    # Straight into what is to be written: a quarter of the memory that float32 would take.
+    # The result goes into an array of the file's type: with 8 bits, a quarter of the memory of float32.
     with (
         picture_to_fill(job.output, pixels.shape, like=picture, force=job.force, in_place=in_place) as out,
         naming(job.photo, job.recording),
@@ -88,8 +88,8 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     }
 
 
-def _foreseen(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:
-    """Check what can be checked without solving, and return what is known then."""
+def _dry_run(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:
+    """Check as much as possible without solving, and return the facts known by then."""
     from rsdeblur.image.encoded import check_size, reduced
     from rsdeblur.pipeline.deblur import psfs
 
@@ -124,5 +124,5 @@ def _nsr_of(photo: Path, picture: Picture) -> float:
 
     iso = Exif(picture.exif).iso
     if iso is None:
-        raise InputError(f"{photo}: the picture's EXIF block has no ISO sensitivity; give --nsr instead")
+        raise InputError(f"{photo}: the picture's EXIF block has no ISO sensitivity; use --nsr instead")
     return nsr_of_iso(iso)

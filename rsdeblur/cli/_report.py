@@ -1,4 +1,4 @@
-"""From what `compare` did to the report's page."""
+"""The report page of `compare`, and the warnings for it."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ if TYPE_CHECKING:
 
 
 class Compared(NamedTuple):
-    """What came out of a comparison.
+    """Results of a comparison.
 
-    `shown` are display values by label, the input first; `unseen` is the share of the results that was never exposed.
+    `shown` contains display values by label, the input first; `unseen` is the fraction of the pixels that were never
+    exposed.
     """
 
     report: dict[str, Any]
@@ -39,18 +40,18 @@ class Compared(NamedTuple):
 
 @contextmanager
 def capture_warnings() -> Iterator[list[str]]:
-    """Collect the text of the package's warnings, which are shown as ever."""
-    heard: list[str] = []
+    """Collect the texts of the package's warnings, which are shown as usual."""
+    texts: list[str] = []
     show = warnings.showwarning
 
-    def listen(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
-        if issubclass(category, RsdeblurWarning) and str(message) not in heard:
-            heard.append(str(message))
+    def collect(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        if issubclass(category, RsdeblurWarning) and str(message) not in texts:
+            texts.append(str(message))
         show(message, category, *place, **more)
 
-    warnings.showwarning = listen
+    warnings.showwarning = collect
     try:
-        yield heard
+        yield texts
     finally:
         warnings.showwarning = show
 
@@ -73,7 +74,7 @@ def report_page(compared: Compared, recording: Recording, options: Options, rema
         findings=findings(
             *(picture.pixels, log, camera, exposure),
             psf=psf,
-            checks={mode: found["check"] for mode, found in report["modes"].items() if found["check"] is not None},
+            checks={mode: facts["check"] for mode, facts in report["modes"].items() if facts["check"] is not None},
             unseen=unseen,
             remarks=remarks,
         ),
@@ -94,7 +95,7 @@ def _settings(compared: Compared, recording: Recording, options: Options) -> dic
         "truth": report.get("truth"),
         "stored as": f"{picture.pixels.dtype}, {picture.pixels.shape[2] if picture.pixels.ndim == 3 else 1} channels",
         "transfer": transfer,
-        "EXIF orientation": None if exif.orientation == 1 else f"{exif.orientation}, not applied: as the sensor saw it",
+        "EXIF orientation": None if exif.orientation == 1 else f"{exif.orientation}, not applied: shown as stored",
         "report made": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
     }
     about_log = {
@@ -135,7 +136,7 @@ def _label(name: str) -> str:
 
 
 def _text(value: Any) -> str:
-    """Return a value for people; nothing for what is not given."""
+    """Return the text of a value; an empty text for None."""
     import numpy as np
 
     if value is None:

@@ -1,4 +1,4 @@
-"""`rsdeblur batch`: many photos, in processes of their own."""
+"""`rsdeblur batch`: deblur many photos in worker processes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,9 @@ if TYPE_CHECKING:
 TABLE, REPORT, RECORDS = "batch.csv", "batch.json", ".rsdeblur-batch"
 SOME_FAILED = 3
 
-HELP = f"""Deblur all photos of a manifest or of a logger's folder; a photo that fails does not stop the others.
+HELP = f"""Deblur all photos of a manifest or of a logger's folder.
+
+A photo that fails does not stop the others.
 
 MANIFEST is a CSV file with a line for each photo. Its first line names the columns: photo, and if needed
 {", ".join(name for name in COLUMNS if name != "photo")}. They mean what the options of `deblur` mean; empty cells take
@@ -54,7 +56,7 @@ Examples:
 @click.option(
     "--numbered-from",
     type=click.IntRange(0, 1),
-    help="FOLDER: the number that the first frame has in the photos' names.  [default: told by the names]",
+    help="FOLDER: number of the first frame in the photos' names.  [default: derived from the names]",
 )
 @_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE, *_options.ONE_RESULT)
 @_options.photo_options
@@ -62,7 +64,7 @@ Examples:
 @_options.target_options(
     "DIR",
     "Folder to write to.",
-    force=click.option("--force", is_flag=True, help="Do finished items again, and replace files that exist."),
+    force=click.option("--force", is_flag=True, help="Deblur finished photos again, and replace files that exist."),
     dry_run=True,
 )
 def command(
@@ -80,7 +82,7 @@ def command(
     begin = time.perf_counter()
     items = read_items(source, defaults, target.output, numbered_from=numbered_from)
     if not items:
-        raise InputError(f"{source}: there is nothing to do: no photo is listed")
+        raise InputError(f"{source}: there is nothing to do, because no photo is listed")
     jobs, threads = shared_threads(workers.jobs, options.threads, alone=workers.scheduler is None)
     records = Records(target.output / RECORDS)
     if not target.dry_run:
@@ -105,7 +107,7 @@ def command(
 
 
 class _Batch:
-    """The items on their way through the workers."""
+    """A batch in progress."""
 
     def __init__(self, target: Target, options: Options, changes: PhotoChanges, records: Records) -> None:
         self._target, self._options, self._changes, self._records = target, options, changes, records
@@ -114,7 +116,7 @@ class _Batch:
         self._new_folders: set[Path] = set()
 
     def run(self, items: list[Item], jobs: int, scheduler: str | None) -> list[dict[str, Any]]:
-        """Do what is not done yet and return an entry for each item."""
+        """Deblur the photos that are not done yet, and return an entry for each item."""
         from rsdeblur._util.workers import Failure, run
 
         entries: list[dict[str, Any]] = [self._entry(item) for item in items]
@@ -141,7 +143,7 @@ class _Batch:
         return entries
 
     def _entry(self, item: Item) -> dict[str, Any]:
-        """Return what is known of an item beforehand."""
+        """Return the entry of an item before the work; it has a state if the item needs no work."""
         entry: dict[str, Any] = {"photo": str(item.photo)}
         if item.error is not None:
             return entry | {"state": "failed", "error": item.error}
@@ -166,13 +168,13 @@ class _Batch:
         )
 
     def _tasks(self, items: list[Item], entries: list[dict[str, Any]]) -> Iterator[tuple[int, PhotoJob]]:
-        """Claim and yield the jobs to do."""
+        """Yield the jobs to do, and record that this batch writes their outputs."""
         for i, item in enumerate(items):
             if "state" in entries[i]:
                 continue
             job = self._job(item)
             fingerprint = _fingerprint(job)
-            # What an interrupted run left under this name is this batch's own.
+            # A file that an interrupted run of this batch left under this name may be replaced.
             job = replace(job, force=self._target.force or self._records.claimed(str(item.output), fingerprint))
             if not self._target.dry_run and (job.force or not job.output.exists()):
                 self._records.claim(str(item.output), fingerprint)
@@ -195,15 +197,15 @@ class _Batch:
 
 
 def work(task: tuple[int, PhotoJob]) -> dict[str, Any]:
-    """Do one item, in a worker."""
+    """Deblur one photo, in a worker."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RsdeblurWarning)
         try:
             facts = deblur_photo(task[1])
         except click.ClickException as error:
             raise InputError(error.format_message()) from error
-    said = [str(warning.message) for warning in caught if issubclass(warning.category, RsdeblurWarning)]
-    return facts | {"warnings": said}
+    messages = [str(warning.message) for warning in caught if issubclass(warning.category, RsdeblurWarning)]
+    return facts | {"warnings": messages}
 
 
 def _tidy(task: tuple[int, PhotoJob]) -> None:
@@ -230,9 +232,8 @@ def _write_table(path: Path, entries: list[dict[str, Any]]) -> None:
     from rsdeblur._util.atomic import atomic_write
 
     columns = ("photo", "output", "state", "mode", "bands", "strips", "psf_px", "prior", "nsr", "weight", "seconds")
-    judged = ("verdict", "reasons")
     text = io.StringIO()
-    table = csv.DictWriter(text, (*columns, *judged, "error"), extrasaction="ignore", lineterminator="\n")
+    table = csv.DictWriter(text, (*columns, "verdict", "reasons", "error"), extrasaction="ignore", lineterminator="\n")
     table.writeheader()
     for entry in entries:
         size = {"psf_px": "{}x{}".format(*entry["psf_px"])} if "psf_px" in entry else {}

@@ -1,4 +1,4 @@
-"""`rsdeblur camera`: camera files made, taken over from other programs and shown."""
+"""`rsdeblur camera`: create, import and show camera files."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ class BoxType(click.ParamType[tuple[int, int, int, int]]):
         """Return (left, top, width, height)."""
         match = re.fullmatch(r"(\d+)x(\d+)\+(\d+)\+(\d+)", str(value))
         if match is None:
-            self.fail(f"{value!r} is no part of a picture; write 1920x1080+960+540", param, ctx)
+            self.fail(f"{value!r} is not a part of a picture; write 1920x1080+960+540", param, ctx)
         width, height, left, top = map(int, match.groups())
         return left, top, width, height
 
 
 class NumbersType(click.ParamType[tuple[float, ...]]):
-    """Numbers parted by commas."""
+    """Numbers separated by commas."""
 
     name = "A,B,..."
 
@@ -54,7 +54,7 @@ class NumbersType(click.ParamType[tuple[float, ...]]):
         try:
             return tuple(map(float, str(value).split(",")))
         except ValueError:
-            self.fail(f"{value!r} are no numbers; write 1.5,2,-3", param, ctx)
+            self.fail(f"{value!r} is not a list of numbers; write 1.5,2,-3", param, ctx)
 
 
 SETTINGS: tuple[Callable[[Any], Any], ...] = (
@@ -62,26 +62,26 @@ SETTINGS: tuple[Callable[[Any], Any], ...] = (
     click.option(
         "--readout-direction",
         type=click.Choice(["top-down", "bottom-up", "left-right", "right-left"]),
-        help="How the readout runs over the picture as stored.",
+        help="Direction of the readout in the picture as stored.",
     ),
     click.option(
         "--imu",
         "imu_to_camera",
         metavar="NAME",
-        help="How the gyro sits: phone-portrait, phone-landscape, gyroflow, or an orientation string like YxZ.",
+        help="Axes of the gyro: phone-portrait, phone-landscape, gyroflow, or an orientation string like YxZ.",
     ),
     click.option("--time-offset", type=_options.SecondsType(), help="Camera time minus gyro time."),
     click.option(
         "--timestamp-marks",
         type=click.Choice(["start", "middle", "end"]),
-        help="What the captures' stamps mark: the first row's start of exposure, the middle row's mid-exposure, the "
-        "last row's end.",
+        help="Moment of the timestamps: the start of the first row's exposure, the middle of the middle row's, or the "
+        "end of the last row's.",
     ),
 )
 
 
 def settings(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options that say what calibrations do not."""
+    """Add the options for values that calibration files do not contain."""
     for option in reversed(SETTINGS):
         function = option(function)
     return function
@@ -89,7 +89,7 @@ def settings(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @dataclass(frozen=True, slots=True)
 class Edits:
-    """What was done to the picture of a camera file: resized, then cropped, then turned."""
+    """Changes to the picture of a camera file: it is resized, then cropped, then turned."""
 
     scale: float | None
     crop: tuple[int, int, int, int] | None
@@ -108,15 +108,15 @@ class Edits:
 
 @click.group("camera", epilog=EXAMPLES)
 def command() -> None:
-    """Make camera files, take them over from other programs, and show them."""
+    """Create, import and show camera files."""
 
 
 @command.command("show")
 @click.argument("file", type=_options.PATH)
-@click.option("--name", metavar="CAMERA", help="Which camera of a file with several.")
+@click.option("--name", metavar="CAMERA", help="Name of the camera, if the file has several.")
 @_options.json_option
 def show(file: Path, name: str | None, as_json: bool) -> None:
-    """Say what a camera FILE holds: ours, Gyroflow's, Kalibr's, or a picture's EXIF."""
+    """Show the camera in FILE, which may also be a picture with EXIF."""
     from rsdeblur.io import open_camera
 
     _print_camera(file, open_camera(file, name=name), as_json)
@@ -127,7 +127,9 @@ def show(file: Path, name: str | None, as_json: bool) -> None:
 @click.option("--focal-length", type=NumbersType(), help="Focal length in px, one number or fx,fy.")
 @click.option("--focal35", type=click.FloatRange(min=0, min_open=True), help="Focal length as 35 mm equivalent.")
 @click.option("--principal-point", type=NumbersType(), help="Principal point cx,cy in px.  [default: the middle]")
-@click.option("--distortion-model", type=click.Choice(["none", "radtan", "fisheye"]), help="Model of the lens.")
+@click.option(
+    "--distortion-model", type=click.Choice(["none", "radtan", "fisheye"]), help="Model of the lens distortion."
+)
 @click.option("--distortion", type=NumbersType(), help="Its coefficients: k1,k2,p1,p2[,k3[,k4,k5,k6]] or k1,k2,k3,k4.")
 @settings
 @_options.target_options("TOML", "Camera file to write.")
@@ -136,9 +138,9 @@ def new(
     focal_length: tuple[float, ...] | None,
     focal35: float | None,
     target: Target,
-    **given: Any,
+    **values: Any,
 ) -> None:
-    """Make a camera file from numbers."""
+    """Create a camera file from numbers."""
     from rsdeblur.io.camera_file import CameraFile
     from rsdeblur.io.exif import FILM_DIAGONAL
     from rsdeblur.motion.camera import Camera
@@ -149,17 +151,17 @@ def new(
     length: Any = focal_length[0] if focal_length and len(focal_length) == 1 else focal_length
     if focal35 is not None:
         length = focal35 / FILM_DIAGONAL * (width**2 + height**2) ** 0.5
-    camera = Camera(width, height, length, **{key: value for key, value in given.items() if value is not None})
+    camera = Camera(width, height, length, **{key: value for key, value in values.items() if value is not None})
     _write(camera, target)
     _print_camera(target.output, CameraFile(camera, "toml"), target.as_json)
 
 
 @command.command("import")
 @click.argument("source", type=_options.PATH)
-@click.option("--format", metavar="NAME", help="Format of the file; recognised by its content if left out.")
-@click.option("--name", metavar="CAMERA", help="Which camera of a file with several: cam1.")
-@click.option("--size", type=_options.SizeType(), help="Size of your pictures, if it is another one.")
-@click.option("--fps", type=float, help="Frame rate, where a lens profile has several settings of one size.")
+@click.option("--format", metavar="NAME", help="Format of the file.  [default: recognised by its content]")
+@click.option("--name", metavar="CAMERA", help="Name of the camera, if the file has several: cam1.")
+@click.option("--size", type=_options.SizeType(), help="Size of your pictures, if it is not that of the file.")
+@click.option("--fps", type=float, help="Frame rate, if a lens profile has several settings of one size.")
 @_options.gathered(
     "edits",
     Edits,
@@ -168,7 +170,9 @@ def new(
             "--scale", type=click.FloatRange(min=0, min_open=True), help="Factor by which the picture is resized."
         ),
         click.option("--crop", type=BoxType(), help="Part of the picture that is kept."),
-        click.option("--turn", type=click.IntRange(1, 3), help="Quarter turns clockwise from that picture to yours."),
+        click.option(
+            "--turn", type=click.IntRange(1, 3), help="Number of quarter turns clockwise from that picture to yours."
+        ),
     ),
 )
 @settings
@@ -181,16 +185,17 @@ def import_(
     fps: float | None,
     edits: Edits,
     target: Target,
-    **given: Any,
+    **values: Any,
 ) -> None:
-    """Take a camera over from SOURCE: a lens profile of Gyroflow, a YAML of Kalibr, or a picture's EXIF.
+    """Import a camera from SOURCE and write a camera file.
 
-    The picture is scaled, then cropped, then turned; the other options replace what the file says of the result.
+    SOURCE is a camera file of rsdeblur, a lens profile of Gyroflow, a YAML file of Kalibr, or a picture with an EXIF
+    block. --scale, --crop and --turn are applied in this order; the other options then replace values.
     """
     from rsdeblur.io import open_camera
 
     file = open_camera(source, format, size=size, name=name, fps=fps)
-    file = replace(file, camera=edits.apply(file.camera)).with_overrides(**given)
+    file = replace(file, camera=edits.apply(file.camera)).with_overrides(**values)
     _write(file.camera, target)
     _print_camera(target.output, file, target.as_json)
 

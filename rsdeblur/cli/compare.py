@@ -1,4 +1,4 @@
-"""`rsdeblur compare`: all modes on one picture."""
+"""`rsdeblur compare`: deblur one picture in every mode."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ Examples:
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options
 @_options.solve_options(*_options.BLUR[1:], *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE)
-@click.option("--truth", type=_options.PATH, metavar="FILE", help="The sharp picture, to measure PSNR and SSIM.")
+@click.option("--truth", type=_options.PATH, metavar="FILE", help="Sharp picture, to measure PSNR and SSIM.")
 @_options.target_options("DIR", "Folder to write to.")
 @click.option(
-    "--report", type=_options.PATH, metavar="HTML", help="Also write a page to look at the results in a browser."
+    "--report", type=_options.PATH, metavar="HTML", help="Also write a page that shows the results in a browser."
 )
 def command(
     photo: Path,
@@ -55,11 +55,11 @@ def command(
 ) -> None:
     """Deblur PHOTO in every mode and lay the results side by side.
 
-    Writes to DIR the picture of each mode, side-by-side.png with details enlarged, psfs.png with the kernels where
-    they belong in the picture, and compare.json with times, memory and, given the truth, PSNR and SSIM.
+    Writes to DIR the picture of each mode, side-by-side.png with enlarged details, psfs.png with the kernels at their
+    places in the picture, and compare.json with times, memory and, with --truth, PSNR and SSIM.
 
-    --report writes one page that needs no network: any two pictures under a slider, the kernels over them, the
-    gyroscope's rates with the window of each row, figures band by band, all settings, and what to be wary of.
+    --report writes one page that needs no network. It shows any two pictures under a divider, the kernels over them,
+    the gyroscope's rates with the exposure window of each row, figures for each band, all settings, and warnings.
     """
     output, force = target.output, target.force
     prepare_folder(output, [*output_names(photo), REPORT], force=force)
@@ -82,22 +82,22 @@ def command(
 
 
 def check_page(path: Path, *, force: bool) -> None:
-    """Check before the work that the report's page may be written.
+    """Check that the report's page can be written, before the work.
 
     Raises
     ------
     OutputError
-        If it is not named like a page, or cannot be written, or exists and `force` is not set.
+        If its name is not that of a page, it cannot be written, or it exists and `force` is not set.
     """
     from rsdeblur._util.atomic import check_target
 
     if path.suffix.lower() not in (".html", ".htm"):
-        raise OutputError(f"{path}: the report is a page of HTML; name it like report.html")
+        raise OutputError(f"{path}: the report is an HTML page; give it a name like report.html")
     check_target(path, force=force)
 
 
 def output_names(photo: Path) -> list[str]:
-    """Name the pictures that `compare_modes` writes: lossless, and TIFF where the photo may hold floats."""
+    """Return the names of the pictures that `compare_modes` writes: PNG, or TIFF if the photo may contain floats."""
     suffix = ".tif" if photo.suffix.lower() in (".tif", ".tiff") else ".png"
     return [*(mode + suffix for mode in MODES), SHEET, MAP]
 
@@ -105,12 +105,12 @@ def output_names(photo: Path) -> list[str]:
 def compare_modes(
     photo: Path, recording: Recording, options: Options, *, truth: Path | None, output: Path, force: bool
 ) -> Compared:
-    """Deblur `photo` in every mode, write the pictures into the folder `output` and return what came out."""
+    """Deblur `photo` in every mode, write the pictures into the folder `output` and return the results."""
     inputs = read_inputs(photo, recording)
     picture = inputs.picture
     transfer = transfer_of(picture, options.transfer)
     target = None if truth is None else _read_truth(truth, photo, picture, options.transfer)
-    # A mode that the options exclude is refused before the first one is solved.
+    # Options that a mode does not take are refused before the first mode is solved.
     each_mode = [replace(options, mode=mode, transfer=transfer) for mode in MODES]
 
     from rsdeblur.cli._measure import forget_peak_memory, peak_memory_mib, similarity
@@ -157,8 +157,8 @@ def _read_truth(truth: Path, photo: Path, picture: Picture, transfer: Transfer |
     sharp = read_picture(truth)
     if sharp.pixels.shape != picture.pixels.shape:
         raise InputError(
-            f"{truth}: the true picture has shape {sharp.pixels.shape}, {photo} has {picture.pixels.shape}; "
-            "they must be alike"
+            f"{truth}: the true picture has shape {sharp.pixels.shape}, but {photo} has {picture.pixels.shape}; "
+            "give one of the same size and channels"
         )
     return display_values(unit_range(sharp.pixels), transfer_of(sharp, transfer))
 
@@ -170,8 +170,8 @@ def _draw(
     from rsdeblur.report import psf_map, side_by_side
 
     labels = {
-        mode: "global, one PSF" if mode == "global" else f"{mode}, {found['bands']} x {found['strips']} PSFs"
-        for mode, found in modes.items()
+        mode: "global, one PSF" if mode == "global" else f"{mode}, {facts['bands']} x {facts['strips']} PSFs"
+        for mode, facts in modes.items()
     }
     panels = {labels.get(name, name): values for name, values in shown.items()}
     write_picture(output / SHEET, side_by_side(panels), force=force)
@@ -181,7 +181,7 @@ def _draw(
 
 def print_report(report: dict[str, Any]) -> None:
     """Print the table of modes."""
-    judged = "blurred" in report
+    with_truth = "blurred" in report
     columns = [
         "mode",
         "bands x strips",
@@ -190,28 +190,28 @@ def print_report(report: dict[str, Any]) -> None:
         "apply s",
         "peak MiB",
         "check",
-        *(["PSNR dB", "SSIM"] if judged else []),
+        *(["PSNR dB", "SSIM"] if with_truth else []),
     ]
     rows = []
-    if judged:
+    if with_truth:
         rows.append(["(blurred)", "", "", "", "", "", "", *_similarity_cells(report["blurred"])])
-    for mode, found in report["modes"].items():
-        memory = found["peak_memory_mib"]
+    for mode, facts in report["modes"].items():
+        memory = facts["peak_memory_mib"]
         rows.append(
             [
                 mode,
-                f"{found['bands']} x {found['strips']}",
-                "{} x {}".format(*found["psf_px"]),
-                f"{found['seconds']:.2f}",
-                f"{found['timings']['apply']:.2f}",
+                f"{facts['bands']} x {facts['strips']}",
+                "{} x {}".format(*facts["psf_px"]),
+                f"{facts['seconds']:.2f}",
+                f"{facts['timings']['apply']:.2f}",
                 "-" if memory is None else f"{memory:.0f}",
-                "-" if found["check"] is None else found["check"]["verdict"],
-                *(_similarity_cells(found) if judged else []),
+                "-" if facts["check"] is None else facts["check"]["verdict"],
+                *(_similarity_cells(facts) if with_truth else []),
             ]
         )
     print_table(columns, rows)
 
 
-def _similarity_cells(found: dict[str, Any]) -> list[str]:
-    psnr = found["psnr_db"]
-    return ["inf" if psnr is None else f"{psnr:.2f}", f"{found['ssim']:.3f}"]
+def _similarity_cells(facts: dict[str, Any]) -> list[str]:
+    psnr = facts["psnr_db"]
+    return ["inf" if psnr is None else f"{psnr:.2f}", f"{facts['ssim']:.3f}"]

@@ -1,4 +1,4 @@
-"""`rsdeblur completion`: what makes a shell complete commands, options and file names."""
+"""`rsdeblur completion`: scripts that complete commands, options and file names in a shell."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ Examples:
 @click.command("completion", epilog=EXAMPLES)
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def command(shell: str) -> None:
-    """Print the script that makes SHELL complete rsdeblur's commands, options, choices and file names."""
+    """Print the script for completion in SHELL.
+
+    It completes commands, options, choices and file names.
+    """
     from rsdeblur.cli import main
 
     kind = get_completion_class(shell)

@@ -1,4 +1,4 @@
-"""`rsdeblur deblur`: one sharp picture."""
+"""`rsdeblur deblur`: deblur one picture."""
 
 from __future__ import annotations
 
@@ -72,6 +72,6 @@ def _verdict(check: dict[str, Any] | None) -> str:
     if check is None:
         return ""
     blended = ", blended towards the photo" if check["blended"] else ""
-    # A good result has reasons too where it could not be judged.
+    # A good result has reasons too if a part of it could not be judged.
     reasons = f"\n  {' '.join(check['reasons'])}" if check["reasons"] else ""
     return f"; {check['verdict']}{blended}{reasons}"

@@ -1,4 +1,4 @@
-"""`rsdeblur demo`: the whole chain on a picture and a motion of its own."""
+"""`rsdeblur demo`: simulate a capture and deblur it in every mode."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ READOUT = 0.03  # s, a slow phone sensor
 FOCAL = 1.1  # picture widths: a phone's main camera sees about 50 degrees
 START = 0.25  # s
 LOG = 0.6  # s
-STRENGTH = 0.2  # of a phone shaken on purpose: blur of some thirty px at 1024 px width
+STRENGTH = 0.2  # of a phone shaken on purpose: blurs by about 30 px at a width of 1024 px
 NOISE = 0.01  # standard deviation in linear light: 40 dB
 PRIOR: Prior = "wiener"  # the paper's
 NSR = 0.02
 
-# The scene goes on beyond the frame by this part of its sides, further than the blur reaches.
+# The scene extends beyond the frame by this fraction of its longer side, further than the blur reaches.
 MARGIN = 0.1
 
 REPORT = "demo.json"
@@ -52,10 +52,12 @@ Examples:
     show_default=True,
     help="Size in px.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Scene, shake and noise.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of scene, shake and noise."
+)
 @_options.target_options("DIR", "Folder to write to.")
 def command(size: tuple[int, int], seed: int, target: Target) -> None:
-    """Draw a scene, shake a camera, and deblur in every mode; needs no data.
+    """Simulate a capture and deblur it in every mode; needs no data.
 
     Writes to DIR the sharp and the blurred picture, the gyro log, the camera file, the picture of each mode,
     side-by-side.png, psfs.png and demo.json, and prints the command that deblurs the blurred picture again.
@@ -67,7 +69,7 @@ def command(size: tuple[int, int], seed: int, target: Target) -> None:
     prepare_folder(output, [*(path.name for path in own), *output_names(blurred), REPORT], force=force)
     with progress("simulate"):
         _capture(size, seed, output, force=force)
-    # From here on the demo is a user with files.
+    # From here on, the demo uses the files as a user does.
     recording = Recording(gyro, camera, start=START, duration=EXPOSURE)
     options = Options(prior=PRIOR, nsr=NSR)
     report = compare_modes(blurred, recording, options, truth=rolling, output=output, force=force).report
@@ -80,23 +82,25 @@ def command(size: tuple[int, int], seed: int, target: Target) -> None:
         print_json(report)
     else:
         print_report(report)
-        click.echo(f"\nThe pictures are in {output}; see side-by-side.png. The same from the files:\n")
+        click.echo(
+            f"\nThe pictures are in {output}; see side-by-side.png. This command deblurs the blurred one again:\n"
+        )
         click.echo(f"  {report['command']}")
 
 
 def program() -> list[str]:
     """Return the words that start rsdeblur again from the same folder: its name alone only if the shell finds it."""
-    started = Path(sys.argv[0])
-    if started.name == "__main__.py":
+    script = Path(sys.argv[0])
+    if script.name == "__main__.py":
         return [sys.executable, "-m", "rsdeblur"]
-    found = shutil.which("rsdeblur")
-    if started.stem != "rsdeblur" or (found is not None and os.path.realpath(found) == os.path.realpath(started)):
+    on_path = shutil.which("rsdeblur")
+    if script.stem != "rsdeblur" or (on_path is not None and os.path.realpath(on_path) == os.path.realpath(script)):
         return ["rsdeblur"]
     return [sys.argv[0]]
 
 
 def _capture(size: tuple[int, int], seed: int, output: Path, *, force: bool) -> None:
-    """Take the picture and write everything that a user would have, and the truth."""
+    """Simulate the capture, and write the files that a user would have and the truth."""
     from rsdeblur.image.transfer import from_linear
     from rsdeblur.io.pictures import write_picture
     from rsdeblur.motion.camera import Camera

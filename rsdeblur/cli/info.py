@@ -1,4 +1,4 @@
-"""`rsdeblur info`: what files are and hold."""
+"""`rsdeblur info`: show what files contain."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ Examples:
 @click.argument("files", type=_options.PATH, nargs=-1)
 @click.option("--gyro", type=_options.PATH, metavar="LOG", help="Gyro log, to check the exposures of --capture.")
 @_options.log_options
-@click.option("--camera", type=_options.PATH, metavar="FILE", help="Camera file, likewise.")
-@click.option("--capture", type=_options.PATH, metavar="FILE", help="Metadata file that holds the exposures.")
+@click.option("--camera", type=_options.PATH, metavar="FILE", help="Camera file, for the same check.")
+@click.option("--capture", type=_options.PATH, metavar="FILE", help="Metadata file that contains the exposures.")
 @click.option("--time-offset", type=_options.SecondsType(), help="Camera time minus gyro time; replaces the camera's.")
 @_options.json_option
 def command(
@@ -39,23 +39,24 @@ def command(
     gyro_format: str | None,
     **reading: str | None,
 ) -> None:
-    """Say what FILES are and hold: gyro logs, camera files, capture files, pictures.
+    """Show what FILES contain.
 
-    With --gyro, --camera and --capture together: whether the log covers each exposure.
+    FILES are gyro logs, camera files, capture files or pictures. With --gyro, --camera and --capture, also show whether
+    the log covers each exposure.
     """
     together = [gyro, camera, capture]
     if any(together) and not all(together):
         raise click.UsageError("--gyro, --camera and --capture are needed together", ctx=click.get_current_context())
     if not files and not any(together):
         raise click.UsageError("name a file, or --gyro, --camera and --capture", ctx=click.get_current_context())
-    found = []
+    entries = []
     for entry in _entries(files, gyro, camera, capture, time_offset, {"format": gyro_format} | reading):
-        found.append(entry)
+        entries.append(entry)
         if not as_json:
             print_entry(entry)
     if as_json:
-        print_json(found)
-    reasons = [entry["reason"] for entry in found if "reason" in entry]
+        print_json(entries)
+    reasons = [entry["reason"] for entry in entries if "reason" in entry]
     if reasons:
         raise FileFormatError("; ".join(reasons))
 
@@ -74,7 +75,7 @@ def _entries(
                 raise FileFormatError(f"{path}: there is no such file")
             yield {"file": str(path)} | describe(path, reading)
         except FileFormatError as error:
-            # The other files, of a folder perhaps, are told about nevertheless.
+            # The command describes the other files first and reports the error at its end.
             yield {"file": str(path), "kind": "not understood", "reason": str(error)}
     if gyro and camera and capture:
         coverage = _coverage(gyro, camera, capture, time_offset, reading)

@@ -1,10 +1,10 @@
-"""`rsdeblur preview`: results for shifted clocks, to choose from by eye."""
+"""`rsdeblur preview`: a sheet of results for shifted clocks, to choose from by eye."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -47,11 +47,20 @@ class RegionType(click.ParamType[Region]):
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """Shifts of the gyroscope's clock, s, evenly spaced."""
+    """Evenly spaced shifts of the gyroscope's clock, s."""
 
     first: float
     last: float
     steps: int
+
+
+class Cell(NamedTuple):
+    """A result on the sheet, its shift and time offset in s, and the kernel at the middle of the picture."""
+
+    shift: float
+    time_offset: float
+    picture: NDArray[Any]
+    kernel: NDArray[Any]
 
 
 @click.command("preview", epilog=EXAMPLES)
@@ -69,7 +78,7 @@ class Sweep:
         click.option("--steps", type=click.IntRange(min=1), default=9, show_default=True, help="Number of shifts."),
     ),
 )
-@click.option("--region", type=RegionType(), help="Only this part of the picture, in px.")
+@click.option("--region", type=RegionType(), help="Use only this part of the picture, in px.")
 @click.option("--choose", type=click.IntRange(min=1), metavar="N", help="Write cell N's offset into the camera file.")
 @_options.target_options("OUT", "Contact sheet to write.")
 def command(
@@ -81,50 +90,28 @@ def command(
     choose: int | None,
     target: Target,
 ) -> None:
-    """Deblur PHOTO with the gyroscope's clock shifted in steps, and lay the results out to choose from.
+    """Draw a sheet of results for PHOTO with shifted clocks.
 
-    Every cell has its number, its shift and the kernel in the middle. Shifts count from the camera file's time offset,
-    or from --time-offset; those that the log does not cover are left out.
+    Every cell shows its number, its shift of the gyroscope's clock and the kernel at the middle of the picture. Shifts
+    are relative to the camera file's time offset, or to --time-offset; those that the log does not cover are left out.
     """
-    import numpy as np
-
     from rsdeblur.io.camera_file import write_time_offset
     from rsdeblur.io.pictures import check_writable, write_picture
-    from rsdeblur.pipeline.plan import plan
     from rsdeblur.report import contact_sheet
 
     check_writable(target.output, force=target.force)
-    picture, log, camera, exposure = read_inputs(photo, recording)
-    offset = camera.time_offset
-    pixels = picture.pixels
-    if region is not None:
-        pixels, camera = _cut(pixels, camera, region)
-    transfer = transfer_of(picture, options.transfer)
-    options = replace(options, transfer=transfer, check=False)
-    cells: list[tuple[str, NDArray[Any], NDArray[Any]]] = []
-    listed: list[dict[str, Any]] = []
-    refused: CoverageError | None = None
-    with progress("preview") as move, naming(photo, recording):
-        for i, shift in enumerate(np.linspace(sweep.first, sweep.last, sweep.steps).tolist()):
-            if move is not None:
-                move(f"{1e3 * shift:+.1f} ms", i / sweep.steps)
-            try:
-                moved = replace(camera, time_offset=camera.time_offset + shift)
-                result = plan(log, moved, exposure, options).apply(pixels)
-            except CoverageError as error:
-                refused = error
-                continue
-            bands, strips = (n // 2 for n in result.psfs.kernels.shape[:2])
-            label = f"{len(cells) + 1}: {1e3 * shift:+.1f} ms"
-            shown = display_values(result.image, transfer)
-            cells.append((label, shown, result.psfs.kernels[bands, strips]))
-            listed.append({"cell": len(cells), "shift_s": shift, "time_offset_s": offset + shift})
-        if not cells:
-            raise refused or InputError("there is no shift to show")
-        if choose is not None and choose > len(cells):
-            raise InputError(f"there is no cell {choose}: the sheet has {len(cells)}")
+    cells = _cells(photo, recording, options, sweep, region)
+    if choose is not None and choose > len(cells):
+        raise InputError(f"{photo}: there is no cell {choose}: the sheet has {len(cells)}")
+    labelled = [
+        (f"{number}: {1e3 * cell.shift:+.1f} ms", cell.picture, cell.kernel) for number, cell in enumerate(cells, 1)
+    ]
     marked = None if choose is None else choose - 1
-    write_picture(target.output, contact_sheet(cells, marked=marked), force=target.force)
+    write_picture(target.output, contact_sheet(labelled, marked=marked), force=target.force)
+    listed = [
+        {"cell": number, "shift_s": cell.shift, "time_offset_s": cell.time_offset}
+        for number, cell in enumerate(cells, 1)
+    ]
     chosen = None if choose is None else listed[choose - 1]
     if chosen is not None:
         write_time_offset(recording.camera, chosen["time_offset_s"])
@@ -136,6 +123,37 @@ def command(
     )
     if chosen is not None:
         click.echo(f"{recording.camera}: time_offset = {1e3 * chosen['time_offset_s']:.2f} ms")
+
+
+def _cells(photo: Path, recording: Recording, options: Options, sweep: Sweep, region: Region | None) -> list[Cell]:
+    """Deblur the photo, or a region of it, with every shift that the log covers."""
+    import numpy as np
+
+    from rsdeblur.pipeline.plan import plan
+
+    picture, log, camera, exposure = read_inputs(photo, recording)
+    offset, pixels = camera.time_offset, picture.pixels
+    if region is not None:
+        pixels, camera = _cut(pixels, camera, region)
+    transfer = transfer_of(picture, options.transfer)
+    options = replace(options, transfer=transfer, check=False)
+    cells: list[Cell] = []
+    error: CoverageError | None = None
+    with progress("preview") as move, naming(photo, recording):
+        for i, shift in enumerate(np.linspace(sweep.first, sweep.last, sweep.steps).tolist()):
+            if move is not None:
+                move(f"{1e3 * shift:+.1f} ms", i / sweep.steps)
+            try:
+                result = plan(log, camera.delayed(shift), exposure, options).apply(pixels)
+            except CoverageError as uncovered:
+                error = uncovered
+                continue
+            bands, strips = (n // 2 for n in result.psfs.kernels.shape[:2])
+            shown = display_values(result.image, transfer)
+            cells.append(Cell(shift, offset + shift, shown, result.psfs.kernels[bands, strips]))
+        if error is not None and not cells:
+            raise error
+    return cells
 
 
 def _cut(pixels: NDArray[Any], camera: Camera, region: Region) -> tuple[NDArray[Any], Camera]:

@@ -1,4 +1,4 @@
-"""`rsdeblur psf`: the kernels of an exposure, drawn and saved."""
+"""`rsdeblur psf`: draw and save the kernels of an exposure."""
 
 from __future__ import annotations
 
@@ -27,8 +27,10 @@ Examples:
 @click.command("psf", epilog=EXAMPLES)
 @_options.recording_options
 @_options.solve_options(*_options.BLUR, "nsr")
-@click.option("-o", "--output", type=_options.PATH, metavar="PNG", help="Draw the kernels where they belong.")
-@click.option("--picture", "photo", type=_options.PATH, metavar="PHOTO", help="Show this picture below the kernels.")
+@click.option(
+    "-o", "--output", type=_options.PATH, metavar="PNG", help="Draw the kernels at their places in the picture."
+)
+@click.option("--picture", "photo", type=_options.PATH, metavar="PHOTO", help="Draw the kernels over this picture.")
 @click.option("--bank", type=_options.PATH, metavar="NPZ", help="Save the kernels and their places.")
 @_options.force_option
 @_options.json_option
@@ -41,9 +43,9 @@ def command(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Compute the kernels that `deblur` would undo; no picture is needed.
+    """Compute the blur kernels of an exposure; needs no picture.
 
-    The automatic number of bands follows --nsr, which is 0.01 here if it is auto.
+    `deblur` undoes the same kernels. The automatic number of bands depends on --nsr; auto means 0.01 here.
     """
     from rsdeblur._util.atomic import check_target
     from rsdeblur.io.pictures import check_writable, write_picture

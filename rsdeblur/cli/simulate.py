@@ -1,4 +1,4 @@
-"""`rsdeblur simulate`: a blurred picture made from a sharp one."""
+"""`rsdeblur simulate`: blur a sharp picture."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ Examples:
     type=click.FloatRange(min=0.0),
     default=0.0,
     show_default=True,
-    help="Standard deviation of the noise in linear light, of the range 0 to 1.",
+    help="Standard deviation of the noise, in linear light from 0 to 1.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Chooses the noise.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the noise.")
 @click.option("--bits", type=click.Choice(["8", "16"]), default="8", show_default=True, help="Bits per channel.")
 @_options.target_options("DIR", "Folder to write to.")
 def command(
@@ -48,9 +48,9 @@ def command(
 ) -> None:
     """Blur SHARP as a shaking rolling-shutter camera would.
 
-    The camera's picture is the middle of SHARP, which may be larger so that the scene goes on beyond the frame. Writes
-    to DIR blurred.png and two sharp references: rectified.png (all rows seen at one time, the truth for --geometry
-    rectify) and rolling.png (each row at its own time, the truth for --geometry keep).
+    The camera's picture is the middle of SHARP, which may be larger, so that the scene extends beyond the frame. Writes
+    to DIR blurred.png and two sharp references: rectified.png (all rows at one time, the truth for --geometry rectify)
+    and rolling.png (each row at its own time, the truth for --geometry keep).
     """
     names = ("blurred", "rectified", "rolling")
     paths = [target.output / f"{name}.png" for name in names]
@@ -62,7 +62,7 @@ def command(
     from rsdeblur.simulation.simulate import simulate
 
     encoding = transfer_of(picture, transfer)
-    # PNG is looked at, so light is encoded for it.
+    # PNG files are for display, so linear light is encoded.
     written: Transfer = "srgb" if encoding == "linear" else encoding
     light = to_linear(unit_range(picture.pixels), encoding)
     with progress("simulate"), naming(sharp, recording):

@@ -1,4 +1,4 @@
-"""`rsdeblur sync`: the clock offset, found in the picture."""
+"""`rsdeblur sync`: estimate the clock offset from the blur of a picture."""
 
 from __future__ import annotations
 
@@ -29,15 +29,16 @@ Examples:
 @_options.transfer_option
 @click.option("--from", "first", type=_options.SecondsType(), default=-0.06, help="First shift.  [default: -60ms]")
 @click.option("--to", "last", type=_options.SecondsType(), default=0.06, help="Last shift.  [default: 60ms]")
-@click.option("--write", is_flag=True, help="Write the time offset, if one is found, into the camera file.")
+@click.option("--write", is_flag=True, help="Write the time offset into the camera file.")
 @_options.json_option
 def command(
     photo: Path, recording: Recording, transfer: Transfer | Auto, first: float, last: float, write: bool, as_json: bool
 ) -> None:
-    """Find the time offset between the gyroscope's clock and the camera's from the blur in PHOTO.
+    """Estimate the clocks' time offset from the blur in PHOTO.
 
-    Shifts count from the camera file's time offset, or from --time-offset. Exit code 1 says that the picture cannot
-    tell: take one with more blur, and with motion that changes.
+    The time offset is camera time minus gyro time. Shifts are relative to the camera file's time offset, or to
+    --time-offset. Exit code 1 means that the picture does not determine the offset: use one with more blur, and with
+    motion that changes.
     """
     from rsdeblur.errors import InputError
     from rsdeblur.estimate.time_offset import find_time_offset
@@ -45,7 +46,7 @@ def command(
 
     picture, log, camera, exposure = read_inputs(photo, recording)
     with progress("sync") as move, naming(photo, recording):
-        found = find_time_offset(
+        result = find_time_offset(
             picture.pixels,
             log,
             camera,
@@ -54,26 +55,26 @@ def command(
             transfer=transfer_of(picture, transfer),
             progress=move,
         )
-    written = write and found.time_offset is not None
-    if written and found.time_offset is not None:
-        write_time_offset(recording.camera, found.time_offset)
+    is_written = write and result.time_offset is not None
+    if is_written and result.time_offset is not None:
+        write_time_offset(recording.camera, result.time_offset)
     if as_json:
         print_json(
             {
-                "time_offset_s": found.time_offset,
-                "best_s": found.best,
-                "confidence": found.confidence,
-                "reason": found.reason,
-                "written": str(recording.camera) if written else None,
-                "offsets_s": found.offsets.tolist(),
-                "scores": found.scores.tolist(),
+                "time_offset_s": result.time_offset,
+                "best_s": result.best,
+                "confidence": result.confidence,
+                "reason": result.reason,
+                "written": str(recording.camera) if is_written else None,
+                "offsets_s": result.offsets.tolist(),
+                "scores": result.scores.tolist(),
             }
         )
-    if found.time_offset is None:
+    if result.time_offset is None:
         raise InputError(
-            f"{photo}: cannot tell the time offset: {found.reason} "
-            f"(likeliest {1e3 * found.best:.1f} ms, confidence {found.confidence:.2f})"
+            f"{photo}: the picture does not determine the time offset: {result.reason} "
+            f"(likeliest {1e3 * result.best:.1f} ms, confidence {result.confidence:.2f})"
         )
     if not as_json:
-        place = f"; written to {recording.camera}" if written else ""
-        click.echo(f"time offset {1e3 * found.time_offset:.1f} ms, confidence {found.confidence:.2f}{place}")
+        place = f"; written to {recording.camera}" if is_written else ""
+        click.echo(f"time offset {1e3 * result.time_offset:.1f} ms, confidence {result.confidence:.2f}{place}")

@@ -1,4 +1,4 @@
-"""`rsdeblur video`: every frame of a video."""
+"""`rsdeblur video`: deblur every frame of a video."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ Examples:
 
 @dataclass(frozen=True, slots=True)
 class Encode:
-    """How the video is encoded."""
+    """Options of the encoder."""
 
     codec: str | None
     crf: int
@@ -52,21 +52,25 @@ class Encode:
     "encode",
     Encode,
     (
-        click.option("--codec", metavar="NAME", help="FFmpeg's encoder, like libx265.  [default: as in VIDEO]"),
+        click.option("--codec", metavar="NAME", help="Encoder of FFmpeg, like libx265.  [default: as VIDEO]"),
         click.option(
-            "--crf", type=click.IntRange(0, 63), default=17, show_default=True, help="Lower is better and larger."
+            "--crf",
+            type=click.IntRange(0, 63),
+            default=17,
+            show_default=True,
+            help="Quality of the encoding: a lower value is better, and makes a larger file.",
         ),
         click.option(
             "--segment",
             type=click.IntRange(min=1),
             default=32,
             show_default=True,
-            help="Frames that are encoded together.",
+            help="Number of frames that are encoded together.",
         ),
     ),
 )
 @jobs_option
-@_options.target_options("OUT", "Video: .mp4 .mov .mkv .webm.", dry_run=True)
+@_options.target_options("OUT", "Video to write: .mp4, .mov, .mkv or .webm.", dry_run=True)
 def command(
     source: Path,
     recording: Recording,
@@ -75,10 +79,11 @@ def command(
     jobs: int | None,
     target: Target,
 ) -> None:
-    """Deblur every frame of VIDEO with its own exposure window; sound, timing, rotation and colour tags are kept.
+    """Deblur every frame of VIDEO with its own exposure window.
 
-    When a frame was exposed is told by --capture, or by the video's own stamps, counted from --start. Frames that the
-    log does not describe are kept as they are. Interrupted, it goes on where it stopped when started again.
+    Sound, timing, rotation and colour tags are kept. The times of the exposures come from --capture, or from the
+    timestamps in the video, counted from --start. Frames that the log does not cover are kept as they are. After an
+    interrupt, the same command continues where it stopped.
     """
     from rsdeblur.video.clip import open_clip
     from rsdeblur.video.plan import plan_clip
@@ -99,7 +104,7 @@ def command(
         facts = _facts(plan, encoding, output) | {"kept": sum(reason is not None for reason in plan.reasons)}
         _warn(source, plan.reasons)
         if not target.dry_run:
-            with _telling_of_parts(output):
+            with _report_of_parts(output):
                 result = deblur_video(
                     plan,
                     output,
@@ -117,7 +122,8 @@ def command(
 
 
 @contextmanager
-def _telling_of_parts(output: Path) -> Iterator[None]:
+def _report_of_parts(output: Path) -> Iterator[None]:
+    """Say after an error or an interrupt where the finished parts are."""
     from rsdeblur.video.run import parts_folder
 
     try:
@@ -125,16 +131,16 @@ def _telling_of_parts(output: Path) -> Iterator[None]:
     except BaseException:
         folder = parts_folder(output)
         if any(folder.glob("*.mkv")):
-            click.echo(f"rsdeblur: finished parts are in {folder}; the same command goes on from there", err=True)
+            click.echo(f"rsdeblur: finished parts are in {folder}; the same command continues from there", err=True)
         raise
 
 
 def _exposures(clip: Clip, recording: Recording) -> list[Exposure]:
     from rsdeblur.video.times import exposures_from_captures, exposures_from_stamps
 
-    given = [name for name in ("capture", "start", "start_ns") if getattr(recording, name) is not None]
-    if len(given) > 1:
-        options = " and ".join("--" + name.replace("_", "-") for name in given)
+    starts = [name for name in ("capture", "start", "start_ns") if getattr(recording, name) is not None]
+    if len(starts) > 1:
+        options = " and ".join("--" + name.replace("_", "-") for name in starts)
         raise click.UsageError(f"{options} exclude each other", ctx=click.get_current_context())
     if recording.capture is not None:
         return exposures_from_captures(clip, recording.capture, duration=recording.duration)
@@ -183,6 +189,6 @@ def _print(source: Path, output: Path, facts: dict[str, Any], dry_run: bool) -> 
         click.echo(f"{source}: {facts['frames']} frames, {facts['span_s']:.2f} s, all inputs fit; would write {output}")
         click.echo(f"  {how}")
         return
-    resumed = f", {facts['resumed']} of {facts['segments']} segments from before" if facts["resumed"] else ""
+    resumed = f", {facts['resumed']} of {facts['segments']} segments from an earlier run" if facts["resumed"] else ""
     dropped = f"; left out: {', '.join(facts['dropped'])}" if facts["dropped"] else ""
     click.echo(f"{output}: {facts['frames']} frames, {how}, {facts['seconds']:.1f} s{resumed}{dropped}")

@@ -126,7 +126,7 @@ class Options:
 
     @property
     def solver_border(self) -> Border:
-        """How the solver itself continues the picture beyond its frame."""
+        """The continuation of the picture beyond its frame that the solver is planned with."""
         return self.border if self.border == "blend" else "periodic"
 
     @property

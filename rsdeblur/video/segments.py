@@ -40,7 +40,7 @@ CONTAINER = "matroska"
 
 @dataclass(frozen=True, slots=True)
 class Encoding:
-    """How frames are encoded.
+    """Encoding of the frames.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A small capture as a user has it: files in a folder."""
+"""A small capture as files in a folder, and functions that run commands on it."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def files(tmp_path: Path) -> Files:
 
 
 def run_command(*arguments: object) -> Result:
-    """Run the command line; a bug's traceback fails the test."""
+    """Run the command line; any exception fails the test."""
     return CliRunner().invoke(main, [str(argument) for argument in arguments], catch_exceptions=False)
 
 
@@ -84,7 +84,7 @@ def run() -> Callable[..., Result]:
 
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Do the work in this process, which need not start."""
+    """Work in this process, which saves the start of workers."""
 
     def run(work: Any, tasks: Any, **_: object) -> Iterator[Any]:
         for task in tasks:
@@ -95,7 +95,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @contextmanager
 def started(*arguments: object) -> Iterator[subprocess.Popen[str]]:
-    """Run a command in a process group of its own."""
+    """Start a command in a separate process group."""
     command = [sys.executable, "-P", "-m", "rsdeblur", *map(str, arguments)]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen(command, **pipes, text=True, start_new_session=True) as process:
@@ -105,9 +105,9 @@ def started(*arguments: object) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
-def until(process: subprocess.Popen[str], found: Callable[[], object]) -> None:
-    """Wait for what `found` finds while the process runs."""
-    while not found():
+def until(process: subprocess.Popen[str], condition: Callable[[], object]) -> None:
+    """Wait until the condition holds; fail if the process ends before."""
+    while not condition():
         assert process.poll() is None, process.communicate()
         time.sleep(0.002)
 
@@ -117,7 +117,7 @@ def kill_worker(process: subprocess.Popen[str]) -> None:
 
     def workers() -> list[int]:
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-        # Not the helper that multiprocessing starts too.
+        # multiprocessing starts another process, which is no worker.
         return [int(pid) for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
 
     until(process, workers)
@@ -134,7 +134,7 @@ class Processes(NamedTuple):
 
 @pytest.fixture
 def processes() -> Processes:
-    """Commands in processes of their own, whose workers can be killed."""
+    """Return functions that start commands in separate processes and kill their workers."""
     if not Path("/proc/self/task").exists():
         pytest.skip("needs /proc to find the workers")
     return Processes()

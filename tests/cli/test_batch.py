@@ -32,7 +32,7 @@ FAST = ("--mode", "global", "--prior", "wiener", "--nsr", "0.01", "--jobs", "1")
 
 @pytest.fixture
 def manifest(files: Files) -> Path:
-    """Three good photos, a missing one and one at a time beyond the log; spreadsheet spelling."""
+    """Three good photos, a missing one and one exposed after the end of the log, as a spreadsheet writes them."""
     folder = files.photo.parent
     shutil.copy(files.photo, folder / "other.png")
     path = folder / "manifest.csv"
@@ -49,7 +49,7 @@ def manifest(files: Files) -> Path:
 
 
 def entries(run: Run, *arguments: object, code: int = 0) -> list[dict[str, Any]]:
-    """Run a batch and return what it tells of each item."""
+    """Run a batch and return its entry of each item."""
     result = run("batch", *arguments, *FAST, "--json")
     assert result.exit_code == code, result.output
     items: list[dict[str, Any]] = json.loads(result.stdout)["items"]
@@ -82,7 +82,7 @@ def test_failures_are_listed_and_stop_nothing(run: Run, files: Files, manifest: 
 
 
 @pytest.mark.usefixtures("here")
-def test_an_item_is_what_deblur_makes_of_it(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
+def test_an_item_equals_the_result_of_deblur(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
     run("batch", manifest, *files.sources, *FAST, "-o", tmp_path / "out")
     one = run("deblur", files.photo, *files.recording, *FAST[:-2], "-o", tmp_path / "one.png")
     assert one.exit_code == 0
@@ -138,7 +138,7 @@ def test_results_of_other_settings_are_not_replaced(run: Run, files: Files, mani
 
 @pytest.mark.usefixtures("here")
 def test_a_result_without_its_record_is_made_again(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
-    # As after an interrupt between the picture and the record: the item is claimed, but not finished.
+    # As after an interrupt between the picture and the record: the item is claimed but not finished.
     out = tmp_path / "out"
     call = (manifest, *files.sources, "-o", out)
     entries(run, *call, code=SOME_FAILED)
@@ -147,7 +147,7 @@ def test_a_result_without_its_record_is_made_again(run: Run, files: Files, manif
         record.pop("facts", None)
         path.write_text(json.dumps(record))
     assert states(entries(run, *call, code=SOME_FAILED)) == "done done done failed failed"
-    # A file of somebody else stays.
+    # Without records, the files may be another program's and stay.
     shutil.rmtree(out / ".rsdeblur-batch")
     (out / "batch.csv").unlink()
     (out / "batch.json").unlink()
@@ -169,7 +169,7 @@ def test_dry_run_writes_nothing(run: Run, files: Files, manifest: Path, tmp_path
 
 
 @pytest.mark.parametrize(
-    ("lines", "said"),
+    ("lines", "message"),
     [
         ("", "manifest is empty"),
         ("photo,foo\na.png,1", "line 1: unknown column 'foo'"),
@@ -177,20 +177,20 @@ def test_dry_run_writes_nothing(run: Run, files: Files, manifest: Path, tmp_path
         ("photo,start,Start\n", "line 1: the column start occurs 2 times"),
         ("photo,readout,readout_time\n", "line 1: the column readout_time occurs 2 times"),
         ("photo\n", "nothing to do"),
-        (b"photo\n\xff.png", "no UTF-8 text"),
+        (b"photo\n\xff.png", "not UTF-8 text"),
     ],
 )
-def test_bad_manifests(run: Run, tmp_path: Path, lines: str | bytes, said: str) -> None:
+def test_bad_manifests(run: Run, tmp_path: Path, lines: str | bytes, message: str) -> None:
     path = tmp_path / "m.csv"
     path.write_bytes(lines if isinstance(lines, bytes) else lines.encode())
     result = run("batch", path, "-o", tmp_path / "out")
     assert result.exit_code == 1
-    assert said in result.stderr
+    assert message in result.stderr
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
-    ("row", "said"),
+    ("row", "message"),
     [
         ("photo.png,x,1", "line 2: index: 'x' is not a whole number"),
         ("photo.png,1,soon", "line 2: start: 'soon' is not a time"),
@@ -200,11 +200,11 @@ def test_bad_manifests(run: Run, tmp_path: Path, lines: str | bytes, said: str) 
     ],
 )
 @pytest.mark.usefixtures("here")
-def test_bad_rows(run: Run, files: Files, tmp_path: Path, row: str, said: str) -> None:
+def test_bad_rows(run: Run, files: Files, tmp_path: Path, row: str, message: str) -> None:
     path = tmp_path / "m.csv"
     path.write_text(f"photo,index,start\n{row}\n")
     (item,) = entries(run, path, *files.sources, "-o", tmp_path / "out", code=SOME_FAILED)
-    assert said in item["error"]
+    assert message in item["error"]
 
 
 @pytest.mark.usefixtures("here")
@@ -258,7 +258,7 @@ def test_a_log_is_read_once_unless_it_changes(files: Files) -> None:
     samples = files.samples()
     samples[5] = samples[4]
     files.write_gyro(samples)
-    # What is wrong with it is said of every photo.
+    # The warning is repeated for every photo.
     for _ in range(2):
         with pytest.warns(RsdeblurWarning, match="1 repeated samples were dropped"):
             assert len(read_device(recording)[0]) == len(log) - 1
@@ -267,7 +267,7 @@ def test_a_log_is_read_once_unless_it_changes(files: Files) -> None:
 @pytest.mark.usefixtures("here")
 def test_no_log_named(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
     found = entries(run, manifest, "--camera", files.camera, "-o", tmp_path / "out", code=SOME_FAILED)
-    assert "give it in the column gyro or by --gyro" in found[0]["error"]
+    assert "give it in the column gyro or with --gyro" in found[0]["error"]
 
 
 def test_a_killed_worker_is_retried(processes: Processes, files: Files, tmp_path: Path) -> None:
@@ -290,7 +290,7 @@ def test_interrupt_leaves_nothing_unfinished(
     out, path = tmp_path / "out", tmp_path / "m.csv"
     path.write_text("photo,start,duration,output\n" + "".join(f"photo.png,0.2,0.04,{i}.png\n" for i in range(200)))
     with processes.started("batch", path, *files.sources, *FAST, "-o", out) as process:
-        # A picture stands there before its record does; whoever makes the fourth has finished another one.
+        # A picture is written before its record, so with four pictures at least one record is complete.
         processes.until(process, lambda: len(list(out.glob("*.png"))) > 3)
         os.killpg(process.pid, signal.SIGINT)
         _, stderr = process.communicate()
@@ -354,13 +354,13 @@ def test_opencamera_session(run: Run, files: Files, tmp_path: Path) -> None:
     one = run("deblur", files.photo, *files.recording, *FAST[:-2], "-o", tmp_path / "one.png")
     assert one.exit_code == 0
     assert Path(item["output"]).read_bytes() == (tmp_path / "one.png").read_bytes()
-    # The exposure time is nowhere in the folder.
+    # The folder does not contain the exposure time.
     (item,) = entries(run, folder, "-o", tmp_path / "out2", code=SOME_FAILED)
     assert "give the exposure time" in item["error"]
 
 
 @pytest.mark.usefixtures("here")
-def test_ambiguous_numbers_are_asked_for(run: Run, files: Files, tmp_path: Path) -> None:
+def test_ambiguous_numbers_need_an_option(run: Run, files: Files, tmp_path: Path) -> None:
     folder = tmp_path / "session"
     folder.mkdir()
     shutil.copy(files.gyro, folder / "gyro.csv")
@@ -370,11 +370,11 @@ def test_ambiguous_numbers_are_asked_for(run: Run, files: Files, tmp_path: Path)
     (item,) = entries(run, *call, code=SOME_FAILED)
     assert "give --numbered-from 0 or 1" in item["error"]
     assert states(entries(run, *call, "--numbered-from", "1")) == "done"
-    for name, said in (("2.png", "no photo"), ("frames.csv", "no capture file"), ("gyro.csv", "no gyro log")):
+    for name, message in (("2.png", "no photo"), ("frames.csv", "no capture file"), ("gyro.csv", "no gyro log")):
         (folder / name).unlink()
         result = run("batch", *call)
         assert result.exit_code == 1
-        assert said in result.stderr
+        assert message in result.stderr
 
 
 def test_completion(run: Run) -> None:

@@ -1,4 +1,4 @@
-"""Camera files and what the commands conclude from them: made, imported, shown, doubted."""
+"""Camera files: the commands create, import and show them, and warn about doubtful ones."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rsdeblur.motion.axes import imu_to_camera
 if TYPE_CHECKING:
     from conftest import Files
 
-# Those of the fixture `files`.
+# Values of the fixture `files`.
 START, DURATION = 0.2, 0.04
 
 Run = Callable[..., Result]
@@ -69,7 +69,7 @@ def test_import_scales_crops_and_turns(run: Run, tmp_path: Path) -> None:
     assert run("camera", "import", source, "--crop", "all", "-o", out, "--force").exit_code == 2
 
 
-def test_what_is_given_is_no_longer_doubted(run: Run, files: Files, tmp_path: Path) -> None:
+def test_options_replace_assumptions_without_a_warning(run: Run, files: Files, tmp_path: Path) -> None:
     profile = tmp_path / "profile.json"
     lens = {"camera_matrix": [[110, 0, 48], [0, 110, 36], [0, 0, 1]], "distortion_coeffs": [0, 0, 0, 0]}
     profile.write_text(json.dumps({"calib_dimension": {"w": 96, "h": 72}, "fisheye_params": lens}))
@@ -89,7 +89,7 @@ def test_show(run: Run, files: Files, tmp_path: Path) -> None:
     assert (result.exit_code, "none.toml: cannot read the camera file" in result.stderr) == (1, True)
 
 
-def test_axes_that_cannot_be_are_doubted(run: Run, files: Files, tmp_path: Path) -> None:
+def test_impossible_axes_cause_a_warning(run: Run, files: Files, tmp_path: Path) -> None:
     samples = files.samples()
     rows = [f"{round(1e9 * t)},{x},{y},{z}" for t, x, y, z in samples.tolist()]
     files.gyro.write_text("\n".join(["Timestamp[nanosec],gx[rad/s],gy[rad/s],gz[rad/s]", *rows]) + "\n")
@@ -109,13 +109,13 @@ def test_the_exposure_time_may_come_from_exif(run: Run, files: Files, tmp_path: 
         exif[0x010F] = "Maker"
         exif.get_ifd(0x8769)[0x829A] = DURATION
         image.save(files.photo, exif=exif)
-    given = run("deblur", files.photo, *files.recording, "-o", tmp_path / "given.png")
-    told = run("deblur", files.photo, *files.sources, "--start", START, "-o", tmp_path / "told.png")
+    explicit = run("deblur", files.photo, *files.recording, "-o", tmp_path / "explicit.png")
+    from_exif = run("deblur", files.photo, *files.sources, "--start", START, "-o", tmp_path / "from_exif.png")
     stamps = tmp_path / "stamps.csv"
     stamps.write_text(f"{round(1e9 * START)}\n")
     listed = run("deblur", files.photo, *files.sources, "--capture", stamps, "-o", tmp_path / "listed.png")
-    assert (given.exit_code, told.exit_code, listed.exit_code) == (0, 0, 0), told.stderr + listed.stderr
-    pixels = [np.asarray(Image.open(tmp_path / f"{name}.png")) for name in ("given", "told", "listed")]
+    assert (explicit.exit_code, from_exif.exit_code, listed.exit_code) == (0, 0, 0), from_exif.stderr + listed.stderr
+    pixels = [np.asarray(Image.open(tmp_path / f"{name}.png")) for name in ("explicit", "from_exif", "listed")]
     np.testing.assert_array_equal(pixels[0], pixels[1])
     np.testing.assert_array_equal(pixels[0], pixels[2])
 
@@ -130,7 +130,7 @@ def test_units_are_declared(run: Run, files: Files, tmp_path: Path) -> None:
     np.testing.assert_allclose(rms[0], rms[1], atol=1e-6)
 
 
-def test_info_tells_stamps(run: Run, tmp_path: Path) -> None:
+def test_info_shows_stamps(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "timestamps.csv"
     path.write_text("195476361410000\n195476395191000\n")
     (entry,) = json.loads(run("info", path, "--json").stdout)

@@ -34,7 +34,7 @@ def test_deblur_writes_the_picture_and_one_line(run: Run, files: Files, tmp_path
     result = run("deblur", files.photo, *files.recording, "-o", out)
     assert result.exit_code == 0, result.stderr
     assert result.stderr == ""
-    # No reasons, or a line for each below.
+    # No reasons, or one line with reasons.
     assert all(line.startswith("  ") for line in result.stdout.splitlines()[1:])
     assert "banded" in result.stdout
     with Image.open(out) as picture:
@@ -181,7 +181,7 @@ def test_simulate_writes_three_pictures(run: Run, files: Files, tmp_path: Path) 
     assert np.abs(difference).max() <= 1.0
 
 
-def test_info_tells_the_kinds_apart(run: Run, files: Files) -> None:
+def test_info_recognises_the_kinds(run: Run, files: Files) -> None:
     result = run("info", *files, "--json")
     assert result.exit_code == 0, result.stderr
     picture, gyro, camera, captures = json.loads(result.stdout)
@@ -261,7 +261,7 @@ def test_sync_refuses_to_guess(run, files):
     before = files.camera.read_text()
     result = run("sync", files.photo, *files.recording, "--from", "-20ms", "--to", "20ms", "--write", "--json")
     assert result.exit_code == 1
-    assert "cannot tell the time offset" in result.stderr
+    assert "does not determine the time offset" in result.stderr
     assert json.loads(result.stdout)["time_offset_s"] is None
     assert files.camera.read_text() == before
 

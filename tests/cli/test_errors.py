@@ -22,7 +22,7 @@ START, DURATION = 0.2, 0.04
 
 
 def refused(result: Result, *words: object) -> None:
-    """Check that a command ended with one line of error that holds `words`."""
+    """Check that a command ended with one line of error that contains `words`."""
     assert result.exit_code == 1, result.output
     errors = [line for line in result.stderr.splitlines() if not line.startswith("rsdeblur: warning: ")]
     assert len(errors) == 1, result.stderr
@@ -194,7 +194,7 @@ def test_exposure_must_be_given_once(run: Run, files: Files, tmp_path: Path) -> 
 
 def test_capture_out_of_range(run: Run, files: Files, tmp_path: Path) -> None:
     arguments = [*files.sources, "--capture", files.captures, "--index", 7]
-    refused(run("deblur", files.photo, *arguments, "-o", tmp_path / "o.png"), files.captures, f"holds {3}")
+    refused(run("deblur", files.photo, *arguments, "-o", tmp_path / "o.png"), files.captures, "contains 3")
 
 
 def test_nothing_is_overwritten_without_force(run: Run, files: Files, tmp_path: Path) -> None:
@@ -207,7 +207,7 @@ def test_nothing_is_overwritten_without_force(run: Run, files: Files, tmp_path: 
     page = ["compare", tmp_path / "none.png", *files.recording, "-o", folder, "--report"]
     (tmp_path / "r.html").write_bytes(b"precious")
     refused(run(*page, tmp_path / "r.html"), tmp_path / "r.html", "--force")
-    refused(run(*page, tmp_path / "r.pdf"), tmp_path / "r.pdf", "page of HTML")
+    refused(run(*page, tmp_path / "r.pdf"), tmp_path / "r.pdf", "HTML page")
     assert out.read_bytes() == b"precious"
     assert run("deblur", files.photo, *files.recording, "--force", "-o", out).exit_code == 0
     assert out.read_bytes() != b"precious"
@@ -254,7 +254,7 @@ def test_psf_picture_of_another_size(run: Run, files: Files, tmp_path: Path) -> 
     refused(run("psf", *files.recording, "--picture", files.photo, "-o", tmp_path / "p.png"), files.photo)
 
 
-def test_info_on_what_is_nothing(run: Run, files: Files, tmp_path: Path) -> None:
+def test_info_on_unknown_files(run: Run, files: Files, tmp_path: Path) -> None:
     strange = tmp_path / "strange.bin"
     strange.write_bytes(bytes(range(256)) * 8)
     refused(run("info", strange), strange)

@@ -16,7 +16,7 @@ HEAVY = ("numpy", "scipy", "numba", "pyfftw", "skimage", "PIL", "rich")
 
 
 def import_error_of(cause: BaseException) -> ImportError:
-    """What a compiled module raises when something else happens while it starts."""
+    """Return the error of a compiled module whose import another error interrupts."""
     error = ImportError("initialization failed")
     error.__cause__ = cause
     return error
@@ -56,7 +56,7 @@ def test_version() -> None:
 
 
 @pytest.mark.parametrize(
-    ("raised", "code", "said"),
+    ("raised", "code", "message"),
     [
         (KeyboardInterrupt(), 130, "rsdeblur: interrupted"),
         (import_error_of(KeyboardInterrupt()), 130, "rsdeblur: interrupted"),
@@ -65,7 +65,7 @@ def test_version() -> None:
     ],
 )
 def test_no_traceback(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: object, raised: BaseException, code: int, said: str
+    monkeypatch: pytest.MonkeyPatch, tmp_path: object, raised: BaseException, code: int, message: str
 ) -> None:
     def fail(_: object) -> None:
         raise raised
@@ -75,5 +75,5 @@ def test_no_traceback(
     with open(picture, "wb"):
         result = CliRunner().invoke(main, ["info", picture])
     assert result.exit_code == code
-    assert result.stderr.startswith(said)
+    assert result.stderr.startswith(message)
     assert len(result.stderr.splitlines()) == 1

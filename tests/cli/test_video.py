@@ -1,4 +1,4 @@
-"""`rsdeblur video`: sharper than before, everything else kept, goes on after an interrupt."""
+"""`rsdeblur video`: frames get sharper, everything else is kept, and an interrupted run continues."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ WIDTH, HEIGHT, FRAMES = 112, 80, 10
 TICK = Fraction(1, 90000)
 START, DURATION = 0.05, 1 / 30  # s
 BT709 = 1
-# The frames' distances are uneven, as a phone's in poor light are.
-TIMESTAMP_MARKS = [3000 * i + 700 * (i % 3) for i in range(FRAMES)]
+# Uneven intervals between frames, like those of a phone in poor light.
+STAMPS = [3000 * i + 700 * (i % 3) for i in range(FRAMES)]
 
 
-# The scene is sharp to the pixel; automatic strengths expect a lens.
+# The scene is sharp to the pixel, but automatic strengths assume the softness of a lens.
 STRENGTHS = ("--nsr", 0.1, "--weight", 0.01)
 
 
@@ -49,13 +49,13 @@ class Movie(NamedTuple):
     truth: list[NDArray[np.float32]]
 
     def arguments(self, *more: object) -> list[object]:
-        """Options that every call needs."""
+        """Return the arguments of every call, and `more`."""
         sources = ["--gyro", self.gyro, "--camera", self.camera, "--segment", 4, "--jobs", 1, "--crf", 4]
         return ["video", self.path, *sources, *more]
 
     @property
     def stamped(self) -> list[object]:
-        """Options that say when frames were exposed."""
+        """Options for the exposures of the frames."""
         return ["--start", START, "--duration", DURATION]
 
 
@@ -66,7 +66,7 @@ def movie(tmp_path_factory: pytest.TempPathFactory) -> Movie:
     log = hand_shake(0.6, strength=0.3, seed=3)
     camera = Camera(WIDTH, HEIGHT, 1.1 * WIDTH, readout_time=0.02)
     sharp = scene(HEIGHT + 40, WIDTH + 40, seed=1)
-    taken = [simulate(sharp, log, camera, Exposure(START + float(t * TICK), DURATION)) for t in TIMESTAMP_MARKS]
+    taken = [simulate(sharp, log, camera, Exposure(START + float(t * TICK), DURATION)) for t in STAMPS]
     blurred, truth = (
         [from_linear(getattr(capture, name).clip(0, 1), "srgb") for capture in taken] for name in ("blurred", "rolling")
     )
@@ -78,7 +78,7 @@ def movie(tmp_path_factory: pytest.TempPathFactory) -> Movie:
 
 
 def write(path: Path, pictures: list[NDArray[np.float32]], *, tagged: bool = True, pixels: str = "yuv420p") -> None:
-    """Encode display values as H.264 with a sound beside them."""
+    """Encode display values as H.264, with sound."""
     with av.open(str(path), "w") as container:
         pictured = container.add_stream("libx264", rate=30, options={"crf": "4", "preset": "ultrafast"})
         pictured.width, pictured.height, pictured.pix_fmt = WIDTH, HEIGHT, pixels
@@ -89,7 +89,7 @@ def write(path: Path, pictures: list[NDArray[np.float32]], *, tagged: bool = Tru
             context.colorspace = context.color_primaries = context.color_trc = BT709
             pictured.set_display_rotation(-90)
         sound = container.add_stream("aac", rate=48000)
-        for picture, stamp in zip(pictures, TIMESTAMP_MARKS, strict=True):
+        for picture, stamp in zip(pictures, STAMPS, strict=True):
             frame = av.VideoFrame.from_ndarray(np.rint(65535 * picture).astype(np.uint16), format="rgb48le")
             space = {"dst_colorspace": BT709} if tagged else {}
             frame = frame.reformat(format=pixels, dst_color_range=int(context.color_range), **space)
@@ -105,7 +105,7 @@ def write(path: Path, pictures: list[NDArray[np.float32]], *, tagged: bool = Tru
 
 
 class Seen(NamedTuple):
-    """What a player sees of a file."""
+    """Pictures, properties and sound of a file."""
 
     pictures: list[NDArray[Any]]
     kept: dict[str, Any]
@@ -148,19 +148,19 @@ def test_frames_get_sharper_and_all_else_is_kept(
     assert result.exit_code == 0, result.output
     before, after = seen(movie.path), seen(tmp_path / "sharp.mp4")
     assert after.kept == before.kept
-    assert after.kept["stamps"] == [float(t * TICK) for t in TIMESTAMP_MARKS]
+    assert after.kept["stamps"] == [float(t * TICK) for t in STAMPS]
     assert after.kept["turn"] == -90
     assert after.sound == before.sound
     assert len(after.sound) > 10
     gain = similarity(after.pictures, movie.truth) - similarity(before.pictures, movie.truth)
-    if "rectify" not in method:  # whose truth is another one
-        # 1.2 to 1.3 dB when this was written: half of the colour is not there in 4:2:0.
+    if "rectify" not in method:  # its truth is another picture
+        # Measured 1.2 to 1.3 dB: 4:2:0 stores only a quarter of the colour samples.
         assert gain.mean() > 0.8
     assert not (tmp_path / "sharp.mp4.parts").exists()
 
 
 def test_windows_follow_the_frames_own_stamps(run: Run, here: None, movie: Movie, tmp_path: Path) -> None:
-    # Half an exposure off, no better than before: 1.1 dB above and 0.6 dB below it when this was written.
+    # Half an exposure off, the result is no better than the input. Measured 1.1 dB above and 0.6 dB below the input.
     before = similarity(seen(movie.path).pictures, movie.truth).mean()
     right, wrong = tmp_path / "right.mp4", tmp_path / "wrong.mp4"
     for path, start in ((right, START), (wrong, START + 0.015)):
@@ -170,17 +170,17 @@ def test_windows_follow_the_frames_own_stamps(run: Run, here: None, movie: Movie
     assert similarity(seen(wrong).pictures, movie.truth).mean() < before
 
 
-def test_captures_tell_each_frame(run: Run, here: None, movie: Movie, tmp_path: Path) -> None:
+def test_captures_give_the_exposure_of_each_frame(run: Run, here: None, movie: Movie, tmp_path: Path) -> None:
     captures = tmp_path / "movie_metadata.csv"
-    rows = [f"{round(1e9 * (START + float(t * TICK)))},{round(1e9 * DURATION)}" for t in TIMESTAMP_MARKS]
-    # One capture was not encoded; the list of encoded frames tells.
+    rows = [f"{round(1e9 * (START + float(t * TICK)))},{round(1e9 * DURATION)}" for t in STAMPS]
+    # One capture was not encoded, as the list of encoded frames shows.
     captures.write_text("Timestamp[nanosec],Exposure time[nanosec]\n" + "\n".join(["1000,33333333", *rows]) + "\n")
     encoded = [str(int(row.split(",")[0]) // 1000 * 1000) for row in rows]
     (tmp_path / "frame_timestamps.txt").write_text("\n".join(encoded) + "\n")
     assert run(*movie.arguments("--capture", captures, "-o", tmp_path / "a.mp4")).exit_code == 0
     assert run(*movie.arguments(*movie.stamped, "-o", tmp_path / "b.mp4")).exit_code == 0
     a, b = (seen(tmp_path / name).pictures for name in ("a.mp4", "b.mp4"))
-    # Stamps are rounded to ns: nothing that 8 bits would show twice.
+    # Stamps are rounded to ns, which changes few values of 8 bits.
     assert np.abs(np.array(a) - np.array(b)).mean() < 1e-3
     (tmp_path / "frame_timestamps.txt").write_text("\n".join(encoded[:-1]) + "\n")
     result = run(*movie.arguments("--capture", captures, "-o", tmp_path / "c.mp4"))
@@ -190,7 +190,7 @@ def test_captures_tell_each_frame(run: Run, here: None, movie: Movie, tmp_path: 
 
 @pytest.mark.parametrize(("tagged", "pixels"), [(True, "yuv420p"), (False, "yuv420p"), (True, "yuvj420p")])
 def test_colours_stay(run: Run, here: None, movie: Movie, tmp_path: Path, tagged: bool, pixels: str) -> None:
-    # A camera at rest: what comes out is what went in, whatever matrix and range say how to read it.
+    # With a camera at rest, the output equals the input for every matrix and range.
     smooth = np.linspace(0.2, 0.8, WIDTH)[None, :, None] * np.array([1.0, 0.6, 0.3]) * np.ones((HEIGHT, 1, 1))
     path, still = tmp_path / "still.mp4", tmp_path / "still.csv"
     write(path, [smooth.astype(np.float32)] * FRAMES, tagged=tagged, pixels=pixels)
@@ -243,7 +243,7 @@ def test_horizontal_readout_is_the_turned_problem(movie: Movie) -> None:
         current = shared.frame(index, current)
         frame = current.apply(values).image
         alone = plan(log, camera, exposure, options).apply(values).image
-        # The same PSFs in larger tiles: they differ by what the tiles' fading ends differ.
+        # The same PSFs in larger tiles, whose fading ends differ.
         assert peak_signal_noise_ratio(alone, frame, data_range=1.0) > 30
 
 
@@ -275,7 +275,7 @@ def test_a_clip_is_planned_with_the_documented_defaults(movie: Movie) -> None:
             plan_clip(*inputs, options)
 
 
-def test_an_interrupted_video_goes_on_to_the_same_file(
+def test_an_interrupted_video_continues_to_the_same_file(
     run: Run, processes: Processes, movie: Movie, tmp_path: Path
 ) -> None:
     whole, again = tmp_path / "whole.mp4", tmp_path / "again.mp4"
@@ -283,14 +283,14 @@ def test_an_interrupted_video_goes_on_to_the_same_file(
     parts = tmp_path / "again.mp4.parts"
     with processes.started(*movie.arguments(*movie.stamped, "-o", again)) as process:
         processes.until(process, lambda: list(parts.glob(".*.part")))
-        # Out of memory, say: its segment is done once more.
+        # As if out of memory: the segment is done once more.
         processes.kill_worker(process)
         processes.until(process, lambda: list(parts.glob("*.mkv")))
         os.killpg(process.pid, signal.SIGINT)
         _, stderr = process.communicate()
-    # It may have been faster than the signal.
+    # The process may end before the signal arrives.
     if process.returncode == 130:
-        assert "the same command goes on from there" in stderr
+        assert "the same command continues from there" in stderr
         assert not again.exists()
         assert not list(parts.glob("*.part"))
         made = {path: path.stat().st_mtime_ns for path in parts.glob("*.mkv")}
@@ -300,7 +300,7 @@ def test_an_interrupted_video_goes_on_to_the_same_file(
     assert not parts.exists()
 
 
-def test_resuming_uses_what_is_there(run: Run, here: None, movie: Movie, tmp_path: Path, monkeypatch: Any) -> None:
+def test_resuming_uses_finished_segments(run: Run, here: None, movie: Movie, tmp_path: Path, monkeypatch: Any) -> None:
     from rsdeblur.video import run as video_run
 
     def fail(*_: object) -> None:
@@ -313,7 +313,7 @@ def test_resuming_uses_what_is_there(run: Run, here: None, movie: Movie, tmp_pat
     assert len(list((tmp_path / "out.mp4.parts").glob("*.mkv"))) == 3
     result = run(*movie.arguments(*movie.stamped, "--json", "-o", out))
     assert json.loads(result.stdout)["resumed"] == 3
-    # Other settings start anew.
+    # Other settings start from the beginning.
     with monkeypatch.context() as patch:
         patch.setattr(video_run, "join", fail)
         run(*movie.arguments(*movie.stamped, "--force", "-o", out))
@@ -329,7 +329,7 @@ def test_dry_run_writes_nothing(run: Run, movie: Movie, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("more", "code", "said"),
+    ("more", "code", "message"),
     [
         (("-o", "x.avi", "--duration", "0.01"), 1, "unknown video extension '.avi'"),
         (("-o", "x.mp4"), 2, "the exposure time is not given"),
@@ -340,12 +340,12 @@ def test_dry_run_writes_nothing(run: Run, movie: Movie, tmp_path: Path) -> None:
     ],
 )
 def test_refusals(
-    run: Run, movie: Movie, tmp_path: Path, monkeypatch: Any, more: tuple[str, ...], code: int, said: str
+    run: Run, movie: Movie, tmp_path: Path, monkeypatch: Any, more: tuple[str, ...], code: int, message: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     result = run(*movie.arguments(*more))
     assert result.exit_code == code
-    assert said in " ".join(result.stderr.split())
+    assert message in " ".join(result.stderr.split())
     assert not list(tmp_path.iterdir())
 
 

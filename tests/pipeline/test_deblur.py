@@ -1,4 +1,4 @@
-"""deblur(): from log and picture to sharp picture, on simulated captures."""
+"""Quality and invariants of deblur() on simulated captures."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def log() -> GyroLog:
 
 @pytest.fixture(scope="module")
 def capture(log: GyroLog) -> Simulation:
-    """A capture whose blur changes a lot down the picture, at 60 dB so that the model counts and not the noise."""
+    """Simulate a capture whose blur changes a lot down the picture; at 60 dB, errors of the model exceed the noise."""
     return simulate(scene(220, 250), log, CAMERA, EXPOSURE, noise=0.001)
 
 
@@ -43,7 +43,7 @@ def test_banded_beats_global_and_the_input(capture: Simulation, log: GyroLog) ->
     blurred = psnr(capture.rolling, capture.blurred)
     one = psnr(capture.rolling, deblur(capture.blurred, log, CAMERA, EXPOSURE, mode="global", nsr=0.01).image)
     many = psnr(capture.rolling, deblur(capture.blurred, log, CAMERA, EXPOSURE, mode="banded", nsr=0.01).image)
-    # Measured 18.2, 17.2 and 26.7 dB; half of that gain separates a right engine from any sign or timing error.
+    # Measured 18.2, 17.2 and 26.7 dB; no engine with an error of a sign or of time reaches half of that gain.
     assert many > max(one, blurred) + 4
 
 
@@ -51,7 +51,7 @@ def test_rowwise_beats_banded(capture: Simulation, log: GyroLog) -> None:
     def quality(nsr: float, **kwargs: object) -> float:
         return psnr(capture.rolling, deblur(capture.blurred, log, CAMERA, EXPOSURE, nsr=nsr, strips=6, **kwargs).image)
 
-    # A tiny nsr forgives no error of the model; measured 20.7 and 22.0 dB.
+    # With a tiny nsr, errors of the model show; measured 20.7 and 22.0 dB.
     assert quality(1e-4, mode="rowwise") > quality(1e-4, bands=16) + 0.7
     # Measured 26.5 and 27.3 dB.
     assert quality(0.0003, mode="rowwise", prior="gradient", weight=0.003) > quality(0.003, bands=16) + 0.4
@@ -68,7 +68,7 @@ def test_rowwise_reports_its_rows(capture: Simulation, log: GyroLog) -> None:
         for solver in ("direct", "cg")
     )
     np.testing.assert_array_equal(direct, result.image)
-    # See test_rowwise.py.
+    # The tolerance is that of tests/deconv/test_rowwise.py.
     np.testing.assert_allclose(cg, direct, atol=0.02)
 
 
@@ -83,7 +83,7 @@ def test_global_is_enough_for_a_global_shutter(log: GyroLog) -> None:
 
 def test_auto_tiles_are_near_the_best(capture: Simulation, log: GyroLog) -> None:
     def quality(bands: int | str) -> float:
-        # 60 dB of noise call for a small nsr.
+        # Noise at 60 dB needs a small nsr.
         return psnr(capture.rolling, deblur(capture.blurred, log, CAMERA, EXPOSURE, bands=bands, nsr=0.003).image)
 
     assert quality("auto") > max(quality(n) for n in (4, 8, 16, 32)) - 0.2
@@ -132,8 +132,8 @@ def test_readout_directions_are_one_problem_turned(
     kwargs = {"mode": mode, "bands": 6, "strips": 2, "geometry": "rectify"}
     upright = deblur(capture.blurred, log, CAMERA, EXPOSURE, **kwargs)
     turned = deblur(np.rot90(capture.blurred, turns), log, camera, EXPOSURE, **kwargs)
-    # Read bottom-up, the problem is solved as it is stored, and the ends of its tiles lie elsewhere: the difference
-    # is what margins of 0.6 decay lengths let through.
+    # A picture read bottom-up is solved as stored, so the ends of its tiles are elsewhere. The difference is what
+    # reaches through margins of 0.6 decay lengths.
     inside = np.s_[32:-32, 32:-32]
     np.testing.assert_allclose(np.rot90(turned.image, -turns)[inside], upright.image[inside], atol=0.02)
     np.testing.assert_array_equal(np.rot90(turned.coverage, -turns), upright.coverage)
@@ -149,7 +149,7 @@ def test_psfs_are_those_of_deblur(capture: Simulation, log: GyroLog) -> None:
 
 
 def test_clock_origin_does_not_matter(capture: Simulation, log: GyroLog) -> None:
-    """Stamps of a real clock, 1.7e18 ns, give the very same picture."""
+    """Stamps of a real clock, 1.7e18 ns, give the same bits."""
     far = 1_700_000_000_123_456_789
     shifted = GyroLog(log.t, log.omega, far)
     exposure = Exposure(EXPOSURE.start, EXPOSURE.duration, far)
@@ -199,7 +199,7 @@ def test_small_angles_agree_for_small_motion(log: GyroLog, capture: Simulation) 
 
 @pytest.fixture(scope="module")
 def soft() -> tuple[Simulation, GyroLog]:
-    """A capture as detailed as photographs are, at 40 dB."""
+    """Simulate a capture with as much detail as photographs have, at 40 dB."""
     log = hand_shake(0.2, strength=0.7, seed=3)
     sharp = ndimage.gaussian_filter(scene(220, 250), (1, 1, 0))
     return simulate(sharp, log, CAMERA, EXPOSURE, noise=0.01), log
@@ -216,7 +216,7 @@ def test_auto_is_near_the_best(soft: tuple[Simulation, GyroLog]) -> None:
     for prior, weights in ladders.items():
         best[prior] = max(quality(prior=prior, weight=weight) for weight in weights)
     for prior, most in best.items():
-        # Measured 0.7, 0.3, 0.7 and 0.0 dB below; flat areas between edges are easier than what photographs show.
+        # Measured 0.7, 0.3, 0.7 and 0.0 dB below; flat areas between edges are easier than photographs.
         assert quality(prior=prior) > most - 1.0
     # Measured 32.7, 35.0, 35.8 and 35.6 dB.
     assert best["hyper-laplacian"] > best["gradient"] + 0.3
@@ -233,7 +233,7 @@ def test_auto_does_a_still_picture_no_harm(soft: tuple[Simulation, GyroLog], pri
     assert psnr(sharp, result.image) > psnr(sharp, taken)
 
 
-def test_given_strengths_are_used_and_told(soft: tuple[Simulation, GyroLog]) -> None:
+def test_strengths_that_are_set_are_used_and_reported(soft: tuple[Simulation, GyroLog]) -> None:
     capture, log = soft
     wiener = deblur(capture.blurred, log, CAMERA, EXPOSURE, nsr=0.07)
     assert (wiener.nsr, wiener.weight) == (0.07, None)
@@ -247,19 +247,19 @@ def test_brightness_is_only_a_factor(soft: tuple[Simulation, GyroLog]) -> None:
     for prior in ("wiener", "tv", "hyper-laplacian"):
         bright = deblur(capture.blurred, log, CAMERA, EXPOSURE, prior=prior).image
         dark = deblur(capture.blurred / 16, log, CAMERA, EXPOSURE, prior=prior).image
-        # Rounding decides about gradients at the threshold.
+        # Rounding decides which gradients are above the threshold.
         assert np.sqrt(np.mean((16 * dark - bright) ** 2)) < 1e-4
 
 
 def test_progress_and_timings(capture: Simulation, log: GyroLog) -> None:
-    told: list[tuple[str, float]] = []
+    reports: list[tuple[str, float]] = []
     result = deblur(
-        capture.blurred, log, CAMERA, EXPOSURE, geometry="rectify", progress=lambda s, f: told.append((s, f))
+        capture.blurred, log, CAMERA, EXPOSURE, geometry="rectify", progress=lambda s, f: reports.append((s, f))
     )
     assert list(result.timings) == ["tune", "psfs", "plan", "apply", "rectify", "check"]
-    assert list(dict.fromkeys(stage for stage, _ in told)) == list(result.timings)
+    assert list(dict.fromkeys(stage for stage, _ in reports)) == list(result.timings)
     for stage in result.timings:
-        fractions = [f for s, f in told if s == stage]
+        fractions = [f for s, f in reports if s == stage]
         assert fractions == sorted(fractions)
         assert fractions[-1] == 1.0
 
@@ -274,7 +274,7 @@ def seam(image: np.ndarray, bands: int) -> float:
 
 
 def test_no_seam_between_bands(log: GyroLog, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Band borders are no rougher than the picture itself there; a seam put in on purpose is found."""
+    """Band borders are no rougher than the picture itself; an artificial seam is detected."""
     # A smooth picture without noise shows seams best.
     capture = simulate(ndimage.gaussian_filter(scene(220, 250), (6, 6, 0)), log, CAMERA, EXPOSURE)
     own = seam(capture.rolling, 8)
