@@ -21,7 +21,7 @@ test: $(VENV_PYTHON)
 	PYTHONSAFEPATH=1 $(BIN)/pytest
 
 lint: $(VENV_PYTHON)
-	$(PIP) '.[lint]'
+	$(PIP) '.[lint,test]'
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
