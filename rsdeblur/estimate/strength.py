@@ -37,8 +37,8 @@ from rsdeblur.types import FloatArray
 FINE_NOISE = 4.0
 # Softness of a sharp picture (lens, area of the pixels, demosaicing): standard deviation in px.
 LENS = 0.75
-# Errors of the paths. In px, for any blur: interpolation between tiles, linear interpolation in kernels. As a share of
-# the PSF's radius: focal length, time offset, rates.
+# Errors of the paths: in px, from interpolation between tiles and within kernels, the same for any blur; and as a
+# share of the PSF's radius, from focal length, time offset and rates.
 PATH_ERROR, PATH_ERROR_SHARE = 0.12, 0.005
 # Weight of total variation where that of the gradient prior is 1 and E is 1; other exponents scale it by their root.
 SPARSE_STRENGTH = 2.0

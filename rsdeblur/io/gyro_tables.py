@@ -212,7 +212,8 @@ def refuse_other_sensor(text: TextFile) -> None:
 def _grid(text: TextFile, columns: int) -> FloatArray | None:
     """Return the first rows of a table; None unless each consists of `columns` numbers."""
     cells = [cells_of(text.lines[row]) for row in text.rows[:LAYOUT_ROWS]]
-    # The last row may be cut off: its reader reports that better than as an unknown format.
+    # The last row does not count. It may be cut off, and then the format's reader names the line, whereas this
+    # function could only report an unknown format.
     if not all(len(row) == columns and all(map(is_number, row)) for row in cells[: max(len(cells) - 1, 1)]):
         return None
     return np.array([row for row in cells if len(row) == columns and all(map(is_number, row))], dtype=np.float64)

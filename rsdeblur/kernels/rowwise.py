@@ -63,7 +63,7 @@ class RowModel(NamedTuple):
 def phase_table(block: int, first_shift: int, shifts: int, length: int) -> Float32Array:
     """Return `exp(-2 pi i k s / length)` for k = 16 block to 16 block + 15 and each shift s; shape (shifts, 2, 16)."""
     k, s = LANES * block + np.arange(LANES), first_shift + np.arange(shifts)
-    # Modulo whole turns, which would cost digits.
+    # Whole turns do not change the phase; without them the argument is small and its sine precise.
     phases = np.exp(-2j * np.pi / length * (np.outer(s, k) % length))
     return np.stack([phases.real, phases.imag], axis=1).astype(np.float32)
 
