@@ -54,8 +54,7 @@ SIZES = (0.5, 0.7, 1.4, 2.0)
 LINES, DIRECTIONS = (3.0, 7.0, 15.0), 4
 # Candidates for the power of the scene, as multiples of its mean, which strong edges dominate. For that of the noise
 # there is only its estimate: if less noise were possible, short blurs would explain noise as detail.
-GAINS = np.exp(np.linspace(-2.5, -0.4, 4)).astype(np.float32)
-NOISES = np.ones(1, dtype=np.float32)
+LEVELS = np.ones(1)
 # Distance of the rows that are measured for light below black, in pictures of at least 64 such rows.
 ROW_STEP = 8
 
@@ -280,7 +279,14 @@ class _Tiles:
     def alternatives(self) -> dict[str, FloatArray]:
         """Return the lead of the motion over each alternative, nats, as means of the rows of tiles, shape (B,)."""
         places = [np.arange(len(corners)) * CELL + 1 for corners in self._corners]
-        fit = partial(TilePeriodograms(_mosaic(self._blurred), *places).fit, gains=GAINS, noises=NOISES)
+        measured = TilePeriodograms(_mosaic(self._blurred), *places)
+        shape = tuple(map(len, places))
+
+        def fit(kernels: NDArray[np.float32]) -> FloatArray:
+            expected = measured.expected(kernels)
+            place = np.broadcast_to(np.arange(len(expected)).reshape(kernels.shape[:2]), shape).ravel()
+            return measured.fit(expected, place, levels=LEVELS)[0].reshape(shape)
+
         of_motion = fit(self._kernels)
 
         def lead(kernels: NDArray[np.float32]) -> FloatArray:

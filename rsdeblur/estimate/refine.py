@@ -1,0 +1,303 @@
+"""Correction of camera, clock and log from the blurred picture itself.
+
+The corrections are searched by the spectra of the reduced picture (:mod:`rsdeblur.estimate.posterior`), which know the
+blur but not its phase. Several corrections may explain them equally. So those that the search finds are compared by the
+sharp picture that they lead to: with the right motion, its gradient is concentrated in few places.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from itertools import count
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import minimize
+from skimage.transform import resize
+
+from rsdeblur._util import validate
+from rsdeblur.choices import Auto, Transfer
+from rsdeblur.deconv.priors import GradientPrior
+from rsdeblur.deconv.quadratic import TileQuadratic
+from rsdeblur.errors import InputError
+from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording
+from rsdeblur.estimate.posterior import UNDESCRIBED, Posterior
+from rsdeblur.estimate.spectra import TILE, TileSpectra
+from rsdeblur.estimate.strength import Tuning
+from rsdeblur.image.encoded import EncodedImage, check_size
+from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.paths import BlurPaths
+from rsdeblur.motion.translation import Translation
+from rsdeblur.psf import PsfBank, tile_centres
+from rsdeblur.types import FloatArray, FloatImage, Progress
+
+# Reduction of the picture for its spectra. The finest detail is left out, because cameras denoise and sharpen it; the
+# blur is at most so long, px; and the longer side is within these bounds, px.
+LEAST_REDUCTION, LONGEST_BLUR = 2.4, 20.0
+SPECTRA_SIDES = 320, 480
+# Longer side of the picture that is made sharp to compare corrections, px, and the tiles there.
+SHARP_SIDE, SHARP_TILES = 640, (8, 4)
+# Border that is not compared, px.
+FRAME = 16
+
+# Parameters that are searched together. A correction by few numbers is more credible than one by many.
+MODELS = (("drift_x", "drift_y"), ("scale", "drift_x", "drift_y"), PARAMETERS)
+# Parameters that are adjusted by the sharp picture, the evaluations that this takes, and its first step in standard
+# deviations.
+ADJUSTED, ADJUSTMENTS, FIRST_STEP = MODELS[1], 45, 0.6
+# Nats that a fall of the logarithm of l1 / l2 is worth, and that a parameter costs.
+NATS_PER_FALL, NATS_PER_PARAMETER = 1000.0, 3.0
+# Least gain, nats, and least fall of a correction that is accepted, and the most standard deviations of any parameter.
+LEAST_GAIN, LEAST_FALL, MOST_DEVIATIONS = 5.0, 0.01, 4.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Uncertainty:
+    """Standard deviations of the errors of a recording; 0 for what is known.
+
+    Parameters
+    ----------
+    scale : float, default 0.15
+        Of the focal length, as a share; near scenes blur more than rotation alone predicts.
+    drift : float, default 0.0025
+        Of the shift of the scene during the exposure that the log lacks, along each axis, as a share of the picture's
+        longer side.
+    offset : float, default 0.008
+        Of the time offset, s.
+    readout : float, default 0.15
+        Of the readout time, as a share.
+    roll : float, default 0.02
+        Of the bias of the gyroscope about the optical axis, rad/s.
+
+    Raises
+    ------
+    InputError
+        If a value is negative or not finite, or all are 0.
+    """
+
+    scale: float = 0.15
+    drift: float = 0.0025
+    offset: float = 8e-3
+    readout: float = 0.15
+    roll: float = 0.02
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            object.__setattr__(self, field.name, validate.finite(field.name, getattr(self, field.name), minimum=0.0))
+        if not any(getattr(self, field.name) for field in fields(self)):
+            raise InputError("uncertainty is 0 in all its parts, so that there is nothing to refine")
+
+    def deviations(self, camera: Camera) -> FloatArray:
+        """Return the standard deviations of the parameters of a :class:`Correction`."""
+        drift = self.drift * max(camera.width, camera.height)
+        readout = self.readout if camera.readout_time > 0 else 0.0
+        return Correction(self.scale, drift, drift, self.offset, readout, self.roll).vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Refinement:
+    """Result of :func:`refine`: what to pass to :func:`rsdeblur.deblur`.
+
+    Parameters
+    ----------
+    log, camera, exposure, translation
+        The recording, corrected where the correction is accepted, as given otherwise.
+    accepted : bool
+        Whether the correction is accepted.
+    reason : str
+        Why it is not; empty otherwise.
+    correction : Correction
+        The most likely correction, accepted or not.
+    deviation : Correction
+        Standard deviations of its numbers; those of the :class:`Uncertainty` where the picture does not determine them.
+    gain : float
+        How much likelier the correction is than none, nats.
+    fall : float
+        Fall of the logarithm of l1 / l2 of the sharp picture's gradient.
+    """
+
+    log: GyroLog
+    camera: Camera
+    exposure: Exposure
+    translation: Translation | None
+    accepted: bool
+    reason: str
+    correction: Correction
+    deviation: Correction
+    gain: float
+    fall: float
+
+
+def refine(
+    image: ArrayLike,
+    log: GyroLog,
+    camera: Camera,
+    exposure: Exposure,
+    *,
+    translation: Translation | None = None,
+    uncertainty: Uncertainty | None = None,
+    transfer: Transfer | Auto = "auto",
+    progress: Progress | None = None,
+) -> Refinement:
+    """Correct focal length, clock, readout and motion by the blurred picture.
+
+    Parameters
+    ----------
+    image : array_like, shape (H, W) or (H, W, C)
+        The blurred picture, as for :func:`rsdeblur.deblur`.
+    log, camera, exposure
+        The motion, the camera and the time of the exposure.
+    translation : Translation, optional
+        Translation of the camera, if it is known.
+    uncertainty : Uncertainty, optional
+        How far the recording may be wrong; default `Uncertainty()`.
+    transfer : {"auto", "linear", "srgb"} or float
+        How values encode light, as for :func:`rsdeblur.deblur`.
+    progress : callable, optional
+        Called as ``progress(stage, fraction)``.
+
+    Returns
+    -------
+    Refinement
+        The recording as given where the picture does not contradict it, or not clearly.
+
+    Raises
+    ------
+    InputError
+        If an argument is out of range, or the picture is too small.
+    CoverageError, ClockError, GapError
+        If the log does not describe the exposure.
+
+    Notes
+    -----
+    One picture does not calibrate a camera: offset, readout time, focal length and drift explain one another in part.
+    The blur is right long before they are. Use the result for this picture, and :func:`rsdeblur.find_time_offset` or
+    several pictures for a camera file.
+
+    Hurley and Rickard, "Comparing measures of sparsity", IEEE Trans. Information Theory 55, 2009, compare l1 / l2 with
+    other measures; Krishnan, Tay and Fergus, CVPR 2011, use it for blind deconvolution.
+    """
+    uncertainty = uncertainty or Uncertainty()
+    encoded = EncodedImage.of(image, transfer)
+    check_size(encoded.shape, camera)
+    light = encoded.linear(slice(None)).mean(2)
+    recording = Recording(log, camera, exposure, translation)
+    deviations = uncertainty.deviations(camera)
+    spectra = TileSpectra(light, recording, side=_spectra_side(recording))
+    judge = _Judge(Posterior(spectra, recording, deviations), _Sharpness(light, recording))
+    best = judge.best(progress or (lambda *_: None))
+    reason = judge.objection(best)
+    used = recording if reason else judge.posterior.corrected(best)
+    return Refinement(
+        used.log,
+        used.camera,
+        used.exposure,
+        used.translation,
+        accepted=not reason,
+        reason=reason,
+        correction=Correction(*(best * deviations).tolist()),
+        deviation=Correction(*(judge.posterior.spread(best) * deviations).tolist()),
+        gain=judge.gain(best),
+        fall=judge.fall(best),
+    )
+
+
+def _spectra_side(recording: Recording) -> int:
+    """Return the longer side to which the picture is reduced for its spectra, px."""
+    camera = recording.camera
+    longer, shorter = max(camera.width, camera.height), min(camera.width, camera.height)
+    length = float(recording.capture().probe.lengths.mean())
+    low, high = (max(side, TILE * longer / shorter + 1) for side in SPECTRA_SIDES)
+    return int(np.clip(longer / max(LEAST_REDUCTION, length / LONGEST_BLUR), low, high))
+
+
+class _Judge:
+    """Worth of corrections: by the spectra, and by the sharp picture that they lead to."""
+
+    def __init__(self, posterior: Posterior, sharpness: _Sharpness) -> None:
+        self.posterior, self._sharpness = posterior, sharpness
+        self._nothing = np.zeros(len(PARAMETERS))
+        self._given = sharpness.of(posterior.corrected(self._nothing))
+
+    def gain(self, place: FloatArray) -> float:
+        """Return how much likelier the spectra are than without a correction, nats."""
+        return self.posterior.gain(place, self._nothing)
+
+    def fall(self, place: FloatArray) -> float:
+        """Return how much the logarithm of l1 / l2 falls."""
+        return self._given - self._sharpness.of(self.posterior.corrected(place))
+
+    def best(self, progress: Progress) -> FloatArray:
+        """Return the best of all corrections that the spectra suggest, adjusted by the sharp picture."""
+        best, worth = self._nothing, 0.0
+        models = [tuple(name for name in model if name in self.posterior.free) for model in MODELS]
+        for n, model in enumerate(dict.fromkeys(filter(None, models))):
+            progress("search", n / len(MODELS))
+            for place in self.posterior.search(model):
+                other = self._worth(place) - NATS_PER_PARAMETER * len(model)
+                if other > worth:
+                    best, worth = place, other
+        at = [PARAMETERS.index(name) for name in ADJUSTED if name in self.posterior.free]
+        return self._adjusted(best, at, progress) if at else best
+
+    def _worth(self, place: FloatArray) -> float:
+        gain = self.gain(place)
+        return gain + NATS_PER_FALL * self.fall(place) if np.isfinite(gain) else -np.inf
+
+    def _adjusted(self, place: FloatArray, at: list[int], progress: Progress) -> FloatArray:
+        """Return the place of most worth that the method of Nelder and Mead finds along some axes."""
+        tried = count()
+
+        def loss(values: FloatArray) -> float:
+            progress("adjust", min(next(tried) / ADJUSTMENTS, 1.0))
+            moved = place.copy()
+            moved[at] = values
+            return -self._worth(moved)
+
+        corners = place[at] + np.vstack([np.zeros(len(at)), FIRST_STEP * np.eye(len(at))])
+        options = {"maxfev": ADJUSTMENTS, "initial_simplex": corners}
+        found = minimize(loss, place[at], method="Nelder-Mead", options=options)
+        moved = place.copy()
+        moved[at] = found.x
+        return moved
+
+    def objection(self, place: FloatArray) -> str:
+        """Return why a correction is not credible; nothing if it is."""
+        if self.gain(place) < LEAST_GAIN:
+            return "the picture's spectra do not contradict the recording"
+        if self.fall(place) < LEAST_FALL:
+            return "the sharp picture does not become clearer"
+        if np.abs(place).max() > MOST_DEVIATIONS:
+            return "the likeliest correction is too far from the recording"
+        return ""
+
+
+class _Sharpness:
+    """How concentrated the gradient of the sharp picture is, for several motions; the strength stays the same."""
+
+    def __init__(self, light: FloatImage, recording: Recording) -> None:
+        self._scale = min(1.0, SHARP_SIDE / max(light.shape))
+        small = recording.camera.scaled(self._scale)
+        if self._scale < 1:
+            light = resize(light, (small.height, small.width), order=1, anti_aliasing=True)
+        self._light = np.ascontiguousarray(ReadoutFrame(small).image(light), dtype=np.float32)[..., None]
+        tuning = Tuning.of(self._light, self._bank(recording))
+        self._nsr, self._prior = tuning.border_error, GradientPrior("tv", tuning.weight("tv", 1.0))
+
+    def _bank(self, recording: Recording) -> PsfBank:
+        rows, cols = (tile_centres(n, size) for n, size in zip(SHARP_TILES, self._light.shape, strict=False))
+        return PsfBank.from_paths(BlurPaths.from_capture(recording.capture(self._scale), rows, cols))
+
+    def of(self, recording: Recording) -> float:
+        """Return the logarithm of l1 / l2 of the gradient of the sharp picture; infinite without a motion."""
+        try:
+            bank = self._bank(recording)
+        except UNDESCRIBED:
+            return np.inf
+        sharp = TileQuadratic(bank, self._light.shape, nsr=self._nsr).apply(self._light, prior=self._prior)[..., 0]
+        inner = sharp[FRAME:-FRAME, FRAME:-FRAME]
+        slope = np.hypot(np.diff(inner, axis=0)[:, :-1], np.diff(inner, axis=1)[:-1])
+        return float(np.log(slope.mean() / np.sqrt(np.square(slope).mean())))
