@@ -65,24 +65,29 @@ def read_device(recording: Recording) -> tuple[GyroLog, Camera]:
         time_offset=recording.time_offset, readout_time=recording.readout_time
     )
     camera = with_overrides.warn(recording.camera)
-    reading = recording.gyro_format, recording.unit, recording.orientation
+    reading = recording.gyro_format, recording.unit, recording.orientation, recording.rate
     file, messages = _gyro_file(recording.gyro, _state(recording.gyro), *reading)
     for message in messages:
         warnings.warn(message, RsdeblurWarning, stacklevel=2)
     _check_axes(file, camera, recording)
-    return file.log, camera
+    return file.log if recording.bias is None else file.log.minus_bias(recording.bias), camera
 
 
 @lru_cache(maxsize=1)
 def _gyro_file(
-    path: Path, _: tuple[int, ...] | None, format: str | None, unit: str | None, orientation: str | None
+    path: Path,
+    _: tuple[int, ...] | None,
+    format: str | None,
+    unit: str | None,
+    orientation: str | None,
+    rate: float | None,
 ) -> tuple[GyroFile, list[str]]:
     """Read a log and collect its warnings; kept for the next photo, as a long log takes longer than deblurring."""
     from rsdeblur.io import open_gyro
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RsdeblurWarning)
-        file = open_gyro(path, format, unit=unit, orientation=orientation)
+        file = open_gyro(path, format, unit=unit, orientation=orientation, rate=rate)
     return file, [str(warning.message) for warning in caught]
 
 

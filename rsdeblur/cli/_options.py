@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
@@ -15,6 +16,7 @@ from rsdeblur import choices
 from rsdeblur.choices import Auto, Count, Strength, Transfer
 from rsdeblur.pipeline.options import Options
 
+Bias = tuple[float, float, float]
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
 
@@ -117,6 +119,25 @@ class SizeType(click.ParamType[tuple[int, int]]):
         return int(match[1]), int(match[2])
 
 
+class BiasType(click.ParamType[Any]):
+    """Three angular rates: `0.01,-0.02,0.005` in rad/s, or with a unit, `-1.8,0,0.1deg/s`."""
+
+    name = "WX,WY,WZ"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Bias:
+        """Return rad/s."""
+        if isinstance(value, tuple):
+            return value
+        text, degrees = re.subn(r"\s*deg/s$", "", str(value).strip())
+        try:
+            x, y, z = (float(number) for number in re.sub(r"\s*rad/s$", "", text).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not three rates; write 0.01,-0.02,0.005 (rad/s) or -1.8,0,0.1deg/s", param, ctx)
+        if not math.isfinite(x + y + z):
+            self.fail(f"{value!r} must be finite", param, ctx)
+        return (math.radians(x), math.radians(y), math.radians(z)) if degrees else (x, y, z)
+
+
 @dataclass(frozen=True, slots=True)
 class Recording:
     """Files and values that give the log, the camera and the exposure."""
@@ -126,6 +147,8 @@ class Recording:
     gyro_format: str | None = None
     unit: str | None = None
     orientation: str | None = None
+    rate: float | None = None
+    bias: Bias | None = None
     capture: Path | None = None
     index: int | None = None
     start_ns: int | None = None
@@ -144,6 +167,8 @@ class Defaults:
     gyro_format: str | None
     unit: str | None
     orientation: str | None
+    rate: float | None
+    bias: Bias | None
     capture: Path | None
     duration: float | None
     time_offset: float | None
@@ -186,7 +211,7 @@ def gathered(name: str, kind: type, options: Sequence[Decorator], members: Seque
     return decorate
 
 
-_LOG = (
+_READING = (
     click.option("--gyro-format", metavar="NAME", help="Format of the log.  [default: recognised by its content]"),
     click.option(
         "--unit",
@@ -198,12 +223,21 @@ _LOG = (
         metavar="XYZ",
         help="Axes of the log as an orientation string of Gyroflow, like YxZ; replaces the file's.",
     ),
+    click.option("--rate", type=float, metavar="HZ", help="Sampling rate of a log without timestamps."),
+)
+_LOG = (
+    *_READING,
+    click.option(
+        "--bias",
+        type=BiasType(),
+        help="Rates of the log at rest, which are subtracted: 0.01,-0.02,0.005 in rad/s, or -1.8,0,0.1deg/s.",
+    ),
 )
 
 
 def log_options(function: Command) -> Command:
     """Add the options for reading a gyro log."""
-    for option in reversed(_LOG):
+    for option in reversed(_READING):
         function = option(function)
     return function
 

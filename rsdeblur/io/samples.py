@@ -11,7 +11,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rsdeblur._util import validate
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
+from rsdeblur.io.columns import SPACING
 from rsdeblur.io.text import INT64_LIMIT, Table, line_error
 from rsdeblur.motion.gyro import LARGEST_RATE, GyroLog
 from rsdeblur.types import FloatArray
@@ -40,8 +42,8 @@ class Samples:
 
     Parameters
     ----------
-    ns : ndarray of int64, shape (n,)
-        Stamps in ns.
+    ns : ndarray of int64, shape (n,), or None
+        Stamps in ns; None if the file contains none.
     rates : ndarray, shape (n, 3)
         Rates as in the file, in `rate_unit`.
     error_at : callable
@@ -60,7 +62,7 @@ class Samples:
         Reasons to distrust the log; each becomes a warning.
     """
 
-    ns: NDArray[np.int64]
+    ns: NDArray[np.int64] | None
     rates: FloatArray
     error_at: ErrorAt
     rate_unit: str = "rad/s"
@@ -97,7 +99,7 @@ class GyroFile:
     facts: Mapping[str, Any]
 
 
-def table_samples(table: Table, ns: NDArray[np.int64], *, scale: float = 1.0, **fields: Any) -> Samples:
+def table_samples(table: Table, ns: NDArray[np.int64] | None, *, scale: float = 1.0, **fields: Any) -> Samples:
     """Return the samples of a text table, its rates times `scale`; errors name its lines."""
     # The errors must not keep the text alive, which may be a gigabyte.
     path, rows = table.text.path, table.rows
@@ -115,16 +117,18 @@ def nanoseconds(milliseconds: FloatArray, error_at: ErrorAt) -> NDArray[np.int64
     return np.round(milliseconds * 1e6).astype(np.int64)
 
 
-def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str], FileFormatError]) -> GyroFile:
+def finish(
+    samples: Samples, format: str, unit: str | None, rate: float | None, error: Callable[[str], FileFormatError]
+) -> GyroFile:
     """Make the log: scale the rates, repair what is harmless, refuse what is not.
 
     Raises
     ------
     FileFormatError
-        If there are fewer than two samples, a rate is impossible, stamps conflict, or the samples are those of an
-        accelerometer.
+        If there are fewer than two samples, a rate is impossible, stamps conflict, the file has neither stamps nor a
+        sampling rate or has both, or the samples are those of an accelerometer.
     InputError
-        If `unit` is unknown.
+        If `unit` is unknown or `rate` is not positive.
 
     Warns
     -----
@@ -133,7 +137,7 @@ def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str
     """
     if unit is not None and unit not in RATE_UNITS:
         raise InputError(f"unit must be one of {', '.join(RATE_UNITS)}; got {unit!r}")
-    if not len(samples.ns):
+    if not len(samples.rates):
         raise error("the file contains no samples")
     if max(samples.rates.max(), -samples.rates.min()) > LARGEST_RATE:
         i = int(np.argwhere(np.abs(samples.rates) > LARGEST_RATE)[0, 0])
@@ -141,7 +145,7 @@ def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str
             f"impossible rates: {samples.rates[i].tolist()} {unit or samples.rate_unit}; is the unit right?", i
         )
     unit = unit or samples.rate_unit
-    ns, rates, repairs = _repaired(samples)
+    ns, rates, repairs = _repaired(_stamps(samples, rate, error), samples)
     if samples.turn is not None:
         rates = rates @ samples.turn.T
     if RATE_UNITS[unit] != 1:
@@ -163,31 +167,75 @@ def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str
     return GyroFile(log, format, samples.axes, samples.time_unit, unit, samples.facts)
 
 
-def _repaired(samples: Samples) -> tuple[NDArray[np.int64], FloatArray, list[str]]:
+def _stamps(samples: Samples, rate: float | None, error: Callable[[str], FileFormatError]) -> NDArray[np.int64]:
+    """Return the stamps of the file, or those that follow from the sampling rate in Hz."""
+    if samples.ns is not None:
+        if rate is not None:
+            raise error("the file contains stamps; leave out the sampling rate (rate, --rate)")
+        return samples.ns
+    if rate is None:
+        raise error("the file contains no stamps; give the sampling rate in Hz (rate, --rate)")
+    rate = validate.finite("rate", rate, above=0.0)
+    if not SPACING[0] <= 1e9 / rate <= SPACING[1]:
+        raise InputError(f"rate must be a gyro's sampling rate from 20 to 8000 Hz, got {rate:g}")
+    ns: NDArray[np.int64] = np.rint(np.arange(len(samples.rates)) * (1e9 / rate)).astype(np.int64)
+    return ns
+
+
+def _repaired(ns: NDArray[np.int64], samples: Samples) -> tuple[NDArray[np.int64], FloatArray, list[str]]:
     """Return stamps and rates in order and without repetitions, and a note of each repair."""
-    ns, rates, repairs = samples.ns, samples.rates, []
+    rates, repairs = samples.rates, []
     origin = np.arange(len(ns))
-    (backward,) = np.nonzero(ns[1:] < ns[:-1])
-    if backward.size:
-        # In floats, because differences of arbitrary stamps may overflow.
-        late = np.maximum.accumulate(ns).astype(np.float64) - ns
-        interval = np.median(np.abs(np.diff(ns.astype(np.float64))))
-        if backward.size > max(1, LATE_SHARE * len(ns)) or late.max() > LATE_INTERVALS * interval:
-            i = int(backward[0]) + 1
-            raise samples.error_at(
-                f"stamp out of order: {ns[i]} ns comes after {ns[i - 1]} ns; the samples are too disordered to sort "
-                "them safely; they may come from several recordings, or from a clock that was set back",
-                i,
-            )
+    if (ns[1:] < ns[:-1]).any():
+        late = _late(ns, samples.error_at)
         origin = np.argsort(ns, kind="stable")
         ns, rates = ns[origin], rates[origin]
-        repairs.append(f"{backward.size} samples came late and were sorted in")
+        repairs.append(f"{late} samples came late and were sorted in")
     (twice,) = np.nonzero(ns[1:] == ns[:-1])
     if twice.size:
         differ = twice[(rates[twice] != rates[twice + 1]).any(axis=1)]
         if differ.size:
             i = int(origin[differ[0] + 1])
-            raise samples.error_at(f"duplicate stamp {samples.ns[i]} ns with another value; keep one of the samples", i)
+            stamp = ns[differ[0]]
+            raise samples.error_at(f"duplicate stamp {stamp} ns with another value; keep one of the samples", i)
         ns, rates = np.delete(ns, twice + 1), np.delete(rates, twice + 1, axis=0)
         repairs.append(f"{twice.size} repeated samples were dropped")
     return ns, rates, repairs
+
+
+def _late(ns: NDArray[np.int64], error_at: ErrorAt) -> int:
+    """Return the number of samples that come after later ones, if they are few and each fills a hole in time.
+
+    Raises
+    ------
+    FileFormatError
+        If sorting would hide a fault: the samples may come from several recordings, or the clock was set back.
+    """
+    latest = np.maximum.accumulate(ns)
+    (late,) = np.nonzero(ns < latest)
+    i = int(late[0])
+    before = f"stamp out of order: {ns[i]} ns comes after {ns[i - 1]} ns"
+    # In floats, because differences of arbitrary stamps may overflow.
+    interval = float(np.median(np.abs(np.diff(ns.astype(np.float64)))))
+    delay = float((latest[late].astype(np.float64) - ns[late]).max())
+    if late.size > max(1, LATE_SHARE * len(ns)) or delay > LATE_INTERVALS * interval:
+        raise error_at(
+            f"{before}; the samples are too disordered to sort them safely; they may come from several recordings, or "
+            "from a clock that was set back",
+            i,
+        )
+    in_time = ns[ns == latest]
+    after = np.searchsorted(in_time, ns[late])
+    # Repeated samples fill no hole, whether they come late or not.
+    own = (after > 0) & (in_time[after] != ns[late])
+    holes, filling = np.unique(after[own], return_counts=True)
+    widths = (in_time[holes] - in_time[holes - 1]).astype(np.float64)
+    (narrow,) = np.nonzero(widths < (filling + 0.5) * interval)
+    if narrow.size:
+        i = int(late[own][after[own] == holes[narrow[0]]][0])
+        raise error_at(
+            f"stamp out of order: {ns[i]} ns comes after {ns[i - 1]} ns, and no sample is missing at that time; the "
+            "clock was set back, or the file contains several recordings; cut the log there",
+            i,
+        )
+    return int(late.size)

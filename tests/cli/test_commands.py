@@ -61,6 +61,22 @@ def test_overrides_reach_the_computation(run: Run, files: Files) -> None:
     assert still["path_px"]["longest"] != pytest.approx(plain["path_px"]["longest"], rel=1e-3)
 
 
+def test_a_log_without_stamps_and_with_a_bias(run: Run, files: Files) -> None:
+    common = ["psf", *files.sources, "--start", START, "--duration", DURATION, "--bands", 4, "--strips", 1, "--json"]
+    plain = json.loads(run(*common).stdout)
+    rates = np.rad2deg(files.samples()[:, 1:]) + np.array([9.0, -4.5, 2.25])
+    files.gyro.write_text("".join(f"{x},{y},{z}\n" for x, y, z in rates))
+    reading = ["--rate", 200, "--unit", "deg/s", "--bias", "9,-4.5,2.25deg/s"]
+    again = json.loads(run(*common, *reading).stdout)
+    # The samples are written with six decimals.
+    assert again["path_px"]["longest"] == pytest.approx(plain["path_px"]["longest"], rel=1e-4)
+    result = run(*common)
+    assert result.exit_code == 1
+    assert "no stamps; give the sampling rate" in result.stderr
+    assert run(*common, "--bias", "1,2").exit_code == 2
+    assert json.loads(run("info", files.gyro, "--rate", 200, "--unit", "deg/s", "--json").stdout)[0]["samples"] == 100
+
+
 def test_deblur_json(run: Run, files: Files, tmp_path: Path) -> None:
     result = run(
         "deblur", files.photo, *files.recording, "--bands", 3, "--strips", 2, "--json", "-o", tmp_path / "o.png"
