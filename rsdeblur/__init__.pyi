@@ -19,11 +19,13 @@ from .estimate.time_offset import OffsetSearch as OffsetSearch
 from .estimate.time_offset import find_time_offset as find_time_offset
 from .image.transfer import from_linear as from_linear
 from .image.transfer import to_linear as to_linear
+from .io import read_acceleration as read_acceleration
 from .io import read_camera as read_camera
 from .io import read_captures as read_captures
 from .io import read_gyro as read_gyro
 from .io import read_picture as read_picture
 from .io import write_picture as write_picture
+from .motion.acceleration import AccelerationLog as AccelerationLog
 from .motion.camera import Camera as Camera
 from .motion.exposure import Exposure as Exposure
 from .motion.gyro import GyroLog as GyroLog

@@ -2,9 +2,11 @@
 
 `source` opens a file, `formats` finds its format, and `text` reads numbers and names a line that cannot be read. The
 readers of gyro logs are grouped by family: `gyro_tables` (text), `gyroflow`, `gyro_binary` (pictures and videos) and
-`archives`; `samples` makes a log from what they return.
+`archives`; `columns` finds the columns of tables, and `samples` makes a log from what they return. `accelerations`
+reads accelerometers from the same files.
 """
 
+from rsdeblur.io.accelerations import read_acceleration
 from rsdeblur.io.cameras import open_camera, read_camera
 from rsdeblur.io.captures import read_captures
 from rsdeblur.io.clocks import Clocks, read_clocks
@@ -18,6 +20,7 @@ __all__ = [
     "detect_gyro_format",
     "open_camera",
     "open_gyro",
+    "read_acceleration",
     "read_camera",
     "read_captures",
     "read_clocks",

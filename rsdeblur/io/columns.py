@@ -31,9 +31,14 @@ RATE_SPELLINGS = {
     "mrad/s": "mrad/s",
     "mdeg/s": "mdeg/s mdps",
 }
+ACCELERATION_SPELLINGS = {
+    "m/s^2": "m/s^2 m/s2 m/s² ms^-2 ms-2 m*s^-2 m/s/s mps2 m/sec^2",
+    "g": "g",
+    "mg": "mg",
+}
 UNIT_OF = {
     spelling: unit
-    for spellings in (TIME_SPELLINGS, RATE_SPELLINGS)
+    for spellings in (TIME_SPELLINGS, RATE_SPELLINGS, ACCELERATION_SPELLINGS)
     for unit, words in spellings.items()
     for spelling in words.split()
 }
@@ -48,7 +53,8 @@ GYRO = (
     "w|omega|g|gyr|gyro|gyroscope|gyroskop|giroscopio|gyrorotation|(motion)?rotationrate"
     "|(field)?angular(velocity|rate)|angvel|wrss"
 )
-RATES = tuple(re.compile(rf"({GYRO}){axis}(axis)?|{axis}({GYRO})") for axis in "xyz")
+# Without gravity ("linear", "user"), accelerations are of no use.
+ACCELEROMETER = "a|alpha|acc|accl|accel|accelero(meter)?|acceleration|beschleunigung|total(acc|acceleration)|arss"
 
 # Longest cell that may be a name: the patterns take time in proportion to the square of the length.
 CELL_WIDTH = 100
@@ -57,6 +63,29 @@ CELL_WIDTH = 100
 LAYOUT_ROWS = 50
 # A column of so many rows hardly rises by chance: in one of 10! orders.
 CHANCE_ROWS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """Names of the columns of a quantity along x, y and z, and the spellings of its units."""
+
+    names: tuple[re.Pattern[str], ...]
+    spellings: dict[str, str]
+
+    @classmethod
+    def of(cls, word: str, spellings: dict[str, str]) -> Quantity:
+        """Return the quantity whose columns are called `word`, before or after the axis."""
+        return cls(tuple(re.compile(rf"({word}){axis}(axis)?|{axis}({word})") for axis in "xyz"), spellings)
+
+    @property
+    def bare(self) -> Quantity:
+        """The quantity whose columns may also be called x, y and z alone."""
+        names = (re.compile(rf"{axis}|{name.pattern}") for axis, name in zip("xyz", self.names, strict=True))
+        return Quantity(tuple(names), self.spellings)
+
+
+RATE = Quantity.of(GYRO, RATE_SPELLINGS)
+ACCELERATION = Quantity.of(ACCELEROMETER, ACCELERATION_SPELLINGS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +132,7 @@ def _unit_of(text: str) -> str | None:
     return UNIT_OF.get(re.sub(r"[\s\[\]()]", "", text[:CELL_WIDTH].lower()))
 
 
-def named_columns(text: TextFile, values: Sequence[re.Pattern[str]] = RATES, *, stamped: bool = True) -> Columns | None:
+def named_columns(text: TextFile, values: Quantity = RATE, *, stamped: bool = True) -> Columns | None:
     """Return the columns named by a header; None if no line names the values and, if `stamped`, the stamps.
 
     A row of units may follow the names.
@@ -127,7 +156,7 @@ def named_columns(text: TextFile, values: Sequence[re.Pattern[str]] = RATES, *, 
 
         t = place(TIME, TIME_SPELLINGS)
         t = t if t >= 0 else place(ELAPSED, TIME_SPELLINGS)
-        x, y, z = (place(value, RATE_SPELLINGS) for value in values)
+        x, y, z = (place(name, values.spellings) for name in values.names)
         if min(x, y, z) >= 0 and (t >= 0) is stamped:
             units = [cells[k].unit for k in (x, y, z)]
             names = tuple(cell.name for cell in cells)

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from rsdeblur.io.columns import (
-    RATES,
+    RATE,
     SPACING,
     TIME_UNITS,
     Columns,
@@ -25,12 +25,15 @@ from rsdeblur.io.columns import (
     unit_from_spacing,
 )
 from rsdeblur.io.formats import Format, text_format
-from rsdeblur.io.samples import Axes, Samples, table_samples
+from rsdeblur.io.samples import GRAVITY, Axes, Samples, table_samples
 from rsdeblur.io.text import TextFile, cells_of, is_number, read_table, separator_of
 from rsdeblur.types import FloatArray
 
-# Android's sensor types: the gyro, and the gyro whose bias the phone does not remove.
-GYRO_TYPE, UNCALIBRATED_TYPE = "4", "16"
+# Android's sensor types: the gyro, the gyro whose bias the phone does not remove, and the accelerometer.
+GYRO_TYPE, UNCALIBRATED_TYPE, ACCELEROMETER_TYPE = "4", "16", "1"
+
+# Columns of `type t_ns x y z`.
+TAGGED = Columns((1, 2, 3, 4), "ns")
 
 BIASED = {"bias": "not removed by the phone"}
 
@@ -38,8 +41,12 @@ BIASED = {"bias": "not removed by the phone"}
 OTHER_SENSORS = re.compile(r"acc|gravity|magn|orientation|compass|barom", re.IGNORECASE)
 
 
-def read_columns(text: TextFile, columns: Columns, axes: Axes, rows: Sequence[int] | None = None) -> Samples:
-    """Read the table, or only `rows` of it; a missing unit of time follows from the sample spacing.
+def read_columns(
+    text: TextFile, columns: Columns, axes: Axes, rows: Sequence[int] | None = None, *, unit: str = "rad/s"
+) -> Samples:
+    """Read the table, or only `rows` of it; `unit` is that of values without one.
+
+    A missing unit of time follows from the sample spacing.
 
     Raises
     ------
@@ -53,12 +60,12 @@ def read_columns(text: TextFile, columns: Columns, axes: Axes, rows: Sequence[in
     check_layout(text, lines, columns)
     units = sorted({unit for unit in columns.value_units if unit})
     if len(units) > 1:
-        raise text.error(f"the rates are in {' and '.join(units)}; they must all have one unit")
-    rate_unit = units[0] if units else "rad/s"
+        raise text.error(f"the values are in {' and '.join(units)}; they must all have one unit")
+    unit = units[0] if units else unit
     if t < 0:
-        return table_samples(table, None, rate_unit=rate_unit, axes=axes, time_unit="none")
-    unit = columns.time_unit or unit_from_spacing(table)
-    return table_samples(table, table.nanoseconds(TIME_UNITS[unit]), rate_unit=rate_unit, axes=axes, time_unit=unit)
+        return table_samples(table, None, unit=unit, axes=axes, time_unit="none")
+    time = columns.time_unit or unit_from_spacing(table)
+    return table_samples(table, table.nanoseconds(TIME_UNITS[time]), unit=unit, axes=axes, time_unit=time)
 
 
 def _read_named(axes: Axes) -> Callable[[TextFile], Samples]:
@@ -88,12 +95,9 @@ def _sniff_phyphox(text: TextFile) -> bool:
     return columns is not None and columns.names[:2] == ("time", "gyroscopex") and columns.time_unit == "s"
 
 
-# Sensor Logger calls the columns of all its sensors z, y and x, in this order; some users rename them.
-BARE_AXES = tuple(re.compile(rf"{axis}|{pattern.pattern}") for axis, pattern in zip("xyz", RATES, strict=True))
-
-
 def _sensorlogger_columns(text: TextFile) -> Columns | None:
-    columns = named_columns(text, BARE_AXES)
+    # Sensor Logger calls the columns of all its sensors z, y and x, in this order; some users rename them.
+    columns = named_columns(text, RATE.bare)
     return columns if columns and {"time", "secondselapsed"} <= set(columns.names) else None
 
 
@@ -131,10 +135,11 @@ def _read_opencamera(text: TextFile) -> Samples:
 
 def _type_of(line: str) -> str:
     word = cells_of(line)[0].lower()
-    return GYRO_TYPE if word.startswith("gyr") else word
+    return GYRO_TYPE if word.startswith("gyr") else ACCELEROMETER_TYPE if word.startswith("acc") else word
 
 
-def _sniff_tagged(text: TextFile) -> bool:
+def is_tagged(text: TextFile) -> bool:
+    """Whether the lines read `type t_ns x y z`."""
     cells = cells_of(text.head)
     if len(cells) != 5 or not cells[1].isdecimal() or not all(map(is_number, cells[2:])):
         return False
@@ -143,17 +148,23 @@ def _sniff_tagged(text: TextFile) -> bool:
     return any(_type_of(line) in (GYRO_TYPE, UNCALIBRATED_TYPE) for line in text.filled())
 
 
-def _read_tagged(text: TextFile) -> Samples:
+def tagged_rows(text: TextFile) -> dict[str, list[int]]:
+    """Return the rows of each type of sensor."""
     rows: dict[str, list[int]] = {}
     for row, line in zip(text.rows.tolist(), text.filled(), strict=True):
         kind = _type_of(line)
         if not (kind.isdecimal() or (kind.isalpha() and len(kind) > 2)):
             raise text.error(f"{kind[:40]!r} is not a sensor type; lines must read `type t_ns x y z`", row)
         rows.setdefault(kind, []).append(row)
+    return rows
+
+
+def _read_tagged(text: TextFile) -> Samples:
+    rows = tagged_rows(text)
     kind = GYRO_TYPE if GYRO_TYPE in rows else UNCALIBRATED_TYPE
     if kind not in rows:
         raise text.error("the file contains no gyro samples: no line is of type 4 or 16")
-    samples = read_columns(text, Columns((1, 2, 3, 4), "ns"), "phone", rows[kind])
+    samples = read_columns(text, TAGGED, "phone", rows[kind])
     return samples if kind == GYRO_TYPE else replace(samples, facts=BIASED)
 
 
@@ -161,27 +172,27 @@ def _plain_columns(text: TextFile) -> Columns | None:
     named = named_columns(text)
     if named is not None:
         return named
-    bare = named_columns(text, BARE_AXES)
+    bare = named_columns(text, RATE.bare)
     if bare is not None and (any(bare.value_units) or "gyr" in text.path.stem.lower()):
         return bare
     for width in (4, 7):
         grid = layout_grid(text, width)
         if grid is not None:
-            return _beside(grid, time_column(grid))
+            gyros, accelerometers = sensors_beside(grid, time_column(grid))
+            # Four columns of an accelerometer are refused later, with the reason.
+            return gyros[0] if len(gyros) == 1 else accelerometers[0] if width == 4 else None
     return None
 
 
-def _beside(grid: FloatArray, t: int) -> Columns | None:
-    """Return the gyro's columns beside that of the stamps; an accelerometer's, if there are more, show 9.8 m/s^2."""
-    triple, *more = np.split(np.delete(np.arange(grid.shape[1]), t), range(3, grid.shape[1] - 1, 3))
-    if more:
-        triples = (triple, *more)
-        gyros = [each for each in triples if abs(np.median(np.linalg.norm(grid[:, each], axis=1)) - 9.8) >= 2]
-        if len(gyros) != 1:
-            return None
-        triple = gyros[0]
-    x, y, z = triple.tolist()
-    return Columns((t, x, y, z))
+def sensors_beside(grid: FloatArray, t: int) -> tuple[list[Columns], list[Columns]]:
+    """Return the columns of the gyros and of the accelerometers, which show gravity, beside that of the stamps."""
+    gyros: list[Columns] = []
+    accelerometers: list[Columns] = []
+    others = [k for k in range(grid.shape[1]) if k != t]
+    for x, y, z in zip(others[::3], others[1::3], others[2::3], strict=True):
+        size = float(np.median(np.linalg.norm(grid[:, (x, y, z)], axis=1)))
+        (accelerometers if abs(size - GRAVITY) < 2 else gyros).append(Columns((t, x, y, z)))
+    return gyros, accelerometers
 
 
 def _read_plain(text: TextFile) -> Samples:
@@ -216,7 +227,7 @@ FORMATS: tuple[Format[Samples], ...] = (
         lambda text: _sensorlogger_columns(text) is not None,
         _read_sensorlogger,
     ),
-    text_format("deepgyro", "imu.txt with types, `type t_ns x y z`", _sniff_tagged, _read_tagged),
+    text_format("deepgyro", "imu.txt with types, `type t_ns x y z`", is_tagged, _read_tagged),
     text_format("opencamera", "OpenCamera Sensors gyro.csv, `x,y,z,t_ns`", _sniff_opencamera, _read_opencamera),
     text_format("plain", "`t wx wy wz` or `wx wy wz t`", lambda text: _plain_columns(text) is not None, _read_plain),
     text_format(

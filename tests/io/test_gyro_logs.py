@@ -251,7 +251,7 @@ def test_a_row_of_units_may_follow_the_names(write: Write) -> None:
 
 
 def test_rates_of_several_units_are_refused(write: Write) -> None:
-    with pytest.raises(FileFormatError, match="the rates are in deg/s and rad/s; they must all have one unit"):
+    with pytest.raises(FileFormatError, match="the values are in deg/s and rad/s; they must all have one unit"):
         read_gyro(write("t,gx[deg/s],gy[rad/s],gz\n" + GOOD))
 
 
