@@ -24,6 +24,7 @@ from .io import read_camera as read_camera
 from .io import read_captures as read_captures
 from .io import read_gyro as read_gyro
 from .io import read_picture as read_picture
+from .io import read_trajectory as read_trajectory
 from .io import write_picture as write_picture
 from .motion.acceleration import AccelerationLog as AccelerationLog
 from .motion.camera import Camera as Camera
@@ -34,6 +35,7 @@ from .motion.inertial import InertialTrack as InertialTrack
 from .motion.inertial import fit_drifts as fit_drifts
 from .motion.paths import BlurPaths as BlurPaths
 from .motion.paths import Capture as Capture
+from .motion.trajectory import Trajectory as Trajectory
 from .motion.translation import Translation as Translation
 from .pipeline.deblur import deblur as deblur
 from .pipeline.deblur import psfs as psfs

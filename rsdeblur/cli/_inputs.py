@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -17,12 +18,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rsdeblur.choices import Auto, Transfer
-    from rsdeblur.cli._options import Recording
+    from rsdeblur.cli._options import Recording, Track
     from rsdeblur.io.pictures import Picture
     from rsdeblur.io.samples import GyroFile
     from rsdeblur.motion.camera import Camera
     from rsdeblur.motion.exposure import Exposure
     from rsdeblur.motion.gyro import GyroLog
+    from rsdeblur.pipeline.options import Options
 
 
 class Inputs(NamedTuple):
@@ -122,6 +124,31 @@ def _check_axes(file: GyroFile, camera: Camera, recording: Recording) -> None:
         RsdeblurWarning,
         stacklevel=2,
     )
+
+
+def with_translation(options: Options, track: Track, camera: Camera, exposure: Exposure) -> Options:
+    """Return the options with the translation that other options name, if they name one.
+
+    Raises
+    ------
+    RsdeblurError
+        If the file is refused or does not cover the exposure.
+    click.UsageError
+        If the file or the depth is given without the other.
+    """
+    if track.translation is None and track.depth is None:
+        return options
+    if track.translation is None or track.depth is None:
+        raise _usage("--translation and --depth are needed together")
+
+    from rsdeblur.io import read_trajectory
+
+    trajectory = read_trajectory(track.translation)
+    try:
+        translation = trajectory.translation(exposure, camera, track.depth, axes=track.translation_axes)
+    except CoverageError as error:
+        raise type(error)(f"{track.translation}: {error}") from error
+    return replace(options, translation=translation)
 
 
 def _exposure(recording: Recording, photo: Path | None) -> Exposure:

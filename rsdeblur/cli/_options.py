@@ -159,6 +159,15 @@ class Recording:
 
 
 @dataclass(frozen=True, slots=True)
+class Track:
+    """File of the camera's positions, its axes, and the depth of the scene in m."""
+
+    translation: Path | None = None
+    translation_axes: str = "camera"
+    depth: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Defaults:
     """Values for the items of a batch that set none of their own; the names are those of `Recording`."""
 
@@ -300,6 +309,31 @@ defaults_options = gathered(
         click.option("--capture", type=PATH, metavar="FILE", help="Metadata file of photos that name none."),
         click.option("--duration", type=SecondsType(), help="Exposure time of other photos.  [default: from EXIF]"),
         *_OVERRIDES,
+    ),
+)
+track_options = gathered(
+    "track",
+    Track,
+    (
+        click.option(
+            "--translation",
+            type=PATH,
+            metavar="FILE",
+            help="Track of the camera from another program, on the camera's clock: `t tx ty tz qx qy qz qw`.",
+        ),
+        click.option(
+            "--translation-axes",
+            metavar="AXES",
+            default="camera",
+            show_default=True,
+            help="Axes of the body that --translation tracks: camera, imu, phone-portrait (ARKit, ARCore), YxZ.",
+        ),
+        click.option(
+            "--depth",
+            type=click.FloatRange(min=0.0, min_open=True),
+            metavar="METRES",
+            help="Distance of the scene, for --translation.",
+        ),
     ),
 )
 _DEFAULTS: dict[str, Any] = {field.name: field.default for field in fields(Options)}

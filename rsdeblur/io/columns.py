@@ -36,9 +36,10 @@ ACCELERATION_SPELLINGS = {
     "g": "g",
     "mg": "mg",
 }
+LENGTH_SPELLINGS = {"m": "m meter meters metre metres"}
 UNIT_OF = {
     spelling: unit
-    for spellings in (TIME_SPELLINGS, RATE_SPELLINGS, ACCELERATION_SPELLINGS)
+    for spellings in (TIME_SPELLINGS, RATE_SPELLINGS, ACCELERATION_SPELLINGS, LENGTH_SPELLINGS)
     for unit, words in spellings.items()
     for spelling in words.split()
 }

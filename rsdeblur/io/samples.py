@@ -149,7 +149,7 @@ def finish(
             f"impossible rates: {samples.values[i].tolist()} {unit or samples.unit}; is the unit right?", i
         )
     unit = unit or samples.unit
-    t, rates, epoch, repairs = _ordered(_stamps(samples, rate, error), samples)
+    t, rates, epoch, repairs = ordered(_stamps(samples, rate, error), samples)
     if RATE_UNITS[unit] != 1:
         rates = rates * RATE_UNITS[unit]
     if np.mean(np.abs(_magnitudes(rates) - GRAVITY) < 0.5) > 0.9:
@@ -178,7 +178,7 @@ def finish_acceleration(samples: Samples, unit: str | None, error: Callable[[str
     if not len(samples.values):
         raise error("the file contains no samples of an accelerometer")
     unit = unit or samples.unit
-    t, forces, epoch, repairs = _ordered(_stamps(samples, None, error), samples)
+    t, forces, epoch, repairs = ordered(_stamps(samples, None, error), samples)
     size = float(np.median(_magnitudes(forces))) * ACCELERATION_UNITS[unit]
     if not 0.5 * GRAVITY < size < 1.5 * GRAVITY:
         fits = [
@@ -202,7 +202,7 @@ def _magnitudes(values: FloatArray) -> FloatArray:
     return magnitudes
 
 
-def _ordered(ns: NDArray[np.int64], samples: Samples) -> tuple[FloatArray, FloatArray, int, list[str]]:
+def ordered(ns: NDArray[np.int64], samples: Samples) -> tuple[FloatArray, FloatArray, int, list[str]]:
     """Return times in s, values in their final axes, the first stamp in ns, and a note of each repair."""
     ns, values, repairs = _repaired(ns, samples)
     if samples.turn is not None:

@@ -77,6 +77,29 @@ def test_a_log_without_stamps_and_with_a_bias(run: Run, files: Files) -> None:
     assert json.loads(run("info", files.gyro, "--rate", 200, "--unit", "deg/s", "--json").stdout)[0]["samples"] == 100
 
 
+def test_a_track_from_another_program(run: Run, files: Files, tmp_path: Path) -> None:
+    track = tmp_path / "poses.txt"
+    # Only 1 m/s to the right, for 40 ms, before a wall at 0.5 m: 8.8 px at a focal length of 110 px.
+    files.write_gyro(files.samples() * (1, 0, 0, 0))
+    track.write_text("".join(f"{t:.3f} {t:.3f} 0 0 0 0 0 1\n" for t in np.arange(0, 0.5, 0.01)))
+    common = [*files.recording, "--bands", 4, "--strips", 1]
+    still, moved = (
+        json.loads(run("psf", *common, "--json", *more).stdout)["psf_px"]
+        for more in ([], ["--translation", track, "--depth", 0.5])
+    )
+    # A kernel has a pixel on both sides.
+    assert (still, moved) == ([3, 3], [11, 3])
+    out = tmp_path / "sharp.png"
+    result = run("deblur", files.photo, *common, "--translation", track, "--depth", 0.5, "-o", out, "--dry-run")
+    assert result.exit_code == 0, result.stderr
+    turned = ["--translation", track, "--depth", 0.5, "--translation-axes", "sideways"]
+    assert "no IMU orientation 'sideways'" in run("psf", *common, *turned).stderr
+    assert run("psf", *common, "--depth", 0.5).exit_code == 2
+    track.write_text("0.1 0 0 0\n0.2 0 0 0\n")
+    result = run("psf", *common, "--translation", track, "--depth", 0.5)
+    assert f"{track}: the translation track spans" in result.stderr
+
+
 def test_deblur_json(run: Run, files: Files, tmp_path: Path) -> None:
     result = run(
         "deblur", files.photo, *files.recording, "--bands", 3, "--strips", 2, "--json", "-o", tmp_path / "o.png"
