@@ -100,6 +100,17 @@ def test_a_track_from_another_program(run: Run, files: Files, tmp_path: Path) ->
     assert f"{track}: the translation track spans" in result.stderr
 
 
+def test_info_shows_the_accelerometer_and_trajectories(run: Run, tmp_path: Path) -> None:
+    log, track = tmp_path / "gyro_accel.csv", tmp_path / "poses.txt"
+    stamps = [0.5 + 0.01 * i for i in range(9)]
+    log.write_text("t[s],gx,gy,gz,ax[g],ay[g],az[g]\n" + "".join(f"{t},0,0,0,0,1,0\n" for t in stamps))
+    track.write_text("".join(f"{t} {t} 0 0 0 0 0 1\n" for t in stamps))
+    gyro, poses = json.loads(run("info", log, track, "--json").stdout)
+    assert (gyro["kind"], poses["kind"], poses["poses"]) == ("gyro log", "trajectory", 9)
+    assert gyro["gravity_m_s2"] == pytest.approx(9.80665)
+    assert poses["extent_m"] == pytest.approx([0.08, 0, 0])
+
+
 def test_deblur_json(run: Run, files: Files, tmp_path: Path) -> None:
     result = run(
         "deblur", files.photo, *files.recording, "--bands", 3, "--strips", 2, "--json", "-o", tmp_path / "o.png"
