@@ -110,7 +110,7 @@ def read_sensorlogger_json(source: Source, sensors: tuple[str, ...], unit: str) 
     sensor = next((name for name in sensors if name in by_sensor), None)
     if sensor is None:
         raise source.error(
-            f"the file contains no samples of {sensors[0]}, only of {', '.join(sorted(by_sensor))[:200]}"
+            f"the file contains no samples of the {sensors[0].lower()}, only of {', '.join(sorted(by_sensor))[:200]}"
         )
     readings = by_sensor[sensor]
     try:
