@@ -62,6 +62,8 @@ CELL_WIDTH = 100
 
 # Rows that decide the layout of a table: enough that no rate rises from each to the next by chance.
 LAYOUT_ROWS = 50
+# Columns searched for one that rises: those of any sensor log, and a bound on the work for other files.
+LAYOUT_COLUMNS = 64
 # A column of so many rows hardly rises by chance: in one of 10! orders.
 CHANCE_ROWS = 10
 
@@ -181,7 +183,7 @@ def check_layout(text: TextFile, rows: Rows, columns: Columns) -> None:
                 row,
             )
     place = columns.places[0]
-    width = min(map(len, cells))
+    width = min(LAYOUT_COLUMNS, *map(len, cells))
     grid = np.array([[float(cell) if is_number(cell) else np.nan for cell in found[:width]] for found in cells])
     if 0 <= place < width and not _rises(grid[:, place]):
         others = rising(grid)
