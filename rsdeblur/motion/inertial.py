@@ -25,7 +25,7 @@ from rsdeblur.motion.acceleration import AccelerationLog
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog, OrientationTrack
-from rsdeblur.motion.translation import Translation
+from rsdeblur.motion.translation import CLOCK_TICK, Translation
 from rsdeblur.types import FloatArray
 
 # Times of an exposure at which a straight line is fitted to a path.
@@ -158,44 +158,54 @@ class InertialTrack:
 
     def translation(
         self,
-        velocity: ArrayLike,
+        exposure: Exposure,
+        camera: Camera,
         depth: float,
+        velocity: ArrayLike,
         gravity: ArrayLike | None = None,
-        *,
-        span: tuple[float, float] | None = None,
     ) -> Translation:
-        """Return the translation that :func:`rsdeblur.deblur` takes.
+        """Return the translation during an exposure, for :func:`rsdeblur.deblur`.
 
         Parameters
         ----------
-        velocity, gravity
-            See :meth:`position`.
+        exposure : Exposure
+            The exposure, within the track.
+        camera : Camera
+            The camera.
         depth : float
             Distance of the scene along the optical axis in m, positive.
-        span : (float, float), optional
-            Start and end of the exposure in s relative to `epoch_ns`, within the track; by default the whole track.
+        velocity, gravity
+            See :meth:`position`: the velocity is that at the start of the track.
 
         Returns
         -------
         Translation
-            Positions during the span, in the camera's axes at its start.
+            Positions in the camera's axes at the start of the exposure.
 
         Raises
         ------
         InputError
             If a value is out of its range.
         CoverageError
-            If the track does not cover the span.
+            If the track does not cover the exposure.
         """
-        t0, t1 = span or (float(self.t[0]), float(self.t[-1]))
-        if not self.t[0] <= t0 < t1 <= self.t[-1]:
-            raise CoverageError(
-                f"the inertial track spans {self.t[0]:.4f} s to {self.t[-1]:.4f} s, which does not cover {t0:.4f} s to "
-                f"{t1:.4f} s; use a longer track"
-            )
-        t = np.concatenate([[t0], self.t[(self.t > t0) & (self.t < t1)], [t1]])
+        opens, closes = self._span(exposure, camera)
+        t = np.concatenate([[opens], self.t[(self.t > opens) & (self.t < closes)], [closes]])
         position = self.position(t, velocity, gravity)
-        return Translation(t, (position - position[0]) @ self._orientation(t0).T, depth, self.epoch_ns)
+        moved = (position - position[0]) @ self._orientation(opens).T
+        return Translation(t + (self.epoch_ns - exposure.epoch_ns) * 1e-9, moved, depth, exposure.epoch_ns)
+
+    def _span(self, exposure: Exposure, camera: Camera) -> tuple[float, float]:
+        """Return the start and the end of an exposure, in the track's times and within them."""
+        shift = (exposure.epoch_ns - self.epoch_ns) * 1e-9
+        opens, closes = (edge + shift for edge in exposure.span(camera))
+        first, last = float(self.t[0]), float(self.t[-1])
+        if opens < first - CLOCK_TICK or closes > last + CLOCK_TICK:
+            raise CoverageError(
+                f"the inertial track spans {first:.4f} s to {last:.4f} s, the exposure needs {opens:.4f} s to "
+                f"{closes:.4f} s; use a longer track"
+            )
+        return max(opens, first), min(closes, last)
 
     def _orientation(self, time: float) -> FloatArray:
         """Return the orientation at the last of the track's times at or before `time`."""
@@ -313,12 +323,7 @@ def fit_drifts(
 
 def _drifts_of(track: InertialTrack, camera: Camera, exposure: Exposure, ray: FloatArray) -> FloatArray:
     """Return the drift at a depth of 1 m of s(t), and for unit values of v (3) and g (3), shape (2, 7)."""
-    opens, closes = (edge + 1e-9 * (exposure.epoch_ns - track.epoch_ns) for edge in exposure.span(camera))
-    if not track.t[0] <= opens < closes <= track.t[-1]:
-        raise CoverageError(
-            f"the inertial track spans {track.t[0]:.4f} s to {track.t[-1]:.4f} s, the exposure needs {opens:.4f} s to "
-            f"{closes:.4f} s; use a longer track"
-        )
+    opens, closes = track._span(exposure, camera)
     times = np.linspace(opens, closes, LINE_SAMPLES)
     none, axes = np.zeros(3), np.eye(3)
     path = track.position(times, none, none)

@@ -113,11 +113,22 @@ def test_a_part_of_the_track_is_the_track_of_the_part() -> None:
     i = int(np.argmin(np.abs(T - 0.4)))
     turn = motion.rotations[i]
     speed = START * np.cos(np.array([7.0, 11.0, 5.0]) * 0.4)
-    own = part.translation(turn @ speed, 2.0, turn @ G)
-    cut = whole.translation(START, 2.0, G, span=(0.4, 0.6))
+    camera, exposure = Camera(160, 120, 200.0), Exposure(0.4, 0.2, 10**18)
+    own = part.translation(exposure, camera, 2.0, turn @ speed, turn @ G)
+    cut = whole.translation(exposure, camera, 2.0, START, G)
     times = np.linspace(0.4, 0.6, 9)
     np.testing.assert_allclose(own.at(times), cut.at(times), atol=2e-5)
     assert (cut.epoch_ns, cut.depth) == (10**18, 2.0)
+
+
+def test_a_translation_covers_its_exposure_whatever_the_epoch() -> None:
+    motion = Motion(*SWAY)
+    track = motion.track()
+    camera = Camera(160, 120, 200.0, imu_to_camera=MOUNT, readout_time=0.02, time_offset=0.03)
+    log = GyroLog(T - 0.03, motion.rate[:, None] * motion.axis @ MOUNT, 10**18)
+    for i in range(20):
+        exposure = Exposure(0.0, 0.1, 10**18 + 12_345_679 * (i + 1))
+        Capture.from_log(log, camera, exposure, track.translation(exposure, camera, 1.0, START))
 
 
 def exposures(count: int = 6, duration: float = 0.1) -> list[Exposure]:
@@ -134,7 +145,7 @@ def test_a_fit_finds_what_made_the_drifts() -> None:
             GyroLog(T - 0.03, motion.rate[:, None] * motion.axis @ MOUNT, 10**18),
             camera := Camera(160, 120, 200.0, imu_to_camera=MOUNT, time_offset=0.03),
             exposure,
-            track.translation(START, truth, G, span=exposure.span(camera)),
+            track.translation(exposure, camera, truth, START, G),
         )
         still = Capture.from_log(
             GyroLog(T - 0.03, motion.rate[:, None] * motion.axis @ MOUNT, 10**18), camera, exposure
@@ -170,8 +181,8 @@ def test_drifts_that_contradict_the_accelerometer_are_refused() -> None:
 
 def test_times_outside_are_refused() -> None:
     track = Motion(*SWAY).track(0.2, 0.8)
-    with pytest.raises(CoverageError, match="does not cover"):
-        track.translation(START, 1.0, span=(0.1, 0.3))
+    with pytest.raises(CoverageError, match="inertial track spans"):
+        track.translation(Exposure(0.1, 0.2, 10**18), CAMERA, 1.0, START)
     with pytest.raises(CoverageError, match="inertial track spans"):
         fit_drifts(track, Camera(160, 120, 200.0), exposures(), np.ones((6, 2)))
     with pytest.raises(CoverageError, match="the accelerometer log does not cover"):
