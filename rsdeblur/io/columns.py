@@ -227,7 +227,7 @@ def time_column(grid: FloatArray) -> int:
         return 0
     steps = np.unique(np.diff(grid[:, columns[0]]))
     # In a short table a rate may rise by chance, but not evenly.
-    even = steps[-1] <= 2 * steps[steps > 0][0]
+    even = 0.5 * steps[-1] <= steps[steps > 0][0]
     return columns[0] if even or len(grid) >= CHANCE_ROWS else 0
 
 

@@ -141,14 +141,8 @@ def finish(
     """
     if unit is not None and unit not in RATE_UNITS:
         raise InputError(f"unit must be one of {', '.join(RATE_UNITS)}; got {unit!r}")
-    if not len(samples.values):
-        raise error("the file contains no samples")
-    if max(samples.values.max(), -samples.values.min()) > LARGEST_RATE:
-        i = int(np.argwhere(np.abs(samples.values) > LARGEST_RATE)[0, 0])
-        raise samples.error_at(
-            f"impossible rates: {samples.values[i].tolist()} {unit or samples.unit}; is the unit right?", i
-        )
     unit = unit or samples.unit
+    _check_values(samples, "rates", unit, error)
     t, rates, epoch, repairs = ordered(_stamps(samples, rate, error), samples)
     if RATE_UNITS[unit] != 1:
         rates = rates * RATE_UNITS[unit]
@@ -175,9 +169,8 @@ def finish_acceleration(samples: Samples, unit: str | None, error: Callable[[str
     """
     if unit is not None and unit not in ACCELERATION_UNITS:
         raise InputError(f"unit must be one of {', '.join(ACCELERATION_UNITS)}; got {unit!r}")
-    if not len(samples.values):
-        raise error("the file contains no samples of an accelerometer")
     unit = unit or samples.unit
+    _check_values(samples, "accelerations", unit, error)
     t, forces, epoch, repairs = ordered(_stamps(samples, None, error), samples)
     size = float(np.median(_magnitudes(forces))) * ACCELERATION_UNITS[unit]
     if not 0.5 * GRAVITY < size < 1.5 * GRAVITY:
@@ -195,6 +188,16 @@ def finish_acceleration(samples: Samples, unit: str | None, error: Callable[[str
     for repair in repairs:
         warnings.warn(str(error(f"accelerometer: {repair}")), RsdeblurWarning, stacklevel=3)
     return log
+
+
+def _check_values(samples: Samples, what: str, unit: str, error: Callable[[str], FileFormatError]) -> None:
+    """Raise `FileFormatError` if there are no samples, or one is so large that computing with it may overflow."""
+    values = samples.values
+    if not len(values):
+        raise error("the file contains no samples")
+    if max(values.max(), -values.min()) > LARGEST_RATE:
+        i = int(np.argwhere(np.abs(values) > LARGEST_RATE)[0, 0])
+        raise samples.error_at(f"impossible {what}: {values[i].tolist()} {unit}; is the unit right?", i)
 
 
 def _magnitudes(values: FloatArray) -> FloatArray:
