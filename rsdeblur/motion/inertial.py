@@ -14,7 +14,7 @@ depth of the scene: seven unknowns, in which every displacement in the picture i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,9 +46,11 @@ class InertialTrack:
     t : ndarray, shape (n,)
         Times in s relative to `epoch_ns`, camera time.
     path : ndarray, shape (n, 3)
-        Positions in m, in world axes, without gravity and of a camera that starts at rest: s(t).
-    rotations : ndarray, shape (n, 3, 3)
-        Orientations, camera from world; the first is the identity.
+        Positions of the camera's centre in m, in world axes, without gravity and from rest: s(t).
+    speed : ndarray, shape (n, 3)
+        Velocities of the accelerometer on that path in m/s: s'(t) without the part of the lever.
+    orientation : OrientationTrack
+        Orientation of the camera over time, of any world.
     epoch_ns : int
         Origin of `t` in nanoseconds.
     gravity : ndarray, shape (3,)
@@ -58,9 +60,14 @@ class InertialTrack:
 
     t: FloatArray
     path: FloatArray
-    rotations: FloatArray
+    speed: FloatArray
+    orientation: OrientationTrack
     epoch_ns: int
     gravity: FloatArray
+
+    def __post_init__(self) -> None:
+        for array in (self.t, self.path, self.speed, self.gravity):
+            array.setflags(write=False)
 
     @classmethod
     def from_logs(
@@ -122,9 +129,44 @@ class InertialTrack:
         way = step * speed[:-1] + step**2 / 6.0 * (2.0 * force[:-1] + force[1:])
         path = np.concatenate([start, np.cumsum(way, axis=0)]) + rotations.transpose(0, 2, 1) @ arm - arm
         gravity = -speed[-1] / (t1 - t0)
-        for array in (t, path, rotations, gravity):
-            array.setflags(write=False)
-        return cls(t, path, rotations, epoch_ns, gravity)
+        return cls(t, path, speed, track, epoch_ns, gravity)
+
+    def during(self, exposure: Exposure, camera: Camera) -> InertialTrack:
+        """Return the track of one exposure, which starts anew: with the velocity at its start as the unknown.
+
+        Parameters
+        ----------
+        exposure : Exposure
+            The exposure, within the track.
+        camera : Camera
+            The camera.
+
+        Returns
+        -------
+        InertialTrack
+            The track during the exposure, in the camera's axes at its start, with this track's gravity.
+
+        Raises
+        ------
+        CoverageError
+            If the track does not cover the exposure.
+        """
+        opens, closes = self._span(exposure, camera)
+        t = self._times(opens, closes)
+        turn = self._orientation(opens)
+        path, speed = (
+            np.stack([np.interp(t, self.t, axis) for axis in each.T], axis=-1) for each in (self.path, self.speed)
+        )
+        path = path - path[0] - speed[0] * (t - opens)[:, None]
+        shift = (self.epoch_ns - exposure.epoch_ns) * 1e-9
+        return InertialTrack(
+            t=t + shift,
+            path=path @ turn.T,
+            speed=(speed - speed[0]) @ turn.T,
+            orientation=replace(self.orientation, t=self.orientation.t + shift),
+            epoch_ns=exposure.epoch_ns,
+            gravity=turn @ self.gravity,
+        )
 
     def position(self, times: ArrayLike, velocity: ArrayLike, gravity: ArrayLike | None = None) -> FloatArray:
         """Return the positions of the camera's centre.
@@ -190,7 +232,7 @@ class InertialTrack:
             If the track does not cover the exposure.
         """
         opens, closes = self._span(exposure, camera)
-        t = np.concatenate([[opens], self.t[(self.t > opens) & (self.t < closes)], [closes]])
+        t = self._times(opens, closes)
         position = self.position(t, velocity, gravity)
         moved = (position - position[0]) @ self._orientation(opens).T
         return Translation(t + (self.epoch_ns - exposure.epoch_ns) * 1e-9, moved, depth, exposure.epoch_ns)
@@ -207,10 +249,15 @@ class InertialTrack:
             )
         return max(opens, first), min(closes, last)
 
+    def _times(self, opens: float, closes: float) -> FloatArray:
+        """Return a start, the track's times after it, and an end."""
+        return np.concatenate([[opens], self.t[(self.t > opens) & (self.t < closes)], [closes]])
+
     def _orientation(self, time: float) -> FloatArray:
-        """Return the orientation at the last of the track's times at or before `time`."""
-        rotation: FloatArray = self.rotations[np.searchsorted(self.t, time, side="right") - 1]
-        return rotation
+        """Return the orientation at a time, camera from world."""
+        rotation, start = self.orientation.at(np.array([time, self.t[0]]))
+        turned: FloatArray = rotation @ start.T
+        return turned
 
 
 @dataclass(frozen=True, slots=True, eq=False)

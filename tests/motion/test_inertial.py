@@ -107,17 +107,23 @@ def test_a_camera_on_a_lever_moves_when_the_phone_turns() -> None:
     np.testing.assert_allclose(track.position(times, START, G).T, expected, atol=2e-5)
 
 
-def test_a_part_of_the_track_is_the_track_of_the_part() -> None:
+@pytest.mark.parametrize("lever", [(0.0, 0.0, 0.0), (0.02, -0.07, 0.005)])
+def test_a_part_of_the_track_is_the_track_of_the_part(lever: tuple[float, ...]) -> None:
     motion = Motion(*SWAY, **turning())
-    whole, part = motion.track(), motion.track(0.4, 0.6)
+    whole, part = motion.track(lever=lever), motion.track(0.4, 0.6, lever=lever)
     i = int(np.argmin(np.abs(T - 0.4)))
     turn = motion.rotations[i]
     speed = START * np.cos(np.array([7.0, 11.0, 5.0]) * 0.4)
     camera, exposure = Camera(160, 120, 200.0), Exposure(0.4, 0.2, 10**18)
     own = part.translation(exposure, camera, 2.0, turn @ speed, turn @ G)
     cut = whole.translation(exposure, camera, 2.0, START, G)
+    anew = whole.during(exposure, camera)
+    # The integrated rotation errs by some 1e-6 rad.
+    np.testing.assert_allclose(anew.gravity, turn @ whole.gravity, atol=1e-4)
+    again = anew.translation(exposure, camera, 2.0, turn @ speed, turn @ G)
     times = np.linspace(0.4, 0.6, 9)
     np.testing.assert_allclose(own.at(times), cut.at(times), atol=2e-5)
+    np.testing.assert_allclose(own.at(times), again.at(times), atol=2e-5)
     assert (cut.epoch_ns, cut.depth) == (10**18, 2.0)
 
 
