@@ -26,12 +26,23 @@ import benchmarks.fuzz.__main__ as fuzz
 from benchmarks.fuzz import seeds, targets
 from rsdeblur import Camera
 from rsdeblur.errors import FileFormatError, RsdeblurError
-from rsdeblur.io import open_camera, open_gyro, read_captures, read_gyro, read_picture, write_picture
+from rsdeblur.io import (
+    open_camera,
+    open_gyro,
+    read_acceleration,
+    read_captures,
+    read_gyro,
+    read_picture,
+    read_trajectory,
+    write_picture,
+)
 from rsdeblur.io.exif import Exif
 from rsdeblur.psf import PsfBank
 
 READERS: dict[str, Callable[[Path], Any]] = {
     "gyro": open_gyro,
+    "acceleration": read_acceleration,
+    "trajectory": read_trajectory,
     "camera": open_camera,
     "toml": Camera.load,
     "captures": read_captures,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -17,12 +18,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rsdeblur.choices import Auto, Transfer
-    from rsdeblur.cli._options import Recording
+    from rsdeblur.cli._options import Recording, Track
     from rsdeblur.io.pictures import Picture
     from rsdeblur.io.samples import GyroFile
     from rsdeblur.motion.camera import Camera
     from rsdeblur.motion.exposure import Exposure
     from rsdeblur.motion.gyro import GyroLog
+    from rsdeblur.pipeline.options import Options
 
 
 class Inputs(NamedTuple):
@@ -65,24 +67,29 @@ def read_device(recording: Recording) -> tuple[GyroLog, Camera]:
         time_offset=recording.time_offset, readout_time=recording.readout_time
     )
     camera = with_overrides.warn(recording.camera)
-    reading = recording.gyro_format, recording.unit, recording.orientation
+    reading = recording.gyro_format, recording.unit, recording.orientation, recording.rate
     file, messages = _gyro_file(recording.gyro, _state(recording.gyro), *reading)
     for message in messages:
         warnings.warn(message, RsdeblurWarning, stacklevel=2)
     _check_axes(file, camera, recording)
-    return file.log, camera
+    return file.log if recording.bias is None else file.log.minus_bias(recording.bias), camera
 
 
 @lru_cache(maxsize=1)
 def _gyro_file(
-    path: Path, _: tuple[int, ...] | None, format: str | None, unit: str | None, orientation: str | None
+    path: Path,
+    _: tuple[int, ...] | None,
+    format: str | None,
+    unit: str | None,
+    orientation: str | None,
+    rate: float | None,
 ) -> tuple[GyroFile, list[str]]:
     """Read a log and collect its warnings; kept for the next photo, as a long log takes longer than deblurring."""
     from rsdeblur.io import open_gyro
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RsdeblurWarning)
-        file = open_gyro(path, format, unit=unit, orientation=orientation)
+        file = open_gyro(path, format, unit=unit, orientation=orientation, rate=rate)
     return file, [str(warning.message) for warning in caught]
 
 
@@ -117,6 +124,31 @@ def _check_axes(file: GyroFile, camera: Camera, recording: Recording) -> None:
         RsdeblurWarning,
         stacklevel=2,
     )
+
+
+def with_translation(options: Options, track: Track, camera: Camera, exposure: Exposure) -> Options:
+    """Return the options with the translation that other options name, if they name one.
+
+    Raises
+    ------
+    RsdeblurError
+        If the file is refused or does not cover the exposure.
+    click.UsageError
+        If the file or the depth is given without the other.
+    """
+    if track.translation is None and track.depth is None:
+        return options
+    if track.translation is None or track.depth is None:
+        raise _usage("--translation and --depth are needed together")
+
+    from rsdeblur.io import read_trajectory
+
+    trajectory = read_trajectory(track.translation)
+    try:
+        translation = trajectory.translation(exposure, camera, track.depth, axes=track.translation_axes)
+    except CoverageError as error:
+        raise type(error)(f"{track.translation}: {error}") from error
+    return replace(options, translation=translation)
 
 
 def _exposure(recording: Recording, photo: Path | None) -> Exposure:

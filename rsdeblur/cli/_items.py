@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from rsdeblur.cli._options import Defaults, Recording, SecondsType
+from rsdeblur.cli._options import BiasType, Defaults, Recording, SecondsType
 from rsdeblur.errors import FileFormatError, RsdeblurWarning
 
 # Columns of a manifest, with the conversion of their cells; an empty cell sets nothing.
@@ -20,6 +20,8 @@ COLUMNS: dict[str, Callable[[str], Any]] = {
     **dict.fromkeys(("photo", "output", "gyro", "camera", "capture"), Path),
     **dict.fromkeys(("gyro_format", "unit", "orientation"), str),
     **dict.fromkeys(("index", "start_ns"), int),
+    "rate": float,
+    "bias": lambda cell: BiasType().convert(cell, None, None),
     **dict.fromkeys(
         ("start", "duration", "time_offset", "readout_time"), lambda cell: SecondsType().convert(cell, None, None)
     ),
@@ -146,7 +148,8 @@ def _converted(name: str, cell: str) -> Any:
     except click.BadParameter as error:
         raise ValueError(f"{name}: {error.message}") from error
     except ValueError as error:
-        raise ValueError(f"{name}: {cell!r} is not a whole number") from error
+        kind = "number" if name == "rate" else "whole number"
+        raise ValueError(f"{name}: {cell!r} is not a {kind}") from error
 
 
 def _item(photo: Path, result: Path, own: dict[str, Any], defaults: Defaults) -> Item:

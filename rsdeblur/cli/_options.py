@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
@@ -15,6 +16,7 @@ from rsdeblur import choices
 from rsdeblur.choices import Auto, Count, Strength, Transfer
 from rsdeblur.pipeline.options import Options
 
+Bias = tuple[float, float, float]
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
 
@@ -117,6 +119,25 @@ class SizeType(click.ParamType[tuple[int, int]]):
         return int(match[1]), int(match[2])
 
 
+class BiasType(click.ParamType[Any]):
+    """Three angular rates: `0.01,-0.02,0.005` in rad/s, or with a unit, `-1.8,0,0.1deg/s`."""
+
+    name = "WX,WY,WZ"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Bias:
+        """Return rad/s."""
+        if isinstance(value, tuple):
+            return value
+        text, degrees = re.subn(r"\s*deg/s$", "", str(value).strip())
+        try:
+            x, y, z = (float(number) for number in re.sub(r"\s*rad/s$", "", text).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not three rates; write 0.01,-0.02,0.005 (rad/s) or -1.8,0,0.1deg/s", param, ctx)
+        if not math.isfinite(x + y + z):
+            self.fail(f"{value!r} must be finite", param, ctx)
+        return (math.radians(x), math.radians(y), math.radians(z)) if degrees else (x, y, z)
+
+
 @dataclass(frozen=True, slots=True)
 class Recording:
     """Files and values that give the log, the camera and the exposure."""
@@ -126,6 +147,8 @@ class Recording:
     gyro_format: str | None = None
     unit: str | None = None
     orientation: str | None = None
+    rate: float | None = None
+    bias: Bias | None = None
     capture: Path | None = None
     index: int | None = None
     start_ns: int | None = None
@@ -133,6 +156,15 @@ class Recording:
     duration: float | None = None
     time_offset: float | None = None
     readout_time: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """File of the camera's positions, its axes, and the depth of the scene in m."""
+
+    translation: Path | None = None
+    translation_axes: str = "camera"
+    depth: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,6 +176,8 @@ class Defaults:
     gyro_format: str | None
     unit: str | None
     orientation: str | None
+    rate: float | None
+    bias: Bias | None
     capture: Path | None
     duration: float | None
     time_offset: float | None
@@ -186,7 +220,7 @@ def gathered(name: str, kind: type, options: Sequence[Decorator], members: Seque
     return decorate
 
 
-_LOG = (
+_READING = (
     click.option("--gyro-format", metavar="NAME", help="Format of the log.  [default: recognised by its content]"),
     click.option(
         "--unit",
@@ -198,12 +232,21 @@ _LOG = (
         metavar="XYZ",
         help="Axes of the log as an orientation string of Gyroflow, like YxZ; replaces the file's.",
     ),
+    click.option("--rate", type=float, metavar="HZ", help="Sampling rate of a log without timestamps."),
+)
+_LOG = (
+    *_READING,
+    click.option(
+        "--bias",
+        type=BiasType(),
+        help="Rates of the log at rest, which are subtracted: 0.01,-0.02,0.005 in rad/s, or -1.8,0,0.1deg/s.",
+    ),
 )
 
 
 def log_options(function: Command) -> Command:
     """Add the options for reading a gyro log."""
-    for option in reversed(_LOG):
+    for option in reversed(_READING):
         function = option(function)
     return function
 
@@ -266,6 +309,31 @@ defaults_options = gathered(
         click.option("--capture", type=PATH, metavar="FILE", help="Metadata file of photos that name none."),
         click.option("--duration", type=SecondsType(), help="Exposure time of other photos.  [default: from EXIF]"),
         *_OVERRIDES,
+    ),
+)
+track_options = gathered(
+    "track",
+    Track,
+    (
+        click.option(
+            "--translation",
+            type=PATH,
+            metavar="FILE",
+            help="Track of the camera from another program, on the camera's clock: `t tx ty tz qx qy qz qw`.",
+        ),
+        click.option(
+            "--translation-axes",
+            metavar="AXES",
+            default="camera",
+            show_default=True,
+            help="Axes of the body that --translation tracks: camera, imu, phone-portrait (ARKit, ARCore), YxZ.",
+        ),
+        click.option(
+            "--depth",
+            type=click.FloatRange(min=0.0, min_open=True),
+            metavar="METRES",
+            help="Distance of the scene, for --translation.",
+        ),
     ),
 )
 _DEFAULTS: dict[str, Any] = {field.name: field.default for field in fields(Options)}

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of
-from rsdeblur.cli._options import PhotoChanges, Recording
+from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of, with_translation
+from rsdeblur.cli._options import PhotoChanges, Recording, Track
 from rsdeblur.cli._output import prepare_folder
 from rsdeblur.errors import InputError
 
@@ -27,6 +27,7 @@ class PhotoJob:
     options: Options
     changes: PhotoChanges
     output: Path
+    track: Track = field(default_factory=Track)
     force: bool = False
     dry_run: bool = False
     make_folder: bool = False
@@ -50,6 +51,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         check_writable(job.output, force=job.force)
     in_place = job.options.max_memory is not None
     inputs = read_inputs(job.photo, job.recording, in_place=in_place)
+    job = replace(job, options=with_translation(job.options, job.track, inputs.camera, inputs.exposure))
     if job.dry_run:
         return _dry_run(job, inputs)
     picture, log, camera, exposure = inputs
@@ -107,6 +109,7 @@ def _dry_run(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:
             bands=options.bands,
             strips=options.strips,
             motion=options.motion,
+            translation=options.translation,
         )
     return {
         "output": str(job.output),

@@ -11,8 +11,8 @@ import click
 
 from rsdeblur.choices import MODES, Auto, Mode, Transfer
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of, unit_range
-from rsdeblur.cli._options import Recording, Target
+from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of, unit_range, with_translation
+from rsdeblur.cli._options import Recording, Target, Track
 from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, write_json
 from rsdeblur.cli._report import Compared, capture_warnings, report_page
 from rsdeblur.errors import InputError, OutputError
@@ -40,6 +40,7 @@ Examples:
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options
 @_options.solve_options(*_options.BLUR[1:], *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE)
+@_options.track_options
 @click.option("--truth", type=_options.PATH, metavar="FILE", help="Sharp picture, to measure PSNR and SSIM.")
 @_options.target_options("DIR", "Folder to write to.")
 @click.option(
@@ -49,6 +50,7 @@ def command(
     photo: Path,
     recording: Recording,
     options: Options,
+    track: Track,
     truth: Path | None,
     report: Path | None,
     target: Target,
@@ -66,7 +68,7 @@ def command(
     if report is not None:
         check_page(report, force=force)
     with capture_warnings() as remarks:
-        compared = compare_modes(photo, recording, options, truth=truth, output=output, force=force)
+        compared = compare_modes(photo, recording, options, track, truth=truth, output=output, force=force)
     if report is not None:
         from rsdeblur.report import write_page
 
@@ -103,11 +105,19 @@ def output_names(photo: Path) -> list[str]:
 
 
 def compare_modes(
-    photo: Path, recording: Recording, options: Options, *, truth: Path | None, output: Path, force: bool
+    photo: Path,
+    recording: Recording,
+    options: Options,
+    track: Track,
+    *,
+    truth: Path | None,
+    output: Path,
+    force: bool,
 ) -> Compared:
     """Deblur `photo` in every mode, write the pictures into the folder `output` and return the results."""
     inputs = read_inputs(photo, recording)
     picture = inputs.picture
+    options = with_translation(options, track, inputs.camera, inputs.exposure)
     transfer = transfer_of(picture, options.transfer)
     target = None if truth is None else _read_truth(truth, photo, picture, options.transfer)
     # Options that a mode does not take are refused before the first mode is solved.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rsdeblur.cli import _options
-from rsdeblur.cli._options import PhotoChanges, Recording, Target
+from rsdeblur.cli._options import PhotoChanges, Recording, Target, Track
 from rsdeblur.cli._output import print_json, progress
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 
@@ -27,12 +27,14 @@ Examples:
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options
 @_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE, *_options.ONE_RESULT)
+@_options.track_options
 @_options.photo_options
 @_options.target_options("OUT", "Picture to write.", dry_run=True)
 def command(
     photo: Path,
     recording: Recording,
     options: Options,
+    track: Track,
     changes: PhotoChanges,
     target: Target,
 ) -> None:
@@ -43,6 +45,7 @@ def command(
         options=options,
         changes=changes,
         output=target.output,
+        track=track,
         force=target.force,
         dry_run=target.dry_run,
     )

@@ -8,8 +8,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import display_values, naming, read_inputs, read_recording, transfer_of, unit_range
-from rsdeblur.cli._options import Recording
+from rsdeblur.cli._inputs import (
+    display_values,
+    naming,
+    read_inputs,
+    read_recording,
+    transfer_of,
+    unit_range,
+    with_translation,
+)
+from rsdeblur.cli._options import Recording, Track
 from rsdeblur.cli._output import print_json, progress
 
 if TYPE_CHECKING:
@@ -27,6 +35,7 @@ Examples:
 @click.command("psf", epilog=EXAMPLES)
 @_options.recording_options
 @_options.solve_options(*_options.BLUR, "nsr")
+@_options.track_options
 @click.option(
     "-o", "--output", type=_options.PATH, metavar="PNG", help="Draw the kernels at their places in the picture."
 )
@@ -37,6 +46,7 @@ Examples:
 def command(
     recording: Recording,
     options: Options,
+    track: Track,
     output: Path | None,
     photo: Path | None,
     bank: Path | None,
@@ -67,7 +77,7 @@ def command(
     from rsdeblur.report import psf_map
 
     with progress("psf"), naming(photo, recording):
-        planned = plan(log, camera, exposure, options)
+        planned = plan(log, camera, exposure, with_translation(options, track, camera, exposure))
         paths = planned.tile_paths(NSR if options.nsr == "auto" else options.nsr)
         kernels = planned.frame.bank(PsfBank.from_paths(paths))
         if output is not None:
