@@ -14,6 +14,10 @@ from .errors import OutputError as OutputError
 from .errors import RsdeblurError as RsdeblurError
 from .errors import RsdeblurWarning as RsdeblurWarning
 from .estimate.check import QualityCheck as QualityCheck
+from .estimate.correction import Correction as Correction
+from .estimate.refine import Refinement as Refinement
+from .estimate.refine import Uncertainty as Uncertainty
+from .estimate.refine import refine as refine
 from .estimate.strength import Tuning as Tuning
 from .estimate.time_offset import OffsetSearch as OffsetSearch
 from .estimate.time_offset import find_time_offset as find_time_offset

@@ -413,6 +413,11 @@ _SOLVE: dict[str, Decorator] = {
         type=BytesType(),
         help="Memory for the work, without the picture and its result, like 1GiB; little memory takes longer.",
     ),
+    "refine": click.option(
+        "--refine",
+        is_flag=True,
+        help="Correct focal length, clock, readout and motion by the picture first; takes some seconds.",
+    ),
     "fallback": click.option(
         "--fallback", is_flag=True, help="Blend the result towards the photo if the check finds it bad."
     ),
@@ -421,6 +426,7 @@ BLUR = ("mode", "bands", "strips", "motion")
 SOLVER = ("prior", "weight", "exponent", "nsr", "solver", "geometry", "border", "transfer")
 ENGINE = ("planning", "threads")
 ONE_PICTURE = ("normalize", "saturation")
+ONE_PHOTO = (*BLUR, *SOLVER, "refine", *ONE_PICTURE, *ENGINE)
 ONE_RESULT = ("max_memory", "fallback")
 
 

@@ -13,6 +13,7 @@ from rsdeblur.cli._output import prepare_folder
 from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
+    from rsdeblur.estimate.refine import Refinement
     from rsdeblur.io.pictures import Picture
     from rsdeblur.pipeline.options import Options
     from rsdeblur.types import Progress
@@ -57,7 +58,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     picture, log, camera, exposure = inputs
 
     from rsdeblur.image.encoded import reduced
-    from rsdeblur.pipeline.plan import plan
+    from rsdeblur.pipeline.plan import plan_for
 
     options = replace(job.options, transfer=transfer_of(picture, job.options.transfer))
     if job.changes.nsr_from_iso:
@@ -72,7 +73,8 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         picture_to_fill(job.output, pixels.shape, like=picture, force=job.force, in_place=in_place) as out,
         naming(job.photo, job.recording),
     ):
-        result = plan(log, camera, exposure, options).apply(pixels, out=out, progress=move)
+        planned = plan_for(pixels, log, camera, exposure, options, progress=move)
+        result = planned.apply(pixels, out=out, progress=move)
     seconds = time.perf_counter() - begin
     tall, wide = result.psfs.size
     return {
@@ -87,6 +89,19 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         "seconds": seconds,
         "timings": result.timings,
         "check": None if result.check is None else asdict(result.check),
+        "refinement": None if result.refinement is None else refinement_facts(result.refinement),
+    }
+
+
+def refinement_facts(refinement: Refinement) -> dict[str, Any]:
+    """Return the facts about a correction of the recording, for JSON."""
+    return {
+        "accepted": refinement.accepted,
+        "reason": refinement.reason,
+        "values": asdict(refinement.correction),
+        "deviations": asdict(refinement.deviation),
+        "gain": refinement.gain,
+        "fall": refinement.fall,
     }
 
 

@@ -58,7 +58,7 @@ Examples:
     type=click.IntRange(0, 1),
     help="FOLDER: number of the first frame in the photos' names.  [default: derived from the names]",
 )
-@_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE, *_options.ONE_RESULT)
+@_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
 @_options.photo_options
 @workers_options
 @_options.target_options(

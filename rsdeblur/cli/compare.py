@@ -14,6 +14,7 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of, unit_range, with_translation
 from rsdeblur.cli._options import Recording, Target, Track
 from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, write_json
+from rsdeblur.cli._photo import refinement_facts
 from rsdeblur.cli._report import Compared, capture_warnings, report_page
 from rsdeblur.errors import InputError, OutputError
 
@@ -39,7 +40,7 @@ Examples:
 @click.command("compare", epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options
-@_options.solve_options(*_options.BLUR[1:], *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE)
+@_options.solve_options(*_options.ONE_PHOTO[1:])
 @_options.track_options
 @click.option("--truth", type=_options.PATH, metavar="FILE", help="Sharp picture, to measure PSNR and SSIM.")
 @_options.target_options("DIR", "Folder to write to.")
@@ -125,7 +126,7 @@ def compare_modes(
 
     from rsdeblur.cli._measure import forget_peak_memory, peak_memory_mib, similarity
     from rsdeblur.io.pictures import write_picture
-    from rsdeblur.pipeline.plan import plan
+    from rsdeblur.pipeline.plan import plan_for
 
     shown = {"input": display_values(unit_range(picture.pixels), transfer)}
     banks: dict[Mode, PsfBank] = {}
@@ -133,12 +134,15 @@ def compare_modes(
     if target is not None:
         report |= {"truth": str(truth), "blurred": similarity(shown["input"], target)}
     report["modes"] = {}
-    for chosen, name in zip(each_mode, output_names(photo), strict=False):
-        mode = chosen.mode
+    with progress("plan") as move, naming(photo, recording):
+        planned = plan_for(picture.pixels, inputs.log, inputs.camera, inputs.exposure, each_mode[0], progress=move)
+    if planned.refinement is not None:
+        report["refinement"] = refinement_facts(planned.refinement)
+    for mode, name in zip(MODES, output_names(photo), strict=False):
         forget_peak_memory()
         begin = time.perf_counter()
         with progress(mode) as move, naming(photo, recording):
-            result = plan(inputs.log, inputs.camera, inputs.exposure, chosen).apply(picture.pixels, progress=move)
+            result = replace(planned, options=replace(planned.options, mode=mode)).apply(picture.pixels, progress=move)
         seconds, memory = time.perf_counter() - begin, peak_memory_mib()
         write_picture(output / name, result.image, like=picture, force=force)
         tall, wide = result.psfs.size

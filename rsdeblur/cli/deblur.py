@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +27,7 @@ Examples:
 @click.command("deblur", epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options
-@_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE, *_options.ONE_RESULT)
+@_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
 @_options.track_options
 @_options.photo_options
 @_options.target_options("OUT", "Picture to write.", dry_run=True)
@@ -67,7 +68,7 @@ def command(
     strength = f"NSR {facts['nsr']:.2g}" if facts["weight"] is None else f"weight {facts['weight']:.2g}"
     click.echo(
         f"{target.output}: {options.mode}, {kernels}, {options.prior}, {strength}, "
-        f"{facts['seconds']:.2f} s{_verdict(facts['check'])}"
+        f"{facts['seconds']:.2f} s{_verdict(facts['check'])}{_correction(facts['refinement'])}"
     )
 
 
@@ -78,3 +79,16 @@ def _verdict(check: dict[str, Any] | None) -> str:
     # A good result has reasons too if a part of it could not be judged.
     reasons = f"\n  {' '.join(check['reasons'])}" if check["reasons"] else ""
     return f"; {check['verdict']}{blended}{reasons}"
+
+
+def _correction(refinement: dict[str, Any] | None) -> str:
+    if refinement is None:
+        return ""
+    if not refinement["accepted"]:
+        return f"\n  Recording not corrected: {refinement['reason']}."
+    values = refinement["values"]
+    return (
+        f"\n  Recording corrected: focal length x {math.exp(values['scale']):.3f}, drift {values['drift_x']:+.1f} and "
+        f"{values['drift_y']:+.1f} px, time offset {1e3 * values['offset']:+.1f} ms, readout time x "
+        f"{math.exp(values['readout']):.2f}, roll bias {values['roll']:+.3f} rad/s."
+    )

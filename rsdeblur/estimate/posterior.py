@@ -1,9 +1,11 @@
-"""Corrections of a recording that a picture's spectra make likely: search, descent and selection."""
+"""Corrections of a recording that a picture's spectra make likely: search and descent."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import norm, qmc
 
 from rsdeblur.errors import ClockError, CoverageError, GapError
@@ -14,7 +16,8 @@ from rsdeblur.types import FloatArray
 # Errors of a log that does not describe the exposure.
 UNDESCRIBED = (CoverageError, ClockError, GapError)
 
-# Nats of a tile beyond which it has little more weight: the edge of a door, say, looks like a straight blur beyond doubt.
+# Nats of a tile beyond which it has little more weight: the edge of a door, say, looks like a straight blur beyond
+# doubt.
 MOST_NATS = 30.0
 # Tiles that together count as one observation. They overlap, their frequencies are correlated by the window, and no
 # scene follows its model exactly; with full weight, the errors of the model would outweigh the sensors.
@@ -136,19 +139,19 @@ class Posterior:
         """Return gradient and Fisher information of the tiles together for the parameters `at`."""
         expected = self._spectra.expected(self.corrected(place))
         slopes = [self._slope(place, index, expected) for index in at]
-        _, gradient, information = self._spectra.information(expected, np.array(slopes, dtype=np.float32))
+        _, gradient, information = self._spectra.information(expected, np.array(slopes))
         # A tile that alone would gain more than the bound has less weight.
         solved = np.linalg.solve(information + TILES_AS_ONE * np.eye(len(at)), gradient[..., None])[..., 0]
         weight = 1.0 / (1.0 + 0.5 * (solved * gradient).sum(axis=1) / MOST_NATS)
         weight /= TILES_AS_ONE * self._spectra.tiles
         return weight @ gradient, np.tensordot(weight, information, 1)
 
-    def _slope(self, place: FloatArray, index: int, expected: FloatArray) -> FloatArray:
+    def _slope(self, place: FloatArray, index: int, expected: NDArray[np.float32]) -> NDArray[np.float32]:
         for step in (STEP, -STEP):
             moved = place.copy()
             moved[index] += step
             try:
-                slope = np.log(self._spectra.expected(self.corrected(moved)) / expected) / step
+                slope: NDArray[np.float32] = np.log(self._spectra.expected(self.corrected(moved)) / expected) / step
             except UNDESCRIBED:
                 continue
             return slope.clip(-STEEPEST, STEEPEST)

@@ -40,6 +40,8 @@ LEAST_REDUCTION, LONGEST_BLUR = 2.4, 20.0
 SPECTRA_SIDES = 320, 480
 # Longer side of the picture that is made sharp to compare corrections, px, and the tiles there.
 SHARP_SIDE, SHARP_TILES = 640, (8, 4)
+# Rows that are converted to light at a time.
+PART = 256
 # Border that is not compared, px.
 FRAME = 16
 
@@ -183,7 +185,7 @@ def refine(
     uncertainty = uncertainty or Uncertainty()
     encoded = EncodedImage.of(image, transfer)
     check_size(encoded.shape, camera)
-    light = encoded.linear(slice(None)).mean(2)
+    light = np.concatenate([encoded.linear(rows).mean(2) for rows in _parts(encoded.shape[0])])
     recording = Recording(log, camera, exposure, translation)
     deviations = uncertainty.deviations(camera)
     spectra = TileSpectra(light, recording, side=_spectra_side(recording))
@@ -203,6 +205,11 @@ def refine(
         gain=judge.gain(best),
         fall=judge.fall(best),
     )
+
+
+def _parts(height: int) -> list[slice]:
+    """Return parts of the rows, so that not all channels of a picture are in memory as floats at once."""
+    return [slice(top, min(top + PART, height)) for top in range(0, height, PART)]
 
 
 def _spectra_side(recording: Recording) -> int:
@@ -258,8 +265,9 @@ class _Judge:
             return -self._worth(moved)
 
         corners = place[at] + np.vstack([np.zeros(len(at)), FIRST_STEP * np.eye(len(at))])
-        options = {"maxfev": ADJUSTMENTS, "initial_simplex": corners}
-        found = minimize(loss, place[at], method="Nelder-Mead", options=options)
+        found = minimize(
+            loss, place[at], method="Nelder-Mead", options={"maxfev": ADJUSTMENTS, "initial_simplex": corners}
+        )
         moved = place.copy()
         moved[at] = found.x
         return moved

@@ -30,8 +30,8 @@ DIRECTIONS = 8
 NOISE_BAND = 0.35, 0.5
 # Candidates for the noise, as multiples of its first estimate.
 LEVELS = np.array([0.3, 1.0])
-# Weight, in nats, of squared differences between the logarithms of a scene's power in different directions. A tile of 64
-# px has some 1700 frequencies, which are not independent and no natural scene follows exactly.
+# Weight, in nats, of squared differences between the logarithms of a scene's power in different directions, which
+# differs in natural scenes, but not by any factor.
 STIFFNESS = 20.0
 
 # Places across the picture at which PSFs are drawn; between them they change little.
@@ -117,9 +117,9 @@ class TileSpectra:
             Derivatives of its logarithm.
         """
         measured = self._periodograms
-        nats, *fitted = measured.fit(expected, self._place)
+        nats, gains, levels = measured.fit(expected, self._place)
         gradient, fisher = whittle.information(
-            measured.power, measured.noise, expected, slopes, self._place, measured.sectors, fitted, STIFFNESS
+            measured.power, measured.noise, expected, slopes, self._place, measured.sectors, (gains, levels), STIFFNESS
         )
         return nats, gradient, fisher
 
@@ -160,7 +160,9 @@ class TilePeriodograms:
         """Return the power of the scene under `kernels` (B, S, kh, kw), up to a gain, shape (B * S, F)."""
         power = _power_of(kernels)
         # A PSF can make a frequency vanish, but nothing is certain.
-        return np.maximum(power.reshape(-1, power[0, 0].size)[:, self._used], 1e-9) * self._scene
+        expected: NDArray[np.float32] = np.maximum(power.reshape(-1, power[0, 0].size)[:, self._used], 1e-9)
+        expected *= self._scene
+        return expected
 
     def fit(
         self, expected: NDArray[np.float32], place: NDArray[np.intp], *, levels: FloatArray = LEVELS

@@ -9,7 +9,7 @@ of the log.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import CoverageError, InputError
+from rsdeblur.estimate.correction import Correction, Recording
 from rsdeblur.estimate.spectra import TileSpectra
 from rsdeblur.image.encoded import EncodedImage, check_size
 from rsdeblur.motion.camera import Camera
@@ -26,7 +27,7 @@ from rsdeblur.types import FloatArray, Progress
 
 # Longer side of the reduced picture in the coarse and in the fine search, px, and the steps there, s.
 COARSE_SIDE, COARSE_STEP = 320, 4e-3
-FINE_SIDE, FINE_STEP = 640, 1e-3
+FINE_SIDE, FINE_STEP = 480, 1e-3
 # Minima of the coarse curve that the fine search examines.
 MINIMA = 6
 # Offsets nearer than this count as the same answer, s.
@@ -118,11 +119,11 @@ def find_time_offset(
     check_size(encoded.shape, camera)
     light = encoded.linear(slice(None)).mean(2)
 
-    capture = log, camera, exposure
+    recording = Recording(log, camera, exposure)
     whole = np.arange(0, round((last - first) / FINE_STEP) + 1, round(COARSE_STEP / FINE_STEP))
-    coarse = _Curve(TileSpectra(light, camera, side=COARSE_SIDE), capture, first)
+    coarse = _Curve(TileSpectra(light, recording, side=COARSE_SIDE), recording, first)
     coarse.extend(whole, lambda done: progress and progress("coarse", done))
-    fine = _Curve(TileSpectra(light, camera, side=FINE_SIDE), capture, first)
+    fine = _Curve(TileSpectra(light, recording, side=FINE_SIDE), recording, first)
     candidates = _windows(coarse.minima()[:MINIMA], whole[-1])
     while len(candidates):
         fine.extend(candidates, lambda done: progress and progress("fine", done))
@@ -142,8 +143,8 @@ def _windows(places: NDArray[np.intp], last: int) -> NDArray[np.intp]:
 class _Curve:
     """Scores of all tiles for the candidates tried so far; candidate k is the offset `first + k FINE_STEP`."""
 
-    def __init__(self, spectra: TileSpectra, capture: tuple[GyroLog, Camera, Exposure], first: float) -> None:
-        self._spectra, self._capture, self._first = spectra, capture, first
+    def __init__(self, spectra: TileSpectra, recording: Recording, first: float) -> None:
+        self._spectra, self._recording, self._first = spectra, recording, first
         self._scores: dict[int, FloatArray] = {}
         self.tried: list[int] = []
 
@@ -155,14 +156,14 @@ class _Curve:
         CoverageError
             If the log covers none of all candidates so far.
         """
-        log, camera, exposure = self._capture
+        recording = self._recording
         uncovered: CoverageError | None = None
         for i, place in enumerate(places.tolist()):
             progress(i / len(places))
             self.tried.append(place)
-            moved = replace(camera, time_offset=camera.time_offset + self._first + place * FINE_STEP)
+            moved = recording.corrected(Correction(offset=self._first + place * FINE_STEP))
             try:
-                self._scores[place] = self._spectra.score(log, moved, exposure)
+                self._scores[place] = self._spectra.score(moved)
             except CoverageError as error:
                 uncovered = error
         if uncovered and not self._scores:
@@ -190,7 +191,7 @@ class _Curve:
         total = tiles.sum(axis=1)
         at = int(total.argmin())
         edge = self.at_edge()
-        origin = self._capture[1].time_offset + self._first
+        origin = self._recording.camera.time_offset + self._first
         best = origin + float(places[at] + (0.0 if edge else _vertex(total[at - 1 : at + 2]))) * FINE_STEP
         far = np.abs(places - places[at]) * FINE_STEP > SAME
         # Bootstrap: as many draws as there are tiles, with repetition, stand for another picture of the same motion.

@@ -27,7 +27,7 @@ from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.translation import Translation
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.plan import DeblurResult, plan
+from rsdeblur.pipeline.plan import DeblurResult, plan, plan_for
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import Progress
 
@@ -53,6 +53,7 @@ def deblur(
     border: Border | Boundary = "blend",
     motion: Motion = "rotation",
     translation: Translation | None = None,
+    refine: bool = False,
     transfer: Transfer | Auto = "auto",
     normalize: bool = False,
     saturation: Saturation = "ignore",
@@ -105,6 +106,8 @@ def deblur(
         Paths of the full homography, or the approximation of eq. 6 of Sindelar and Sroubek (2013).
     translation : Translation, optional
         Positions of the camera and distance of the scene (eq. 3 in full); without it only rotation counts.
+    refine : bool, default False
+        Correct focal length, clock, readout and motion by the picture first, see :func:`rsdeblur.refine`.
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light; a number is a gamma. "auto" is sRGB for uint8 and uint16 and linear for floats. The
         result has the same encoding.
@@ -156,6 +159,7 @@ def deblur(
         border=border,
         motion=motion,
         translation=translation,
+        refine=refine,
         transfer=transfer,
         normalize=normalize,
         saturation=saturation,
@@ -165,7 +169,8 @@ def deblur(
         threads=threads,
         max_memory=max_memory,
     )
-    return plan(log, camera, exposure, options).apply(image, out=out, progress=progress)
+    planned = plan_for(image, log, camera, exposure, options, progress=progress)
+    return planned.apply(image, out=out, progress=progress)
 
 
 def psfs(

@@ -52,6 +52,7 @@ class Options:
     border: Border | Boundary = "blend"
     motion: Motion = "rotation"
     translation: Translation | None = None
+    refine: bool = False
     transfer: Transfer | Auto = "auto"
     normalize: bool = False
     saturation: Saturation = "ignore"
@@ -81,7 +82,7 @@ class Options:
         }
         for name, values in allowed.items():
             validate.choice(name, getattr(self, name), values)
-        for name in ("normalize", "check", "fallback"):
+        for name in ("refine", "normalize", "check", "fallback"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"{name} must be True or False, got {getattr(self, name)!r}")
 
@@ -117,6 +118,7 @@ class Options:
             )
         whole = {
             'geometry="rectify"': self.geometry == "rectify",
+            "refine=True": self.refine,
             "normalize=True": self.normalize,
             f'border="{self.border}"': self.boundary is not None,
         }

@@ -14,6 +14,7 @@ from rsdeblur.choices import Mode
 from rsdeblur.deconv.priors import brightness
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.check import QualityCheck, UndershootMeter, assess, fall_back
+from rsdeblur.estimate.refine import Refinement, refine
 from rsdeblur.estimate.strength import KERNELS, Tuning
 from rsdeblur.image.encoded import EncodedImage, check_size, result_like
 from rsdeblur.image.frame import ReadoutFrame
@@ -61,6 +62,8 @@ class DeblurResult:
         Seconds spent in each stage.
     check : QualityCheck or None
         Whether to trust the result, see :class:`rsdeblur.QualityCheck`; None where no check was requested.
+    refinement : Refinement or None
+        Correction of the recording, see :func:`rsdeblur.refine`; None where none was requested.
     """
 
     image: NDArray[Any]
@@ -72,6 +75,7 @@ class DeblurResult:
     coverage: NDArray[np.bool_]
     timings: dict[str, float] = field(default_factory=dict)
     check: QualityCheck | None = None
+    refinement: Refinement | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +116,8 @@ class Plan:
         Fixed strengths.
     grid : Grid, optional
         Fixed places of the PSFs and the largest size of their kernels.
+    refinement : Refinement, optional
+        Correction of the recording that the capture contains.
     """
 
     frame: ReadoutFrame
@@ -119,6 +125,7 @@ class Plan:
     options: Options
     strengths: Strengths | None = None
     grid: Grid | None = None
+    refinement: Refinement | None = None
     _kept: _KeptSolver = field(default_factory=lambda: _KeptSolver(), repr=False)
 
     @cached_property
@@ -229,6 +236,7 @@ class Plan:
             coverage=self.frame.back(coverage),
             timings=clock.timings,
             check=check,
+            refinement=self.refinement,
         )
 
     def _encoded(self, image: ArrayLike) -> EncodedImage:
@@ -405,4 +413,49 @@ def plan(log: GyroLog, camera: Camera, exposure: Exposure, options: Options | No
     >>> sharp = plan.apply(image).image
     """
     options, frame = options or Options(), ReadoutFrame(camera)
+    if options.refine:
+        raise InputError("refine=True needs a picture; call rsdeblur.refine first, and plan with its result")
     return Plan(frame, frame.capture(log, exposure, options.translation, motion=options.motion), options)
+
+
+def plan_for(
+    image: ArrayLike,
+    log: GyroLog,
+    camera: Camera,
+    exposure: Exposure,
+    options: Options,
+    *,
+    progress: Progress | None = None,
+) -> Plan:
+    """Plan the deblurring of one picture; with ``options.refine``, of the recording as corrected by it.
+
+    Parameters
+    ----------
+    image, log, camera, exposure, progress
+        See :func:`rsdeblur.deblur`.
+    options : Options
+        All options.
+
+    Returns
+    -------
+    Plan
+        See :func:`rsdeblur.plan`.
+
+    Raises
+    ------
+    InputError, CoverageError, ClockError, GapError
+        As :func:`rsdeblur.deblur`.
+    """
+    if not options.refine:
+        return plan(log, camera, exposure, options)
+    found = refine(
+        image,
+        log,
+        camera,
+        exposure,
+        translation=options.translation,
+        transfer=options.transfer,
+        progress=progress,
+    )
+    options = replace(options, translation=found.translation, refine=False)
+    return replace(plan(found.log, found.camera, found.exposure, options), refinement=found)
