@@ -17,24 +17,20 @@ from scipy.spatial.transform import Rotation
 
 from rsdeblur._util import validate
 from rsdeblur.choices import ReadoutDirection
-from rsdeblur.errors import InputError
+from rsdeblur.errors import ClockError, InputError
 from rsdeblur.estimate.clip_fit import ClipFit, fit_clip
-from rsdeblur.estimate.clip_motion import ClipMatches, ClipModel, MeanOrientation, Parameters
-from rsdeblur.estimate.mounting import Candidate, MountingSearch
-from rsdeblur.estimate.registration import Matches, ReducedFrame, match
-from rsdeblur.image.encoded import EncodedImage, check_size
-from rsdeblur.motion.axes import letters
+from rsdeblur.estimate.clip_matches import LONGEST_STEP, ClipMatches, match_clip
+from rsdeblur.estimate.clip_motion import ClipModel, MeanOrientation, Parameters
+from rsdeblur.estimate.mounting import MountingSearch, Ranking, explained_share
 from rsdeblur.motion.camera import TIMESTAMP_SHARES, Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.types import FloatArray, Progress
 
-# Frames further apart than this are not matched, s.
-LONGEST_STEP = 0.6
-# Least numbers of matches in a pair of frames and of pairs in a clip.
-LEAST_MATCHES, LEAST_PAIRS = 12, 8
+# Least number of pairs of frames.
+LEAST_PAIRS = 8
 # Candidates of mounting and offset that are refined, and matches of a pair that suffice for that.
-CANDIDATES, FEW = 8, 40
+CANDIDATES, FEW = 8, 20
 # Margin of the log around a pair, s, within which the offset may move in the fit.
 MARGIN = 0.05
 
@@ -53,10 +49,8 @@ GROUPS = {
     "drift": ("drift",),
 }
 
-# Resamplings of the pairs for the confidence, the least confidence, and the least lead, in nats over all pairs.
-RESAMPLES, CONFIDENT, LEAST_LEAD = 200, 0.95, 3.0
-# Least share of the energy of the points' motion that the log explains.
-LEAST_EXPLAINED = 0.5
+# Least share of the pairs whose motion fits.
+LEAST_USED = 0.5
 
 
 class Estimate(NamedTuple):
@@ -164,8 +158,8 @@ def calibrate(
     InputError
         If an argument is out of range, a frame does not have the camera's size, or there is not one exposure for each
         frame.
-    CoverageError
-        If the log covers too few frames under every offset of the search.
+    ClockError
+        If the log covers no frame under any offset of the search.
 
     Notes
     -----
@@ -186,67 +180,36 @@ def calibrate(
     if last <= first:
         raise InputError(f"search must run from a smaller to a larger offset, got {first:g} to {last:g}")
     matches = match_clip(frames, exposures, camera, progress)
-    reason = _too_few(matches)
-    if reason:
-        return _refused(camera, log, matches, reason)
-    clip = _Clip(matches, exposures[0].epoch_ns, log, camera, (first + camera.time_offset, last + camera.time_offset))
-    return clip.calibration(progress)
+    epoch_ns = exposures[0].epoch_ns if exposures else 0
+    around = (first + camera.time_offset, last + camera.time_offset)
+    return calibrate_matches(matches, epoch_ns, log, camera, around, progress)
 
 
-def match_clip(
-    frames: Iterable[ArrayLike], exposures: Sequence[Exposure], camera: Camera, progress: Progress | None = None
-) -> ClipMatches:
-    """Return the matches of all neighbouring frames; times are relative to the first exposure's epoch.
+def calibrate_matches(
+    matches: ClipMatches,
+    epoch_ns: int,
+    log: GyroLog,
+    camera: Camera,
+    search: tuple[float, float],
+    progress: Progress | None = None,
+) -> Calibration:
+    """Calibrate from the matches of a clip.
 
     Parameters
     ----------
-    frames, exposures, camera, progress
+    matches : ClipMatches
+        The matches, see :func:`rsdeblur.estimate.clip_matches.match_clip`.
+    epoch_ns : int
+        Origin of their times, ns.
+    log, camera, progress
         See :func:`calibrate`.
-
-    Raises
-    ------
-    InputError
-        See :func:`calibrate`.
+    search : (float, float)
+        First and last time offset, s.
     """
-    share = TIMESTAMP_SHARES[camera.timestamp_marks]
-    found: list[Matches] = []
-    opens: list[tuple[float, float]] = []
-    durations: list[tuple[float, float]] = []
-    before: tuple[ReducedFrame, Exposure] | None = None
-    count = 0
-    for image in frames:
-        if count == len(exposures):
-            raise InputError(f"there must be one exposure for each frame, got more than {count} frames")
-        now = ReducedFrame(_grey(image, camera)), exposures[count]
-        if before is not None:
-            start, end = (
-                1e-9 * (each.epoch_ns - exposures[0].epoch_ns) + each.start - share * each.duration
-                for each in (before[1], now[1])
-            )
-            if end <= start:
-                raise InputError(f"the exposures must be in the order of time: frame {count} is not after the one before")
-            pair = match(before[0], now[0]) if end - start < LONGEST_STEP else None
-            if pair is not None and len(pair.points) >= LEAST_MATCHES:
-                found.append(pair)
-                opens.append((start, end))
-                durations.append((before[1].duration, now[1].duration))
-        before = now
-        count += 1
-        if progress:
-            progress("match", count / len(exposures))
-    if count < len(exposures):
-        raise InputError(f"there must be one exposure for each frame, got {count} frames and {len(exposures)} exposures")
-    return ClipMatches.of(found, np.reshape(opens, (-1, 2)), np.reshape(durations, (-1, 2)))
-
-
-def _grey(image: ArrayLike, camera: Camera) -> NDArray[np.float32]:
-    """Return the brightness of a frame as its values encode it; shadows have more contrast there than in light."""
-    encoded = EncodedImage.of(image)
-    check_size(encoded.shape, camera)
-    grey: NDArray[np.float32] = encoded.values[..., : encoded.shape[2]].mean(axis=2, dtype=np.float32)
-    if not np.isfinite(grey).all():
-        raise InputError("a frame must be finite")
-    return grey
+    reason = _too_few(matches)
+    if reason:
+        return _refused(camera, log, matches, reason)
+    return _Clip(matches, epoch_ns, log, camera, search).calibration(progress)
 
 
 def _too_few(matches: ClipMatches) -> str:
@@ -271,8 +234,15 @@ class _Clip:
     ) -> None:
         self._matches, self._camera, self._log, self._search = matches, camera, log, search
         self._shift = 1e-9 * (log.epoch_ns - epoch_ns)
-        first, last = matches.opens.min() - search[1], (matches.opens + matches.durations).max() - search[0]
-        cut = log.trimmed(first - self._shift - MARGIN, last - self._shift + MARGIN)
+        first = float(matches.opens.min()) - search[1] - self._shift
+        last = float((matches.opens + matches.durations).max()) - search[0] - self._shift
+        if last < log.t[0] or first > log.t[-1]:
+            raise ClockError(
+                f"the gyro log and the clip are on unrelated clocks: the log spans {log.t[0]:.3f} s to "
+                f"{log.t[-1]:.3f} s, the clip with all offsets of the search {first:.3f} s to {last:.3f} s (from "
+                f"{log.epoch_ns} ns on); give the start of the clip on the log's clock, or widen the search"
+            )
+        cut = log.trimmed(first - MARGIN, last + MARGIN)
         self._t, self._omega = cut.t + self._shift, cut.omega
         self._gaps = cut.gaps() + self._shift
         self._tracks: dict[float, MeanOrientation] = {}
@@ -287,7 +257,7 @@ class _Clip:
         """Return the pairs during which the log has samples, shape (pairs,)."""
         start = self._matches.opens[:, 0] - offset - MARGIN
         end = self._matches.opens[:, 1] + self._matches.durations[:, 1] - offset + MARGIN
-        covered = (start >= self._t[0]) & (end <= self._t[-1])
+        covered: NDArray[np.bool_] = (start >= self._t[0]) & (end <= self._t[-1])
         for before, after in self._gaps:
             covered &= (end < before) | (start > after)
         return covered
@@ -303,12 +273,13 @@ class _Clip:
             return replace(
                 _refused(self._camera, self._log, self._matches, reason),
                 confidence=ranked.confidence,
-                mounting=ranked.mounting_name,
+                explained=ranked.explained,
+                mounting=ranked.name,
             )
         fit = self._fit(ranked, covered, progress)
         return self._judged(ranked, fit, covered)
 
-    def _ranked(self, progress: Progress | None) -> _Ranking:
+    def _ranked(self, progress: Progress | None) -> Ranking:
         """Refine the best candidates of the search with some of the points, and compare them."""
         search = MountingSearch(self._matches, self._camera, self._t, self._omega, self._search)
         own = self._camera.imu_to_camera
@@ -321,10 +292,10 @@ class _Clip:
             start = self._start()._replace(offset=candidate.offset)
             free = (*GROUPS["offset"], *GROUPS["readout"], *GROUPS["focal"])
             model = self._model(few, candidate.mounting)
-            fits.append(fit_clip(model, start, free, self._covered(candidate.offset), rounds=3))
+            fits.append(fit_clip(model, start, free, self._covered(candidate.offset), rounds=2))
             if progress:
                 progress("search", (i + 1) / len(candidates))
-        return _Ranking.of(candidates, fits, few)
+        return Ranking.of(candidates, fits, few)
 
     def _start(self) -> Parameters:
         """Return the start values but for the offset, which the search finds."""
@@ -332,7 +303,7 @@ class _Clip:
         signed = camera.readout_time * (-1 if camera.readout_direction in ("bottom-up", "right-left") else 1)
         return Parameters(**{"across" if camera.horizontal_readout else "down": signed})
 
-    def _fit(self, ranked: _Ranking, covered: NDArray[np.bool_], progress: Progress | None) -> ClipFit:
+    def _fit(self, ranked: Ranking, covered: NDArray[np.bool_], progress: Progress | None) -> ClipFit:
         """Fit all parameters, and fix those again that the clip does not determine."""
         model = self._model(self._matches, ranked.best.mounting)
         free = tuple(name for names in GROUPS.values() for name in names)
@@ -354,19 +325,14 @@ class _Clip:
             start = self._start()
             fixed = {name: getattr(start, name) for name in GROUPS[worst]}
 
-    def _judged(self, ranked: _Ranking, fit: ClipFit, covered: NDArray[np.bool_]) -> Calibration:
+    def _judged(self, ranked: Ranking, fit: ClipFit, covered: NDArray[np.bool_]) -> Calibration:
         """Return the calibration, refused if the fit is not trustworthy."""
-        explained = _explained(self._matches, fit, covered)
+        explained = explained_share(self._matches, fit.residuals, covered)
         camera, values = self._values(ranked, fit)
         zoom = float(np.exp(fit.parameters.focal))
         used = float(fit.used[covered].mean())
         reason = ""
-        if explained < LEAST_EXPLAINED:
-            reason = (
-                f"the log explains only {explained:.0%} of the motion between frames: it belongs to another clip, the "
-                "video is stabilised, or the scene is near or moves"
-            )
-        elif used < LEAST_EXPLAINED:
+        if used < LEAST_USED:
             reason = f"only {used:.0%} of the pairs of frames agree with each other"
         elif _excess(fit, "offset", GROUPS["offset"]) > 1.0:
             reason = "the motion is too small or too even for the clock offset; turn the camera to and fro"
@@ -377,7 +343,9 @@ class _Clip:
             p = fit.parameters
             # camera = gyro + offset + drift (camera - middle); the log's clock is changed so that drift is 0.
             middle = 0.5 * float(self._matches.opens.min() + self._matches.opens.max()) - self._shift - p.offset
-            log = GyroLog(t + p.drift * (t - middle), self._log.omega - (p.bias_x, p.bias_y, p.bias_z), self._log.epoch_ns)
+            log = GyroLog(
+                t + p.drift * (t - middle), self._log.omega - (p.bias_x, p.bias_y, p.bias_z), self._log.epoch_ns
+            )
         return Calibration(
             accepted=not reason,
             reason=reason,
@@ -387,11 +355,11 @@ class _Clip:
             explained=explained,
             pairs=int(fit.used.sum()),
             matches=len(self._matches.pair),
-            mounting=ranked.mounting_name,
+            mounting=ranked.name,
             values=values,
         )
 
-    def _values(self, ranked: _Ranking, fit: ClipFit) -> tuple[Camera, dict[str, Estimate]]:
+    def _values(self, ranked: Ranking, fit: ClipFit) -> tuple[Camera, dict[str, Estimate]]:
         """Return the calibrated camera, and the numbers with their deviations."""
         p, camera = fit.parameters, self._camera
 
@@ -439,57 +407,6 @@ class _Clip:
         return calibrated, values
 
 
-class _Ranking(NamedTuple):
-    """The best candidate with its fit, how sure it is, and the reason why it is not sure enough."""
-
-    best: Candidate
-    fit: ClipFit
-    confidence: float
-    reason: str
-    mounting_name: str
-
-    @classmethod
-    def of(cls, candidates: Sequence[Candidate], fits: Sequence[ClipFit], matches: ClipMatches) -> _Ranking:
-        """Compare refined candidates by the errors of their points, pair by pair."""
-        energy = np.array([(fit.residuals**2).sum(axis=1) for fit in fits])
-        scale = np.median(energy, axis=1).min() + 1e-4
-        # A wrong point may be as wrong as it likes at the same cost; in nats, two numbers per point, one point per pair.
-        cost = np.log1p(energy / scale)
-        pairs = len(matches.opens)
-        counts = np.bincount(matches.pair, minlength=pairs)
-        costs = np.array([np.bincount(matches.pair, each, pairs) for each in cost]) / np.maximum(counts, 1)
-        order = np.argsort(costs.sum(axis=1))
-        best = int(order[0])
-
-        def same(i: int) -> bool:
-            near = abs(fits[i].parameters.offset - fits[best].parameters.offset) < 0.01
-            return near and np.array_equal(candidates[i].mounting, candidates[best].mounting)
-
-        rivals = [int(i) for i in order if not same(int(i))]
-        draws = np.random.default_rng(0).multinomial(pairs, np.full(pairs, 1 / pairs), RESAMPLES)
-        leads = (costs[rivals] - costs[best]) @ draws.T
-        confidence = float(np.mean(np.min(leads, axis=0, initial=np.inf) > LEAST_LEAD))
-        reason, name = "", _name(candidates[best].mounting)
-        if confidence < CONFIDENT:
-            rival = candidates[rivals[0]]
-            moment = f"{1e3 * (fits[rivals[0]].parameters.offset - fits[best].parameters.offset):+.0f} ms away"
-            other = "the same axes" if _name(rival.mounting) == name else f"the axes {_name(rival.mounting)}"
-            reason = (
-                f"the clip does not decide between the axes {name} and {other} {moment}; turn the camera about all "
-                "three axes, unevenly"
-            )
-        elif candidates[best].mirrors:
-            reason = (
-                f"the log has left-handed axes: read it with --orientation {name} (orientation={name!r}), and calibrate "
-                "again"
-            )
-        return cls(candidates[best], fits[best], confidence, reason, name)
-
-
-def _name(mounting: FloatArray) -> str:
-    return letters(mounting) if np.isin(mounting, (-1.0, 0.0, 1.0)).all() else "of the start"
-
-
 def _excess(fit: ClipFit, group: str, names: tuple[str, ...]) -> float:
     """Return the largest standard deviation of a group over its limit."""
     if group == "readout":
@@ -497,13 +414,3 @@ def _excess(fit: ClipFit, group: str, names: tuple[str, ...]) -> float:
     else:
         limit = LIMITS[group]
     return max(fit.sd(**{name: 1.0}) for name in names) / limit
-
-
-def _explained(matches: ClipMatches, fit: ClipFit, covered: NDArray[np.bool_]) -> float:
-    """Return the share of the energy of the motion that the fit explains; medians of each pair resist wrong matches."""
-    left, whole = 0.0, 0.0
-    for k, (a, b) in enumerate(zip(matches.starts, matches.starts[1:], strict=False)):
-        if covered[k]:
-            left += float(np.median((fit.residuals[a:b] ** 2).sum(axis=1)))
-            whole += float(np.median((matches.flow[a:b] ** 2).sum(axis=1)))
-    return 1.0 - left / max(whole, 1e-12)

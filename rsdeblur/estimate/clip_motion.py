@@ -7,14 +7,12 @@ exposure.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rsdeblur.estimate.registration import Matches
+from rsdeblur.estimate.clip_matches import ClipMatches
 from rsdeblur.motion import lens
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.gyro import OrientationTrack
@@ -22,50 +20,6 @@ from rsdeblur.types import FloatArray
 
 # s. Orientations are tabulated at this interval, and averaged over at least two of them.
 TABLE_STEP = 5e-4
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ClipMatches:
-    """Matches of all pairs of neighbouring frames of a clip.
-
-    Parameters
-    ----------
-    points, moved : ndarray, shape (n, 2)
-        (x, y) in px in the first and in the second frame of the pair.
-    pair : ndarray, shape (n,)
-        Number of the pair, not decreasing.
-    opens : ndarray, shape (pairs, 2)
-        Start of exposure of the row in the middle of both frames for a global shutter, s, camera time without offset.
-    durations : ndarray, shape (pairs, 2)
-        Exposure times of a row, s.
-    """
-
-    points: FloatArray
-    moved: FloatArray
-    pair: NDArray[np.intp]
-    opens: FloatArray
-    durations: FloatArray
-
-    @classmethod
-    def of(cls, matches: list[Matches], opens: FloatArray, durations: FloatArray) -> ClipMatches:
-        """Join the matches of all pairs."""
-        pair = np.repeat(np.arange(len(matches)), [len(each.points) for each in matches])
-        points, moved = (np.concatenate(parts) for parts in zip(*matches, strict=True))
-        return cls(points, moved, pair, opens, durations)
-
-    def selected(self, keep: NDArray[np.bool_]) -> ClipMatches:
-        """Return the matches where `keep`, shape (n,), is set, with the same numbers of the pairs."""
-        return ClipMatches(self.points[keep], self.moved[keep], self.pair[keep], self.opens, self.durations)
-
-    @property
-    def starts(self) -> NDArray[np.intp]:
-        """Indices of the first match of each pair, and the number of matches; shape (pairs + 1,)."""
-        return np.searchsorted(self.pair, np.arange(len(self.opens) + 1))
-
-    @property
-    def flow(self) -> FloatArray:
-        """Motion of the points, px, shape (n, 2)."""
-        return self.moved - self.points
 
 
 class MeanOrientation:
@@ -100,7 +54,8 @@ class MeanOrientation:
         place = (times - self._origin) / TABLE_STEP + 0.5
         i = np.clip(place.astype(int), 0, len(self._integral) - 2)
         fraction = (place - i)[:, None]
-        return (1.0 - fraction) * self._integral[i] + fraction * self._integral[i + 1]
+        values: FloatArray = (1.0 - fraction) * self._integral[i] + fraction * self._integral[i + 1]
+        return values
 
 
 class Parameters(NamedTuple):
@@ -188,9 +143,9 @@ class ClipModel:
 
     def jacobian(self, parameters: Parameters, free: tuple[str, ...]) -> FloatArray:
         """Return derivatives of the residuals by the `free` parameters in units of `STEPS`, shape (n, 2, free)."""
-        columns = []
-        for name in free:
-            here, step = getattr(parameters, name), getattr(STEPS, name)
-            ahead, behind = (self.residuals(parameters._replace(**{name: here + sign * step})) for sign in (1, -1))
-            columns.append(0.5 * (ahead - behind))
-        return np.stack(columns, axis=-1)
+        here = self.residuals(parameters)
+        moved = [
+            self.residuals(parameters._replace(**{name: getattr(parameters, name) + getattr(STEPS, name)}))
+            for name in free
+        ]
+        return np.stack([there - here for there in moved], axis=-1)

@@ -7,13 +7,16 @@ within a factor.
 
 from __future__ import annotations
 
-from itertools import permutations, product
+from collections.abc import Sequence
+from itertools import pairwise, permutations, product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur.estimate.clip_motion import ClipMatches
+from rsdeblur.estimate.clip_fit import ClipFit
+from rsdeblur.estimate.clip_matches import ClipMatches
+from rsdeblur.motion.axes import letters
 from rsdeblur.motion.camera import Camera
 from rsdeblur.types import FloatArray
 
@@ -23,6 +26,12 @@ STEP = 4e-3
 LEAST_SCALE, MOST_SCALE = 0.5, 2.0
 # Offsets nearer than this are refined to the same answer, s.
 SAME = 0.03
+# Refined offsets nearer than this are one answer, s.
+ONE_ANSWER = 0.01
+# Resamplings of the pairs for the confidence, the least confidence, and the least lead, in nats over all pairs.
+RESAMPLES, CONFIDENT, LEAST_LEAD = 200, 0.95, 3.0
+# Least share of the energy of the points' motion that the log explains.
+LEAST_EXPLAINED = 0.5
 # Rounds of reweighting of a pair's rotation, and the residual in px that halves a weight.
 ROUNDS, HALF = 6, 1.0
 
@@ -70,7 +79,7 @@ def frame_rotations(matches: ClipMatches, camera: Camera) -> FloatArray:
     # A point X moves by -theta x X; these are the motions of x/z and y/z for a unit of theta_x, theta_y, theta_z.
     slopes = np.stack([np.stack([x * y, -(one + x * x), y], -1), np.stack([one + y * y, -x * y, -x], -1)], axis=1)
     rotations = np.zeros((len(matches.opens), 3))
-    for k, (a, b) in enumerate(zip(matches.starts, matches.starts[1:], strict=False)):
+    for k, (a, b) in enumerate(pairwise(matches.starts)):
         weights = np.ones(b - a)
         for _ in range(ROUNDS):
             weighted = slopes[a:b] * weights[:, None, None]
@@ -111,7 +120,7 @@ class MountingSearch:
         x, y = (camera.rays(matches.points)[:, :2]).T
         self._reach = np.array([1.0, 1.0, float((x * x + y * y).mean())])
         # Pairs with wild rotations, which were matched wrongly, count no more than others.
-        size = np.sqrt((seen**2 @ self._reach))
+        size = np.sqrt(seen**2 @ self._reach)
         seen = seen * np.minimum(1.0, 5.0 * np.median(size) / np.maximum(size, 1e-12))[:, None]
         self._cross = np.einsum("ki,okj->oij", seen, gyro)
         self._energy = np.einsum("oki,oki->oi", gyro, gyro)
@@ -153,6 +162,96 @@ class MountingSearch:
             if len(best) == count:
                 break
         return best
+
+
+class Ranking(NamedTuple):
+    """The best candidate.
+
+    Parameters
+    ----------
+    best : Candidate
+        The candidate.
+    fit : ClipFit
+        Its fit to some of the matches.
+    confidence : float
+        Share of resamplings of the pairs in which it leads all others.
+    explained : float
+        Share of the energy of the motion that it explains.
+    reason : str
+        Why it cannot be trusted; empty if it can.
+    name : str
+        Name of its mounting.
+    """
+
+    best: Candidate
+    fit: ClipFit
+    confidence: float
+    explained: float
+    reason: str
+    name: str
+
+    @classmethod
+    def of(cls, candidates: Sequence[Candidate], fits: Sequence[ClipFit], matches: ClipMatches) -> Ranking:
+        """Compare refined candidates by the errors of their points, pair by pair."""
+        energy = np.array([(fit.residuals**2).sum(axis=1) for fit in fits])
+        scale = np.median(energy, axis=1).min() + 1e-4
+        # Log-likelihoods in nats whose tails let wrong points be; all points of a pair together count as one.
+        cost = np.log1p(energy / scale)
+        pairs = len(matches.opens)
+        counts = np.bincount(matches.pair, minlength=pairs)
+        costs = np.array([np.bincount(matches.pair, each, pairs) for each in cost]) / np.maximum(counts, 1)
+        order = np.argsort(costs.sum(axis=1))
+        best = int(order[0])
+
+        def same(i: int) -> bool:
+            near = abs(fits[i].parameters.offset - fits[best].parameters.offset) < ONE_ANSWER
+            return near and np.array_equal(candidates[i].mounting, candidates[best].mounting)
+
+        rivals = [int(i) for i in order if not same(int(i))]
+        draws = np.random.default_rng(0).multinomial(pairs, np.full(pairs, 1 / pairs), RESAMPLES)
+        leads = (costs[rivals] - costs[best]) @ draws.T
+        confidence = float(np.mean(np.min(leads, axis=0, initial=np.inf) > LEAST_LEAD))
+        share = explained_share(matches, fits[best].residuals, counts > 0)
+        ranking = cls(candidates[best], fits[best], confidence, share, "", mounting_name(candidates[best].mounting))
+        return ranking._replace(reason=ranking._doubt(candidates[rivals[0]], fits[rivals[0]]))
+
+    def _doubt(self, rival: Candidate, fit: ClipFit) -> str:
+        """Return why the best candidate cannot be trusted, given its best rival; empty if it can."""
+        if self.explained < LEAST_EXPLAINED:
+            return (
+                f"the log explains only {max(self.explained, 0):.0%} of the motion between frames: it belongs to "
+                "another clip, the video is stabilised, the scene is near or moves, or the offset is outside the search"
+            )
+        if self.confidence < CONFIDENT:
+            away = f"{1e3 * (fit.parameters.offset - self.fit.parameters.offset):+.0f} ms"
+            return (
+                f"the clip does not decide between the axes {self.name} and {mounting_name(rival.mounting)}, the "
+                f"latter with a time offset {away} away; turn the camera about all three axes, unevenly"
+            )
+        if self.best.mirrors:
+            return (
+                f"the log has left-handed axes: read it with --orientation {self.name} (orientation={self.name!r}), "
+                "and calibrate again"
+            )
+        return ""
+
+
+def mounting_name(mounting: FloatArray) -> str:
+    """Return the orientation string of a mounting, or that it is the start's, whose axes are not parallel."""
+    return letters(mounting) if np.isin(mounting, (-1.0, 0.0, 1.0)).all() else "of the start"
+
+
+def explained_share(matches: ClipMatches, residuals: FloatArray, pairs: NDArray[np.bool_]) -> float:
+    """Return the share of the energy of the motion in `pairs` that a fit with these residuals explains.
+
+    The median over the points of a pair resists wrong matches.
+    """
+    left, whole = 0.0, 0.0
+    for k, (a, b) in enumerate(pairwise(matches.starts)):
+        if pairs[k]:
+            left += float(np.median((residuals[a:b] ** 2).sum(axis=1)))
+            whole += float(np.median((matches.flow[a:b] ** 2).sum(axis=1)))
+    return 1.0 - left / max(whole, 1e-12)
 
 
 def _minima(values: FloatArray) -> NDArray[np.intp]:

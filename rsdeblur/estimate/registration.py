@@ -16,11 +16,10 @@ from skimage.registration import phase_cross_correlation
 
 from rsdeblur.types import Float32Array, FloatArray
 
-# Longer side of the reduced frame, px, to within the rounding of a whole factor, and the least that is worth tracking.
+# Longer side of the reduced frame, px, to within the rounding of a whole factor.
 SIDE = 640
-SMALLEST = 64
 # Cells along the longer side of the frame; the best corner of each is followed.
-CELLS = 16
+CELLS = 11
 # Half side of a window, px: wide enough to see two directions in blurred frames. Every second pixel is compared.
 RADIUS, STRIDE = 10, 2
 # The coarsest level of the pyramid keeps a shorter side of two windows.
@@ -82,11 +81,13 @@ class ReducedFrame:
                 best.append(part[y, x])
                 places.append((left + x + margin, top + y + margin))
         enough = np.array(best) > LEAST_CORNER * np.median(best)
-        return np.array(places, dtype=np.float64)[enough]
+        chosen: FloatArray = np.array(places, dtype=np.float64)[enough]
+        return chosen
 
     def full(self, points: FloatArray) -> FloatArray:
         """Return points of the reduced frame in px of the frame as stored."""
-        return points * self.factor + (self.factor - 1) / 2
+        full: FloatArray = points * self.factor + (self.factor - 1) / 2
+        return full
 
 
 def _smooth(picture: Float32Array) -> Float32Array:
@@ -107,7 +108,7 @@ def match(first: ReducedFrame, second: ReducedFrame) -> Matches:
     Returns
     -------
     Matches
-        Up to a few hundred, in no order.
+        Up to about a hundred.
     """
     points = first.corners()
     shift = _common_shift(first, second)
@@ -126,8 +127,9 @@ def _common_shift(first: ReducedFrame, second: ReducedFrame) -> FloatArray:
     height, width = pictures[0].shape
     # A window takes away the jump between opposite borders, which would say "no motion".
     window = np.hanning(height)[:, None] * np.hanning(width)
-    shift, *_ = phase_cross_correlation(*((p - p.mean()) * window for p in pictures), upsample_factor=2)
-    return -np.array(shift[::-1], dtype=np.float64) * 2**level
+    shift, *_ = phase_cross_correlation(*((p - p.mean()) * window for p in pictures))
+    moved: FloatArray = -np.array(shift[::-1], dtype=np.float64) * 2.0**level
+    return moved
 
 
 def _follow(
@@ -136,7 +138,7 @@ def _follow(
     """Return where `second` shows the points of `first`, starting from a guess at one of the finest `levels`."""
     grid = np.arange(-RADIUS, RADIUS + 1, STRIDE)
     window = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
-    moved = guess
+    moved: FloatArray = guess
     for level in reversed(range(len(first.levels))[:levels]):
         scale = 2.0**level
         here, there = first.levels[level], second.levels[level]

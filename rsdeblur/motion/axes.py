@@ -95,6 +95,4 @@ def letters(matrix: FloatArray) -> str:
     """
     rows = np.array(GYROFLOW_TO_CAMERA, dtype=np.float64).T @ matrix
     names = ["XYZ"[int(np.abs(row).argmax())] for row in rows]
-    return "".join(
-        name if row.sum() > 0 else name.lower() for name, row in zip(names, rows, strict=True)
-    )
+    return "".join(name if row.sum() > 0 else name.lower() for name, row in zip(names, rows, strict=True))
