@@ -290,7 +290,7 @@ class _Clip:
         fits = []
         for i, candidate in enumerate(candidates):
             start = self._start()._replace(offset=candidate.offset)
-            free = (*GROUPS["offset"], *GROUPS["readout"], *GROUPS["focal"])
+            free = tuple(name for group in ("offset", "readout", "focal", "bias") for name in GROUPS[group])
             model = self._model(few, candidate.mounting)
             fits.append(fit_clip(model, start, free, self._covered(candidate.offset), rounds=2))
             if progress:

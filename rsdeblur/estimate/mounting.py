@@ -114,8 +114,9 @@ class MountingSearch:
         self.offsets = np.arange(search[0], search[1] + STEP, STEP)
         times = middles - self.offsets[:, None, None]
         turned = np.stack([np.interp(times, t, axis) for axis in angle.T], axis=-1)
-        gyro = turned[:, :, 1] - turned[:, :, 0]
-        seen = frame_rotations(matches, camera)
+        interval = np.diff(middles, axis=1)
+        gyro = _without_constant_rate(turned[:, :, 1] - turned[:, :, 0], interval)
+        seen = _without_constant_rate(frame_rotations(matches, camera), interval)
         # Motion in px that a rotation causes, typical of all points.
         x, y = (camera.rays(matches.points)[:, :2]).T
         self._reach = np.array([1.0, 1.0, float((x * x + y * y).mean())])
@@ -252,6 +253,13 @@ def explained_share(matches: ClipMatches, residuals: FloatArray, pairs: NDArray[
             left += float(np.median((residuals[a:b] ** 2).sum(axis=1)))
             whole += float(np.median((matches.flow[a:b] ** 2).sum(axis=1)))
     return 1.0 - left / max(whole, 1e-12)
+
+
+def _without_constant_rate(rotations: FloatArray, interval: FloatArray) -> FloatArray:
+    """Return rotations, shape (..., pairs, 3), less the constant rate that fits them best: it may be the gyro's bias."""
+    rate = (interval * rotations).sum(axis=-2, keepdims=True) / (interval**2).sum()
+    changing: FloatArray = rotations - rate * interval
+    return changing
 
 
 def _minima(values: FloatArray) -> NDArray[np.intp]:
