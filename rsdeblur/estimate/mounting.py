@@ -256,7 +256,7 @@ def explained_share(matches: ClipMatches, residuals: FloatArray, pairs: NDArray[
 
 
 def _without_constant_rate(rotations: FloatArray, interval: FloatArray) -> FloatArray:
-    """Return rotations, shape (..., pairs, 3), less the constant rate that fits them best: it may be the gyro's bias."""
+    """Return rotations, shape (..., pairs, 3), less the constant rate that fits best: it may be the gyro's bias."""
     rate = (interval * rotations).sum(axis=-2, keepdims=True) / (interval**2).sum()
     changing: FloatArray = rotations - rate * interval
     return changing
