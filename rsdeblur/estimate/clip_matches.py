@@ -47,7 +47,10 @@ class ClipMatches:
     def of(cls, matches: list[Matches], opens: FloatArray, durations: FloatArray) -> ClipMatches:
         """Join the matches of all pairs."""
         pair = np.repeat(np.arange(len(matches)), [len(each.points) for each in matches])
-        points, moved = (np.concatenate(parts) for parts in zip(*matches, strict=True))
+        # The empty array makes the shape right where there are no pairs.
+        points, moved = (
+            np.concatenate([np.empty((0, 2)), *(getattr(each, name) for each in matches)]) for name in Matches._fields
+        )
         return cls(points, moved, pair, opens, durations)
 
     def selected(self, keep: NDArray[np.bool_]) -> ClipMatches:

@@ -80,7 +80,7 @@ class ReducedFrame:
                 y, x = np.unravel_index(part.argmax(), part.shape)
                 best.append(part[y, x])
                 places.append((left + x + margin, top + y + margin))
-        enough = np.array(best) > LEAST_CORNER * np.median(best)
+        enough = np.array(best) > max(LEAST_CORNER * np.median(best), 0.0)
         chosen: FloatArray = np.array(places, dtype=np.float64)[enough]
         return chosen
 
@@ -125,6 +125,8 @@ def _common_shift(first: ReducedFrame, second: ReducedFrame) -> FloatArray:
     level = max(len(first.levels) - 2, 0)
     pictures = [frame.levels[level] for frame in (first, second)]
     height, width = pictures[0].shape
+    if not all(np.ptp(picture) for picture in pictures):
+        return np.zeros(2)
     # A window takes away the jump between opposite borders, which would say "no motion".
     window = np.hanning(height)[:, None] * np.hanning(width)
     shift, *_ = phase_cross_correlation(*((p - p.mean()) * window for p in pictures))

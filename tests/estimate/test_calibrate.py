@@ -125,6 +125,11 @@ def test_too_few_frames_are_refused(clip):
     assert "8 are needed" in result.reason
 
 
+def test_frames_without_detail_are_refused(clip):
+    result = calibrate([np.full((HEIGHT, WIDTH), 0.5)] * FRAMES, EXPOSURES, clip[1], START)
+    assert (result.accepted, result.matches) == (False, 0)
+
+
 def test_wrong_arguments(clip):
     frames, log, _ = clip
     with pytest.raises(InputError, match="one exposure for each frame"):
