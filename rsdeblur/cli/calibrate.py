@@ -40,7 +40,9 @@ UNITS |= {"s/s": (1e6, "us/s", 1)}
 @click.argument("sources", type=_options.PATH, metavar="CLIP|PHOTO...", nargs=-1, required=True)
 @_options.clip_log_options
 @click.option("--camera", "camera_file", type=_options.PATH, metavar="FILE", help="Camera file with start values.")
-@click.option("--index", type=click.IntRange(min=0), default=0, help="Number of the first PHOTO in --capture.")
+@click.option(
+    "--index", type=click.IntRange(min=0), default=0, show_default=True, help="Number of the first PHOTO in --capture."
+)
 @click.option("--from", "first", type=_options.SecondsType(), default=-1.0, help="First time offset.  [default: -1s]")
 @click.option("--to", "last", type=_options.SecondsType(), default=1.0, help="Last time offset.  [default: 1s]")
 @click.option(
@@ -149,7 +151,7 @@ def _start(path: Path | None, source: Path, size: tuple[int, int]) -> Camera:
     from rsdeblur.motion.camera import Camera
 
     if path is not None:
-        return open_camera(path, size=size).camera
+        return open_camera(path, size=size).warn(path)
     try:
         return open_camera(source, "exif", size=size).camera
     except RsdeblurError:

@@ -14,6 +14,7 @@ from click.testing import Result
 from numpy.typing import NDArray
 
 from rsdeblur import Camera, Exposure, hand_shake, scene, simulate_clip, write_picture
+from rsdeblur.cli.calibrate import RUN, _runs
 
 Run = Callable[..., Result]
 
@@ -85,6 +86,17 @@ def test_usage(run: Run, film: Film, tmp_path):
     result = run("calibrate", *film.photos, *options, "--capture", film.capture, "--index", 9)
     assert result.exit_code == 1
     assert "there are 14 photos" in result.stderr
+
+
+@pytest.mark.parametrize(("length", "count"), [(90, 128), (128, 128), (129, 128), (5000, 128), (100, 16), (100, 40)])
+def test_a_long_clip_is_used_in_runs(length, count):
+    """All frames of a short clip; of a long one, disjoint runs from its first frame to its last."""
+    runs = _runs(length, count)
+    numbers = [i for run in runs for i in run]
+    assert len(set(numbers)) == len(numbers) == min(length, count // RUN * RUN if length > count else length)
+    assert numbers == sorted(numbers)
+    assert numbers[0] == 0
+    assert len(runs) == 1 or numbers[-1] == length - 1
 
 
 def test_a_video(run: Run, film: Film, tmp_path):
