@@ -34,6 +34,7 @@ RUN = 16
 # Decimals, factors and units of the table.
 UNITS = {"s": (1e3, "ms", 3), "px": (1.0, "px", 1), "rad": (57.29578, "deg", 2), "rad/s": (1.0, "rad/s", 4)}
 UNITS |= {"s/s": (1e6, "us/s", 1)}
+STATES = ("assumed", "determined")
 
 
 @click.command("calibrate", epilog=EXAMPLES)
@@ -178,14 +179,19 @@ def _facts(result: Calibration, output: Path) -> dict[str, Any]:
 
 
 def _print(result: Calibration) -> None:
+    from rsdeblur.estimate.calibrate import SIGNIFICANT
+
     rows = [["axes", result.mounting, f"confidence {result.confidence:.2f}", "determined"]]
     for name, each in result.values.items():
         factor, unit, digits = UNITS[each.unit]
         deviation = "" if each.sd is None else f"+-{factor * each.sd:.{digits}f} {unit}"
-        state = "determined" if each.determined else "assumed"
-        rows.append([name.replace("_", " "), f"{factor * each.value:.{digits}f} {unit}", deviation, state])
+        rows.append(
+            [name.replace("_", " "), f"{factor * each.value:.{digits}f} {unit}", deviation, STATES[each.determined]]
+        )
         if name == "readout_time":
-            rows.append(["readout direction", result.camera.readout_direction, "", state])
+            # A global shutter has a readout time of 0, and no direction.
+            known = each.sd is not None and each.value > SIGNIFICANT * each.sd
+            rows.append(["readout direction", result.camera.readout_direction, "", STATES[known]])
     print_table(("", "value", "deviation", ""), rows)
     explained = f"the log explains {result.explained:.1%} of the motion"
     click.echo(f"{result.pairs} pairs of frames, {result.matches} matches; {explained}")

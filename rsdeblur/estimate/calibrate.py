@@ -367,27 +367,12 @@ class _Clip:
             return Estimate(float(number), fit.sd(**slopes) if set(slopes) & set(fit.free) else None, unit)
 
         signed, axis = (p.across, "across") if p.across else (p.down, "down")
-        horizontal = axis == "across"
-        sd = fit.sd(**{axis: 1.0})
-        direction: ReadoutDirection = camera.readout_direction
-        if axis in fit.free and abs(signed) > SIGNIFICANT * sd:
-            names: tuple[tuple[ReadoutDirection, ReadoutDirection], ...] = (
-                ("top-down", "bottom-up"),
-                ("left-right", "right-left"),
-            )
-            direction = names[horizontal][signed < 0]
-        lines = camera.width if horizontal else camera.height
+        lines = camera.width if axis == "across" else camera.height
         # The fit's offset is that of the middle row; a timestamp marks another one.
         late = (0.5 - TIMESTAMP_SHARES[camera.timestamp_marks]) * (lines - 1) / lines
         offset = p.offset + late * abs(signed)
         fx, fy = camera.focal_length
         zoom = float(np.exp(p.focal))
-        turn = np.array([p.turn_x, p.turn_y, p.turn_z])
-        names_turn = GROUPS["turn"]
-        significant = any(abs(t) > SIGNIFICANT * fit.sd(**{n: 1.0}) for n, t in zip(names_turn, turn, strict=True))
-        mounting = ranked.best.mounting
-        if significant:
-            mounting = Rotation.from_rotvec(turn).as_matrix() @ mounting
         values = {
             "time_offset": value(offset, "s", offset=1.0, **{axis: late * float(np.sign(signed))}),
             "focal_length": value(fx * zoom, "px", focal=fx * zoom),
@@ -400,11 +385,34 @@ class _Clip:
             camera,
             focal_length=(fx * zoom, fy * zoom),
             readout_time=abs(signed),
-            readout_direction=direction,
-            imu_to_camera=mounting,
+            readout_direction=_direction(fit, camera),
+            imu_to_camera=_turned(ranked.best.mounting, fit),
             time_offset=offset,
         )
         return calibrated, values
+
+
+def _direction(fit: ClipFit, camera: Camera) -> ReadoutDirection:
+    """Return the direction of the readout; the start's if the readout time is not significant."""
+    down, across = (
+        getattr(fit.parameters, name) * (abs(getattr(fit.parameters, name)) > SIGNIFICANT * fit.sd(**{name: 1.0}))
+        for name in GROUPS["readout"]
+    )
+    if not set(GROUPS["readout"]) & set(fit.free) or not (down or across):
+        return camera.readout_direction
+    if across:
+        return "left-right" if across > 0 else "right-left"
+    return "top-down" if down > 0 else "bottom-up"
+
+
+def _turned(mounting: FloatArray, fit: ClipFit) -> FloatArray:
+    """Return the mounting with the small turn, if that is significant."""
+    turn = np.array([getattr(fit.parameters, name) for name in GROUPS["turn"]])
+    deviations = np.array([fit.sd(**{name: 1.0}) for name in GROUPS["turn"]])
+    if (np.abs(turn) <= SIGNIFICANT * deviations).all():
+        return mounting
+    turned: FloatArray = Rotation.from_rotvec(turn).as_matrix() @ mounting
+    return turned
 
 
 def _excess(fit: ClipFit, group: str, names: tuple[str, ...]) -> float:

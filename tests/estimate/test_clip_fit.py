@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -20,7 +22,7 @@ FREE = ("offset", "across", "focal", "turn_y", "bias_x", "bias_z")
 POINTS = 40
 
 
-def matched(starts, log, *, noise=0.05, shake=0.0, seed=0):
+def matched(starts, log, *, truth=TRUTH, noise=0.05, shake=0.0, seed=0):
     """Return matches of pairs of frames 1/30 s apart, with errors of points and of pairs (shifts), px."""
     random = np.random.default_rng(seed)
     opens = np.stack([starts, starts + 1 / 30], axis=1)
@@ -30,7 +32,7 @@ def matched(starts, log, *, noise=0.05, shake=0.0, seed=0):
     # The row in the second frame decides its time, so the prediction is repeated until it stays.
     for _ in range(4):
         matches = ClipMatches(points, moved, pair, opens, np.full(opens.shape, 0.01))
-        moved = moved + ClipModel(matches, CAMERA, MeanOrientation(log.t, log.omega), MOUNTING).residuals(TRUTH)
+        moved = moved + ClipModel(matches, CAMERA, MeanOrientation(log.t, log.omega), MOUNTING).residuals(truth)
     moved = moved + random.normal(0.0, noise, moved.shape) + random.normal(0.0, shake, (len(starts), 2))[pair]
     return ClipMatches(points, moved, pair, opens, matches.durations)
 
@@ -74,6 +76,20 @@ def test_pairs_within_a_gap_of_the_log_are_left_out():
     assert found.accepted, found.reason
     assert 20 < found.pairs < 36
     assert found.values["time_offset"].value == pytest.approx(TRUTH.offset + 0.01 * 639 / 640, abs=3e-4)
+
+
+def test_a_global_shutter_has_no_direction():
+    """The readout time is 0 within its deviation, so the start's direction stays, and so do the neat axes."""
+    log = hand_shake(2.5, strength=0.3, seed=1)
+    truth = Parameters(offset=0.05)
+    start = replace(CAMERA, readout_time=0.01, readout_direction="bottom-up")
+    found = calibrate_matches(matched(0.3 + np.arange(30) / 30, log, truth=truth), 0, log, start, (-0.2, 0.3))
+    assert found.accepted, found.reason
+    readout = found.values["readout_time"]
+    assert readout.determined
+    assert readout.value < 3 * readout.sd < 1e-3
+    assert found.camera.readout_direction == "bottom-up"
+    assert np.array_equal(found.camera.imu_to_camera, MOUNTING)
 
 
 def test_mean_orientation_is_that_of_the_middle_at_a_constant_rate():
