@@ -102,7 +102,7 @@ def match_clip(
                 raise InputError(
                     f"the exposures must be in the order of time: frame {count} is not after the one before"
                 )
-            pair = match(before[0], now[0]) if end - start < LONGEST_STEP else None
+            pair = _within_lens(match(before[0], now[0]), camera) if end - start < LONGEST_STEP else None
             if pair is not None and len(pair.points) >= LEAST_MATCHES:
                 found.append(pair)
                 opens.append((start, end))
@@ -116,6 +116,15 @@ def match_clip(
             f"there must be one exposure for each frame, got {count} frames and {len(exposures)} exposures"
         )
     return ClipMatches.of(found, np.reshape(opens, (-1, 2)), np.reshape(durations, (-1, 2)))
+
+
+def _within_lens(matches: Matches, camera: Camera) -> Matches:
+    """Return the matches that the lens model describes, in front of the camera."""
+    points, moved = matches
+    rays = np.stack([camera.rays(points), camera.rays(moved)])
+    # NaN where there is no direction
+    good = (np.isfinite(rays).all(axis=2) & (rays[..., 2] > 0)).all(axis=0)
+    return Matches(points[good], moved[good])
 
 
 def _grey(image: ArrayLike, camera: Camera) -> NDArray[np.float32]:

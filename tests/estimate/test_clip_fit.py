@@ -22,7 +22,7 @@ FREE = ("offset", "across", "focal", "turn_y", "bias_x", "bias_z")
 POINTS = 40
 
 
-def matched(starts, log, *, truth=TRUTH, noise=0.05, shake=0.0, seed=0):
+def matched(starts, log, *, camera=CAMERA, truth=TRUTH, noise=0.05, shake=0.0, seed=0):
     """Return matches of pairs of frames 1/30 s apart, with errors of points and of pairs (shifts), px."""
     random = np.random.default_rng(seed)
     opens = np.stack([starts, starts + 1 / 30], axis=1)
@@ -32,7 +32,7 @@ def matched(starts, log, *, truth=TRUTH, noise=0.05, shake=0.0, seed=0):
     # The row in the second frame decides its time, so the prediction is repeated until it stays.
     for _ in range(4):
         matches = ClipMatches(points, moved, pair, opens, np.full(opens.shape, 0.01))
-        moved = moved + ClipModel(matches, CAMERA, MeanOrientation(log.t, log.omega), MOUNTING).residuals(truth)
+        moved = moved + ClipModel(matches, camera, MeanOrientation(log.t, log.omega), MOUNTING).residuals(truth)
     moved = moved + random.normal(0.0, noise, moved.shape) + random.normal(0.0, shake, (len(starts), 2))[pair]
     return ClipMatches(points, moved, pair, opens, matches.durations)
 
@@ -76,6 +76,18 @@ def test_pairs_within_a_gap_of_the_log_are_left_out():
     assert found.accepted, found.reason
     assert 20 < found.pairs < 36
     assert found.values["time_offset"].value == pytest.approx(TRUTH.offset + 0.01 * 639 / 640, abs=3e-4)
+
+
+@pytest.mark.parametrize(
+    ("model", "coefficients"), [("radtan", (0.15, -0.05, 0.001, 0.002)), ("fisheye", (0.05, -0.01, 0, 0))]
+)
+def test_a_distorting_lens(model, coefficients):
+    camera = replace(CAMERA, distortion_model=model, distortion=coefficients)
+    log = hand_shake(2.5, strength=0.3, seed=1)
+    found = calibrate_matches(matched(0.3 + np.arange(30) / 30, log, camera=camera), 0, log, camera, (-0.2, 0.3))
+    assert found.accepted, found.reason
+    assert found.camera.focal_length[0] == pytest.approx(600 * np.exp(TRUTH.focal), rel=2e-3)
+    assert found.camera.distortion == coefficients
 
 
 def test_a_global_shutter_has_no_direction():
