@@ -13,6 +13,9 @@ from .errors import InputError as InputError
 from .errors import OutputError as OutputError
 from .errors import RsdeblurError as RsdeblurError
 from .errors import RsdeblurWarning as RsdeblurWarning
+from .estimate.calibrate import Calibration as Calibration
+from .estimate.calibrate import Estimate as Estimate
+from .estimate.calibrate import calibrate as calibrate
 from .estimate.check import QualityCheck as QualityCheck
 from .estimate.correction import Correction as Correction
 from .estimate.refine import Refinement as Refinement
@@ -48,6 +51,7 @@ from .pipeline.plan import DeblurResult as DeblurResult
 from .pipeline.plan import Plan as Plan
 from .pipeline.plan import plan as plan
 from .psf import PsfBank as PsfBank
+from .simulation.clip import simulate_clip as simulate_clip
 from .simulation.scene import scene as scene
 from .simulation.shake import hand_shake as hand_shake
 from .simulation.simulate import Simulation as Simulation

@@ -18,7 +18,20 @@ import click
 from rsdeblur.errors import RsdeblurError, RsdeblurWarning
 
 COMMANDS = (
-    *("deblur", "compare", "batch", "video", "preview", "sync", "psf", "simulate", "info", "camera", "demo"),
+    *(
+        "deblur",
+        "compare",
+        "batch",
+        "video",
+        "preview",
+        "sync",
+        "calibrate",
+        "psf",
+        "simulate",
+        "info",
+        "camera",
+        "demo",
+    ),
     "completion",
 )
 INTERRUPTED = 130  # 128 + SIGINT, as shells report it

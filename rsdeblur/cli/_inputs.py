@@ -18,13 +18,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rsdeblur.choices import Auto, Transfer
-    from rsdeblur.cli._options import Recording, Track
+    from rsdeblur.cli._options import ClipLog, Recording, Track
     from rsdeblur.io.pictures import Picture
     from rsdeblur.io.samples import GyroFile
     from rsdeblur.motion.camera import Camera
     from rsdeblur.motion.exposure import Exposure
     from rsdeblur.motion.gyro import GyroLog
     from rsdeblur.pipeline.options import Options
+    from rsdeblur.video.clip import Clip
 
 
 class Inputs(NamedTuple):
@@ -67,12 +68,18 @@ def read_device(recording: Recording) -> tuple[GyroLog, Camera]:
         time_offset=recording.time_offset, readout_time=recording.readout_time
     )
     camera = with_overrides.warn(recording.camera)
+    file = read_log(recording)
+    _check_axes(file, camera, recording)
+    return file.log, camera
+
+
+def read_log(recording: Recording | ClipLog) -> GyroFile:
+    """Read the log that the options name, without its bias, and show its warnings; see `read_inputs`."""
     reading = recording.gyro_format, recording.unit, recording.orientation, recording.rate
     file, messages = _gyro_file(recording.gyro, _state(recording.gyro), *reading)
     for message in messages:
         warnings.warn(message, RsdeblurWarning, stacklevel=2)
-    _check_axes(file, camera, recording)
-    return file.log if recording.bias is None else file.log.minus_bias(recording.bias), camera
+    return file if recording.bias is None else replace(file, log=file.log.minus_bias(recording.bias))
 
 
 @lru_cache(maxsize=1)
@@ -202,6 +209,30 @@ def _chosen(captures: list[Exposure], recording: Recording) -> Exposure:
     return captures[index]
 
 
+def clip_exposures(clip: Clip, recording: Recording | ClipLog) -> list[Exposure]:
+    """Return the exposure of each frame of a video, which the options give.
+
+    Raises
+    ------
+    RsdeblurError
+        If the capture file is refused.
+    click.UsageError
+        If the options do not give the exposures.
+    """
+    from rsdeblur.video.times import exposures_from_captures, exposures_from_stamps
+
+    starts = [name for name in ("capture", "start", "start_ns") if getattr(recording, name) is not None]
+    if len(starts) > 1:
+        options = " and ".join("--" + name.replace("_", "-") for name in starts)
+        raise _usage(f"{options} exclude each other")
+    if recording.capture is not None:
+        return exposures_from_captures(clip, recording.capture, duration=recording.duration)
+    if recording.duration is None:
+        raise _usage("the exposure time is not given; use --duration, or --capture FILE")
+    start = recording.start or 0.0
+    return exposures_from_stamps(clip, recording.duration, start=start, epoch_ns=recording.start_ns or 0)
+
+
 def _usage(message: str) -> click.UsageError:
     # The workers of a batch have no context.
     return click.UsageError(message, ctx=click.get_current_context(silent=True))
@@ -231,7 +262,7 @@ def unit_range(pixels: NDArray[Any]) -> NDArray[Any]:
 
 
 @contextmanager
-def naming(photo: Path | None, recording: Recording) -> Iterator[None]:
+def naming(photo: Path | None, recording: Recording | ClipLog) -> Iterator[None]:
     """Put the name of the file at fault before errors of a computation."""
     try:
         yield

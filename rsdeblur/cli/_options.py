@@ -168,6 +168,22 @@ class Track:
 
 
 @dataclass(frozen=True, slots=True)
+class ClipLog:
+    """The log of a clip and the times of its frames; the names are those of `Recording`."""
+
+    gyro: Path
+    gyro_format: str | None = None
+    unit: str | None = None
+    orientation: str | None = None
+    rate: float | None = None
+    bias: Bias | None = None
+    capture: Path | None = None
+    start_ns: int | None = None
+    start: float | None = None
+    duration: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Defaults:
     """Values for the items of a batch that set none of their own; the names are those of `Recording`."""
 
@@ -285,20 +301,18 @@ recording_options = gathered(
         *_OVERRIDES,
     ),
 )
-clip_options = gathered(
-    "recording",
-    Recording,
-    (
-        click.option("--gyro", type=PATH, required=True, metavar="LOG", help="Gyro log; may be the video itself."),
-        *_LOG,
-        _CAMERA,
-        click.option("--capture", type=PATH, metavar="FILE", help="Metadata file with one line per frame."),
-        click.option("--start-ns", type=int, metavar="NS", help="Timestamp of the first frame in ns, camera clock."),
-        click.option("--start", type=SecondsType(), help="The same in seconds on the log's own clock.  [default: 0]"),
-        click.option("--duration", type=SecondsType(), help="Exposure time of a row; replaces that of --capture."),
-        *_OVERRIDES,
-    ),
+_CLIP_LOG = (
+    click.option("--gyro", type=PATH, required=True, metavar="LOG", help="Gyro log; may be the video itself."),
+    *_LOG,
 )
+_CLIP_TIMES = (
+    click.option("--capture", type=PATH, metavar="FILE", help="Metadata file with one line per frame."),
+    click.option("--start-ns", type=int, metavar="NS", help="Timestamp of the first frame in ns, camera clock."),
+    click.option("--start", type=SecondsType(), help="The same in seconds on the log's own clock.  [default: 0]"),
+    click.option("--duration", type=SecondsType(), help="Exposure time of a row; replaces that of --capture."),
+)
+clip_options = gathered("recording", Recording, (*_CLIP_LOG, _CAMERA, *_CLIP_TIMES, *_OVERRIDES))
+clip_log_options = gathered("recording", ClipLog, (*_CLIP_LOG, *_CLIP_TIMES))
 defaults_options = gathered(
     "defaults",
     Defaults,

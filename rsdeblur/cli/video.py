@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import naming, read_device
+from rsdeblur.cli._inputs import clip_exposures, naming, read_device
 from rsdeblur.cli._jobs import jobs_option, shared_threads
 from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import print_json, progress
@@ -21,9 +21,7 @@ from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.video import PRIOR
 
 if TYPE_CHECKING:
-    from rsdeblur.motion.exposure import Exposure
     from rsdeblur.pipeline.options import Options
-    from rsdeblur.video.clip import Clip
     from rsdeblur.video.plan import ClipPlan
     from rsdeblur.video.segments import Encoding
 
@@ -98,7 +96,7 @@ def command(
     log, camera = read_device(recording)
     with progress("video") as move, naming(source, recording):
         clip = open_clip(source)
-        exposures = _exposures(clip, recording)
+        exposures = clip_exposures(clip, recording)
         encoding = Encoding.like(clip, codec=encode.codec, crf=encode.crf)
         plan = plan_clip(clip, log, camera, exposures, options, progress=move)
         facts = _facts(plan, encoding, output) | {"kept": sum(reason is not None for reason in plan.reasons)}
@@ -133,23 +131,6 @@ def _report_of_parts(output: Path) -> Iterator[None]:
         if any(folder.glob("*.mkv")):
             click.echo(f"rsdeblur: finished parts are in {folder}; the same command continues from there", err=True)
         raise
-
-
-def _exposures(clip: Clip, recording: Recording) -> list[Exposure]:
-    from rsdeblur.video.times import exposures_from_captures, exposures_from_stamps
-
-    starts = [name for name in ("capture", "start", "start_ns") if getattr(recording, name) is not None]
-    if len(starts) > 1:
-        options = " and ".join("--" + name.replace("_", "-") for name in starts)
-        raise click.UsageError(f"{options} exclude each other", ctx=click.get_current_context())
-    if recording.capture is not None:
-        return exposures_from_captures(clip, recording.capture, duration=recording.duration)
-    if recording.duration is None:
-        raise click.UsageError(
-            "the exposure time is not given; use --duration, or --capture FILE", ctx=click.get_current_context()
-        )
-    start = recording.start or 0.0
-    return exposures_from_stamps(clip, recording.duration, start=start, epoch_ns=recording.start_ns or 0)
 
 
 def _facts(plan: ClipPlan, encoding: Encoding, output: Path) -> dict[str, Any]:

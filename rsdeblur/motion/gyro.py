@@ -149,8 +149,11 @@ class OrientationTrack:
         """
         # camera_time = gyro_time + time_offset
         log = log.covering(t0 - camera.time_offset, t1 - camera.time_offset, epoch_ns)
-        t = log.t + camera.time_offset
-        omega = log.omega @ camera.imu_to_camera.T
+        return cls.integrated(log.t + camera.time_offset, log.omega @ camera.imu_to_camera.T)
+
+    @classmethod
+    def integrated(cls, t: FloatArray, omega: FloatArray) -> OrientationTrack:
+        """Return the track of rates in camera axes at increasing times, over gaps as well."""
         steps = rotation_matrix(-_magnus(omega[:-1], omega[1:], np.diff(t)))
         rotations = np.empty((len(t), 3, 3))
         rotations[0] = np.eye(3)

@@ -101,7 +101,7 @@ def simulate(
     CoverageError, ClockError, GapError
         If the log or the translation does not describe the exposure.
     """
-    scene, transfer = _linear_scene(sharp, transfer)
+    scene, transfer = linear_scene(sharp, transfer)
     if scene.shape[0] < camera.height or scene.shape[1] < camera.width:
         raise InputError(
             f"sharp must be at least as large as the camera's picture, {camera.width}x{camera.height}, "
@@ -121,7 +121,7 @@ def simulate(
     return Simulation(*(from_linear(picture, transfer) for picture in noisy))
 
 
-def _linear_scene(sharp: ArrayLike, transfer: Transfer | Auto) -> tuple[NDArray[np.float32], Transfer]:
+def linear_scene(sharp: ArrayLike, transfer: Transfer | Auto) -> tuple[NDArray[np.float32], Transfer]:
     """Return the scene in linear light, and how its values encoded it."""
     values: NDArray[Any] = sharp if isinstance(sharp, np.ndarray) else validate.real_array("sharp", sharp)
     if values.ndim not in (2, 3) or values.size == 0:
@@ -147,7 +147,7 @@ def _simulate(
     opens, closes = exposure.window(np.arange(camera.height), camera)
     middle = 0.5 * (opens + closes)
     reference = float(np.interp((camera.height - 1) / 2, np.arange(camera.height), middle))
-    path = _CameraPath(log, camera, float(opens.min()), float(closes.max()), exposure.epoch_ns, translation)
+    path = CameraPath(log, camera, float(opens.min()), float(closes.max()), exposure.epoch_ns, translation)
     if samples == "auto":
         slices = max(16, int(np.ceil(SAMPLES_PER_PIXEL * path.longest(opens, closes))))
     else:
@@ -170,7 +170,7 @@ def _simulate(
     return Simulation(seen(times), np.ascontiguousarray(frame), seen(middle[:, None]))
 
 
-class _CameraPath:
+class CameraPath:
     """Pose of the camera over time; its orientation is integrated by many midpoint steps of the interpolated rates."""
 
     def __init__(
@@ -181,11 +181,13 @@ class _CameraPath:
         t1: float,
         epoch_ns: int,
         translation: Translation | None = None,
+        *,
+        steps_per_second: int = STEPS_PER_SECOND,
     ) -> None:
         samples = log.covering(t0 - camera.time_offset, t1 - camera.time_offset, epoch_ns)
         t = samples.t + camera.time_offset
         omega = samples.omega @ camera.imu_to_camera.T
-        self.nodes = np.linspace(t0, t1, max(2, int(np.ceil((t1 - t0) * STEPS_PER_SECOND)) + 1))
+        self.nodes = np.linspace(t0, t1, max(2, int(np.ceil((t1 - t0) * steps_per_second)) + 1))
         centres = 0.5 * (self.nodes[1:] + self.nodes[:-1])
         self.rates = np.stack([np.interp(centres, t, omega[:, axis]) for axis in range(3)], axis=1)
         # In camera axes, a far point X moves by dX/dt = -omega x X.
@@ -234,7 +236,7 @@ class _CameraPath:
 
 
 def _through_lens(
-    coefficients: NDArray[np.float32], path: _CameraPath, times: FloatArray, reference: float, left: int, top: int
+    coefficients: NDArray[np.float32], path: CameraPath, times: FloatArray, reference: float, left: int, top: int
 ) -> NDArray[np.float32]:
     """Return the same as `average_warps` for a distorting lens, whose warps are not homographies: pixels are traced."""
     camera = path.camera
