@@ -18,8 +18,8 @@ from .estimate.calibrate import Estimate as Estimate
 from .estimate.calibrate import calibrate as calibrate
 from .estimate.check import QualityCheck as QualityCheck
 from .estimate.correction import Correction as Correction
+from .estimate.correction import Uncertainty as Uncertainty
 from .estimate.refine import Refinement as Refinement
-from .estimate.refine import Uncertainty as Uncertainty
 from .estimate.refine import refine as refine
 from .estimate.strength import Tuning as Tuning
 from .estimate.time_offset import OffsetSearch as OffsetSearch

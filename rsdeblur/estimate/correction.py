@@ -6,6 +6,8 @@ from dataclasses import astuple, dataclass, fields, replace
 
 import numpy as np
 
+from rsdeblur._util import validate
+from rsdeblur.errors import InputError
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
@@ -50,6 +52,49 @@ class Correction:
 
 #: Names of the numbers of a :class:`Correction`, in their order.
 PARAMETERS = tuple(field.name for field in fields(Correction))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Uncertainty:
+    """Standard deviations of the errors of a recording; 0 for what is known.
+
+    Parameters
+    ----------
+    scale : float, default 0.15
+        Of the focal length, as a share; near scenes blur more than rotation alone predicts.
+    drift : float, default 0.0025
+        Of the shift of the scene during the exposure that the log lacks, along each axis, as a share of the picture's
+        longer side.
+    offset : float, default 0.008
+        Of the time offset, s.
+    readout : float, default 0.15
+        Of the readout time, as a share.
+    roll : float, default 0.02
+        Of the bias of the gyroscope about the optical axis, rad/s.
+
+    Raises
+    ------
+    InputError
+        If a value is negative or not finite, or all are 0.
+    """
+
+    scale: float = 0.15
+    drift: float = 0.0025
+    offset: float = 8e-3
+    readout: float = 0.15
+    roll: float = 0.02
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            object.__setattr__(self, field.name, validate.finite(field.name, getattr(self, field.name), minimum=0.0))
+        if not any(getattr(self, field.name) for field in fields(self)):
+            raise InputError("uncertainty is 0 in all its parts, so that there is nothing to refine")
+
+    def deviations(self, camera: Camera) -> FloatArray:
+        """Return the standard deviations of the parameters of a :class:`Correction`."""
+        drift = self.drift * max(camera.width, camera.height)
+        readout = self.readout if camera.readout_time > 0 else 0.0
+        return Correction(self.scale, drift, drift, self.offset, readout, self.roll).vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -75,13 +75,19 @@ class Posterior:
 
     def gain(self, place: FloatArray, over: FloatArray) -> float:
         """Return how much more likely one correction is than another, in nats; infinite if one has no score."""
-        nats, others = self.nats(place), self.nats(over)
-        if nats is None:
-            return -np.inf
+        others = self.nats(over)
         if others is None:
             return np.inf
-        spectra = MOST_NATS * np.tanh((others - nats) / MOST_NATS).sum() / (TILES_AS_ONE * self._spectra.tiles)
-        return float(spectra + 0.5 * (over @ over - place @ place))
+        return self.lead(place, others) + 0.5 * float(over @ over)
+
+    def lead(self, place: FloatArray, others: FloatArray) -> float:
+        """Return how much more likely a correction is than a motion with the nats `others`, whose prior is ignored."""
+        nats = self.nats(place)
+        if nats is None:
+            return -np.inf
+        # No tile counts for much more than the bound.
+        bounded = MOST_NATS * np.tanh((others - nats) / MOST_NATS)
+        return float(bounded.sum() / (TILES_AS_ONE * self._spectra.tiles) - 0.5 * place @ place)
 
     def search(self, free: Sequence[str]) -> list[FloatArray]:
         """Return the local maxima that descents reach with some parameters free, from no correction and from samples.

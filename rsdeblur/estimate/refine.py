@@ -7,43 +7,31 @@ sharp picture that they lead to: with the right motion, its gradient is concentr
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
-from skimage.transform import resize
 
-from rsdeblur._util import validate
 from rsdeblur.choices import Auto, Transfer
-from rsdeblur.deconv.priors import GradientPrior
-from rsdeblur.deconv.quadratic import TileQuadratic
-from rsdeblur.errors import InputError
-from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording
-from rsdeblur.estimate.posterior import UNDESCRIBED, Posterior
+from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording, Uncertainty
+from rsdeblur.estimate.posterior import Posterior
+from rsdeblur.estimate.sharpness import Sharpness
 from rsdeblur.estimate.spectra import TILE, TileSpectra
-from rsdeblur.estimate.strength import Tuning
 from rsdeblur.image.encoded import EncodedImage, check_size
-from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.motion.translation import Translation
-from rsdeblur.psf import PsfBank, tile_centres
-from rsdeblur.types import FloatArray, FloatImage, Progress
+from rsdeblur.types import FloatArray, Progress
 
 # Reduction of the picture for its spectra. The finest detail is left out, because cameras denoise and sharpen it; the
 # blur is at most so long, px; and the longer side is within these bounds, px.
 LEAST_REDUCTION, LONGEST_BLUR = 2.4, 20.0
 SPECTRA_SIDES = 320, 480
-# Longer side of the picture that is made sharp to compare corrections, px, and the tiles there.
-SHARP_SIDE, SHARP_TILES = 640, (8, 4)
 # Rows that are converted to light at a time.
 PART = 256
-# Border that is not compared, px.
-FRAME = 16
 
 # Parameters that are searched together. A correction by few numbers is more credible than one by many.
 MODELS = (("drift_x", "drift_y"), ("scale", "drift_x", "drift_y"), PARAMETERS)
@@ -54,49 +42,6 @@ ADJUSTED, ADJUSTMENTS, FIRST_STEP = MODELS[1], 45, 0.6
 NATS_PER_FALL, NATS_PER_PARAMETER = 1000.0, 3.0
 # Least gain, nats, and least fall of a correction that is accepted, and the most standard deviations of any parameter.
 LEAST_GAIN, LEAST_FALL, MOST_DEVIATIONS = 5.0, 0.01, 4.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Uncertainty:
-    """Standard deviations of the errors of a recording; 0 for what is known.
-
-    Parameters
-    ----------
-    scale : float, default 0.15
-        Of the focal length, as a share; near scenes blur more than rotation alone predicts.
-    drift : float, default 0.0025
-        Of the shift of the scene during the exposure that the log lacks, along each axis, as a share of the picture's
-        longer side.
-    offset : float, default 0.008
-        Of the time offset, s.
-    readout : float, default 0.15
-        Of the readout time, as a share.
-    roll : float, default 0.02
-        Of the bias of the gyroscope about the optical axis, rad/s.
-
-    Raises
-    ------
-    InputError
-        If a value is negative or not finite, or all are 0.
-    """
-
-    scale: float = 0.15
-    drift: float = 0.0025
-    offset: float = 8e-3
-    readout: float = 0.15
-    roll: float = 0.02
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            object.__setattr__(self, field.name, validate.finite(field.name, getattr(self, field.name), minimum=0.0))
-        if not any(getattr(self, field.name) for field in fields(self)):
-            raise InputError("uncertainty is 0 in all its parts, so that there is nothing to refine")
-
-    def deviations(self, camera: Camera) -> FloatArray:
-        """Return the standard deviations of the parameters of a :class:`Correction`."""
-        drift = self.drift * max(camera.width, camera.height)
-        readout = self.readout if camera.readout_time > 0 else 0.0
-        return Correction(self.scale, drift, drift, self.offset, readout, self.roll).vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,9 +123,6 @@ def refine(
     One picture does not calibrate a camera: offset, readout time, focal length and drift explain one another in part.
     The blur is right long before they are. Use the result for this picture, and :func:`rsdeblur.find_time_offset` or
     several pictures for a camera file.
-
-    Hurley and Rickard, "Comparing measures of sparsity", IEEE Trans. Information Theory 55, 2009, compare l1 / l2 with
-    other measures; Krishnan, Tay and Fergus, CVPR 2011, use it for blind deconvolution.
     """
     uncertainty = uncertainty or Uncertainty()
     encoded = EncodedImage.of(image, transfer)
@@ -189,7 +131,7 @@ def refine(
     recording = Recording(log, camera, exposure, translation)
     deviations = uncertainty.deviations(camera)
     spectra = TileSpectra(light, recording, side=_spectra_side(recording))
-    judge = _Judge(Posterior(spectra, recording, deviations), _Sharpness(light, recording))
+    judge = _Judge(Posterior(spectra, recording, deviations), Sharpness(light, recording))
     best = judge.best(progress or (lambda *_: None))
     reason = judge.objection(best)
     used = recording if reason else judge.posterior.corrected(best)
@@ -224,7 +166,7 @@ def _spectra_side(recording: Recording) -> int:
 class _Judge:
     """Worth of corrections: by the spectra, and by the sharp picture that they lead to."""
 
-    def __init__(self, posterior: Posterior, sharpness: _Sharpness) -> None:
+    def __init__(self, posterior: Posterior, sharpness: Sharpness) -> None:
         self.posterior, self._sharpness = posterior, sharpness
         self._nothing = np.zeros(len(PARAMETERS))
         self._given = sharpness.of(posterior.corrected(self._nothing))
@@ -281,31 +223,3 @@ class _Judge:
         if np.abs(place).max() > MOST_DEVIATIONS:
             return "the likeliest correction is too far from the recording"
         return ""
-
-
-class _Sharpness:
-    """How concentrated the gradient of the sharp picture is, for several motions; the strength stays the same."""
-
-    def __init__(self, light: FloatImage, recording: Recording) -> None:
-        self._scale = min(1.0, SHARP_SIDE / max(light.shape))
-        small = recording.camera.scaled(self._scale)
-        if self._scale < 1:
-            light = resize(light, (small.height, small.width), order=1, anti_aliasing=True)
-        self._light = np.ascontiguousarray(ReadoutFrame(small).image(light), dtype=np.float32)[..., None]
-        tuning = Tuning.of(self._light, self._bank(recording))
-        self._nsr, self._prior = tuning.border_error, GradientPrior("tv", tuning.weight("tv", 1.0))
-
-    def _bank(self, recording: Recording) -> PsfBank:
-        rows, cols = (tile_centres(n, size) for n, size in zip(SHARP_TILES, self._light.shape, strict=False))
-        return PsfBank.from_paths(BlurPaths.from_capture(recording.capture(self._scale), rows, cols))
-
-    def of(self, recording: Recording) -> float:
-        """Return the logarithm of l1 / l2 of the gradient of the sharp picture; infinite without a motion."""
-        try:
-            bank = self._bank(recording)
-        except UNDESCRIBED:
-            return np.inf
-        sharp = TileQuadratic(bank, self._light.shape, nsr=self._nsr).apply(self._light, prior=self._prior)[..., 0]
-        inner = sharp[FRAME:-FRAME, FRAME:-FRAME]
-        slope = np.hypot(np.diff(inner, axis=0)[:, :-1], np.diff(inner, axis=1)[:-1])
-        return float(np.log(slope.mean() / np.sqrt(np.square(slope).mean())))

@@ -9,7 +9,7 @@ of the log.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import CoverageError, InputError
-from rsdeblur.estimate.correction import Correction, Recording
+from rsdeblur.estimate.correction import Correction, Recording, Uncertainty
+from rsdeblur.estimate.posterior import Posterior
+from rsdeblur.estimate.sharpness import Sharpness
 from rsdeblur.estimate.spectra import TileSpectra
 from rsdeblur.image.encoded import EncodedImage, check_size
 from rsdeblur.motion.camera import Camera
@@ -38,6 +40,9 @@ RESAMPLES, CONFIDENT = 200, 0.8
 # Least lead over any other answer, in nats over the whole picture. A constant rate of rotation gives every offset the
 # same PSF, and then nothing leads.
 LEAST_LEAD = 30.0
+# Least lead over a steady motion that the log lacks, in nats of the posterior, and least fall of the logarithm of
+# l1 / l2, see :mod:`rsdeblur.estimate.sharpness`.
+CLEAR_LEAD, LEAST_FALL = 3.0, 0.005
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,14 +128,19 @@ def find_time_offset(
     whole = np.arange(0, round((last - first) / FINE_STEP) + 1, round(COARSE_STEP / FINE_STEP))
     coarse = _Curve(TileSpectra(light, recording, side=COARSE_SIDE), recording, first)
     coarse.extend(whole, lambda done: progress and progress("coarse", done))
-    fine = _Curve(TileSpectra(light, recording, side=FINE_SIDE), recording, first)
+    fine_spectra = TileSpectra(light, recording, side=FINE_SIDE)
+    fine = _Curve(fine_spectra, recording, first)
     candidates = _windows(coarse.minima()[:MINIMA], whole[-1])
     while len(candidates):
         fine.extend(candidates, lambda done: progress and progress("fine", done))
         # The minimum may lie beside the window that the coarse curve chose.
         candidates = np.setdiff1d(_windows(fine.minima()[:1], whole[-1]), fine.tried)
         candidates = candidates if fine.at_edge() else candidates[:0]
-    return fine.result()
+    found = fine.result()
+    if found.time_offset is not None and abs(found.time_offset - camera.time_offset) > SAME:
+        reason = _objection(light, fine_spectra, recording, found.time_offset)
+        found = replace(found, time_offset=None if reason else found.time_offset, reason=reason)
+    return found
 
 
 def _windows(places: NDArray[np.intp], last: int) -> NDArray[np.intp]:
@@ -138,6 +148,21 @@ def _windows(places: NDArray[np.intp], last: int) -> NDArray[np.intp]:
     reach = round(COARSE_STEP / FINE_STEP)
     near = np.unique(places[:, None] + np.arange(-reach, reach + 1))
     return near[(near >= 0) & (near <= last)]
+
+
+def _objection(light: NDArray[np.float32], spectra: TileSpectra, recording: Recording, time_offset: float) -> str:
+    """Return why another time offset is not credible; nothing if it is."""
+    shifted = recording.corrected(Correction(offset=time_offset - recording.camera.time_offset))
+    sharpness = Sharpness(light, recording)
+    reached = sharpness.of(shifted)
+    if reached > sharpness.of(recording) - LEAST_FALL:
+        return "the picture does not become sharper with it"
+    deviations = Uncertainty(offset=0.0, readout=0.0, roll=0.0).deviations(recording.camera)
+    posterior, nats = Posterior(spectra, recording, deviations), spectra.score(shifted)
+    for place in posterior.search(posterior.free):
+        if posterior.lead(place, nats) > -CLEAR_LEAD or sharpness.of(posterior.corrected(place)) < reached:
+            return "a steady motion that the log lacks, as of a hand that swings, explains the picture as well"
+    return ""
 
 
 class _Curve:
