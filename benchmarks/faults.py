@@ -32,6 +32,7 @@ from rsdeblur.choices import Planning
 from rsdeblur.deconv import fft
 from rsdeblur.errors import OutputError
 from rsdeblur.io import read_picture, write_picture
+from rsdeblur.io.pictures import Picture, picture_to_fill
 
 SIDE = 200
 
@@ -115,6 +116,35 @@ def full_disk(name: str, count: int) -> dict[str, int]:
             as_before = path.read_bytes() == old and [path] == list(path.parent.iterdir())
             counts["refused, the old file whole" if refused and as_before else "else"] += 1
     return counts
+
+
+def full_file_system() -> dict[str, int]:
+    """Fill pictures in place on a file system that is too small for them, which needs root; count the outcomes."""
+    pixels = np.zeros((SIDE, SIDE, 3), np.uint8)
+    counts = {"refused, nothing left": 0, "else": 0}
+    with tempfile.TemporaryDirectory() as folder:
+        mount = ["mount", "-t", "tmpfs", "-o", f"size={pixels.size // 2}", "tmpfs", folder]
+        if subprocess.run(mount, capture_output=True, check=False).returncode:
+            return {"not tried: it needs root": 1}
+        try:
+            for name in ("a.tif", "a.npy"):
+                process = get_context("fork").Process(target=_fill_in_place, args=(Path(folder) / name, pixels))
+                process.start()
+                process.join()
+                as_promised = process.exitcode == 0 and not os.listdir(folder)
+                counts["refused, nothing left" if as_promised else "else"] += 1
+        finally:
+            subprocess.run(["umount", folder], check=True)
+    return counts
+
+
+def _fill_in_place(path: Path, pixels: Any) -> None:
+    try:
+        with picture_to_fill(path, pixels.shape, like=Picture(pixels), in_place=True) as out:
+            out[...] = 1
+    except OutputError:
+        sys.exit(0)
+    sys.exit("written")
 
 
 def heed_interrupts() -> None:
@@ -246,6 +276,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for name in WRITERS:
         print(f"{name}: killed {count} times: {kills(name, count)}", flush=True)
         print(f"{name}: disk full {count // 10} times: {full_disk(name, count // 10)}", flush=True)
+    print(f"pictures in place on a full file system: {full_file_system()}", flush=True)
     print(f"damaged wisdom, {5 * count} files: {damaged_wisdom(5 * count)}", flush=True)
     print(f"two planners at once, {count // 20} pairs: {two_planners(count // 20)}", flush=True)
     print(f"workers of a batch killed {count // 10} times: {killed_workers(count // 10)}", flush=True)

@@ -40,6 +40,13 @@ def test_a_full_disk_is_reported_and_the_old_file_kept(name: str) -> None:
     assert faults.full_disk(name, 5) == {"refused, the old file whole": 5, "else": 0}
 
 
+def test_a_full_file_system_does_not_end_the_process() -> None:
+    counts = faults.full_file_system()
+    if "else" not in counts:
+        pytest.skip("only root may mount a small file system")
+    assert counts == {"refused, nothing left": 2, "else": 0}
+
+
 @pytest.mark.parametrize("call", ["fsync", "replace"])
 def test_a_disk_that_is_full_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str) -> None:
     def fail(*_: Any) -> None:
