@@ -28,6 +28,7 @@ import numpy as np
 from benchmarks import load
 from rsdeblur import Camera, Deconvolver, PsfBank
 from rsdeblur._util.atomic import atomic_write
+from rsdeblur._util.interrupts import ENDING
 from rsdeblur.choices import Planning
 from rsdeblur.deconv import fft
 from rsdeblur.errors import OutputError
@@ -153,7 +154,7 @@ def heed_interrupts() -> None:
 
 
 def interrupts(count: int) -> dict[str, int]:
-    """Interrupt `rsdeblur demo` at random moments; count the outcomes."""
+    """Interrupt `rsdeblur demo` at random moments, by three signals; count the outcomes."""
     counts: dict[str, int] = {}
     rng = random.Random(0)
     for _ in range(count):
@@ -167,13 +168,14 @@ def interrupts(count: int) -> dict[str, int]:
                 preexec_fn=heed_interrupts,
             )
             time.sleep(rng.uniform(0.3, 6.0))
-            process.send_signal(signal.SIGINT)
+            number = rng.choice(ENDING)
+            process.send_signal(number)
             message = process.communicate()[1]
             left = list(Path(folder).rglob("*.part"))
-            how = f"exit {process.returncode}" + ", traceback" * ("Traceback" in message)
+            how = f"{number.name}: exit {process.returncode}" + ", traceback" * ("Traceback" in message)
             how += ", temporary left" * bool(left)
             counts[how] = counts.get(how, 0) + 1
-            if process.returncode not in (0, 130):
+            if process.returncode not in (0, 128 + number):
                 print(how, message[-500:])
     return counts
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import re
+import signal
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,13 +16,15 @@ from typing import Any, NoReturn
 
 import click
 
+from rsdeblur._util import interrupts
 from rsdeblur.errors import RsdeblurError, RsdeblurWarning
 
 COMMANDS = (
     *("deblur", "compare", "batch", "video", "preview", "sync", "psf", "simulate", "info", "camera", "demo"),
     "completion",
 )
-INTERRUPTED = 130  # 128 + SIGINT, as shells report it
+# Exit codes of processes that a signal ended, as shells report them, are this and the signal's number.
+SIGNALLED = 128
 
 
 class Commands(click.Group):
@@ -39,8 +42,8 @@ class Commands(click.Group):
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; exit with 1 for refused input and 130 when interrupted."""
-        with _one_line_warnings():
+        """Run the command; exit with 1 for refused input and 128 plus the signal's number when interrupted."""
+        with interrupts.raised(), _one_line_warnings():
             try:
                 return super().invoke(ctx)
             except RsdeblurError as error:
@@ -56,17 +59,19 @@ class Commands(click.Group):
                     raise
                 _refuse(ctx, f"{error.filename}: {error.strerror}" if error.filename else str(error))
             except (KeyboardInterrupt, ImportError) as error:
-                if not _interrupted(error):
-                    raise
+                interrupt = _interrupt_of(error)
+                if interrupt is None:
+                    _refuse(ctx, f"a library cannot be loaded ({error}); free memory, or install rsdeblur again")
+                number = interrupt.number if isinstance(interrupt, interrupts.Interrupt) else signal.SIGINT
                 click.echo("rsdeblur: interrupted; no unfinished file is left", err=True)
-                ctx.exit(INTERRUPTED)
+                ctx.exit(SIGNALLED + number)
 
 
-def _interrupted(error: BaseException | None) -> bool:
-    """Return whether an interrupt caused an error; while a compiled module loads, it becomes an ImportError."""
+def _interrupt_of(error: BaseException | None) -> KeyboardInterrupt | None:
+    """Return the interrupt that caused an error; while a compiled module loads, it becomes an ImportError."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
-    return error is not None
+    return error
 
 
 def _refuse(ctx: click.Context, message: str) -> NoReturn:
@@ -114,5 +119,6 @@ def main() -> None:
     Each row of a rolling-shutter picture has its own exposure window, and therefore its own blur. rsdeblur computes
     the blur from the log and removes it.
 
-    Exit codes: 0 done, 1 input refused, 2 wrong usage, 3 some photos of a batch failed, 130 interrupted.
+    Exit codes: 0 done, 1 input refused, 2 wrong usage, 3 some photos of a batch failed, 130 interrupted (SIGTERM
+    143, SIGHUP 129).
     """
