@@ -17,6 +17,7 @@ from typing import Any, NoReturn
 import click
 
 from rsdeblur._util import interrupts
+from rsdeblur.cli._output import printable, say_aside, tolerant_output
 from rsdeblur.errors import RsdeblurError, RsdeblurWarning
 
 COMMANDS = (
@@ -43,11 +44,15 @@ class Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; exit with 1 for refused input and 128 plus the signal's number when interrupted."""
-        with interrupts.raised(), _one_line_warnings():
+        with interrupts.raised(), tolerant_output(), _one_line_warnings():
             try:
                 return super().invoke(ctx)
             except RsdeblurError as error:
                 _refuse(ctx, str(error))
+            except click.UsageError as error:
+                # The message may quote the names of files; click's own may have several lines.
+                lines = error.format_message().expandtabs().split("\n")
+                raise click.UsageError("\n".join(map(printable, lines)), ctx=error.ctx) from error
             except MemoryError:
                 _refuse(
                     ctx,
@@ -63,7 +68,7 @@ class Commands(click.Group):
                 if interrupt is None:
                     _refuse(ctx, f"a library cannot be loaded ({error}); free memory, or install rsdeblur again")
                 number = interrupt.number if isinstance(interrupt, interrupts.Interrupt) else signal.SIGINT
-                click.echo("rsdeblur: interrupted; no unfinished file is left", err=True)
+                say_aside("interrupted; no unfinished file is left")
                 ctx.exit(SIGNALLED + number)
 
 
@@ -75,14 +80,8 @@ def _interrupt_of(error: BaseException | None) -> KeyboardInterrupt | None:
 
 
 def _refuse(ctx: click.Context, message: str) -> NoReturn:
-    click.echo(f"rsdeblur: error: {_one_line(message)}", err=True)
+    say_aside(f"error: {message}")
     ctx.exit(1)
-
-
-def _one_line(message: object) -> str:
-    line = " ".join(str(message).split())
-    # File names may contain control characters, or bytes that are not text.
-    return "".join(character if character.isprintable() else ascii(character)[1:-1] for character in line)
 
 
 @contextmanager
@@ -90,11 +89,10 @@ def _one_line_warnings() -> Iterator[None]:
     shown = set()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
-        line = _one_line(message)
         # Several parts of one log may cause a warning each, which differ in their numbers only; one is enough.
-        kind = re.sub(r"[\d.]+", "", line)
+        kind = re.sub(r"[\d.]+", "", str(message))
         if kind not in shown:
-            click.echo(f"rsdeblur: warning: {line}", err=True)
+            say_aside(f"warning: {message}")
         shown.add(kind)
 
     with warnings.catch_warnings():

@@ -9,7 +9,7 @@ import click
 
 from rsdeblur.cli import _options
 from rsdeblur.cli._options import PhotoChanges, Recording, Target
-from rsdeblur.cli._output import print_json, progress
+from rsdeblur.cli._output import print_json, progress, say
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def command(
     wide, tall = facts["psf_px"]
     if target.dry_run:
         size = "{} x {}".format(*facts["size_px"])
-        click.echo(
+        say(
             f"{photo}: {size} px, all inputs fit; would write {target.output} ({options.mode}, PSFs of up to "
             f"{wide} x {tall} px, {options.prior})"
         )
@@ -62,16 +62,18 @@ def command(
     tiles = "rows" if options.mode == "rowwise" else "bands"
     kernels = f"{facts['bands']} x {facts['strips']} PSFs ({tiles} x strips) of {wide} x {tall} px"
     strength = f"NSR {facts['nsr']:.2g}" if facts["weight"] is None else f"weight {facts['weight']:.2g}"
-    click.echo(
-        f"{target.output}: {options.mode}, {kernels}, {options.prior}, {strength}, "
-        f"{facts['seconds']:.2f} s{_verdict(facts['check'])}"
+    verdict, reasons = _verdict(facts["check"])
+    say(
+        f"{target.output}: {options.mode}, {kernels}, {options.prior}, {strength}, {facts['seconds']:.2f} s{verdict}",
+        *reasons,
     )
 
 
-def _verdict(check: dict[str, Any] | None) -> str:
+def _verdict(check: dict[str, Any] | None) -> tuple[str, list[str]]:
+    """Return the verdict of the check, and lines with its reasons."""
     if check is None:
-        return ""
+        return "", []
     blended = ", blended towards the photo" if check["blended"] else ""
     # A good result has reasons too if a part of it could not be judged.
-    reasons = f"\n  {' '.join(check['reasons'])}" if check["reasons"] else ""
-    return f"; {check['verdict']}{blended}{reasons}"
+    reasons = [f"  {' '.join(check['reasons'])}"] if check["reasons"] else []
+    return f"; {check['verdict']}{blended}", reasons

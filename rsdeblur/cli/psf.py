@@ -10,7 +10,7 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, naming, read_inputs, read_recording, transfer_of, unit_range
 from rsdeblur.cli._options import Recording
-from rsdeblur.cli._output import print_json, progress
+from rsdeblur.cli._output import print_json, progress, refuse_inputs, say
 
 if TYPE_CHECKING:
     from rsdeblur.motion.paths import BlurPaths
@@ -51,8 +51,10 @@ def command(
     from rsdeblur.io.pictures import check_writable, write_picture
 
     if output is not None:
+        refuse_inputs(output)
         check_writable(output, force=force)
     if bank is not None:
+        refuse_inputs(bank)
         check_target(bank, force=force)
     if photo is None:
         log, camera, exposure = read_recording(recording)
@@ -81,7 +83,7 @@ def command(
         print_json(summary)
     else:
         wide, tall = summary["psf_px"]
-        click.echo(
+        say(
             f"{summary['bands']} x {summary['strips']} kernels (bands x strips) of {wide} x {tall} px, "
             f"paths {lengths.min():.1f} to {lengths.max():.1f} px long"
         )
