@@ -201,7 +201,7 @@ def _on_cluster(
         raise InputError("a Dask scheduler needs the extra [dask]: pip install 'rsdeblur[dask]'") from error
     try:
         client = Client(address)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TypeError, RuntimeError) as error:  # TypeError: TLS without certificates
         raise InputError(f"no Dask scheduler answers at {address}: {_one_line(error)}") from error
     waiting, sent = iter(tasks), dict[Future, Task]()
 

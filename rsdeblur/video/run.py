@@ -163,9 +163,16 @@ def deblur_video(
         for first in starts
     ]
     with parts.held():
-        resumed = _encode(segments, parts, _fingerprint(plan, encoding, segment), jobs, progress)
-        dropped = join(clip, [each.output for each in segments], output)
-        parts.remove()
+        try:
+            resumed = _encode(segments, parts, _fingerprint(plan, encoding, segment), jobs, progress)
+            dropped = join(clip, [each.output for each in segments], output)
+            is_kept = False
+        except BaseException:
+            is_kept = any(each.output.exists() for each in segments)
+            raise
+        finally:
+            if not is_kept:
+                parts.remove()
     kept = sum(reason is not None for reason in plan.reasons)
     return VideoResult(len(clip), kept, len(segments), resumed, dropped)
 

@@ -307,9 +307,10 @@ def test_on_a_cluster(run: Run, files: Files, manifest: Path, tmp_path: Path) ->
     with distributed.LocalCluster(1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
         call = (manifest, *files.sources, "-o", tmp_path / "out", "--scheduler", cluster.scheduler_address)
         assert states(entries(run, *call, code=SOME_FAILED)) == "done done done failed failed"
-    result = run("batch", manifest, *files.sources, "-o", tmp_path / "new", "--scheduler", "nonsense://x")
-    assert result.exit_code == 1
-    assert "no Dask scheduler answers at nonsense://x" in result.stderr
+    for address in ("nonsense://x", "tls://127.0.0.1:9"):
+        result = run("batch", manifest, *files.sources, "-o", tmp_path / "new", "--scheduler", address)
+        assert result.exit_code == 1
+        assert f"no Dask scheduler answers at {address}" in result.stderr
 
 
 @pytest.mark.usefixtures("here")

@@ -132,6 +132,20 @@ def test_segments_that_do_not_fit_are_made_again(
     assert not parts.exists()
 
 
+def test_a_failure_without_a_finished_segment_leaves_no_folder(
+    run: Run, clip: Path, recording: list[object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rsdeblur.video import run as video_run
+
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(video_run.workers, "run", fail)
+    before = set(tmp_path.iterdir())
+    refused(run("video", clip, *recording, "-o", tmp_path / "out.mp4"), "No space left on device")
+    assert set(tmp_path.iterdir()) == before
+
+
 def test_two_runs_do_not_share_an_output(run: Run, clip: Path, recording: list[object], tmp_path: Path) -> None:
     with Records(tmp_path / "out.mp4.parts").held():
         refused(run("video", clip, *recording, "-o", tmp_path / "out.mp4"), "another rsdeblur is writing there")

@@ -415,6 +415,7 @@ def test_real_photos_keep_their_exif(data_dir: Path, tmp_path: Path) -> None:
     blocks = [Image.Exif(), Image.Exif()]
     for block, exif in zip(blocks, (photo.exif, read_picture(tmp_path / "copy.tif").exif), strict=True):
         block.load(exif)
-    # Sizes, resolution and the place of a table are renewed. Compared as text: this file's aperture is NaN, which does not equal itself.
+    # Sizes, resolution and the place of a table are renewed. Compared as text: this file's aperture is NaN, which does
+    # not equal itself.
     same = [{tag: value for tag, value in block.get_ifd(34665).items() if tag not in MOVED} for block in blocks]
     assert repr(sorted(same[0].items())) == repr(sorted(same[1].items()))
