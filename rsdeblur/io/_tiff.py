@@ -86,9 +86,9 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None]:
         if pixels is None or pixels.ndim > 3 or (pixels.ndim == 3 and pixels.shape[2] not in (2, 3, 4)):
             raise Unsupported(
                 f"TIFF with {page.samplesperpixel} samples of {page.bitspersample} bits ({page.photometric!r}) is not "
-                "supported; convert it to grey or RGB of 8 or 16 bits or float"
+                "supported; convert it to grey or RGB of 8 or 16 bits without sign, or float"
             )
-        return np.ascontiguousarray(pixels), page.iccprofile
+        return np.ascontiguousarray(_straight(pixels) if _is_premultiplied(page) else pixels), page.iccprofile
 
 
 def place(page: tifffile.TiffPage, file_size: int) -> dict[str, Any] | None:
@@ -96,7 +96,12 @@ def place(page: tifffile.TiffPage, file_size: int) -> dict[str, Any] | None:
     kind = tifffile.PHOTOMETRIC(page.photometric)
     plain = page.is_memmappable and page.axes in ("YX", "YXS") and kind in (kind.MINISBLACK, kind.RGB)
     # A memory map needs whole bytes in this machine's order.
-    if not plain or page.dtype not in (np.uint8, np.uint16, np.float32) or page.bitspersample % 8:
+    if (
+        not plain
+        or _is_premultiplied(page)
+        or page.dtype not in (np.uint8, np.uint16, np.float32)
+        or page.bitspersample % 8
+    ):
         return None
     if page.parent.byteorder != NATIVE and page.dtype != np.uint8:
         return None
@@ -104,9 +109,26 @@ def place(page: tifffile.TiffPage, file_size: int) -> dict[str, Any] | None:
     return {"offset": offset, "dtype": page.dtype, "shape": page.shape} if offset + page.nbytes <= file_size else None
 
 
+def _is_premultiplied(page: tifffile.TiffPage) -> bool:
+    """Whether the colours are multiplied by alpha."""
+    return tuple(page.extrasamples) == (tifffile.EXTRASAMPLE.ASSOCALPHA,)
+
+
+def _straight(pixels: NDArray[Any]) -> NDArray[Any]:
+    """Return premultiplied colours and their alpha with the colours divided by alpha; those without alpha stay."""
+    colours, alpha = pixels[..., :-1].astype(np.float32), pixels[..., -1:].astype(np.float32)
+    full = 1 if pixels.dtype.kind == "f" else np.iinfo(pixels.dtype).max
+    np.divide(colours * full, alpha, out=colours, where=alpha > 0)
+    straight = pixels.copy()
+    straight[..., :-1] = colours if full == 1 else np.rint(np.minimum(colours, full))
+    return straight
+
+
 def _plain(page: tifffile.TiffPage, pixels: NDArray[Any]) -> NDArray[Any] | None:
     """Return `pixels` as grey or RGB in uint8, uint16 or float32; None if their kind is not supported."""
     bits, kind = page.bitspersample, tifffile.PHOTOMETRIC(page.photometric)
+    if pixels.dtype.kind == "i":
+        return None
     if pixels.dtype.kind == "f":
         pixels = pixels.astype(np.float32)
     elif bits <= 8 and kind != kind.PALETTE:

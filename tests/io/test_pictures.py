@@ -419,3 +419,24 @@ def test_real_photos_keep_their_exif(data_dir: Path, tmp_path: Path) -> None:
     # not equal itself.
     same = [{tag: value for tag, value in block.get_ifd(34665).items() if tag not in MOVED} for block in blocks]
     assert repr(sorted(same[0].items())) == repr(sorted(same[1].items()))
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
+def test_premultiplied_colours_are_divided_by_alpha(tmp_path: Path, dtype: str) -> None:
+    full = 1 if dtype == "float32" else np.iinfo(dtype).max
+    straight = np.array([[[0.2, 0.4, 0.8, 0.5], [0.2, 0.4, 0.8, 1.0], [0.0, 0.0, 0.0, 0.0]]]) * full
+    stored = straight * [[[0.5, 0.5, 0.5, 1.0], [1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 1.0, 1.0]]]
+    data = tiff(stored.astype(dtype), photometric="rgb", extrasamples=["assocalpha"])
+    path = tmp_path / "a.tif"
+    path.write_bytes(data)
+    for in_place in (False, True):
+        pixels = read_picture(path, in_place=in_place).pixels
+        # Half of a level is two levels, as the stored values are cut to whole ones.
+        np.testing.assert_allclose(pixels, straight, atol=2e-7 if full == 1 else 2)
+        assert pixels.dtype == dtype
+
+
+@pytest.mark.parametrize("dtype", ["int8", "int16"])
+def test_samples_with_a_sign_are_refused(tmp_path: Path, dtype: str) -> None:
+    with pytest.raises(FileFormatError, match="8 or 16 bits without sign"):
+        read_bytes(tmp_path, tiff(np.zeros((3, 4), dtype), photometric="minisblack"))
