@@ -71,7 +71,7 @@ def _write_for_ever(write: Callable[[Path, int], None], path: Path, ready: Any) 
 def kills(name: str, count: int) -> dict[str, int]:
     """Kill a process that writes one file repeatedly, at random moments; count what was left on disk."""
     write, read = WRITERS[name]
-    counts = {"the old or the new file": 0, "another file": 0, "temporary files left": 0}
+    counts = {"the old or the new file": 0, "another file": 0, "temporary files left": 0, "left by the next write": 0}
     rng = random.Random(name)
     context = get_context("fork")
     with tempfile.TemporaryDirectory() as folder:
@@ -90,10 +90,9 @@ def kills(name: str, count: int) -> dict[str, int]:
             process.join()
             read(path)
             counts["the old or the new file" if path.read_bytes() in whole else "another file"] += 1
-            rest = [other for other in path.parent.iterdir() if other != path]
-            counts["temporary files left"] += len(rest)
-            for other in rest:
-                other.unlink()
+            counts["temporary files left"] += len(list(path.parent.iterdir())) - 1
+            write(path, 0)
+            counts["left by the next write"] += len(list(path.parent.iterdir())) - 1
     return counts
 
 

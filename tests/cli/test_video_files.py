@@ -15,6 +15,7 @@ from click.testing import Result
 from PIL import Image
 
 from rsdeblur import Camera
+from rsdeblur._util import workers
 from rsdeblur._util.records import Records
 from rsdeblur.errors import FileFormatError
 
@@ -135,12 +136,10 @@ def test_segments_that_do_not_fit_are_made_again(
 def test_a_failure_without_a_finished_segment_leaves_no_folder(
     run: Run, clip: Path, recording: list[object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from rsdeblur.video import run as video_run
-
     def fail(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(video_run.workers, "run", fail)
+    monkeypatch.setattr(workers, "run", fail)
     before = set(tmp_path.iterdir())
     refused(run("video", clip, *recording, "-o", tmp_path / "out.mp4"), "No space left on device")
     assert set(tmp_path.iterdir()) == before
