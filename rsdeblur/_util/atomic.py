@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from rsdeblur._util.locks import HAS_LOCKS, lock
+from rsdeblur._util.locks import HAS_LOCKS, lock, open_itself
 from rsdeblur.errors import OutputError
 
 # Bytes written at a time where a file system cannot reserve space.
@@ -112,7 +112,7 @@ def remove_unfinished(path: str | os.PathLike[str]) -> None:
     """Remove temporary files of `path` that killed processes left behind; those in use are locked and stay."""
     target = _target(path)
     for part in target.parent.glob(f"{_mark(target)}*.part"):
-        with suppress(OSError), open(part, "rb") as file:
+        with suppress(OSError), open(part, "rb", opener=open_itself) as file:
             lock(file)
             part.unlink()
 

@@ -22,6 +22,11 @@ else:
     HAS_LOCKS = True
 
 
+def open_itself(path: str, flags: int) -> int:
+    """Open a file, for `open`, but neither wait for the other end of a pipe nor follow a link."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0), 0o666)
+
+
 def lock(file: BinaryIO) -> None:
     """Lock an open file until it is closed.
 
@@ -48,7 +53,7 @@ def locked(path: Path, busy: str) -> Iterator[None]:
     OSError
         If it cannot be made.
     """
-    with open(path, "ab") as file:
+    with open(path, "ab", opener=open_itself) as file:
         try:
             lock(file)
         except BlockingIOError:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rsdeblur._util.atomic import atomic_write
+from rsdeblur._util.files import read_file
 from rsdeblur._util.locks import locked
 from rsdeblur.errors import OutputError
 
@@ -41,12 +42,11 @@ def contents(path: Path) -> dict[str, Any]:
 
     Raises
     ------
-    OSError
+    FileFormatError
         If it cannot be read.
     """
-    with open(path, "rb") as file:
-        digest = hashlib.file_digest(file, "sha256")
-        return {"bytes": file.tell(), "sha256": digest.hexdigest()}
+    data = read_file(path, "file")
+    return {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
 
 
 class Records:
@@ -146,10 +146,10 @@ class Records:
     def _load(self, path: Path) -> dict[str, Any]:
         """Return a record as it was written; an empty one if the file is missing or was changed."""
         try:
-            record = json.loads(path.read_bytes())
+            record = json.loads(read_file(path, "record"))
             seal = record.pop("seal")
             return record if seal == _seal(record) else {}
-        except (OSError, ValueError, RecursionError, AttributeError, KeyError, TypeError):
+        except (ValueError, RecursionError, AttributeError, KeyError, TypeError):
             return {}
 
 

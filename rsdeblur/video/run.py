@@ -12,7 +12,7 @@ from typing import Any
 from rsdeblur._util import workers
 from rsdeblur._util.atomic import check_target, remove_unfinished
 from rsdeblur._util.records import Records, contents, fingerprint
-from rsdeblur.errors import OutputError, RsdeblurError
+from rsdeblur.errors import FileFormatError, OutputError, RsdeblurError
 from rsdeblur.types import Progress
 from rsdeblur.video._av import av
 from rsdeblur.video.clip import Clip, open_container
@@ -209,7 +209,7 @@ def _is_whole(path: Path, parts: Records, fingerprint: str) -> bool:
     facts = parts.facts(path.name, fingerprint)
     try:
         return facts is not None and contents(path) == facts
-    except OSError:
+    except FileFormatError:
         return False
 
 

@@ -57,6 +57,24 @@ def test_other_files_are_not_removed(tmp_path: Path) -> None:
     assert path.read_bytes() == b"a"
 
 
+def test_pipes_and_links_of_our_names_are_not_opened(tmp_path: Path) -> None:
+    """Opening the pipe would wait for its other end, and the link lead to another file."""
+    path = tmp_path / "a"
+    left = leave_unfinished(path)
+    left.unlink()
+    pipe, link = (left.with_name(left.name.replace(".part", f"{i}.part")) for i in range(2))
+    os.mkfifo(pipe)
+    link.symlink_to(tmp_path / "theirs")
+    with atomic_write(path) as file:
+        file.write(b"a")
+    assert set(tmp_path.iterdir()) - {pipe} == {path, link}
+    for name in (pipe, link):
+        if name.is_fifo() or name.is_symlink():
+            with pytest.raises(OSError, match=r"."), locked(name, "busy"):
+                pass
+    assert not (tmp_path / "theirs").exists()
+
+
 def test_two_writers_of_one_file_both_finish(tmp_path: Path) -> None:
     path = tmp_path / "a"
     with atomic_write(path) as first:

@@ -223,6 +223,23 @@ def test_two_batches_do_not_share_a_folder(run: Run, files: Files, tmp_path: Pat
     assert run(*call).exit_code == 0
 
 
+@pytest.mark.usefixtures("here")
+def test_pipes_are_neither_manifests_nor_records(run: Run, files: Files, tmp_path: Path) -> None:
+    path, out = tmp_path / "m.csv", tmp_path / "out"
+    os.mkfifo(path)
+    call = ("batch", path, *files.sources, *FAST, "-o", out)
+    result = run(*call)
+    assert result.exit_code == 1
+    assert "m.csv: cannot read the manifest: it is a pipe or a device" in result.stderr
+    path.unlink()
+    path.write_text("photo,start,duration\nphoto.png,0.2,0.04\n")
+    assert run(*call).exit_code == 0
+    (record,) = (out / ".rsdeblur-batch").glob("*.json")
+    record.unlink()
+    os.mkfifo(record)
+    assert "the file exists" in run(*call).stderr
+
+
 def test_records_are_not_mixed_with_other_files(tmp_path: Path) -> None:
     records = Records(tmp_path / "a.mp4.parts")
     with records.held():
