@@ -78,9 +78,9 @@ def refuse_inputs(output: Path) -> None:
 
 
 def _is_same(a: Path, b: Path) -> bool:
-    """Whether two names are those of one file; False for files that do not exist, and for impossible names."""
+    """Whether two names are those of one file; False for folders, and for names of nothing."""
     try:
-        return os.path.samefile(a, b)
+        return b.is_file() and os.path.samefile(a, b)
     except (OSError, ValueError):
         return False
 

@@ -190,6 +190,15 @@ def test_a_batch_replaces_no_input(run: Run, files: Files, tmp_path: Path) -> No
     assert (tmp_path / "batch.csv").read_text() == manifest
 
 
+@pytest.mark.usefixtures("here")
+def test_results_may_lie_among_the_photos(run: Run, files: Files, tmp_path: Path) -> None:
+    folder = session(files, tmp_path / "session")
+    shutil.copy(files.photo, folder / "frames" / "a_0.png")
+    call = ("--camera", files.camera, "--numbered-from", "0", *FAST, "-o")
+    assert run("batch", folder, *call, folder / "sharp").exit_code == 0
+    assert "1 skipped" in run("batch", folder, *call, folder / "sharp").stdout
+
+
 def test_no_command_replaces_its_input(run: Run, files: Files, tmp_path: Path) -> None:
     (tmp_path / "link.png").symlink_to(files.photo)
     before = files.photo.read_bytes()
