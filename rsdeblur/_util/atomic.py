@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import secrets
@@ -97,9 +98,13 @@ def reserve(file: BinaryIO) -> None:
     file.flush()
     size = os.fstat(file.fileno()).st_size
     if hasattr(os, "posix_fallocate"):
-        os.posix_fallocate(file.fileno(), 0, size)
-        return
-    # macOS: the same bytes are written again.
+        try:
+            os.posix_fallocate(file.fileno(), 0, size)
+            return
+        except OSError as error:
+            if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL):
+                raise
+    # macOS and some file systems do not have it: the same bytes are written again.
     for start in range(0, size, BLOCK):
         file.seek(start)
         block = file.read(BLOCK)
@@ -131,10 +136,14 @@ def _temporary(target: Path) -> Iterator[BinaryIO]:
         path = target.with_name(f"{_mark(target)}{secrets.token_hex(8)}.part")
         try:
             with open(path, "x+b") as file:
-                with suppress(OSError):
+                try:
                     lock(file)
-                # `remove_unfinished` may have taken it in the moment before it was locked.
-                if os.fstat(file.fileno()).st_nlink:
+                    is_own = path.exists()
+                except OSError as error:
+                    # Without locks, nobody removes it.
+                    is_own = not isinstance(error, BlockingIOError)
+                # Else `remove_unfinished` has taken it in the moment before it was locked.
+                if is_own:
                     _inherit(file, target)
                     yield file
                     return
