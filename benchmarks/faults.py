@@ -299,7 +299,9 @@ def killed_videos(count: int) -> dict[str, int]:
         while counts["workers killed"] + counts["commands killed"] < count or code:
             with load.start(folder, *arguments, "--force") as process:
                 counts["runs"] += 1
-                time.sleep(rng.uniform(0, 8))
+                while process.poll() is None and not load.workers_of(process):
+                    time.sleep(0.02)
+                time.sleep(rng.uniform(0, 5))
                 workers = load.workers_of(process)
                 if workers and process.poll() is None:
                     victim = rng.choice([*workers, process.pid])
