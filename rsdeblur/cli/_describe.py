@@ -7,8 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
+from rsdeblur.cli._output import say
 from rsdeblur.errors import FileFormatError, RsdeblurWarning
 
 if TYPE_CHECKING:
@@ -225,18 +224,18 @@ def describe_picture(path: Path) -> dict[str, Any]:
 
 def print_entry(entry: dict[str, Any]) -> None:
     """Print a result of `describe` as text."""
-    click.echo(f"{entry['file']}: {entry['kind']}")
+    say(f"{entry['file']}: {entry['kind']}")
     for key, value in entry.items():
         if key in ("file", "kind", "reason") or value in ([], None):
             continue
         if isinstance(value, list) and isinstance(value[0], (dict, list, str)):
-            click.echo(f"  {key}:")
+            say(f"  {key}:")
             for i, item in enumerate(value[:SHOWN]):
-                click.echo(f"    {i}: {_cell(item)}")
+                say(f"    {i}: {_cell(item)}")
             if len(value) > SHOWN:
-                click.echo(f"    ... {len(value) - SHOWN} more, see --json")
+                say(f"    ... {len(value) - SHOWN} more, see --json")
         else:
-            click.echo(f"  {key}: {_cell(value)}")
+            say(f"  {key}: {_cell(value)}")
 
 
 def _cell(value: Any) -> str:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from rsdeblur.cli._output import printable
 from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
 
 if TYPE_CHECKING:
@@ -235,7 +236,7 @@ def clip_exposures(clip: Clip, recording: Recording | ClipLog) -> list[Exposure]
 
 def _usage(message: str) -> click.UsageError:
     # The workers of a batch have no context.
-    return click.UsageError(message, ctx=click.get_current_context(silent=True))
+    return click.UsageError(printable(message), ctx=click.get_current_context(silent=True))
 
 
 def transfer_of(picture: Picture, transfer: Transfer | Auto) -> Transfer:

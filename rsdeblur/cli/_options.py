@@ -14,6 +14,7 @@ import click
 
 from rsdeblur import choices
 from rsdeblur.choices import Auto, Count, Strength, Transfer
+from rsdeblur.cli._output import refuse_inputs
 from rsdeblur.pipeline.options import Options
 
 Bias = tuple[float, float, float]
@@ -465,7 +466,20 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON."
 
 
 def target_options(metavar: str, text: str, *, force: Decorator = force_option, dry_run: bool = False) -> Decorator:
-    """Return a decorator that adds --output, --force, --json and, if requested, --dry-run as one `target`."""
+    """Return a decorator that adds --output, --force, --json and, if requested, --dry-run as one `target`.
+
+    An output that is an input of the command is refused.
+    """
     output = click.option("-o", "--output", type=PATH, required=True, metavar=metavar, help=text)
     dry_runs = (dry_run_option,) if dry_run else ()
-    return gathered("target", Target, (output, force, *dry_runs, json_option))
+    gather = gathered("target", Target, (output, force, *dry_runs, json_option))
+
+    def decorate(function: Command) -> Command:
+        @wraps(function)
+        def call(target: Target, **arguments: Any) -> Any:
+            refuse_inputs(target.output)
+            return function(target=target, **arguments)
+
+        return gather(call)
+
+    return decorate

@@ -13,7 +13,7 @@ from rsdeblur.choices import MODES, Auto, Mode, Transfer
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of, unit_range, with_translation
 from rsdeblur.cli._options import Recording, Target, Track
-from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, write_json
+from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, refuse_inputs, say, write_json
 from rsdeblur.cli._photo import refinement_facts
 from rsdeblur.cli._report import Compared, capture_warnings, report_page
 from rsdeblur.errors import InputError, OutputError
@@ -81,7 +81,7 @@ def command(
     else:
         print_report(compared.report)
         if report is not None:
-            click.echo(f"\nOpen {report} in a browser.")
+            say("", f"Open {report} in a browser.")
 
 
 def check_page(path: Path, *, force: bool) -> None:
@@ -90,12 +90,13 @@ def check_page(path: Path, *, force: bool) -> None:
     Raises
     ------
     OutputError
-        If its name is not that of a page, it cannot be written, or it exists and `force` is not set.
+        If its name is not that of a page, it cannot be written, is an input, or exists and `force` is not set.
     """
     from rsdeblur._util.atomic import check_target
 
     if path.suffix.lower() not in (".html", ".htm"):
         raise OutputError(f"{path}: the report is an HTML page; give it a name like report.html")
+    refuse_inputs(path)
     check_target(path, force=force)
 
 

@@ -10,7 +10,7 @@ import click
 
 from rsdeblur.cli import _options
 from rsdeblur.cli._options import PhotoChanges, Recording, Target, Track
-from rsdeblur.cli._output import print_json, progress
+from rsdeblur.cli._output import print_json, progress, say
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def command(
     wide, tall = facts["psf_px"]
     if target.dry_run:
         size = "{} x {}".format(*facts["size_px"])
-        click.echo(
+        say(
             f"{photo}: {size} px, all inputs fit; would write {target.output} ({options.mode}, PSFs of up to "
             f"{wide} x {tall} px, {options.prior})"
         )
@@ -66,29 +66,33 @@ def command(
     tiles = "rows" if options.mode == "rowwise" else "bands"
     kernels = f"{facts['bands']} x {facts['strips']} PSFs ({tiles} x strips) of {wide} x {tall} px"
     strength = f"NSR {facts['nsr']:.2g}" if facts["weight"] is None else f"weight {facts['weight']:.2g}"
-    click.echo(
-        f"{target.output}: {options.mode}, {kernels}, {options.prior}, {strength}, "
-        f"{facts['seconds']:.2f} s{_verdict(facts['check'])}{_correction(facts['refinement'])}"
+    verdict, reasons = _verdict(facts["check"])
+    say(
+        f"{target.output}: {options.mode}, {kernels}, {options.prior}, {strength}, {facts['seconds']:.2f} s{verdict}",
+        *reasons,
+        *_correction(facts["refinement"]),
     )
 
 
-def _verdict(check: dict[str, Any] | None) -> str:
+def _verdict(check: dict[str, Any] | None) -> tuple[str, list[str]]:
+    """Return the verdict of the check, and lines with its reasons."""
     if check is None:
-        return ""
+        return "", []
     blended = ", blended towards the photo" if check["blended"] else ""
     # A good result has reasons too if a part of it could not be judged.
-    reasons = f"\n  {' '.join(check['reasons'])}" if check["reasons"] else ""
-    return f"; {check['verdict']}{blended}{reasons}"
+    reasons = [f"  {' '.join(check['reasons'])}"] if check["reasons"] else []
+    return f"; {check['verdict']}{blended}", reasons
 
 
-def _correction(refinement: dict[str, Any] | None) -> str:
+def _correction(refinement: dict[str, Any] | None) -> list[str]:
+    """Return a line about the correction of the recording, if one was requested."""
     if refinement is None:
-        return ""
+        return []
     if not refinement["accepted"]:
-        return f"\n  Recording not corrected: {refinement['reason']}."
+        return [f"  Recording not corrected: {refinement['reason']}."]
     values = refinement["values"]
-    return (
-        f"\n  Recording corrected: focal length x {math.exp(values['scale']):.3f}, drift {values['drift_x']:+.1f} and "
+    return [
+        f"  Recording corrected: focal length x {math.exp(values['scale']):.3f}, drift {values['drift_x']:+.1f} and "
         f"{values['drift_y']:+.1f} px, time offset {1e3 * values['offset']:+.1f} ms, readout time x "
         f"{math.exp(values['readout']):.2f}, roll bias {values['roll']:+.3f} rad/s."
-    )
+    ]

@@ -14,7 +14,7 @@ import click
 from rsdeblur.choices import Prior
 from rsdeblur.cli import _options
 from rsdeblur.cli._options import Recording, Target, Track
-from rsdeblur.cli._output import prepare_folder, print_json, progress, write_json
+from rsdeblur.cli._output import prepare_folder, print_json, progress, say, write_json
 from rsdeblur.cli.compare import compare_modes, output_names, print_report
 from rsdeblur.pipeline.options import Options
 
@@ -82,10 +82,8 @@ def command(size: tuple[int, int], seed: int, target: Target) -> None:
         print_json(report)
     else:
         print_report(report)
-        click.echo(
-            f"\nThe pictures are in {output}; see side-by-side.png. This command deblurs the blurred one again:\n"
-        )
-        click.echo(f"  {report['command']}")
+        where = f"The pictures are in {output}; see side-by-side.png. This command deblurs the blurred one again:"
+        say("", where, "", f"  {report['command']}")
 
 
 def program() -> list[str]:

@@ -11,7 +11,7 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of
 from rsdeblur.cli._options import Recording, Target
-from rsdeblur.cli._output import print_json, progress
+from rsdeblur.cli._output import print_json, progress, say
 from rsdeblur.errors import CoverageError, InputError
 
 if TYPE_CHECKING:
@@ -118,11 +118,9 @@ def command(
     if target.as_json:
         print_json({"output": str(target.output), "cells": listed, "chosen": chosen})
         return
-    click.echo(
-        f"{target.output}: {len(cells)} of {sweep.steps} shifts, {1e3 * sweep.first:g} to {1e3 * sweep.last:g} ms"
-    )
+    say(f"{target.output}: {len(cells)} of {sweep.steps} shifts, {1e3 * sweep.first:g} to {1e3 * sweep.last:g} ms")
     if chosen is not None:
-        click.echo(f"{recording.camera}: time_offset = {1e3 * chosen['time_offset_s']:.2f} ms")
+        say(f"{recording.camera}: time_offset = {1e3 * chosen['time_offset_s']:.2f} ms")
 
 
 def _cells(photo: Path, recording: Recording, options: Options, sweep: Sweep, region: Region | None) -> list[Cell]:

@@ -18,7 +18,7 @@ from rsdeblur.cli._inputs import (
     with_translation,
 )
 from rsdeblur.cli._options import Recording, Track
-from rsdeblur.cli._output import print_json, progress
+from rsdeblur.cli._output import print_json, progress, refuse_inputs, say
 
 if TYPE_CHECKING:
     from rsdeblur.motion.paths import BlurPaths
@@ -61,8 +61,10 @@ def command(
     from rsdeblur.io.pictures import check_writable, write_picture
 
     if output is not None:
+        refuse_inputs(output)
         check_writable(output, force=force)
     if bank is not None:
+        refuse_inputs(bank)
         check_target(bank, force=force)
     if photo is None:
         log, camera, exposure = read_recording(recording)
@@ -91,7 +93,7 @@ def command(
         print_json(summary)
     else:
         wide, tall = summary["psf_px"]
-        click.echo(
+        say(
             f"{summary['bands']} x {summary['strips']} kernels (bands x strips) of {wide} x {tall} px, "
             f"paths {lengths.min():.1f} to {lengths.max():.1f} px long"
         )

@@ -16,7 +16,7 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import clip_exposures, naming, read_device
 from rsdeblur.cli._jobs import jobs_option, shared_threads
 from rsdeblur.cli._options import Recording, Target
-from rsdeblur.cli._output import print_json, progress
+from rsdeblur.cli._output import print_json, progress, say, say_aside
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.video import PRIOR
 
@@ -85,7 +85,7 @@ def command(
     """
     from rsdeblur.video.clip import open_clip
     from rsdeblur.video.plan import plan_clip
-    from rsdeblur.video.run import check_output, deblur_video
+    from rsdeblur.video.run import check_container, check_output, deblur_video
     from rsdeblur.video.segments import Encoding
 
     begin = time.perf_counter()
@@ -98,6 +98,7 @@ def command(
         clip = open_clip(source)
         exposures = clip_exposures(clip, recording)
         encoding = Encoding.like(clip, codec=encode.codec, crf=encode.crf)
+        check_container(clip, encoding, output)
         plan = plan_clip(clip, log, camera, exposures, options, progress=move)
         facts = _facts(plan, encoding, output) | {"kept": sum(reason is not None for reason in plan.reasons)}
         _warn(source, plan.reasons)
@@ -122,14 +123,15 @@ def command(
 @contextmanager
 def _report_of_parts(output: Path) -> Iterator[None]:
     """Say after an error or an interrupt where the finished parts are."""
+    from rsdeblur._util.records import LOCK
     from rsdeblur.video.run import parts_folder
 
     try:
         yield
     except BaseException:
         folder = parts_folder(output)
-        if any(folder.glob("*.mkv")):
-            click.echo(f"rsdeblur: finished parts are in {folder}; the same command continues from there", err=True)
+        if (folder / LOCK).exists() and any(folder.glob("*.mkv")):
+            say_aside(f"finished parts are in {folder}; the same command continues from there")
         raise
 
 
@@ -167,9 +169,9 @@ def _print(source: Path, output: Path, facts: dict[str, Any], dry_run: bool) -> 
     tiles = f"{facts['bands']} x {facts['strips']} PSFs of up to {wide} x {tall} px"
     how = f"{facts['mode']}, {tiles}, {facts['prior']}, {facts['codec']}"
     if dry_run:
-        click.echo(f"{source}: {facts['frames']} frames, {facts['span_s']:.2f} s, all inputs fit; would write {output}")
-        click.echo(f"  {how}")
+        say(f"{source}: {facts['frames']} frames, {facts['span_s']:.2f} s, all inputs fit; would write {output}")
+        say(f"  {how}")
         return
     resumed = f", {facts['resumed']} of {facts['segments']} segments from an earlier run" if facts["resumed"] else ""
     dropped = f"; left out: {', '.join(facts['dropped'])}" if facts["dropped"] else ""
-    click.echo(f"{output}: {facts['frames']} frames, {how}, {facts['seconds']:.1f} s{resumed}{dropped}")
+    say(f"{output}: {facts['frames']} frames, {how}, {facts['seconds']:.1f} s{resumed}{dropped}")

@@ -27,7 +27,7 @@ from PIL import Image, UnidentifiedImageError
 from rsdeblur._util.atomic import atomic_write, check_target
 from rsdeblur._util.files import open_file, read_file
 from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
-from rsdeblur.io import _heif, _jpeg, _raw, _tiff, mapped
+from rsdeblur.io import _heif, _jpeg, _raw, _tiff, directories, mapped
 from rsdeblur.io.source import Source
 
 KINDS = {
@@ -213,7 +213,7 @@ def write_picture(
         files. C is 2 (grey and alpha), 3 or 4.
     like : Picture, optional
         Source of the bit depth (or the next lower one that the format has), of the EXIF block, and of the colour
-        profile if it fits the number of channels.
+        profile if it fits the number of channels. Of the EXIF block the thumbnail is left out, and sizes are renewed.
     force : bool, default False
         Replace an existing file.
     bits : {8, 16, 32}, optional
@@ -239,7 +239,7 @@ def write_picture(
     pixels = _quantised(image, _depth(path, kind, like, bits))
     if pixels.ndim == 3 and kind == "JPEG" and pixels.shape[2] in (2, 4):
         pixels = pixels[..., 0] if pixels.shape[2] == 2 else pixels[..., :3]
-    exif = like.exif if like else None
+    exif = directories.renewed(like.exif, pixels.shape[1], pixels.shape[0]) if like and like.exif else None
     icc = _fitting(like.icc_profile, pixels, grey=kind != "WebP") if like else None
     try:
         data = _encode(kind, np.ascontiguousarray(pixels), exif, icc)
@@ -287,9 +287,10 @@ def picture_to_fill(
         yield pixels
         write_picture(path, pixels, like=like, force=force)
         return
+    exif = directories.renewed(like.exif, shape[1], shape[0]) if like.exif else None
     with (
         atomic_write(path) as file,
-        mapped.mapped_samples(file, path.suffix.lower(), shape, like.pixels.dtype, like.exif, like.icc_profile) as out,
+        mapped.mapped_samples(file, path.suffix.lower(), shape, like.pixels.dtype, exif, like.icc_profile) as out,
     ):
         yield out
 

@@ -10,7 +10,7 @@ from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
-import tomli_w
+import tomlkit
 from numpy.typing import ArrayLike
 
 from rsdeblur._util import validate
@@ -393,7 +393,7 @@ class Camera:
         }
         with atomic_write(path) as file:
             file.write(b"# rsdeblur camera: px, s; camera axes x right, y down, z forward\n")
-            tomli_w.dump(table, file)
+            file.write(tomlkit.dumps(table).encode())
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Camera:
@@ -423,7 +423,7 @@ class Camera:
         """
         try:
             # A ValueError also where an integer has thousands of digits.
-            table = tomllib.loads(read_file(path, "camera file").decode())
+            table = tomllib.loads(read_file(path, "camera file").decode("utf-8-sig"))
         except (ValueError, RecursionError) as error:
             raise FileFormatError(f"{path}: not a TOML camera file: {error}") from error
         known = [f.name for f in fields(cls)]
