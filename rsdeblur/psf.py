@@ -79,6 +79,7 @@ class PsfBank:
         PsfBank
             Bank with one kernel per path.
         """
+        validate.instance("paths", paths, BlurPaths)
         # Bilinear weights reach the pixel beyond the last one.
         half_height, half_width = (int(np.floor(reach)) + 1 for reach in paths.extent)
         bands, strips, samples, _ = paths.displacements.shape
@@ -105,12 +106,10 @@ class PsfBank:
         Raises
         ------
         InputError
-            If the kernels are invalid, see :class:`PsfBank`, or `shape` does not have 2 or 3 values.
+            If the kernels are invalid, see :class:`PsfBank`, or `shape` is not 2 or 3 whole numbers of at least 1.
         """
-        grid = _kernels(kernels)
-        if len(shape) not in (2, 3):
-            raise InputError(f"shape must be (H, W) or (H, W, C), got {shape}")
-        return cls(grid, tile_centres(grid.shape[0], shape[0]), tile_centres(grid.shape[1], shape[1]))
+        grid, (height, width, *_) = _kernels(kernels), validate.shape(shape)
+        return cls(grid, tile_centres(grid.shape[0], height), tile_centres(grid.shape[1], width))
 
     @property
     def centres(self) -> FloatArray:

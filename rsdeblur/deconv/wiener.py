@@ -28,6 +28,9 @@ from rsdeblur.types import ComplexArray, FloatImage
 # what smaller margins cost.
 DECAY_MARGIN = 0.2
 LEAST_MARGIN = 1.5
+# Least `nsr`. OTFs of up to 1 have rounding errors of some 1e-7, so that a filter with a gain beyond 1 / (2 sqrt(nsr)),
+# 500, would mostly amplify these.
+LEAST_NSR = 1e-6
 
 
 class TileFilter:
@@ -60,7 +63,8 @@ class TileFilter:
         planning: Planning,
         threads: int | None,
     ) -> None:
-        self.shape = _picture_shape(shape)
+        validate.instance("bank", bank, PsfBank)
+        self.shape = validate.shape(shape)
         validate.choice("border", border, BORDERS)
         validate.choice("planning", planning, PLANNINGS)
         height, width = self.shape[:2]
@@ -214,7 +218,7 @@ class Deconvolver(TileFilter):
     shape : (H, W) or (H, W, C)
         Shape of the pictures.
     nsr : float, default 0.01
-        Noise-to-signal power ratio Phi, positive.
+        Noise-to-signal power ratio Phi, from 1e-20 to 1e20; less than 1e-6, the limit of float32, counts as 1e-6.
     border : {"blend", "periodic"}
         "blend" continues the picture and fades opposite borders into each other over the PSF's size; "periodic" assumes
         that the picture repeats.
@@ -241,7 +245,7 @@ class Deconvolver(TileFilter):
         planning: Planning = "estimate",
         threads: int | None = None,
     ) -> None:
-        self.nsr = validate.finite("nsr", nsr, above=0.0)
+        self.nsr = max(validate.strength("nsr", nsr), LEAST_NSR)
         margin = max(LEAST_MARGIN, DECAY_MARGIN / self.nsr**0.5)
         super().__init__(bank, shape, margin=margin, border=border, planning=planning, threads=threads)
         self._filters = self._new_filters()
@@ -358,12 +362,6 @@ class _OtfPlanner:
         self._columns.data[:, down] = self._rows.spectrum[: len(down)].T
         self._columns.forward()
         out[...] = self._columns.data
-
-
-def _picture_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
-    if len(shape) not in (2, 3):
-        raise InputError(f"shape must be (H, W) or (H, W, C), got {shape}")
-    return tuple(validate.count("shape", n) for n in shape)
 
 
 def _check_fit(bank: PsfBank, height: int, width: int) -> None:

@@ -55,7 +55,7 @@ def nsr_of_iso(iso: float) -> float:
 
     Sindelar and Sroubek (2013) tried this, and found that it has little effect.
     """
-    return BASE_NSR * validate.finite("iso", iso, above=0.0) / BASE_ISO
+    return validate.strength("nsr", BASE_NSR * validate.finite("iso", iso, above=0.0) / BASE_ISO)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +103,7 @@ class Tuning:
         InputError
             If `light` has another shape, holds integers, or is not finite.
         """
-        light = validate.picture(light)
+        light = validate.linear_light(light)
         light = light.reshape(*light.shape[:2], -1)
         spectra = Spectra.of(bank, one_filter=one_filter)
         noise = noise_level(light)
@@ -133,7 +133,8 @@ class Tuning:
         if prior == "gradient":
             return weight
         power = 1.0 if prior == "tv" else exponent
-        return float(SPARSE_STRENGTH * power**0.5 * weight * self.energy ** (1 - power / 2))
+        sparse = SPARSE_STRENGTH * power**0.5 * weight * self.energy ** (1 - power / 2)
+        return float(np.clip(sparse, validate.LEAST_STRENGTH, validate.MOST_STRENGTH))
 
     @property
     def wiener_nsr(self) -> float:

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
+from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write, check_target
 from rsdeblur._util.files import open_file, read_file
 from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
@@ -278,10 +279,11 @@ def picture_to_fill(
     Raises
     ------
     InputError, OutputError
-        See `write_picture`.
+        See `write_picture`. Also refused are floats most of which would become white in a file of integers.
     """
     path = Path(path)
     check_writable(path, force=force)
+    _check_range(path, like.pixels, _depth(path, KINDS[path.suffix.lower()], like, None))
     if not in_place or path.suffix.lower() not in mapped.SUFFIXES:
         pixels = np.empty(shape, like.pixels.dtype)
         yield pixels
@@ -380,6 +382,14 @@ def _check_image(image: NDArray[Any]) -> None:
         raise InputError(f"image must have shape (H, W) or (H, W, C) with C = 2, 3 or 4, got {image.shape}")
     if image.dtype.kind == "f" and not np.isfinite(image).all():
         raise InputError(f"image must be finite, got {np.count_nonzero(~np.isfinite(image))} NaN or infinite values")
+
+
+def _check_range(path: Path, image: NDArray[Any], bits: int) -> None:
+    if bits < 32 and validate.mostly_beyond_white(image):
+        raise InputError(
+            f"{path}: the picture has values of up to {image.max():g}, most of them beyond 1, which is white and the "
+            f"most that {bits} bits can hold: divide the picture by its full scale, or write floats (TIFF or .npy)"
+        )
 
 
 def _depth(path: Path, kind: str, like: Picture | None, bits: int | None) -> int:

@@ -95,13 +95,17 @@ class Options:
                 checked[name] = validate.count(name, getattr(self, name))
         for name in ("nsr", "weight"):
             if getattr(self, name) != "auto":
-                checked[name] = validate.finite(name, getattr(self, name), above=0.0)
+                checked[name] = validate.strength(name, getattr(self, name))
         checked["exponent"] = validate.exponent(self.exponent)
         for name in ("threads", "max_memory"):
             if getattr(self, name) is not None:
                 checked[name] = validate.count(name, getattr(self, name))
         if self.transfer != "auto":
             checked["transfer"] = check_transfer(self.transfer)
+        if self.translation is not None:
+            from rsdeblur.motion.translation import Translation
+
+            validate.instance("translation", self.translation, Translation)
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
