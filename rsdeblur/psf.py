@@ -59,7 +59,8 @@ class PsfBank:
         for axis, name in enumerate(("rows", "cols")):
             centres = validate.real_array(name, getattr(self, name), (kernels.shape[axis],))
             if (np.diff(centres) <= 0).any():
-                raise InputError(f"{name} must increase, got {centres.tolist()}")
+                i = int(np.argmax(np.diff(centres) <= 0))
+                raise InputError(f"{name} must increase, got {centres[i]:g} before {centres[i + 1]:g}")
             object.__setattr__(self, name, centres)
 
     @classmethod

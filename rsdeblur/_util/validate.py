@@ -18,6 +18,10 @@ MOST_LIGHT = 1e12
 # Range of `nsr` and `weight`. Penalties are up to 10^9 times a weight, and their products are within float32.
 LEAST_STRENGTH, MOST_STRENGTH = 1e-20, 1e20
 
+# Memory that intermediate results may take, in bytes: twenty times what automatic choices need for a photo of 12
+# megapixels, and some for small pictures.
+MEMORY, MEMORY_PER_PIXEL = 8 * 2**30, 1024
+
 # Functions that read an object from a file, for those who pass the path of the file.
 READERS = {"GyroLog": "rsdeblur.read_gyro", "Camera": "rsdeblur.read_camera", "PsfBank": "rsdeblur.PsfBank.load"}
 
@@ -36,6 +40,8 @@ def instance(name: str, value: object, kind: type[Kind]) -> Kind:
 
 def shown(value: object) -> str:
     """Return a short text for a value that is refused: the number or text itself, or the type of anything else."""
+    if isinstance(value, int) and value.bit_length() > 64:
+        return f"a number of {value.bit_length()} bits"
     text = repr(value) if value is None or isinstance(value, (str, bytes, int, float, complex)) else ""
     return text if 0 < len(text) <= 80 else type(value).__name__
 
@@ -88,9 +94,9 @@ def count(name: str, value: Any, *, minimum: int = 1, maximum: int | None = None
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
         raise InputError(f"{name} must be a whole number, got {shown(value)}")
     if value < minimum:
-        raise InputError(f"{name} must be at least {minimum}, got {value}")
+        raise InputError(f"{name} must be at least {minimum}, got {shown(int(value))}")
     if maximum is not None and value > maximum:
-        raise InputError(f"{name} must be at most {maximum}, got a number of {int(value).bit_length()} bits")
+        raise InputError(f"{name} must be at most {maximum}, got {shown(int(value))}")
     return int(value)
 
 
@@ -211,6 +217,14 @@ def bounded(name: str, light: NDArray[Any]) -> None:
     if not (np.isfinite(least) and np.isfinite(most)):
         raise InputError(f"{name} must be finite")
     raise InputError(f"{name} must not have values beyond {MOST_LIGHT:g}, got {max(most, -least):g}; white should be 1")
+
+
+def memory(what: str, size: int, pixels: int) -> None:
+    """Raise `InputError` if something takes more bytes than the size of the picture justifies."""
+    if size > MEMORY + MEMORY_PER_PIXEL * pixels:
+        raise InputError(
+            f"{what} would take {size / 2**30:.0f} GiB; use fewer bands and strips, a larger nsr or a shorter blur"
+        )
 
 
 def mostly_beyond_white(image: NDArray[Any]) -> bool:

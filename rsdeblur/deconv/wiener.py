@@ -5,6 +5,7 @@ Global mode is one band and one strip; it has no code of its own.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import Any
@@ -31,6 +32,11 @@ LEAST_MARGIN = 1.5
 # Least `nsr`. OTFs of up to 1 have rounding errors of some 1e-7, so that a filter with a gain beyond 1 / (2 sqrt(nsr)),
 # 500, would mostly amplify these.
 LEAST_NSR = 1e-6
+
+
+def decay_margin(nsr: float) -> float:
+    """Return the margin of a tile, in PSF sizes, that the inverse filter needs at a noise-to-signal ratio."""
+    return max(LEAST_MARGIN, DECAY_MARGIN / math.sqrt(max(nsr, LEAST_NSR)))
 
 
 class TileFilter:
@@ -82,9 +88,14 @@ class TileFilter:
             planning=planning,
             threads=threads,
         )
+        tiles = bank.kernels[..., 0, 0].size
+        validate.memory(
+            f"the filters of {tiles} tiles of {self._strips.length}x{self._bands.length} px",
+            8 * tiles * self._hybrid.padded_frequencies * self._bands.length,
+            height * width,
+        )
         self._planners = [
-            _OtfPlanner(bank.size[0], self._bands.length, self._strips.length)
-            for _ in range(min(threads, bank.kernels[..., 0, 0].size))
+            _OtfPlanner(bank.size[0], self._bands.length, self._strips.length) for _ in range(min(threads, tiles))
         ]
         self._centres, self._kernel_size = (bank.rows, bank.cols), bank.size
         self._copy: NDArray[np.float32] | None = None
@@ -246,7 +257,7 @@ class Deconvolver(TileFilter):
         threads: int | None = None,
     ) -> None:
         self.nsr = max(validate.strength("nsr", nsr), LEAST_NSR)
-        margin = max(LEAST_MARGIN, DECAY_MARGIN / self.nsr**0.5)
+        margin = decay_margin(self.nsr)
         super().__init__(bank, shape, margin=margin, border=border, planning=planning, threads=threads)
         self._filters = self._new_filters()
         self.replan(bank)

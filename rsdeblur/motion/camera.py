@@ -37,8 +37,8 @@ FORMER_KEYS = {
     "focal": "focal_length", "principal": "principal_point", "readout": "readout_time", "stamp": "timestamp_marks",
 }  # fmt: skip
 
-# Largest width and height, px: that of PNG, the largest of all formats that are read.
-MOST_PIXELS = 2**31 - 1
+# Largest width and height, px. The widest panoramas have a tenth of that, and every row has a pose.
+MOST_PIXELS = 1_000_000
 
 # Largest length in px and largest coefficient. No lens comes near it, and its eighth power does not overflow.
 LARGEST = 1e12
@@ -226,12 +226,13 @@ class Camera:
             farthest = max(abs(x - cx).max() / fx, abs(y - cy).max() / fy)
             folds = farthest > lens.reach(self.distortion)
         else:
-            folds = not np.isfinite(self.rays(np.stack(np.meshgrid(x, y), axis=-1))).all()
-        if folds:
+            folds = False
+        # A fisheye sees at most 180 degrees off its axis, and a point beyond has no direction either.
+        if folds or not np.isfinite(self.rays(np.stack(np.meshgrid(x, y), axis=-1))).all():
             raise InputError(
                 f"the {self.distortion_model} distortion {self.distortion} folds the picture over itself within the "
-                "frame; check the coefficients and their order, and that focal_length and principal_point are for this "
-                "size"
+                "frame, or the frame reaches beyond 180 degrees off the axis; check the coefficients and their order, "
+                "and that focal_length and principal_point are in px of this size"
             )
 
     def scaled(self, s: float) -> Camera:

@@ -31,6 +31,9 @@ LARGEST_RATE = 1e12
 # s. A log further than this from the exposure is neither late nor early: its clock has another origin.
 UNRELATED_CLOCK = 60.0
 
+# Most samples during an exposure: 50 s at 200 Hz, 1.25 s at 8 kHz. Every path has two points for each of them.
+MOST_SAMPLES = 10_000
+
 # Samples before and after an exposure that the median interval is taken from.
 NEIGHBOURS = 1000
 
@@ -318,11 +321,18 @@ class OrientationTrack:
 
         Raises
         ------
+        InputError
+            If there are more than 10,000 samples in the span.
         CoverageError, ClockError, GapError
             See :meth:`GyroLog.covering`.
         """
         # camera_time = gyro_time + time_offset
         log = log.covering(t0 - camera.time_offset, t1 - camera.time_offset, epoch_ns)
+        if len(log) > MOST_SAMPLES:
+            raise InputError(
+                f"the exposure from {t0:g} s to {t1:g} s has {len(log)} gyro samples, more than {MOST_SAMPLES}; are "
+                "its duration and the readout time in s?"
+            )
         t = log.t + camera.time_offset
         omega = log.omega @ camera.imu_to_camera.T
         steps = rotation_matrix(-_magnus(omega[:-1], omega[1:], np.diff(t)))

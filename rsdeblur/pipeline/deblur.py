@@ -107,8 +107,8 @@ def deblur(
     translation : Translation, optional
         Positions of the camera and distance of the scene (eq. 3 in full); without it only rotation counts.
     transfer : {"auto", "linear", "srgb"} or float
-        How values encode light; a number is a gamma, from 0.1 to 10. "auto" is sRGB for uint8 and uint16 and linear for floats. The
-        result has the same encoding.
+        How values encode light; a number is a gamma, from 0.1 to 10. "auto" is sRGB for uint8 and uint16 and linear for
+        floats. The result has the same encoding.
     normalize : bool, default False
         Compress light that exceeds [0, 1] into that range and clip outliers, at the price of contrast.
     saturation : {"ignore", "auto"}
