@@ -235,7 +235,8 @@ class Deconvolver(TileFilter):
         that the picture repeats.
     planning : {"estimate", "measure"}
         How FFTW plans: at once, or by trials of up to a second per plan, which pays for solvers that are applied often.
-        Measured plans are kept in the user's cache folder, and both kinds of planning use them.
+        Measured plans are kept in the user's cache folder for later solvers that measure; the bits of "estimate" do not
+        depend on them.
     threads : int, optional
         Threads that share the work; default all processors. Any number gives the same bits.
 
