@@ -16,11 +16,13 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 import rsdeblur as rs
+from benchmarks import machine
+from rsdeblur.choices import Mode, Prior, ReadoutDirection
 from rsdeblur.kernels import native
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -44,15 +46,29 @@ def results(threads: int = 2) -> list[Result]:
     blocks = np.kron(rng.integers(0, 256, (12, 16, 3)), np.ones((8, 8, 1), np.int64))
     log = rs.hand_shake(0.3, strength=0.7, seed=1)
     found = []
-    for name, picture, direction, options in (
-        ("8 bits, colour; global, Wiener", blocks.astype(np.uint8), "top-down", {"mode": "global", "prior": "wiener"}),
-        ("16 bits, grey, read sideways; banded, tv", (blocks[..., 0] * 257).astype(np.uint16), "left-right", {}),
-        ("float, colour; rowwise, hyper-Laplacian", (blocks / 255).astype(np.float32), "top-down", {"mode": "rowwise"}),
+    mode: Mode
+    prior: Prior
+    direction: ReadoutDirection
+    for name, picture, direction, mode, prior in (
+        ("8 bits, colour; global, Wiener", blocks.astype(np.uint8), "top-down", "global", "wiener"),
+        (
+            "16 bits, grey, read sideways; banded, tv",
+            (257 * blocks[..., 0]).astype(np.uint16),
+            "left-right",
+            "banded",
+            "tv",
+        ),
+        (
+            "float, colour; rowwise, hyper-Laplacian",
+            (blocks / 255).astype(np.float32),
+            "top-down",
+            "rowwise",
+            "hyper-laplacian",
+        ),
     ):
-        prior = "hyper-laplacian" if options == {"mode": "rowwise"} else "tv"
         camera = rs.Camera(128, 96, 150.0, readout_time=0.03, readout_direction=direction)
-        settings: dict[str, Any] = {"prior": prior, "nsr": 0.01, "weight": 0.01, "strips": 2, "threads": threads}
-        image = rs.deblur(picture, log, camera, rs.Exposure(0.1, 0.04), **{**settings, **options}).image
+        options = rs.Options(mode=mode, prior=prior, nsr=0.01, weight=0.01, strips=2, threads=threads)
+        image = rs.plan(log, camera, rs.Exposure(0.1, 0.04), options).apply(picture).image
         signs = np.random.default_rng(1).choice([-1.0, 1.0], (SUMS, image.size))
         sums = signs @ image.ravel().astype(np.float64) / image.size**0.5
         digest = hashlib.sha256(np.ascontiguousarray(image).tobytes()).hexdigest()[:16]
@@ -70,6 +86,23 @@ def of_path(path: str) -> list[Result]:
     return [Result(name, digest, tuple(sums)) for name, digest, sums in json.loads(run.stdout)]
 
 
+def recorded_on() -> str:
+    """Return a line that names what the digests depend on."""
+    known = machine.facts()
+    libraries = ", ".join(f"{name} {known[name]}" for name in ("numpy", "scipy", "numba", "pyfftw"))
+    return f"Recorded on {known['processor']} ({known['simd']}, {_features()}), {known['system']}, with {libraries}."
+
+
+def _features() -> str:
+    """Return a short name for all features of the processor: processors of one name differ."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return "features unknown"
+    features = next((line for line in lines if line.startswith(("flags", "Features"))), "")
+    return f"features {hashlib.sha256(features.encode()).hexdigest()[:8]}"
+
+
 def row(path: str, result: Result) -> str:
     """Return a row of the table."""
     return f"| {result.name} | {path} | `{result.digest}` | {' | '.join(f'{value:.6f}' for value in result.sums)} |"
@@ -82,6 +115,7 @@ def main() -> None:
     if parser.parse_args().json:
         print(json.dumps(results()))
         return
+    print(recorded_on(), end="\n\n")
     print("| picture; mode, prior | kernels | digest | sum 1 | sum 2 | sum 3 |")
     print("|---|---|---|---|---|---|")
     for path in PATHS if native else PATHS[1:]:
