@@ -135,6 +135,8 @@ class PsfBank:
         PsfBank
             With its positions in the whole picture.
         """
+        for name, part in (("rows", rows), ("cols", cols)):
+            validate.instance(name, part, slice)
         bands, strips = (
             slice(
                 max(int(np.searchsorted(centres, part.start, side="right")) - 1, 0),
@@ -157,6 +159,7 @@ class PsfBank:
         PsfBank
             Bank with turned kernels and positions.
         """
+        height = validate.count("height", height, maximum=validate.MOST_VALUES)
         kernels = np.rot90(np.rot90(self.kernels, axes=(0, 1)), axes=(2, 3))
         return PsfBank(kernels, (height - 1 - self.cols)[::-1], self.rows)
 

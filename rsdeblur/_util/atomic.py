@@ -11,6 +11,7 @@ from glob import escape
 from pathlib import Path
 from typing import BinaryIO
 
+from rsdeblur._util.files import checked_path
 from rsdeblur.errors import OutputError
 
 # Characters of the file's name that begin the name of the temporary file, which must not exceed 255 bytes; a character
@@ -92,6 +93,7 @@ def remove_unfinished(path: str | os.PathLike[str]) -> None:
 
 def _target(path: str | os.PathLike[str]) -> Path:
     """Return the file that `path` points to; refuse a folder, a pipe or a device."""
+    path = checked_path(path)
     try:
         target = Path(os.path.realpath(path))
         mode = target.stat().st_mode

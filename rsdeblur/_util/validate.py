@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Collection
-from typing import Any, TypeVar
+from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +22,9 @@ LEAST_STRENGTH, MOST_STRENGTH = 1e-20, 1e20
 # Memory that intermediate results may take, in bytes: twenty times what automatic choices need for a photo of 12
 # megapixels, and some for small pictures.
 MEMORY, MEMORY_PER_PIXEL = 8 * 2**30, 1024
+
+# Most values of a picture: 500 megapixels of four channels.
+MOST_VALUES = 2_000_000_000
 
 # Functions that read an object from a file, for those who pass the path of the file.
 READERS = {"GyroLog": "rsdeblur.read_gyro", "Camera": "rsdeblur.read_camera", "PsfBank": "rsdeblur.PsfBank.load"}
@@ -44,6 +48,18 @@ def shown(value: object) -> str:
         return f"a number of {value.bit_length()} bits"
     text = repr(value) if value is None or isinstance(value, (str, bytes, int, float, complex)) else ""
     return text if 0 < len(text) <= 80 else type(value).__name__
+
+
+def boolean(name: str, value: object) -> bool:
+    """Return `value`, which must be True or False."""
+    if not isinstance(value, bool):
+        raise InputError(f"{name} must be True or False, got {shown(value)}")
+    return value
+
+
+def is_auto(value: object) -> bool:
+    """Return whether an option is "auto"; anything else may be compared in ways of its own."""
+    return isinstance(value, str) and value == "auto"
 
 
 def callback(name: str, value: Any) -> Any:
@@ -121,13 +137,18 @@ def shape(value: Any) -> tuple[int, ...]:
         raise InputError(
             f"shape must be (H, W) or (H, W, C), got {value if isinstance(value, tuple) else shown(value)}"
         )
-    return tuple(count("shape", n) for n in value)
+    counts = tuple(count("shape", n, maximum=MOST_VALUES) for n in value)
+    if math.prod(counts) > MOST_VALUES:
+        raise InputError(f"shape must be that of at most {MOST_VALUES} values, got {counts}")
+    return counts
 
 
 def array(name: str, value: ArrayLike) -> NDArray[Any]:
     """Return `value`, which must be real numbers or booleans, as an array; a list becomes one."""
     if isinstance(value, np.ma.MaskedArray):
         raise InputError(f"{name} must not be a masked array: choose values for masked elements with .filled()")
+    if value is None:
+        raise InputError(f"{name} must be an array of real numbers, got None")
     try:
         numbers = np.asarray(value)
         if numbers.dtype.kind == "O" and not isinstance(value, np.ndarray):  # fractions, integers beyond 64 bits
@@ -137,6 +158,11 @@ def array(name: str, value: ArrayLike) -> NDArray[Any]:
     if numbers.dtype.kind not in "biuf":
         raise InputError(f"{name} must be an array of real numbers, got {_kind(value, numbers)}")
     return numbers
+
+
+def is_plain(value: object) -> TypeGuard[NDArray[Any]]:
+    """Return whether `value` is an array whose elements all count."""
+    return isinstance(value, np.ndarray) and not isinstance(value, np.ma.MaskedArray)
 
 
 def _kind(value: object, numbers: NDArray[Any]) -> str:
@@ -236,8 +262,8 @@ def output(out: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Return `out`, which must be a writable C-contiguous float32 array of `shape`, or a new one if `out` is None."""
     if out is None:
         return np.empty(shape, dtype=np.float32)
-    if not isinstance(out, np.ndarray) or out.shape != shape or out.dtype != np.float32:
-        got = f"{out.dtype} of shape {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
+    if not is_plain(out) or out.shape != shape or out.dtype != np.float32:
+        got = f"{out.dtype} of shape {out.shape}" if is_plain(out) else type(out).__name__
         raise InputError(f"out must be a float32 array of shape {shape}, got {got}")
     if not (out.flags.writeable and out.flags.c_contiguous):
         raise InputError("out must be writable and C-contiguous")

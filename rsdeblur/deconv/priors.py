@@ -184,6 +184,8 @@ def restore(
     InputError
         If an argument is out of range, or `image` has another shape, holds integers or is not finite.
     """
+    if not hasattr(solver, "apply"):
+        raise InputError(f"solver must be a TileQuadratic or a RowDeconvolver, got {validate.shown(solver)}")
     return solver.apply(image, prior=GradientPrior(prior, weight, exponent, peak), progress=progress)
 
 

@@ -106,6 +106,7 @@ class TileQuadratic(TileFilter):
             :func:`rsdeblur.image.transfer.to_linear` converts them.
         """
         validate.instance("prior", prior, GradientPrior)
+        validate.callback("progress", progress)
         if out is not None:
             out = validate.output(out, self.shape)
         with self.lock:

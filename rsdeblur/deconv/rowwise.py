@@ -182,6 +182,9 @@ class RowDeconvolver:
             If `image` or `out` has another shape or type, or `image` is not finite. Integers are no linear light:
             :func:`rsdeblur.image.transfer.to_linear` converts them.
         """
+        if prior is not None:
+            validate.instance("prior", prior, GradientPrior)
+        validate.callback("progress", progress)
         picture = validate.linear_light(image, self.shape)
         out = validate.output(out, self.shape)
         source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))

@@ -117,7 +117,7 @@ class RowBlur:
 
     def __init__(self, paths: BlurPaths, width: int, *, channels: int = 1, threads: int | None = None) -> None:
         validate.instance("paths", paths, BlurPaths)
-        width, channels = validate.count("width", width), validate.count("channels", channels)
+        width, channels = validate.shape((width, channels))
         self.top, latents = latent_rows(paths)
         height = len(paths.rows)
         self.picture_shape, self.latent_shape = (height, width, channels), (latents, width, channels)

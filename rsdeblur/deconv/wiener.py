@@ -133,6 +133,7 @@ class TileFilter:
         InputError
             If the kernels hold at other places or are larger.
         """
+        validate.instance("bank", bank, PsfBank)
         places = all(map(np.array_equal, (bank.rows, bank.cols), self._centres))
         if not places or any(new > planned for new, planned in zip(bank.size, self._kernel_size, strict=True)):
             raise InputError(
@@ -155,6 +156,7 @@ class TileFilter:
         progress: Callable[[float], None] | None,
     ) -> NDArray[np.float32]:
         """Filter a picture as :meth:`Deconvolver.apply` does, with `filters` (S, B, padded frequencies, L)."""
+        validate.callback("progress", progress)
         picture = validate.linear_light(image, self.shape)
         out = validate.output(out, self.shape)
         self._filter(filters, picture.reshape(self._channelled), out.reshape(self._channelled), progress)

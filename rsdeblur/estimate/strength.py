@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from rsdeblur._util import validate
-from rsdeblur.choices import Prior
+from rsdeblur.choices import PRIORS, Prior
 from rsdeblur.estimate.noise import gradient_energy, noise_level
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
@@ -104,6 +104,7 @@ class Tuning:
             If `light` has another shape, holds integers, or is not finite.
         """
         light = validate.linear_light(light)
+        validate.instance("bank", bank, PsfBank)
         light = light.reshape(*light.shape[:2], -1)
         spectra = Spectra.of(bank, one_filter=one_filter)
         noise = noise_level(light)
@@ -129,6 +130,8 @@ class Tuning:
         exponent : float
             Exponent of the hyper-Laplacian, in (0, 1]; the other priors ignore it.
         """
+        validate.choice("prior", prior, PRIORS)
+        exponent = validate.exponent(exponent)
         weight = self.gradient_weight
         if prior == "gradient":
             return weight

@@ -120,8 +120,8 @@ def result_like(image: ArrayLike, out: NDArray[Any] | None, frame: ReadoutFrame)
     shape = image.shape
     if out is None:
         out = np.empty(shape, dtype=np.float32)
-    elif not isinstance(out, np.ndarray) or out.shape != shape or out.dtype not in (np.float32, np.uint8, np.uint16):
-        got = f"{out.dtype} of shape {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
+    elif not validate.is_plain(out) or out.shape != shape or out.dtype not in (np.float32, np.uint8, np.uint16):
+        got = f"{out.dtype} of shape {out.shape}" if validate.is_plain(out) else type(out).__name__
         raise InputError(f"out must be a float32, uint8 or uint16 array of shape {shape}, got {got}")
     elif not out.flags.writeable:
         raise InputError("out must be writable")

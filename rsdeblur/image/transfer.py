@@ -18,20 +18,20 @@ SRGB_STORED_END = 0.04045
 MOST_GAMMA = 10.0
 
 
-def check_transfer(transfer: Transfer) -> Transfer:
+def check_transfer(transfer: Any) -> Transfer:
     """Return `transfer` if it is "linear", "srgb" or a gamma from 0.1 to 10."""
     if isinstance(transfer, str):
         if transfer not in TRANSFERS:
             raise InputError(f'transfer must be "linear", "srgb" or a gamma, got {transfer!r}')
-        return transfer
+        return "srgb" if transfer == "srgb" else "linear"
     return validate.finite("transfer", transfer, minimum=1 / MOST_GAMMA, maximum=MOST_GAMMA)
 
 
 def resolve_transfer(transfer: Transfer | Auto, dtype: np.dtype[Any]) -> Transfer:
     """Return a checked transfer; "auto" is sRGB for integers and linear for floats."""
-    if transfer != "auto":
-        return check_transfer(transfer)
-    return "srgb" if dtype.kind == "u" else "linear"
+    if validate.is_auto(transfer):
+        return "srgb" if dtype.kind == "u" else "linear"
+    return check_transfer(transfer)
 
 
 def to_linear(values: NDArray[np.float32], transfer: Transfer) -> NDArray[np.float32]:
@@ -50,8 +50,10 @@ def to_linear(values: NDArray[np.float32], transfer: Transfer) -> NDArray[np.flo
     ndarray, float32
         `values` themselves if the curve is linear.
     """
+    transfer = check_transfer(transfer)
     if transfer == "linear":
         return values
+    values = validate.array("values", values)
     magnitude = np.abs(values)
     with np.errstate(over="ignore"):  # becomes infinity
         if transfer == "srgb":
@@ -76,8 +78,10 @@ def from_linear(light: NDArray[np.float32], transfer: Transfer) -> NDArray[np.fl
     ndarray, float32
         `light` itself if the curve is linear.
     """
+    transfer = check_transfer(transfer)
     if transfer == "linear":
         return light
+    light = validate.array("light", light)
     magnitude = np.abs(light)
     with np.errstate(over="ignore"):  # becomes infinity
         if transfer == "srgb":

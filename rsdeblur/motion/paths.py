@@ -291,14 +291,16 @@ class BlurPaths:
         validate.instance("capture", capture, Capture)
         validate.choice("geometry", geometry, GEOMETRIES)
         rows, cols = (validate.real_array(name, grid, (None,)) for name, grid in (("rows", rows), ("cols", cols)))
+        if not (rows.size and cols.size):
+            raise InputError(f"rows and cols must not be empty, got {rows.size} and {cols.size}")
         trace = _rotation_paths if capture.motion == "rotation" else _small_angle_paths
-        if samples == "auto":
+        if validate.is_auto(samples):
             # Two samples per gyro interval follow every bend of the track. Their paths' lengths give the final number.
             coarse = 2 * len(capture.track.t) + 1
             longest = trace(capture, rows, cols, coarse, geometry)
             _check_finite(longest)
             samples = max(coarse, int(np.ceil(SAMPLES_PER_PIXEL * _lengths(longest).max())) + 1)
-        samples = validate.count("samples", samples, minimum=2)
+        samples = validate.count("samples", samples, minimum=2, maximum=MOST_POINTS)
         if (points := len(rows) * len(cols) * samples) > MOST_POINTS:
             raise InputError(f"paths at {len(rows)} x {len(cols)} places have {points} points, more than {MOST_POINTS}")
         displacements = trace(capture, rows, cols, samples, geometry)
@@ -338,10 +340,12 @@ class BlurPaths:
             If an argument is out of its range.
         """
         validate.instance("capture", capture, Capture)
+        validate.instance("within", within, slice)
+        cols = validate.real_array("cols", cols, (None,))
         longest = float(capture.probe.lengths.max())
         samples = max(2 * len(capture.track.t) + 1, int(np.ceil(ROW_SAMPLES_PER_PIXEL * longest)) + 1)
         rows = np.arange(float(capture.camera.height))[within]
-        points, pixels = len(rows) * np.size(cols) * samples, capture.camera.height * capture.camera.width
+        points, pixels = len(rows) * len(cols) * samples, capture.camera.height * capture.camera.width
         validate.memory(f"paths of {points} points", POINT_BYTES * points, pixels)
         parts = [
             cls.from_capture(capture, part, cols, geometry=geometry, samples=samples)

@@ -99,8 +99,8 @@ def scene(height: int, width: int, *, seed: int = 0) -> FloatImage:
     InputError
         If an argument is out of its range.
     """
-    height = validate.count("height", height, minimum=SMALLEST)
-    width = validate.count("width", width, minimum=SMALLEST)
+    height = validate.count("height", height, minimum=SMALLEST, maximum=MOST_PIXELS)
+    width = validate.count("width", width, minimum=SMALLEST, maximum=MOST_PIXELS)
     if height * width > MOST_PIXELS:
         raise InputError(f"a scene has at most {MOST_PIXELS} pixels, got {height} x {width}")
     random = np.random.default_rng(validate.count("seed", seed, minimum=0))

@@ -154,10 +154,10 @@ def _simulate(
     middle = 0.5 * (opens + closes)
     reference = float(np.interp((camera.height - 1) / 2, np.arange(camera.height), middle))
     path = _CameraPath(log, camera, float(opens.min()), float(closes.max()), exposure.epoch_ns, translation)
-    if samples == "auto":
+    if validate.is_auto(samples):
         slices = max(16, int(np.ceil(SAMPLES_PER_PIXEL * path.longest(opens, closes))))
     else:
-        slices = validate.count("samples", samples)
+        slices = validate.count("samples", samples, maximum=MOST_WARPS)
     if slices * camera.height > MOST_WARPS:
         raise InputError(f"the blur takes {slices} warps for each row; {MOST_WARPS // camera.height} are possible")
     phase = (np.arange(slices) + 0.5) / slices
