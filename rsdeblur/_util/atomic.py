@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
+from rsdeblur._util.files import checked_path
 from rsdeblur._util.locks import HAS_LOCKS, lock, open_itself
 from rsdeblur.errors import OutputError
 
@@ -162,6 +163,7 @@ def _inherit(file: BinaryIO, target: Path) -> None:
 
 def _target(path: str | os.PathLike[str]) -> Path:
     """Return the file that `path` points to; refuse a folder, a pipe or a device."""
+    path = checked_path(path)
     try:
         target = Path(os.path.realpath(path))
         mode = target.stat().st_mode

@@ -11,7 +11,7 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import clip_exposures, naming, read_log
 from rsdeblur.cli._options import ClipLog, Target
-from rsdeblur.cli._output import print_json, print_table, progress
+from rsdeblur.cli._output import print_json, print_table, progress, say
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -93,7 +93,7 @@ def command(
     if not result.accepted:
         raise InputError(f"{sources[0]}: no camera file is written: {result.reason}")
     if not target.as_json:
-        click.echo(f"{target.output}: written")
+        say(f"{target.output}: written")
 
 
 def _film(
@@ -194,4 +194,4 @@ def _print(result: Calibration) -> None:
             rows.append(["readout direction", result.camera.readout_direction, "", STATES[known]])
     print_table(("", "value", "deviation", ""), rows)
     explained = f"the log explains {result.explained:.1%} of the motion"
-    click.echo(f"{result.pairs} pairs of frames, {result.matches} matches; {explained}")
+    say(f"{result.pairs} pairs of frames, {result.matches} matches; {explained}")

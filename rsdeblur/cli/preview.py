@@ -28,6 +28,9 @@ Examples:
       --region 400,300,640,480 --from -8ms --to 8ms -o sheet.png --choose 5
 """
 
+# A sheet of more cells cannot be viewed at once.
+MOST_STEPS = 100
+
 Region = tuple[int, int, int, int]
 
 
@@ -75,7 +78,9 @@ class Cell(NamedTuple):
             "--from", "first", type=_options.SecondsType(), default=-0.1, help="First shift.  [default: -100ms]"
         ),
         click.option("--to", "last", type=_options.SecondsType(), default=0.1, help="Last shift.  [default: 100ms]"),
-        click.option("--steps", type=click.IntRange(min=1), default=9, show_default=True, help="Number of shifts."),
+        click.option(
+            "--steps", type=click.IntRange(1, MOST_STEPS), default=9, show_default=True, help="Number of shifts."
+        ),
     ),
 )
 @click.option("--region", type=RegionType(), help="Use only this part of the picture, in px.")

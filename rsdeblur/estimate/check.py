@@ -32,6 +32,8 @@ Verdict = Literal["good", "doubtful", "bad"]
 # right.
 DOUBTFUL_LEAD, BAD_LEAD = -1.5, -4.0
 DOUBTFUL_RINGING, BAD_RINGING = 0.045, 0.09
+# Residual from which hardly anything of the picture is left in the result; 1 is that of an even result.
+LOST = 0.9
 # Lead over every alternative, nats per tile, from which twice the ringing is allowed: such motion is right, and hard
 # edges on black ring in any case.
 CLEAR_LEAD = 2.0
@@ -224,7 +226,8 @@ def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:
     """Return `check` with the verdict and the reasons that follow from its figures."""
     lead = np.inf if check.lead is None else check.lead
     ringing = check.ringing / (2.0 if CLEAR_LEAD < lead < np.inf else 1.0)
-    bad = (lead < BAD_LEAD and check.alternative not in LARGER) or ringing > BAD_RINGING
+    # Ringing is NaN in a result that is not finite.
+    bad = (lead < BAD_LEAD and check.alternative not in LARGER) or not ringing <= BAD_RINGING
     sentences = list(reasons)
     if lead < DOUBTFUL_LEAD and check.alternative is not None:
         sentences.append(
@@ -233,6 +236,8 @@ def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:
         )
     if ringing > DOUBTFUL_RINGING:
         sentences.append(f"The result rings: light below black is {check.ringing:.1%} of the picture's contrast.")
+    if check.residual is not None and check.residual > LOST:
+        sentences.append("The result has lost the picture's detail: are nsr and weight too large?")
     doubtful = len(sentences) > len(reasons)
     return replace(check, verdict="bad" if bad else "doubtful" if doubtful else "good", reasons=tuple(sentences))
 

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from rsdeblur._util import validate
-from rsdeblur.choices import Prior
+from rsdeblur.choices import PRIORS, Prior
 from rsdeblur.estimate.noise import gradient_energy, noise_level
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
@@ -55,7 +55,7 @@ def nsr_of_iso(iso: float) -> float:
 
     Sindelar and Sroubek (2013) tried this, and found that it has little effect.
     """
-    return BASE_NSR * validate.finite("iso", iso, above=0.0) / BASE_ISO
+    return validate.strength("nsr", BASE_NSR * validate.finite("iso", iso, above=0.0) / BASE_ISO)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +103,8 @@ class Tuning:
         InputError
             If `light` has another shape, holds integers, or is not finite.
         """
-        light = validate.picture(light)
+        light = validate.linear_light(light)
+        validate.instance("bank", bank, PsfBank)
         light = light.reshape(*light.shape[:2], -1)
         spectra = Spectra.of(bank, one_filter=one_filter)
         noise = noise_level(light)
@@ -129,11 +130,14 @@ class Tuning:
         exponent : float
             Exponent of the hyper-Laplacian, in (0, 1]; the other priors ignore it.
         """
+        validate.choice("prior", prior, PRIORS)
+        exponent = validate.exponent(exponent)
         weight = self.gradient_weight
         if prior == "gradient":
             return weight
         power = 1.0 if prior == "tv" else exponent
-        return float(SPARSE_STRENGTH * power**0.5 * weight * self.energy ** (1 - power / 2))
+        sparse = SPARSE_STRENGTH * power**0.5 * weight * self.energy ** (1 - power / 2)
+        return float(np.clip(sparse, validate.LEAST_STRENGTH, validate.MOST_STRENGTH))
 
     @property
     def wiener_nsr(self) -> float:

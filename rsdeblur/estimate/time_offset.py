@@ -22,6 +22,7 @@ from rsdeblur.estimate.posterior import Posterior
 from rsdeblur.estimate.sharpness import Sharpness
 from rsdeblur.estimate.spectra import TileSpectra
 from rsdeblur.image.encoded import EncodedImage, check_size
+from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -32,6 +33,8 @@ COARSE_SIDE, COARSE_STEP = 320, 4e-3
 FINE_SIDE, FINE_STEP = 480, 1e-3
 # Minima of the coarse curve that the fine search examines.
 MINIMA = 6
+# Longest search, and largest offset, s.
+MOST_SEARCH, LARGEST_OFFSET = 120.0, 1e9
 # Offsets nearer than this count as the same answer, s.
 SAME = 4e-3
 
@@ -93,7 +96,7 @@ def find_time_offset(
         The motion, the camera and the time of the exposure.
     search : (float, float)
         First and last candidate relative to `camera.time_offset`, s. Candidates that the log does not cover are left
-        out.
+        out; the others may span two minutes.
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light, as for :func:`rsdeblur.deblur`.
     progress : callable, optional
@@ -117,15 +120,17 @@ def find_time_offset(
     `sum log V + P / V` (Whittle 1953) with `V = a S |H|^2 + b N`: S the scene's spectrum, whose gradients are taken as
     white, N the noise's, and a, b free in every tile.
     """
-    first, last = (validate.finite("search", end) for end in search)
+    check_recording(log, camera, exposure)
+    validate.callback("progress", progress)
+    first, last = validate.real_array("search", search, (2,), most=LARGEST_OFFSET).tolist()
     if last - first < 2 * COARSE_STEP:
         raise InputError(f"search must span at least {2 * COARSE_STEP:g} s, got {first:g} to {last:g}")
+    whole = _covered(log, camera, exposure, first, last)
     encoded = EncodedImage.of(image, transfer)
     check_size(encoded.shape, camera)
     light = encoded.linear(slice(None)).mean(2)
 
     recording = Recording(log, camera, exposure)
-    whole = np.arange(0, round((last - first) / FINE_STEP) + 1, round(COARSE_STEP / FINE_STEP))
     coarse = _Curve(TileSpectra(light, recording, side=COARSE_SIDE), recording, first)
     coarse.extend(whole, lambda done: progress and progress("coarse", done))
     fine_spectra = TileSpectra(light, recording, side=FINE_SIDE)
@@ -141,6 +146,30 @@ def find_time_offset(
         reason = _objection(light, fine_spectra, recording, found.time_offset)
         found = replace(found, time_offset=None if reason else found.time_offset, reason=reason)
     return found
+
+
+def _covered(log: GyroLog, camera: Camera, exposure: Exposure, first: float, last: float) -> NDArray[np.intp]:
+    """Return the coarse candidates that the log may cover, in fine steps from `first`; at least the first one.
+
+    Raises
+    ------
+    InputError
+        If they span more than `MOST_SEARCH`.
+    """
+    opens, closes = exposure.span(camera)
+    # Camera time minus the log's own time, for the first candidate.
+    offset = camera.time_offset + first + (log.epoch_ns - exposure.epoch_ns) * 1e-9
+    start, end = log.span
+    earliest, latest = max(closes - end - offset, 0.0), min(opens - start - offset, last - first)
+    if latest - earliest > MOST_SEARCH:
+        raise InputError(f"search must span at most {MOST_SEARCH:g} s of the log, got {first:g} to {last:g}")
+    if latest <= earliest:
+        return np.zeros(1, dtype=np.intp)
+    step = round(COARSE_STEP / FINE_STEP)
+    # One more at either end, so that rounding loses none; those beyond the log are left out later.
+    lowest = max(int(earliest / COARSE_STEP) - 1, 0) * step
+    highest = min(int(latest / FINE_STEP) + 2 * step, round((last - first) / FINE_STEP))
+    return np.arange(lowest, highest + 1, step)
 
 
 def _windows(places: NDArray[np.intp], last: int) -> NDArray[np.intp]:

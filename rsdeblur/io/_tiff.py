@@ -130,7 +130,8 @@ def _plain(page: tifffile.TiffPage, pixels: NDArray[Any]) -> NDArray[Any] | None
     if pixels.dtype.kind == "i":
         return None
     if pixels.dtype.kind == "f":
-        pixels = pixels.astype(np.float32)
+        with np.errstate(over="ignore"):  # infinity, which is refused where it matters
+            pixels = pixels.astype(np.float32)
     elif bits <= 8 and kind != kind.PALETTE:
         pixels = pixels.astype(np.uint8) * np.uint8(255 // (2**bits - 1))
     elif bits not in (8, 16) and kind != kind.PALETTE:

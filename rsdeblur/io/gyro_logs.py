@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from rsdeblur._util import validate
 from rsdeblur.io import archives, gyro_binary, gyro_tables, gyroflow
 from rsdeblur.io.formats import Format, choose
 from rsdeblur.io.samples import GyroFile, Samples, finish
@@ -126,6 +127,7 @@ def open_gyro(
     """
     overrides: dict[str, Any] = {}
     if orientation is not None:
+        validate.instance("orientation", orientation, str)
         overrides = {"turn": orientation_matrix(orientation), "axes": "gyroflow", "cautions": ()}
     chosen, source, facts = _choose(path, format)
     samples, path = chosen.read(source), source.path

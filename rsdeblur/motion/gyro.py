@@ -29,6 +29,9 @@ SUSPICIOUS_MEDIAN = 5.0
 # rad/s. No gyro gives larger numbers, whatever the unit, and the squares of these do not overflow.
 LARGEST_RATE = 1e12
 
+# Most samples during an exposure: 50 s at 200 Hz, 1.25 s at 8 kHz. Every path has two points for each of them.
+MOST_SAMPLES = 10_000
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroLog(SensorLog):
@@ -144,11 +147,18 @@ class OrientationTrack:
 
         Raises
         ------
+        InputError
+            If there are more than 10,000 samples in the span.
         CoverageError, ClockError, GapError
             See :meth:`GyroLog.covering`.
         """
         # camera_time = gyro_time + time_offset
         log = log.covering(t0 - camera.time_offset, t1 - camera.time_offset, epoch_ns)
+        if len(log) > MOST_SAMPLES:
+            raise InputError(
+                f"the exposure from {t0:g} s to {t1:g} s has {len(log)} gyro samples, more than {MOST_SAMPLES}; are "
+                "its duration and the readout time in s?"
+            )
         return cls.integrated(log.t + camera.time_offset, log.omega @ camera.imu_to_camera.T)
 
     @classmethod

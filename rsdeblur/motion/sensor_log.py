@@ -186,6 +186,8 @@ class SensorLog:
         GapError
             If the log has a gap inside [t0, t1].
         """
+        t0, t1 = validate.finite("t0", t0), validate.finite("t1", t1)
+        epoch_ns = validate.nanoseconds("epoch_ns", epoch_ns)
         # The difference of the epochs is exact: both are integers.
         shift = (self.epoch_ns - epoch_ns) * 1e-9
         start, end = (edge + shift for edge in self.span)

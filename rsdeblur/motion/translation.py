@@ -74,6 +74,8 @@ class Translation:
         CoverageError
             If the track does not cover [t0, t1].
         """
+        t0, t1 = validate.finite("t0", t0), validate.finite("t1", t1)
+        epoch_ns = validate.nanoseconds("epoch_ns", epoch_ns)
         t = self.t + (self.epoch_ns - epoch_ns) * 1e-9
         if t[0] > t0 + CLOCK_TICK or t[-1] < t1 - CLOCK_TICK:
             raise CoverageError(
@@ -95,6 +97,7 @@ class Translation:
         ndarray, shape ``times.shape + (3,)``
             Positions in units of `depth`.
         """
+        times = validate.array("times", times)
         return np.stack([np.interp(times, self.t, axis) for axis in self.position.T], axis=-1) / self.depth
 
     def turned(self) -> Translation:

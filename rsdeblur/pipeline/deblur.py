@@ -74,7 +74,7 @@ def deblur(
     ----------
     image : array_like, shape (H, W) or (H, W, C)
         Grey (without C, or C = 1), grey + alpha (2), RGB (3) or RGBA (4). uint8 and uint16 are scaled to [0, 1];
-        floats have the nominal range [0, 1]. Alpha is copied.
+        floats have the nominal range [0, 1] and at most 1e12. Alpha is copied.
     log, camera, exposure
         The motion, the camera, and when the picture was exposed and for how long.
     mode : {"banded", "global", "rowwise"}
@@ -86,13 +86,14 @@ def deblur(
         Regularisation: the Wiener filter, or a penalty on the gradient (:mod:`rsdeblur.deconv.priors`). "tv" and
         "hyper-laplacian" keep edges sharp and even areas free of noise; "wiener" takes about a twentieth of their time.
     weight : float or "auto"
-        Weight of the penalty on the gradient: a larger weight gives a smoother picture. "auto" derives it from the
-        picture's noise and the blur (:mod:`rsdeblur.estimate.strength`).
+        Weight of the penalty on the gradient, from 1e-20 to 1e20: a larger weight gives a smoother picture. "auto"
+        derives it from the picture's noise and the blur (:mod:`rsdeblur.estimate.strength`).
     exponent : float, default 2/3
         Exponent of the hyper-Laplacian, in (0, 1].
     nsr : float or "auto"
-        Noise-to-signal power ratio Phi: a larger ratio gives a smoother picture. For the Wiener filter, "auto" derives
-        it from noise and blur. The other priors depend on it little; "auto" then derives it from the size of the blur.
+        Noise-to-signal power ratio Phi, from 1e-20 to 1e20: a larger ratio gives a smoother picture. For the Wiener
+        filter, "auto" derives it from noise and blur. The other priors depend on it little; "auto" then derives it from
+        the size of the blur.
     solver : {"auto", "direct", "cg"}
         Solver of "rowwise", see :class:`rsdeblur.RowDeconvolver`.
     geometry : {"keep", "rectify"}
@@ -109,8 +110,8 @@ def deblur(
     refine : bool, default False
         Correct focal length, clock, readout and motion by the picture first, see :func:`rsdeblur.refine`.
     transfer : {"auto", "linear", "srgb"} or float
-        How values encode light; a number is a gamma. "auto" is sRGB for uint8 and uint16 and linear for floats. The
-        result has the same encoding.
+        How values encode light; a number is a gamma, from 0.1 to 10. "auto" is sRGB for uint8 and uint16 and linear for
+        floats. The result has the same encoding.
     normalize : bool, default False
         Compress light that exceeds [0, 1] into that range and clip outliers, at the price of contrast.
     saturation : {"ignore", "auto"}
@@ -122,8 +123,8 @@ def deblur(
     fallback : bool, default False
         Blend the result towards the input if the check finds it bad; not with ``geometry="rectify"``.
     planning : {"estimate", "measure"}
-        How FFTW plans: at once, or by measuring, up to a second per plan. Measured plans are kept for later runs,
-        which use them with either setting.
+        How FFTW plans: at once, or by measuring, up to a second per plan. Measured plans are kept for later runs that
+        measure. Only with "measure" do the bits of a result depend on what was planned before.
     threads : int, optional
         Threads that share the work; default all processors. Any number gives the same bits.
     max_memory : int, optional
@@ -142,7 +143,8 @@ def deblur(
     Raises
     ------
     InputError
-        If an argument is out of range, the picture's size is not the camera's, or the blur is larger than the picture.
+        If an argument is out of range, the picture's size is not the camera's, the blur is larger than the picture, or
+        the result is not finite.
     CoverageError, ClockError, GapError
         If the log does not cover the exposure, is on another clock, or has a gap inside the exposure.
     """
@@ -206,7 +208,7 @@ def psfs(
     InputError, CoverageError, ClockError, GapError
         As :func:`deblur`.
     """
-    nsr = validate.finite("nsr", nsr, above=0.0)
+    nsr = validate.strength("nsr", nsr)
     options = Options(mode=mode, bands=bands, strips=strips, motion=motion, translation=translation)
     planned = plan(log, camera, exposure, options)
     return planned.frame.bank(PsfBank.from_paths(planned.tile_paths(nsr)))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rsdeblur._util import validate
 from rsdeblur.choices import Mode
 from rsdeblur.deconv.priors import brightness
 from rsdeblur.errors import InputError
@@ -20,6 +21,7 @@ from rsdeblur.image.encoded import EncodedImage, check_size, result_like
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.highlights import HighlightSplit, find_spots, separate_highlights
 from rsdeblur.image.transfer import normalized
+from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -176,6 +178,7 @@ class Plan:
         CoverageError, ClockError, GapError
             If the log does not cover the exposure, is on another clock, or has a gap inside the exposure.
         """
+        check_recording(log, self.frame.stored, exposure)
         capture = self.frame.capture(log, exposure, self.options.translation, motion=self.options.motion)
         return replace(self, capture=capture)
 
@@ -199,7 +202,7 @@ class Plan:
         InputError
             As :func:`rsdeblur.deblur`.
         """
-        options, clock = self.options, StageClock(progress)
+        options, clock = self.options, StageClock(validate.callback("progress", progress))
         encoded = self._encoded(image)
         out, upright = result_like(image, out, self.frame)
         split = self._split(encoded, clock)
@@ -412,9 +415,11 @@ def plan(log: GyroLog, camera: Camera, exposure: Exposure, options: Options | No
     >>> plan = rsdeblur.plan(log, camera, exposure, rsdeblur.Options(mode="rowwise"))
     >>> sharp = plan.apply(image).image
     """
-    options, frame = options or Options(), ReadoutFrame(camera)
+    check_recording(log, camera, exposure)
+    options = Options() if options is None else validate.instance("options", options, Options)
     if options.refine:
         raise InputError("refine=True needs a picture; call rsdeblur.refine first, and plan with its result")
+    frame = ReadoutFrame(camera)
     return Plan(frame, frame.capture(log, exposure, options.translation, motion=options.motion), options)
 
 

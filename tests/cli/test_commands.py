@@ -305,6 +305,9 @@ def test_preview_writes_a_sheet_and_the_chosen_offset(run, files, tmp_path):
     result = run("preview", files.photo, *files.recording, "--steps", 2, "-o", sheet, "--force", "--choose", 3)
     assert result.exit_code == 1
     assert "there is no cell 3" in result.stderr
+    result = run("preview", files.photo, *files.recording, "--steps", 100_000, "-o", sheet, "--force")
+    assert result.exit_code == 2
+    assert "--steps" in result.stderr
 
 
 def test_sync_refuses_to_guess(run, files):
