@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
-from rsdeblur.errors import RsdeblurWarning
+from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.motion.sensor_log import SensorLog
 from rsdeblur.types import FloatArray
 
