@@ -41,7 +41,7 @@ ADJUSTED, ADJUSTMENTS, FIRST_STEP = MODELS[1], 45, 0.6
 # Nats that a fall of the logarithm of l1 / l2 is worth, and that a parameter costs.
 NATS_PER_FALL, NATS_PER_PARAMETER = 1000.0, 3.0
 # Least gain, nats, and least fall of a correction that is accepted, and the most standard deviations of any parameter.
-LEAST_GAIN, LEAST_FALL, MOST_DEVIATIONS = 5.0, 0.01, 4.0
+LEAST_GAIN, LEAST_FALL, MOST_DEVIATIONS = 5.0, 0.01, 6.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
