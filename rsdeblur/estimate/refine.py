@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
+from rsdeblur._util import validate
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording, Uncertainty
 from rsdeblur.estimate.posterior import Posterior
 from rsdeblur.estimate.sharpness import Sharpness
 from rsdeblur.estimate.spectra import TILE, TileSpectra
 from rsdeblur.image.encoded import EncodedImage, check_size
+from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -124,7 +126,8 @@ def refine(
     The blur is right long before they are. Use the result for this picture, and :func:`rsdeblur.find_time_offset` or
     several pictures for a camera file.
     """
-    uncertainty = uncertainty or Uncertainty()
+    check_recording(log, camera, exposure, translation)
+    uncertainty = Uncertainty() if uncertainty is None else validate.instance("uncertainty", uncertainty, Uncertainty)
     encoded = EncodedImage.of(image, transfer)
     check_size(encoded.shape, camera)
     light = np.concatenate([encoded.linear(rows).mean(2) for rows in _parts(encoded.shape[0])])
