@@ -224,31 +224,44 @@ _EXPOSURE = (
         "--duration", type=SecondsType(), help="Exposure time of a row: 0.05, 1/20 or 50ms.  [default: from EXIF]"
     ),
 )
-_CAMERA = click.option(
-    "--camera", type=PATH, required=True, metavar="FILE", help="Camera file of rsdeblur, Gyroflow or Kalibr."
-)
+
+
+def _camera(*, required: bool = True) -> Decorator:
+    text = "Camera file of rsdeblur, Gyroflow or Kalibr."
+    return click.option("--camera", type=PATH, required=required, metavar="FILE", help=text)
+
+
 _OVERRIDES = (
     click.option("--time-offset", type=SecondsType(), help="Camera time minus gyro time; replaces the camera file's."),
     click.option("--readout-time", type=SecondsType(), help="Readout time of the picture; replaces the camera file's."),
 )
-recording_options = gathered(
-    "recording",
-    Recording,
-    (
-        click.option("--gyro", type=PATH, required=True, metavar="LOG", help="Gyro log."),
-        *_LOG,
-        _CAMERA,
-        *_EXPOSURE,
-        *_OVERRIDES,
-    ),
-)
+
+
+def recording_options(*, required: bool = True) -> Decorator:
+    """Return a decorator that adds the options of a recording and passes them as one `recording`.
+
+    Unless they are `required`, the command itself must refuse to go on without a log and a camera.
+    """
+    return gathered(
+        "recording",
+        Recording,
+        (
+            click.option("--gyro", type=PATH, required=required, metavar="LOG", help="Gyro log."),
+            *_LOG,
+            _camera(required=required),
+            *_EXPOSURE,
+            *_OVERRIDES,
+        ),
+    )
+
+
 clip_options = gathered(
     "recording",
     Recording,
     (
         click.option("--gyro", type=PATH, required=True, metavar="LOG", help="Gyro log; may be the video itself."),
         *_LOG,
-        _CAMERA,
+        _camera(),
         click.option("--capture", type=PATH, metavar="FILE", help="Metadata file with one line per frame."),
         click.option("--start-ns", type=int, metavar="NS", help="Timestamp of the first frame in ns, camera clock."),
         click.option("--start", type=SecondsType(), help="The same in seconds on the log's own clock.  [default: 0]"),
@@ -314,6 +327,9 @@ _SOLVE: dict[str, Decorator] = {
         help="Exponent of the hyper-Laplacian.",
     ),
     "nsr": _auto("nsr", StrengthType(), "Noise-to-signal ratio: a higher one gives a smoother picture."),
+    "noise": _auto(
+        "noise", StrengthType(), "Standard deviation of the noise in linear light, where white is 1; auto estimates it."
+    ),
     "solver": _choice(
         "solver", choices.SOLVERS, "Solver of --mode rowwise: the faster one, banded Cholesky, or conjugate gradients."
     ),
@@ -350,7 +366,7 @@ _SOLVE: dict[str, Decorator] = {
     ),
 }
 BLUR = ("mode", "bands", "strips", "motion")
-SOLVER = ("prior", "weight", "exponent", "nsr", "solver", "geometry", "border", "transfer")
+SOLVER = ("prior", "weight", "exponent", "nsr", "noise", "solver", "geometry", "border", "transfer")
 ENGINE = ("planning", "threads")
 ONE_PICTURE = ("normalize", "saturation")
 ONE_RESULT = ("max_memory", "fallback")

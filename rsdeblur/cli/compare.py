@@ -38,7 +38,7 @@ Examples:
 
 @click.command("compare", epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
-@_options.recording_options
+@_options.recording_options()
 @_options.solve_options(*_options.BLUR[1:], *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE)
 @click.option("--truth", type=_options.PATH, metavar="FILE", help="Sharp picture, to measure PSNR and SSIM.")
 @_options.target_options("DIR", "Folder to write to.")

@@ -25,7 +25,7 @@ Examples:
 
 
 @click.command("psf", epilog=EXAMPLES)
-@_options.recording_options
+@_options.recording_options()
 @_options.solve_options(*_options.BLUR, "nsr")
 @click.option(
     "-o", "--output", type=_options.PATH, metavar="PNG", help="Draw the kernels at their places in the picture."

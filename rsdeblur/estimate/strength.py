@@ -84,7 +84,15 @@ class Tuning:
     spectra: Spectra = field(repr=False)
 
     @classmethod
-    def of(cls, light: ArrayLike, bank: PsfBank, *, one_filter: bool = False, continued: bool = True) -> Tuning:
+    def of(
+        cls,
+        light: ArrayLike,
+        bank: PsfBank,
+        *,
+        noise: float | None = None,
+        one_filter: bool = False,
+        continued: bool = True,
+    ) -> Tuning:
         """Measure a blurred picture and its PSFs.
 
         Parameters
@@ -93,6 +101,8 @@ class Tuning:
             The blurred picture in linear light, floats.
         bank : PsfBank
             PSFs of the picture; a few that are spread over it are enough.
+        noise : float, optional
+            Standard deviation of the noise in linear light; by default it is estimated.
         one_filter : bool, default False
             Whether the middle PSF is undone everywhere, as in ``mode="global"``.
         continued : bool, default True
@@ -101,12 +111,12 @@ class Tuning:
         Raises
         ------
         InputError
-            If `light` has another shape, holds integers, or is not finite.
+            If `light` has another shape, holds integers, or is not finite, or `noise` is negative.
         """
         light = validate.picture(light)
         light = light.reshape(*light.shape[:2], -1)
         spectra = Spectra.of(bank, one_filter=one_filter)
-        noise = noise_level(light)
+        noise = noise_level(light) if noise is None else validate.finite("noise", noise, minimum=0.0)
         # A constant picture has nothing to restore, so any energy other than 0 will do.
         energy = gradient_energy(light, noise) / spectra.left_of_gradient or 1.0
         share = bank.size[1] / light.shape[1]

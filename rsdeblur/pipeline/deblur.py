@@ -48,6 +48,7 @@ def deblur(
     weight: Strength = "auto",
     exponent: float = 2 / 3,
     nsr: Strength = "auto",
+    noise: Strength = "auto",
     solver: Solver = "auto",
     geometry: Geometry = "keep",
     border: Border | Boundary = "blend",
@@ -92,6 +93,9 @@ def deblur(
     nsr : float or "auto"
         Noise-to-signal power ratio Phi: a larger ratio gives a smoother picture. For the Wiener filter, "auto" derives
         it from noise and blur. The other priors depend on it little; "auto" then derives it from the size of the blur.
+    noise : float or "auto"
+        Standard deviation of the picture's noise in linear light, in which white is 1; "auto" estimates it. The
+        automatic strengths are derived from it.
     solver : {"auto", "direct", "cg"}
         Solver of "rowwise", see :class:`rsdeblur.RowDeconvolver`.
     geometry : {"keep", "rectify"}
@@ -151,6 +155,7 @@ def deblur(
         weight=weight,
         exponent=exponent,
         nsr=nsr,
+        noise=noise,
         solver=solver,
         geometry=geometry,
         border=border,

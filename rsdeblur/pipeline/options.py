@@ -47,6 +47,7 @@ class Options:
     weight: Strength = "auto"
     exponent: float = 2 / 3
     nsr: Strength = "auto"
+    noise: Strength = "auto"
     solver: Solver = "auto"
     geometry: Geometry = "keep"
     border: Border | Boundary = "blend"
@@ -96,6 +97,8 @@ class Options:
         for name in ("nsr", "weight"):
             if getattr(self, name) != "auto":
                 checked[name] = validate.finite(name, getattr(self, name), above=0.0)
+        if self.noise != "auto":
+            checked["noise"] = validate.finite("noise", self.noise, minimum=0.0)
         checked["exponent"] = validate.exponent(self.exponent)
         for name in ("threads", "max_memory"):
             if getattr(self, name) is not None:

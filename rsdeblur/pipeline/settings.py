@@ -15,6 +15,8 @@ from rsdeblur.deconv.rowwise import RowDeconvolver
 from rsdeblur.deconv.wiener import Deconvolver, TileFilter
 from rsdeblur.errors import InputError
 from rsdeblur.motion.paths import BlurPaths, Capture
+from rsdeblur.pipeline.options import Options
+from rsdeblur.pipeline.strengths import Strengths
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage, StageProgress
 
@@ -48,6 +50,23 @@ class SolverSettings:
     planning: Planning
     threads: int | None
 
+    @classmethod
+    def of(cls, options: Options, mode: Mode, strengths: Strengths) -> SolverSettings:
+        """Return the settings that follow from all options, the mode in effect and the strengths."""
+        return cls(
+            mode=mode,
+            prior=options.prior,
+            exponent=options.exponent,
+            nsr=strengths.nsr,
+            weight=strengths.weight,
+            peak=strengths.peak,
+            solver=options.solver,
+            border=options.solver_border,
+            boundary=options.boundary,
+            planning=options.planning,
+            threads=options.threads,
+        )
+
     @property
     def _engine(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in ("nsr", "border", "planning", "threads")}
@@ -56,13 +75,13 @@ class SolverSettings:
     def _gradient_prior(self) -> GradientPrior | None:
         return None if self.weight is None else GradientPrior(self.prior, self.weight, self.exponent, self.peak)
 
-    def plan_solver(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:
+    def plan_solver(self, capture: Capture | None, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:
         """Plan the solver. The returned function restores one picture and reports its progress.
 
         Parameters
         ----------
-        capture : Capture
-            The motion of the whole picture.
+        capture : Capture or None
+            The motion of the whole picture; None if the PSFs do not come from a motion, which "rowwise" needs.
         bank : PsfBank
             PSFs, at places counted from the first of the rows to be solved.
         shape : (H, W, C)
@@ -77,7 +96,7 @@ class SolverSettings:
         """
         if self.boundary is not None:
             return self._extended(capture, bank, shape, self.boundary)
-        if self.mode == "rowwise":
+        if self.mode == "rowwise" and capture is not None:
             return self._rowwise(capture, bank, shape, first)
         return self.plan_tiles(bank, shape)
 
@@ -91,7 +110,9 @@ class SolverSettings:
         quadratic = TileQuadratic(bank, shape, **self._engine)
         return TileSolver(quadratic, partial(quadratic.apply, prior=self._gradient_prior))
 
-    def _extended(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], boundary: Boundary) -> Solve:
+    def _extended(
+        self, capture: Capture | None, bank: PsfBank, shape: tuple[int, int, int], boundary: Boundary
+    ) -> Solve:
         height, width, _ = shape
         solve = replace(self, boundary=None).plan_solver(capture, bank, extended_shape(shape, bank, boundary))
         return lambda light, progress: solve(extended(light, bank, boundary), progress)[:height, :width]

@@ -17,7 +17,8 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.plan import Plan, Strengths, plan
+from rsdeblur.pipeline.plan import Plan, plan
+from rsdeblur.pipeline.strengths import Strengths
 from rsdeblur.pipeline.tiles import Grid, check_reach
 from rsdeblur.types import FloatArray, Progress
 from rsdeblur.video import PRIOR

@@ -58,7 +58,7 @@ def planned(monkeypatch):
 
     plan_chunks = memory.plan_chunks
     monkeypatch.setattr(memory, "FIXED", 0)
-    monkeypatch.setattr("rsdeblur.pipeline.plan.plan_chunks", plan)
+    monkeypatch.setattr("rsdeblur.pipeline.steps.plan_chunks", plan)
     return chunks
 
 

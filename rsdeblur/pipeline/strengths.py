@@ -1,0 +1,24 @@
+"""Strengths of a solution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Strengths:
+    """Strengths of a solution, derived from a picture's noise and blur or set by the options.
+
+    Parameters
+    ----------
+    nsr : float
+        Noise-to-signal ratio.
+    weight : float or None
+        Weight of the prior; None for the Wiener filter.
+    peak : float
+        Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
+    """
+
+    nsr: float
+    weight: float | None
+    peak: float
