@@ -89,6 +89,7 @@ def facts_of(result: DeblurResult, output: Path, mode: Mode, prior: Prior, secon
         "prior": prior,
         "nsr": result.nsr,
         "weight": result.weight,
+        "noise": result.noise,
         "seconds": seconds,
         "timings": result.timings,
         "check": None if result.check is None else asdict(result.check),

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +28,7 @@ from scipy import fft
 
 from rsdeblur._util import validate
 from rsdeblur.choices import Prior
+from rsdeblur.deconv.wavelet import Factors, WaveletPrior, frame_responses
 from rsdeblur.estimate.noise import gradient_energy, noise_level
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
@@ -42,6 +44,8 @@ LENS = 0.75
 PATH_ERROR, PATH_ERROR_SHARE = 0.12, 0.005
 # Weight of total variation where that of the gradient prior is 1 and E is 1; other exponents scale it by their root.
 SPARSE_STRENGTH = 2.0
+# Share of the gradient prior's weight, which allows for errors of the model, in the weight of the learned prior.
+MODEL_SHARE = 0.1
 # Candidates for the NSR and for the weight of the gradient prior.
 LADDER = np.geomspace(1e-5, 10.0, 73)
 # Kernels used along each axis of the bank.
@@ -58,7 +62,7 @@ def nsr_of_iso(iso: float) -> float:
     return BASE_NSR * validate.finite("iso", iso, above=0.0) / BASE_ISO
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Tuning:
     """Measurements of a picture and its PSFs, from which the strength of every prior follows.
 
@@ -92,6 +96,7 @@ class Tuning:
         noise: float | None = None,
         one_filter: bool = False,
         continued: bool = True,
+        repeats: bool = False,
     ) -> Tuning:
         """Measure a blurred picture and its PSFs.
 
@@ -107,6 +112,8 @@ class Tuning:
             Whether the middle PSF is undone everywhere, as in ``mode="global"``.
         continued : bool, default True
             Whether the solver continues the picture beyond its top and bottom. In rowwise, rows there are unknowns.
+        repeats : bool, default False
+            Whether the picture repeats, and the solver knows it, so that nothing beyond the frame is guessed.
 
         Raises
         ------
@@ -122,9 +129,9 @@ class Tuning:
         share = bank.size[1] / light.shape[1]
         if continued:
             share = max(share, bank.size[0] / light.shape[0])
-        return cls(noise, energy, _radius(bank), share**2 / 4, spectra)
+        return cls(noise, energy, _radius(bank), 0.0 if repeats else share**2 / 4, spectra)
 
-    @property
+    @cached_property
     def gradient_weight(self) -> float:
         """Weight of the prior with exponent 2 at which the expected error is least."""
         return self._best(lambda weight: self.border_error + weight * self.spectra.gradient)
@@ -145,6 +152,32 @@ class Tuning:
         power = 1.0 if prior == "tv" else exponent
         return float(SPARSE_STRENGTH * power**0.5 * weight * self.energy ** (1 - power / 2))
 
+    def wavelet(self, weight: float | None = None) -> WaveletPrior:
+        """Return the learned prior for the picture.
+
+        Parameters
+        ----------
+        weight : float, optional
+            Weight of the prior; default the one that suits the picture. A larger one stands for more noise.
+        """
+        spectra = self.spectra
+        suited = self.noise**2 / self.energy + MODEL_SHARE * self.gradient_weight
+        weight = suited if weight is None else weight
+        # Errors of the model are no noise, but the frame cannot distinguish them.
+        errors = self._path_error * spectra.gradient + self.border_error
+        wrong = errors * spectra.power + spectra.power - 2 * spectra.match + spectra.undone
+        noise = self.noise**2 + self.energy * spectra.signal * wrong
+        penalties = [self.border_error + ratio * weight * spectra.gradient for ratio in Factors.learned().ratios]
+        left = [spectra.undone / np.square(spectra.undone + penalty) * noise for penalty in penalties]
+        responses = frame_responses(len(spectra.signal))
+        variances = np.einsum("kyx,joyx->kjo", left, responses) / spectra.signal.size * (weight / suited)
+        return WaveletPrior(weight, tuple(variances.ravel()))
+
+    @property
+    def _path_error(self) -> float:
+        """Mean square of the errors of the paths, px^2."""
+        return PATH_ERROR**2 + (PATH_ERROR_SHARE * self.radius) ** 2
+
     @property
     def wiener_nsr(self) -> float:
         """The `nsr` at which the expected error of the Wiener filter is least."""
@@ -153,10 +186,9 @@ class Tuning:
     def _best(self, penalty: Callable[[float], float | FloatArray]) -> float:
         """Return the strength with the least error of `conj(H) / (|H|^2 + penalty)`, scaled to keep the mean."""
         spectra = self.spectra
-        path_error_2 = PATH_ERROR**2 + (PATH_ERROR_SHARE * self.radius) ** 2
         noise = (
             FINE_NOISE * self.noise**2 / self.energy
-            + (path_error_2 * spectra.gradient + self.border_error) * spectra.signal
+            + (self._path_error * spectra.gradient + self.border_error) * spectra.signal
         )
 
         def error(strength: float) -> float:

@@ -82,12 +82,13 @@ def deblur(
     bands, strips : int or "auto"
         Number of tiles along the readout axis and across it; "auto" limits the change of the blur between neighbouring
         tiles. "global" ignores both, "rowwise" ignores `bands`.
-    prior : {"tv", "wiener", "gradient", "hyper-laplacian"}
-        Regularisation: the Wiener filter, or a penalty on the gradient (:mod:`rsdeblur.deconv.priors`). "tv" and
-        "hyper-laplacian" keep edges sharp and even areas free of noise; "wiener" takes about a twentieth of their time.
+    prior : {"tv", "wiener", "gradient", "hyper-laplacian", "wavelet"}
+        Regularisation: the Wiener filter, a penalty on the gradient (:mod:`rsdeblur.deconv.priors`), or learned
+        shrinkage in a wavelet frame (:mod:`rsdeblur.deconv.wavelet`). "tv" and "hyper-laplacian" keep edges sharp and
+        even areas free of noise; "wiener" takes about a twentieth of their time.
     weight : float or "auto"
-        Weight of the penalty on the gradient: a larger weight gives a smoother picture. "auto" derives it from the
-        picture's noise and the blur (:mod:`rsdeblur.estimate.strength`).
+        Weight of the prior: a larger weight gives a smoother picture. "auto" derives it from the picture's noise and
+        the blur (:mod:`rsdeblur.estimate.strength`).
     exponent : float, default 2/3
         Exponent of the hyper-Laplacian, in (0, 1].
     nsr : float or "auto"

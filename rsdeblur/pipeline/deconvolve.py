@@ -50,8 +50,10 @@ def deconvolve(
     psf : array_like, shape (kh, kw) or (B, S, kh, kw), or PsfBank
         The PSF, or PSFs that are exact at the centres of B x S equal tiles, or PSFs at given places. Sizes are odd, and
         each PSF sums to 1; see :class:`rsdeblur.PsfBank` for the orientation.
-    prior, weight, exponent, nsr, noise, border, transfer, normalize, saturation, planning, threads, max_memory
+    prior, weight, exponent, nsr, noise, transfer, normalize, saturation, planning, threads, max_memory
         See :func:`rsdeblur.deblur`.
+    border : {"blend", "periodic", "reflect", "edge-taper", "smooth"}
+        See :func:`rsdeblur.deblur`. With "periodic", the automatic strengths take it that the picture was blurred so.
     out, progress
         See :func:`rsdeblur.deblur`.
 
@@ -103,7 +105,7 @@ def deconvolve_with(
     mode, (bands, strips) = mode_of(bank), bank.kernels.shape[:2]
     split = split_highlights(encoded, options, lambda: bank, clock)
     with clock.stage("tune"):
-        strengths, _ = derive_strengths(split, options, mode, lambda: bank)
+        strengths, _ = derive_strengths(split, options, mode, lambda: bank, repeats=options.border == "periodic")
     settings = SolverSettings.of(options, mode, strengths)
     solve_chunks(
         *(split, channelled, bank, options, settings, clock),
@@ -118,6 +120,7 @@ def deconvolve_with(
         weight=strengths.weight,
         coverage=np.broadcast_to(np.True_, encoded.shape[:2]),
         timings=clock.timings,
+        noise=strengths.noise,
     )
 
 

@@ -59,6 +59,8 @@ class DeblurResult:
         Seconds spent in each stage.
     check : QualityCheck or None
         Whether to trust the result, see :class:`rsdeblur.QualityCheck`; None where no check was requested.
+    noise : float or None
+        Standard deviation of the noise in linear light, estimated or given; None where no strength needed it.
     """
 
     image: NDArray[Any]
@@ -70,6 +72,7 @@ class DeblurResult:
     coverage: NDArray[np.bool_]
     timings: dict[str, float] = field(default_factory=dict)
     check: QualityCheck | None = None
+    noise: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,6 +211,7 @@ class Plan:
             coverage=self.frame.back(coverage),
             timings=clock.timings,
             check=check,
+            noise=self.strengths.noise,
         )
 
     def _encoded(self, image: ArrayLike) -> EncodedImage:

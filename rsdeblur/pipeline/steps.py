@@ -47,7 +47,7 @@ def split_highlights(
 
 
 def derive_strengths(
-    split: HighlightSplit, options: Options, mode: Mode, bank: Callable[[], PsfBank]
+    split: HighlightSplit, options: Options, mode: Mode, bank: Callable[[], PsfBank], *, repeats: bool = False
 ) -> tuple[Strengths, float]:
     """Return the strengths, and the `nsr` that decides the automatic number of bands.
 
@@ -61,6 +61,8 @@ def derive_strengths(
         The mode in effect.
     bank : callable
         Returns a few PSFs that are spread over the picture; called only if something is derived.
+    repeats : bool, default False
+        Whether the picture repeats, which a photo never does.
     """
     prior = options.prior
     if prior == "wiener" and options.nsr != "auto":
@@ -69,12 +71,18 @@ def derive_strengths(
     half = min(height, max(1, MOST_TUNED_PIXELS // width)) // 2
     linear = split.remainder(slice(height // 2 - half, height - height // 2 + half))
     noise = None if options.noise == "auto" else options.noise
-    tuning = Tuning.of(linear, bank(), noise=noise, one_filter=mode == "global", continued=mode != "rowwise")
+    tuning = Tuning.of(
+        *(linear, bank()), noise=noise, one_filter=mode == "global", continued=mode != "rowwise", repeats=repeats
+    )
     if prior == "wiener":
-        return Strengths(tuning.wiener_nsr, None, 1.0), tuning.wiener_nsr
+        return Strengths(tuning.wiener_nsr, None, 1.0, noise=tuning.noise), tuning.wiener_nsr
     nsr = tuning.border_error if options.nsr == "auto" else options.nsr
+    if prior == "wavelet":
+        wavelet = tuning.wavelet(None if options.weight == "auto" else options.weight)
+        return Strengths(nsr, wavelet.weight, 1.0, wavelet.variances, tuning.noise), tuning.gradient_nsr
     weight = tuning.weight(prior, options.exponent) if options.weight == "auto" else options.weight
-    return Strengths(nsr, weight, brightness(split.remainder(slice(None), 4))), tuning.gradient_nsr
+    peak = brightness(split.remainder(slice(None), 4))
+    return Strengths(nsr, weight, peak, noise=tuning.noise), tuning.gradient_nsr
 
 
 def solve_chunks(

@@ -17,8 +17,14 @@ class Strengths:
         Weight of the prior; None for the Wiener filter.
     peak : float
         Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
+    variances : tuple of float
+        Variances of :class:`rsdeblur.deconv.wavelet.WaveletPrior`; empty for other priors.
+    noise : float, optional
+        Standard deviation of the picture's noise; None where no strength needed it.
     """
 
     nsr: float
     weight: float | None
     peak: float
+    variances: tuple[float, ...] = ()
+    noise: float | None = None

@@ -25,6 +25,7 @@ METHODS = {
     "banded tv": {"bands": 12, "strips": 1, "prior": "tv", "weight": 1e-3},
     "rowwise": {"mode": "rowwise", "strips": 1, "nsr": 0.02},
     "rowwise tv": {"mode": "rowwise", "strips": 2, "prior": "tv", "weight": 1e-3},
+    "banded wavelet": {"bands": 12, "strips": 1, "prior": "wavelet"},
 }
 
 # Bytes for which the picture is cut into a few chunks.
@@ -34,6 +35,7 @@ MEMORY = {
     "banded tv": 3_000_000,
     "rowwise": 1_300_000,
     "rowwise tv": 3_000_000,
+    "banded wavelet": 3_000_000,
 }
 
 
