@@ -8,8 +8,8 @@ along each border, and of the valid blur over the whole frame, too. Results are 
 all pictures and kernels.
 
 Every prior runs with automatic strength, with the noise given, and with each strength of a ladder; "best fixed" is the
-one with the best mean. --quick takes four small pictures and three kernels. Every solve uses one thread, and processes
-share the pictures.
+one with the best mean. --quick takes four small pictures and three kernels; published means are over all. Every solve
+uses one thread, and processes share the pictures.
 
 The data are in the folder `set12` beside the recordings (RSDEBLUR_DATA): `01.png` to `12.png`, and the kernels as
 arrays in `levin09.npz`.

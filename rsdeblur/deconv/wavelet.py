@@ -6,9 +6,9 @@ learned once, by least squares over simulated pictures (``python -m benchmarks.t
 (2013) [1]_ introduced such a sum, and estimate its factors from the picture itself; that requires an exact model of the
 blur, while learned factors allow for errors like those in the training.
 
-The factors depend on one number, the weight: the variance of the noise over the energy of the sharp picture's gradient
-(:class:`rsdeblur.Tuning`), with an allowance for errors of the model. Between the weights of the training they are
-interpolated over its logarithm. Colour is turned into its mean and two differences, which have their own factors.
+The factors depend on one number, the weight of the gradient prior that suits the picture (:class:`rsdeblur.Tuning`),
+which grows with its noise and with the errors of the model. Between the weights of the training they are interpolated
+over its logarithm. Colour is turned into its mean and two differences, which have their own factors.
 
 .. [1] F. Xue, F. Luisier and T. Blu, "Multi-Wiener SURE-LET deconvolution", IEEE Trans. Image Processing 22, 2013.
 """
@@ -88,7 +88,7 @@ class WaveletPrior:
     Parameters
     ----------
     weight : float
-        Variance of the noise over the energy of the sharp picture's gradient: larger is smoother.
+        Weight of the gradient prior that suits the picture: larger is smoother.
     variances : sequence of float
         Variances of the noise of the frame's coefficients, K x LEVELS x 3 of them, see :func:`band_shape`.
 

@@ -44,8 +44,6 @@ LENS = 0.75
 PATH_ERROR, PATH_ERROR_SHARE = 0.12, 0.005
 # Weight of total variation where that of the gradient prior is 1 and E is 1; other exponents scale it by their root.
 SPARSE_STRENGTH = 2.0
-# Share of the gradient prior's weight, which allows for errors of the model, in the weight of the learned prior.
-MODEL_SHARE = 0.1
 # Candidates for the NSR and for the weight of the gradient prior.
 LADDER = np.geomspace(1e-5, 10.0, 73)
 # Kernels used along each axis of the bank.
@@ -158,10 +156,9 @@ class Tuning:
         Parameters
         ----------
         weight : float, optional
-            Weight of the prior; default the one that suits the picture. A larger one stands for more noise.
+            Weight of the prior; default :attr:`gradient_weight`. A larger one stands for more noise.
         """
-        spectra = self.spectra
-        suited = self.noise**2 / self.energy + MODEL_SHARE * self.gradient_weight
+        spectra, suited = self.spectra, self.gradient_weight
         weight = suited if weight is None else weight
         # Errors of the model are no noise, but the frame cannot distinguish them.
         errors = self._path_error * spectra.gradient + self.border_error
