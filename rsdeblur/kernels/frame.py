@@ -52,7 +52,9 @@ def _sums_of_squares(band, first, work, energy):
     for y in range(first, height):
         _square(band[y, first:], squares[y % 3, 0, first:])
         if y >= first + 2:
-            _add_three(squares[0, 0, first:], squares[1, 0, first:], squares[2, 0, first:], sums[first:])
+            # From the top down in every block, so that blocks that overlap agree in every bit.
+            top, middle = squares[(y - 2) % 3, 0, first:], squares[(y - 1) % 3, 0, first:]
+            _add_three(top, middle, squares[y % 3, 0, first:], sums[first:])
             _add_three(sums[first:], sums[first + 1 :], sums[first + 2 :], energy[y - 1, first + 1 : width - 1])
 
 
