@@ -28,10 +28,13 @@ import numpy as np
 from benchmarks import load
 from rsdeblur import Camera, Deconvolver, PsfBank
 from rsdeblur._util.atomic import atomic_write
+from rsdeblur._util.interrupts import ENDING
 from rsdeblur.choices import Planning
 from rsdeblur.deconv import fft
 from rsdeblur.errors import OutputError
 from rsdeblur.io import read_picture, write_picture
+from rsdeblur.io.pictures import Picture, picture_to_fill
+from rsdeblur.simulation.shake import hand_shake
 
 SIDE = 200
 
@@ -68,7 +71,7 @@ def _write_for_ever(write: Callable[[Path, int], None], path: Path, ready: Any) 
 def kills(name: str, count: int) -> dict[str, int]:
     """Kill a process that writes one file repeatedly, at random moments; count what was left on disk."""
     write, read = WRITERS[name]
-    counts = {"the old or the new file": 0, "another file": 0, "temporary files left": 0}
+    counts = {"the old or the new file": 0, "another file": 0, "temporary files left": 0, "left by the next write": 0}
     rng = random.Random(name)
     context = get_context("fork")
     with tempfile.TemporaryDirectory() as folder:
@@ -87,10 +90,9 @@ def kills(name: str, count: int) -> dict[str, int]:
             process.join()
             read(path)
             counts["the old or the new file" if path.read_bytes() in whole else "another file"] += 1
-            rest = [other for other in path.parent.iterdir() if other != path]
-            counts["temporary files left"] += len(rest)
-            for other in rest:
-                other.unlink()
+            counts["temporary files left"] += len(list(path.parent.iterdir())) - 1
+            write(path, 0)
+            counts["left by the next write"] += len(list(path.parent.iterdir())) - 1
     return counts
 
 
@@ -117,13 +119,42 @@ def full_disk(name: str, count: int) -> dict[str, int]:
     return counts
 
 
+def full_file_system() -> dict[str, int]:
+    """Fill pictures in place on a file system that is too small for them, which needs root; count the outcomes."""
+    pixels = np.zeros((SIDE, SIDE, 3), np.uint8)
+    counts = {"refused, nothing left": 0, "else": 0}
+    with tempfile.TemporaryDirectory() as folder:
+        mount = ["mount", "-t", "tmpfs", "-o", f"size={pixels.size // 2}", "tmpfs", folder]
+        if subprocess.run(mount, capture_output=True, check=False).returncode:
+            return {"not tried: it needs root": 1}
+        try:
+            for name in ("a.tif", "a.npy"):
+                process = get_context("fork").Process(target=_fill_in_place, args=(Path(folder) / name, pixels))
+                process.start()
+                process.join()
+                as_promised = process.exitcode == 0 and not os.listdir(folder)
+                counts["refused, nothing left" if as_promised else "else"] += 1
+        finally:
+            subprocess.run(["umount", folder], check=True)
+    return counts
+
+
+def _fill_in_place(path: Path, pixels: Any) -> None:
+    try:
+        with picture_to_fill(path, pixels.shape, like=Picture(pixels), in_place=True) as out:
+            out[...] = 1
+    except OutputError:
+        sys.exit(0)
+    sys.exit("written")
+
+
 def heed_interrupts() -> None:
     """Restore the default action: background jobs of a shell ignore interrupts."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def interrupts(count: int) -> dict[str, int]:
-    """Interrupt `rsdeblur demo` at random moments; count the outcomes."""
+    """Interrupt `rsdeblur demo` at random moments, by three signals; count the outcomes."""
     counts: dict[str, int] = {}
     rng = random.Random(0)
     for _ in range(count):
@@ -137,13 +168,14 @@ def interrupts(count: int) -> dict[str, int]:
                 preexec_fn=heed_interrupts,
             )
             time.sleep(rng.uniform(0.3, 6.0))
-            process.send_signal(signal.SIGINT)
+            number = rng.choice(ENDING)
+            process.send_signal(number)
             message = process.communicate()[1]
             left = list(Path(folder).rglob("*.part"))
-            how = f"exit {process.returncode}" + ", traceback" * ("Traceback" in message)
+            how = f"{number.name}: exit {process.returncode}" + ", traceback" * ("Traceback" in message)
             how += ", temporary left" * bool(left)
             counts[how] = counts.get(how, 0) + 1
-            if process.returncode not in (0, 130):
+            if process.returncode not in (0, 128 + number):
                 print(how, message[-500:])
     return counts
 
@@ -236,6 +268,83 @@ def killed_workers(count: int) -> dict[str, int]:
     return counts
 
 
+def _write_video(folder: Path) -> list[str]:
+    """Write a video of noise, a log and a camera; return the arguments for `video`."""
+    import av
+
+    height, width = 60, 80
+    with av.open(str(folder / "clip.mp4"), "w") as container:
+        stream = container.add_stream("libx264", rate=30)
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        for values in np.random.default_rng(0).integers(0, 256, (24, height, width, 3), np.uint8):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(values, format="rgb24")))
+        container.mux(stream.encode())
+    log = hand_shake(1.2, seed=1)
+    np.savetxt(folder / "gyro.csv", np.column_stack([log.t, log.omega]), delimiter=",", header="t,x,y,z", comments="")
+    Camera(width, height, 0.9 * width, readout_time=0.01).save(folder / "camera.toml")
+    options = ["--duration", "1/60", "--start", "0.1", "--segment", "3", "--jobs", "2", "--threads", "1"]
+    return ["video", "clip.mp4", "--gyro", "gyro.csv", "--camera", "camera.toml", *options, "-o", "sharp.mp4"]
+
+
+def killed_videos(count: int) -> dict[str, int]:
+    """Kill workers of `rsdeblur video`, or the command itself, at random moments, until it ends; count the outcomes."""
+    counts = dict.fromkeys(("workers killed", "commands killed", "runs", "videos", "of other bytes", "files left"), 0)
+    rng = random.Random(0)
+    with tempfile.TemporaryDirectory() as name:
+        folder, sharp = Path(name), Path(name) / "sharp.mp4"
+        arguments = _write_video(folder)
+        load.start(folder, *arguments).wait()
+        whole, files = sharp.read_bytes(), set(os.listdir(folder))
+        code = 0
+        while counts["workers killed"] + counts["commands killed"] < count or code:
+            with load.start(folder, *arguments, "--force") as process:
+                counts["runs"] += 1
+                while process.poll() is None and not load.workers_of(process):
+                    time.sleep(0.02)
+                time.sleep(rng.uniform(0, 5))
+                workers = load.workers_of(process)
+                if workers and process.poll() is None:
+                    victim = rng.choice([*workers, process.pid])
+                    with contextlib.suppress(ProcessLookupError):
+                        os.kill(victim, signal.SIGKILL)
+                        counts["commands killed" if victim == process.pid else "workers killed"] += 1
+            code = process.returncode
+            if code == 0:
+                counts["videos"] += 1
+                counts["of other bytes"] += sharp.read_bytes() != whole
+                counts["files left"] += len(set(os.listdir(folder)) - files)
+    return counts
+
+
+def shared_folder(count: int) -> dict[str, int]:
+    """Start two batches into one folder and kill one of them at a random moment; count the outcomes."""
+    counts = dict.fromkeys(("pairs", "refused", "killed", "pictures of other bytes", "pictures lost", "files left"), 0)
+    rng = random.Random(0)
+    with tempfile.TemporaryDirectory() as name:
+        folder, sharp = Path(name), Path(name) / "sharp"
+        arguments = [*load.write_batch(folder, 12), "--jobs", "1", "--threads", "1"]
+        load.start(folder, *arguments).wait()
+        whole = {path.name: path.read_bytes() for path in sharp.glob("*.png")}
+        files = {path.name for path in sharp.iterdir()}
+        for _ in range(count):
+            shutil.rmtree(sharp)
+            pair = [load.start(folder, *arguments)]
+            time.sleep(rng.uniform(0, 2))
+            pair.append(load.start(folder, *arguments))
+            time.sleep(rng.uniform(0, 8))
+            rng.choice(pair).kill()
+            codes = [process.wait() for process in pair]
+            counts["pairs"] += 1
+            counts["refused"] += codes.count(1)
+            counts["killed"] += codes.count(-signal.SIGKILL)
+            counts["pictures lost"] += load.start(folder, *arguments).wait() != 0
+            made = {path.name: path.read_bytes() for path in sharp.glob("*.png")}
+            counts["pictures of other bytes"] += sum(made[name] != whole[name] for name in made)
+            counts["pictures lost"] += len(whole) - len(made)
+            counts["files left"] += len({path.name for path in sharp.iterdir()} - files)
+    return counts
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run all parts and print a line for each."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.faults", description=__doc__)
@@ -246,9 +355,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for name in WRITERS:
         print(f"{name}: killed {count} times: {kills(name, count)}", flush=True)
         print(f"{name}: disk full {count // 10} times: {full_disk(name, count // 10)}", flush=True)
+    print(f"pictures in place on a full file system: {full_file_system()}", flush=True)
     print(f"damaged wisdom, {5 * count} files: {damaged_wisdom(5 * count)}", flush=True)
     print(f"two planners at once, {count // 20} pairs: {two_planners(count // 20)}", flush=True)
     print(f"workers of a batch killed {count // 10} times: {killed_workers(count // 10)}", flush=True)
+    print(f"workers of videos, and videos, killed {count // 10} times: {killed_videos(count // 10)}", flush=True)
+    print(f"two batches into one folder, one killed, {count // 10} times: {shared_folder(count // 10)}", flush=True)
     print(f"interrupted {count // 10} times: {interrupts(count // 10)}", flush=True)
 
 

@@ -34,7 +34,8 @@ from benchmarks.priors import jpeg
 from rsdeblur import Camera, Exposure, GyroLog, PsfBank, TileQuadratic, Tuning, from_linear, hand_shake, to_linear
 from rsdeblur._util.threads import thread_count
 from rsdeblur.deconv.wavelet import FACTORS, OPPONENT, hats
-from rsdeblur.kernels.frame import GATES, HALO, LEVELS, terms_numpy
+from rsdeblur.kernels.frame import GATES, HALO, LEVELS
+from rsdeblur.kernels.frame import terms as frame_terms
 from rsdeblur.pipeline.deblur import psfs
 from rsdeblur.types import FloatArray
 
@@ -141,7 +142,7 @@ def equations(seed: tuple[int, int]) -> list[tuple[int, float, FloatArray, Float
     padded = np.pad(latents, [(0, 0), (HALO, HALO), (HALO, HALO), (0, 0)], mode="symmetric")
     for c in range(channels):
         terms = np.zeros((TERMS, *slope[inside].shape), dtype=np.float32)
-        for index, term in terms_numpy(padded @ mix[c], variances):
+        for index, term in frame_terms(padded @ mix[c], variances):
             terms[position(index)] += term[HALO:-HALO, HALO:-HALO][inside]
         design = (terms * slope[inside].astype(np.float32)).reshape(TERMS, -1)
         truth = ((case.sharp @ mix[c])[inside] * slope[inside]).ravel().astype(np.float32)

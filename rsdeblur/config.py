@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from typing import Literal, overload
 
 from rsdeblur import _config
@@ -11,6 +11,8 @@ from rsdeblur._util import validate
 from rsdeblur.kernels import native, why_pure
 
 LIBRARIES = ("numpy", "scipy", "numba", "pyfftw")
+# Libraries under the GPL in the wheels of dependencies (docs/developer/licences.md).
+GPL = {"pyfftw": "FFTW", "pillow-heif": "x265", "av": "x264 and x265"}
 
 
 @overload
@@ -33,8 +35,8 @@ def show_config(mode: Literal["stdout", "dict"] = "stdout") -> dict[str, str] | 
     -------
     dict of str or None
         Versions of rsdeblur, Python and libraries; `cext`, which is "in use" or says why the C extension is not used;
-        the compiler that built it, and the instruction set that it uses, or "none"; and the default number of threads.
-        None for "stdout".
+        the compiler that built it, and the instruction set that it uses, or "none"; the default number of threads; and
+        the licence, with the libraries under the GPL that wheels of installed packages bring. None for "stdout".
 
     Raises
     ------
@@ -54,12 +56,25 @@ def show_config(mode: Literal["stdout", "dict"] = "stdout") -> dict[str, str] | 
         "compiler": _config.COMPILER,
         "simd": native.SIMD if native else "none",
         "threads": str(thread_count(None)),
+        "licence": f"BSD-3-Clause; under the GPL in wheels of dependencies: {_gpl()}",
     }
     if mode == "dict":
         return facts
     for name, value in facts.items():
         print(f"{name:9} {value}")
     return None
+
+
+def _gpl() -> str:
+    return ", ".join(f"{library} ({name})" for name, library in GPL.items() if _is_installed(name))
+
+
+def _is_installed(name: str) -> bool:
+    try:
+        version(name)
+    except PackageNotFoundError:
+        return False
+    return True
 
 
 def _fftw_version() -> str:

@@ -59,7 +59,8 @@ class PsfBank:
         for axis, name in enumerate(("rows", "cols")):
             centres = validate.real_array(name, getattr(self, name), (kernels.shape[axis],))
             if (np.diff(centres) <= 0).any():
-                raise InputError(f"{name} must increase, got {centres.tolist()}")
+                i = int(np.argmax(np.diff(centres) <= 0))
+                raise InputError(f"{name} must increase, got {centres[i]:g} before {centres[i + 1]:g}")
             object.__setattr__(self, name, centres)
 
     @classmethod
@@ -79,6 +80,7 @@ class PsfBank:
         PsfBank
             Bank with one kernel per path.
         """
+        validate.instance("paths", paths, BlurPaths)
         # Bilinear weights reach the pixel beyond the last one.
         half_height, half_width = (int(np.floor(reach)) + 1 for reach in paths.extent)
         bands, strips, samples, _ = paths.displacements.shape
@@ -105,12 +107,10 @@ class PsfBank:
         Raises
         ------
         InputError
-            If the kernels are invalid, see :class:`PsfBank`, or `shape` does not have 2 or 3 values.
+            If the kernels are invalid, see :class:`PsfBank`, or `shape` is not 2 or 3 whole numbers of at least 1.
         """
-        grid = _kernels(kernels)
-        if len(shape) not in (2, 3):
-            raise InputError(f"shape must be (H, W) or (H, W, C), got {shape}")
-        return cls(grid, tile_centres(grid.shape[0], shape[0]), tile_centres(grid.shape[1], shape[1]))
+        grid, (height, width, *_) = _kernels(kernels), validate.shape(shape)
+        return cls(grid, tile_centres(grid.shape[0], height), tile_centres(grid.shape[1], width))
 
     @property
     def centres(self) -> FloatArray:
@@ -135,6 +135,8 @@ class PsfBank:
         PsfBank
             With its positions in the whole picture.
         """
+        for name, part in (("rows", rows), ("cols", cols)):
+            validate.instance(name, part, slice)
         bands, strips = (
             slice(
                 max(int(np.searchsorted(centres, part.start, side="right")) - 1, 0),
@@ -157,6 +159,7 @@ class PsfBank:
         PsfBank
             Bank with turned kernels and positions.
         """
+        height = validate.count("height", height, maximum=validate.MOST_VALUES)
         kernels = np.rot90(np.rot90(self.kernels, axes=(0, 1)), axes=(2, 3))
         return PsfBank(kernels, (height - 1 - self.cols)[::-1], self.rows)
 

@@ -138,6 +138,9 @@ def test_no_room_is_named_like_a_public_name():
 def test_show_config_prints_what_it_returns(capsys):
     facts = rsdeblur.show_config(mode="dict")
     assert facts["rsdeblur"] == rsdeblur.__version__
+    # What a dependency's wheel brings is said where a user asks what is installed.
+    assert "GPL" in facts["licence"]
+    assert "FFTW (pyfftw)" in facts["licence"]
     assert rsdeblur.show_config() is None
     printed = capsys.readouterr().out
     assert all(value in printed for value in facts.values())

@@ -33,11 +33,19 @@ KILLS = 6
 def test_a_killed_process_leaves_the_old_file_or_the_new_one(name: str) -> None:
     counts = faults.kills(name, KILLS)
     assert (counts["the old or the new file"], counts["another file"]) == (KILLS, 0)
+    assert counts["left by the next write"] == 0
 
 
 @pytest.mark.parametrize("name", faults.WRITERS)
 def test_a_full_disk_is_reported_and_the_old_file_kept(name: str) -> None:
     assert faults.full_disk(name, 5) == {"refused, the old file whole": 5, "else": 0}
+
+
+def test_a_full_file_system_does_not_end_the_process() -> None:
+    counts = faults.full_file_system()
+    if "else" not in counts:
+        pytest.skip("only root may mount a small file system")
+    assert counts == {"refused, nothing left": 2, "else": 0}
 
 
 @pytest.mark.parametrize("call", ["fsync", "replace"])
@@ -63,8 +71,9 @@ def test_two_processes_plan_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert faults.two_planners(1) == {"exits [0, 0], files ['.wisdom']": 1}
 
 
-def test_an_interrupted_command_cleans_up(tmp_path: Path) -> None:
-    """Interrupted while it writes: exit 130, one line, no temporary file."""
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_an_interrupted_command_cleans_up(tmp_path: Path, number: int) -> None:
+    """Ctrl-C, `kill` or a closed terminal while it writes: the shells' exit code, one line, no temporary file."""
     # A write that never ends, and prints when it has begun.
     code = (
         "import time, rsdeblur.cli, rsdeblur._util.atomic as atomic\n"
@@ -79,10 +88,24 @@ def test_an_interrupted_command_cleans_up(tmp_path: Path) -> None:
     with subprocess.Popen(command, text=True, preexec_fn=faults.heed_interrupts, **pipes) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "writing\n", process.communicate()
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         _, message = process.communicate(timeout=30)
-    assert (process.returncode, message) == (130, "rsdeblur: interrupted; no unfinished file is left\n")
+    assert (process.returncode, message) == (128 + number, "rsdeblur: interrupted; no unfinished file is left\n")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_command_that_ignores_hangups_goes_on(tmp_path: Path) -> None:
+    """As after `nohup`, whose commands must survive their terminal."""
+    code = (
+        "import os, signal, rsdeblur.cli, rsdeblur._util.atomic as atomic\n"
+        "atomic.os.fsync = lambda _: os.kill(os.getpid(), signal.SIGHUP)\n"
+        "rsdeblur.cli.main()\n"
+    )
+    arguments = ["camera", "new", "--size", "640x480", "--focal-length", "500", "-o", str(tmp_path / "camera.toml")]
+    command = ["nohup", sys.executable, "-c", code, *arguments]
+    process = subprocess.run(command, capture_output=True, check=False)
+    assert process.returncode == 0, process.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["camera.toml"]
 
 
 class TestPlaces:

@@ -26,12 +26,24 @@ import benchmarks.fuzz.__main__ as fuzz
 from benchmarks.fuzz import seeds, targets
 from rsdeblur import Camera
 from rsdeblur.errors import FileFormatError, RsdeblurError
-from rsdeblur.io import open_camera, open_gyro, read_captures, read_gyro, read_picture, write_picture
+from rsdeblur.io import (
+    open_camera,
+    open_gyro,
+    read_acceleration,
+    read_captures,
+    read_gyro,
+    read_picture,
+    read_trajectory,
+    write_picture,
+)
+from rsdeblur.io._jpeg import check_scans
 from rsdeblur.io.exif import Exif
 from rsdeblur.psf import PsfBank
 
 READERS: dict[str, Callable[[Path], Any]] = {
     "gyro": open_gyro,
+    "acceleration": read_acceleration,
+    "trajectory": read_trajectory,
     "camera": open_camera,
     "toml": Camera.load,
     "captures": read_captures,
@@ -343,6 +355,19 @@ class TestBombs:
         else:
             assert "more than 100 scans" in refusal(read_picture, path)
 
+    @pytest.mark.parametrize(("side", "allowed"), [(5000, 40), (8000, 15), (9000, 12), (65000, 12)])
+    def test_jpeg_of_more_scans_than_its_size_allows(self, side: int, allowed: int) -> None:
+        frame = b"\xff\xc2\x00\x0b\x08" + 2 * side.to_bytes(2, "big") + b"\x01\x01\x11\x00"
+        scan = b"\xff\xda\x00\x08\x01\x01\x00\x00\x3f\x00\x55"
+        check_scans(b"\xff\xd8" + frame + allowed * scan + b"\xff\xd9")
+        with pytest.raises(ValueError, match=f"more than {allowed} scans"):
+            check_scans(b"\xff\xd8" + frame + (allowed + 1) * scan + b"\xff\xd9")
+
+    def test_a_small_tiff_of_many_pixels(self, tmp_path: Path) -> None:
+        path = tmp_path / "a.tif"
+        tifffile.imwrite(path, np.zeros((5000, 5000), np.uint8), compression="zstd")
+        assert "claims 5000x5000 pixels" in refusal(read_picture, path)
+
     def test_tiff_whose_parts_share_their_bytes(self, tmp_path: Path) -> None:
         path = tmp_path / "a.tif"
         tifffile.imwrite(path, np.zeros((64, 64), np.uint8), rowsperstrip=8)
@@ -355,11 +380,11 @@ class TestBombs:
         path.write_bytes(data[: len(data) - 3000])
         assert "a.tif: the picture is truncated or damaged" in refusal(read_picture, path)
 
-    def test_tiff_of_a_hundred_million_parts(self, tmp_path: Path) -> None:
+    def test_tiff_of_millions_of_parts(self, tmp_path: Path) -> None:
         path = tmp_path / "a.tif"
         tifffile.imwrite(path, np.zeros((3, 2), np.uint16), rowsperstrip=1)
         data = bytearray(path.read_bytes())
-        set_tag(data, 257, 25_000_000)
+        set_tag(data, 257, 7_500_000)
         path.write_bytes(data)
         assert "more than the file has bytes" in refusal(read_picture, path)
 

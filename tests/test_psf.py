@@ -69,7 +69,7 @@ class TestKernels:
             (np.ones((3, 0, 3)), r"got \(3, 0, 3\)"),
             (np.ones((0, 0)), r"got \(0, 0\)"),
             ("kernel", "kernels must be an array of real numbers"),
-            (np.full((1, 1), 1 + 0j), "kernels must be an array of real numbers: it is complex"),
+            (np.full((1, 1), 1 + 0j), "kernels must be an array of real numbers, got complex128"),
         ],
     )
     def test_refuses(self, kernels, message):

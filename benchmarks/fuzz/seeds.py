@@ -52,6 +52,8 @@ GYRO_TABLES: dict[str, list[bytes]] = {
         rows("{t} {x} {y} {z} 0.1 -9.7 1.1"),
         b"made by an app\nts;gyro x;gyro y;gyro z\n" + rows("{t};{x};{y};{z}"),
         b"t_ns,gx_dps,gy_dps,gz_dps\n" + rows("{t},{x},{y},{z}"),
+        b"t;gx;gy;gz\ns;deg/s;deg/s;deg/s\n" + rows("{s};{x};{y};{z}").replace(b".", b","),
+        rows("{x},{y},{z},{s}"),
     ],
     "gcsv": [
         b"GYROFLOW IMU LOG\nversion,1.3\nid,a\norientation,YxZ\nframe_readout_time,15\nframe_readout_direction,1\n"
@@ -59,6 +61,22 @@ GYRO_TABLES: dict[str, list[bytes]] = {
         b"CAMERA IMU LOG\ntscale,0.000001\ntime,gx,gy,gz\n" + rows("{m}000,{x},{y},{z}"),
     ],
 }
+
+
+UNSTAMPED = [rows("{x},{y},{z}"), b"gx[deg/s],gy[deg/s],gz[deg/s]\n" + rows("{x},{y},{z}")]
+ACCELERATIONS = [
+    b"Timestamp[nanosec],gx[rad/s],gy[rad/s],gz[rad/s],ax[m/s^2],ay[m/s^2],az[m/s^2]\n" + rows("{t},1,1,1,{x},9.8,{z}"),
+    b"t[s],ax[g],ay[g],az[g]\n" + rows("{s},{x},1,{z}"),
+    rows("4 {t} 1 1 1\n1 {t} {x} 9.8 {z}"),
+    rows("{t} 0.1 0.2 0.3 {x} 9.8 {z}"),
+    b"GYROFLOW IMU LOG\norientation,YxZ\nascale,0.5\nt,gx,gy,gz,ax,ay,az\n" + rows("{m},1,1,1,{x},2,{z}"),
+]
+TRAJECTORIES = [
+    b"# timestamp tx ty tz qx qy qz qw\n" + rows("{s} {x} {y} {z} 0 0.6 0 0.8"),
+    b"#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n"
+    + rows("{t},{x},{y},{z},1,0,0,0"),
+    rows("{t},{x},{y},{z}"),
+]
 
 
 def sensorlogger_json() -> bytes:

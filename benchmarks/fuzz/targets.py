@@ -9,17 +9,24 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from benchmarks.fuzz import seeds
 from benchmarks.fuzz.mutate import mutated
 from benchmarks.fuzz.video import excerpt
-from rsdeblur.cli._describe import describe_camera, describe_captures, describe_gyro, describe_picture
-from rsdeblur.io import read_picture, write_picture
+from rsdeblur.cli._describe import (
+    describe_camera,
+    describe_captures,
+    describe_gyro,
+    describe_picture,
+    describe_trajectory,
+)
+from rsdeblur.io import read_acceleration, read_picture, write_picture
 from rsdeblur.psf import PsfBank
 
-AS_IS: dict[str, None] = dict.fromkeys(("format", "unit", "orientation"))
+AS_IS: dict[str, Any] = dict.fromkeys(("format", "unit", "orientation"))
 WRITTEN = (".jpg", ".png", ".tif", ".webp")
 
 
@@ -72,6 +79,18 @@ def _gyro(path: Path) -> None:
     json.dumps(describe_gyro(path, AS_IS))
 
 
+def _unstamped(path: Path) -> None:
+    json.dumps(describe_gyro(path, AS_IS | {"rate": 200.0}))
+
+
+def _acceleration(path: Path) -> None:
+    read_acceleration(path)
+
+
+def _trajectory(path: Path) -> None:
+    json.dumps(describe_trajectory(path))
+
+
 def _camera(path: Path) -> None:
     json.dumps(describe_camera(path))
 
@@ -101,6 +120,9 @@ def _bank(path: Path) -> None:
 
 READERS: dict[Callable[[Path], None], str] = {
     _gyro: "gyro logs",
+    _unstamped: "gyro logs",
+    _acceleration: "accelerometers",
+    _trajectory: "trajectories",
     _camera: "cameras",
     _captures: "captures",
     _picture: "pictures",
@@ -115,6 +137,9 @@ def _text(read: Callable[[Path], None], files: Sequence[bytes], name: str) -> Ta
 
 TARGETS: dict[str, Target] = {
     **{name: _text(_gyro, files, "log.csv") for name, files in seeds.GYRO_TABLES.items()},
+    "unstamped": _text(_unstamped, seeds.UNSTAMPED, "log.csv"),
+    "acceleration": _text(_acceleration, seeds.ACCELERATIONS, "accel.csv"),
+    "trajectory": _text(_trajectory, seeds.TRAJECTORIES, "poses.txt"),
     "sensorlogger-json": Target(_gyro, lambda: [seeds.sensorlogger_json()], "log.json", text=True),
     "gyrodata": Target(_gyro, lambda: [seeds.trailer()], "a.jpg"),
     "zip": Target(_gyro, lambda: [seeds.GYRO_TABLES["sensorlogger"][0]], "a.zip", text=True, pack=seeds.archive),

@@ -92,7 +92,10 @@ def entries(module: str, names: Iterable[str]) -> str:
         elif issubclass(thing, BaseException):
             parts.append(f".. autoexception:: {name}\n")
         else:
-            parts.append(f".. autoclass:: {name}\n   :members:\n")
+            # Methods of an own base class, such as those that all logs have, belong to each class's page.
+            own = any(base.__module__.startswith("rsdeblur.") for base in thing.__mro__[1:])
+            inherited = "   :inherited-members: object\n" * own
+            parts.append(f".. autoclass:: {name}\n   :members:\n{inherited}")
     return "\n".join(parts)
 
 

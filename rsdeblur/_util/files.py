@@ -7,7 +7,14 @@ import stat
 from pathlib import Path
 from typing import BinaryIO
 
-from rsdeblur.errors import FileFormatError
+from rsdeblur.errors import FileFormatError, InputError
+
+
+def checked_path(path: str | os.PathLike[str]) -> Path:
+    """Return `path` as a Path; raise `InputError` for what is no path, such as None or the number of an open file."""
+    if isinstance(path, (str, os.PathLike)) and isinstance(os.fspath(path), str):
+        return Path(path)
+    raise InputError(f"path must be the path of a file, got {type(path).__name__}")
 
 
 def open_file(path: str | os.PathLike[str], what: str) -> BinaryIO:
@@ -30,6 +37,7 @@ def open_file(path: str | os.PathLike[str], what: str) -> BinaryIO:
     FileFormatError
         If the file does not exist, cannot be read, or is a folder, a pipe or a device.
     """
+    path = checked_path(path)
     try:
         file = open(path, "rb", opener=_open_at_once)  # noqa: SIM115 (the caller closes it)
     except (OSError, ValueError) as error:

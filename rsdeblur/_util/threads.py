@@ -15,6 +15,8 @@ from rsdeblur._util import validate
 
 # Parts per thread of a range that is cut into equal parts: some parts take longer than others.
 PARTS = 4
+# More than any machine has processors; each thread has its own buffers.
+MOST_THREADS = 1024
 
 
 def thread_count(threads: int | None) -> int:
@@ -23,11 +25,11 @@ def thread_count(threads: int | None) -> int:
     Raises
     ------
     InputError
-        If `threads` is not a whole number of at least 1.
+        If `threads` is not a whole number from 1 to 1024.
     """
     if threads is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return validate.count("threads", threads)
+    return validate.count("threads", threads, maximum=MOST_THREADS)
 
 
 class ThreadTeam:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import os
 from collections.abc import Collection
-from typing import Any
+from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,13 +13,72 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur.errors import InputError
 from rsdeblur.types import FloatArray
 
+# Largest absolute value of a picture, in linear light of nominal range [0, 1]. Its square times 10^14, the number of
+# values that are added up and the square of a filter's gain, is within float32.
+MOST_LIGHT = 1e12
+# Range of `nsr` and `weight`. Penalties are up to 10^9 times a weight, and their products are within float32.
+LEAST_STRENGTH, MOST_STRENGTH = 1e-20, 1e20
 
-def finite(name: str, value: float, *, minimum: float | None = None, above: float | None = None) -> float:
-    """Return `value` as a float; it must be finite, at least `minimum` and greater than `above`."""
+# Memory that intermediate results may take, in bytes: twenty times what automatic choices need for a photo of 12
+# megapixels, and some for small pictures.
+MEMORY, MEMORY_PER_PIXEL = 8 * 2**30, 1024
+
+# Most values of a picture: 500 megapixels of four channels.
+MOST_VALUES = 2_000_000_000
+
+# Functions that read an object from a file, for those who pass the path of the file.
+READERS = {"GyroLog": "rsdeblur.read_gyro", "Camera": "rsdeblur.read_camera", "PsfBank": "rsdeblur.PsfBank.load"}
+
+Kind = TypeVar("Kind")
+
+
+def instance(name: str, value: object, kind: type[Kind], *others: type[Kind]) -> Kind:
+    """Return `value`, which must be a `kind` or one of the `others`."""
+    if isinstance(value, kind) or isinstance(value, others):  # noqa: SIM101 (as mypy understands it)
+        return value
+    hint, kinds = "", " or ".join(each.__name__ for each in (kind, *others))
+    if isinstance(value, (str, os.PathLike)) and kind.__name__ in READERS:
+        hint = f"; {READERS[kind.__name__]} reads one from a file"
+    raise InputError(f"{name} must be a {kinds}, got {shown(value)}{hint}")
+
+
+def shown(value: object) -> str:
+    """Return a short text for a value that is refused: the number or text itself, or the type of anything else."""
+    if isinstance(value, int) and value.bit_length() > 64:
+        return f"a number of {value.bit_length()} bits"
+    text = repr(value) if value is None or isinstance(value, (str, bytes, int, float, complex)) else ""
+    return text if 0 < len(text) <= 80 else type(value).__name__
+
+
+def boolean(name: str, value: object) -> bool:
+    """Return `value`, which must be True or False."""
+    if not isinstance(value, bool):
+        raise InputError(f"{name} must be True or False, got {shown(value)}")
+    return value
+
+
+def is_auto(value: object) -> bool:
+    """Return whether an option is "auto"; anything else may be compared in ways of its own."""
+    return isinstance(value, str) and value == "auto"
+
+
+def callback(name: str, value: Any) -> Any:
+    """Return `value`, which must be None or callable."""
+    if value is not None and not callable(value):
+        raise InputError(f"{name} must be a function or None, got {shown(value)}")
+    return value
+
+
+def finite(
+    name: str, value: Any, *, minimum: float | None = None, above: float | None = None, maximum: float | None = None
+) -> float:
+    """Return `value` as a float; it must be finite, at least `minimum`, greater than `above` and at most `maximum`."""
     try:
+        if isinstance(value, (str, bytes)) or np.ndim(value) > 0:
+            raise TypeError
         number = float(value)
     except (TypeError, ValueError):
-        raise InputError(f"{name} must be a number, got {value!r}") from None
+        raise InputError(f"{name} must be a number, got {shown(value)}") from None
     except OverflowError:
         raise InputError(f"{name} is too large for a number") from None
     if not np.isfinite(number):
@@ -26,10 +87,22 @@ def finite(name: str, value: float, *, minimum: float | None = None, above: floa
         raise InputError(f"{name} must be at least {minimum:g}, got {number:g}")
     if above is not None and number <= above:
         raise InputError(f"{name} must be greater than {above:g}, got {number:g}")
+    if maximum is not None and number > maximum:
+        raise InputError(f"{name} must be at most {maximum:g}, got {number:g}")
     return number
 
 
-def exponent(value: float) -> float:
+def strength(name: str, value: Any) -> float:
+    """Return a noise-to-signal ratio or the weight of a prior, from 1e-20 to 1e20."""
+    return finite(name, finite(name, value, above=0.0), minimum=LEAST_STRENGTH, maximum=MOST_STRENGTH)
+
+
+def noise(name: str, value: Any) -> float:
+    """Return the standard deviation of a picture's noise in linear light, from 0 to 1e12."""
+    return finite(name, value, minimum=0.0, maximum=MOST_LIGHT)
+
+
+def exponent(value: Any) -> float:
     """Return the exponent of a hyper-Laplacian, which must be in (0, 1]."""
     number = finite("exponent", value, above=0.0)
     if number > 1.0:
@@ -40,11 +113,11 @@ def exponent(value: float) -> float:
 def count(name: str, value: Any, *, minimum: int = 1, maximum: int | None = None) -> int:
     """Return `value` as an int; it must be a whole number of at least `minimum` and at most `maximum`."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise InputError(f"{name} must be a whole number, got {value!r}")
+        raise InputError(f"{name} must be a whole number, got {shown(value)}")
     if value < minimum:
-        raise InputError(f"{name} must be at least {minimum}, got {value}")
+        raise InputError(f"{name} must be at least {minimum}, got {shown(int(value))}")
     if maximum is not None and value > maximum:
-        raise InputError(f"{name} must be at most {maximum}, got a number of {int(value).bit_length()} bits")
+        raise InputError(f"{name} must be at most {maximum}, got {shown(int(value))}")
     return int(value)
 
 
@@ -59,8 +132,46 @@ def nanoseconds(name: str, value: Any) -> int:
 def choice(name: str, value: object, allowed: Collection[str]) -> str:
     """Return `value` if it is one of `allowed`."""
     if not isinstance(value, str) or value not in allowed:
-        raise InputError(f"{name} must be one of {', '.join(sorted(allowed))}; got {value!r}")
+        raise InputError(f"{name} must be one of {', '.join(sorted(allowed))}; got {shown(value)}")
     return value
+
+
+def shape(value: Any) -> tuple[int, ...]:
+    """Return the shape of a picture, (H, W) or (H, W, C), as a tuple of ints of at least 1."""
+    if not isinstance(value, (tuple, list)) or len(value) not in (2, 3):
+        raise InputError(
+            f"shape must be (H, W) or (H, W, C), got {value if isinstance(value, tuple) else shown(value)}"
+        )
+    counts = tuple(count("shape", n, maximum=MOST_VALUES) for n in value)
+    if math.prod(counts) > MOST_VALUES:
+        raise InputError(f"shape must be that of at most {MOST_VALUES} values, got {counts}")
+    return counts
+
+
+def array(name: str, value: ArrayLike) -> NDArray[Any]:
+    """Return `value`, which must be real numbers or booleans, as an array; a list becomes one."""
+    if isinstance(value, np.ma.MaskedArray):
+        raise InputError(f"{name} must not be a masked array: choose values for masked elements with .filled()")
+    if value is None:
+        raise InputError(f"{name} must be an array of real numbers, got None")
+    try:
+        numbers = np.asarray(value)
+        if numbers.dtype.kind == "O" and not isinstance(value, np.ndarray):  # fractions, integers beyond 64 bits
+            numbers = numbers.astype(np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{name} must be an array of real numbers: {error}") from None
+    if numbers.dtype.kind not in "biuf":
+        raise InputError(f"{name} must be an array of real numbers, got {_kind(value, numbers)}")
+    return numbers
+
+
+def is_plain(value: object) -> TypeGuard[NDArray[Any]]:
+    """Return whether `value` is an array whose elements all count."""
+    return isinstance(value, np.ndarray) and not isinstance(value, np.ma.MaskedArray)
+
+
+def _kind(value: object, numbers: NDArray[Any]) -> str:
+    return str(numbers.dtype) if isinstance(value, np.ndarray) or numbers.dtype.kind == "c" else shown(value)
 
 
 def real_array(
@@ -89,66 +200,75 @@ def real_array(
     InputError
         If `value` does not fit.
     """
-    try:
-        if np.iscomplexobj(value):
-            raise TypeError("it is complex")
-        array = np.array(value, dtype=np.float64, order="C")
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{name} must be an array of real numbers: {error}") from None
+    numbers = np.array(array(name, value), dtype=np.float64, order="C")
     if shape is not None and (
-        array.ndim != len(shape) or any(n not in (None, length) for n, length in zip(shape, array.shape, strict=True))
+        numbers.ndim != len(shape)
+        or any(n not in (None, length) for n, length in zip(shape, numbers.shape, strict=True))
     ):
         expected = ", ".join("n" if n is None else str(n) for n in shape)
-        raise InputError(f"{name} must have shape ({expected}), got {array.shape}")
-    bad = np.argwhere(~np.isfinite(array))
+        raise InputError(f"{name} must have shape ({expected}), got {numbers.shape}")
+    bad = np.argwhere(~np.isfinite(numbers))
     if bad.size:
-        raise InputError(f"{name} must be finite, got {array[tuple(bad[0])]} at index {tuple(map(int, bad[0]))}")
-    if most is not None and array.size and np.abs(array).max() > most:
-        raise InputError(f"{name} must not be beyond {most:g}, got {array.flat[np.abs(array).argmax()]:g}")
-    array.setflags(write=False)
-    return array
+        raise InputError(f"{name} must be finite, got {numbers[tuple(bad[0])]} at index {tuple(map(int, bad[0]))}")
+    if most is not None and numbers.size and np.abs(numbers).max() > most:
+        raise InputError(f"{name} must not be beyond {most:g}, got {numbers.flat[np.abs(numbers).argmax()]:g}")
+    numbers.setflags(write=False)
+    return numbers
 
 
 def linear_light(image: ArrayLike, shape: tuple[int, ...] | None = None) -> NDArray[np.float32]:
     """Return `image` as C-contiguous float32 of the planned `shape`, by default any (H, W) or (H, W, C).
 
     It is copied only if needed. Integers are refused: they are encoded values, and would be taken as light of up to 255
-    or 65535.
+    or 65535. So are values that are not finite, or beyond 1e12.
     """
-    try:
-        array = np.asarray(image)
-    except ValueError as error:
-        raise InputError(f"image must be an array of floats: {error}") from None
-    kind = array.dtype.kind
+    light = array("image", image)
+    kind = light.dtype.kind
     if kind in "iu":
-        white = np.iinfo(array.dtype).max if kind == "u" else "full_scale"
+        white = np.iinfo(light.dtype).max if kind == "u" else "full_scale"
         raise InputError(
-            f"image must be linear light as floats, got {array.dtype}; convert encoded values with "
+            f"image must be linear light as floats, got {light.dtype}; convert encoded values with "
             f'rsdeblur.image.transfer.to_linear(image.astype("float32") / {white}, "srgb")'
         )
     if kind != "f":
-        raise InputError(f"image must be linear light as floats, got {array.dtype}")
-    if shape is None and (array.ndim not in (2, 3) or array.size == 0):
-        raise InputError(f"image must have shape (H, W) or (H, W, C), got {array.shape}")
-    if shape is not None and array.shape != shape:
-        raise InputError(f"image must have the planned shape {shape}, got {array.shape}")
-    return np.ascontiguousarray(array, dtype=np.float32)
+        raise InputError(f"image must be linear light as floats, got {light.dtype}")
+    if shape is None and (light.ndim not in (2, 3) or light.size == 0):
+        raise InputError(f"image must have shape (H, W) or (H, W, C), got {light.shape}")
+    if shape is not None and light.shape != shape:
+        raise InputError(f"image must have the planned shape {shape}, got {light.shape}")
+    bounded("image", light)
+    return np.ascontiguousarray(light, dtype=np.float32)
 
 
-def picture(image: ArrayLike, shape: tuple[int, ...] | None = None) -> NDArray[np.float32]:
-    """Return `image` as :func:`linear_light` does; it must be finite."""
-    array = linear_light(image, shape)
-    if not np.isfinite(array).all():
-        raise InputError("image must be finite")
-    return array
+def bounded(name: str, light: NDArray[Any]) -> None:
+    """Raise `InputError` unless all values of a picture in linear light are finite and at most `MOST_LIGHT`."""
+    least, most = float(light.min()), float(light.max())  # NaN if any value is
+    if least >= -MOST_LIGHT and most <= MOST_LIGHT:
+        return
+    if not (np.isfinite(least) and np.isfinite(most)):
+        raise InputError(f"{name} must be finite")
+    raise InputError(f"{name} must not have values beyond {MOST_LIGHT:g}, got {max(most, -least):g}; white should be 1")
+
+
+def memory(what: str, size: int, pixels: int) -> None:
+    """Raise `InputError` if something takes more bytes than the size of the picture justifies."""
+    if size > MEMORY + MEMORY_PER_PIXEL * pixels:
+        raise InputError(
+            f"{what} would take {size / 2**30:.0f} GiB; use fewer bands and strips, a larger nsr or a shorter blur"
+        )
+
+
+def mostly_beyond_white(image: NDArray[Any]) -> bool:
+    """Return whether most values of a picture would become white in integers, whose largest one represents 1."""
+    return image.dtype.kind == "f" and bool(np.median(image[::4, ::4]) > 1)
 
 
 def output(out: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Return `out`, which must be a writable C-contiguous float32 array of `shape`, or a new one if `out` is None."""
     if out is None:
         return np.empty(shape, dtype=np.float32)
-    if not isinstance(out, np.ndarray) or out.shape != shape or out.dtype != np.float32:
-        got = f"{out.dtype} of shape {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
+    if not is_plain(out) or out.shape != shape or out.dtype != np.float32:
+        got = f"{out.dtype} of shape {out.shape}" if is_plain(out) else type(out).__name__
         raise InputError(f"out must be a float32 array of shape {shape}, got {got}")
     if not (out.flags.writeable and out.flags.c_contiguous):
         raise InputError("out must be writable and C-contiguous")

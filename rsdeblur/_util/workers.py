@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import os
 import signal
-import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from multiprocessing import connection, get_context
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
-from rsdeblur._util import validate
+from rsdeblur._util import interrupts, validate
 from rsdeblur.errors import InputError, RsdeblurError
 
 Task = TypeVar("Task")
@@ -111,8 +110,8 @@ def _in_processes(
                     idle.append(worker)
                 yield task, answer
     finally:
-        # A second Ctrl-C must not stop the cleanup after the first.
-        with _interrupts_ignored():
+        # A second interrupt must not stop the cleanup after the first.
+        with interrupts.ignored():
             workers = [*idle, *(worker for worker, _, _ in busy.values())]
             for worker in workers:
                 worker.interrupt()
@@ -128,7 +127,7 @@ class _Worker:
         context = get_context("spawn")
         self.pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs, work), daemon=True)
-        with _interrupts_ignored():
+        with interrupts.ignored():
             self._process.start()
         # Only the worker keeps that end open, so the pipe breaks when it dies.
         theirs.close()
@@ -166,32 +165,16 @@ def _serve(pipe: Connection, work: Callable[[Any], Any]) -> None:
     with suppress(EOFError, ConnectionError, KeyboardInterrupt):
         while True:
             task = pipe.recv()
-            signal.signal(signal.SIGINT, _interrupt_once)
+            # The terminal and the parent both send one; the second must not stop the cleanup after the first.
+            for number in interrupts.ENDING:
+                signal.signal(number, interrupts.interrupt_once)
             # No task comes before the answer to the last one, so the pipe is closed: the interrupt came too early.
             if pipe.poll():
                 return
             answer = _attempt(work, task)
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            for number in interrupts.ENDING:
+                signal.signal(number, signal.SIG_IGN)
             pipe.send(answer)
-
-
-def _interrupt_once(*_: object) -> None:
-    # The terminal and the parent both send it; the second one must not stop the cleanup after the first.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    raise KeyboardInterrupt
-
-
-@contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Ignore Ctrl-C; processes started inside ignore it until they set their own handler."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, handler)
 
 
 def _attempt(work: Callable[[Any], Any], task: Any) -> Any:
@@ -218,7 +201,7 @@ def _on_cluster(
         raise InputError("a Dask scheduler needs the extra [dask]: pip install 'rsdeblur[dask]'") from error
     try:
         client = Client(address)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TypeError, RuntimeError) as error:  # TypeError: TLS without certificates
         raise InputError(f"no Dask scheduler answers at {address}: {_one_line(error)}") from error
     waiting, sent = iter(tasks), dict[Future, Task]()
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import re
+import signal
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,13 +16,29 @@ from typing import Any, NoReturn
 
 import click
 
+from rsdeblur._util import interrupts
+from rsdeblur.cli._output import printable, say_aside, tolerant_output
 from rsdeblur.errors import RsdeblurError, RsdeblurWarning
 
 COMMANDS = (
-    *("deblur", "compare", "batch", "video", "preview", "sync", "psf", "simulate", "info", "camera", "demo"),
+    *(
+        "deblur",
+        "compare",
+        "batch",
+        "video",
+        "preview",
+        "sync",
+        "calibrate",
+        "psf",
+        "simulate",
+        "info",
+        "camera",
+        "demo",
+    ),
     "completion",
 )
-INTERRUPTED = 130  # 128 + SIGINT, as shells report it
+# Exit codes of processes that a signal ended, as shells report them, are this and the signal's number.
+SIGNALLED = 128
 
 
 class Commands(click.Group):
@@ -39,12 +56,16 @@ class Commands(click.Group):
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; exit with 1 for refused input and 130 when interrupted."""
-        with _one_line_warnings():
+        """Run the command; exit with 1 for refused input and 128 plus the signal's number when interrupted."""
+        with interrupts.raised(), tolerant_output(), _one_line_warnings():
             try:
                 return super().invoke(ctx)
             except RsdeblurError as error:
                 _refuse(ctx, str(error))
+            except click.UsageError as error:
+                # The message may quote the names of files; click's own may have several lines.
+                lines = error.format_message().expandtabs().split("\n")
+                raise click.UsageError("\n".join(map(printable, lines)), ctx=error.ctx) from error
             except MemoryError:
                 _refuse(
                     ctx,
@@ -56,28 +77,24 @@ class Commands(click.Group):
                     raise
                 _refuse(ctx, f"{error.filename}: {error.strerror}" if error.filename else str(error))
             except (KeyboardInterrupt, ImportError) as error:
-                if not _interrupted(error):
-                    raise
-                click.echo("rsdeblur: interrupted; no unfinished file is left", err=True)
-                ctx.exit(INTERRUPTED)
+                interrupt = _interrupt_of(error)
+                if interrupt is None:
+                    _refuse(ctx, f"a library cannot be loaded ({error}); free memory, or install rsdeblur again")
+                number = interrupt.number if isinstance(interrupt, interrupts.Interrupt) else signal.SIGINT
+                say_aside("interrupted; no unfinished file is left")
+                ctx.exit(SIGNALLED + number)
 
 
-def _interrupted(error: BaseException | None) -> bool:
-    """Return whether an interrupt caused an error; while a compiled module loads, it becomes an ImportError."""
+def _interrupt_of(error: BaseException | None) -> KeyboardInterrupt | None:
+    """Return the interrupt that caused an error; while a compiled module loads, it becomes an ImportError."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
-    return error is not None
+    return error
 
 
 def _refuse(ctx: click.Context, message: str) -> NoReturn:
-    click.echo(f"rsdeblur: error: {_one_line(message)}", err=True)
+    say_aside(f"error: {message}")
     ctx.exit(1)
-
-
-def _one_line(message: object) -> str:
-    line = " ".join(str(message).split())
-    # File names may contain control characters, or bytes that are not text.
-    return "".join(character if character.isprintable() else ascii(character)[1:-1] for character in line)
 
 
 @contextmanager
@@ -85,11 +102,10 @@ def _one_line_warnings() -> Iterator[None]:
     shown = set()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
-        line = _one_line(message)
         # Several parts of one log may cause a warning each, which differ in their numbers only; one is enough.
-        kind = re.sub(r"[\d.]+", "", line)
+        kind = re.sub(r"[\d.]+", "", str(message))
         if kind not in shown:
-            click.echo(f"rsdeblur: warning: {line}", err=True)
+            say_aside(f"warning: {message}")
         shown.add(kind)
 
     with warnings.catch_warnings():
@@ -114,5 +130,6 @@ def main() -> None:
     Each row of a rolling-shutter picture has its own exposure window, and therefore its own blur. rsdeblur computes
     the blur from the log and removes it.
 
-    Exit codes: 0 done, 1 input refused, 2 wrong usage, 3 some photos of a batch failed, 130 interrupted.
+    Exit codes: 0 done, 1 input refused, 2 wrong usage, 3 some photos of a batch failed, 130 interrupted (SIGTERM
+    143, SIGHUP 129).
     """

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import warnings
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
+from rsdeblur.cli._output import say
 from rsdeblur.errors import FileFormatError, RsdeblurWarning
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
     Raises
     ------
     FileFormatError
-        If the file is not a gyro log, camera file, capture file or picture.
+        If the file is not a gyro log, camera file, capture file, trajectory or picture.
     """
     from rsdeblur.io.cameras import detect_camera_format
     from rsdeblur.io.captures import WHAT
@@ -55,6 +55,11 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
         # A project of Gyroflow is described as a gyro log, although it may contain a camera too.
         if format != "gyroflow" or describe_kind is describe_gyro or _is_lens_profile(path):
             return describe_kind(path, reading)
+    # GyroDeblurNet's captures have eight columns too, but no quaternions.
+    with suppress(FileFormatError):
+        trajectory = describe_trajectory(path)
+        if trajectory["orientations"]:
+            return trajectory
     try:
         return describe_captures(path)
     except FileFormatError as error:
@@ -91,7 +96,40 @@ def describe_gyro(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
         "gaps_s": log.gaps().tolist(),
         "rms_rad_s": np.sqrt(np.mean(log.omega**2, axis=0)).tolist(),
         "peak_rad_s": np.abs(log.omega).max(axis=0).tolist(),
+        **_accelerometer(path),
         "remarks": [str(warning.message) for warning in caught],
+    }
+
+
+def _accelerometer(path: Path) -> dict[str, Any]:
+    """Return the properties of the accelerometer in a gyro log; empty if it has none."""
+    import numpy as np
+
+    from rsdeblur.io import read_acceleration
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RsdeblurWarning)
+        try:
+            log = read_acceleration(path)
+        except FileFormatError:
+            return {}
+    return {"accelerometer_hz": log.rate, "gravity_m_s2": float(np.median(np.linalg.norm(log.force, axis=1)))}
+
+
+def describe_trajectory(path: Path) -> dict[str, Any]:
+    """Return the properties of a trajectory."""
+    import numpy as np
+
+    from rsdeblur.io import read_trajectory
+
+    track = read_trajectory(path)
+    return {
+        "kind": "trajectory",
+        "poses": len(track.t),
+        "epoch_ns": track.epoch_ns,
+        "span_s": [float(track.t[0]), float(track.t[-1])],
+        "orientations": track.quaternion is not None,
+        "extent_m": np.ptp(track.position, axis=0).tolist(),
     }
 
 
@@ -186,18 +224,18 @@ def describe_picture(path: Path) -> dict[str, Any]:
 
 def print_entry(entry: dict[str, Any]) -> None:
     """Print a result of `describe` as text."""
-    click.echo(f"{entry['file']}: {entry['kind']}")
+    say(f"{entry['file']}: {entry['kind']}")
     for key, value in entry.items():
         if key in ("file", "kind", "reason") or value in ([], None):
             continue
         if isinstance(value, list) and isinstance(value[0], (dict, list, str)):
-            click.echo(f"  {key}:")
+            say(f"  {key}:")
             for i, item in enumerate(value[:SHOWN]):
-                click.echo(f"    {i}: {_cell(item)}")
+                say(f"    {i}: {_cell(item)}")
             if len(value) > SHOWN:
-                click.echo(f"    ... {len(value) - SHOWN} more, see --json")
+                say(f"    ... {len(value) - SHOWN} more, see --json")
         else:
-            click.echo(f"  {key}: {_cell(value)}")
+            say(f"  {key}: {_cell(value)}")
 
 
 def _cell(value: Any) -> str:

@@ -5,24 +5,28 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from rsdeblur.cli._output import printable
 from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rsdeblur.choices import Auto, Transfer
-    from rsdeblur.cli._options import Recording
+    from rsdeblur.cli._options import ClipLog, Recording, Track
     from rsdeblur.io.pictures import Picture
     from rsdeblur.io.samples import GyroFile
     from rsdeblur.motion.camera import Camera
     from rsdeblur.motion.exposure import Exposure
     from rsdeblur.motion.gyro import GyroLog
+    from rsdeblur.pipeline.options import Options
+    from rsdeblur.video.clip import Clip
 
 
 class Inputs(NamedTuple):
@@ -65,24 +69,35 @@ def read_device(recording: Recording) -> tuple[GyroLog, Camera]:
         time_offset=recording.time_offset, readout_time=recording.readout_time
     )
     camera = with_overrides.warn(recording.camera)
-    reading = recording.gyro_format, recording.unit, recording.orientation
-    file, messages = _gyro_file(recording.gyro, _state(recording.gyro), *reading)
-    for message in messages:
-        warnings.warn(message, RsdeblurWarning, stacklevel=2)
+    file = read_log(recording)
     _check_axes(file, camera, recording)
     return file.log, camera
 
 
+def read_log(recording: Recording | ClipLog) -> GyroFile:
+    """Read the log that the options name, without its bias, and show its warnings; see `read_inputs`."""
+    reading = recording.gyro_format, recording.unit, recording.orientation, recording.rate
+    file, messages = _gyro_file(recording.gyro, _state(recording.gyro), *reading)
+    for message in messages:
+        warnings.warn(message, RsdeblurWarning, stacklevel=2)
+    return file if recording.bias is None else replace(file, log=file.log.minus_bias(recording.bias))
+
+
 @lru_cache(maxsize=1)
 def _gyro_file(
-    path: Path, _: tuple[int, ...] | None, format: str | None, unit: str | None, orientation: str | None
+    path: Path,
+    _: tuple[int, ...] | None,
+    format: str | None,
+    unit: str | None,
+    orientation: str | None,
+    rate: float | None,
 ) -> tuple[GyroFile, list[str]]:
     """Read a log and collect its warnings; kept for the next photo, as a long log takes longer than deblurring."""
     from rsdeblur.io import open_gyro
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RsdeblurWarning)
-        file = open_gyro(path, format, unit=unit, orientation=orientation)
+        file = open_gyro(path, format, unit=unit, orientation=orientation, rate=rate)
     return file, [str(warning.message) for warning in caught]
 
 
@@ -117,6 +132,31 @@ def _check_axes(file: GyroFile, camera: Camera, recording: Recording) -> None:
         RsdeblurWarning,
         stacklevel=2,
     )
+
+
+def with_translation(options: Options, track: Track, camera: Camera, exposure: Exposure) -> Options:
+    """Return the options with the translation that other options name, if they name one.
+
+    Raises
+    ------
+    RsdeblurError
+        If the file is refused or does not cover the exposure.
+    click.UsageError
+        If the file or the depth is given without the other.
+    """
+    if track.translation is None and track.depth is None:
+        return options
+    if track.translation is None or track.depth is None:
+        raise _usage("--translation and --depth are needed together")
+
+    from rsdeblur.io import read_trajectory
+
+    trajectory = read_trajectory(track.translation)
+    try:
+        translation = trajectory.translation(exposure, camera, track.depth, axes=track.translation_axes)
+    except CoverageError as error:
+        raise type(error)(f"{track.translation}: {error}") from error
+    return replace(options, translation=translation)
 
 
 def _exposure(recording: Recording, photo: Path | None) -> Exposure:
@@ -170,9 +210,33 @@ def _chosen(captures: list[Exposure], recording: Recording) -> Exposure:
     return captures[index]
 
 
+def clip_exposures(clip: Clip, recording: Recording | ClipLog) -> list[Exposure]:
+    """Return the exposure of each frame of a video, which the options give.
+
+    Raises
+    ------
+    RsdeblurError
+        If the capture file is refused.
+    click.UsageError
+        If the options do not give the exposures.
+    """
+    from rsdeblur.video.times import exposures_from_captures, exposures_from_stamps
+
+    starts = [name for name in ("capture", "start", "start_ns") if getattr(recording, name) is not None]
+    if len(starts) > 1:
+        options = " and ".join("--" + name.replace("_", "-") for name in starts)
+        raise _usage(f"{options} exclude each other")
+    if recording.capture is not None:
+        return exposures_from_captures(clip, recording.capture, duration=recording.duration)
+    if recording.duration is None:
+        raise _usage("the exposure time is not given; use --duration, or --capture FILE")
+    start = recording.start or 0.0
+    return exposures_from_stamps(clip, recording.duration, start=start, epoch_ns=recording.start_ns or 0)
+
+
 def _usage(message: str) -> click.UsageError:
     # The workers of a batch have no context.
-    return click.UsageError(message, ctx=click.get_current_context(silent=True))
+    return click.UsageError(printable(message), ctx=click.get_current_context(silent=True))
 
 
 def transfer_of(picture: Picture, transfer: Transfer | Auto) -> Transfer:
@@ -199,7 +263,7 @@ def unit_range(pixels: NDArray[Any]) -> NDArray[Any]:
 
 
 @contextmanager
-def naming(file: Path | None, recording: Recording | None = None) -> Iterator[None]:
+def naming(file: Path | None, recording: Recording | ClipLog | None = None) -> Iterator[None]:
     """Put the name of the file at fault before errors of a computation."""
     try:
         yield

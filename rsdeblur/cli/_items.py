@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import csv
+import io
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import click
 
-from rsdeblur.cli._options import Defaults, Recording, SecondsType
+from rsdeblur._util.files import read_file
+from rsdeblur.cli._options import BiasType, Defaults, Recording, SecondsType
 from rsdeblur.errors import FileFormatError, RsdeblurWarning
 
 # Columns of a manifest, with the conversion of their cells; an empty cell sets nothing.
@@ -20,6 +23,8 @@ COLUMNS: dict[str, Callable[[str], Any]] = {
     **dict.fromkeys(("photo", "output", "gyro", "camera", "capture"), Path),
     **dict.fromkeys(("gyro_format", "unit", "orientation"), str),
     **dict.fromkeys(("index", "start_ns"), int),
+    "rate": float,
+    "bias": lambda cell: BiasType().convert(cell, None, None),
     **dict.fromkeys(
         ("start", "duration", "time_offset", "readout_time"), lambda cell: SecondsType().convert(cell, None, None)
     ),
@@ -27,6 +32,9 @@ COLUMNS: dict[str, Callable[[str], Any]] = {
 # Columns by their former names.
 RENAMED = {"readout": "readout_time"}
 FILES = ("gyro", "camera", "capture")
+# Characters; no path is longer.
+LONGEST_CELL = 4096
+Place = tuple[int, int]
 # Results keep these formats; those of other pictures, HEIC and raw, are written as PNG.
 WRITABLE = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".npy")
 
@@ -40,6 +48,12 @@ class Item:
     recording: Recording | None
     error: str | None = None
 
+    @property
+    def inputs(self) -> list[Path]:
+        """The files that the item reads."""
+        own = (getattr(self.recording, name) for name in FILES) if self.recording else ()
+        return [self.photo, *(path for path in own if path is not None)]
+
 
 def read_items(source: Path, defaults: Defaults, output: Path, *, numbered_from: int | None) -> list[Item]:
     """Return the items of a manifest or of a session folder, in its order.
@@ -49,19 +63,34 @@ def read_items(source: Path, defaults: Defaults, output: Path, *, numbered_from:
     FileFormatError
         If the manifest cannot be read, or the folder is no session.
     """
-    items = _session(source, defaults, output, numbered_from) if source.is_dir() else _manifest(source, defaults)
-    return list(_without_clashes(items))
+    found = _session(source, defaults, output, numbered_from) if source.is_dir() else _manifest(source, defaults)
+    items = list(found)
+    return list(_without_clashes(items, output, _places([source, *(path for item in items for path in item.inputs)])))
 
 
-def _without_clashes(items: Iterable[Item]) -> Iterator[Item]:
-    """Set the error of items whose result another item already writes."""
+def _without_clashes(items: Iterable[Item], folder: Path, inputs: set[Place]) -> Iterator[Item]:
+    """Set the error of items whose result another item already writes, or would replace an input of any item."""
     writers: dict[Path, Path] = {}
     for item in items:
         other = writers.setdefault(item.output, item.photo)
-        if other is item.photo or item.error is not None:
+        if item.error is not None:
             yield item
-        else:
+        elif other is not item.photo:
             yield replace(item, error=f"{item.photo}: {item.output} is the result of {other}; name another output")
+        elif not inputs.isdisjoint(_places([folder / item.output])):
+            yield replace(item, error=f"{item.photo}: {folder / item.output} is an input too; name another output")
+        else:
+            yield item
+
+
+def _places(paths: Iterable[Path]) -> set[Place]:
+    """Return device and number of the files that exist: the same for all names of a file."""
+    places = set()
+    for path in set(paths):
+        with suppress(OSError, ValueError):
+            status = path.stat()
+            places.add((status.st_dev, status.st_ino))
+    return places
 
 
 def _session(folder: Path, defaults: Defaults, output: Path, numbered_from: int | None) -> Iterator[Item]:
@@ -81,18 +110,30 @@ def _session(folder: Path, defaults: Defaults, output: Path, numbered_from: int 
 
 def _manifest(path: Path, defaults: Defaults) -> Iterator[Item]:
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise FileFormatError(f"{path}: cannot read the manifest: {reason}") from error
-    if not lines:
+        text = read_file(path, "manifest").decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{path}: cannot read the manifest: it is not UTF-8 text") from error
+    rows = iter(_rows(text))
+    _, head = next(rows, (0, []))
+    if not head:
         raise FileFormatError(f"{path}: the manifest is empty; its first line must name the columns, like photo,index")
-    # Spreadsheets of some countries write semicolons.
-    reader = csv.reader(lines, delimiter=max(",;\t", key=lines[0].count), skipinitialspace=True)
-    head = _head(path, next(reader))
-    for row in reader:
+    head = _head(path, head)
+    for line, row in rows:
         if any(cell.strip() for cell in row):
-            yield _row(path, reader.line_num, head, row, defaults)
+            yield _row(path, line, head, row, defaults)
+
+
+def _rows(text: str) -> list[tuple[int, list[str]]]:
+    """Return the number of the last line and the cells of each row."""
+    # Spreadsheets of some countries write semicolons.
+    delimiter = max(",;\t", key=text.partition("\n")[0].count)
+    # The limit of 131072 characters would end the whole table; `_row` reports such a cell.
+    limit = csv.field_size_limit(len(text) + 1)
+    try:
+        reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True)
+        return [(reader.line_num, row) for row in reader]
+    finally:
+        csv.field_size_limit(limit)
 
 
 def _head(path: Path, cells: list[str]) -> list[str]:
@@ -117,6 +158,10 @@ def _row(path: Path, line: int, head: list[str], row: list[str], defaults: Defau
     photo = Path(f"line {line}")
     cells: dict[str, Any] = {}
     try:
+        if any(len(cell) > LONGEST_CELL or not {"\0", "\r", "\n"}.isdisjoint(cell) for cell in row):
+            raise ValueError(
+                f"a cell contains a line break or NUL, or more than {LONGEST_CELL} characters; is a quote not closed?"
+            )
         if len(row) != len(head):
             raise ValueError(f"{len(row)} cells, but the first line names {len(head)} columns")
         if not (photo_name := row[head.index("photo")].strip()):
@@ -146,7 +191,8 @@ def _converted(name: str, cell: str) -> Any:
     except click.BadParameter as error:
         raise ValueError(f"{name}: {error.message}") from error
     except ValueError as error:
-        raise ValueError(f"{name}: {cell!r} is not a whole number") from error
+        kind = "number" if name == "rate" else "whole number"
+        raise ValueError(f"{name}: {cell!r} is not a {kind}") from error
 
 
 def _item(photo: Path, result: Path, own: dict[str, Any], defaults: Defaults) -> Item:

@@ -11,7 +11,7 @@ import click
 from click.core import ParameterSource
 
 from rsdeblur.cli._inputs import naming, transfer_of
-from rsdeblur.cli._options import PhotoChanges, Recording, Target
+from rsdeblur.cli._options import PhotoChanges, Recording, Target, Track
 from rsdeblur.cli._photo import facts_of, nsr_of_photo
 
 if TYPE_CHECKING:
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 # Options that describe a motion, or depend on one.
 MOTION = (
-    *(field.name for field in fields(Recording)),
-    *("mode", "bands", "strips", "motion", "solver", "geometry", "fallback", "work_size"),
+    *(field.name for kind in (Recording, Track) for field in fields(kind)),
+    *("mode", "bands", "strips", "motion", "refine", "solver", "geometry", "fallback", "work_size"),
 )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
@@ -13,8 +14,10 @@ import click
 
 from rsdeblur import choices
 from rsdeblur.choices import Auto, Count, Strength, Transfer
+from rsdeblur.cli._output import refuse_inputs
 from rsdeblur.pipeline.options import Options
 
+Bias = tuple[float, float, float]
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
 
@@ -117,6 +120,25 @@ class SizeType(click.ParamType[tuple[int, int]]):
         return int(match[1]), int(match[2])
 
 
+class BiasType(click.ParamType[Any]):
+    """Three angular rates: `0.01,-0.02,0.005` in rad/s, or with a unit, `-1.8,0,0.1deg/s`."""
+
+    name = "WX,WY,WZ"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Bias:
+        """Return rad/s."""
+        if isinstance(value, tuple):
+            return value
+        text, degrees = re.subn(r"\s*deg/s$", "", str(value).strip())
+        try:
+            x, y, z = (float(number) for number in re.sub(r"\s*rad/s$", "", text).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not three rates; write 0.01,-0.02,0.005 (rad/s) or -1.8,0,0.1deg/s", param, ctx)
+        if not math.isfinite(x + y + z):
+            self.fail(f"{value!r} must be finite", param, ctx)
+        return (math.radians(x), math.radians(y), math.radians(z)) if degrees else (x, y, z)
+
+
 @dataclass(frozen=True, slots=True)
 class Recording:
     """Files and values that give the log, the camera and the exposure."""
@@ -126,6 +148,8 @@ class Recording:
     gyro_format: str | None = None
     unit: str | None = None
     orientation: str | None = None
+    rate: float | None = None
+    bias: Bias | None = None
     capture: Path | None = None
     index: int | None = None
     start_ns: int | None = None
@@ -133,6 +157,31 @@ class Recording:
     duration: float | None = None
     time_offset: float | None = None
     readout_time: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """File of the camera's positions, its axes, and the depth of the scene in m."""
+
+    translation: Path | None = None
+    translation_axes: str = "camera"
+    depth: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ClipLog:
+    """The log of a clip and the times of its frames; the names are those of `Recording`."""
+
+    gyro: Path
+    gyro_format: str | None = None
+    unit: str | None = None
+    orientation: str | None = None
+    rate: float | None = None
+    bias: Bias | None = None
+    capture: Path | None = None
+    start_ns: int | None = None
+    start: float | None = None
+    duration: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,6 +193,8 @@ class Defaults:
     gyro_format: str | None
     unit: str | None
     orientation: str | None
+    rate: float | None
+    bias: Bias | None
     capture: Path | None
     duration: float | None
     time_offset: float | None
@@ -186,7 +237,7 @@ def gathered(name: str, kind: type, options: Sequence[Decorator], members: Seque
     return decorate
 
 
-_LOG = (
+_READING = (
     click.option("--gyro-format", metavar="NAME", help="Format of the log.  [default: recognised by its content]"),
     click.option(
         "--unit",
@@ -198,12 +249,21 @@ _LOG = (
         metavar="XYZ",
         help="Axes of the log as an orientation string of Gyroflow, like YxZ; replaces the file's.",
     ),
+    click.option("--rate", type=float, metavar="HZ", help="Sampling rate of a log without timestamps."),
+)
+_LOG = (
+    *_READING,
+    click.option(
+        "--bias",
+        type=BiasType(),
+        help="Rates of the log at rest, which are subtracted: 0.01,-0.02,0.005 in rad/s, or -1.8,0,0.1deg/s.",
+    ),
 )
 
 
 def log_options(function: Command) -> Command:
     """Add the options for reading a gyro log."""
-    for option in reversed(_LOG):
+    for option in reversed(_READING):
         function = option(function)
     return function
 
@@ -242,33 +302,22 @@ def recording_options(*, required: bool = True) -> Decorator:
 
     Unless they are `required`, the command itself must refuse to go on without a log and a camera.
     """
-    return gathered(
-        "recording",
-        Recording,
-        (
-            click.option("--gyro", type=PATH, required=required, metavar="LOG", help="Gyro log."),
-            *_LOG,
-            _camera(required=required),
-            *_EXPOSURE,
-            *_OVERRIDES,
-        ),
-    )
+    log = click.option("--gyro", type=PATH, required=required, metavar="LOG", help="Gyro log.")
+    return gathered("recording", Recording, (log, *_LOG, _camera(required=required), *_EXPOSURE, *_OVERRIDES))
 
 
-clip_options = gathered(
-    "recording",
-    Recording,
-    (
-        click.option("--gyro", type=PATH, required=True, metavar="LOG", help="Gyro log; may be the video itself."),
-        *_LOG,
-        _camera(),
-        click.option("--capture", type=PATH, metavar="FILE", help="Metadata file with one line per frame."),
-        click.option("--start-ns", type=int, metavar="NS", help="Timestamp of the first frame in ns, camera clock."),
-        click.option("--start", type=SecondsType(), help="The same in seconds on the log's own clock.  [default: 0]"),
-        click.option("--duration", type=SecondsType(), help="Exposure time of a row; replaces that of --capture."),
-        *_OVERRIDES,
-    ),
+_CLIP_LOG = (
+    click.option("--gyro", type=PATH, required=True, metavar="LOG", help="Gyro log; may be the video itself."),
+    *_LOG,
 )
+_CLIP_TIMES = (
+    click.option("--capture", type=PATH, metavar="FILE", help="Metadata file with one line per frame."),
+    click.option("--start-ns", type=int, metavar="NS", help="Timestamp of the first frame in ns, camera clock."),
+    click.option("--start", type=SecondsType(), help="The same in seconds on the log's own clock.  [default: 0]"),
+    click.option("--duration", type=SecondsType(), help="Exposure time of a row; replaces that of --capture."),
+)
+clip_options = gathered("recording", Recording, (*_CLIP_LOG, _camera(), *_CLIP_TIMES, *_OVERRIDES))
+clip_log_options = gathered("recording", ClipLog, (*_CLIP_LOG, *_CLIP_TIMES))
 defaults_options = gathered(
     "defaults",
     Defaults,
@@ -279,6 +328,31 @@ defaults_options = gathered(
         click.option("--capture", type=PATH, metavar="FILE", help="Metadata file of photos that name none."),
         click.option("--duration", type=SecondsType(), help="Exposure time of other photos.  [default: from EXIF]"),
         *_OVERRIDES,
+    ),
+)
+track_options = gathered(
+    "track",
+    Track,
+    (
+        click.option(
+            "--translation",
+            type=PATH,
+            metavar="FILE",
+            help="Track of the camera from another program, on the camera's clock: `t tx ty tz qx qy qz qw`.",
+        ),
+        click.option(
+            "--translation-axes",
+            metavar="AXES",
+            default="camera",
+            show_default=True,
+            help="Axes of the body that --translation tracks: camera, imu, phone-portrait (ARKit, ARCore), YxZ.",
+        ),
+        click.option(
+            "--depth",
+            type=click.FloatRange(min=0.0, min_open=True),
+            metavar="METRES",
+            help="Distance of the scene, for --translation.",
+        ),
     ),
 )
 _DEFAULTS: dict[str, Any] = {field.name: field.default for field in fields(Options)}
@@ -361,6 +435,11 @@ _SOLVE: dict[str, Decorator] = {
         type=BytesType(),
         help="Memory for the work, without the picture and its result, like 1GiB; little memory takes longer.",
     ),
+    "refine": click.option(
+        "--refine",
+        is_flag=True,
+        help="Correct focal length, clock, readout and motion by the picture first; takes some seconds.",
+    ),
     "fallback": click.option(
         "--fallback", is_flag=True, help="Blend the result towards the photo if the check finds it bad."
     ),
@@ -369,6 +448,7 @@ BLUR = ("mode", "bands", "strips", "motion")
 SOLVER = ("prior", "weight", "exponent", "nsr", "noise", "solver", "geometry", "border", "transfer")
 ENGINE = ("planning", "threads")
 ONE_PICTURE = ("normalize", "saturation")
+ONE_PHOTO = (*BLUR, *SOLVER, "refine", *ONE_PICTURE, *ENGINE)
 ONE_RESULT = ("max_memory", "fallback")
 
 
@@ -393,7 +473,20 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON."
 
 
 def target_options(metavar: str, text: str, *, force: Decorator = force_option, dry_run: bool = False) -> Decorator:
-    """Return a decorator that adds --output, --force, --json and, if requested, --dry-run as one `target`."""
+    """Return a decorator that adds --output, --force, --json and, if requested, --dry-run as one `target`.
+
+    An output that is an input of the command is refused.
+    """
     output = click.option("-o", "--output", type=PATH, required=True, metavar=metavar, help=text)
     dry_runs = (dry_run_option,) if dry_run else ()
-    return gathered("target", Target, (output, force, *dry_runs, json_option))
+    gather = gathered("target", Target, (output, force, *dry_runs, json_option))
+
+    def decorate(function: Command) -> Command:
+        @wraps(function)
+        def call(target: Target, **arguments: Any) -> Any:
+            refuse_inputs(target.output)
+            return function(target=target, **arguments)
+
+        return gather(call)
+
+    return decorate

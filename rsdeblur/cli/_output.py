@@ -1,11 +1,17 @@
-"""Output of the commands: folders, JSON, tables and progress bars."""
+"""Output of the commands: lines, JSON, tables, progress bars, folders.
+
+No other module of the command line prints, so that nothing reaches the terminal that it would interpret.
+"""
 
 from __future__ import annotations
 
+import io
 import json
+import os
 import sys
+import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,13 +23,75 @@ if TYPE_CHECKING:
     from rsdeblur.types import Progress
 
 
+def printable(text: object) -> str:
+    """Return a text in which control characters, line breaks and bytes that are not text are escaped.
+
+    File names and texts in files may contain them; a terminal would interpret them.
+    """
+    return "".join(
+        character if character.isprintable() or unicodedata.category(character) == "Zs" else ascii(character)[1:-1]
+        for character in str(text)
+    )
+
+
+def say(*lines: object) -> None:
+    """Print lines."""
+    for line in lines:
+        click.echo(printable(line))
+
+
+def say_aside(line: object) -> None:
+    """Print one line on stderr: an error, a warning, a remark."""
+    click.echo("rsdeblur: " + printable(" ".join(str(line).split())), err=True)
+
+
+@contextmanager
+def tolerant_output() -> Iterator[None]:
+    """Escape characters that the encoding of stdout lacks, while the block runs; stderr does so anyway."""
+    stream = sys.stdout
+    if not isinstance(stream, io.TextIOWrapper):
+        yield
+        return
+    errors = stream.errors
+    stream.reconfigure(errors="backslashreplace")
+    try:
+        yield
+    finally:
+        # A reader may have closed the pipe.
+        with suppress(OSError, ValueError):
+            stream.reconfigure(errors=errors)
+
+
+def refuse_inputs(output: Path) -> None:
+    """Refuse an output that is one of the files which the command reads, under any name.
+
+    Raises
+    ------
+    OutputError
+        If it is.
+    """
+    context = click.get_current_context(silent=True)
+    for value in () if context is None else context.params.values():
+        for path in value if isinstance(value, tuple) else (value,):
+            if isinstance(path, Path) and path is not output and _is_same(path, output):
+                raise OutputError(f"{output}: the result would replace an input; give it another name")
+
+
+def _is_same(a: Path, b: Path) -> bool:
+    """Whether two names are those of one file; False for folders, and for names of nothing."""
+    try:
+        return b.is_file() and os.path.samefile(a, b)
+    except (OSError, ValueError):
+        return False
+
+
 def prepare_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:
     """Make `folder` if needed and check that the files called `names` may be written into it.
 
     Raises
     ------
     OutputError
-        If the folder cannot be made, or a file cannot be written, or exists and `force` is not set.
+        If the folder cannot be made, or a file cannot be written, is an input, or exists and `force` is not set.
     """
     from rsdeblur._util.atomic import check_target
 
@@ -32,6 +100,7 @@ def prepare_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:
     except OSError as error:
         raise OutputError(f"{folder}: cannot make the folder: {error.strerror or error}") from error
     for name in names:
+        refuse_inputs(folder / name)
         check_target(folder / name, force=force)
 
 
@@ -52,12 +121,13 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Print a table; the first column is aligned left, the others right."""
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(box=None, pad_edge=False)
     for i, column in enumerate(columns):
         table.add_column(column, justify="right" if i else "left", no_wrap=True)
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(Text(printable(cell)) for cell in row))
     # A pipe has no width, and 80 columns, the default, would cut the table.
     Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(table)
 
@@ -68,13 +138,14 @@ def progress(title: str) -> Iterator[Progress | None]:
 
     Until its first move, the bar shows activity only.
     """
-    if not sys.stderr.isatty():
+    # There is no stream if it was closed before the start (2>&-).
+    if sys.stderr is None or not sys.stderr.isatty():
         yield None
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=None)
 

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of
-from rsdeblur.cli._options import PhotoChanges, Recording
+from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of, with_translation
+from rsdeblur.cli._options import PhotoChanges, Recording, Track
 from rsdeblur.cli._output import prepare_folder
 from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
     from rsdeblur.choices import Mode, Prior
+    from rsdeblur.estimate.refine import Refinement
     from rsdeblur.io.pictures import Picture
     from rsdeblur.pipeline.options import Options
     from rsdeblur.pipeline.plan import DeblurResult
@@ -29,6 +30,7 @@ class PhotoJob:
     options: Options
     changes: PhotoChanges
     output: Path
+    track: Track = field(default_factory=Track)
     force: bool = False
     dry_run: bool = False
     make_folder: bool = False
@@ -52,12 +54,13 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         check_writable(job.output, force=job.force)
     in_place = job.options.max_memory is not None
     inputs = read_inputs(job.photo, job.recording, in_place=in_place)
+    job = replace(job, options=with_translation(job.options, job.track, inputs.camera, inputs.exposure))
     if job.dry_run:
         return _dry_run(job, inputs)
     picture, log, camera, exposure = inputs
 
     from rsdeblur.image.encoded import reduced
-    from rsdeblur.pipeline.plan import plan
+    from rsdeblur.pipeline.plan import plan_for
 
     options = replace(job.options, transfer=transfer_of(picture, job.options.transfer))
     if job.changes.nsr_from_iso:
@@ -72,7 +75,8 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         picture_to_fill(job.output, pixels.shape, like=picture, force=job.force, in_place=in_place) as out,
         naming(job.photo, job.recording),
     ):
-        result = plan(log, camera, exposure, options).apply(pixels, out=out, progress=move)
+        planned = plan_for(pixels, log, camera, exposure, options, progress=move)
+        result = planned.apply(pixels, out=out, progress=move)
     seconds = time.perf_counter() - begin
     return facts_of(result, job.output, job.options.mode, job.options.prior, seconds)
 
@@ -93,6 +97,19 @@ def facts_of(result: DeblurResult, output: Path, mode: Mode, prior: Prior, secon
         "seconds": seconds,
         "timings": result.timings,
         "check": None if result.check is None else asdict(result.check),
+        "refinement": None if result.refinement is None else refinement_facts(result.refinement),
+    }
+
+
+def refinement_facts(refinement: Refinement) -> dict[str, Any]:
+    """Return the facts about a correction of the recording, for JSON."""
+    return {
+        "accepted": refinement.accepted,
+        "reason": refinement.reason,
+        "values": asdict(refinement.correction),
+        "deviations": asdict(refinement.deviation),
+        "gain": refinement.gain,
+        "fall": refinement.fall,
     }
 
 
@@ -115,6 +132,7 @@ def _dry_run(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:
             bands=options.bands,
             strips=options.strips,
             motion=options.motion,
+            translation=options.translation,
         )
     return {
         "output": str(job.output),

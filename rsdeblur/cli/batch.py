@@ -8,20 +8,29 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing, suppress
-from dataclasses import replace
+from contextlib import closing, contextmanager, nullcontext, suppress
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from rsdeblur.cli import _options
-from rsdeblur.cli._items import COLUMNS, Item, read_items
+from rsdeblur.cli._items import COLUMNS, FILES, Item, read_items
 from rsdeblur.cli._jobs import Workers, shared_threads, workers_options
 from rsdeblur.cli._options import Defaults, PhotoChanges, Target
-from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, write_json
+from rsdeblur.cli._output import (
+    prepare_folder,
+    print_json,
+    print_table,
+    printable,
+    progress,
+    say,
+    say_aside,
+    write_json,
+)
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
-from rsdeblur.errors import InputError, RsdeblurWarning
+from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
 
 if TYPE_CHECKING:
     from rsdeblur._util.records import Records
@@ -58,7 +67,7 @@ Examples:
     type=click.IntRange(0, 1),
     help="FOLDER: number of the first frame in the photos' names.  [default: derived from the names]",
 )
-@_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE, *_options.ONE_RESULT)
+@_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
 @_options.photo_options
 @workers_options
 @_options.target_options(
@@ -87,21 +96,21 @@ def command(
     records = Records(target.output / RECORDS)
     if not target.dry_run:
         prepare_folder(target.output, [TABLE, REPORT], force=target.force or records.folder.is_dir())
-        records.open()
-    batch = _Batch(target, replace(options, threads=threads), changes, records)
-    entries = batch.run(items, jobs, workers.scheduler)
-    counts = Counter(entry["state"] for entry in entries)
-    report = {"items": entries, "counts": dict(counts), "seconds": time.perf_counter() - begin}
-    if not target.dry_run:
-        _write_table(target.output / TABLE, entries)
-        write_json(target.output / REPORT, report)
+    with nullcontext() if target.dry_run else records.held():
+        batch = _Batch(target, replace(options, threads=threads), changes, records)
+        entries = batch.run(items, jobs, workers.scheduler)
+        counts = Counter(entry["state"] for entry in entries)
+        report = {"items": entries, "counts": dict(counts), "seconds": time.perf_counter() - begin}
+        if not target.dry_run:
+            _write_table(target.output / TABLE, entries)
+            write_json(target.output / REPORT, report)
     if target.as_json:
         print_json(report)
     else:
         _print(report)
     for entry in entries:
         if "error" in entry:
-            click.echo(f"rsdeblur: error: {entry['error']}", err=True)
+            say_aside(f"error: {entry['error']}")
     if counts["failed"]:
         click.get_current_context().exit(SOME_FAILED)
 
@@ -120,19 +129,17 @@ class _Batch:
         from rsdeblur._util.workers import Failure, run
 
         entries: list[dict[str, Any]] = [self._entry(item) for item in items]
-        failed = sum("error" in entry for entry in entries)
         tasks = self._tasks(items, entries)
         with progress("batch") as move, closing(run(work, tasks, jobs=jobs, scheduler=scheduler, lost=_tidy)) as done:
             try:
                 for (i, job), answer in done:
                     del self._under_way[i]
-                    if isinstance(answer, Failure):
-                        entries[i] |= {"state": "failed", "error": _naming(job.photo, answer.message)}
-                        failed += 1
-                    else:
+                    with _as_row(entries[i]):
+                        if isinstance(answer, Failure):
+                            raise InputError(answer.message)
                         self._finish(items[i], job, entries[i], answer)
                     if move is not None:
-                        finished = sum("state" in entry for entry in entries)
+                        finished, failed = (sum(key in entry for entry in entries) for key in ("state", "error"))
                         move(f"{finished} of {len(items)}, {failed} failed", finished / len(items))
             finally:
                 # The workers end first, because those that are killed leave unfinished files.
@@ -145,13 +152,19 @@ class _Batch:
     def _entry(self, item: Item) -> dict[str, Any]:
         """Return the entry of an item before the work; it has a state if the item needs no work."""
         entry: dict[str, Any] = {"photo": str(item.photo)}
-        if item.error is not None:
-            return entry | {"state": "failed", "error": item.error}
-        entry["output"] = str(self._target.output / item.output)
-        job = self._job(item)
-        facts = None if self._target.force else self._records.facts(str(item.output), _fingerprint(job))
-        if facts is not None and job.output.is_file():
-            return entry | {"state": "skipped"} | facts
+        with _as_row(entry):
+            if item.error is not None:
+                raise InputError(item.error)
+            job = self._job(item)
+            entry["output"] = str(job.output)
+            record = None if self._target.force else self._records.facts(str(item.output), _fingerprint(job))
+            size = job.output.stat().st_size if record is not None and job.output.is_file() else 0
+            # Nothing of value is in an empty file; another size may be the user's work.
+            if record is not None and size:
+                entry |= {"state": "skipped"} | record["entry"]
+                if size != record["bytes"]:
+                    message = f"{job.output}: the file has changed since it was written; it is left as it is"
+                    warnings.warn(message, RsdeblurWarning, stacklevel=2)
         return entry
 
     def _job(self, item: Item) -> PhotoJob:
@@ -172,15 +185,27 @@ class _Batch:
         for i, item in enumerate(items):
             if "state" in entries[i]:
                 continue
-            job = self._job(item)
-            fingerprint = _fingerprint(job)
-            # A file that an interrupted run of this batch left under this name may be replaced.
-            job = replace(job, force=self._target.force or self._records.claimed(str(item.output), fingerprint))
-            if not self._target.dry_run and (job.force or not job.output.exists()):
-                self._records.claim(str(item.output), fingerprint)
-            self._under_way[i] = job
-            self._new_folders.update(folder for folder in job.output.parents if not folder.exists())
-            yield i, job
+            with _as_row(entries[i]):
+                job = self._claimed(item)
+                self._under_way[i] = job
+                self._new_folders.update(folder for folder in job.output.parents if not folder.exists())
+            if i in self._under_way:
+                yield i, job
+
+    def _claimed(self, item: Item) -> PhotoJob:
+        """Return the job of an item, and record that this batch writes its output."""
+        job, name = self._job(item), str(item.output)
+        fingerprint = _fingerprint(job)
+        # A file that an interrupted run of this batch left under this name may be replaced.
+        job = replace(job, force=self._target.force or self._records.claimed(name, fingerprint))
+        if job.output.exists() and not job.force and self._records.known(name):
+            raise OutputError(
+                f"{job.output}: the file exists; use force (--force) to replace it, or another folder: it was made "
+                "with other options or from other files, or these have another date"
+            )
+        if not self._target.dry_run and (job.force or not job.output.exists()):
+            self._records.claim(name, fingerprint)
+        return job
 
     def _remove_empty_folders(self) -> None:
         """Remove the folders of items that all failed; a worker cannot, as another may be about to write there."""
@@ -190,10 +215,25 @@ class _Batch:
 
     def _finish(self, item: Item, job: PhotoJob, entry: dict[str, Any], facts: dict[str, Any]) -> None:
         for message in facts.pop("warnings"):
-            warnings.warn(_naming(job.photo, message), RsdeblurWarning, stacklevel=2)
+            named = message if str(job.photo) in message else f"{job.photo}: {message}"
+            warnings.warn(named, RsdeblurWarning, stacklevel=2)
         entry |= {"state": "checked" if self._target.dry_run else "done"} | facts
         if not self._target.dry_run:
-            self._records.finish(str(item.output), _fingerprint(job), facts)
+            record = {"entry": facts, "bytes": job.output.stat().st_size}
+            self._records.finish(str(item.output), _fingerprint(job), record)
+
+
+@contextmanager
+def _as_row(entry: dict[str, Any]) -> Iterator[None]:
+    """Turn an error into the state of its row: whatever fails, the other photos are deblurred."""
+    try:
+        yield
+    except (RsdeblurError, OSError, ValueError) as error:
+        reason = str(error)
+        if isinstance(error, OSError) and error.filename is not None:
+            reason = f"{error.filename}: {error.strerror}"
+        message = reason if entry["photo"] in reason else f"{entry['photo']}: {reason}"
+        entry |= {"state": "failed", "error": message}
 
 
 def work(task: tuple[int, PhotoJob]) -> dict[str, Any]:
@@ -211,21 +251,18 @@ def work(task: tuple[int, PhotoJob]) -> dict[str, Any]:
 def _tidy(task: tuple[int, PhotoJob]) -> None:
     from rsdeblur._util.atomic import remove_unfinished
 
-    remove_unfinished(task[1].output)
+    # Its row has the error of an output that no file can be.
+    with suppress(OSError):
+        remove_unfinished(task[1].output)
 
 
 def _fingerprint(job: PhotoJob) -> str:
     from rsdeblur._util.records import fingerprint
 
-    recording = job.recording
-    files = [path for path in (job.photo, recording.gyro, recording.camera, recording.capture) if path is not None]
     # Any number of threads gives the same bits.
-    same = replace(job, force=False, dry_run=False, options=replace(job.options, threads=None))
-    return fingerprint(same, files)
-
-
-def _naming(photo: Path, message: str) -> str:
-    return message if str(photo) in message else f"{photo}: {message}"
+    settings = [replace(job.options, threads=None), job.changes]
+    recording = {name: value for name, value in asdict(job.recording).items() if name not in FILES}
+    return fingerprint([*settings, recording], [job.photo, *(getattr(job.recording, name) for name in FILES)])
 
 
 def _write_table(path: Path, entries: list[dict[str, Any]]) -> None:
@@ -239,9 +276,17 @@ def _write_table(path: Path, entries: list[dict[str, Any]]) -> None:
         size = {"psf_px": "{}x{}".format(*entry["psf_px"])} if "psf_px" in entry else {}
         check = entry.get("check")
         verdict = {} if check is None else {"verdict": check["verdict"], "reasons": " ".join(check["reasons"])}
-        table.writerow(entry | size | verdict)
+        table.writerow({name: _cell(value) for name, value in (entry | size | verdict).items()})
     with atomic_write(path) as file:
         file.write(text.getvalue().encode())
+
+
+def _cell(value: Any) -> Any:
+    """Return the value as a cell that no spreadsheet takes for a formula and no terminal for a command."""
+    if not isinstance(value, str):
+        return value
+    text = printable(value)
+    return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text
 
 
 def _print(report: dict[str, Any]) -> None:
@@ -255,4 +300,4 @@ def _print(report: dict[str, Any]) -> None:
         rows.append([entry["photo"], entry["state"], tiles, size, seconds, verdict])
     print_table(["photo", "state", "bands x strips", "PSF px", "time s", "check"], rows)
     counts = ", ".join(f"{count} {state}" for state, count in report["counts"].items())
-    click.echo(f"{counts}; {report['seconds']:.1f} s")
+    say(f"{counts}; {report['seconds']:.1f} s")

@@ -11,9 +11,10 @@ import click
 
 from rsdeblur.choices import MODES, Auto, Mode, Transfer
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of, unit_range
-from rsdeblur.cli._options import Recording, Target
-from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, write_json
+from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of, unit_range, with_translation
+from rsdeblur.cli._options import Recording, Target, Track
+from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, refuse_inputs, say, write_json
+from rsdeblur.cli._photo import refinement_facts
 from rsdeblur.cli._report import Compared, capture_warnings, report_page
 from rsdeblur.errors import InputError, OutputError
 
@@ -39,7 +40,8 @@ Examples:
 @click.command("compare", epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options()
-@_options.solve_options(*_options.BLUR[1:], *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE)
+@_options.solve_options(*_options.ONE_PHOTO[1:])
+@_options.track_options
 @click.option("--truth", type=_options.PATH, metavar="FILE", help="Sharp picture, to measure PSNR and SSIM.")
 @_options.target_options("DIR", "Folder to write to.")
 @click.option(
@@ -49,6 +51,7 @@ def command(
     photo: Path,
     recording: Recording,
     options: Options,
+    track: Track,
     truth: Path | None,
     report: Path | None,
     target: Target,
@@ -66,7 +69,7 @@ def command(
     if report is not None:
         check_page(report, force=force)
     with capture_warnings() as remarks:
-        compared = compare_modes(photo, recording, options, truth=truth, output=output, force=force)
+        compared = compare_modes(photo, recording, options, track, truth=truth, output=output, force=force)
     if report is not None:
         from rsdeblur.report import write_page
 
@@ -78,7 +81,7 @@ def command(
     else:
         print_report(compared.report)
         if report is not None:
-            click.echo(f"\nOpen {report} in a browser.")
+            say("", f"Open {report} in a browser.")
 
 
 def check_page(path: Path, *, force: bool) -> None:
@@ -87,12 +90,13 @@ def check_page(path: Path, *, force: bool) -> None:
     Raises
     ------
     OutputError
-        If its name is not that of a page, it cannot be written, or it exists and `force` is not set.
+        If its name is not that of a page, it cannot be written, is an input, or exists and `force` is not set.
     """
     from rsdeblur._util.atomic import check_target
 
     if path.suffix.lower() not in (".html", ".htm"):
         raise OutputError(f"{path}: the report is an HTML page; give it a name like report.html")
+    refuse_inputs(path)
     check_target(path, force=force)
 
 
@@ -103,11 +107,19 @@ def output_names(photo: Path) -> list[str]:
 
 
 def compare_modes(
-    photo: Path, recording: Recording, options: Options, *, truth: Path | None, output: Path, force: bool
+    photo: Path,
+    recording: Recording,
+    options: Options,
+    track: Track,
+    *,
+    truth: Path | None,
+    output: Path,
+    force: bool,
 ) -> Compared:
     """Deblur `photo` in every mode, write the pictures into the folder `output` and return the results."""
     inputs = read_inputs(photo, recording)
     picture = inputs.picture
+    options = with_translation(options, track, inputs.camera, inputs.exposure)
     transfer = transfer_of(picture, options.transfer)
     target = None if truth is None else _read_truth(truth, photo, picture, options.transfer)
     # Options that a mode does not take are refused before the first mode is solved.
@@ -115,7 +127,7 @@ def compare_modes(
 
     from rsdeblur.cli._measure import forget_peak_memory, peak_memory_mib, similarity
     from rsdeblur.io.pictures import write_picture
-    from rsdeblur.pipeline.plan import plan
+    from rsdeblur.pipeline.plan import plan_for
 
     shown = {"input": display_values(unit_range(picture.pixels), transfer)}
     banks: dict[Mode, PsfBank] = {}
@@ -123,12 +135,15 @@ def compare_modes(
     if target is not None:
         report |= {"truth": str(truth), "blurred": similarity(shown["input"], target)}
     report["modes"] = {}
-    for chosen, name in zip(each_mode, output_names(photo), strict=False):
-        mode = chosen.mode
+    with progress("plan") as move, naming(photo, recording):
+        planned = plan_for(picture.pixels, inputs.log, inputs.camera, inputs.exposure, each_mode[0], progress=move)
+    if planned.refinement is not None:
+        report["refinement"] = refinement_facts(planned.refinement)
+    for mode, name in zip(MODES, output_names(photo), strict=False):
         forget_peak_memory()
         begin = time.perf_counter()
         with progress(mode) as move, naming(photo, recording):
-            result = plan(inputs.log, inputs.camera, inputs.exposure, chosen).apply(picture.pixels, progress=move)
+            result = replace(planned, options=replace(planned.options, mode=mode)).apply(picture.pixels, progress=move)
         seconds, memory = time.perf_counter() - begin, peak_memory_mib()
         write_picture(output / name, result.image, like=picture, force=force)
         tall, wide = result.psfs.size

@@ -5,6 +5,8 @@ from __future__ import annotations
 import click
 from click.shell_completion import get_completion_class
 
+from rsdeblur.cli._output import say
+
 EXAMPLES = """\b
 Examples:
   rsdeblur completion bash > ~/.local/share/bash-completion/completions/rsdeblur
@@ -24,4 +26,4 @@ def command(shell: str) -> None:
 
     kind = get_completion_class(shell)
     assert kind is not None  # click has all three
-    click.echo(kind(main, {}, "rsdeblur", "_RSDEBLUR_COMPLETE").source())
+    say(*kind(main, {}, "rsdeblur", "_RSDEBLUR_COMPLETE").source().splitlines())

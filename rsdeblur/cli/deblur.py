@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,8 +10,8 @@ import click
 
 from rsdeblur.cli import _options
 from rsdeblur.cli._kernel import check_sources, deconvolve_photo
-from rsdeblur.cli._options import PhotoChanges, Recording, Target
-from rsdeblur.cli._output import print_json, progress
+from rsdeblur.cli._options import PhotoChanges, Recording, Target, Track
+from rsdeblur.cli._output import print_json, progress, say
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 
 if TYPE_CHECKING:
@@ -29,7 +30,8 @@ Examples:
 @click.argument("photo", type=_options.PATH)
 @click.option("--psf", type=_options.PATH, metavar="KERNEL", help="The blur as a kernel (picture, .npy) or PSF bank.")
 @_options.recording_options(required=False)
-@_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE, *_options.ONE_RESULT)
+@_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
+@_options.track_options
 @_options.photo_options
 @_options.target_options("OUT", "Picture to write.", dry_run=True)
 def command(
@@ -37,6 +39,7 @@ def command(
     psf: Path | None,
     recording: Recording,
     options: Options,
+    track: Track,
     changes: PhotoChanges,
     target: Target,
 ) -> None:
@@ -55,6 +58,7 @@ def command(
                 options=options,
                 changes=changes,
                 output=target.output,
+                track=track,
                 force=target.force,
                 dry_run=target.dry_run,
             )
@@ -65,7 +69,7 @@ def command(
     wide, tall = facts["psf_px"]
     if target.dry_run:
         size = "{} x {}".format(*facts["size_px"])
-        click.echo(
+        say(
             f"{photo}: {size} px, all inputs fit; would write {target.output} ({facts['mode']}, PSFs of up to "
             f"{wide} x {tall} px, {options.prior})"
         )
@@ -73,16 +77,33 @@ def command(
     tiles = "rows" if facts["mode"] == "rowwise" else "bands"
     kernels = f"{facts['bands']} x {facts['strips']} PSFs ({tiles} x strips) of {wide} x {tall} px"
     strength = f"NSR {facts['nsr']:.2g}" if facts["weight"] is None else f"weight {facts['weight']:.2g}"
-    click.echo(
-        f"{target.output}: {facts['mode']}, {kernels}, {options.prior}, {strength}, "
-        f"{facts['seconds']:.2f} s{_verdict(facts['check'])}"
+    verdict, reasons = _verdict(facts["check"])
+    say(
+        f"{target.output}: {facts['mode']}, {kernels}, {options.prior}, {strength}, {facts['seconds']:.2f} s{verdict}",
+        *reasons,
+        *_correction(facts["refinement"]),
     )
 
 
-def _verdict(check: dict[str, Any] | None) -> str:
+def _verdict(check: dict[str, Any] | None) -> tuple[str, list[str]]:
+    """Return the verdict of the check, and lines with its reasons."""
     if check is None:
-        return ""
+        return "", []
     blended = ", blended towards the photo" if check["blended"] else ""
     # A good result has reasons too if a part of it could not be judged.
-    reasons = f"\n  {' '.join(check['reasons'])}" if check["reasons"] else ""
-    return f"; {check['verdict']}{blended}{reasons}"
+    reasons = [f"  {' '.join(check['reasons'])}"] if check["reasons"] else []
+    return f"; {check['verdict']}{blended}", reasons
+
+
+def _correction(refinement: dict[str, Any] | None) -> list[str]:
+    """Return a line about the correction of the recording, if one was requested."""
+    if refinement is None:
+        return []
+    if not refinement["accepted"]:
+        return [f"  Recording not corrected: {refinement['reason']}."]
+    values = refinement["values"]
+    return [
+        f"  Recording corrected: focal length x {math.exp(values['scale']):.3f}, drift {values['drift_x']:+.1f} and "
+        f"{values['drift_y']:+.1f} px, time offset {1e3 * values['offset']:+.1f} ms, readout time x "
+        f"{math.exp(values['readout']):.2f}, roll bias {values['roll']:+.3f} rad/s."
+    ]

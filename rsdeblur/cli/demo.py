@@ -13,8 +13,8 @@ import click
 
 from rsdeblur.choices import Prior
 from rsdeblur.cli import _options
-from rsdeblur.cli._options import Recording, Target
-from rsdeblur.cli._output import prepare_folder, print_json, progress, write_json
+from rsdeblur.cli._options import Recording, Target, Track
+from rsdeblur.cli._output import prepare_folder, print_json, progress, say, write_json
 from rsdeblur.cli.compare import compare_modes, output_names, print_report
 from rsdeblur.pipeline.options import Options
 
@@ -72,7 +72,7 @@ def command(size: tuple[int, int], seed: int, target: Target) -> None:
     # From here on, the demo uses the files as a user does.
     recording = Recording(gyro, camera, start=START, duration=EXPOSURE)
     options = Options(prior=PRIOR, nsr=NSR)
-    report = compare_modes(blurred, recording, options, truth=rolling, output=output, force=force).report
+    report = compare_modes(blurred, recording, options, Track(), truth=rolling, output=output, force=force).report
     again = [*program(), "deblur", str(blurred), "--gyro", str(gyro), "--camera", str(camera)]
     again += ["--start", str(START), "--duration", str(EXPOSURE), "--prior", PRIOR, "--nsr", str(NSR)]
     again += ["--force", "-o", str(output / "again.png")]
@@ -82,10 +82,8 @@ def command(size: tuple[int, int], seed: int, target: Target) -> None:
         print_json(report)
     else:
         print_report(report)
-        click.echo(
-            f"\nThe pictures are in {output}; see side-by-side.png. This command deblurs the blurred one again:\n"
-        )
-        click.echo(f"  {report['command']}")
+        where = f"The pictures are in {output}; see side-by-side.png. This command deblurs the blurred one again:"
+        say("", where, "", f"  {report['command']}")
 
 
 def program() -> list[str]:

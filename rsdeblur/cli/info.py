@@ -37,7 +37,7 @@ def command(
     time_offset: float | None,
     as_json: bool,
     gyro_format: str | None,
-    **reading: str | None,
+    **reading: Any,
 ) -> None:
     """Show what FILES contain.
 

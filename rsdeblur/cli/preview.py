@@ -11,7 +11,7 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of
 from rsdeblur.cli._options import Recording, Target
-from rsdeblur.cli._output import print_json, progress
+from rsdeblur.cli._output import print_json, progress, say
 from rsdeblur.errors import CoverageError, InputError
 
 if TYPE_CHECKING:
@@ -27,6 +27,9 @@ Examples:
   rsdeblur preview photo.jpg --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20 \\
       --region 400,300,640,480 --from -8ms --to 8ms -o sheet.png --choose 5
 """
+
+# A sheet of more cells cannot be viewed at once.
+MOST_STEPS = 100
 
 Region = tuple[int, int, int, int]
 
@@ -75,7 +78,9 @@ class Cell(NamedTuple):
             "--from", "first", type=_options.SecondsType(), default=-0.1, help="First shift.  [default: -100ms]"
         ),
         click.option("--to", "last", type=_options.SecondsType(), default=0.1, help="Last shift.  [default: 100ms]"),
-        click.option("--steps", type=click.IntRange(min=1), default=9, show_default=True, help="Number of shifts."),
+        click.option(
+            "--steps", type=click.IntRange(1, MOST_STEPS), default=9, show_default=True, help="Number of shifts."
+        ),
     ),
 )
 @click.option("--region", type=RegionType(), help="Use only this part of the picture, in px.")
@@ -118,11 +123,9 @@ def command(
     if target.as_json:
         print_json({"output": str(target.output), "cells": listed, "chosen": chosen})
         return
-    click.echo(
-        f"{target.output}: {len(cells)} of {sweep.steps} shifts, {1e3 * sweep.first:g} to {1e3 * sweep.last:g} ms"
-    )
+    say(f"{target.output}: {len(cells)} of {sweep.steps} shifts, {1e3 * sweep.first:g} to {1e3 * sweep.last:g} ms")
     if chosen is not None:
-        click.echo(f"{recording.camera}: time_offset = {1e3 * chosen['time_offset_s']:.2f} ms")
+        say(f"{recording.camera}: time_offset = {1e3 * chosen['time_offset_s']:.2f} ms")
 
 
 def _cells(photo: Path, recording: Recording, options: Options, sweep: Sweep, region: Region | None) -> list[Cell]:

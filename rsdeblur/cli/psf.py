@@ -8,9 +8,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import display_values, naming, read_inputs, read_recording, transfer_of, unit_range
-from rsdeblur.cli._options import Recording
-from rsdeblur.cli._output import print_json, progress
+from rsdeblur.cli._inputs import (
+    display_values,
+    naming,
+    read_inputs,
+    read_recording,
+    transfer_of,
+    unit_range,
+    with_translation,
+)
+from rsdeblur.cli._options import Recording, Track
+from rsdeblur.cli._output import print_json, progress, refuse_inputs, say
 
 if TYPE_CHECKING:
     from rsdeblur.motion.paths import BlurPaths
@@ -27,6 +35,7 @@ Examples:
 @click.command("psf", epilog=EXAMPLES)
 @_options.recording_options()
 @_options.solve_options(*_options.BLUR, "nsr")
+@_options.track_options
 @click.option(
     "-o", "--output", type=_options.PATH, metavar="PNG", help="Draw the kernels at their places in the picture."
 )
@@ -37,6 +46,7 @@ Examples:
 def command(
     recording: Recording,
     options: Options,
+    track: Track,
     output: Path | None,
     photo: Path | None,
     bank: Path | None,
@@ -51,8 +61,10 @@ def command(
     from rsdeblur.io.pictures import check_writable, write_picture
 
     if output is not None:
+        refuse_inputs(output)
         check_writable(output, force=force)
     if bank is not None:
+        refuse_inputs(bank)
         check_target(bank, force=force)
     if photo is None:
         log, camera, exposure = read_recording(recording)
@@ -67,7 +79,7 @@ def command(
     from rsdeblur.report import psf_map
 
     with progress("psf"), naming(photo, recording):
-        planned = plan(log, camera, exposure, options)
+        planned = plan(log, camera, exposure, with_translation(options, track, camera, exposure))
         paths = planned.tile_paths(NSR if options.nsr == "auto" else options.nsr)
         kernels = planned.frame.bank(PsfBank.from_paths(paths))
         if output is not None:
@@ -81,7 +93,7 @@ def command(
         print_json(summary)
     else:
         wide, tall = summary["psf_px"]
-        click.echo(
+        say(
             f"{summary['bands']} x {summary['strips']} kernels (bands x strips) of {wide} x {tall} px, "
             f"paths {lengths.min():.1f} to {lengths.max():.1f} px long"
         )

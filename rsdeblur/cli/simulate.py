@@ -10,7 +10,7 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, read_inputs, transfer_of, unit_range
 from rsdeblur.cli._options import Recording, Target
-from rsdeblur.cli._output import prepare_folder, print_json, progress
+from rsdeblur.cli._output import prepare_folder, print_json, progress, say
 
 if TYPE_CHECKING:
     from rsdeblur.choices import Auto, Transfer
@@ -72,4 +72,4 @@ def command(
     if target.as_json:
         print_json({"outputs": [str(path) for path in paths], "size_px": [camera.width, camera.height]})
     else:
-        click.echo(f"{', '.join(map(str, paths))}: {camera.width} x {camera.height} px")
+        say(f"{', '.join(map(str, paths))}: {camera.width} x {camera.height} px")

@@ -10,7 +10,7 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import naming, read_inputs, transfer_of
 from rsdeblur.cli._options import Recording
-from rsdeblur.cli._output import print_json, progress
+from rsdeblur.cli._output import print_json, progress, say
 
 if TYPE_CHECKING:
     from rsdeblur.choices import Auto, Transfer
@@ -77,4 +77,4 @@ def command(
         )
     if not as_json:
         place = f"; written to {recording.camera}" if is_written else ""
-        click.echo(f"time offset {1e3 * result.time_offset:.1f} ms, confidence {result.confidence:.2f}{place}")
+        say(f"time offset {1e3 * result.time_offset:.1f} ms, confidence {result.confidence:.2f}{place}")

@@ -13,17 +13,15 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import naming, read_device
+from rsdeblur.cli._inputs import clip_exposures, naming, read_device
 from rsdeblur.cli._jobs import jobs_option, shared_threads
 from rsdeblur.cli._options import Recording, Target
-from rsdeblur.cli._output import print_json, progress
+from rsdeblur.cli._output import print_json, progress, say, say_aside
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.video import PRIOR
 
 if TYPE_CHECKING:
-    from rsdeblur.motion.exposure import Exposure
     from rsdeblur.pipeline.options import Options
-    from rsdeblur.video.clip import Clip
     from rsdeblur.video.plan import ClipPlan
     from rsdeblur.video.segments import Encoding
 
@@ -87,7 +85,7 @@ def command(
     """
     from rsdeblur.video.clip import open_clip
     from rsdeblur.video.plan import plan_clip
-    from rsdeblur.video.run import check_output, deblur_video
+    from rsdeblur.video.run import check_container, check_output, deblur_video
     from rsdeblur.video.segments import Encoding
 
     begin = time.perf_counter()
@@ -98,8 +96,9 @@ def command(
     log, camera = read_device(recording)
     with progress("video") as move, naming(source, recording):
         clip = open_clip(source)
-        exposures = _exposures(clip, recording)
+        exposures = clip_exposures(clip, recording)
         encoding = Encoding.like(clip, codec=encode.codec, crf=encode.crf)
+        check_container(clip, encoding, output)
         plan = plan_clip(clip, log, camera, exposures, options, progress=move)
         facts = _facts(plan, encoding, output) | {"kept": sum(reason is not None for reason in plan.reasons)}
         _warn(source, plan.reasons)
@@ -124,32 +123,16 @@ def command(
 @contextmanager
 def _report_of_parts(output: Path) -> Iterator[None]:
     """Say after an error or an interrupt where the finished parts are."""
+    from rsdeblur._util.records import LOCK
     from rsdeblur.video.run import parts_folder
 
     try:
         yield
     except BaseException:
         folder = parts_folder(output)
-        if any(folder.glob("*.mkv")):
-            click.echo(f"rsdeblur: finished parts are in {folder}; the same command continues from there", err=True)
+        if (folder / LOCK).exists() and any(folder.glob("*.mkv")):
+            say_aside(f"finished parts are in {folder}; the same command continues from there")
         raise
-
-
-def _exposures(clip: Clip, recording: Recording) -> list[Exposure]:
-    from rsdeblur.video.times import exposures_from_captures, exposures_from_stamps
-
-    starts = [name for name in ("capture", "start", "start_ns") if getattr(recording, name) is not None]
-    if len(starts) > 1:
-        options = " and ".join("--" + name.replace("_", "-") for name in starts)
-        raise click.UsageError(f"{options} exclude each other", ctx=click.get_current_context())
-    if recording.capture is not None:
-        return exposures_from_captures(clip, recording.capture, duration=recording.duration)
-    if recording.duration is None:
-        raise click.UsageError(
-            "the exposure time is not given; use --duration, or --capture FILE", ctx=click.get_current_context()
-        )
-    start = recording.start or 0.0
-    return exposures_from_stamps(clip, recording.duration, start=start, epoch_ns=recording.start_ns or 0)
 
 
 def _facts(plan: ClipPlan, encoding: Encoding, output: Path) -> dict[str, Any]:
@@ -186,9 +169,9 @@ def _print(source: Path, output: Path, facts: dict[str, Any], dry_run: bool) -> 
     tiles = f"{facts['bands']} x {facts['strips']} PSFs of up to {wide} x {tall} px"
     how = f"{facts['mode']}, {tiles}, {facts['prior']}, {facts['codec']}"
     if dry_run:
-        click.echo(f"{source}: {facts['frames']} frames, {facts['span_s']:.2f} s, all inputs fit; would write {output}")
-        click.echo(f"  {how}")
+        say(f"{source}: {facts['frames']} frames, {facts['span_s']:.2f} s, all inputs fit; would write {output}")
+        say(f"  {how}")
         return
     resumed = f", {facts['resumed']} of {facts['segments']} segments from an earlier run" if facts["resumed"] else ""
     dropped = f"; left out: {', '.join(facts['dropped'])}" if facts["dropped"] else ""
-    click.echo(f"{output}: {facts['frames']} frames, {how}, {facts['seconds']:.1f} s{resumed}{dropped}")
+    say(f"{output}: {facts['frames']} frames, {how}, {facts['seconds']:.1f} s{resumed}{dropped}")

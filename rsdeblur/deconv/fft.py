@@ -2,8 +2,9 @@
 
 A transform runs in the thread that calls it; threads share blocks of work (`rsdeblur.deconv.hybrid`), not transforms.
 
-Measured plans are kept in the user's cache folder, in one file per FFTW version and processor. Every later process
-uses them, for either kind of planning.
+Measured plans are kept in the user's cache folder, in one file per FFTW version and processor, for all later processes
+that measure. FFTW would use its memory of plans, its wisdom, for estimated ones too, so that the bits of a result would
+depend on what was measured before. Hence it has the wisdom of measured plans only while it measures.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ import hashlib
 import platform
 import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -105,20 +107,40 @@ class LineTransform:
 
 def _plan(source: NDArray[Any], target: NDArray[Any], direction: str, planning: Planning) -> Any:
     """Return the transform of lines from `source` to `target`, unscaled; it may destroy `source`."""
+
+    def plan(limit: float | None) -> Any:
+        flags = (f"FFTW_{planning.upper()}", "FFTW_DESTROY_INPUT")
+        return pyfftw.FFTW(source, target, axes=(-1,), direction=direction, flags=flags, planning_timelimit=limit)
+
+    if planning == "estimate":
+        with _planner:
+            return plan(None)
     _recall()
-    # FFTW has one planner and one wisdom (its measured plans) per process.
-    with _planner:
-        return pyfftw.FFTW(
-            source,
-            target,
-            axes=(-1,),
-            direction=direction,
-            flags=(f"FFTW_{planning.upper()}", "FFTW_DESTROY_INPUT"),
-            planning_timelimit=PLANNING_TIME,
-        )
+    with _measured_wisdom(_measured):
+        planned = plan(PLANNING_TIME)
+        _measured[:] = [pyfftw.export_wisdom()[1]]
+    return planned
 
 
+# Wisdom about the plans that this process and earlier ones measured.
+_measured: list[bytes] = []
+# FFTW has one planner and one wisdom per process.
 _planner = threading.Lock()
+
+
+@contextmanager
+def _measured_wisdom(single: list[bytes]) -> Iterator[None]:
+    """Give FFTW this wisdom alone, in single precision; what it knew of estimated plans is put aside meanwhile."""
+    with _planner:
+        aside = pyfftw.export_wisdom()
+        pyfftw.forget_wisdom()
+        for wisdom in single:
+            pyfftw.import_wisdom((b"", wisdom, b""))
+        try:
+            yield
+        finally:
+            pyfftw.forget_wisdom()
+            pyfftw.import_wisdom(aside)
 
 
 def wisdom_file() -> Path:
@@ -135,18 +157,17 @@ def wisdom_file() -> Path:
 @cache
 def _recall() -> None:
     """Load the plans that earlier processes measured, once per process."""
-    _read_wisdom()
+    _measured.extend(_stored())
 
 
-def _read_wisdom() -> None:
+def _stored() -> list[bytes]:
+    """Return the wisdom that is stored, if there is any that is sound."""
     try:
         seal, _, single = read_file(wisdom_file(), "wisdom").partition(b"\n")
     except FileFormatError:
-        return
+        return []
     # FFTW ignores wisdom of another build, but damaged wisdom may make it abort the process; hence the seal.
-    if seal == _seal(single):
-        with _planner:
-            pyfftw.import_wisdom((b"", single, b""))
+    return [single] if seal == _seal(single) else []
 
 
 def _seal(wisdom: bytes) -> bytes:
@@ -162,13 +183,14 @@ def remember() -> None:
         Once per process, if the cache folder cannot be written. The next process then measures again.
     """
     file = wisdom_file()
-    _read_wisdom()
-    with _planner:
+    stored = _stored()
+    with _measured_wisdom([*_measured, *stored]):
         single = pyfftw.export_wisdom()[1]
+    # FFTW exports its plans in any order.
+    if stored and sorted(stored[0].splitlines()) == sorted(single.splitlines()):
+        return
     sealed = _seal(single) + b"\n" + single
     try:
-        if file.exists() and file.read_bytes() == sealed:
-            return
         file.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(file) as out:
             out.write(sealed)

@@ -95,7 +95,8 @@ class GradientPrior:
     kind : {"gradient", "tv", "hyper-laplacian"}
         The power p is 2, 1 or `exponent`.
     weight : float
-        Weight of the penalty, positive: larger is smoother. :class:`rsdeblur.Tuning` derives one from a picture.
+        Weight of the penalty, from 1e-20 to 1e20: larger is smoother. :class:`rsdeblur.Tuning` derives one from a
+        picture.
     exponent : float, default 2/3
         Exponent of the hyper-Laplacian, in (0, 1].
     peak : float, optional
@@ -118,10 +119,10 @@ class GradientPrior:
         other = {"wiener": "rsdeblur.Deconvolver", "wavelet": "rsdeblur.Tuning.wavelet"}.get(self.kind)
         if other is not None:
             raise InputError(f'prior "{self.kind}" is not a prior on the gradient: use {other}')
-        object.__setattr__(self, "weight", validate.finite("weight", self.weight, above=0.0))
+        object.__setattr__(self, "weight", validate.strength("weight", self.weight))
         object.__setattr__(self, "exponent", validate.exponent(self.exponent))
         if self.peak is not None:
-            object.__setattr__(self, "peak", validate.finite("peak", self.peak))
+            object.__setattr__(self, "peak", validate.finite("peak", self.peak, maximum=validate.MOST_LIGHT))
 
     def with_peak_of(self, image: FloatImage) -> GradientPrior:
         """Return this prior with the `peak` of a picture, unless it has one.
@@ -185,6 +186,8 @@ def restore(
     InputError
         If an argument is out of range, or `image` has another shape, holds integers or is not finite.
     """
+    if not hasattr(solver, "apply"):
+        raise InputError(f"solver must be a TileQuadratic or a RowDeconvolver, got {validate.shown(solver)}")
     return solver.apply(image, prior=GradientPrior(prior, weight, exponent, peak), progress=progress)
 
 

@@ -58,7 +58,7 @@ class TileQuadratic(TileFilter):
         threads: int | None = None,
     ) -> None:
         super().__init__(bank, shape, margin=MARGIN, border=border, planning=planning, threads=threads)
-        self.nsr = validate.finite("nsr", nsr, minimum=0.0)
+        self.nsr = validate.finite("nsr", nsr, minimum=0.0, maximum=validate.MOST_STRENGTH)
         self.periodic = border == "periodic"
         self._otf, self._filters = self._new_filters(), self._new_filters()
         self.replan(bank)
@@ -106,6 +106,8 @@ class TileQuadratic(TileFilter):
             If `image` or `out` has another shape or type, or `image` is not finite. Integers are no linear light:
             :func:`rsdeblur.image.transfer.to_linear` converts them.
         """
+        validate.instance("prior", prior, GradientPrior, WaveletPrior)
+        validate.callback("progress", progress)
         if out is not None:
             out = validate.output(out, self.shape)
         with self.lock:

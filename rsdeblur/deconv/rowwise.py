@@ -26,7 +26,7 @@ from rsdeblur.deconv.rowwise_cg import NormalEquations, conjugate_gradients, is_
 from rsdeblur.deconv.rowwise_spectra import ROWS, RowSpectra
 from rsdeblur.deconv.tiling import Tile, Tiling
 from rsdeblur.deconv.wavelet import WaveletPrior
-from rsdeblur.deconv.wiener import DECAY_MARGIN, LEAST_MARGIN
+from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
 from rsdeblur.kernels import rowwise
 from rsdeblur.kernels.rowwise import LANES
@@ -43,10 +43,6 @@ EDGE_FADE = 16
 # Frequencies that the smoothing reduces to a smaller share than this are expected to be zero.
 LEAST_EXPECTED = 1e-3
 
-# Least `nsr`. The normal matrix has elements up to 1, which float32 rounds by 6e-8, and the factorisation adds up many
-# such errors.
-LEAST_RIDGE = np.float32(1e-6)
-
 
 class RowDeconvolver:
     """Deconvolution with the PSF of every row, planned once and applied often.
@@ -62,7 +58,7 @@ class RowDeconvolver:
     shape : (H, W) or (H, W, C)
         Shape of the pictures.
     nsr : float, default 0.01
-        Noise-to-signal power ratio Phi, positive; less than 1e-6, the limit of float32, counts as 1e-6.
+        Noise-to-signal power ratio Phi, from 1e-20 to 1e20; less than 1e-6, the limit of float32, counts as 1e-6.
     solver : {"auto", "direct", "cg"}
         "direct" is a banded Cholesky factorisation. "cg" is conjugate gradients with a banded Wiener filter as
         preconditioner, to a relative residual of 1e-3. "auto" takes the one that is predicted to be faster.
@@ -99,10 +95,9 @@ class RowDeconvolver:
         planning: Planning = "estimate",
         threads: int | None = None,
     ) -> None:
-        if len(shape) not in (2, 3):
-            raise InputError(f"shape must be (H, W) or (H, W, C), got {shape}")
-        self.shape = tuple(validate.count("shape", n) for n in shape)
-        self.nsr = validate.finite("nsr", nsr, above=0.0)
+        validate.instance("paths", paths, BlurPaths)
+        self.shape = validate.shape(shape)
+        self.nsr = max(validate.strength("nsr", nsr), LEAST_NSR)
         validate.choice("solver", solver, SOLVERS)
         validate.choice("border", border, BORDERS)
         validate.choice("planning", planning, PLANNINGS)
@@ -114,7 +109,7 @@ class RowDeconvolver:
         if 2 * reach + 1 > width:
             raise InputError(f"the paths reach {reach} px sideways, more than the picture of {width} px can hold")
         kernel = 2 * reach + 1
-        margin = int(np.ceil(min(max(LEAST_MARGIN, DECAY_MARGIN / self.nsr**0.5), MOST_MARGIN) * kernel))
+        margin = int(np.ceil(min(decay_margin(self.nsr), MOST_MARGIN) * kernel))
         self._periodic = border == "periodic"
         self._tiling = Tiling.plan(paths.cols, width, kernel, margin, periodic=self._periodic)
         threads = thread_count(threads)
@@ -188,7 +183,10 @@ class RowDeconvolver:
             If `image` or `out` has another shape or type, or `image` is not finite. Integers are no linear light:
             :func:`rsdeblur.image.transfer.to_linear` converts them.
         """
-        picture = validate.picture(image, self.shape)
+        if prior is not None:
+            validate.instance("prior", prior, GradientPrior, WaveletPrior)
+        validate.callback("progress", progress)
+        picture = validate.linear_light(image, self.shape)
         out = validate.output(out, self.shape)
         source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))
         prior = None if prior is None else prior.with_peak_of(picture)
@@ -350,5 +348,5 @@ class DataTerm:
         self._minimise(nsr, 0.0, scale=1.0 + nsr)
 
     def _minimise(self, ridge: float, beta: float, *, scale: float = 1.0, with_grad_adjoint: bool = False) -> None:
-        ridges = max(np.float32(ridge), LEAST_RIDGE) + np.float32(beta) * self._wavenumbers
+        ridges = np.float32(ridge) + np.float32(beta) * self._wavenumbers
         self._solver._solve(self._strip, ridges, beta, scale=scale, with_grad_adjoint=with_grad_adjoint)

@@ -116,7 +116,8 @@ class RowBlur:
     """
 
     def __init__(self, paths: BlurPaths, width: int, *, channels: int = 1, threads: int | None = None) -> None:
-        width, channels = validate.count("width", width), validate.count("channels", channels)
+        validate.instance("paths", paths, BlurPaths)
+        width, channels = validate.shape((width, channels))
         self.top, latents = latent_rows(paths)
         height = len(paths.rows)
         self.picture_shape, self.latent_shape = (height, width, channels), (latents, width, channels)
@@ -207,7 +208,7 @@ class RowBlur:
 
     @staticmethod
     def _checked(name: str, picture: ArrayLike, shape: tuple[int, int, int]) -> Float32Array:
-        array = np.ascontiguousarray(picture, dtype=np.float32)
+        array = np.ascontiguousarray(validate.array(name, picture), dtype=np.float32)
         if array.shape != shape and (shape[2] != 1 or array.shape != shape[:2]):
             raise InputError(f"{name} must have shape {shape}, got {array.shape}")
         return array.reshape(shape)

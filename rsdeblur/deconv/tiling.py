@@ -90,11 +90,13 @@ class Tiling:
         supports = [np.flatnonzero(row) for row in weights]
         if not all(map(len, supports)):
             raise InputError(
-                f"PSF positions must lie within the picture, a pixel or more apart, got {centres.tolist()} px"
+                f"PSF positions must lie within the picture's {n} px, a pixel or more apart, got {len(centres)} from "
+                f"{centres[0]:g} to {centres[-1]:g} px"
             )
         whole = n if periodic else fast_length(n + kernel, excess=WHOLE_EXCESS)
         longest = max(len(support) for support in supports)
-        length = fast_length(longest + margin, excess=TILE_EXCESS)
+        # A margin may be larger than any picture; fast_length would search as far.
+        length = whole if longest + margin >= whole else fast_length(longest + margin, excess=TILE_EXCESS)
         if len(centres) == 1 or length >= whole:
             tiles = tuple(Tile(0, int(s[0]), _part(w, s)) for w, s in zip(weights, supports, strict=True))
             return cls(whole, whole - n, tiles)

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 FACTORS = Path(__file__).with_name("wavelet.json")
 # Height and width of the blocks that a thread works on, px. With the halo, the planes take 4 MB.
 BLOCK = 64, 256
+# Largest variance of noise, the square of the largest value of a picture.
+MOST_VARIANCE = validate.MOST_LIGHT**2
 # Brightness and two colour differences, an orthonormal basis.
 OPPONENT = np.array([[1, 1, 1], [1, 0, -1], [1, -2, 1]]) / np.sqrt([[3.0], [2.0], [6.0]])
 
@@ -88,9 +90,10 @@ class WaveletPrior:
     Parameters
     ----------
     weight : float
-        Weight of the gradient prior that suits the picture: larger is smoother.
+        Weight of the gradient prior that suits the picture, from 1e-20 to 1e20: larger is smoother.
     variances : sequence of float
-        Variances of the noise of the frame's coefficients, K x LEVELS x 3 of them, see :func:`band_shape`.
+        Variances of the noise of the frame's coefficients, from 0 to 1e24, K x LEVELS x 3 of them, see
+        :func:`band_shape`.
 
     Raises
     ------
@@ -102,8 +105,8 @@ class WaveletPrior:
     variances: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "weight", validate.finite("weight", self.weight, above=0.0))
-        values = validate.real_array("variances", self.variances)
+        object.__setattr__(self, "weight", validate.strength("weight", self.weight))
+        values = validate.real_array("variances", self.variances, most=MOST_VARIANCE)
         if values.size != np.prod(band_shape()) or (values < 0).any():
             raise InputError(f"variances must be {np.prod(band_shape())} numbers of at least 0, got {self.variances}")
         object.__setattr__(self, "variances", tuple(values.ravel().tolist()))

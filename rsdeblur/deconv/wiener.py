@@ -5,6 +5,7 @@ Global mode is one band and one strip; it has no code of its own.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import Any
@@ -28,6 +29,14 @@ from rsdeblur.types import ComplexArray, FloatImage
 # what smaller margins cost.
 DECAY_MARGIN = 0.2
 LEAST_MARGIN = 1.5
+# Least `nsr`. OTFs of up to 1 have rounding errors of some 1e-7, so that a filter with a gain beyond 1 / (2 sqrt(nsr)),
+# 500, would mostly amplify these.
+LEAST_NSR = 1e-6
+
+
+def decay_margin(nsr: float) -> float:
+    """Return the margin of a tile, in PSF sizes, that the inverse filter needs at a noise-to-signal ratio."""
+    return max(LEAST_MARGIN, DECAY_MARGIN / math.sqrt(max(nsr, LEAST_NSR)))
 
 
 class TileFilter:
@@ -60,7 +69,8 @@ class TileFilter:
         planning: Planning,
         threads: int | None,
     ) -> None:
-        self.shape = _picture_shape(shape)
+        validate.instance("bank", bank, PsfBank)
+        self.shape = validate.shape(shape)
         validate.choice("border", border, BORDERS)
         validate.choice("planning", planning, PLANNINGS)
         height, width = self.shape[:2]
@@ -78,9 +88,14 @@ class TileFilter:
             planning=planning,
             threads=threads,
         )
+        tiles = bank.kernels[..., 0, 0].size
+        validate.memory(
+            f"the filters of {tiles} tiles of {self._strips.length}x{self._bands.length} px",
+            8 * tiles * self._hybrid.padded_frequencies * self._bands.length,
+            height * width,
+        )
         self._planners = [
-            _OtfPlanner(bank.size[0], self._bands.length, self._strips.length)
-            for _ in range(min(threads, bank.kernels[..., 0, 0].size))
+            _OtfPlanner(bank.size[0], self._bands.length, self._strips.length) for _ in range(min(threads, tiles))
         ]
         self._centres, self._kernel_size = (bank.rows, bank.cols), bank.size
         self._copy: NDArray[np.float32] | None = None
@@ -118,6 +133,7 @@ class TileFilter:
         InputError
             If the kernels hold at other places or are larger.
         """
+        validate.instance("bank", bank, PsfBank)
         places = all(map(np.array_equal, (bank.rows, bank.cols), self._centres))
         if not places or any(new > planned for new, planned in zip(bank.size, self._kernel_size, strict=True)):
             raise InputError(
@@ -140,6 +156,7 @@ class TileFilter:
         progress: Callable[[float], None] | None,
     ) -> NDArray[np.float32]:
         """Filter a picture as :meth:`Deconvolver.apply` does, with `filters` (S, B, padded frequencies, L)."""
+        validate.callback("progress", progress)
         picture = validate.linear_light(image, self.shape)
         out = validate.output(out, self.shape)
         self._filter(filters, picture.reshape(self._channelled), out.reshape(self._channelled), progress)
@@ -214,13 +231,14 @@ class Deconvolver(TileFilter):
     shape : (H, W) or (H, W, C)
         Shape of the pictures.
     nsr : float, default 0.01
-        Noise-to-signal power ratio Phi, positive.
+        Noise-to-signal power ratio Phi, from 1e-20 to 1e20; less than 1e-6, the limit of float32, counts as 1e-6.
     border : {"blend", "periodic"}
         "blend" continues the picture and fades opposite borders into each other over the PSF's size; "periodic" assumes
         that the picture repeats.
     planning : {"estimate", "measure"}
         How FFTW plans: at once, or by trials of up to a second per plan, which pays for solvers that are applied often.
-        Measured plans are kept in the user's cache folder, and both kinds of planning use them.
+        Measured plans are kept in the user's cache folder for later solvers that measure; the bits of "estimate" do not
+        depend on them.
     threads : int, optional
         Threads that share the work; default all processors. Any number gives the same bits.
 
@@ -241,8 +259,8 @@ class Deconvolver(TileFilter):
         planning: Planning = "estimate",
         threads: int | None = None,
     ) -> None:
-        self.nsr = validate.finite("nsr", nsr, above=0.0)
-        margin = max(LEAST_MARGIN, DECAY_MARGIN / self.nsr**0.5)
+        self.nsr = max(validate.strength("nsr", nsr), LEAST_NSR)
+        margin = decay_margin(self.nsr)
         super().__init__(bank, shape, margin=margin, border=border, planning=planning, threads=threads)
         self._filters = self._new_filters()
         self.replan(bank)
@@ -358,12 +376,6 @@ class _OtfPlanner:
         self._columns.data[:, down] = self._rows.spectrum[: len(down)].T
         self._columns.forward()
         out[...] = self._columns.data
-
-
-def _picture_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
-    if len(shape) not in (2, 3):
-        raise InputError(f"shape must be (H, W) or (H, W, C), got {shape}")
-    return tuple(validate.count("shape", n) for n in shape)
 
 
 def _check_fit(bank: PsfBank, height: int, width: int) -> None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -33,6 +32,8 @@ Verdict = Literal["good", "doubtful", "bad"]
 # right.
 DOUBTFUL_LEAD, BAD_LEAD = -1.5, -4.0
 DOUBTFUL_RINGING, BAD_RINGING = 0.045, 0.09
+# Residual from which hardly anything of the picture is left in the result; 1 is that of an even result.
+LOST = 0.9
 # Lead over every alternative, nats per tile, from which twice the ringing is allowed: such motion is right, and hard
 # edges on black ring in any case.
 CLEAR_LEAD = 2.0
@@ -54,8 +55,7 @@ SIZES = (0.5, 0.7, 1.4, 2.0)
 LINES, DIRECTIONS = (3.0, 7.0, 15.0), 4
 # Candidates for the power of the scene, as multiples of its mean, which strong edges dominate. For that of the noise
 # there is only its estimate: if less noise were possible, short blurs would explain noise as detail.
-GAINS = np.exp(np.linspace(-2.5, -0.4, 4)).astype(np.float32)
-NOISES = np.ones(1, dtype=np.float32)
+LEVELS = np.ones(1)
 # Distance of the rows that are measured for light below black, in pictures of at least 64 such rows.
 ROW_STEP = 8
 
@@ -226,7 +226,8 @@ def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:
     """Return `check` with the verdict and the reasons that follow from its figures."""
     lead = np.inf if check.lead is None else check.lead
     ringing = check.ringing / (2.0 if CLEAR_LEAD < lead < np.inf else 1.0)
-    bad = (lead < BAD_LEAD and check.alternative not in LARGER) or ringing > BAD_RINGING
+    # Ringing is NaN in a result that is not finite.
+    bad = (lead < BAD_LEAD and check.alternative not in LARGER) or not ringing <= BAD_RINGING
     sentences = list(reasons)
     if lead < DOUBTFUL_LEAD and check.alternative is not None:
         sentences.append(
@@ -235,6 +236,8 @@ def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:
         )
     if ringing > DOUBTFUL_RINGING:
         sentences.append(f"The result rings: light below black is {check.ringing:.1%} of the picture's contrast.")
+    if check.residual is not None and check.residual > LOST:
+        sentences.append("The result has lost the picture's detail: are nsr and weight too large?")
     doubtful = len(sentences) > len(reasons)
     return replace(check, verdict="bad" if bad else "doubtful" if doubtful else "good", reasons=tuple(sentences))
 
@@ -280,7 +283,14 @@ class _Tiles:
     def alternatives(self) -> dict[str, FloatArray]:
         """Return the lead of the motion over each alternative, nats, as means of the rows of tiles, shape (B,)."""
         places = [np.arange(len(corners)) * CELL + 1 for corners in self._corners]
-        fit = partial(TilePeriodograms(_mosaic(self._blurred), *places).fit, gains=GAINS, noises=NOISES)
+        measured = TilePeriodograms(_mosaic(self._blurred), *places)
+        shape = tuple(map(len, places))
+
+        def fit(kernels: NDArray[np.float32]) -> FloatArray:
+            expected = measured.expected(kernels)
+            place = np.broadcast_to(np.arange(len(expected)).reshape(kernels.shape[:2]), shape).ravel()
+            return measured.fit(expected, place, levels=LEVELS)[0].reshape(shape)
+
         of_motion = fit(self._kernels)
 
         def lead(kernels: NDArray[np.float32]) -> FloatArray:

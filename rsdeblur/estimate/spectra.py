@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from skimage.transform import resize
 
 from rsdeblur.errors import InputError
+from rsdeblur.estimate.correction import Recording
 from rsdeblur.image.frame import ReadoutFrame
-from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.exposure import Exposure
-from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.kernels import whittle
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
@@ -24,15 +23,21 @@ TILE = 64
 # Frequencies that are compared, cycles/px. Below them the window smears; above them there are only the corners of the
 # spectrum.
 LOWEST, HIGHEST = 1.5 / TILE, 0.5
-# Frequencies that mostly contain noise, cycles/px. Some directions may contain signal there, so the weakest of eight is
-# the noise.
-NOISE_BAND = 0.35, 0.5
+# Directions of frequencies in which a scene has a power of its own: the power of a door's edges, say.
 DIRECTIONS = 8
-# Candidates for the power of the scene and of the noise, as multiples of their first estimates.
-GAINS = np.exp(np.linspace(-2.5, 2.5, 8)).astype(np.float32)
-NOISES = np.array([0.3, 1.0], dtype=np.float32)
-# Power above this multiple of what is expected, as along a strong edge, counts by its logarithm.
-TAIL = np.float32(2.0)
+# Frequencies that mostly contain noise, cycles/px. Some directions may contain signal there, so the weakest is the
+# noise.
+NOISE_BAND = 0.35, 0.5
+# Candidates for the noise, as multiples of its first estimate.
+LEVELS = np.array([0.3, 1.0])
+# Weight, in nats, of squared differences between the logarithms of a scene's power in different directions, which
+# differs in natural scenes, but not by any factor.
+STIFFNESS = 20.0
+
+# Places across the picture at which PSFs are drawn; between them they change little.
+COLUMNS = 4
+# Time samples of the paths: at least, and per px of the longest one.
+LEAST_SAMPLES, SAMPLES_PER_PIXEL = 65, 2
 
 
 class TileSpectra:
@@ -41,9 +46,9 @@ class TileSpectra:
     Parameters
     ----------
     light : ndarray, shape (H, W)
-        Linear light.
-    camera : Camera
-        Camera of the picture. Other clocks and focal lengths can be scored, but not another size.
+        Linear light, of the picture as stored.
+    recording : Recording
+        Recording of the picture. Corrected ones can be scored.
     side : int
         Longer side of the picture after reduction, px.
 
@@ -53,9 +58,9 @@ class TileSpectra:
         If the reduced picture is smaller than a tile.
     """
 
-    def __init__(self, light: NDArray[np.float32], camera: Camera, *, side: int) -> None:
+    def __init__(self, light: NDArray[np.float32], recording: Recording, *, side: int) -> None:
         self._scale = min(1.0, side / max(light.shape))
-        small = camera.scaled(self._scale)
+        small = recording.camera.scaled(self._scale)
         if min(small.width, small.height) < TILE:
             raise InputError(f"the picture must keep {TILE} px on its shorter side when its longer one has {side} px")
         grey = light
@@ -63,10 +68,33 @@ class TileSpectra:
             grey = resize(light, (small.height, small.width), order=1, anti_aliasing=True)
         grey = ReadoutFrame(small).image(grey)
         tops, lefts = (_places(n) for n in grey.shape)
-        self._rows, self._cols = tops + (TILE - 1) / 2, lefts + (TILE - 1) / 2
-        self._measured = TilePeriodograms(grey, tops, lefts)
+        self._rows, cols = tops + (TILE - 1) / 2, lefts + (TILE - 1) / 2
+        strips = min(COLUMNS, len(cols))
+        self._cols = (np.arange(strips) + 0.5) * grey.shape[1] / strips - 0.5
+        nearest = np.abs(cols[:, None] - self._cols).argmin(axis=1)
+        self._periodograms = TilePeriodograms(grey, tops, lefts)
+        self._place = (np.arange(len(tops))[:, None] * strips + nearest).ravel()
+        longest = float(recording.capture(self._scale).probe.lengths.max())
+        self._samples = max(LEAST_SAMPLES, int(SAMPLES_PER_PIXEL * longest) + 1)
 
-    def score(self, log: GyroLog, camera: Camera, exposure: Exposure) -> FloatArray:
+    @property
+    def tiles(self) -> int:
+        """Number of tiles."""
+        return len(self._place)
+
+    def expected(self, recording: Recording) -> NDArray[np.float32]:
+        """Return the power expected at the places of the PSFs, see :meth:`TilePeriodograms.expected`.
+
+        Raises
+        ------
+        CoverageError, ClockError, GapError
+            If the log does not describe the exposure.
+        """
+        capture = recording.capture(self._scale)
+        paths = BlurPaths.from_capture(capture, self._rows, self._cols, samples=self._samples)
+        return self._periodograms.expected(PsfBank.from_paths(paths).kernels)
+
+    def score(self, recording: Recording) -> FloatArray:
         """Return the negative log-likelihood, in nats, of every tile under this motion.
 
         Raises
@@ -74,9 +102,26 @@ class TileSpectra:
         CoverageError, ClockError, GapError
             If the log does not describe the exposure.
         """
-        capture = ReadoutFrame(camera.scaled(self._scale)).capture(log, exposure)
-        bank = PsfBank.from_paths(BlurPaths.from_capture(capture, self._rows, self._cols))
-        return self._measured.fit(bank.kernels).ravel()
+        return self._periodograms.fit(self.expected(recording), self._place)[0]
+
+    def information(
+        self, expected: NDArray[np.float32], slopes: NDArray[np.float32]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return nats, gradient and Fisher information of every tile, see :func:`rsdeblur.kernels.whittle.information`.
+
+        Parameters
+        ----------
+        expected : ndarray, shape (K, F)
+            Expected power.
+        slopes : ndarray, shape (Q, K, F)
+            Derivatives of its logarithm.
+        """
+        measured = self._periodograms
+        nats, gains, levels = measured.fit(expected, self._place)
+        gradient, fisher = whittle.information(
+            measured.power, measured.noise, expected, slopes, self._place, measured.sectors, (gains, levels), STIFFNESS
+        )
+        return nats, gradient, fisher
 
 
 class TilePeriodograms:
@@ -88,37 +133,58 @@ class TilePeriodograms:
         Linear light.
     tops, lefts : ndarray, shape (B,) and (S,)
         First rows and first columns of the tiles.
+
+    Attributes
+    ----------
+    power, noise : ndarray, shape (B * S, F), float32
+        Power of both differences, and of the noise in it, at F frequencies sorted by direction.
+    sectors : ndarray, shape (DIRECTIONS + 1,)
+        First frequency of each direction, and F.
     """
 
     def __init__(self, grey: NDArray[np.float32], tops: NDArray[np.intp], lefts: NDArray[np.intp]) -> None:
         fy, fx = np.meshgrid(scipy.fft.fftfreq(TILE), scipy.fft.rfftfreq(TILE), indexing="ij")
-        radius = np.hypot(fx, fy)
-        self._used = (radius > LOWEST) & (radius < HIGHEST)
+        radius, direction = np.hypot(fx, fy), _directions(fy, fx)
+        used = np.flatnonzero((radius > LOWEST) & (radius < HIGHEST))
+        self._used = used[np.argsort(direction.flat[used], kind="stable")]
+        self.sectors = np.searchsorted(direction.flat[self._used], np.arange(DIRECTIONS + 1))
         # Squared response of both differences together.
         gradient = 4 * np.sin(np.pi * fy) ** 2 + 4 * np.sin(np.pi * fx) ** 2
         power = _periodograms(grey, tops, lefts)
-        self._noise = _noise(power, gradient, fy, fx)[..., None] * gradient[self._used].astype(np.float32)
-        self._power = power[..., self._used]
-        self._scene = (gradient / np.maximum(radius, LOWEST) ** 2).astype(np.float32)
+        noise = _noise(power, gradient, radius, direction).reshape(-1, 1)
+        self.power = np.ascontiguousarray(power.reshape(len(noise), -1)[:, self._used])
+        self.noise = (noise * gradient.flat[self._used]).astype(np.float32)
+        self._scene = (gradient / np.maximum(radius, LOWEST) ** 2).astype(np.float32).flat[self._used]
+
+    def expected(self, kernels: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the power of the scene under `kernels` (B, S, kh, kw), up to a gain, shape (B * S, F)."""
+        power = _power_of(kernels)
+        # A PSF can make a frequency vanish, but nothing is certain.
+        expected: NDArray[np.float32] = np.maximum(power.reshape(-1, power[0, 0].size)[:, self._used], 1e-9)
+        expected *= self._scene
+        return expected
 
     def fit(
-        self,
-        kernels: NDArray[np.float32],
-        *,
-        gains: NDArray[np.float32] = GAINS,
-        noises: NDArray[np.float32] = NOISES,
-    ) -> FloatArray:
-        """Return the negative log-likelihood, in nats, of the tiles under `kernels` (B or 1, S or 1, kh, kw)."""
-        expected = (_power_of(kernels) * self._scene)[..., self._used]
-        excess = (self._power - self._noise).mean(axis=-1).clip(1e-12)
-        scene = (excess / expected.mean(axis=-1))[..., None] * expected
-        likeliest = np.full(excess.shape, np.inf, dtype=np.float32)
-        for noise in noises:
-            for gain in gains:
-                variance = gain * scene + noise * self._noise
-                surprise = np.log(variance) + TAIL * np.log1p(self._power / (TAIL * variance))
-                np.minimum(likeliest, surprise.sum(axis=-1), out=likeliest)
-        return likeliest.astype(np.float64)
+        self, expected: NDArray[np.float32], place: NDArray[np.intp], *, levels: FloatArray = LEVELS
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return nats, gains and levels of the noise of all tiles, see :func:`rsdeblur.kernels.whittle.fit`.
+
+        Parameters
+        ----------
+        expected : ndarray, shape (K, F)
+            Expected power at K places.
+        place : ndarray, shape (B * S,)
+            Index of each tile's place.
+        levels : ndarray, optional
+            Candidates for the noise, as multiples of its first estimate.
+        """
+        return whittle.fit(self.power, self.noise, expected, place, self.sectors, levels, STIFFNESS)
+
+
+def _directions(fy: FloatArray, fx: FloatArray) -> NDArray[np.intp]:
+    """Return the sector of each frequency, in [0, DIRECTIONS); opposite directions share one."""
+    turns = np.arctan2(fy, fx) / np.pi + 0.5
+    return np.minimum(np.floor(turns * DIRECTIONS).astype(np.intp), DIRECTIONS - 1)
 
 
 def _places(n: int) -> NDArray[np.intp]:
@@ -138,17 +204,19 @@ def _periodograms(grey: NDArray[np.float32], tops: NDArray[np.intp], lefts: NDAr
     return power
 
 
-def _noise(power: NDArray[np.float32], gradient: FloatArray, fy: FloatArray, fx: FloatArray) -> NDArray[np.float32]:
+def _noise(
+    power: NDArray[np.float32], gradient: FloatArray, radius: FloatArray, direction: NDArray[np.intp]
+) -> NDArray[np.float32]:
     """Return the power of white noise in each tile: the least of several directions at high frequencies.
 
     It is not :func:`rsdeblur.estimate.noise.noise_level`, which is the average over the picture: a likelihood needs the
     noise of each tile, in the units of its periodogram, and not confused with detail that has a direction.
     """
-    radius, angle = np.hypot(fy, fx), np.arctan2(fy, fx) / np.pi + 0.5
     high = (radius > NOISE_BAND[0]) & (radius < NOISE_BAND[1])
     white = power / np.maximum(gradient, 1e-9)
-    sectors = [high & (np.minimum(angle * DIRECTIONS // 1, DIRECTIONS - 1) == k) for k in range(DIRECTIONS)]
-    least: NDArray[np.float32] = np.min([white[..., sector].mean(axis=-1) for sector in sectors], axis=0)
+    least: NDArray[np.float32] = np.min(
+        [white[..., high & (direction == sector)].mean(axis=-1) for sector in range(DIRECTIONS)], axis=0
+    )
     return np.maximum(least, 1e-12).astype(np.float32)
 
 

@@ -27,8 +27,8 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from rsdeblur._util import validate
-from rsdeblur.choices import Prior
-from rsdeblur.deconv.wavelet import Factors, WaveletPrior, frame_responses
+from rsdeblur.choices import PRIORS, Prior
+from rsdeblur.deconv.wavelet import MOST_VARIANCE, Factors, WaveletPrior, frame_responses
 from rsdeblur.estimate.noise import gradient_energy, noise_level
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
@@ -57,7 +57,7 @@ def nsr_of_iso(iso: float) -> float:
 
     Sindelar and Sroubek (2013) tried this, and found that it has little effect.
     """
-    return BASE_NSR * validate.finite("iso", iso, above=0.0) / BASE_ISO
+    return validate.strength("nsr", BASE_NSR * validate.finite("iso", iso, above=0.0) / BASE_ISO)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,12 +116,13 @@ class Tuning:
         Raises
         ------
         InputError
-            If `light` has another shape, holds integers, or is not finite, or `noise` is negative.
+            If `light` has another shape, holds integers, or is not finite, or `noise` is not from 0 to 1e12.
         """
-        light = validate.picture(light)
+        light = validate.linear_light(light)
+        validate.instance("bank", bank, PsfBank)
         light = light.reshape(*light.shape[:2], -1)
         spectra = Spectra.of(bank, one_filter=one_filter)
-        noise = noise_level(light) if noise is None else validate.finite("noise", noise, minimum=0.0)
+        noise = noise_level(light) if noise is None else validate.noise("noise", noise)
         # A constant picture has nothing to restore, so any energy other than 0 will do.
         energy = gradient_energy(light, noise) / spectra.left_of_gradient or 1.0
         share = bank.size[1] / light.shape[1]
@@ -144,11 +145,13 @@ class Tuning:
         exponent : float
             Exponent of the hyper-Laplacian, in (0, 1]; the other priors ignore it.
         """
+        validate.choice("prior", prior, PRIORS)
         weight = self.gradient_weight
         if prior == "gradient":
             return weight
-        power = 1.0 if prior == "tv" else exponent
-        return float(SPARSE_STRENGTH * power**0.5 * weight * self.energy ** (1 - power / 2))
+        power = 1.0 if prior == "tv" else validate.exponent(exponent)
+        sparse = SPARSE_STRENGTH * power**0.5 * weight * self.energy ** (1 - power / 2)
+        return float(np.clip(sparse, validate.LEAST_STRENGTH, validate.MOST_STRENGTH))
 
     def wavelet(self, weight: float | None = None) -> WaveletPrior:
         """Return the learned prior for the picture.
@@ -156,10 +159,11 @@ class Tuning:
         Parameters
         ----------
         weight : float, optional
-            Weight of the prior; default :attr:`gradient_weight`. A larger one stands for more noise.
+            Weight of the prior, from 1e-20 to 1e20; default :attr:`gradient_weight`. A larger one stands for more
+            noise.
         """
         spectra, suited = self.spectra, self.gradient_weight
-        weight = suited if weight is None else weight
+        weight = suited if weight is None else validate.strength("weight", weight)
         # Errors of the model are no noise, but the frame cannot distinguish them.
         errors = self._path_error * spectra.gradient + self.border_error
         wrong = errors * spectra.power + spectra.power - 2 * spectra.match + spectra.undone
@@ -168,7 +172,7 @@ class Tuning:
         left = [spectra.undone / np.square(spectra.undone + penalty) * noise for penalty in penalties]
         responses = frame_responses(len(spectra.signal))
         variances = np.einsum("kyx,joyx->kjo", left, responses) / spectra.signal.size * (weight / suited)
-        return WaveletPrior(weight, tuple(variances.ravel()))
+        return WaveletPrior(weight, tuple(variances.clip(max=MOST_VARIANCE).ravel()))
 
     @property
     def _path_error(self) -> float:

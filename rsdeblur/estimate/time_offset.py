@@ -17,8 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import CoverageError, InputError
+from rsdeblur.estimate.correction import Correction, Recording, Uncertainty
+from rsdeblur.estimate.posterior import Posterior
+from rsdeblur.estimate.sharpness import Sharpness
 from rsdeblur.estimate.spectra import TileSpectra
 from rsdeblur.image.encoded import EncodedImage, check_size
+from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -26,9 +30,11 @@ from rsdeblur.types import FloatArray, Progress
 
 # Longer side of the reduced picture in the coarse and in the fine search, px, and the steps there, s.
 COARSE_SIDE, COARSE_STEP = 320, 4e-3
-FINE_SIDE, FINE_STEP = 640, 1e-3
+FINE_SIDE, FINE_STEP = 480, 1e-3
 # Minima of the coarse curve that the fine search examines.
 MINIMA = 6
+# Longest search, and largest offset, s.
+MOST_SEARCH, LARGEST_OFFSET = 120.0, 1e9
 # Offsets nearer than this count as the same answer, s.
 SAME = 4e-3
 
@@ -37,6 +43,9 @@ RESAMPLES, CONFIDENT = 200, 0.8
 # Least lead over any other answer, in nats over the whole picture. A constant rate of rotation gives every offset the
 # same PSF, and then nothing leads.
 LEAST_LEAD = 30.0
+# Least lead over a steady motion that the log lacks, in nats of the posterior, and least fall of the logarithm of
+# l1 / l2, see :mod:`rsdeblur.estimate.sharpness`.
+CLEAR_LEAD, LEAST_FALL = 3.0, 0.005
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +96,7 @@ def find_time_offset(
         The motion, the camera and the time of the exposure.
     search : (float, float)
         First and last candidate relative to `camera.time_offset`, s. Candidates that the log does not cover are left
-        out.
+        out; the others may span two minutes.
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light, as for :func:`rsdeblur.deblur`.
     progress : callable, optional
@@ -111,25 +120,56 @@ def find_time_offset(
     `sum log V + P / V` (Whittle 1953) with `V = a S |H|^2 + b N`: S the scene's spectrum, whose gradients are taken as
     white, N the noise's, and a, b free in every tile.
     """
-    first, last = (validate.finite("search", end) for end in search)
+    check_recording(log, camera, exposure)
+    validate.callback("progress", progress)
+    first, last = validate.real_array("search", search, (2,), most=LARGEST_OFFSET).tolist()
     if last - first < 2 * COARSE_STEP:
         raise InputError(f"search must span at least {2 * COARSE_STEP:g} s, got {first:g} to {last:g}")
+    whole = _covered(log, camera, exposure, first, last)
     encoded = EncodedImage.of(image, transfer)
     check_size(encoded.shape, camera)
     light = encoded.linear(slice(None)).mean(2)
 
-    capture = log, camera, exposure
-    whole = np.arange(0, round((last - first) / FINE_STEP) + 1, round(COARSE_STEP / FINE_STEP))
-    coarse = _Curve(TileSpectra(light, camera, side=COARSE_SIDE), capture, first)
+    recording = Recording(log, camera, exposure)
+    coarse = _Curve(TileSpectra(light, recording, side=COARSE_SIDE), recording, first)
     coarse.extend(whole, lambda done: progress and progress("coarse", done))
-    fine = _Curve(TileSpectra(light, camera, side=FINE_SIDE), capture, first)
+    fine_spectra = TileSpectra(light, recording, side=FINE_SIDE)
+    fine = _Curve(fine_spectra, recording, first)
     candidates = _windows(coarse.minima()[:MINIMA], whole[-1])
     while len(candidates):
         fine.extend(candidates, lambda done: progress and progress("fine", done))
         # The minimum may lie beside the window that the coarse curve chose.
         candidates = np.setdiff1d(_windows(fine.minima()[:1], whole[-1]), fine.tried)
         candidates = candidates if fine.at_edge() else candidates[:0]
-    return fine.result()
+    found = fine.result()
+    if found.time_offset is not None and abs(found.time_offset - camera.time_offset) > SAME:
+        reason = _objection(light, fine_spectra, recording, found.time_offset)
+        found = replace(found, time_offset=None if reason else found.time_offset, reason=reason)
+    return found
+
+
+def _covered(log: GyroLog, camera: Camera, exposure: Exposure, first: float, last: float) -> NDArray[np.intp]:
+    """Return the coarse candidates that the log may cover, in fine steps from `first`; at least the first one.
+
+    Raises
+    ------
+    InputError
+        If they span more than `MOST_SEARCH`.
+    """
+    opens, closes = exposure.span(camera)
+    # Camera time minus the log's own time, for the first candidate.
+    offset = camera.time_offset + first + (log.epoch_ns - exposure.epoch_ns) * 1e-9
+    start, end = log.span
+    earliest, latest = max(closes - end - offset, 0.0), min(opens - start - offset, last - first)
+    if latest - earliest > MOST_SEARCH:
+        raise InputError(f"search must span at most {MOST_SEARCH:g} s of the log, got {first:g} to {last:g}")
+    if latest <= earliest:
+        return np.zeros(1, dtype=np.intp)
+    step = round(COARSE_STEP / FINE_STEP)
+    # One more at either end, so that rounding loses none; those beyond the log are left out later.
+    lowest = max(int(earliest / COARSE_STEP) - 1, 0) * step
+    highest = min(int(latest / FINE_STEP) + 2 * step, round((last - first) / FINE_STEP))
+    return np.arange(lowest, highest + 1, step)
 
 
 def _windows(places: NDArray[np.intp], last: int) -> NDArray[np.intp]:
@@ -139,11 +179,26 @@ def _windows(places: NDArray[np.intp], last: int) -> NDArray[np.intp]:
     return near[(near >= 0) & (near <= last)]
 
 
+def _objection(light: NDArray[np.float32], spectra: TileSpectra, recording: Recording, time_offset: float) -> str:
+    """Return why another time offset is not credible; nothing if it is."""
+    shifted = recording.corrected(Correction(offset=time_offset - recording.camera.time_offset))
+    sharpness = Sharpness(light, recording)
+    reached = sharpness.of(shifted)
+    if reached > sharpness.of(recording) - LEAST_FALL:
+        return "the picture does not become sharper with it"
+    deviations = Uncertainty(offset=0.0, readout=0.0, roll=0.0).deviations(recording.camera)
+    posterior, nats = Posterior(spectra, recording, deviations), spectra.score(shifted)
+    for place in posterior.search(posterior.free):
+        if posterior.lead(place, nats) > -CLEAR_LEAD or sharpness.of(posterior.corrected(place)) < reached:
+            return "a steady motion that the log lacks, as of a hand that swings, explains the picture as well"
+    return ""
+
+
 class _Curve:
     """Scores of all tiles for the candidates tried so far; candidate k is the offset `first + k FINE_STEP`."""
 
-    def __init__(self, spectra: TileSpectra, capture: tuple[GyroLog, Camera, Exposure], first: float) -> None:
-        self._spectra, self._capture, self._first = spectra, capture, first
+    def __init__(self, spectra: TileSpectra, recording: Recording, first: float) -> None:
+        self._spectra, self._recording, self._first = spectra, recording, first
         self._scores: dict[int, FloatArray] = {}
         self.tried: list[int] = []
 
@@ -155,14 +210,14 @@ class _Curve:
         CoverageError
             If the log covers none of all candidates so far.
         """
-        log, camera, exposure = self._capture
+        recording = self._recording
         uncovered: CoverageError | None = None
         for i, place in enumerate(places.tolist()):
             progress(i / len(places))
             self.tried.append(place)
-            moved = replace(camera, time_offset=camera.time_offset + self._first + place * FINE_STEP)
+            moved = recording.corrected(Correction(offset=self._first + place * FINE_STEP))
             try:
-                self._scores[place] = self._spectra.score(log, moved, exposure)
+                self._scores[place] = self._spectra.score(moved)
             except CoverageError as error:
                 uncovered = error
         if uncovered and not self._scores:
@@ -190,7 +245,7 @@ class _Curve:
         total = tiles.sum(axis=1)
         at = int(total.argmin())
         edge = self.at_edge()
-        origin = self._capture[1].time_offset + self._first
+        origin = self._recording.camera.time_offset + self._first
         best = origin + float(places[at] + (0.0 if edge else _vertex(total[at - 1 : at + 2]))) * FINE_STEP
         far = np.abs(places - places[at]) * FINE_STEP > SAME
         # Bootstrap: as many draws as there are tiles, with repetition, stand for another picture of the same motion.

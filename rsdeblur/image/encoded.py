@@ -48,7 +48,7 @@ class EncodedImage:
         InputError
             If it is not a picture.
         """
-        array: NDArray[Any] = np.asarray(image)
+        array = validate.array("image", image)
         if array.ndim not in (2, 3) or array.size == 0 or (array.ndim == 3 and array.shape[2] > 4):
             raise InputError(f"image must have shape (H, W) or (H, W, C) with C from 1 to 4, got {array.shape}")
         if array.dtype not in (np.uint8, np.uint16) and not np.issubdtype(array.dtype, np.floating):
@@ -68,27 +68,38 @@ class EncodedImage:
         Raises
         ------
         InputError
-            If a value is not finite.
+            If a value is not finite, or its light is beyond 1e12.
         """
         height, width, channels = self.shape
         rows = slice(*rows.indices(height)[:2])
         light = np.empty((rows.stop - rows.start, width, channels), dtype=np.float32)
         for here, there in _blocks(rows):
-            encoded = _as_float(self.values[there, :, :channels])
-            if not np.isfinite(encoded).all():
-                raise InputError("image must be finite")
-            light[here] = to_linear(encoded, self.transfer)
+            light[here] = to_linear(_as_float(self.values[there, :, :channels]), self.transfer)
+            validate.bounded("image", light[here])
         return light
 
     def encode(self, light: NDArray[np.float32], rows: slice, out: NDArray[Any]) -> None:
         """Encode `light` into `rows` of `out`, which is upright like the picture, and copy alpha.
 
         Results are clipped to [0, 1] if the picture or `out` has integers, and rounded if `out` has.
+
+        Raises
+        ------
+        InputError
+            If a value is not finite.
         """
         channels = light.shape[2]
         clip = self.values.dtype.kind == "u" or out.dtype.kind == "u"
         for here, there in _blocks(rows):
             sharp = from_linear(light[here], self.transfer)
+            with np.errstate(over="ignore", invalid="ignore"):
+                # One pass instead of the two of np.isfinite(sharp).all().
+                finite = np.isfinite(sharp.sum())
+            if not finite:
+                raise InputError(
+                    "the result is not finite: the picture or the strengths (nsr, weight) are beyond what float32 "
+                    "carries; scale the picture so that white is 1, or use larger strengths"
+                )
             if clip:
                 sharp = sharp.clip(0.0, 1.0)
             out[there, :, :channels] = _as_stored(sharp, out.dtype)
@@ -104,18 +115,25 @@ def result_like(
     Raises
     ------
     InputError
-        If `out` is not a writable array of the picture's shape and of float32, uint8 or uint16.
+        If `out` is not a writable array of the picture's shape and of float32, uint8 or uint16; or if it has integers,
+        and most values of the picture are floats beyond 1, which would all become white.
     """
-    shape = np.shape(image)
+    image = np.asarray(image)
+    shape = image.shape
     if out is None:
         out = np.empty(shape, dtype=np.float32)
-    elif not isinstance(out, np.ndarray) or out.shape != shape or out.dtype not in (np.float32, np.uint8, np.uint16):
-        got = f"{out.dtype} of shape {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
+    elif not validate.is_plain(out) or out.shape != shape or out.dtype not in (np.float32, np.uint8, np.uint16):
+        got = f"{out.dtype} of shape {out.shape}" if validate.is_plain(out) else type(out).__name__
         raise InputError(f"out must be a float32, uint8 or uint16 array of shape {shape}, got {got}")
     elif not out.flags.writeable:
         raise InputError("out must be writable")
-    elif np.may_share_memory(out, np.asarray(image)):
+    elif np.may_share_memory(out, image):
         raise InputError("out must not overlap image")
+    elif out.dtype.kind == "u" and validate.mostly_beyond_white(image):
+        raise InputError(
+            f"image has values of up to {image.max():g}, most of them beyond 1, which is white and the most that out's "
+            f"{out.dtype} can hold: divide image by its full scale, or use out of float32"
+        )
     channelled = out if out.ndim == 3 else out[:, :, None]
     return out, frame.image(channelled) if frame else channelled
 
@@ -194,7 +212,8 @@ def _blocks(rows: slice) -> Iterator[tuple[slice, slice]]:
 
 
 def _as_float(values: NDArray[Any]) -> NDArray[np.float32]:
-    scaled = values.astype(np.float32)
+    with np.errstate(over="ignore"):  # becomes infinity, which is refused
+        scaled = values.astype(np.float32)
     if values.dtype.kind == "u":
         scaled /= np.iinfo(values.dtype).max
     return scaled

@@ -14,22 +14,24 @@ from rsdeblur.errors import InputError
 # IEC 61966-2-1: below these values the sRGB curve is a straight line.
 SRGB_LINEAR_END = 0.0031308
 SRGB_STORED_END = 0.04045
+# Largest gamma, and its inverse the least: devices use 0.4 to 3, and 255 steps do not survive more.
+MOST_GAMMA = 10.0
 
 
-def check_transfer(transfer: Transfer) -> Transfer:
-    """Return `transfer` if it is "linear", "srgb" or a positive gamma."""
+def check_transfer(transfer: Any) -> Transfer:
+    """Return `transfer` if it is "linear", "srgb" or a gamma from 0.1 to 10."""
     if isinstance(transfer, str):
         if transfer not in TRANSFERS:
             raise InputError(f'transfer must be "linear", "srgb" or a gamma, got {transfer!r}')
-        return transfer
-    return validate.finite("transfer", transfer, above=0.0)
+        return "srgb" if transfer == "srgb" else "linear"
+    return validate.finite("transfer", transfer, minimum=1 / MOST_GAMMA, maximum=MOST_GAMMA)
 
 
 def resolve_transfer(transfer: Transfer | Auto, dtype: np.dtype[Any]) -> Transfer:
     """Return a checked transfer; "auto" is sRGB for integers and linear for floats."""
-    if transfer != "auto":
-        return check_transfer(transfer)
-    return "srgb" if dtype.kind == "u" else "linear"
+    if validate.is_auto(transfer):
+        return "srgb" if dtype.kind == "u" else "linear"
+    return check_transfer(transfer)
 
 
 def to_linear(values: NDArray[np.float32], transfer: Transfer) -> NDArray[np.float32]:
@@ -48,14 +50,17 @@ def to_linear(values: NDArray[np.float32], transfer: Transfer) -> NDArray[np.flo
     ndarray, float32
         `values` themselves if the curve is linear.
     """
+    transfer = check_transfer(transfer)
     if transfer == "linear":
         return values
+    values = validate.array("values", values)
     magnitude = np.abs(values)
-    if transfer == "srgb":
-        light = np.where(magnitude <= SRGB_STORED_END, magnitude / 12.92, ((magnitude + 0.055) / 1.055) ** 2.4)
-    else:
-        light = magnitude**transfer
-    return np.copysign(light, values).astype(np.float32)
+    with np.errstate(over="ignore"):  # becomes infinity
+        if transfer == "srgb":
+            light = np.where(magnitude <= SRGB_STORED_END, magnitude / 12.92, ((magnitude + 0.055) / 1.055) ** 2.4)
+        else:
+            light = magnitude**transfer
+        return np.copysign(light, values).astype(np.float32)
 
 
 def from_linear(light: NDArray[np.float32], transfer: Transfer) -> NDArray[np.float32]:
@@ -73,14 +78,17 @@ def from_linear(light: NDArray[np.float32], transfer: Transfer) -> NDArray[np.fl
     ndarray, float32
         `light` itself if the curve is linear.
     """
+    transfer = check_transfer(transfer)
     if transfer == "linear":
         return light
+    light = validate.array("light", light)
     magnitude = np.abs(light)
-    if transfer == "srgb":
-        values = np.where(magnitude <= SRGB_LINEAR_END, magnitude * 12.92, 1.055 * magnitude ** (1 / 2.4) - 0.055)
-    else:
-        values = magnitude ** (1.0 / transfer)
-    return np.copysign(values, light).astype(np.float32)
+    with np.errstate(over="ignore"):  # becomes infinity
+        if transfer == "srgb":
+            values = np.where(magnitude <= SRGB_LINEAR_END, magnitude * 12.92, 1.055 * magnitude ** (1 / 2.4) - 0.055)
+        else:
+            values = magnitude ** (1.0 / transfer)
+        return np.copysign(values, light).astype(np.float32)
 
 
 # Share of the values at either end that counts as outliers.

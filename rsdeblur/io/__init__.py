@@ -2,14 +2,17 @@
 
 `source` opens a file, `formats` finds its format, and `text` reads numbers and names a line that cannot be read. The
 readers of gyro logs are grouped by family: `gyro_tables` (text), `gyroflow`, `gyro_binary` (pictures and videos) and
-`archives`; `samples` makes a log from what they return.
+`archives`; `columns` finds the columns of tables, and `samples` makes a log from what they return. `accelerations`
+reads accelerometers from the same files, and `trajectories` reads poses that other programs found.
 """
 
+from rsdeblur.io.accelerations import read_acceleration
 from rsdeblur.io.cameras import open_camera, read_camera
 from rsdeblur.io.captures import read_captures
 from rsdeblur.io.clocks import Clocks, read_clocks
 from rsdeblur.io.gyro_logs import detect_gyro_format, open_gyro, read_gyro
 from rsdeblur.io.pictures import Picture, check_writable, read_picture, write_picture
+from rsdeblur.io.trajectories import read_trajectory
 
 __all__ = [
     "Clocks",
@@ -18,10 +21,12 @@ __all__ = [
     "detect_gyro_format",
     "open_camera",
     "open_gyro",
+    "read_acceleration",
     "read_camera",
     "read_captures",
     "read_clocks",
     "read_gyro",
     "read_picture",
+    "read_trajectory",
     "write_picture",
 ]

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+
+from rsdeblur.io import directories
 
 BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
-ORIENTATION = 274
 # EXIF orientation for 0, 1, 2 and 3 quarter turns anticlockwise.
 ORIENTATION_OF_TURNS = (1, 8, 3, 6)
 
@@ -41,7 +41,9 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None, by
         pixels |= pixels >> np.uint16(file.info["bit_depth"])
     turns = _quarter_turns(data)
     pixels = np.ascontiguousarray(np.rot90(pixels, -turns))
-    return pixels, _oriented(file.info.get("exif"), ORIENTATION_OF_TURNS[turns]), file.info.get("icc_profile")
+    # In a HEIC file the block's own orientation does not count.
+    exif = directories.with_orientation(file.info.get("exif"), ORIENTATION_OF_TURNS[turns])
+    return pixels, exif, file.info.get("icc_profile")
 
 
 def _quarter_turns(data: bytes) -> int:
@@ -56,14 +58,3 @@ def _quarter_turns(data: bytes) -> int:
     box = data[start : start - 4 + struct.unpack_from(">I", data, start - 4)[0]]
     place = box.find(b"irot")
     return box[place + 4] & 3 if place >= 0 and b"imir" not in box else 0
-
-
-def _oriented(exif: bytes | None, orientation: int) -> bytes | None:
-    """Return the EXIF block with `orientation`: in a HEIC file the block's own does not count."""
-    block = Image.Exif()
-    if exif:
-        block.load(exif)
-    if block.get(ORIENTATION, 1) == orientation:
-        return exif
-    block[ORIENTATION] = orientation
-    return b"Exif\0\0" + block.tobytes().removeprefix(b"Exif\0\0")

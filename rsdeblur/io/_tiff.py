@@ -10,7 +10,7 @@ import logging
 import struct
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from typing import Any, BinaryIO
@@ -19,9 +19,10 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 from PIL import Image
-from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from rsdeblur.errors import RsdeblurWarning
+from rsdeblur.io import directories
+from rsdeblur.io.directories import ORIENTATION, Directory
 
 # tifffile logs every oddity of a damaged file; the faults that matter are raised.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
@@ -31,12 +32,10 @@ MAGIC = (b"II*\0", b"MM\0*", *BIG_MAGIC)
 
 # Tags of an EXIF block's first directory that describe the picture rather than how its samples are stored.
 TEXT_TAGS = (270, 271, 272, 305, 306, 315, 316, 33432)  # description, maker, model, software, time, artist, ...
-ORIENTATION = 274
 NATIVE = "<" if sys.byteorder == "little" else ">"
 Tag = tuple[int, str, int, Any, bool]
 # Most bytes per pixel: four samples of 32 bits.
 PIXEL_BYTES = 16
-EXIF_TABLE, GPS_TABLE = 34665, 34853
 
 
 # Most bytes of samples in a classic TIFF: its offsets have 32 bits, and its tags need room too.
@@ -87,9 +86,9 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None]:
         if pixels is None or pixels.ndim > 3 or (pixels.ndim == 3 and pixels.shape[2] not in (2, 3, 4)):
             raise Unsupported(
                 f"TIFF with {page.samplesperpixel} samples of {page.bitspersample} bits ({page.photometric!r}) is not "
-                "supported; convert it to grey or RGB of 8 or 16 bits or float"
+                "supported; convert it to grey or RGB of 8 or 16 bits without sign, or float"
             )
-        return np.ascontiguousarray(pixels), page.iccprofile
+        return np.ascontiguousarray(_straight(pixels) if _is_premultiplied(page) else pixels), page.iccprofile
 
 
 def place(page: tifffile.TiffPage, file_size: int) -> dict[str, Any] | None:
@@ -97,7 +96,12 @@ def place(page: tifffile.TiffPage, file_size: int) -> dict[str, Any] | None:
     kind = tifffile.PHOTOMETRIC(page.photometric)
     plain = page.is_memmappable and page.axes in ("YX", "YXS") and kind in (kind.MINISBLACK, kind.RGB)
     # A memory map needs whole bytes in this machine's order.
-    if not plain or page.dtype not in (np.uint8, np.uint16, np.float32) or page.bitspersample % 8:
+    if (
+        not plain
+        or _is_premultiplied(page)
+        or page.dtype not in (np.uint8, np.uint16, np.float32)
+        or page.bitspersample % 8
+    ):
         return None
     if page.parent.byteorder != NATIVE and page.dtype != np.uint8:
         return None
@@ -105,11 +109,29 @@ def place(page: tifffile.TiffPage, file_size: int) -> dict[str, Any] | None:
     return {"offset": offset, "dtype": page.dtype, "shape": page.shape} if offset + page.nbytes <= file_size else None
 
 
+def _is_premultiplied(page: tifffile.TiffPage) -> bool:
+    """Whether the colours are multiplied by alpha."""
+    return tuple(page.extrasamples) == (tifffile.EXTRASAMPLE.ASSOCALPHA,)
+
+
+def _straight(pixels: NDArray[Any]) -> NDArray[Any]:
+    """Return premultiplied colours and their alpha with the colours divided by alpha; those without alpha stay."""
+    colours, alpha = pixels[..., :-1].astype(np.float32), pixels[..., -1:].astype(np.float32)
+    full = 1 if pixels.dtype.kind == "f" else np.iinfo(pixels.dtype).max
+    np.divide(colours * full, alpha, out=colours, where=alpha > 0)
+    straight = pixels.copy()
+    straight[..., :-1] = colours if full == 1 else np.rint(np.minimum(colours, full))
+    return straight
+
+
 def _plain(page: tifffile.TiffPage, pixels: NDArray[Any]) -> NDArray[Any] | None:
     """Return `pixels` as grey or RGB in uint8, uint16 or float32; None if their kind is not supported."""
     bits, kind = page.bitspersample, tifffile.PHOTOMETRIC(page.photometric)
+    if pixels.dtype.kind == "i":
+        return None
     if pixels.dtype.kind == "f":
-        pixels = pixels.astype(np.float32)
+        with np.errstate(over="ignore"):  # infinity, which is refused where it matters
+            pixels = pixels.astype(np.float32)
     elif bits <= 8 and kind != kind.PALETTE:
         pixels = pixels.astype(np.uint8) * np.uint8(255 // (2**bits - 1))
     elif bits not in (8, 16) and kind != kind.PALETTE:
@@ -130,20 +152,14 @@ def _plain(page: tifffile.TiffPage, pixels: NDArray[Any]) -> NDArray[Any] | None
 
 def exif_block(file: BinaryIO) -> bytes | None:
     """Return the descriptive tags of a TIFF file as an EXIF block; None if there are none, or in a BigTIFF."""
-    # Pillow reads EXIF blocks from classic TIFF only.
+    # Offsets in EXIF blocks have 32 bits.
     if file.read(4) in BIG_MAGIC:
         return None
-    file.seek(0)
-    tags = Image.Exif()
-    tags.load_from_fp(file)
-    block = Image.Exif()
-    for tag in (*TEXT_TAGS, ORIENTATION):
-        if tag in tags:
-            block[tag] = tags[tag]
-    for table in (EXIF_TABLE, GPS_TABLE):
-        if tags.get_ifd(table):
-            block[table] = tags.get_ifd(table)
-    return block.tobytes() if len(block) else None
+    main = directories.read(file)
+    entries = {tag: main.entries[tag] for tag in (*TEXT_TAGS, ORIENTATION) if tag in main.entries}
+    if not entries and not main.tables:
+        return None
+    return directories.block(directories.Directory(entries, main.tables))
 
 
 def encode(pixels: NDArray[Any], exif: bytes | None, icc: bytes | None) -> bytes:
@@ -189,40 +205,31 @@ def _tables(file: BinaryIO, exif: bytes | None) -> Iterator[list[Tag]]:
         _append(file, table, directory)
 
 
-def _tags_of(exif: bytes) -> tuple[dict[int, ImageFileDirectory_v2], list[Tag]]:
+def _tags_of(exif: bytes) -> tuple[Mapping[int, Directory], list[Tag]]:
     """Return the tables of an EXIF block, and its tags for the file's first directory in tifffile's form."""
-    block = Image.Exif()
     try:
-        block.load(exif)
-        tables = {table: _directory(table, block) for table in (EXIF_TABLE, GPS_TABLE) if block.get_ifd(table)}
-        orientation = block.get(ORIENTATION)
-    except (SyntaxError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, struct.error) as error:
+        main = directories.read_block(exif)
+    except ValueError as error:
         warnings.warn(f"the EXIF block is damaged and not carried over: {error}", RsdeblurWarning, stacklevel=2)
         return {}, []
-    tags: list[Tag] = [(tag, "s", 0, str(block[tag]).encode(), True) for tag in TEXT_TAGS if tag in block]
+    tags: list[Tag] = [
+        (tag, "s", 0, main.entries[tag].value.rstrip(b"\0"), True) for tag in TEXT_TAGS if tag in main.entries
+    ]
+    orientation = directories.number(main, ORIENTATION)
     if orientation in range(1, 9):
         tags.append((ORIENTATION, "H", 1, orientation, True))
     # tifffile does not write pointers to EXIF tables. The tag number below each pointer serves as a placeholder, which
     # keeps the directory in order.
-    return tables, tags + [(table - 1, "I", 1, 0, True) for table in tables]
+    return main.tables, tags + [(table - 1, "I", 1, 0, True) for table in main.tables]
 
 
-def _directory(table: int, block: Image.Exif) -> ImageFileDirectory_v2:
-    directory = ImageFileDirectory_v2(group=table)
-    for tag, value in block.get_ifd(table).items():
-        directory[tag] = value
-    # A value that cannot be written raises here, where the block can still be left out.
-    directory.tobytes()
-    return directory
-
-
-def _append(buffer: BinaryIO, table: int, directory: ImageFileDirectory_v2) -> None:
+def _append(buffer: BinaryIO, table: int, directory: Directory) -> None:
     """Write an EXIF table at the end of the file and turn its placeholder into a pointer to it."""
     buffer.seek(0)
     with tifffile.TiffFile(buffer) as file:
         placeholder = file.pages.first.tags[table - 1].offset
     start = buffer.seek(0, 2)
     start += buffer.write(b"\0" * (start % 2))
-    buffer.write(directory.tobytes(start))
+    buffer.write(directory.to_bytes(start))
     buffer.seek(placeholder)
     buffer.write(struct.pack("<HHII", table, 4, 1, start))

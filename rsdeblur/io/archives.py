@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zipfile
 import zlib
+from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -26,8 +27,14 @@ DAMAGE = (
 )
 
 
-def members_of(source: Source) -> list[Source]:
-    """Return the text files of a zip archive, gyro files first; any other file is returned alone.
+def gyro_first(name: str) -> tuple[bool, bool, str]:
+    """Sort key of file names that puts gyro files first, and those with a bias after the others."""
+    stem = Path(name).stem.lower()
+    return "gyro" not in stem, "uncalibrated" in stem, name
+
+
+def members_of(source: Source, order: Callable[[str], tuple[bool, bool, str]] = gyro_first) -> list[Source]:
+    """Return the text files of a zip archive, in the order of this key; any other file is returned alone.
 
     Raises
     ------
@@ -49,7 +56,7 @@ def members_of(source: Source) -> list[Source]:
                     f"the archive claims to contain {size} bytes of text, the limit is {limit}; "
                     "extract it and give the gyro's file"
                 )
-            entries.sort(key=lambda entry: _preference(entry.filename))
+            entries.sort(key=lambda entry: order(entry.filename))
             members = [_member(source, archive, entry) for entry in entries]
     except FileFormatError:
         raise
@@ -72,11 +79,6 @@ def _member(source: Source, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) ->
     return Source(f"{source.path}/{entry.filename}", source.what, content)
 
 
-def _preference(name: str) -> tuple[bool, bool, str]:
-    stem = Path(name).stem.lower()
-    return "gyro" not in stem, "uncalibrated" in stem, name
-
-
 def facts_beside(members: list[Source]) -> dict[str, Any]:
     """Return device and app from Sensor Logger's `Metadata.csv`; empty if it is not among the files."""
     for member in members:
@@ -88,14 +90,16 @@ def facts_beside(members: list[Source]) -> dict[str, Any]:
     return {}
 
 
-def _sniff_json(source: Source) -> bool:
+def is_sensorlogger_json(source: Source) -> bool:
+    """Whether the file is a JSON export of Sensor Logger."""
     # Searching the start for the key avoids parsing large JSON files of other kinds.
     if not source.looks_like_json or b'"sensor"' not in source.head:
         return False
     return isinstance(source.json, list)
 
 
-def _read_json(source: Source) -> Samples:
+def read_sensorlogger_json(source: Source, sensors: tuple[str, ...], unit: str) -> Samples:
+    """Read the first of `sensors` that a JSON export of Sensor Logger contains."""
     entries = source.json
     if not isinstance(entries, list):
         raise source.error("not a Sensor Logger export: expected a list of samples")
@@ -103,26 +107,33 @@ def _read_json(source: Source) -> Samples:
     for entry in entries:
         if isinstance(entry, dict):
             by_sensor.setdefault(str(entry.get("sensor")), []).append(entry)
-    sensor = next((name for name in ("Gyroscope", "GyroscopeUncalibrated") if name in by_sensor), None)
+    sensor = next((name for name in sensors if name in by_sensor), None)
     if sensor is None:
         raise source.error(
-            f"the file contains no samples of the gyroscope, only of {', '.join(sorted(by_sensor))[:200]}"
+            f"the file contains no samples of the {sensors[0].lower()}, only of {', '.join(sorted(by_sensor))[:200]}"
         )
     readings = by_sensor[sensor]
     try:
         ns = np.array([int(entry["time"]) for entry in readings], dtype=np.int64)
-        rates = np.array([[float(entry[axis]) for axis in "xyz"] for entry in readings])
+        values = np.array([[float(entry[axis]) for axis in "xyz"] for entry in readings])
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise source.error(f"a sample of {sensor} lacks a number: {error!r}") from error
-    if not np.isfinite(rates).all():
-        raise source.error(f"sample {np.argwhere(~np.isfinite(rates))[0][0]} of {sensor} is not finite")
+    if not np.isfinite(values).all():
+        raise source.error(f"sample {np.argwhere(~np.isfinite(values))[0][0]} of {sensor} is not finite")
     device = next((entry for entry in by_sensor.get("Metadata", [])), {})
     facts = {"sensor": sensor} | {
         key: device[key] for key in ("device name", "platform", "appVersion") if key in device
     }
-    return Samples(ns, rates, lambda message, i: source.error(f"sample {i} of {sensor}: {message}"), facts=facts)
+    return Samples(
+        ns, values, lambda message, i: source.error(f"sample {i} of {sensor}: {message}"), unit=unit, facts=facts
+    )
 
 
 FORMATS: tuple[Format[Samples], ...] = (
-    Format("sensorlogger-json", "Sensor Logger JSON export", _sniff_json, _read_json),
+    Format(
+        "sensorlogger-json",
+        "Sensor Logger JSON export",
+        is_sensorlogger_json,
+        lambda source: read_sensorlogger_json(source, ("Gyroscope", "GyroscopeUncalibrated"), "rad/s"),
+    ),
 )

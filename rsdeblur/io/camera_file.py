@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, NamedTuple
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
 
 from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write
-from rsdeblur.errors import RsdeblurWarning
+from rsdeblur._util.files import read_file
+from rsdeblur.errors import FileFormatError, RsdeblurWarning
 from rsdeblur.motion.camera import Camera
 
 # Largest relative difference of equal aspect ratios: sizes are rounded to whole pixels.
@@ -114,7 +118,7 @@ class CameraFile:
 
 
 def write_time_offset(path: str | os.PathLike[str], time_offset: float) -> None:
-    """Write `time_offset` into a camera file, whose other lines stay as they are.
+    """Write `time_offset` into a camera file, whose other lines stay as they are, down to their line ends.
 
     Parameters
     ----------
@@ -134,10 +138,16 @@ def write_time_offset(path: str | os.PathLike[str], time_offset: float) -> None:
     """
     time_offset = validate.finite("time_offset", time_offset)
     Camera.load(path)
-    text = Path(path).read_text(encoding="utf-8")
-    line = f"time_offset = {time_offset!r}"
-    changed, count = re.subn(r"^[ \t]*time_offset[ \t]*=[^#\n]*", line, text, count=1, flags=re.MULTILINE)
-    if not count:
-        changed = f"{text.rstrip()}\n{line}\n"
+    data = read_file(path, "camera file")
+    text = data.removeprefix(codecs.BOM_UTF8).decode()
+    try:
+        document = tomlkit.parse(text)
+    except (TOMLKitError, RecursionError) as error:
+        raise FileFormatError(f"{path}: cannot edit the file ({error}); set time_offset = {time_offset!r}") from error
+    document["time_offset"] = time_offset
+    changed = tomlkit.dumps(document)
+    if text.count("\n") == text.count("\r\n") > 0:
+        # A new line ends with a line feed alone.
+        changed = re.sub("(?<!\r)\n", "\r\n", changed)
     with atomic_write(path) as file:
-        file.write(changed.encode())
+        file.write(codecs.BOM_UTF8 * data.startswith(codecs.BOM_UTF8) + changed.encode())

@@ -102,6 +102,8 @@ def open_camera(
         See `read_camera`.
     """
     if size is not None:
+        if not (isinstance(size, (tuple, list)) and len(size) == 2):
+            raise InputError(f"size must be (width, height) in px, got {validate.shown(size)}")
         width, height = size
         # A size of zero has no aspect ratio.
         size = validate.count("size", width), validate.count("size", height)

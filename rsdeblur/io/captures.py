@@ -6,15 +6,17 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from decimal import Decimal
+
+import numpy as np
 
 from rsdeblur.errors import InputError
+from rsdeblur.io.columns import TIME_UNITS, Cell
 from rsdeblur.io.exif import Exif
 from rsdeblur.io.formats import Format, choose, text_format
 from rsdeblur.io.gyro_binary import trailer_of
 from rsdeblur.io.pictures import read_header
 from rsdeblur.io.source import Source
-from rsdeblur.io.text import Rows, TextFile, cells_of, find_columns, is_number, read_table
+from rsdeblur.io.text import Rows, Table, TextFile, cells_of, find_columns, is_number, read_table
 from rsdeblur.motion.exposure import Exposure
 
 WHAT = "capture file"
@@ -23,7 +25,9 @@ MARS_COLUMNS = (
     re.compile(r"timestamp\s*\[nanosec\]"),
     re.compile(r"exposure (time|duration)\s*\[nanosec\]"),
 )
-STAMP_HEADER = re.compile(r"\s*(frame )?timestamp\s*\[(nanosec|ns)\]", re.IGNORECASE)
+STAMP = re.compile("(frame)?timestamp")
+# s between frames, from 2000 to 2 per second.
+FRAME_SPACING = (0.0005, 0.5)
 # Columns of GyroDeblurNet's image_info.txt: `t_ns ISO exposure_ns fx fy cx cy s`.
 IMAGE_INFO_CELLS = 8
 
@@ -53,7 +57,8 @@ def read_captures(path: str | os.PathLike[str], *, duration: float | None = None
     Reads MARS logger ``movie_metadata.csv`` (Android and iOS; only the stamp and the exposure time are needed, other
     cells may be ``null``), DeepGyro ``images.txt`` (``t_ns exposure_ns``), GyroDeblurNet ``image_info.txt``, files of
     stamps alone (OpenCamera Sensors ``..._imu_timestamps.csv``, MARS logger ``frame_timestamps.txt``), and JPEG files
-    with a GYRODATA trailer. The content decides the format.
+    with a GYRODATA trailer. The content decides the format. Stamps with fractions are in s, and so are the exposure
+    times beside them, if the frames are then 0.5 to 500 ms apart; others are refused.
 
     Parameters
     ----------
@@ -73,7 +78,8 @@ def read_captures(path: str | os.PathLike[str], *, duration: float | None = None
     FileFormatError
         If the file cannot be read, is empty, binary, cut off or of an unknown format; if it lacks an exposure time and
         `duration` is not given; or, naming the line, if a stamp or an exposure time is missing or not a number, a
-        stamp is beyond int64, or an exposure time is not positive.
+        stamp is beyond int64 or not later than the one before, its unit is unknown, or an exposure time is not
+        positive.
     InputError
         If `duration` is needed and not positive.
     """
@@ -96,14 +102,22 @@ def open_captures(path: str | os.PathLike[str]) -> CaptureFile:
     return choose(FORMATS, source).read(source)
 
 
-def _captures(format: str, text: TextFile, rows: Rows, columns: Sequence[int]) -> CaptureFile:
-    stamps = read_table(text, rows, columns[:1]).nanoseconds(Decimal(1)).tolist()
+def _captures(format: str, text: TextFile, rows: Rows, columns: Sequence[int], unit: str | None = None) -> CaptureFile:
+    """Read stamps and, if there is a second column, exposure times, in `unit` or what the stamps look like."""
+    table = read_table(text, rows, columns[:1])
+    unit = unit or _unit_of_stamps(table)
+    stamps = table.nanoseconds(TIME_UNITS[unit]).tolist()
+    for row, before, stamp in zip(rows[1:], stamps, stamps[1:], strict=False):
+        if stamp <= before:
+            problem = f"comes after {before} ns" if stamp < before else "occurs twice"
+            raise text.error(f"captures must be in the order of time: stamp {stamp} ns {problem}", row)
     if len(columns) == 1:
         return CaptureFile(format, stamps, [None] * len(stamps))
     # Phones that do not report exposure times write `null`.
     timed = [row for row in rows if cells_of(text.lines[row])[columns[1] :][:1] != ["null"]]
     values = read_table(text, timed, columns).values[:, 0] if timed else ()
-    durations = {row: float(value) / 1e9 for row, value in zip(timed, values, strict=True)}
+    per_second = 1e9 / float(TIME_UNITS[unit])
+    durations = {row: float(value) / per_second for row, value in zip(timed, values, strict=True)}
     for row, duration in durations.items():
         try:
             Exposure(0.0, duration)
@@ -112,12 +126,29 @@ def _captures(format: str, text: TextFile, rows: Rows, columns: Sequence[int]) -
     return CaptureFile(format, stamps, [durations.get(row) for row in rows])
 
 
+def _unit_of_stamps(table: Table) -> str:
+    """Return ns for whole numbers, and s for others if they are then the stamps of 2 to 2000 frames per second.
+
+    In that range the same numbers fit no other unit.
+    """
+    if (table.stamps == np.rint(table.stamps)).all():
+        return "ns"
+    spacing = np.median(np.diff(table.stamps)) if len(table.stamps) > 1 else 0.0
+    if FRAME_SPACING[0] <= spacing < FRAME_SPACING[1]:
+        return "s"
+    raise table.text.error(
+        "the stamps have fractions, so they are not in ns, and their spacing does not show that they are in s; write "
+        "them in ns, or name the unit in a header, like timestamp[s]",
+        table.rows[0],
+    )
+
+
 def _mars_columns(text: TextFile) -> list[int] | None:
     return find_columns(text.head, MARS_COLUMNS)
 
 
 def _read_mars(text: TextFile) -> CaptureFile:
-    return _captures("mars", text, text.rows[1:], _mars_columns(text) or [])
+    return _captures("mars", text, text.rows[1:], _mars_columns(text) or [], "ns")
 
 
 def _has_numbers(text: TextFile, count: int) -> bool:
@@ -125,12 +156,15 @@ def _has_numbers(text: TextFile, count: int) -> bool:
     return len(cells) == count and all(map(is_number, cells))
 
 
-def _has_stamp_header(text: TextFile) -> bool:
-    return STAMP_HEADER.match(text.head) is not None
+def _stamp_header(text: TextFile) -> str | None:
+    """Return the unit in a header `timestamp[unit]`; None without such a header."""
+    cell = Cell.of(re.split(r"[,;|\t]", text.head, maxsplit=1)[0])
+    return cell.unit if STAMP.fullmatch(cell.name) and cell.unit in TIME_UNITS else None
 
 
 def _read_stamps(text: TextFile) -> CaptureFile:
-    return _captures("stamps", text, text.rows[1:] if _has_stamp_header(text) else text.rows, [0])
+    unit = _stamp_header(text)
+    return _captures("stamps", text, text.rows[1:] if unit else text.rows, [0], unit)
 
 
 def _read_trailer(source: Source) -> CaptureFile:
@@ -159,7 +193,7 @@ FORMATS: tuple[Format[CaptureFile], ...] = (
     text_format(
         "stamps",
         "one stamp in ns a line",
-        lambda text: _has_numbers(text, 1) or _has_stamp_header(text),
+        lambda text: _has_numbers(text, 1) or _stamp_header(text) is not None,
         _read_stamps,
     ),
 )

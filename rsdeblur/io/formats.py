@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from rsdeblur._util import validate
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.source import Source
 from rsdeblur.io.text import TextFile
@@ -60,6 +61,7 @@ def choose(formats: Sequence[Format[T]], source: Source, name: str | None = None
     """
     known = "; ".join(f"{each.name} ({each.title})" for each in formats)
     if name is not None:
+        validate.instance("format", name, str)
         for each in formats:
             if each.name == name:
                 return each

@@ -71,7 +71,8 @@ def _read_trailer(source: Source) -> Samples:
     )
 
 
-def _sniff_video(source: Source) -> bool:
+def is_video(source: Source) -> bool:
+    """Whether the file is a video of a kind that may contain telemetry."""
     # MP4 and related formats, Blackmagic's included, begin with a box of one of these names; RED's files with RE.
     return source.head[4:8] in (b"ftyp", b"moov", b"mdat", b"wide", b"skip", b"free") or source.head[4:6] == b"RE"
 
@@ -83,7 +84,22 @@ def _silence() -> Iterator[None]:
         yield
 
 
-def _read_video(source: Source) -> Samples:
+class Telemetry(NamedTuple):
+    """Telemetry of a video: the camera, all blocks of about a second, and the samples of the IMU."""
+
+    camera: str
+    blocks: list[Mapping[str, Any]]
+    samples: list[Mapping[str, Any]]
+
+
+def telemetry_of(source: Source) -> Telemetry:
+    """Return the telemetry of a video.
+
+    Raises
+    ------
+    FileFormatError
+        If the package for it is missing, the video is damaged, or contains none.
+    """
     try:
         import telemetry_parser
     except ModuleNotFoundError:
@@ -103,10 +119,15 @@ def _read_video(source: Source) -> Samples:
         if type(error).__name__ != "PanicException":
             raise
         raise source.error(f"the video is damaged: {error}") from error
-    readings = [sample for sample in samples if sample.get("gyro") is not None]
+    return Telemetry(f"{parser.camera or 'camera'} {parser.model or ''}".strip(), blocks, samples)
+
+
+def _read_video(source: Source) -> Samples:
+    telemetry = telemetry_of(source)
+    readings = [sample for sample in telemetry.samples if sample.get("gyro") is not None]
     if not readings:
-        raise source.error(f"the video of this {parser.camera or 'camera'} has no gyro samples")
-    return _video_samples(source, f"{parser.camera} {parser.model or ''}".strip(), blocks, readings)
+        raise source.error(f"the video of this {telemetry.camera} has no gyro samples")
+    return _video_samples(source, telemetry.camera, telemetry.blocks, readings)
 
 
 def _video_samples(
@@ -140,7 +161,7 @@ def _video_samples(
         nanoseconds(stamps, error_at),
         rates,
         error_at,
-        rate_unit="deg/s",
+        unit="deg/s",
         axes="gyroflow",
         time_unit="ms",
         facts=facts,
@@ -150,5 +171,5 @@ def _video_samples(
 
 FORMATS: tuple[Format[Samples], ...] = (
     Format("gyrodata", "JPEG with a GYRODATA trailer", lambda source: trailer_of(source) is not None, _read_trailer),
-    Format("video", "video with a telemetry track: GoPro, DJI, Sony, Insta360", _sniff_video, _read_video),
+    Format("video", "video with a telemetry track: GoPro, DJI, Sony, Insta360", is_video, _read_video),
 )

@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from rsdeblur._util import validate
 from rsdeblur.io import archives, gyro_binary, gyro_tables, gyroflow
 from rsdeblur.io.formats import Format, choose
 from rsdeblur.io.samples import GyroFile, Samples, finish
@@ -34,6 +35,7 @@ def read_gyro(
     *,
     unit: str | None = None,
     orientation: str | None = None,
+    rate: float | None = None,
 ) -> GyroLog:
     """Read a gyro log.
 
@@ -49,14 +51,16 @@ def read_gyro(
     ``sensorlogger``      Sensor Logger ``Gyroscope.csv``, renamed columns too
     ``deepgyro``          ``type t_ns x y z``; type 4 (or 16) is the gyro, other sensors are skipped
     ``opencamera``        OpenCamera Sensors ``...gyro.csv``: ``x,y,z,t_ns`` without a header
-    ``plain``             ``t wx wy wz``, exactly four columns, or a header that names them in any order
+    ``plain``             ``t wx wy wz`` or ``wx wy wz t``, or a header that names these columns in any order
+    ``unstamped``         ``wx wy wz``, exactly three columns, or a header that names them and no stamps; needs `rate`
     ===================== ==================================================================================
 
     A zip archive is searched for a gyro log. Columns of text may be separated by commas, semicolons, bars, spaces or
-    tabs; blank lines and lines that start with ``#`` are skipped. Units come from the header; without one, rates are
-    in rad/s and the unit of time (s, ms, us or ns) follows from the median sample spacing, which is unambiguous for a
-    gyro between 20 Hz and 8 kHz. Rates of ``gcsv``, ``gyroflow`` and ``video`` are in Gyroflow's frame (x up, y left,
-    z back), those of the others in the sensor's own axes.
+    tabs; blank lines and lines that start with ``#`` are skipped. In a table without a header, the one column that
+    always rises contains the stamps. Units come from the header; without one, rates are in rad/s and the unit of time
+    (s, ms, us or ns) follows from the median sample spacing, which is unambiguous for a gyro between 20 Hz and 8 kHz.
+    Rates of ``gcsv``, ``gyroflow`` and ``video`` are in Gyroflow's frame (x up, y left, z back), those of the others in
+    the sensor's own axes.
 
     Parameters
     ----------
@@ -69,6 +73,8 @@ def read_gyro(
     orientation : str, optional
         Orientation string of Gyroflow, such as ``"YxZ"``, that turns the file's raw axes into Gyroflow's frame. It
         replaces the file's own.
+    rate : float, optional
+        Sampling rate in Hz, 20 to 8000, of a log without stamps; its first sample is then at time 0.
 
     Returns
     -------
@@ -81,16 +87,17 @@ def read_gyro(
         If the file cannot be read, is empty, damaged, cut off or of an unknown format, contains no gyro samples or
         those of an accelerometer; if `format` is not the name of a format, or the file is not in it; if an optional
         package is needed and not installed; or, naming the line, if a cell is missing, not a number or not finite, a
-        rate is impossible, or a stamp conflicts with another or is beyond int64.
+        rate is impossible, a stamp conflicts with another or is beyond int64, or the column of stamps does not rise;
+        if the log contains no stamps and `rate` is missing, or contains stamps and `rate` is given.
     InputError
-        If `unit` or `orientation` is not a valid one.
+        If `unit`, `orientation` or `rate` is not a valid one.
 
     Warns
     -----
     RsdeblurWarning
         If samples were sorted or dropped, if the rates look like degrees, or if the file gives reason for caution.
     """
-    return open_gyro(path, format, unit=unit, orientation=orientation).log
+    return open_gyro(path, format, unit=unit, orientation=orientation, rate=rate).log
 
 
 def open_gyro(
@@ -99,12 +106,13 @@ def open_gyro(
     *,
     unit: str | None = None,
     orientation: str | None = None,
+    rate: float | None = None,
 ) -> GyroFile:
     """Read a gyro log with the other content of its file.
 
     Parameters
     ----------
-    path, format, unit, orientation
+    path, format, unit, orientation, rate
         See `read_gyro`.
 
     Returns
@@ -119,13 +127,14 @@ def open_gyro(
     """
     overrides: dict[str, Any] = {}
     if orientation is not None:
+        validate.instance("orientation", orientation, str)
         overrides = {"turn": orientation_matrix(orientation), "axes": "gyroflow", "cautions": ()}
     chosen, source, facts = _choose(path, format)
     samples, path = chosen.read(source), source.path
     # Frees the content, perhaps a gigabyte, before the log is made.
     del source
     facts = {**facts, **samples.facts} | ({"orientation": orientation} if orientation else {})
-    return finish(replace(samples, facts=facts, **overrides), chosen.name, unit, partial(line_error, path))
+    return finish(replace(samples, facts=facts, **overrides), chosen.name, unit, rate, partial(line_error, path))
 
 
 def detect_gyro_format(path: str | os.PathLike[str]) -> str:

@@ -59,33 +59,38 @@ def readout_of(table: Mapping[str, Any]) -> dict[str, Any]:
     return {"readout_time_s": abs(readout_time), "readout_direction": direction}
 
 
-def _sniff_gcsv(text: TextFile) -> bool:
+def is_gcsv(text: TextFile) -> bool:
+    """Whether the file is a `.gcsv` log."""
     return text.lines[0].strip().strip(",;").upper() in TITLES
 
 
-def _read_gcsv(text: TextFile) -> Samples:
-    if not _sniff_gcsv(text):
+def read_gcsv(text: TextFile, sensor: str = "g", unit: str = "rad/s") -> Samples:
+    """Read the gyro ("g", in rad/s) or the accelerometer ("a", in g) of a `.gcsv` file, both times their scale."""
+    if not is_gcsv(text):
         raise text.error(f"not a Gyroflow log: the first line must read {' or '.join(TITLES)}", 0)
+    columns = [sensor + axis for axis in "xyz"]
     keys: dict[str, tuple[str, int]] = {}
     for i, (row, line) in enumerate(zip(text.rows, text.filled(), strict=True)):
         names = [cell.lower() for cell in cells_of(line)]
-        if len(names) >= 4 and names[0] in ("t", "time") and {"gx", "gy", "gz"} <= set(names):
-            places = [0, *(names.index(name) for name in ("gx", "gy", "gz"))]
-            return _gcsv_samples(text, text.rows[i + 1 :], places, keys)
+        if len(names) >= 4 and names[0] in ("t", "time") and set(columns) <= set(names):
+            places = [0, *map(names.index, columns)]
+            return _gcsv_samples(text, text.rows[i + 1 :], places, keys, f"{sensor}scale", unit)
         key, *value = (part.strip() for part in re.split("[,:]", line, maxsplit=1))
         if value:
             keys[key.lower()] = (value[0].rstrip(",;").strip(), int(row))
-    raise text.error("the Gyroflow log has no line `t,gx,gy,gz` above its samples")
+    raise text.error(f"the Gyroflow log has no line `t,{','.join(columns)}` above its samples")
 
 
-def _gcsv_samples(text: TextFile, rows: Rows, places: list[int], keys: dict[str, tuple[str, int]]) -> Samples:
+def _gcsv_samples(
+    text: TextFile, rows: Rows, places: list[int], keys: dict[str, tuple[str, int]], scale_key: str, unit: str
+) -> Samples:
     def scale(key: str, default: str) -> Decimal:
         value, row = keys.get(key, (default, 0))
         if not NUMBER.fullmatch(value) or not SMALLEST_SCALE <= float(value) <= 1 / SMALLEST_SCALE:
             raise text.error(f"{key} must be a number from 1e-12 to 1e12, got {value!r}", row)
         return Decimal(value)
 
-    tscale, gscale = scale("tscale", "0.001"), float(scale("gscale", "1"))
+    tscale, value_scale = scale("tscale", "0.001"), float(scale(scale_key, "1"))
     letters, row = keys.get("orientation", (DEFAULT_ORIENTATION, 0))
     try:
         turn = orientation(letters)
@@ -101,7 +106,8 @@ def _gcsv_samples(text: TextFile, rows: Rows, places: list[int], keys: dict[str,
         table.nanoseconds(tscale * 10**9),
         axes="gyroflow",
         time_unit=f"{tscale.normalize()} s",
-        scale=gscale,
+        scale=value_scale,
+        unit=unit,
         turn=turn,
         facts=facts,
         cautions=cautions,
@@ -168,7 +174,7 @@ def _project_samples(source: Source, project: dict[str, Any]) -> Samples:
         nanoseconds(t_ms, error_at),
         rates + bias,
         error_at,
-        rate_unit=unit,
+        unit=unit,
         axes="gyroflow",
         turn=turn,
         time_unit="ms",
@@ -299,6 +305,6 @@ def _cbor(source: Source, data: bytes) -> Any:
 
 
 FORMATS: tuple[Format[Samples], ...] = (
-    text_format("gcsv", "Gyroflow .gcsv", _sniff_gcsv, _read_gcsv),
+    text_format("gcsv", "Gyroflow .gcsv", is_gcsv, read_gcsv),
     Format("gyroflow", "Gyroflow project", _sniff_project, _read_project),
 )

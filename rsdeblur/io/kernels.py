@@ -6,6 +6,7 @@ import os
 
 import numpy as np
 
+from rsdeblur._util import validate
 from rsdeblur._util.files import open_file
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io.pictures import read_picture
@@ -45,8 +46,8 @@ def read_psfs(path: str | os.PathLike[str], shape: tuple[int, ...]) -> PsfBank:
         if start == ARRAY:
             file.seek(0)
             try:
-                values = np.asarray(np.load(file, allow_pickle=False), dtype=np.float64)
-            except (ValueError, OSError, EOFError) as error:
+                values = validate.real_array("values", np.load(file, allow_pickle=False), most=validate.MOST_LIGHT)
+            except Exception as error:  # NumPy's header parser raises many kinds on damaged files
                 raise FileFormatError(f"{path}: not an array of PSFs: {error}") from error
         else:
             values = _grey(read_picture(path).pixels.astype(np.float64))

@@ -15,6 +15,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from rsdeblur._util.atomic import reserve
 from rsdeblur.io import _tiff
 
 NPY_MAGIC = b"\x93NUMPY"
@@ -91,7 +92,7 @@ def mapped_samples(
         file.truncate(offset + int(np.prod(shape)) * dtype.itemsize)
     else:
         offset = _tiff.write_empty(file, shape, dtype, exif, icc)
-    file.flush()
+    reserve(file)
     samples = np.memmap(file, dtype, "r+", offset, shape)
     yield samples
     samples.flush()

@@ -24,10 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
+from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write, check_target
-from rsdeblur._util.files import open_file, read_file
+from rsdeblur._util.files import checked_path, open_file, read_file
 from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
-from rsdeblur.io import _heif, _jpeg, _raw, _tiff, mapped
+from rsdeblur.io import _heif, _jpeg, _raw, _tiff, directories, mapped
 from rsdeblur.io.source import Source
 
 KINDS = {
@@ -47,6 +48,8 @@ MAX_PIXELS = 500_000_000
 # more pixels per byte than a plain one: 85 as JPEG, 260 as lossy WebP, 340 as 8-bit PNG in colour, 1000 in grey.
 BELIEVED_PIXELS = 64_000_000
 PIXELS_PER_BYTE = 1000
+# A TIFF may be compressed by anything, such as JPEG XL, which takes 2 s for twice as many pixels.
+BELIEVED_TIFF_PIXELS = 16_000_000
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 PNG_DEPTH = 24  # Offset of the bit depth: IHDR is always the first chunk.
@@ -121,11 +124,11 @@ def read_picture(path: str | os.PathLike[str], *, in_place: bool = False) -> Pic
     ------
     FileFormatError
         If the file cannot be read, is empty, truncated, damaged or not a picture of these formats; if its extra is not
-        installed or the memory is too small; or if it has more than 500 megapixels, more than 64 megapixels at over
-        1000 pixels per byte, or samples other than 1 to 8 bit, 16 bit or float.
+        installed or the memory is too small; or if it has more than 500 megapixels, more than 64 megapixels (a TIFF:
+        16) at over 1000 pixels per byte, or samples other than 1 to 8 bit, 16 bit or float.
     """
-    path = Path(path)
-    if in_place:
+    path = checked_path(path)
+    if validate.boolean("in_place", in_place):
         with open_file(path, "picture") as file, _decoding(path):
             if content := mapped.map_picture(file, MAX_PIXELS):
                 pixels, exif, icc = content
@@ -213,7 +216,7 @@ def write_picture(
         files. C is 2 (grey and alpha), 3 or 4.
     like : Picture, optional
         Source of the bit depth (or the next lower one that the format has), of the EXIF block, and of the colour
-        profile if it fits the number of channels.
+        profile if it fits the number of channels. Of the EXIF block the thumbnail is left out, and sizes are renewed.
     force : bool, default False
         Replace an existing file.
     bits : {8, 16, 32}, optional
@@ -232,14 +235,16 @@ def write_picture(
     RsdeblurWarning
         If the EXIF block is left out: it is too long for JPEG, or it is damaged and the file is a TIFF.
     """
-    path = Path(path)
+    path = checked_path(path)
     check_writable(path, force=force)
     kind = KINDS[path.suffix.lower()]
     _check_image(image)
+    if like is not None:
+        validate.instance("like", like, Picture)
     pixels = _quantised(image, _depth(path, kind, like, bits))
     if pixels.ndim == 3 and kind == "JPEG" and pixels.shape[2] in (2, 4):
         pixels = pixels[..., 0] if pixels.shape[2] == 2 else pixels[..., :3]
-    exif = like.exif if like else None
+    exif = directories.renewed(like.exif, pixels.shape[1], pixels.shape[0]) if like and like.exif else None
     icc = _fitting(like.icc_profile, pixels, grey=kind != "WebP") if like else None
     try:
         data = _encode(kind, np.ascontiguousarray(pixels), exif, icc)
@@ -278,18 +283,20 @@ def picture_to_fill(
     Raises
     ------
     InputError, OutputError
-        See `write_picture`.
+        See `write_picture`. Also refused are floats most of which would become white in a file of integers.
     """
-    path = Path(path)
+    path = checked_path(path)
     check_writable(path, force=force)
+    _check_range(path, like.pixels, _depth(path, KINDS[path.suffix.lower()], like, None))
     if not in_place or path.suffix.lower() not in mapped.SUFFIXES:
         pixels = np.empty(shape, like.pixels.dtype)
         yield pixels
         write_picture(path, pixels, like=like, force=force)
         return
+    exif = directories.renewed(like.exif, shape[1], shape[0]) if like.exif else None
     with (
         atomic_write(path) as file,
-        mapped.mapped_samples(file, path.suffix.lower(), shape, like.pixels.dtype, like.exif, like.icc_profile) as out,
+        mapped.mapped_samples(file, path.suffix.lower(), shape, like.pixels.dtype, exif, like.icc_profile) as out,
     ):
         yield out
 
@@ -310,7 +317,7 @@ def check_writable(path: str | os.PathLike[str], *, force: bool) -> None:
         If the extension is unknown, the folder is missing or not writable, `path` is a folder, a pipe or a device, or
         it exists and `force` is not set.
     """
-    path = Path(path)
+    path = checked_path(path)
     if path.suffix.lower() not in KINDS:
         raise OutputError(f"{path}: unknown picture extension {path.suffix!r}; use one of {', '.join(KINDS)}")
     check_target(path, force=force)
@@ -338,6 +345,7 @@ def _decode(data: bytes, suffix: str) -> Picture:
         pixels, exif, icc = _heif.decode(data, limit)
         return Picture(pixels, exif, _fitting(icc, pixels))
     if data.startswith(_tiff.MAGIC):
+        limit = min(limit, max(BELIEVED_TIFF_PIXELS, PIXELS_PER_BYTE * len(data)))
         pixels, icc = _tiff.decode(data, limit)
         return Picture(pixels, _tiff.exif_block(BytesIO(data)), _fitting(icc, pixels))
     if data.startswith(mapped.NPY_MAGIC):
@@ -373,6 +381,8 @@ def _fitting(icc: bytes | None, pixels: NDArray[Any], *, grey: bool = True) -> b
 
 
 def _check_image(image: NDArray[Any]) -> None:
+    if isinstance(image, np.ma.MaskedArray):
+        raise InputError("image must not be a masked array: choose values for masked elements with .filled()")
     if not isinstance(image, np.ndarray) or not (image.dtype.kind == "f" or image.dtype in (np.uint8, np.uint16)):
         kind = image.dtype if isinstance(image, np.ndarray) else type(image).__name__
         raise InputError(f"image must be an array of float in [0, 1], uint8 or uint16, got {kind}")
@@ -382,11 +392,19 @@ def _check_image(image: NDArray[Any]) -> None:
         raise InputError(f"image must be finite, got {np.count_nonzero(~np.isfinite(image))} NaN or infinite values")
 
 
+def _check_range(path: Path, image: NDArray[Any], bits: int) -> None:
+    if bits < 32 and validate.mostly_beyond_white(image):
+        raise InputError(
+            f"{path}: the picture has values of up to {image.max():g}, most of them beyond 1, which is white and the "
+            f"most that {bits} bits can hold: divide the picture by its full scale, or write floats (TIFF or .npy)"
+        )
+
+
 def _depth(path: Path, kind: str, like: Picture | None, bits: int | None) -> int:
     if bits is None:
         input_bits = 8 * like.pixels.dtype.itemsize if like else 8
         return max(depth for depth in DEPTHS[kind] if depth <= max(input_bits, 8))
-    if bits not in DEPTHS[kind]:
+    if validate.count("bits", bits, maximum=64) not in DEPTHS[kind]:
         allowed = ", ".join(map(str, DEPTHS[kind]))
         raise OutputError(f"{path}: {kind} cannot hold {bits} bits per sample, only {allowed}; use another extension")
     return bits

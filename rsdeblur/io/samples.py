@@ -6,13 +6,16 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import pi
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rsdeblur._util import validate
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
+from rsdeblur.io.columns import SPACING
 from rsdeblur.io.text import INT64_LIMIT, Table, line_error
+from rsdeblur.motion.acceleration import AccelerationLog
 from rsdeblur.motion.gyro import LARGEST_RATE, GyroLog
 from rsdeblur.types import FloatArray
 
@@ -28,9 +31,12 @@ Axes = Literal["phone", "gyroflow", "sensor"]
 LATE_INTERVALS = 10
 LATE_SHARE = 0.01
 
-# At rest an accelerometer shows gravity, 9.8 m/s^2, in nearly every sample; a gyro does not.
-GRAVITY = (9.3, 10.3)
+# m/s^2. At rest an accelerometer shows gravity, in nearly every sample; a gyro does not.
+GRAVITY = 9.80665
+# m/s^2 in each unit of acceleration that a log may use.
+ACCELERATION_UNITS = {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}
 
+Log = TypeVar("Log", GyroLog, AccelerationLog)
 ErrorAt = Callable[[str, int], FileFormatError]
 
 
@@ -40,16 +46,16 @@ class Samples:
 
     Parameters
     ----------
-    ns : ndarray of int64, shape (n,)
-        Stamps in ns.
-    rates : ndarray, shape (n, 3)
-        Rates as in the file, in `rate_unit`.
+    ns : ndarray of int64, shape (n,), or None
+        Stamps in ns; None if the file contains none.
+    values : ndarray, shape (n, 3)
+        Rates or accelerations as in the file, in `unit`.
     error_at : callable
         Returns the error for a message about sample i.
-    rate_unit : str
-        One of `RATE_UNITS`.
+    unit : str
+        One of `RATE_UNITS` or `ACCELERATION_UNITS`.
     axes : {"phone", "gyroflow", "sensor"}
-        The frame of the rates after `turn`.
+        The frame of the values after `turn`.
     turn : ndarray, shape (3, 3), optional
         Rotation from the file's axes to `axes`.
     time_unit : str
@@ -60,10 +66,10 @@ class Samples:
         Reasons to distrust the log; each becomes a warning.
     """
 
-    ns: NDArray[np.int64]
-    rates: FloatArray
+    ns: NDArray[np.int64] | None
+    values: FloatArray
     error_at: ErrorAt
-    rate_unit: str = "rad/s"
+    unit: str = "rad/s"
     axes: Axes = "phone"
     turn: FloatArray | None = None
     time_unit: str = "ns"
@@ -97,12 +103,12 @@ class GyroFile:
     facts: Mapping[str, Any]
 
 
-def table_samples(table: Table, ns: NDArray[np.int64], *, scale: float = 1.0, **fields: Any) -> Samples:
-    """Return the samples of a text table, its rates times `scale`; errors name its lines."""
+def table_samples(table: Table, ns: NDArray[np.int64] | None, *, scale: float = 1.0, **fields: Any) -> Samples:
+    """Return the samples of a text table, its values times `scale`; errors name its lines."""
     # The errors must not keep the text alive, which may be a gigabyte.
     path, rows = table.text.path, table.rows
-    rates = table.values if scale == 1 else table.values * scale
-    return Samples(ns, rates, lambda message, i: line_error(path, message, rows[i]), **fields)
+    values = table.values if scale == 1 else table.values * scale
+    return Samples(ns, values, lambda message, i: line_error(path, message, rows[i]), **fields)
 
 
 def nanoseconds(milliseconds: FloatArray, error_at: ErrorAt) -> NDArray[np.int64]:
@@ -115,16 +121,18 @@ def nanoseconds(milliseconds: FloatArray, error_at: ErrorAt) -> NDArray[np.int64
     return np.round(milliseconds * 1e6).astype(np.int64)
 
 
-def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str], FileFormatError]) -> GyroFile:
+def finish(
+    samples: Samples, format: str, unit: str | None, rate: float | None, error: Callable[[str], FileFormatError]
+) -> GyroFile:
     """Make the log: scale the rates, repair what is harmless, refuse what is not.
 
     Raises
     ------
     FileFormatError
-        If there are fewer than two samples, a rate is impossible, stamps conflict, or the samples are those of an
-        accelerometer.
+        If there are fewer than two samples, a rate is impossible, stamps conflict, the file has neither stamps nor a
+        sampling rate or has both, or the samples are those of an accelerometer.
     InputError
-        If `unit` is unknown.
+        If `unit` is unknown or `rate` is not positive.
 
     Warns
     -----
@@ -133,61 +141,163 @@ def finish(samples: Samples, format: str, unit: str | None, error: Callable[[str
     """
     if unit is not None and unit not in RATE_UNITS:
         raise InputError(f"unit must be one of {', '.join(RATE_UNITS)}; got {unit!r}")
-    if not len(samples.ns):
-        raise error("the file contains no samples")
-    if max(samples.rates.max(), -samples.rates.min()) > LARGEST_RATE:
-        i = int(np.argwhere(np.abs(samples.rates) > LARGEST_RATE)[0, 0])
-        raise samples.error_at(
-            f"impossible rates: {samples.rates[i].tolist()} {unit or samples.rate_unit}; is the unit right?", i
-        )
-    unit = unit or samples.rate_unit
-    ns, rates, repairs = _repaired(samples)
-    if samples.turn is not None:
-        rates = rates @ samples.turn.T
+    unit = unit or samples.unit
+    _check_values(samples, "rates", unit, error)
+    t, rates, epoch, repairs = ordered(_stamps(samples, rate, error), samples)
     if RATE_UNITS[unit] != 1:
         rates = rates * RATE_UNITS[unit]
-    magnitude = np.sqrt(np.einsum("ij,ij->i", rates, rates))
-    if np.mean((magnitude > GRAVITY[0]) & (magnitude < GRAVITY[1])) > 0.9:
+    if np.mean(np.abs(_magnitudes(rates) - GRAVITY) < 0.5) > 0.9:
         raise error(
             "these look like the samples of an accelerometer at rest (9.8 m/s^2), not of a gyro; "
             "give the gyro's file, or the unit if it is not rad/s"
         )
-    # Ordered int64 differ by at most 2**64 - 1: unsigned, the difference cannot overflow.
-    t = (ns.view(np.uint64) - ns[:1].view(np.uint64)).astype(np.float64) * 1e-9
-    try:
-        log = GyroLog(t, rates, int(ns[0]))
-    except InputError as reason:
-        raise samples.error_at(str(reason), 0) if len(ns) < 2 else error(str(reason)) from reason
+    log = _made(GyroLog, t, rates, epoch, samples, error)
     for caution in (*samples.cautions, *repairs):
         warnings.warn(str(error(caution)), RsdeblurWarning, stacklevel=3)
     return GyroFile(log, format, samples.axes, samples.time_unit, unit, samples.facts)
 
 
-def _repaired(samples: Samples) -> tuple[NDArray[np.int64], FloatArray, list[str]]:
-    """Return stamps and rates in order and without repetitions, and a note of each repair."""
-    ns, rates, repairs = samples.ns, samples.rates, []
+def finish_acceleration(samples: Samples, unit: str | None, error: Callable[[str], FileFormatError]) -> AccelerationLog:
+    """Make the log of an accelerometer, as `finish` makes that of a gyro.
+
+    Raises
+    ------
+    FileFormatError
+        If stamps are missing or conflict, or the values are not gravity on average, in the unit.
+    InputError
+        If `unit` is unknown.
+    """
+    if unit is not None and unit not in ACCELERATION_UNITS:
+        raise InputError(f"unit must be one of {', '.join(ACCELERATION_UNITS)}; got {unit!r}")
+    unit = unit or samples.unit
+    _check_values(samples, "accelerations", unit, error)
+    t, forces, epoch, repairs = ordered(_stamps(samples, None, error), samples)
+    size = float(np.median(_magnitudes(forces))) * ACCELERATION_UNITS[unit]
+    if not 0.5 * GRAVITY < size < 1.5 * GRAVITY:
+        fits = [
+            name
+            for name, factor in ACCELERATION_UNITS.items()
+            if 0.5 < size / ACCELERATION_UNITS[unit] * factor / GRAVITY < 1.5
+        ]
+        raise error(
+            f"an accelerometer shows gravity, 9.8 m/s^2, but the median of these samples is {size:.3g} m/s^2 "
+            f"(read as {unit}); "
+            + (f"they look like {fits[0]}: give the unit" if fits else "is gravity already removed from them?")
+        )
+    log = _made(AccelerationLog, t, forces * ACCELERATION_UNITS[unit], epoch, samples, error)
+    for repair in repairs:
+        warnings.warn(str(error(f"accelerometer: {repair}")), RsdeblurWarning, stacklevel=3)
+    return log
+
+
+def _check_values(samples: Samples, what: str, unit: str, error: Callable[[str], FileFormatError]) -> None:
+    """Raise `FileFormatError` if there are no samples, or one is so large that computing with it may overflow."""
+    values = samples.values
+    if not len(values):
+        raise error("the file contains no samples")
+    if max(values.max(), -values.min()) > LARGEST_RATE:
+        i = int(np.argwhere(np.abs(values) > LARGEST_RATE)[0, 0])
+        raise samples.error_at(f"impossible {what}: {values[i].tolist()} {unit}; is the unit right?", i)
+
+
+def _magnitudes(values: FloatArray) -> FloatArray:
+    magnitudes: FloatArray = np.sqrt(np.einsum("ij,ij->i", values, values))
+    return magnitudes
+
+
+def ordered(ns: NDArray[np.int64], samples: Samples) -> tuple[FloatArray, FloatArray, int, list[str]]:
+    """Return times in s, values in their final axes, the first stamp in ns, and a note of each repair."""
+    ns, values, repairs = _repaired(ns, samples)
+    if samples.turn is not None:
+        values = values @ samples.turn.T
+    # Ordered int64 differ by at most 2**64 - 1: unsigned, the difference cannot overflow.
+    t = (ns.view(np.uint64) - ns[:1].view(np.uint64)).astype(np.float64) * 1e-9
+    return t, values, int(ns[0]), repairs
+
+
+def _made(
+    kind: Callable[[FloatArray, FloatArray, int], Log],
+    t: FloatArray,
+    values: FloatArray,
+    epoch_ns: int,
+    samples: Samples,
+    error: Callable[[str], FileFormatError],
+) -> Log:
+    try:
+        return kind(t, values, epoch_ns)
+    except InputError as reason:
+        raise samples.error_at(str(reason), 0) if len(t) < 2 else error(str(reason)) from reason
+
+
+def _stamps(samples: Samples, rate: float | None, error: Callable[[str], FileFormatError]) -> NDArray[np.int64]:
+    """Return the stamps of the file, or those that follow from the sampling rate in Hz."""
+    if samples.ns is not None:
+        if rate is not None:
+            raise error("the file contains stamps; leave out the sampling rate (rate, --rate)")
+        return samples.ns
+    if rate is None:
+        raise error("the file contains no stamps; give the sampling rate in Hz (rate, --rate)")
+    rate = validate.finite("rate", rate, above=0.0)
+    if not SPACING[0] <= 1e9 / rate <= SPACING[1]:
+        raise InputError(f"rate must be a gyro's sampling rate from 20 to 8000 Hz, got {rate:g}")
+    ns: NDArray[np.int64] = np.rint(np.arange(len(samples.values)) * (1e9 / rate)).astype(np.int64)
+    return ns
+
+
+def _repaired(ns: NDArray[np.int64], samples: Samples) -> tuple[NDArray[np.int64], FloatArray, list[str]]:
+    """Return stamps and values in order and without repetitions, and a note of each repair."""
+    values, repairs = samples.values, []
     origin = np.arange(len(ns))
-    (backward,) = np.nonzero(ns[1:] < ns[:-1])
-    if backward.size:
-        # In floats, because differences of arbitrary stamps may overflow.
-        late = np.maximum.accumulate(ns).astype(np.float64) - ns
-        interval = np.median(np.abs(np.diff(ns.astype(np.float64))))
-        if backward.size > max(1, LATE_SHARE * len(ns)) or late.max() > LATE_INTERVALS * interval:
-            i = int(backward[0]) + 1
-            raise samples.error_at(
-                f"stamp out of order: {ns[i]} ns comes after {ns[i - 1]} ns; the samples are too disordered to sort "
-                "them safely; they may come from several recordings, or from a clock that was set back",
-                i,
-            )
+    if (ns[1:] < ns[:-1]).any():
+        late = _late(ns, samples.error_at)
         origin = np.argsort(ns, kind="stable")
-        ns, rates = ns[origin], rates[origin]
-        repairs.append(f"{backward.size} samples came late and were sorted in")
+        ns, values = ns[origin], values[origin]
+        repairs.append(f"{late} samples came late and were sorted in")
     (twice,) = np.nonzero(ns[1:] == ns[:-1])
     if twice.size:
-        differ = twice[(rates[twice] != rates[twice + 1]).any(axis=1)]
+        differ = twice[(values[twice] != values[twice + 1]).any(axis=1)]
         if differ.size:
             i = int(origin[differ[0] + 1])
-            raise samples.error_at(f"duplicate stamp {samples.ns[i]} ns with another value; keep one of the samples", i)
-        ns, rates = np.delete(ns, twice + 1), np.delete(rates, twice + 1, axis=0)
+            stamp = ns[differ[0]]
+            raise samples.error_at(f"duplicate stamp {stamp} ns with another value; keep one of the samples", i)
+        ns, values = np.delete(ns, twice + 1), np.delete(values, twice + 1, axis=0)
         repairs.append(f"{twice.size} repeated samples were dropped")
-    return ns, rates, repairs
+    return ns, values, repairs
+
+
+def _late(ns: NDArray[np.int64], error_at: ErrorAt) -> int:
+    """Return the number of samples that come after later ones, if they are few and each fills a hole in time.
+
+    Raises
+    ------
+    FileFormatError
+        If sorting would hide a fault: the samples may come from several recordings, or the clock was set back.
+    """
+    latest = np.maximum.accumulate(ns)
+    (late,) = np.nonzero(ns < latest)
+    i = int(late[0])
+    before = f"stamp out of order: {ns[i]} ns comes after {ns[i - 1]} ns"
+    # In floats, because differences of arbitrary stamps may overflow.
+    interval = float(np.median(np.abs(np.diff(ns.astype(np.float64)))))
+    delay = float((latest[late].astype(np.float64) - ns[late]).max())
+    if late.size > max(1, LATE_SHARE * len(ns)) or delay > LATE_INTERVALS * interval:
+        raise error_at(
+            f"{before}; the samples are too disordered to sort them safely; they may come from several recordings, or "
+            "from a clock that was set back",
+            i,
+        )
+    in_time = ns[ns == latest]
+    after = np.searchsorted(in_time, ns[late])
+    # Repeated samples fill no hole, whether they come late or not.
+    own = (after > 0) & (in_time[after] != ns[late])
+    holes, filling = np.unique(after[own], return_counts=True)
+    widths = (in_time[holes] - in_time[holes - 1]).astype(np.float64)
+    (narrow,) = np.nonzero(widths < (filling + 0.5) * interval)
+    if narrow.size:
+        i = int(late[own][after[own] == holes[narrow[0]]][0])
+        raise error_at(
+            f"stamp out of order: {ns[i]} ns comes after {ns[i - 1]} ns, and no sample is missing at that time; the "
+            "clock was set back, or the file contains several recordings; cut the log there",
+            i,
+        )
+    return int(late.size)

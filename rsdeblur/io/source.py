@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 import os
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
-from rsdeblur._util.files import open_file, read_file
+from rsdeblur._util.files import checked_path, open_file, read_file
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.text import TextFile
 
@@ -43,7 +42,7 @@ class Source:
     """
 
     def __init__(self, path: str | os.PathLike[str], what: str, content: bytes | None = None) -> None:
-        self.path, self.what, self._content = Path(path), what, content
+        self.path, self.what, self._content = checked_path(path), what, content
         self.head = self._read(0, HEAD)
 
     def _read(self, start: int, size: int = -1) -> bytes:

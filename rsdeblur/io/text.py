@@ -30,6 +30,8 @@ PREAMBLE = 20
 HEADER_WIDTH = 4096
 # Characters searched in a file that is not a table, such as a camera's.
 START = 2**20
+# Rows searched for decimal commas: a number without a fraction has none, but hardly all numbers of 50 rows are such.
+COMMA_ROWS = 50
 # Stamps that are converted at a time, to bound memory.
 BLOCK = 2**16
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
@@ -77,7 +79,7 @@ class TextFile:
         rows = np.flatnonzero(np.fromiter((line.lstrip()[:1] not in ("", "#") for line in lines), bool))
         if not len(rows):
             raise FileFormatError(f"{path}: not a {what}: the file is empty{' but for comments' * ('#' in text)}")
-        if _has_decimal_commas(lines[rows[-1]]):
+        if any(_has_decimal_commas(lines[row]) for row in spread(rows, COMMA_ROWS)):
             lines = text.replace(",", ".").split("\n")
         return cls(path, lines, rows, text[:START])
 
@@ -172,6 +174,11 @@ class Table:
                 exact = self.stamps[unsure].tolist() if whole else self.stamp_cells(unsure)
                 ns[unsure] = [round(Decimal(stamp) * unit) for stamp in exact]
         return ns
+
+
+def spread(rows: Rows, count: int) -> Rows:
+    """Return at most `count` of `rows`, spread evenly from the first to the last."""
+    return rows[np.unique(np.linspace(0, len(rows) - 1, min(count, len(rows))).astype(np.intp))]
 
 
 def separator_of(line: str) -> str | None:

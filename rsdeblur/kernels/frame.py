@@ -186,7 +186,7 @@ def combine(planes, variances, low_factors, factors, gates, work, out):
     out[:] = total[HALO : height - HALO, HALO : width - HALO]
 
 
-def terms_numpy(
+def terms(
     planes: NDArray[np.floating], variances: NDArray[np.floating]
 ) -> Iterator[tuple[tuple[int, ...], NDArray[np.floating]]]:
     """Yield the pictures that :func:`combine` adds up, without their factors, and the index of the factor of each.
@@ -225,7 +225,7 @@ def combine_numpy(
     """Readable twin of :func:`combine`; `gates` are always `GATES`, and `work` is not used."""
     inside = np.s_[HALO:-HALO, HALO:-HALO]
     out[...] = 0
-    for index, term in terms_numpy(planes, variances):
+    for index, term in terms(planes, variances):
         out += (low_factors if len(index) == 1 else factors)[index] * term[inside]
 
 

@@ -18,9 +18,18 @@ GAUSS_LOW = 0.5 - 0.5 / 3.0**0.5
 GAUSS_HIGH = 0.5 + 0.5 / 3.0**0.5
 
 
-@njit(nogil=True, inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
+def _cell(position, cells):
+    """Return the cell, 0 to `cells` - 1, that contains a position, or the nearest one; 0 for NaN."""
+    if position >= cells:
+        return cells - 1
+    return int(position) if position > 0.0 else 0
+
+
+@njit(nogil=True, error_model="numpy", inline="always")
 def _splat(kernel, x, y, weight):
-    i, j = int(np.floor(y)), int(np.floor(x))
+    # Rounding may lead a path just beyond the last cell.
+    i, j = _cell(y, kernel.shape[0] - 1), _cell(x, kernel.shape[1] - 1)
     fy, fx = y - i, x - j
     kernel[i, j] += weight * (1.0 - fy) * (1.0 - fx)
     kernel[i, j + 1] += weight * (1.0 - fy) * fx
@@ -28,7 +37,7 @@ def _splat(kernel, x, y, weight):
     kernel[i + 1, j + 1] += weight * fy * fx
 
 
-@njit(nogil=True, inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def _next_crossing(position, velocity):
     """Return the time until a coordinate reaches the next integer; infinity where it does not move."""
     if velocity > 0.0:
@@ -38,7 +47,7 @@ def _next_crossing(position, velocity):
     return np.inf
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _trace(kernel, path, centre_x, centre_y):
     segments = path.shape[0] - 1
     for k in range(segments):
@@ -56,11 +65,23 @@ def _trace(kernel, path, centre_x, centre_y):
             t += step
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
+def _fits(path, half_width, half_height):
+    fits = True
+    for k in range(path.shape[0]):
+        fits = fits and abs(path[k, 0]) < half_width and abs(path[k, 1]) < half_height
+    return fits
+
+
+@njit(nogil=True, error_model="numpy")
 def _rasterize(first, stop, paths, kernels):
+    half_height, half_width = kernels.shape[1] // 2, kernels.shape[2] // 2
     for n in range(first, stop):
         kernel = np.zeros(kernels.shape[1:], dtype=np.float64)
-        _trace(kernel, paths[n], kernels.shape[2] // 2, kernels.shape[1] // 2)
+        if _fits(paths[n], half_width, half_height):
+            _trace(kernel, paths[n], half_width, half_height)
+        else:
+            kernel[0, 0] = np.nan
         total = kernel.sum()
         # A loop over cells: an assignment of arrays, with its error message, takes Numba four seconds more to compile.
         for i in range(kernel.shape[0]):
@@ -85,7 +106,7 @@ def rasterize(
     Returns
     -------
     ndarray, shape (N, 2 half_height + 1, 2 half_width + 1)
-        Kernels that sum to 1.
+        Kernels that sum to 1; NaN where a displacement is not within these bounds, or is NaN.
     """
     kernels = np.empty((len(paths), 2 * half_height + 1, 2 * half_width + 1), dtype=np.float32)
     share_range(lambda first, stop: _rasterize(first, stop, paths, kernels), len(paths), threads)
@@ -96,7 +117,11 @@ def rasterize_numpy(paths: NDArray[np.float64], half_height: int, half_width: in
     """Readable twin of :func:`rasterize`: first all grid crossings, then a weighted histogram per kernel."""
     shape = (2 * half_height + 1, 2 * half_width + 1)
     kernels = np.empty((len(paths), *shape), dtype=np.float32)
-    for kernel, path in zip(kernels, paths + np.array([half_width, half_height]), strict=True):
+    centre = np.array([half_width, half_height])
+    for kernel, path in zip(kernels, paths + centre, strict=True):
+        if not (np.abs(path - centre) < centre).all():
+            kernel[:] = np.nan
+            continue
         knots = np.arange(len(path), dtype=np.float64)
         breaks = np.unique(np.concatenate([knots, *(_crossings(path[:, axis]) for axis in (0, 1))]))
         start, step = breaks[:-1], np.diff(breaks)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rsdeblur.kernels._jit import njit
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def responses(otf, across, down, nsr, beta, scale, of_grad_adjoint, out):
     """Compute the frequency response of the filter for the observed picture, or for the adjoint gradient.
 

@@ -177,7 +177,11 @@ def solve_numpy(
             row[: n - offset] = normal.diagonal(-offset)
         band[0] += ridge[lane]
         right: Any = adjoint @ _load(data, lane) + _load(latent, lane)
-        _store(latent, lane, solveh_banded(band, right, lower=True))
+        try:
+            right = solveh_banded(band, right, lower=True, check_finite=False)
+        except np.linalg.LinAlgError:  # no solution: not positive definite, or not finite
+            right = np.full_like(right, np.nan)
+        _store(latent, lane, right)
 
 
 def _matrices(model: RowModel, table: Float32Array, rows: int) -> list[sparse.csr_array]:

@@ -31,6 +31,8 @@ def _fill_factors(across, down, threshold, table, factors):
         factors[x, 0] = squared
     for x in range(width):
         place = last * (threshold / np.sqrt(max(factors[x, 0], least)))
+        # A comparison with NaN is false, so that NaN is read at 0; of NaN or infinity no integer would be in the table.
+        place = place if np.float32(0.0) <= place <= last else np.float32(0.0)
         i = min(np.int32(place), np.int32(len(following) - 1))
         share = table[i] + (place - np.float32(i)) * (following[i] - table[i])
         factors[x, 0] = share if factors[x, 0] > least else np.float32(0.0)

@@ -13,6 +13,9 @@ from scipy import ndimage
 from rsdeblur._util.threads import share_range
 from rsdeblur.kernels._jit import njit
 
+# Largest coordinate in px that is mirrored into the picture; beyond, and for NaN, the average is NaN.
+FARTHEST = 2.0**31
+
 
 @njit(nogil=True, inline="always")
 def _spline_weights(f, out):
@@ -32,7 +35,8 @@ def _mirror(i, n):
     return period - i if i >= n else i
 
 
-@njit(nogil=True, fastmath=True)
+# All of fastmath but what assumes that there are neither NaN nor infinity.
+@njit(nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "arcp", "nsz"})
 def _average_warps(first, stop, coefficients, warps, out):
     height, width, channels = coefficients.shape
     samples = warps.shape[1]
@@ -46,6 +50,9 @@ def _average_warps(first, stop, coefficients, warps, out):
                 w = 1.0 / (m[2, 0] * x + m[2, 1] * y + m[2, 2])
                 qx = (m[0, 0] * x + m[0, 1] * y + m[0, 2]) * w
                 qy = (m[1, 0] * x + m[1, 1] * y + m[1, 2]) * w
+                if not (abs(qx) < FARTHEST and abs(qy) < FARTHEST):
+                    value[:] = np.float32(np.nan)
+                    break
                 i0, j0 = int(np.floor(qy)), int(np.floor(qx))
                 _spline_weights(np.float32(qx - j0), wx)
                 _spline_weights(np.float32(qy - i0), wy)
@@ -80,7 +87,7 @@ def average_warps(
     Returns
     -------
     ndarray, shape (H, width, C), float32
-        The averaged picture.
+        The averaged picture; NaN where a warp leads nowhere.
     """
     out = np.empty((len(warps), width, coefficients.shape[2]), dtype=np.float32)
     share_range(lambda first, stop: _average_warps(first, stop, coefficients, warps, out), len(out), threads)
@@ -96,9 +103,13 @@ def average_warps_numpy(
     total = np.zeros((height, width, coefficients.shape[2]))
     for t in range(samples):
         qx, qy, w = np.einsum("yij,jyx->iyx", warps[:, t], np.stack([x, y, np.ones_like(x)]))
+        with np.errstate(all="ignore"):
+            place = np.stack([qy, qx]) / w
+        known = (np.abs(place) < FARTHEST).all(axis=0)
         for c in range(total.shape[2]):
-            total[..., c] += ndimage.map_coordinates(
-                coefficients[..., c], [qy / w, qx / w], order=3, mode="mirror", prefilter=False
+            values = ndimage.map_coordinates(
+                coefficients[..., c], np.where(known, place, 0.0), order=3, mode="mirror", prefilter=False
             )
+            total[..., c] += np.where(known, values, np.nan)
     mean: NDArray[np.float32] = (total / samples).astype(np.float32)
     return mean

@@ -78,3 +78,21 @@ def imu_to_camera(name: str) -> FloatArray:
         )
     camera: FloatArray = np.array(GYROFLOW_TO_CAMERA, dtype=np.float64) @ orientation(PRESETS.get(name, name))
     return camera
+
+
+def letters(matrix: FloatArray) -> str:
+    """Return the orientation string of a mounting whose axes are parallel to the camera's.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (3, 3)
+        From IMU axes to camera axes: a signed permutation, which may mirror.
+
+    Returns
+    -------
+    str
+        String whose matrix :func:`imu_to_camera` returns.
+    """
+    rows = np.array(GYROFLOW_TO_CAMERA, dtype=np.float64).T @ matrix
+    names = ["XYZ"[int(np.abs(row).argmax())] for row in rows]
+    return "".join(name if row.sum() > 0 else name.lower() for name, row in zip(names, rows, strict=True))

@@ -10,12 +10,12 @@ from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
-import tomli_w
+import tomlkit
 from numpy.typing import ArrayLike
 
 from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write
-from rsdeblur._util.files import read_file
+from rsdeblur._util.files import checked_path, read_file
 from rsdeblur.choices import (
     DISTORTIONS,
     READOUT_DIRECTIONS,
@@ -37,8 +37,8 @@ FORMER_KEYS = {
     "focal": "focal_length", "principal": "principal_point", "readout": "readout_time", "stamp": "timestamp_marks",
 }  # fmt: skip
 
-# Largest width and height, px: that of PNG, the largest of all formats that are read.
-MOST_PIXELS = 2**31 - 1
+# Largest width and height, px. The widest panoramas have a tenth of that, and every row has a pose.
+MOST_PIXELS = 1_000_000
 
 # Largest length in px and largest coefficient. No lens comes near it, and its eighth power does not overflow.
 LARGEST = 1e12
@@ -118,8 +118,8 @@ class Camera:
         def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
 
-        put("width", validate.count("width", width, maximum=MOST_PIXELS))
-        put("height", validate.count("height", height, maximum=MOST_PIXELS))
+        put("width", _pixels("width", width))
+        put("height", _pixels("height", height))
         put("focal_length", _focal_length(focal_length))
         if principal_point is None:
             principal_point = ((self.width - 1) / 2, (self.height - 1) / 2)
@@ -167,6 +167,7 @@ class Camera:
             Shaped like `rows`.
         """
         backwards = self.readout_direction in ("bottom-up", "right-left")
+        rows = validate.array("rows", rows)
         return self.lines - 1 - rows if backwards else rows
 
     def timestamp_delay(self, duration: float) -> float:
@@ -177,14 +178,15 @@ class Camera:
         duration : float
             Exposure time of every row in s.
         """
+        duration = validate.finite("duration", duration)
         return TIMESTAMP_SHARES[self.timestamp_marks] * (self.readout_time * (self.lines - 1) / self.lines + duration)
 
-    def rays(self, points: FloatArray) -> FloatArray:
+    def rays(self, points: ArrayLike) -> FloatArray:
         """Return the viewing directions of pixels.
 
         Parameters
         ----------
-        points : ndarray, shape (..., 2)
+        points : array_like, shape (..., 2)
             (x, y) in px.
 
         Returns
@@ -192,16 +194,17 @@ class Camera:
         ndarray, shape (..., 3)
             In camera axes, of any length; NaN where the lens model has no direction.
         """
+        points = _vectors("points", points, 2)
         (fx, fy), (cx, cy) = self.focal_length, self.principal_point
         normalised = np.stack([(points[..., 0] - cx) / fx, (points[..., 1] - cy) / fy], axis=-1)
         return lens.rays(normalised, self.distortion_model, self.distortion)
 
-    def project(self, directions: FloatArray) -> FloatArray:
+    def project(self, directions: ArrayLike) -> FloatArray:
         """Return the pixels that see directions; the inverse of :meth:`rays`.
 
         Parameters
         ----------
-        directions : ndarray, shape (..., 3)
+        directions : array_like, shape (..., 3)
             In camera axes, of any length.
 
         Returns
@@ -209,6 +212,7 @@ class Camera:
         ndarray, shape (..., 2)
             (x, y) in px.
         """
+        directions = _vectors("directions", directions, 3)
         (fx, fy), (cx, cy) = self.focal_length, self.principal_point
         points = lens.project(directions, self.distortion_model, self.distortion)
         points *= (fx, fy)
@@ -226,12 +230,13 @@ class Camera:
             farthest = max(abs(x - cx).max() / fx, abs(y - cy).max() / fy)
             folds = farthest > lens.reach(self.distortion)
         else:
-            folds = not np.isfinite(self.rays(np.stack(np.meshgrid(x, y), axis=-1))).all()
-        if folds:
+            folds = False
+        # A fisheye sees at most 180 degrees off its axis, and a point beyond has no direction either.
+        if folds or not np.isfinite(self.rays(np.stack(np.meshgrid(x, y), axis=-1))).all():
             raise InputError(
                 f"the {self.distortion_model} distortion {self.distortion} folds the picture over itself within the "
-                "frame; check the coefficients and their order, and that focal_length and principal_point are for this "
-                "size"
+                "frame, or the frame reaches beyond 180 degrees off the axis; check the coefficients and their order, "
+                "and that focal_length and principal_point are in px of this size"
             )
 
     def scaled(self, s: float) -> Camera:
@@ -273,7 +278,7 @@ class Camera:
         InputError
             If a size is not a whole number of at least 1.
         """
-        width, height = validate.count("width", width), validate.count("height", height)
+        width, height = _pixels("width", width), _pixels("height", height)
         (fx, fy), (cx, cy) = self.focal_length, self.principal_point
         # Sizes are whole pixels, so the two ratios may differ.
         sx, sy = width / self.width, height / self.height
@@ -325,8 +330,8 @@ class Camera:
         InputError
             If a value is not a whole number, or the part does not fit into the picture.
         """
-        left, top = validate.count("left", left, minimum=0), validate.count("top", top, minimum=0)
-        width, height = validate.count("width", width), validate.count("height", height)
+        left, top = _pixels("left", left, minimum=0), _pixels("top", top, minimum=0)
+        width, height = _pixels("width", width), _pixels("height", height)
         if left + width > self.width or top + height > self.height:
             raise InputError(
                 f"the cut-out {width}x{height} at ({left}, {top}) does not fit the picture, {self.width}x{self.height}"
@@ -393,7 +398,7 @@ class Camera:
         }
         with atomic_write(path) as file:
             file.write(b"# rsdeblur camera: px, s; camera axes x right, y down, z forward\n")
-            tomli_w.dump(table, file)
+            file.write(tomlkit.dumps(table).encode())
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Camera:
@@ -421,9 +426,10 @@ class Camera:
         RsdeblurWarning
             If a key has a former name, such as `focal` for `focal_length`.
         """
+        path = checked_path(path)
         try:
             # A ValueError also where an integer has thousands of digits.
-            table = tomllib.loads(read_file(path, "camera file").decode())
+            table = tomllib.loads(read_file(path, "camera file").decode("utf-8-sig"))
         except (ValueError, RecursionError) as error:
             raise FileFormatError(f"{path}: not a TOML camera file: {error}") from error
         known = [f.name for f in fields(cls)]
@@ -444,6 +450,18 @@ class Camera:
             return cls(**table)
         except InputError as error:
             raise FileFormatError(f"{path}: {error}") from error
+
+
+def _pixels(name: str, value: Any, *, minimum: int = 1) -> int:
+    return validate.count(name, value, minimum=minimum, maximum=MOST_PIXELS)
+
+
+def _vectors(name: str, value: ArrayLike, size: int) -> FloatArray:
+    """Return vectors of `size` values along the last axis; they may be NaN."""
+    vectors = validate.array(name, value).astype(np.float64, copy=False)
+    if vectors.shape[-1:] != (size,):
+        raise InputError(f"{name} must have shape (..., {size}), got {vectors.shape}")
+    return vectors
 
 
 def _focal_length(value: Any) -> tuple[float, float]:

@@ -84,6 +84,7 @@ class Exposure:
         InputError
             If `rows` is not an array of finite numbers.
         """
+        validate.instance("camera", camera, Camera)
         order = camera.reading_order(validate.real_array("rows", rows))
         first = self.start - camera.timestamp_delay(self.duration)
         opens: FloatArray = first + camera.readout_time * order / camera.lines
@@ -104,5 +105,6 @@ class Exposure:
         closes : float
             End of the last row's exposure in s relative to `epoch_ns`.
         """
+        validate.instance("camera", camera, Camera)
         opens, closes = self.window(np.array([0.0, camera.lines - 1.0]), camera)
         return float(opens.min()), float(closes.max())

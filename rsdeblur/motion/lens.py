@@ -18,6 +18,8 @@ COEFFICIENTS: dict[Distortion, tuple[int, ...]] = {"none": (0,), "radtan": (4, 5
 # Most steps of Newton's method, which doubles the correct digits in each; ordinary lenses take five.
 STEPS = 30
 TOLERANCE = 1e-13
+# Halvings of 180 degrees that leave less than float64 resolves.
+BISECTIONS = 54
 # Least slope of the fisheye's polynomial theta_d(theta). Below it, the polynomial is about to decrease.
 FLAT = 0.1
 # Coefficients up to this size add less than 1e-8 to the slope at 180 degrees.
@@ -95,8 +97,24 @@ def _straightened(bent: FloatArray, k: tuple[float, ...]) -> FloatArray:
         theta = theta - step
         if np.abs(step).max(initial=0.0) < TOLERANCE:
             break
-    wrong = np.abs(_fisheye(theta, k)[0] - bent) > 1e-9
+    wrong = ~(np.abs(_fisheye(theta, k)[0] - bent) <= 1e-9)
+    if wrong.any():
+        theta = np.where(wrong, _bisected(bent, k), theta)
+        wrong = ~(np.abs(_fisheye(theta, k)[0] - bent) <= 1e-9)
     return np.where(wrong | (theta < 0) | (theta > np.pi), np.nan, theta)
+
+
+def _bisected(bent: FloatArray, k: tuple[float, ...]) -> FloatArray:
+    """Return theta from 0 to 180 degrees by bisection, which also ends where Newton's method swings to and fro.
+
+    It relies on theta_d's increase, see `_fisheye`.
+    """
+    low, high = np.zeros_like(bent), np.full_like(bent, np.pi)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        above = _fisheye(middle, k)[0] > bent
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    return 0.5 * (low + high)
 
 
 def _radtan(plane: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:

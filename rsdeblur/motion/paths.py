@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike
 from rsdeblur._util import validate
 from rsdeblur.choices import GEOMETRIES, MOTIONS, Geometry, Motion
 from rsdeblur.errors import InputError
+from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog, OrientationTrack
@@ -42,6 +43,8 @@ SAMPLES_PER_PIXEL = 4
 ROW_SAMPLES_PER_PIXEL = 1
 # Rows traced at a time, which bounds the memory for the poses along their paths.
 ROWS_TOGETHER = 64
+# Most points of paths traced at a time: 2.4 GB of poses. Bytes of a point of a path.
+MOST_POINTS, POINT_BYTES = 6_000_000, 16
 
 # Rows and columns of the probe. The rows are about a millisecond apart in an ordinary readout, well within a gyro
 # interval; across the picture the blur changes smoothly for any motion.
@@ -119,6 +122,7 @@ class Capture:
         CoverageError, ClockError, GapError
             If the log or the translation does not describe the exposure, see :meth:`rsdeblur.GyroLog.covering`.
         """
+        check_recording(log, camera, exposure, translation)
         validate.choice("motion", motion, MOTIONS)
         if camera.horizontal_readout and camera.readout_time > 0:
             raise InputError(f"the camera is read {camera.readout_direction}; trace paths with camera.turned()")
@@ -239,6 +243,17 @@ class BlurPaths:
     rows: FloatArray
     cols: FloatArray
 
+    def __post_init__(self) -> None:
+        for name in ("displacements", "rows", "cols"):
+            object.__setattr__(self, name, validate.array(name, getattr(self, name)).astype(np.float64, copy=False))
+        paths, grid = self.displacements, (*self.rows.shape, *self.cols.shape)
+        if paths.ndim != 4 or paths.shape[:2] != grid or paths.shape[2] < 2 or paths.shape[3] != 2:
+            raise InputError(
+                f"displacements must have shape (B, S, T, 2) for B rows, S cols and T >= 2 times, got {paths.shape} "
+                f"for a grid of shape {grid}"
+            )
+        _check_finite(paths)
+
     @classmethod
     def from_capture(
         cls,
@@ -273,15 +288,22 @@ class BlurPaths:
         InputError
             If an argument is out of its range.
         """
+        validate.instance("capture", capture, Capture)
         validate.choice("geometry", geometry, GEOMETRIES)
         rows, cols = (validate.real_array(name, grid, (None,)) for name, grid in (("rows", rows), ("cols", cols)))
+        if not (rows.size and cols.size):
+            raise InputError(f"rows and cols must not be empty, got {rows.size} and {cols.size}")
         trace = _rotation_paths if capture.motion == "rotation" else _small_angle_paths
-        if samples == "auto":
+        if validate.is_auto(samples):
             # Two samples per gyro interval follow every bend of the track. Their paths' lengths give the final number.
             coarse = 2 * len(capture.track.t) + 1
-            length = _lengths(trace(capture, rows, cols, coarse, geometry)).max()
-            samples = max(coarse, int(np.ceil(SAMPLES_PER_PIXEL * length)) + 1)
-        displacements = trace(capture, rows, cols, validate.count("samples", samples, minimum=2), geometry)
+            longest = trace(capture, rows, cols, coarse, geometry)
+            _check_finite(longest)
+            samples = max(coarse, int(np.ceil(SAMPLES_PER_PIXEL * _lengths(longest).max())) + 1)
+        samples = validate.count("samples", samples, minimum=2, maximum=MOST_POINTS)
+        if (points := len(rows) * len(cols) * samples) > MOST_POINTS:
+            raise InputError(f"paths at {len(rows)} x {len(cols)} places have {points} points, more than {MOST_POINTS}")
+        displacements = trace(capture, rows, cols, samples, geometry)
         displacements.setflags(write=False)
         return cls(displacements, rows, cols)
 
@@ -317,9 +339,14 @@ class BlurPaths:
         InputError
             If an argument is out of its range.
         """
+        validate.instance("capture", capture, Capture)
+        validate.instance("within", within, slice)
+        cols = validate.real_array("cols", cols, (None,))
         longest = float(capture.probe.lengths.max())
         samples = max(2 * len(capture.track.t) + 1, int(np.ceil(ROW_SAMPLES_PER_PIXEL * longest)) + 1)
         rows = np.arange(float(capture.camera.height))[within]
+        points, pixels = len(rows) * len(cols) * samples, capture.camera.height * capture.camera.width
+        validate.memory(f"paths of {points} points", POINT_BYTES * points, pixels)
         parts = [
             cls.from_capture(capture, part, cols, geometry=geometry, samples=samples)
             for part in np.split(rows, range(ROWS_TOGETHER, len(rows), ROWS_TOGETHER))
@@ -364,6 +391,14 @@ class BlurPaths:
         """Largest displacement along y and along x in px."""
         dx, dy = np.abs(self.displacements).max(axis=(0, 1, 2))
         return float(dy), float(dx)
+
+
+def _check_finite(displacements: FloatArray) -> None:
+    if not np.isfinite(displacements.sum()):
+        raise InputError(
+            "the motion leads out of what the lens shows, so that its paths are not finite; are the rates in rad/s, "
+            "the focal length in px and the exposure in s?"
+        )
 
 
 def _lengths(displacements: FloatArray) -> FloatArray:
@@ -437,7 +472,8 @@ class RowPoses:
         """
         half = len(self.matrices) // 4
         place = np.clip(rows + half, 0.0, len(self.matrices) - 1.0)
-        i = np.minimum(place.astype(np.intp), len(self.matrices) - 2)
+        # A point that the lens does not show has no row: any pose will do, as its position stays NaN.
+        i = np.minimum(np.nan_to_num(place).astype(np.intp), len(self.matrices) - 2)
         pose = self.matrices[i] + (place - i)[..., None] * (self.matrices[i + 1] - self.matrices[i])
         pose = pose.reshape(*rows.shape, 3, 4)
         return self.camera.project(np.einsum("...ij,...j->...i", pose[..., :3], world) + pose[..., 3])

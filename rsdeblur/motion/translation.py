@@ -10,6 +10,9 @@ from rsdeblur._util import validate
 from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.types import FloatArray
 
+# s. Times relative to different epochs differ by less, from rounding; clocks count in it.
+CLOCK_TICK = 1e-9
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Translation:
@@ -71,8 +74,10 @@ class Translation:
         CoverageError
             If the track does not cover [t0, t1].
         """
+        t0, t1 = validate.finite("t0", t0), validate.finite("t1", t1)
+        epoch_ns = validate.nanoseconds("epoch_ns", epoch_ns)
         t = self.t + (self.epoch_ns - epoch_ns) * 1e-9
-        if t[0] > t0 or t[-1] < t1:
+        if t[0] > t0 + CLOCK_TICK or t[-1] < t1 - CLOCK_TICK:
             raise CoverageError(
                 f"the translation track spans {t[0]:.4f} s to {t[-1]:.4f} s, the exposure needs {t0:.4f} s to "
                 f"{t1:.4f} s; use a longer track"
@@ -92,6 +97,7 @@ class Translation:
         ndarray, shape ``times.shape + (3,)``
             Positions in units of `depth`.
         """
+        times = validate.array("times", times)
         return np.stack([np.interp(times, self.t, axis) for axis in self.position.T], axis=-1) / self.depth
 
     def turned(self) -> Translation:

@@ -27,7 +27,7 @@ from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.translation import Translation
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.plan import DeblurResult, plan
+from rsdeblur.pipeline.plan import DeblurResult, plan, plan_for
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import Progress
 
@@ -54,6 +54,7 @@ def deblur(
     border: Border | Boundary = "blend",
     motion: Motion = "rotation",
     translation: Translation | None = None,
+    refine: bool = False,
     transfer: Transfer | Auto = "auto",
     normalize: bool = False,
     saturation: Saturation = "ignore",
@@ -74,7 +75,7 @@ def deblur(
     ----------
     image : array_like, shape (H, W) or (H, W, C)
         Grey (without C, or C = 1), grey + alpha (2), RGB (3) or RGBA (4). uint8 and uint16 are scaled to [0, 1];
-        floats have the nominal range [0, 1]. Alpha is copied.
+        floats have the nominal range [0, 1] and at most 1e12. Alpha is copied.
     log, camera, exposure
         The motion, the camera, and when the picture was exposed and for how long.
     mode : {"banded", "global", "rowwise"}
@@ -87,16 +88,17 @@ def deblur(
         shrinkage in a wavelet frame (:mod:`rsdeblur.deconv.wavelet`). "tv" and "hyper-laplacian" keep edges sharp and
         even areas free of noise; "wiener" takes about a twentieth of their time.
     weight : float or "auto"
-        Weight of the prior: a larger weight gives a smoother picture. "auto" derives it from the picture's noise and
-        the blur (:mod:`rsdeblur.estimate.strength`).
+        Weight of the prior, from 1e-20 to 1e20: a larger weight gives a smoother picture. "auto" derives it from the
+        picture's noise and the blur (:mod:`rsdeblur.estimate.strength`).
     exponent : float, default 2/3
         Exponent of the hyper-Laplacian, in (0, 1].
     nsr : float or "auto"
-        Noise-to-signal power ratio Phi: a larger ratio gives a smoother picture. For the Wiener filter, "auto" derives
-        it from noise and blur. The other priors depend on it little; "auto" then derives it from the size of the blur.
+        Noise-to-signal power ratio Phi, from 1e-20 to 1e20: a larger ratio gives a smoother picture. For the Wiener
+        filter, "auto" derives it from noise and blur. The other priors depend on it little; "auto" then derives it from
+        the size of the blur.
     noise : float or "auto"
-        Standard deviation of the picture's noise in linear light, in which white is 1; "auto" estimates it. The
-        automatic strengths are derived from it.
+        Standard deviation of the picture's noise in linear light, in which white is 1, from 0 to 1e12; "auto" estimates
+        it. The automatic strengths are derived from it.
     solver : {"auto", "direct", "cg"}
         Solver of "rowwise", see :class:`rsdeblur.RowDeconvolver`.
     geometry : {"keep", "rectify"}
@@ -110,9 +112,11 @@ def deblur(
         Paths of the full homography, or the approximation of eq. 6 of Sindelar and Sroubek (2013).
     translation : Translation, optional
         Positions of the camera and distance of the scene (eq. 3 in full); without it only rotation counts.
+    refine : bool, default False
+        Correct focal length, clock, readout and motion by the picture first, see :func:`rsdeblur.refine`.
     transfer : {"auto", "linear", "srgb"} or float
-        How values encode light; a number is a gamma. "auto" is sRGB for uint8 and uint16 and linear for floats. The
-        result has the same encoding.
+        How values encode light; a number is a gamma, from 0.1 to 10. "auto" is sRGB for uint8 and uint16 and linear for
+        floats. The result has the same encoding.
     normalize : bool, default False
         Compress light that exceeds [0, 1] into that range and clip outliers, at the price of contrast.
     saturation : {"ignore", "auto"}
@@ -124,8 +128,8 @@ def deblur(
     fallback : bool, default False
         Blend the result towards the input if the check finds it bad; not with ``geometry="rectify"``.
     planning : {"estimate", "measure"}
-        How FFTW plans: at once, or by measuring, up to a second per plan. Measured plans are kept for later runs,
-        which use them with either setting.
+        How FFTW plans: at once, or by measuring, up to a second per plan. Measured plans are kept for later runs that
+        measure. Only with "measure" do the bits of a result depend on what was planned before.
     threads : int, optional
         Threads that share the work; default all processors. Any number gives the same bits.
     max_memory : int, optional
@@ -144,7 +148,8 @@ def deblur(
     Raises
     ------
     InputError
-        If an argument is out of range, the picture's size is not the camera's, or the blur is larger than the picture.
+        If an argument is out of range, the picture's size is not the camera's, the blur is larger than the picture, or
+        the result is not finite.
     CoverageError, ClockError, GapError
         If the log does not cover the exposure, is on another clock, or has a gap inside the exposure.
     """
@@ -162,6 +167,7 @@ def deblur(
         border=border,
         motion=motion,
         translation=translation,
+        refine=refine,
         transfer=transfer,
         normalize=normalize,
         saturation=saturation,
@@ -171,7 +177,8 @@ def deblur(
         threads=threads,
         max_memory=max_memory,
     )
-    return plan(log, camera, exposure, options).apply(image, out=out, progress=progress)
+    planned = plan_for(image, log, camera, exposure, options, progress=progress)
+    return planned.apply(image, out=out, progress=progress)
 
 
 def psfs(
@@ -207,7 +214,7 @@ def psfs(
     InputError, CoverageError, ClockError, GapError
         As :func:`deblur`.
     """
-    nsr = validate.finite("nsr", nsr, above=0.0)
+    nsr = validate.strength("nsr", nsr)
     options = Options(mode=mode, bands=bands, strips=strips, motion=motion, translation=translation)
     planned = plan(log, camera, exposure, options)
     return planned.frame.bank(PsfBank.from_paths(planned.tile_paths(nsr)))

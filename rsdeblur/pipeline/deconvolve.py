@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rsdeblur._util import validate
 from rsdeblur.choices import Auto, Border, Boundary, Mode, Planning, Prior, Saturation, Strength, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.image.encoded import EncodedImage, result_like
@@ -98,8 +99,9 @@ def deconvolve_with(
     progress: Progress | None = None,
 ) -> DeblurResult:
     """Run :func:`deconvolve` with its keywords in `options`; the options that describe a motion are ignored."""
-    encoded, clock = EncodedImage.of(image, options.transfer), StageClock(progress)
-    bank = psf if isinstance(psf, PsfBank) else PsfBank.for_picture(psf, encoded.shape)
+    clock = StageClock(validate.callback("progress", progress))
+    encoded = EncodedImage.of(image, options.transfer)
+    bank = _bank(psf, encoded.shape)
     check_bank(bank, encoded.shape)
     out, channelled = result_like(image, out)
     mode, (bands, strips) = mode_of(bank), bank.kernels.shape[:2]
@@ -122,6 +124,15 @@ def deconvolve_with(
         timings=clock.timings,
         noise=strengths.noise,
     )
+
+
+def _bank(psf: ArrayLike | PsfBank, shape: tuple[int, ...]) -> PsfBank:
+    if isinstance(psf, PsfBank):
+        return psf
+    try:
+        return PsfBank.for_picture(psf, shape)
+    except InputError as error:
+        raise InputError(f"psf: {error}") from error
 
 
 def mode_of(bank: PsfBank) -> Mode:

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from rsdeblur.deconv.quadratic import MARGIN
-from rsdeblur.deconv.wiener import DECAY_MARGIN, LEAST_MARGIN
+from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
 from rsdeblur.pipeline.settings import SolverSettings
 from rsdeblur.psf import PsfBank
@@ -86,7 +86,7 @@ def _chunk(bank: PsfBank, shape: tuple[int, int, int], first: int, stop: int, re
 
 def _margin(settings: SolverSettings) -> float:
     """Return the margin of the tiles, in PSF sizes."""
-    return max(LEAST_MARGIN, DECAY_MARGIN / settings.nsr**0.5) if settings.weight is None else MARGIN
+    return decay_margin(settings.nsr) if settings.weight is None else MARGIN
 
 
 def _reach(bank: PsfBank, settings: SolverSettings) -> int:
@@ -95,7 +95,7 @@ def _reach(bank: PsfBank, settings: SolverSettings) -> int:
     elif settings.mode == "banded" and len(bank.rows) > 1:
         reach = _margin(settings) + MORE_THAN_MARGIN
     else:
-        reach = max(LEAST_REACH, DECAY_REACH / settings.nsr**0.5)
+        reach = max(LEAST_REACH, DECAY_REACH / max(settings.nsr, LEAST_NSR) ** 0.5)
     return int(np.ceil(reach * bank.size[0]))
 
 

@@ -53,6 +53,7 @@ class Options:
     border: Border | Boundary = "blend"
     motion: Motion = "rotation"
     translation: Translation | None = None
+    refine: bool = False
     transfer: Transfer | Auto = "auto"
     normalize: bool = False
     saturation: Saturation = "ignore"
@@ -82,9 +83,8 @@ class Options:
         }
         for name, values in allowed.items():
             validate.choice(name, getattr(self, name), values)
-        for name in ("normalize", "check", "fallback"):
-            if not isinstance(getattr(self, name), bool):
-                raise InputError(f"{name} must be True or False, got {getattr(self, name)!r}")
+        for name in ("refine", "normalize", "check", "fallback"):
+            validate.boolean(name, getattr(self, name))
 
     def _check_numbers(self) -> None:
         from rsdeblur._util import validate
@@ -92,19 +92,23 @@ class Options:
 
         checked: dict[str, object] = {}
         for name in ("bands", "strips"):
-            if getattr(self, name) != "auto":
+            if not validate.is_auto(getattr(self, name)):
                 checked[name] = validate.count(name, getattr(self, name))
         for name in ("nsr", "weight"):
-            if getattr(self, name) != "auto":
-                checked[name] = validate.finite(name, getattr(self, name), above=0.0)
-        if self.noise != "auto":
-            checked["noise"] = validate.finite("noise", self.noise, minimum=0.0)
+            if not validate.is_auto(getattr(self, name)):
+                checked[name] = validate.strength(name, getattr(self, name))
+        if not validate.is_auto(self.noise):
+            checked["noise"] = validate.noise("noise", self.noise)
         checked["exponent"] = validate.exponent(self.exponent)
         for name in ("threads", "max_memory"):
             if getattr(self, name) is not None:
                 checked[name] = validate.count(name, getattr(self, name))
-        if self.transfer != "auto":
+        if not validate.is_auto(self.transfer):
             checked["transfer"] = check_transfer(self.transfer)
+        if self.translation is not None:
+            from rsdeblur.motion.translation import Translation
+
+            validate.instance("translation", self.translation, Translation)
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
@@ -120,6 +124,7 @@ class Options:
             )
         whole = {
             'geometry="rectify"': self.geometry == "rectify",
+            "refine=True": self.refine,
             "normalize=True": self.normalize,
             f'border="{self.border}"': self.boundary is not None,
         }

@@ -10,13 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rsdeblur._util import validate
 from rsdeblur.choices import Mode
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.check import QualityCheck, UndershootMeter, assess, fall_back
+from rsdeblur.estimate.refine import Refinement, refine
 from rsdeblur.estimate.strength import KERNELS
 from rsdeblur.image.encoded import EncodedImage, check_size, result_like
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.highlights import HighlightSplit
+from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -61,6 +64,8 @@ class DeblurResult:
         Whether to trust the result, see :class:`rsdeblur.QualityCheck`; None where no check was requested.
     noise : float or None
         Standard deviation of the noise in linear light, estimated or given; None where no strength needed it.
+    refinement : Refinement or None
+        Correction of the recording, see :func:`rsdeblur.refine`; None where none was requested.
     """
 
     image: NDArray[Any]
@@ -73,6 +78,7 @@ class DeblurResult:
     timings: dict[str, float] = field(default_factory=dict)
     check: QualityCheck | None = None
     noise: float | None = None
+    refinement: Refinement | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +100,8 @@ class Plan:
         Fixed strengths.
     grid : Grid, optional
         Fixed places of the PSFs and the largest size of their kernels.
+    refinement : Refinement, optional
+        Correction of the recording that the capture contains.
     """
 
     frame: ReadoutFrame
@@ -101,6 +109,7 @@ class Plan:
     options: Options
     strengths: Strengths | None = None
     grid: Grid | None = None
+    refinement: Refinement | None = None
     _kept: _KeptSolver = field(default_factory=lambda: _KeptSolver(), repr=False)
 
     @cached_property
@@ -151,6 +160,7 @@ class Plan:
         CoverageError, ClockError, GapError
             If the log does not cover the exposure, is on another clock, or has a gap inside the exposure.
         """
+        check_recording(log, self.frame.stored, exposure)
         capture = self.frame.capture(log, exposure, self.options.translation, motion=self.options.motion)
         return replace(self, capture=capture)
 
@@ -174,7 +184,7 @@ class Plan:
         InputError
             As :func:`rsdeblur.deblur`.
         """
-        options, clock = self.options, StageClock(progress)
+        options, clock = self.options, StageClock(validate.callback("progress", progress))
         encoded = self._encoded(image)
         out, upright = result_like(image, out, self.frame)
         split = self._split(encoded, clock)
@@ -212,6 +222,7 @@ class Plan:
             timings=clock.timings,
             check=check,
             noise=self.strengths.noise,
+            refinement=self.refinement,
         )
 
     def _encoded(self, image: ArrayLike) -> EncodedImage:
@@ -351,5 +362,52 @@ def plan(log: GyroLog, camera: Camera, exposure: Exposure, options: Options | No
     >>> plan = rsdeblur.plan(log, camera, exposure, rsdeblur.Options(mode="rowwise"))
     >>> sharp = plan.apply(image).image
     """
-    options, frame = options or Options(), ReadoutFrame(camera)
+    check_recording(log, camera, exposure)
+    options = Options() if options is None else validate.instance("options", options, Options)
+    if options.refine:
+        raise InputError("refine=True needs a picture; call rsdeblur.refine first, and plan with its result")
+    frame = ReadoutFrame(camera)
     return Plan(frame, frame.capture(log, exposure, options.translation, motion=options.motion), options)
+
+
+def plan_for(
+    image: ArrayLike,
+    log: GyroLog,
+    camera: Camera,
+    exposure: Exposure,
+    options: Options,
+    *,
+    progress: Progress | None = None,
+) -> Plan:
+    """Plan the deblurring of one picture; with ``options.refine``, of the recording as corrected by it.
+
+    Parameters
+    ----------
+    image, log, camera, exposure, progress
+        See :func:`rsdeblur.deblur`.
+    options : Options
+        All options.
+
+    Returns
+    -------
+    Plan
+        See :func:`rsdeblur.plan`.
+
+    Raises
+    ------
+    InputError, CoverageError, ClockError, GapError
+        As :func:`rsdeblur.deblur`.
+    """
+    if not options.refine:
+        return plan(log, camera, exposure, options)
+    found = refine(
+        image,
+        log,
+        camera,
+        exposure,
+        translation=options.translation,
+        transfer=options.transfer,
+        progress=progress,
+    )
+    options = replace(options, translation=found.translation, refine=False)
+    return replace(plan(found.log, found.camera, found.exposure, options), refinement=found)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rsdeblur._util import validate
 from rsdeblur.choices import Count, Mode
 from rsdeblur.errors import InputError
 from rsdeblur.motion.paths import BlurPaths, Capture
@@ -23,6 +24,8 @@ ROWS_SHOWN = 9
 # Bounds of the cost for violent motion.
 MOST_BANDS = 64
 MOST_STRIPS = 16
+# Bounds of numbers that are given: a PSF takes memory and time in every mode, whatever the size of its tile.
+MOST_GIVEN_STRIPS, MOST_TILES = 256, 16_384
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,10 +80,14 @@ def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: f
     Raises
     ------
     InputError
-        If the blur is larger than the picture.
+        If the blur is larger than the picture, or there are more tiles than the picture can have.
     """
     check_reach(capture)
     height, width = capture.camera.height, capture.camera.width
+    if mode == "banded":
+        validate.count("bands", 1 if bands == "auto" else bands, maximum=height)
+    if mode != "global":
+        validate.count("strips", 1 if strips == "auto" else strips, maximum=min(width, MOST_GIVEN_STRIPS))
     automatic = _automatic_counts(capture, nsr)
     if mode == "global":
         counts = 1, 1
@@ -88,8 +95,15 @@ def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: f
         counts = min(ROWS_SHOWN, height), automatic[1] if strips == "auto" else strips
     else:
         counts = automatic[0] if bands == "auto" else bands, automatic[1] if strips == "auto" else strips
+    if counts[0] * counts[1] > MOST_TILES:
+        raise InputError(f"bands times strips must be at most {MOST_TILES}, got {counts[0]} x {counts[1]}")
     rows, cols = (tile_centres(n, length) for n, length in zip(counts, (height, width), strict=True))
-    return BlurPaths.from_capture(capture, rows, cols)
+    paths = BlurPaths.from_capture(capture, rows, cols)
+    tall, wide = (2 * int(reach) + 3 for reach in paths.extent)
+    validate.memory(
+        f"{counts[0]} x {counts[1]} PSFs of {wide}x{tall} px", 8 * counts[0] * counts[1] * tall * wide, height * width
+    )
+    return paths
 
 
 def _automatic_counts(capture: Capture, nsr: float) -> tuple[int, int]:
@@ -114,7 +128,7 @@ def check_reach(capture: Capture, *, spare: int = 0) -> None:
     """Raise `InputError` unless the picture can hold the blur and `spare` px around it."""
     height, width = capture.camera.height, capture.camera.width
     down, across = (reach + spare for reach in capture.probe.extent)
-    if 2 * down + 1 > height or 2 * across + 1 > width:
+    if not (2 * down + 1 <= height and 2 * across + 1 <= width):
         raise InputError(
             f"the blur reaches {across:.3g} px sideways and {down:.3g} px up and down from its centre, more than "
             f"the picture of {width}x{height} px can hold; are the rates in rad/s, the focal length in px, times in s?"

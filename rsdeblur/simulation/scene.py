@@ -8,6 +8,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from rsdeblur._util import validate
+from rsdeblur.errors import InputError
 from rsdeblur.image.transfer import to_linear
 from rsdeblur.types import FloatImage
 
@@ -16,6 +17,8 @@ Box = tuple[int, int, int, int]
 
 # Smallest width and height, px.
 SMALLEST = 64
+# Most pixels: they take some 10 GB.
+MOST_PIXELS = 100_000_000
 
 # Subpixels along a pixel's edge, and the number of pixels above which fewer are used: 9 samples per pixel, or 4.
 SUBPIXELS, SUBPIXELS_LARGE, LARGE = 3, 2, 4_000_000
@@ -96,8 +99,10 @@ def scene(height: int, width: int, *, seed: int = 0) -> FloatImage:
     InputError
         If an argument is out of its range.
     """
-    height = validate.count("height", height, minimum=SMALLEST)
-    width = validate.count("width", width, minimum=SMALLEST)
+    height = validate.count("height", height, minimum=SMALLEST, maximum=MOST_PIXELS)
+    width = validate.count("width", width, minimum=SMALLEST, maximum=MOST_PIXELS)
+    if height * width > MOST_PIXELS:
+        raise InputError(f"a scene has at most {MOST_PIXELS} pixels, got {height} x {width}")
     random = np.random.default_rng(validate.count("seed", seed, minimum=0))
     fine = SUBPIXELS_LARGE if height * width > LARGE else SUBPIXELS
     image = Image.new("RGB", (width * fine, height * fine), WALL)

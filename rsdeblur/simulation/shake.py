@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rsdeblur._util import validate
+from rsdeblur.errors import InputError
 from rsdeblur.motion.gyro import GyroLog
 
 # Low and high edge in Hz, and rms rate in rad/s about x, y and z (z: roll about the optical axis).
@@ -14,6 +15,8 @@ TREMOR = (8.0, 12.0, (0.61, 0.72, 0.27))
 
 # Sinusoids per band and axis: the sum of 32 looks Gaussian and does not repeat.
 WAVES = 32
+# Bounds of a simulated log: three hours at 200 Hz, and a rate that GyroLog accepts.
+MOST_SAMPLES, MOST_STRENGTH = 2_000_000, 1e9
 
 
 def hand_shake(duration: float, *, rate: float = 200.0, strength: float = 1.0, seed: int = 0) -> GyroLog:
@@ -62,7 +65,11 @@ def hand_shake(duration: float, *, rate: float = 200.0, strength: float = 1.0, s
     """
     duration = validate.finite("duration", duration, above=0.0)
     rate = validate.finite("rate", rate, above=2.0 * TREMOR[1])
-    strength = validate.finite("strength", strength, minimum=0.0)
+    strength = validate.finite("strength", strength, minimum=0.0, maximum=MOST_STRENGTH)
+    if duration * rate > MOST_SAMPLES:
+        raise InputError(
+            f"duration times rate must be at most {MOST_SAMPLES} samples, got {duration:g} s at {rate:g} Hz"
+        )
     random = np.random.default_rng(validate.count("seed", seed, minimum=0))
     t = np.arange(np.ceil(duration * rate) + 1.0) / rate
     omega = np.zeros((len(t), 3))

@@ -6,7 +6,7 @@ the integration of the rates, so that an error in one is visible against the oth
 
 from __future__ import annotations
 
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,7 @@ from rsdeblur.errors import InputError
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
 from rsdeblur.kernels.warp import average_warps
+from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -31,6 +32,8 @@ STEPS_PER_SECOND = 20_000
 
 # Warps per pixel of path: steps of half a pixel alias at 2 cycles/px, four times the highest frequency of a picture.
 SAMPLES_PER_PIXEL = 2
+# Most warps of a simulation: some 10 GB with their products. Most steps: 100 s.
+MOST_WARPS, MOST_STEPS = 20_000_000, 2_000_000
 
 
 class Simulation(NamedTuple):
@@ -101,13 +104,14 @@ def simulate(
     CoverageError, ClockError, GapError
         If the log or the translation does not describe the exposure.
     """
-    scene, transfer = _linear_scene(sharp, transfer)
+    check_recording(log, camera, exposure, translation)
+    scene, transfer = linear_scene(sharp, transfer)
     if scene.shape[0] < camera.height or scene.shape[1] < camera.width:
         raise InputError(
             f"sharp must be at least as large as the camera's picture, {camera.width}x{camera.height}, "
             f"got {scene.shape[1]}x{scene.shape[0]}"
         )
-    noise = validate.finite("noise", noise, minimum=0.0)
+    noise = validate.finite("noise", noise, minimum=0.0, maximum=validate.MOST_LIGHT)
     seed = validate.count("seed", seed, minimum=0)
     left, top = (scene.shape[1] - camera.width) // 2, (scene.shape[0] - camera.height) // 2
     frame = ReadoutFrame(camera)
@@ -121,9 +125,9 @@ def simulate(
     return Simulation(*(from_linear(picture, transfer) for picture in noisy))
 
 
-def _linear_scene(sharp: ArrayLike, transfer: Transfer | Auto) -> tuple[NDArray[np.float32], Transfer]:
+def linear_scene(sharp: ArrayLike, transfer: Transfer | Auto) -> tuple[NDArray[np.float32], Transfer]:
     """Return the scene in linear light, and how its values encoded it."""
-    values: NDArray[Any] = sharp if isinstance(sharp, np.ndarray) else validate.real_array("sharp", sharp)
+    values = validate.array("sharp", sharp)
     if values.ndim not in (2, 3) or values.size == 0:
         raise InputError(f"sharp must be a picture of shape (h, w) or (h, w, C), got {values.shape}")
     if values.dtype not in (np.uint8, np.uint16) and not np.issubdtype(values.dtype, np.floating):
@@ -131,7 +135,9 @@ def _linear_scene(sharp: ArrayLike, transfer: Transfer | Auto) -> tuple[NDArray[
     encoding = resolve_transfer(transfer, values.dtype)
     if values.dtype.kind == "u":
         values = values.astype(np.float32) / np.float32(np.iinfo(values.dtype).max)
-    return to_linear(validate.real_array("sharp", values).astype(np.float32), encoding), encoding
+    scene = to_linear(validate.real_array("sharp", values).astype(np.float32), encoding)
+    validate.bounded("sharp", scene)
+    return scene, encoding
 
 
 def _simulate(
@@ -147,11 +153,13 @@ def _simulate(
     opens, closes = exposure.window(np.arange(camera.height), camera)
     middle = 0.5 * (opens + closes)
     reference = float(np.interp((camera.height - 1) / 2, np.arange(camera.height), middle))
-    path = _CameraPath(log, camera, float(opens.min()), float(closes.max()), exposure.epoch_ns, translation)
-    if samples == "auto":
+    path = CameraPath(log, camera, float(opens.min()), float(closes.max()), exposure.epoch_ns, translation)
+    if validate.is_auto(samples):
         slices = max(16, int(np.ceil(SAMPLES_PER_PIXEL * path.longest(opens, closes))))
     else:
-        slices = validate.count("samples", samples)
+        slices = validate.count("samples", samples, maximum=MOST_WARPS)
+    if slices * camera.height > MOST_WARPS:
+        raise InputError(f"the blur takes {slices} warps for each row; {MOST_WARPS // camera.height} are possible")
     phase = (np.arange(slices) + 0.5) / slices
     times = opens[:, None] + (closes - opens)[:, None] * phase
     planes = np.atleast_3d(scene).astype(np.float64)
@@ -170,7 +178,7 @@ def _simulate(
     return Simulation(seen(times), np.ascontiguousarray(frame), seen(middle[:, None]))
 
 
-class _CameraPath:
+class CameraPath:
     """Pose of the camera over time; its orientation is integrated by many midpoint steps of the interpolated rates."""
 
     def __init__(
@@ -181,11 +189,15 @@ class _CameraPath:
         t1: float,
         epoch_ns: int,
         translation: Translation | None = None,
+        *,
+        steps_per_second: int = STEPS_PER_SECOND,
     ) -> None:
+        if (t1 - t0) * STEPS_PER_SECOND > MOST_STEPS:
+            raise InputError(f"the exposure of {t1 - t0:g} s is too long to be simulated; is its duration in s?")
         samples = log.covering(t0 - camera.time_offset, t1 - camera.time_offset, epoch_ns)
         t = samples.t + camera.time_offset
         omega = samples.omega @ camera.imu_to_camera.T
-        self.nodes = np.linspace(t0, t1, max(2, int(np.ceil((t1 - t0) * STEPS_PER_SECOND)) + 1))
+        self.nodes = np.linspace(t0, t1, max(2, int(np.ceil((t1 - t0) * steps_per_second)) + 1))
         centres = 0.5 * (self.nodes[1:] + self.nodes[:-1])
         self.rates = np.stack([np.interp(centres, t, omega[:, axis]) for axis in range(3)], axis=1)
         # In camera axes, a far point X moves by dX/dt = -omega x X.
@@ -234,7 +246,7 @@ class _CameraPath:
 
 
 def _through_lens(
-    coefficients: NDArray[np.float32], path: _CameraPath, times: FloatArray, reference: float, left: int, top: int
+    coefficients: NDArray[np.float32], path: CameraPath, times: FloatArray, reference: float, left: int, top: int
 ) -> NDArray[np.float32]:
     """Return the same as `average_warps` for a distorting lens, whose warps are not homographies: pixels are traced."""
     camera = path.camera

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import os
 import struct
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rsdeblur.errors import FileFormatError
+from rsdeblur._util.files import open_file
+from rsdeblur.errors import FileFormatError, RsdeblurWarning
 from rsdeblur.video._av import av
+
+# FFmpeg's names of the containers that are read. It recognises a file by its content, and reads pictures as videos too,
+# and playlists, which make it open other files.
+CONTAINERS = ("mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm", "avi", "mpegts")
+HDR_DATA = ("MASTERING_DISPLAY_METADATA", "CONTENT_LIGHT_LEVEL")
 
 
 class Colours(NamedTuple):
@@ -52,6 +60,8 @@ class Clip:
         FFmpeg's names of the codec and of the pixel format.
     rate : Fraction
         Mean number of frames per second.
+    aspect : Fraction, or None
+        Width of a pixel divided by its height, as players show it; None if the video does not say.
     colours : Colours
         Tags of the stream.
     matrix : tuple of 9 int, or None
@@ -68,6 +78,7 @@ class Clip:
     codec: str
     pixels: str
     rate: Fraction
+    aspect: Fraction | None
     colours: Colours
     matrix: tuple[int, ...] | None
 
@@ -80,9 +91,8 @@ class Clip:
         return [float((stamp - self.stamps[0]) * self.time_base) for stamp in self.stamps]
 
 
-@contextmanager
-def opened(path: Path) -> Iterator[Any]:
-    """Open a video for reading.
+def open_container(path: Path) -> Any:
+    """Open a video for reading; the caller closes it.
 
     Parameters
     ----------
@@ -92,13 +102,43 @@ def opened(path: Path) -> Iterator[Any]:
     Raises
     ------
     FileFormatError
-        If FFmpeg cannot read the file, now or later in the block.
+        If FFmpeg cannot read the file, it is a pipe or a device, or not one of the `CONTAINERS`.
+    """
+    # FFmpeg would wait for the writer of a pipe.
+    open_file(path, "video").close()
+    try:
+        # FFmpeg takes names for URLs: 10:30.mp4 has the protocol 10.
+        return av.open(f"file:{os.path.abspath(path)}", options={"format_whitelist": ",".join(CONTAINERS)})
+    except av.error.ArgumentError as error:
+        raise FileFormatError(
+            f"{path}: not a video in a container that is read; convert it to MP4, MOV, Matroska, WebM, AVI or MPEG-TS"
+        ) from error
+    except av.error.FFmpegError as error:
+        raise _unreadable(path, error) from error
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Turn FFmpeg's errors in the block into errors that name the video.
+
+    Parameters
+    ----------
+    path : Path
+        The video.
+
+    Raises
+    ------
+    FileFormatError
+        If FFmpeg cannot read the file.
     """
     try:
-        with av.open(os.fspath(path)) as container:
-            yield container
+        yield
     except av.error.FFmpegError as error:
-        raise FileFormatError(f"{path}: cannot read the video: {error.strerror}") from error
+        raise _unreadable(path, error) from error
+
+
+def _unreadable(path: Path, error: Any) -> FileFormatError:
+    return FileFormatError(f"{path}: cannot read the video: {error.strerror}")
 
 
 def open_clip(path: str | os.PathLike[str]) -> Clip:
@@ -113,9 +153,14 @@ def open_clip(path: str | os.PathLike[str]) -> Clip:
     ------
     FileFormatError
         If the file is not a video, has no video stream, or its frames have no stamps.
+
+    Warns
+    -----
+    RsdeblurWarning
+        If the video is interlaced, or has HDR10 metadata, which is left out.
     """
     path = Path(path)
-    with opened(path) as container:
+    with reading(path), open_container(path) as container:
         if not container.streams.video:
             raise FileFormatError(f"{path}: the file has no video stream")
         stream = container.streams.video[0]
@@ -131,8 +176,13 @@ def open_clip(path: str | os.PathLike[str]) -> Clip:
                 keys.add(packet.pts)
         if not shown:
             raise FileFormatError(f"{path}: the video has no frames")
-        container.seek(min(shown), stream=stream)
-        first = next(container.decode(stream))
+    # Opened again: MPEG-TS cannot be sought to its start.
+    with reading(path), open_container(path) as container:
+        stream = container.streams.video[0]
+        first = next(container.decode(stream), None)
+        if first is None:
+            raise FileFormatError(f"{path}: no frame of the video can be decoded")
+        _warn_of_losses(path, first)
         context = stream.codec_context
         return Clip(
             path=path,
@@ -145,6 +195,7 @@ def open_clip(path: str | os.PathLike[str]) -> Clip:
             codec=context.name,
             pixels=first.format.name,
             rate=stream.average_rate or Fraction(30),
+            aspect=stream.sample_aspect_ratio or None,
             colours=Colours(
                 *map(int, (first.color_range, first.colorspace, context.color_primaries, context.color_trc))
             ),
@@ -157,6 +208,16 @@ def _display_matrix(frame: Any) -> tuple[int, ...] | None:
         if data.type.name == "DISPLAYMATRIX":
             return struct.unpack("9i", bytes(data))
     return None
+
+
+def _warn_of_losses(path: Path, frame: Any) -> None:
+    lost = []
+    if frame.interlaced_frame:
+        lost.append("it is interlaced: its fields are deblurred as one frame and marked as progressive")
+    if any(data.type.name in HDR_DATA for data in frame.side_data):
+        lost.append("its HDR10 metadata (mastering display, light levels) is left out")
+    for text in lost:
+        warnings.warn(f"{path}: {text}", RsdeblurWarning, stacklevel=3)
 
 
 def frames(clip: Clip, first: int, stop: int) -> Iterator[Any]:
@@ -175,16 +236,24 @@ def frames(clip: Clip, first: int, stop: int) -> Iterator[Any]:
         If a frame cannot be decoded.
     """
     remaining = set(clip.stamps[first:stop])
-    with opened(clip.path) as container:
-        stream = container.streams.video[0]
-        stream.thread_type = "AUTO"
-        # One key frame earlier than needed: frames shown before a key frame may refer to frames before it.
-        earlier = [key for key in clip.keys if key <= clip.stamps[first]][-2:]
-        container.seek(min(earlier, default=clip.stamps[0]), stream=stream)
-        for frame in container.decode(stream):
-            if frame.pts in remaining:
-                remaining.remove(frame.pts)
-                yield frame
-            if not remaining:
-                return
+    keys = [key for key in clip.keys if key <= clip.stamps[first]]
+    # One key frame earlier than needed: frames shown before a key frame may refer to frames before it. Seeking in
+    # MPEG-TS may end behind the place; then further back, and at last from the start.
+    for place in (*(keys[-back] for back in (2, 4, 8, 16) if back < len(keys)), None):
+        with reading(clip.path), open_container(clip.path) as container:
+            stream = container.streams.video[0]
+            stream.thread_type = "AUTO"
+            if place is not None:
+                container.seek(place, stream=stream)
+            decoded = container.decode(stream)
+            head = next(decoded, None)
+            if place is not None and (head is None or head.pts is None or head.pts > keys[-1]):
+                continue
+            for frame in chain([head] if head else [], decoded):
+                if frame.pts in remaining:
+                    remaining.remove(frame.pts)
+                    yield frame
+                if not remaining:
+                    return
+            break
     raise FileFormatError(f"{clip.path}: {len(remaining)} of frames {first} to {stop - 1} cannot be decoded")

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from rsdeblur._util.atomic import atomic_write
-from rsdeblur.errors import InputError, OutputError
+from rsdeblur.errors import InputError, OutputError, RsdeblurError
 from rsdeblur.video._av import av
-from rsdeblur.video.clip import Clip, opened
+from rsdeblur.video.clip import Clip, open_container, reading
 
 CONTAINERS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"}
 
@@ -46,17 +46,20 @@ def join(clip: Clip, segments: Sequence[Path], output: Path) -> list[str]:
     Returns
     -------
     list of str
-        Types of the streams that the new file does not have: all except the first video stream and sound.
+        Types of the streams that the new file does not have: all except the first video stream and sound. And "shape
+        of the pixels", if they are not square and the codec cannot say so.
 
     Raises
     ------
     OutputError
         If the file cannot be written, or its container does not take the streams.
+    FileFormatError
+        If the original or a segment cannot be read.
     """
     try:
         with ExitStack() as stack:
-            source = stack.enter_context(opened(clip.path))
-            head = stack.enter_context(av.open(os.fspath(segments[0])))
+            source = stack.enter_context(open_container(clip.path))
+            head = stack.enter_context(open_container(segments[0]))
             file = stack.enter_context(atomic_write(output))
             container = stack.enter_context(av.open(file, "w", format=container_of(output)))
             container.metadata.update(source.metadata)
@@ -65,11 +68,16 @@ def join(clip: Clip, segments: Sequence[Path], output: Path) -> list[str]:
             sounds = {stream: container.add_stream_from_template(stream) for stream in source.streams.audio}
             for old, new in sounds.items():
                 new.metadata.update(old.metadata)
-            for packet in heapq.merge(_pictures(clip, segments, pictures), _sound(source, sounds), key=_time):
+            for packet in heapq.merge(_pictures(clip, segments, pictures), _sound(clip, source, sounds), key=_time):
                 container.mux(packet)
             left = [stream.type for stream in source.streams if stream.type != "audio"]
             left.remove("video")
+            # PyAV cannot set it in the container, where VP9 and AV1 have it.
+            if clip.aspect is not None and head.streams.video[0].sample_aspect_ratio != clip.aspect:
+                left.append("shape of the pixels")
             return left
+    except RsdeblurError:
+        raise
     except (av.error.FFmpegError, ValueError) as error:
         raise OutputError(f"{output}: cannot write the video: {getattr(error, 'strerror', error)}") from error
 
@@ -99,7 +107,7 @@ def _pictures(clip: Clip, segments: Sequence[Path], stream: Any) -> Iterator[Any
     stamps = iter([*clip.stamps, clip.end])
     here = next(stamps)
     for path in segments:
-        with opened(path) as container:
+        with reading(path), open_container(path) as container:
             for packet in container.demux(container.streams.video[0]):
                 if not packet.size:
                     continue
@@ -116,10 +124,11 @@ def _pictures(clip: Clip, segments: Sequence[Path], stream: Any) -> Iterator[Any
         raise InputError(f"{clip.path}: the segments contain fewer frames")
 
 
-def _sound(source: Any, streams: dict[Any, Any]) -> Iterator[Any]:
+def _sound(clip: Clip, source: Any, streams: dict[Any, Any]) -> Iterator[Any]:
     if not streams:
         return
-    for packet in source.demux(*streams):
-        if packet.dts is not None and packet.size:
-            packet.stream = streams[packet.stream]
-            yield packet
+    with reading(clip.path):
+        for packet in source.demux(*streams):
+            if packet.dts is not None and packet.size:
+                packet.stream = streams[packet.stream]
+                yield packet

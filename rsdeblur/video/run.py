@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 from rsdeblur._util import workers
 from rsdeblur._util.atomic import check_target, remove_unfinished
-from rsdeblur._util.records import Records, fingerprint
-from rsdeblur.errors import OutputError, RsdeblurError
+from rsdeblur._util.records import Records, contents, fingerprint
+from rsdeblur.errors import FileFormatError, OutputError, RsdeblurError
 from rsdeblur.types import Progress
+from rsdeblur.video._av import av
+from rsdeblur.video.clip import Clip, open_container
 from rsdeblur.video.joining import container_of, join
 from rsdeblur.video.plan import ClipPlan
-from rsdeblur.video.segments import Encoding, Segment, encode_segment
+from rsdeblur.video.segments import Encoding, Segment, add_stream, encode_segment
 
 SEGMENT = 32
 
@@ -32,7 +34,7 @@ class VideoResult:
     segments, resumed : int
         Number of segments, and how many of them an earlier run had finished.
     dropped : list of str
-        Types of the streams that were left out.
+        Types of the streams that were left out; "shape of the pixels" if the codec does not keep it.
     """
 
     frames: int
@@ -66,10 +68,45 @@ def check_output(output: Path, *, force: bool) -> None:
     Raises
     ------
     OutputError
-        If the extension is unknown, the folder is missing or not writable, or the file exists and `force` is not set.
+        If the extension is unknown, the folder is missing or not writable, the file exists and `force` is not set, or
+        the folder for its segments contains other files.
     """
     container_of(output)
     check_target(output, force=force)
+    Records(parts_folder(output)).check()
+
+
+def check_container(clip: Clip, encoding: Encoding, output: Path) -> None:
+    """Check that the container of a video takes its frames and its sound, before the work.
+
+    Parameters
+    ----------
+    clip : Clip
+        The original.
+    encoding : Encoding
+        Encoding of the new frames.
+    output : Path
+        The video to be written.
+
+    Raises
+    ------
+    OutputError
+        If the container does not take them.
+    """
+    with open_container(clip.path) as source:
+        sounds = source.streams.audio
+        try:
+            with av.open(BytesIO(), "w", format=container_of(output)) as container:
+                add_stream(container, clip, encoding)
+                for sound in sounds:
+                    container.add_stream_from_template(sound)
+                container.start_encoding()  # writes the header
+        except (av.error.FFmpegError, ValueError) as error:
+            codecs = " and ".join([encoding.codec, *(sound.codec_context.name for sound in sounds)])
+            reason = getattr(error, "strerror", error)
+            raise OutputError(
+                f"{output}: this container does not take {codecs} ({reason}); use .mkv, or another --codec"
+            ) from error
 
 
 def deblur_video(
@@ -117,42 +154,63 @@ def deblur_video(
         If a segment fails twice.
     """
     check_output(output, force=force)
-    parts = Records(parts_folder(output))
-    try:
-        parts.open()
-    except OSError as error:
-        raise OutputError(f"{parts.folder}: cannot make the folder: {error.strerror}") from error
-    report_progress = progress or (lambda stage, fraction: None)
+    check_container(plan.clip, encoding, output)
     clip = plan.clip
-    fingerprint = _fingerprint(plan, encoding, segment)
+    parts = Records(parts_folder(output))
     starts = range(0, len(clip), segment)
-    paths = [parts.folder / f"{first:07d}.mkv" for first in starts]
-    done = [parts.facts(path.name, fingerprint) is not None and path.is_file() for path in paths]
-    resumed = sum(done)
+    segments = [
+        Segment(plan, first, min(first + segment, len(clip)), encoding, parts.folder / f"{first:07d}.mkv")
+        for first in starts
+    ]
+    with parts.held():
+        try:
+            resumed = _encode(segments, parts, _fingerprint(plan, encoding, segment), jobs, progress)
+            dropped = join(clip, [each.output for each in segments], output)
+            is_kept = False
+        except BaseException:
+            is_kept = any(each.output.exists() for each in segments)
+            raise
+        finally:
+            if not is_kept:
+                parts.remove()
+    kept = sum(reason is not None for reason in plan.reasons)
+    return VideoResult(len(clip), kept, len(segments), resumed, dropped)
+
+
+def _encode(segments: Sequence[Segment], parts: Records, fingerprint: str, jobs: int, progress: Progress | None) -> int:
+    """Encode the segments that are not there as an earlier run recorded them; return how many are."""
+    report_progress = progress or (lambda stage, fraction: None)
+    missing = [each for each in segments if not _is_whole(each.output, parts, fingerprint)]
+    total = segments[-1].stop
+    frames = total - sum(each.stop - each.first for each in missing)
 
     def tasks() -> Iterator[Segment]:
-        for first, path, ready in zip(starts, paths, done, strict=True):
-            stop = min(first + segment, len(clip))
-            if not ready:
-                yield Segment(plan, first, stop, encoding, path)
+        for each in missing:
+            parts.claim(each.output.name, fingerprint)
+            yield each
 
-    finished = resumed
-    report_progress(f"{min(finished * segment, len(clip))} of {len(clip)} frames", finished / len(paths))
+    report_progress(f"{frames} of {total} frames", frames / total)
     try:
         with closing(workers.run(encode_segment, tasks(), jobs=jobs, lost=_tidy)) as answers:
             for task, answer in answers:
                 if isinstance(answer, workers.Failure):
                     raise RsdeblurError(f"frames {task.first} to {task.stop - 1}: {answer.message}")
-                parts.finish(task.output.name, fingerprint, answer)
-                finished += 1
-                report_progress(f"{min(finished * segment, len(clip))} of {len(clip)} frames", finished / len(paths))
+                parts.finish(task.output.name, fingerprint, contents(task.output))
+                frames += task.stop - task.first
+                report_progress(f"{frames} of {total} frames", frames / total)
     finally:
-        for path in paths:
-            remove_unfinished(path)
-    dropped = join(clip, paths, output)
-    shutil.rmtree(parts.folder)
-    kept = sum(reason is not None for reason in plan.reasons)
-    return VideoResult(len(clip), kept, len(paths), resumed, dropped)
+        for each in segments:
+            _tidy(each)
+    return len(segments) - len(missing)
+
+
+def _is_whole(path: Path, parts: Records, fingerprint: str) -> bool:
+    """Whether a segment is as it was recorded."""
+    facts = parts.facts(path.name, fingerprint)
+    try:
+        return facts is not None and contents(path) == facts
+    except FileFormatError:
+        return False
 
 
 def _tidy(segment: Segment) -> None:
@@ -163,5 +221,7 @@ def _fingerprint(plan: ClipPlan, encoding: Encoding, segment: int) -> str:
     """Return the fingerprint of everything that the bits of a segment depend on."""
     log, camera = plan.log, plan.camera
     motion: list[Any] = [log.epoch_ns, log.t.tobytes(), log.omega.tobytes(), repr(camera), camera.imu_to_camera]
-    shared = [plan.clip, plan.exposures, plan.reasons, replace(plan.options, threads=None), plan.strengths, plan.grid]
+    # By its name alone, like the files of a batch, so that the folder may be moved.
+    clip = replace(plan.clip, path=Path(plan.clip.path.name))
+    shared = [clip, plan.exposures, plan.reasons, replace(plan.options, threads=None), plan.strengths, plan.grid]
     return fingerprint([*motion, *shared, encoding, segment], [plan.clip.path])

@@ -98,13 +98,8 @@ class Segment:
     output: Path
 
 
-def encode_segment(segment: Segment) -> dict[str, Any]:
+def encode_segment(segment: Segment) -> None:
     """Deblur and encode the frames of a segment; its file appears whole or not at all.
-
-    Returns
-    -------
-    dict
-        The number of frames, as "frames".
 
     Raises
     ------
@@ -115,7 +110,7 @@ def encode_segment(segment: Segment) -> dict[str, Any]:
     current: Plan | None = None
     try:
         with atomic_write(segment.output) as file, av.open(file, "w", format=CONTAINER) as container:
-            stream = _stream(container, clip, segment.encoding)
+            stream = add_stream(container, clip, segment.encoding)
             for index, frame in enumerate(frames(clip, segment.first, segment.stop), segment.first):
                 if segment.plan.reasons[index] is not None:
                     sharp = frame.reformat(format=segment.encoding.pixels)
@@ -129,10 +124,10 @@ def encode_segment(segment: Segment) -> dict[str, Any]:
             container.mux(stream.encode())
     except av.error.FFmpegError as error:
         raise OutputError(f"{segment.output}: cannot encode the video: {error.strerror}") from error
-    return {"frames": segment.stop - segment.first}
 
 
-def _stream(container: Any, clip: Clip, encoding: Encoding) -> Any:
+def add_stream(container: Any, clip: Clip, encoding: Encoding) -> Any:
+    """Return a new stream of a container, with its encoder, for the frames of a clip."""
     # SVT-AV1 logs to stderr; level 1 means errors only.
     os.environ.setdefault("SVT_LOG", "1")
     options = {"crf": str(encoding.crf)} | OPTIONS.get(encoding.codec, {})
@@ -140,6 +135,8 @@ def _stream(container: Any, clip: Clip, encoding: Encoding) -> Any:
     stream.width, stream.height, stream.pix_fmt = clip.width, clip.height, encoding.pixels
     context = stream.codec_context
     context.time_base = clip.time_base
+    if clip.aspect is not None:
+        context.sample_aspect_ratio = clip.aspect
     context.max_b_frames = 0
     # The bits may depend on the encoder's number of threads; a resumed video must get the same ones.
     context.thread_count = 1

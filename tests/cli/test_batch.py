@@ -16,6 +16,7 @@ import pytest
 from click.testing import Result
 from PIL import Image
 
+from rsdeblur._util.records import Records
 from rsdeblur.cli._inputs import read_device
 from rsdeblur.cli._items import COLUMNS
 from rsdeblur.cli._options import Recording
@@ -142,10 +143,10 @@ def test_a_result_without_its_record_is_made_again(run: Run, files: Files, manif
     out = tmp_path / "out"
     call = (manifest, *files.sources, "-o", out)
     entries(run, *call, code=SOME_FAILED)
-    for path in (out / ".rsdeblur-batch").iterdir():
+    records = Records(out / ".rsdeblur-batch")
+    for path in records.folder.glob("*.json"):
         record = json.loads(path.read_text())
-        record.pop("facts", None)
-        path.write_text(json.dumps(record))
+        records.claim(record["name"], record["mark"])
     assert states(entries(run, *call, code=SOME_FAILED)) == "done done done failed failed"
     # Without records, the files may be another program's and stay.
     shutil.rmtree(out / ".rsdeblur-batch")
@@ -272,8 +273,6 @@ def test_no_log_named(run: Run, files: Files, manifest: Path, tmp_path: Path) ->
 
 def test_a_killed_worker_is_retried(processes: Processes, files: Files, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    out.mkdir()
-    (out / ".photo.png.0123456789abcdef.part").touch()
     path = tmp_path / "m.csv"
     path.write_text("photo,start,duration\nphoto.png,0.2,0.04\n")
     with processes.started("batch", path, *files.sources, *FAST, "-o", out) as process:
@@ -308,9 +307,10 @@ def test_on_a_cluster(run: Run, files: Files, manifest: Path, tmp_path: Path) ->
     with distributed.LocalCluster(1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
         call = (manifest, *files.sources, "-o", tmp_path / "out", "--scheduler", cluster.scheduler_address)
         assert states(entries(run, *call, code=SOME_FAILED)) == "done done done failed failed"
-    result = run("batch", manifest, *files.sources, "-o", tmp_path / "new", "--scheduler", "nonsense://x")
-    assert result.exit_code == 1
-    assert "no Dask scheduler answers at nonsense://x" in result.stderr
+    for address in ("nonsense://x", "tls://127.0.0.1:9"):
+        result = run("batch", manifest, *files.sources, "-o", tmp_path / "new", "--scheduler", address)
+        assert result.exit_code == 1
+        assert f"no Dask scheduler answers at {address}" in result.stderr
 
 
 @pytest.mark.usefixtures("here")

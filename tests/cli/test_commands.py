@@ -62,6 +62,56 @@ def test_overrides_reach_the_computation(run: Run, files: Files) -> None:
     assert still["path_px"]["longest"] != pytest.approx(plain["path_px"]["longest"], rel=1e-3)
 
 
+def test_a_log_without_stamps_and_with_a_bias(run: Run, files: Files) -> None:
+    common = ["psf", *files.sources, "--start", START, "--duration", DURATION, "--bands", 4, "--strips", 1, "--json"]
+    plain = json.loads(run(*common).stdout)
+    rates = np.rad2deg(files.samples()[:, 1:]) + np.array([9.0, -4.5, 2.25])
+    files.gyro.write_text("".join(f"{x},{y},{z}\n" for x, y, z in rates))
+    reading = ["--rate", 200, "--unit", "deg/s", "--bias", "9,-4.5,2.25deg/s"]
+    again = json.loads(run(*common, *reading).stdout)
+    # The samples are written with six decimals.
+    assert again["path_px"]["longest"] == pytest.approx(plain["path_px"]["longest"], rel=1e-4)
+    result = run(*common)
+    assert result.exit_code == 1
+    assert "no stamps; give the sampling rate" in result.stderr
+    assert run(*common, "--bias", "1,2").exit_code == 2
+    assert json.loads(run("info", files.gyro, "--rate", 200, "--unit", "deg/s", "--json").stdout)[0]["samples"] == 100
+
+
+def test_a_track_from_another_program(run: Run, files: Files, tmp_path: Path) -> None:
+    track = tmp_path / "poses.txt"
+    # Only 1 m/s to the right, for 40 ms, before a wall at 0.5 m: 8.8 px at a focal length of 110 px.
+    files.write_gyro(files.samples() * (1, 0, 0, 0))
+    track.write_text("".join(f"{t:.3f} {t:.3f} 0 0 0 0 0 1\n" for t in np.arange(0, 0.5, 0.01)))
+    common = [*files.recording, "--bands", 4, "--strips", 1]
+    still, moved = (
+        json.loads(run("psf", *common, "--json", *more).stdout)["psf_px"]
+        for more in ([], ["--translation", track, "--depth", 0.5])
+    )
+    # A kernel has a pixel on both sides.
+    assert (still, moved) == ([3, 3], [11, 3])
+    out = tmp_path / "sharp.png"
+    result = run("deblur", files.photo, *common, "--translation", track, "--depth", 0.5, "-o", out, "--dry-run")
+    assert result.exit_code == 0, result.stderr
+    turned = ["--translation", track, "--depth", 0.5, "--translation-axes", "sideways"]
+    assert "no IMU orientation 'sideways'" in run("psf", *common, *turned).stderr
+    assert run("psf", *common, "--depth", 0.5).exit_code == 2
+    track.write_text("0.1 0 0 0\n0.2 0 0 0\n")
+    result = run("psf", *common, "--translation", track, "--depth", 0.5)
+    assert f"{track}: the translation track spans" in result.stderr
+
+
+def test_info_shows_the_accelerometer_and_trajectories(run: Run, tmp_path: Path) -> None:
+    log, track = tmp_path / "gyro_accel.csv", tmp_path / "poses.txt"
+    stamps = [0.5 + 0.01 * i for i in range(9)]
+    log.write_text("t[s],gx,gy,gz,ax[g],ay[g],az[g]\n" + "".join(f"{t},0,0,0,0,1,0\n" for t in stamps))
+    track.write_text("".join(f"{t} {t} 0 0 0 0 0 1\n" for t in stamps))
+    gyro, poses = json.loads(run("info", log, track, "--json").stdout)
+    assert (gyro["kind"], poses["kind"], poses["poses"]) == ("gyro log", "trajectory", 9)
+    assert gyro["gravity_m_s2"] == pytest.approx(9.80665)
+    assert poses["extent_m"] == pytest.approx([0.08, 0, 0])
+
+
 def test_deblur_json(run: Run, files: Files, tmp_path: Path) -> None:
     result = run(
         "deblur", files.photo, *files.recording, "--bands", 3, "--strips", 2, "--json", "-o", tmp_path / "o.png"
@@ -256,6 +306,9 @@ def test_preview_writes_a_sheet_and_the_chosen_offset(run, files, tmp_path):
     result = run("preview", files.photo, *files.recording, "--steps", 2, "-o", sheet, "--force", "--choose", 3)
     assert result.exit_code == 1
     assert "there is no cell 3" in result.stderr
+    result = run("preview", files.photo, *files.recording, "--steps", 100_000, "-o", sheet, "--force")
+    assert result.exit_code == 2
+    assert "--steps" in result.stderr
 
 
 def test_sync_refuses_to_guess(run, files):

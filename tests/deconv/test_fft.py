@@ -69,29 +69,47 @@ def test_measured_plans_are_kept_and_damage_is_harmless(cache_dir):
     good = kept.read_bytes()
     assert b"fftwf_wisdom" in good
     kept.write_bytes(good[: len(good) // 2])
-    fft._read_wisdom()
+    assert not fft._stored()
     fft.remember()
     assert kept.read_bytes() == good
     assert [path.name for path in cache_dir.iterdir()] == [kept.name]
 
 
-def test_changed_wisdom_does_not_reach_fftw(cache_dir, monkeypatch):
+def test_changed_wisdom_does_not_reach_fftw(cache_dir):
     # FFTW aborts the process where plans contradict themselves.
     fft.LineTransform((3, 48), "measure")
     fft.remember()
     (kept,) = cache_dir.iterdir()
-    given = []
-    monkeypatch.setattr("rsdeblur.deconv.fft.pyfftw.import_wisdom", given.append)
-    fft._read_wisdom()
-    assert len(given) == 1
+    assert fft._stored()
     good = kept.read_bytes()
     for place in range(0, len(good), 50):
         kept.write_bytes(good[:place] + bytes([good[place] ^ 1]) + good[place + 1 :])
-        fft._read_wisdom()
+        assert not fft._stored()
     kept.unlink()
     os.mkfifo(kept)
-    fft._read_wisdom()
-    assert len(given) == 1
+    assert not fft._stored()
+
+
+@pytest.mark.parametrize("length", [96, 210, 360, 768])
+def test_what_was_measured_changes_no_estimated_transform(cache_dir, monkeypatch, length):
+    """The same bits from a new process, after plans were measured there, and after others were stored."""
+    monkeypatch.setattr(fft, "_measured", [])
+    rng = np.random.default_rng(length)
+    values = rng.standard_normal((4, length)) + 1j * rng.standard_normal((4, length))
+
+    def transformed(planning="estimate"):
+        lines = fft.LineTransform((4, length), planning)
+        lines.data[...] = values
+        lines.forward()
+        return lines.data
+
+    alone = transformed()
+    # Measured plans may or may not give other bits.
+    transformed("measure")
+    fft.remember()
+    np.testing.assert_array_equal(transformed(), alone)
+    fft._measured.extend(fft._stored())
+    np.testing.assert_array_equal(transformed(), alone)
 
 
 def test_a_cache_that_cannot_be_written_costs_one_warning(cache_dir):
@@ -104,12 +122,11 @@ def test_a_cache_that_cannot_be_written_costs_one_warning(cache_dir):
 
 def test_another_process_uses_stored_plans(tmp_path):
     program = (
-        "from rsdeblur.deconv import fft; import pyfftw, sys\n"
-        "fft._recall()\n"
-        "before = pyfftw.export_wisdom()[1]\n"
+        "from rsdeblur.deconv import fft\n"
+        "before = fft._stored()\n"
         "fft.LineTransform((3, 48), 'measure')\n"
         "fft.remember()\n"
-        "print(before == pyfftw.export_wisdom()[1])\n"
+        "print(before == fft._stored())\n"
     )
     environment = {"XDG_CACHE_HOME": str(tmp_path), "LOCALAPPDATA": str(tmp_path), "HOME": str(tmp_path)}
     for knew in ("False", "True"):

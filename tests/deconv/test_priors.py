@@ -214,7 +214,7 @@ def test_bad_solvers_and_pictures_are_refused(blurred: np.ndarray) -> None:
         with pytest.raises(InputError, match="image must be finite"):
             restore(solver(), bad, prior="gradient", weight=0.01)
     for encoded in (blurred.astype(np.uint8), blurred.astype(int).tolist(), blurred > 0.5, blurred.astype(complex)):
-        with pytest.raises(InputError, match="linear light as floats"):
+        with pytest.raises(InputError, match=r"linear light as floats|real numbers"):
             restore(solver(), encoded, prior="gradient", weight=0.01)
     with pytest.raises(InputError, match="out must be a float32 array"):
         solver().apply(blurred, out=np.empty(blurred.shape), prior=GradientPrior("tv", 0.01))

@@ -8,7 +8,7 @@ import pytest
 from rsdeblur import GradientPrior, InputError, PsfBank, TileQuadratic, Tuning
 from rsdeblur.deconv.wavelet import Factors, WaveletPrior, band_shape, frame_responses, hats
 from rsdeblur.estimate import strength
-from rsdeblur.kernels.frame import HALO, LEVELS, ORIENTATIONS, terms_numpy
+from rsdeblur.kernels.frame import HALO, LEVELS, ORIENTATIONS, terms
 from rsdeblur.simulation.scene import scene
 
 KERNEL = np.zeros((7, 9))
@@ -84,7 +84,7 @@ def test_the_responses_are_those_of_the_frame() -> None:
     impulse = np.zeros((1, side, side))
     impulse[0, 0, 0] = 1
     # The adjoint of a coefficient after the coefficient itself has its squared response.
-    plain = {i: t for i, t in terms_numpy(impulse, np.ones((1, LEVELS, ORIENTATIONS))) if len(i) == 4 and i[3] == 0}
+    plain = {i: t for i, t in terms(impulse, np.ones((1, LEVELS, ORIENTATIONS))) if len(i) == 4 and i[3] == 0}
     for (_, level, orientation, _), term in plain.items():
         np.testing.assert_allclose(np.fft.fft2(term), frame_responses(side)[level, orientation], atol=1e-12)
 

@@ -157,11 +157,11 @@ def test_bad_pictures_are_refused(picture: np.ndarray) -> None:
     with pytest.raises(InputError, match="finite"):
         solver.apply(np.where(picture > 0.99, np.nan, picture))
     for encoded in (picture.astype(np.uint8), picture.astype(int).tolist(), picture > 0.5, picture.astype(complex)):
-        with pytest.raises(InputError, match="linear light as floats"):
+        with pytest.raises(InputError, match=r"linear light as floats|real numbers"):
             solver.apply(encoded)
     with pytest.raises(InputError, match=r'to_linear\(image.astype\("float32"\) / 65535, "srgb"\)'):
         solver.apply(picture.astype(np.uint16))
-    with pytest.raises(InputError, match="array of floats"):
+    with pytest.raises(InputError, match="image must be an array of real numbers"):
         solver.apply([[0.5, 0.5], [0.5]])
     with pytest.raises(InputError, match="out must be a float32 array"):
         solver.apply(picture, out=np.empty(picture.shape))

@@ -80,8 +80,8 @@ def test_accepts(transfer):
     [
         ("sRGB", 'transfer must be "linear", "srgb" or a gamma, got \'sRGB\''),
         ("2.2", "transfer must be"),
-        (0.0, "transfer must be greater than 0"),
-        (-2.2, "transfer must be greater than 0"),
+        (0.0, "transfer must be at least 0.1"),
+        (-2.2, "transfer must be at least 0.1"),
         (math.nan, "transfer must be finite"),
         (None, "transfer must be a number"),
     ],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from PIL import Image
 
 from rsdeblur import Camera, FileFormatError, InputError, RsdeblurWarning, read_camera
 from rsdeblur.io import open_camera
+from rsdeblur.io.camera_file import write_time_offset
 from rsdeblur.motion.axes import PRESETS, imu_to_camera, orientation
 
 Write = Callable[..., Path]
@@ -421,3 +423,36 @@ def test_the_axes_of_the_kalibr_samples(data_dir: Path) -> None:
 def test_samples_that_are_refused(data_dir: Path, name: str, reason: str) -> None:
     with pytest.raises(FileFormatError, match=reason):
         open_camera(data_dir / "formats" / name)
+
+
+KEYS = (
+    "time_offset = 0.5 # mine",
+    '"time_offset" = 0.5',
+    "'time_offset'=0.5",
+    '"time\\u005foffset" = 0.5',
+    "",
+    "# none",
+)
+REST = "# a camera\n  width = 64\nheight=48\nfocal_length = [\n  70.0, # fx\n  70.0,\n]\n{key}\nreadout_time = 0.01"
+
+
+@pytest.mark.parametrize("end", ["", "\n", "\n\n\n"])
+@pytest.mark.parametrize("line_end", ["\n", "\r\n"])
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+@pytest.mark.parametrize("key", KEYS)
+def test_the_offset_is_edited_in_place(tmp_path: Path, key: str, mark: str, line_end: str, end: str) -> None:
+    """The file is read afterwards, and differs in one line only, new or edited."""
+    path = tmp_path / "camera.toml"
+    before = (mark + REST.format(key=key) + end).replace("\n", line_end)
+    path.write_bytes(before.encode())
+    old = Camera.load(path)
+    write_time_offset(path, -0.0125)
+    assert repr(Camera.load(path)) == repr(replace(old, time_offset=-0.0125))
+    after = path.read_bytes().decode()
+    assert after.startswith(mark)
+    assert after.count("\n") == after.count(line_end)
+    lines, edited = before.splitlines(), after.splitlines()
+    same = [line for line in edited if "0.0125" not in line]
+    assert len(edited) - len(same) == 1
+    assert same == [line for line in lines if "0.5" not in line]
+    assert ("# mine" in after) == ("# mine" in before)

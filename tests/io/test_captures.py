@@ -65,7 +65,27 @@ def test_formats(tmp_path: Path, text: str) -> None:
     assert read_captures(path) == [Exposure(0.0, 0.24, STAMP), Exposure(0.0, 0.02, STAMP + 7)]
 
 
+@pytest.mark.parametrize("header", ["", "timestamp[s]\n", "Timestamp (seconds)\n"])
+def test_stamps_in_seconds_are_never_read_as_nanoseconds(tmp_path: Path, header: str) -> None:
+    path = tmp_path / "framestamp.txt"
+    path.write_text(header + "".join(f"{4328040 + i / 30:.6f}\n" for i in range(5)))
+    found = read_captures(path, duration=0.01)
+    assert [exposure.epoch_ns for exposure in found][:2] == [4_328_040_000_000_000, 4_328_040_033_333_000]
+
+
+def test_exposure_times_beside_seconds_are_seconds(tmp_path: Path) -> None:
+    path = tmp_path / "images.txt"
+    path.write_text("0.5 0.02\n0.6 0.01\n")
+    assert read_captures(path) == [Exposure(0.0, 0.02, 500_000_000), Exposure(0.0, 0.01, 600_000_000)]
+
+
 FAULTS = {
+    "fraction of one stamp": ("1.5\n", 1, "the stamps have fractions, so they are not in ns"),
+    "milliseconds": ("1000.5 20\n1033.8 20\n", 1, "the stamps have fractions, so they are not in ns"),
+    "equal stamps": ("1 100\n5 100\n5 100\n", 3, "order of time: stamp 5 ns occurs twice"),
+    "equal seconds": ("4.328e+06\n4.328e+06\n", 2, "stamp 4328000 ns occurs twice"),
+    "two exposures for a stamp": ("5 100\n5 200\n", 2, "stamp 5 ns occurs twice"),
+    "out of order": ("1\n9\n5\n7\n", 3, "order of time: stamp 5 ns comes after 9 ns"),
     "null stamp": (f"{ANDROID}\nnull,1,1,1,5000000,1,1\n", 2, "'null' in column 1 is not a number"),
     "zero exposure": (f"{IOS}\n1,1,1,1,1,5000000\n2,1,1,1,1,0\n", 3, "impossible exposure time of 0 ns"),
     "negative exposure": ("1 100\n2 -100\n", 2, "impossible exposure time of -100 ns"),

@@ -169,6 +169,105 @@ def test_late_samples_are_sorted_in_and_reported(write: Write) -> None:
     np.testing.assert_array_equal(log.omega[:, 2], np.arange(200) / 100)
 
 
+def test_a_clock_that_is_set_back_is_not_taken_for_late_samples(write: Write) -> None:
+    """The samples that follow continue from there, and no sample was missing where they are sorted in."""
+    t = np.arange(400) * 0.005
+    for step in (0.0059, 0.0075, 0.0201, 0.0449):
+        rows = [f"{stamp - step * (stamp > 1):.4f} {i % 7} 0 0" for i, stamp in enumerate(t)]
+        with pytest.raises(FileFormatError, match=r"line 202: stamp out of order: .*set back"):
+            read_gyro(write("\n".join(rows)), unit="mdeg/s")
+
+
+def test_several_late_samples_fill_their_own_holes(write: Write) -> None:
+    rows = [f"{i / 200} 0 0 {i / 200}" for i in range(1000)]
+    for i in (100, 101, 500):
+        rows.insert(i + 4, rows.pop(i))
+    with pytest.warns(RsdeblurWarning, match="samples came late"):
+        np.testing.assert_array_equal(read_gyro(write("\n".join(rows))).omega[:, 2], np.arange(1000) / 200)
+
+
+def moved(place: int, epoch: int = EPOCH, unit: int = 1, separator: str = ",") -> str:
+    """Return the reference table, longer, with the stamps in another column."""
+    rows = []
+    for i in range(20):
+        cells = [str(rate) for rate in RATES[i % len(RATES)]]
+        cells.insert(place, f"{Decimal(epoch + i * STEP) / unit:f}")
+        rows.append(separator.join(cells))
+    return "\n".join(rows) + "\n"
+
+
+@pytest.mark.parametrize("place", range(4))
+@pytest.mark.parametrize("unit", [1, 10**3, 10**6, 10**9], ids=["ns", "us", "ms", "s"])
+def test_the_column_that_rises_is_time(write: Write, place: int, unit: int) -> None:
+    log = read_gyro(write(moved(place, unit=unit)))
+    assert log.epoch_ns == EPOCH
+    np.testing.assert_array_equal(log.t, np.arange(20) * STEP * 1e-9)
+    np.testing.assert_array_equal(log.omega, RATES * 5)
+
+
+def test_a_header_that_names_the_wrong_column_is_refused_with_the_right_one(write: Write) -> None:
+    with pytest.raises(FileFormatError, match=r"line 2: column 1 .* does not rise, unlike column 4;"):
+        read_gyro(write("t,wx,wy,wz\n" + moved(3)))
+
+
+def test_two_columns_that_rise_are_refused_by_their_numbers(write: Write) -> None:
+    rows = "".join(f"{i % 3},{i},{i * 0.01},0\n" for i in range(20))
+    with pytest.raises(FileFormatError, match=r"column 1 .* does not rise, unlike column 2 and column 3;"):
+        read_gyro(write(rows))
+
+
+def test_the_gyro_beside_an_accelerometer_is_found_wherever_the_stamps_are(write: Write) -> None:
+    gyro, gravity = "0.1,-0.2,0.3", "0.1,9.8,0.2"
+    for cells in ("T,G,A", "T,A,G", "G,A,T", "A,G,T"):
+        row = cells.replace("G", gyro).replace("A", gravity)
+        log = read_gyro(write("".join(row.replace("T", f"{0.01 * i:.2f}") + "\n" for i in range(9))))
+        np.testing.assert_array_equal(log.omega[0], [0.1, -0.2, 0.3])
+        assert log.rate == pytest.approx(100)
+
+
+def test_a_log_without_stamps_needs_the_sampling_rate(write: Write) -> None:
+    rates = "".join(f"{x},{y},{z}\n" for x, y, z in RATES)
+    for text in (rates, f"gx[rad/s],gy[rad/s],gz[rad/s]\n{rates}"):
+        path = write(text)
+        assert detect_gyro_format(path) == "unstamped"
+        log = read_gyro(path, rate=400.0)
+        np.testing.assert_array_equal(log.t, np.arange(4) * 2_500_000 * 1e-9)
+        np.testing.assert_array_equal(log.omega, RATES)
+        with pytest.raises(FileFormatError, match="no stamps; give the sampling rate"):
+            read_gyro(path)
+    for rate in (0.0, -1.0, 10.0, 9000.0, np.nan):
+        with pytest.raises(InputError, match="rate must be"):
+            read_gyro(write(rates), rate=rate)
+    with pytest.raises(FileFormatError, match="the file contains stamps; leave out"):
+        read_gyro(write(table()), rate=200.0)
+
+
+def test_a_row_of_units_may_follow_the_names(write: Write) -> None:
+    log = read_gyro(write("t;gx;gy;gz\n[ms];deg/s;deg/s;deg/s\n0;1;2;3\n5;0,5;1,5;-2\n"))
+    np.testing.assert_array_equal(log.t, [0, 0.005])
+    np.testing.assert_allclose(np.rad2deg(log.omega), [[1, 2, 3], [0.5, 1.5, -2]], atol=1e-12)
+    with pytest.raises(FileFormatError, match=r"line 2: 's' in column 1"):
+        read_gyro(write("t;gx;gy;gz\ns;furlong;deg/s;deg/s\n0;1;2;3\n"), format="plain")
+
+
+def test_rates_of_several_units_are_refused(write: Write) -> None:
+    with pytest.raises(FileFormatError, match="the values are in deg/s and rad/s; they must all have one unit"):
+        read_gyro(write("t,gx[deg/s],gy[rad/s],gz\n" + GOOD))
+
+
+@pytest.mark.parametrize("last", ["2;0;0;0", "2,5;0;0;0"])
+def test_decimal_commas_are_seen_in_any_row(write: Write, last: str) -> None:
+    log = read_gyro(write(f"t[s];gx;gy;gz\n0,5;0,1;0,2;0,3\n1,5;0,1;0,2;0,3\n{last}\n"))
+    assert log.epoch_ns == 500_000_000
+    np.testing.assert_array_equal(log.omega[0], [0.1, 0.2, 0.3])
+
+
+def test_decimal_commas_between_commas_are_refused(write: Write) -> None:
+    rows = "".join(f"{5_000_000 * i},0,15,0,20,0,25\n" for i in range(5))
+    with pytest.raises(FileFormatError, match=r"line 2: 7 cells, but the header names 4 columns; .*decimal commas"):
+        read_gyro(write(f"t,gx,gy,gz\n{rows}"))
+
+
 def test_repeated_samples_are_dropped_and_reported(write: Write) -> None:
     with pytest.warns(RsdeblurWarning, match="1 repeated samples were dropped"):
         log = read_gyro(write(GOOD + "0.01,1,2,3\n0.02,1,2,3\n"))

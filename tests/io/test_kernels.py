@@ -40,7 +40,7 @@ def test_several_psfs(tmp_path: Path) -> None:
     ("content", "message"),
     [
         (np.zeros((3, 3)), "the sum of a PSF must be positive"),
-        (np.full((3, 3), np.nan), "the sum of a PSF must be positive"),
+        (np.full((3, 3), np.nan), "values must be finite"),
         (np.ones(3), "a PSF has shape"),
         (np.array([["a"]]), "not an array of PSFs"),
         (np.array([[None]]), "not an array of PSFs"),

@@ -205,3 +205,10 @@ def test_wild_coefficients_are_refused_or_right(pixels: np.ndarray) -> None:
 def test_coefficients_that_bend_nothing(smallest):
     k = (0.03, 0.01, 0.0, smallest)
     assert lens.reach(k) == lens.reach((0.03, 0.01, 0.0, 0.0))
+
+
+def test_the_fisheye_is_inverted_where_newtons_method_swings() -> None:
+    """Near the inflection of this polynomial, of a real lens profile, steps lead from one side to the other."""
+    k = (0.2637886549359052, -0.3408966786255753, 1.079728890594674, -0.9412173670690532)
+    points = np.stack([np.linspace(0.0, 1.28, 300), np.zeros(300)], axis=-1)
+    np.testing.assert_allclose(lens.project(lens.rays(points, "fisheye", k), "fisheye", k), points, atol=1e-9)

@@ -307,7 +307,7 @@ def test_no_seam_between_bands(log: GyroLog, monkeypatch: pytest.MonkeyPatch) ->
         ({"bands": "many"}, "bands must be a whole number"),
         ({"nsr": -1.0}, "nsr must be greater than 0"),
         ({"transfer": "rec709"}, "transfer must be"),
-        ({"transfer": 0.0}, "transfer must be greater than 0"),
+        ({"transfer": 0.0}, "transfer must be at least 0.1"),
         ({"threads": 0}, "threads must be at least 1"),
     ],
 )

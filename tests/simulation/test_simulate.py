@@ -15,7 +15,7 @@ from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank
 from rsdeblur.simulation.scene import scene
-from rsdeblur.simulation.simulate import _CameraPath, simulate
+from rsdeblur.simulation.simulate import CameraPath, simulate
 
 SIZE, FOCAL = 80, 100.0
 EXPOSURE = Exposure(0.12, 0.05)
@@ -125,7 +125,7 @@ class TestIdentities:
         log, rows, cols = shaky_log(axes), np.linspace(0, 63, 5), np.linspace(0, 95, 5)
         paths = BlurPaths.from_capture(Capture.from_log(log, camera, EXPOSURE), rows, cols, samples=801)
         opens, closes = EXPOSURE.window(np.arange(64), camera)
-        bound = _CameraPath(log, camera, opens.min(), closes.max(), 0).longest(opens, closes)
+        bound = CameraPath(log, camera, opens.min(), closes.max(), 0).longest(opens, closes)
         # The speed is summed over small steps, whose ends may miss 0.1 % of it.
         assert bound >= 0.999 * paths.lengths.max()
 

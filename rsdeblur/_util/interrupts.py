@@ -1,0 +1,64 @@
+"""Signals that end a process: Ctrl-C, `kill` and `docker stop`, and a terminal that closes.
+
+All of them raise KeyboardInterrupt, so that unfinished files are removed on the way out.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, NoReturn
+
+# Windows has no SIGHUP.
+ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+class Interrupt(KeyboardInterrupt):
+    """An interrupt by a signal other than Ctrl-C.
+
+    Parameters
+    ----------
+    number : int
+        The signal.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.number = number
+
+
+def interrupt_once(number: int, _: object = None) -> NoReturn:
+    """Signal handler: raise `Interrupt`, and ignore further signals, which would stop the cleanup."""
+    for each in ENDING:
+        signal.signal(each, signal.SIG_IGN)
+    raise Interrupt(number)
+
+
+@contextmanager
+def raised() -> Iterator[None]:
+    """Make SIGTERM and SIGHUP raise `Interrupt` while the block runs, unless the caller ignores or handles them."""
+    taken = [number for number in ENDING if signal.getsignal(number) is signal.SIG_DFL]
+    with _handlers(dict.fromkeys(taken, interrupt_once)):
+        yield
+
+
+@contextmanager
+def ignored() -> Iterator[None]:
+    """Ignore all of these signals; processes started inside ignore them until they set their own handlers."""
+    with _handlers(dict.fromkeys(ENDING, signal.SIG_IGN)):
+        yield
+
+
+@contextmanager
+def _handlers(handlers: dict[int, Any]) -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,147 @@
+"""Corrections of a recording: the few numbers by which camera, clock and gyro log are usually wrong."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass, fields, replace
+
+import numpy as np
+
+from rsdeblur._util import validate
+from rsdeblur.errors import InputError
+from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.paths import Capture
+from rsdeblur.motion.translation import Translation
+from rsdeblur.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """Correction of a recording; zeros leave it as it is.
+
+    Parameters
+    ----------
+    scale : float, default 0.0
+        Logarithm of the factor on the focal length, and so on the size of the blur.
+    drift_x, drift_y : float, default 0.0
+        Shift of the scene in the picture during the exposure, at constant velocity, in px of the picture as stored. It
+        stands for any steady motion that the log lacks: translation at one depth, a bias about x or y, optical
+        stabilisation.
+    offset : float, default 0.0
+        Added to the time offset, s.
+    readout : float, default 0.0
+        Logarithm of the factor on the readout time.
+    roll : float, default 0.0
+        Bias of the gyroscope about the optical axis, rad/s, subtracted from the rates.
+    """
+
+    scale: float = 0.0
+    drift_x: float = 0.0
+    drift_y: float = 0.0
+    offset: float = 0.0
+    readout: float = 0.0
+    roll: float = 0.0
+
+    @property
+    def vector(self) -> FloatArray:
+        """The six numbers in their order above."""
+        return np.array(astuple(self))
+
+
+#: Names of the numbers of a :class:`Correction`, in their order.
+PARAMETERS = tuple(field.name for field in fields(Correction))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Uncertainty:
+    """Standard deviations of the errors of a recording; 0 for what is known.
+
+    Parameters
+    ----------
+    scale : float, default 0.15
+        Of the focal length, as a share; near scenes blur more than rotation alone predicts.
+    drift : float, default 0.0025
+        Of the shift of the scene during the exposure that the log lacks, along each axis, as a share of the picture's
+        longer side.
+    offset : float, default 0.008
+        Of the time offset, s.
+    readout : float, default 0.15
+        Of the readout time, as a share.
+    roll : float, default 0.02
+        Of the bias of the gyroscope about the optical axis, rad/s.
+
+    Raises
+    ------
+    InputError
+        If a value is negative or not finite, or all are 0.
+    """
+
+    scale: float = 0.15
+    drift: float = 0.0025
+    offset: float = 8e-3
+    readout: float = 0.15
+    roll: float = 0.02
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            object.__setattr__(self, field.name, validate.finite(field.name, getattr(self, field.name), minimum=0.0))
+        if not any(getattr(self, field.name) for field in fields(self)):
+            raise InputError("uncertainty is 0 in all its parts, so that there is nothing to refine")
+
+    def deviations(self, camera: Camera) -> FloatArray:
+        """Return the standard deviations of the parameters of a :class:`Correction`."""
+        drift = self.drift * max(camera.width, camera.height)
+        readout = self.readout if camera.readout_time > 0 else 0.0
+        return Correction(self.scale, drift, drift, self.offset, readout, self.roll).vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """One exposure as recorded: log, camera, time, and translation if it is known.
+
+    Parameters
+    ----------
+    log, camera, exposure, translation
+        See :func:`rsdeblur.deblur`.
+    """
+
+    log: GyroLog
+    camera: Camera
+    exposure: Exposure
+    translation: Translation | None = None
+
+    def corrected(self, correction: Correction) -> Recording:
+        """Return the recording with a correction."""
+        camera = self.camera
+        fx, fy = (np.exp(correction.scale) * focal for focal in camera.focal_length)
+        camera = replace(
+            camera,
+            focal_length=(fx, fy),
+            readout_time=camera.readout_time * np.exp(correction.readout),
+            time_offset=camera.time_offset + correction.offset,
+        )
+        log = self.log
+        if correction.roll:
+            log = log.minus_bias(camera.imu_to_camera.T @ np.array([0.0, 0.0, correction.roll]))
+        translation = self.translation
+        if correction.drift_x or correction.drift_y:
+            translation = _drifting(self, camera, np.array([correction.drift_x, correction.drift_y]))
+        return replace(self, log=log, camera=camera, translation=translation)
+
+    def capture(self, scale: float = 1.0) -> Capture:
+        """Return the capture in the upright frame, of the picture reduced by a factor `scale`."""
+        return ReadoutFrame(self.camera.scaled(scale)).capture(self.log, self.exposure, self.translation)
+
+
+def _drifting(recording: Recording, camera: Camera, drift: FloatArray) -> Translation:
+    """Return the recording's translation plus a constant velocity under which the scene moves by `drift`."""
+    opens, closes = recording.exposure.span(camera)
+    margin = closes - opens
+    known = recording.translation or Translation(
+        np.array([opens - margin, closes + margin]), np.zeros((2, 3)), 1.0, recording.exposure.epoch_ns
+    )
+    # The scene moves against the camera.
+    velocity = np.append(-drift / np.array(camera.focal_length), 0.0) * known.depth / recording.exposure.duration
+    return replace(known, position=known.position + known.t[:, None] * velocity)

@@ -1,0 +1,164 @@
+"""Corrections of a recording that a picture's spectra make likely: search and descent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm, qmc
+
+from rsdeblur.errors import ClockError, CoverageError, GapError
+from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording
+from rsdeblur.estimate.spectra import TileSpectra
+from rsdeblur.types import FloatArray
+
+# Errors of a log that does not describe the exposure.
+UNDESCRIBED = (CoverageError, ClockError, GapError)
+
+# Nats of a tile beyond which it has little more weight: the edge of a door, say, looks like a straight blur beyond
+# doubt.
+MOST_NATS = 30.0
+# Tiles that together count as one observation. They overlap, their frequencies are correlated by the window, and no
+# scene follows its model exactly; with full weight, the errors of the model would outweigh the sensors.
+TILES_AS_ONE = 0.5
+# Samples of the search, all within this many standard deviations, and the best that descents begin from.
+SAMPLES, WIDEST, STARTS = 32, 2.0, 2
+# Samples closer than this are not both starts, standard deviations.
+APART = 0.7
+
+# Step of numerical derivatives, longest steps of the descents, change at which they end: standard deviations.
+STEP, FIRST_TRUST, MOST_TRUST, SETTLED = 0.05, 0.7, 1.5, 0.03
+# Gain at which descents end.
+LEAST_STEP_GAIN = 0.02
+# Bound of the derivatives of the logarithm of the power, where it nearly vanishes.
+STEEPEST = 8.0
+
+
+class Posterior:
+    """How likely corrections are, given a picture's spectra and how uncertain the recording is.
+
+    Corrections are given in standard deviations of the prior, as arrays in the order of `PARAMETERS`.
+
+    Parameters
+    ----------
+    spectra : TileSpectra
+        Spectra of the picture.
+    recording : Recording
+        Recording as given.
+    deviations : ndarray, shape (6,)
+        Standard deviations of the errors of the recording, in the units of :class:`Correction`; 0 for what is known.
+    """
+
+    def __init__(self, spectra: TileSpectra, recording: Recording, deviations: FloatArray) -> None:
+        self._spectra, self._recording, self._deviations = spectra, recording, deviations
+        self._nats: dict[bytes, FloatArray | None] = {}
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the parameters that are not known."""
+        return tuple(np.array(PARAMETERS)[self._deviations > 0].tolist())
+
+    def corrected(self, place: FloatArray) -> Recording:
+        """Return the recording with the correction at `place`."""
+        return self._recording.corrected(Correction(*(place * self._deviations).tolist()))
+
+    def nats(self, place: FloatArray) -> FloatArray | None:
+        """Return the nats of all tiles; None if the log does not describe the exposure."""
+        key = place.tobytes()
+        if key not in self._nats:
+            try:
+                self._nats[key] = self._spectra.score(self.corrected(place))
+            except UNDESCRIBED:
+                self._nats[key] = None
+        return self._nats[key]
+
+    def gain(self, place: FloatArray, over: FloatArray) -> float:
+        """Return how much more likely one correction is than another, in nats; infinite if one has no score."""
+        others = self.nats(over)
+        if others is None:
+            return np.inf
+        return self.lead(place, others) + 0.5 * float(over @ over)
+
+    def lead(self, place: FloatArray, others: FloatArray) -> float:
+        """Return how much more likely a correction is than a motion with the nats `others`, whose prior is ignored."""
+        nats = self.nats(place)
+        if nats is None:
+            return -np.inf
+        # No tile counts for much more than the bound.
+        bounded = MOST_NATS * np.tanh((others - nats) / MOST_NATS)
+        return float(bounded.sum() / (TILES_AS_ONE * self._spectra.tiles) - 0.5 * place @ place)
+
+    def search(self, free: Sequence[str]) -> list[FloatArray]:
+        """Return the local maxima that descents reach with some parameters free, from no correction and from samples.
+
+        Parameters
+        ----------
+        free : sequence of str
+            Names of parameters whose standard deviations are positive.
+        """
+        at = [PARAMETERS.index(name) for name in free]
+        low = norm.cdf(-WIDEST)
+        quantiles = qmc.Sobol(len(at), seed=0).random(SAMPLES).clip(low, 1 - low)
+        samples = np.zeros((SAMPLES + 1, len(PARAMETERS)))
+        samples[1:, at] = norm.ppf(quantiles)
+        best = samples[0]
+        for _ in range(2):
+            # The gains of tiles are bounded, so the order may depend on what they are compared with.
+            gains = np.array([self.gain(sample, best) for sample in samples])
+            best = samples[gains.argmax()]
+        starts = [samples[0]]
+        for sample in samples[np.argsort(-gains)]:
+            if len(starts) <= STARTS and all(np.abs(sample - start).max() > APART for start in starts):
+                starts.append(sample)
+        return [self.descend(start, free) for start in starts if self.nats(start) is not None]
+
+    def spread(self, place: FloatArray) -> FloatArray:
+        """Return the standard deviations of all parameters at a place, as shares of those of the prior."""
+        at = np.array([PARAMETERS.index(name) for name in self.free])
+        spread = (self._deviations > 0).astype(np.float64)
+        precision = self._information(place, at)[1] + np.eye(len(at))
+        spread[at] = np.sqrt(np.diag(np.linalg.inv(precision)))
+        return spread
+
+    def descend(self, place: FloatArray, free: Sequence[str], *, steps: int = 6) -> FloatArray:
+        """Return the local maximum that Fisher scoring reaches with some parameters free, the others as they are."""
+        at = np.array([PARAMETERS.index(name) for name in free])
+        damping, trust = 0.01, FIRST_TRUST
+        for _ in range(steps):
+            gradient, information = self._information(place, at)
+            gain, step = 0.0, np.zeros(len(place))
+            while trust > SETTLED and not gain > 0:
+                damped = information + np.eye(len(at)) + damping * np.diag(np.diag(information) + 1)
+                step[at] = -np.linalg.solve(damped, gradient + place[at])
+                step *= min(1.0, trust / max(float(np.abs(step).max()), 1e-9))
+                gain = self.gain(place + step, place)
+                damping, trust = (damping / 4, trust * 1.3) if gain > 0 else (max(6 * damping, 0.05), trust / 2)
+            if not gain > 0:
+                break
+            place, damping, trust = place + step, max(damping, 1e-3), min(trust, MOST_TRUST)
+            if np.abs(step).max() < SETTLED or gain < LEAST_STEP_GAIN:
+                break
+        return place
+
+    def _information(self, place: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return gradient and Fisher information of the tiles together for the parameters `at`."""
+        expected = self._spectra.expected(self.corrected(place))
+        slopes = [self._slope(place, index, expected) for index in at]
+        _, gradient, information = self._spectra.information(expected, np.array(slopes))
+        # A tile that alone would gain more than the bound has less weight.
+        solved = np.linalg.solve(information + TILES_AS_ONE * np.eye(len(at)), gradient[..., None])[..., 0]
+        weight = 1.0 / (1.0 + 0.5 * (solved * gradient).sum(axis=1) / MOST_NATS)
+        weight /= TILES_AS_ONE * self._spectra.tiles
+        return weight @ gradient, np.tensordot(weight, information, 1)
+
+    def _slope(self, place: FloatArray, index: int, expected: NDArray[np.float32]) -> NDArray[np.float32]:
+        for step in (STEP, -STEP):
+            moved = place.copy()
+            moved[index] += step
+            try:
+                slope: NDArray[np.float32] = np.log(self._spectra.expected(self.corrected(moved)) / expected) / step
+            except UNDESCRIBED:
+                continue
+            return slope.clip(-STEEPEST, STEEPEST)
+        return np.zeros_like(expected)

@@ -1,0 +1,225 @@
+"""Correction of camera, clock and log from the blurred picture itself.
+
+The corrections are searched by the spectra of the reduced picture (:mod:`rsdeblur.estimate.posterior`), which know the
+blur but not its phase. Several corrections may explain them equally. So those that the search finds are compared by the
+sharp picture that they lead to: with the right motion, its gradient is concentrated in few places.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import count
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import minimize
+
+from rsdeblur.choices import Auto, Transfer
+from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording, Uncertainty
+from rsdeblur.estimate.posterior import Posterior
+from rsdeblur.estimate.sharpness import Sharpness
+from rsdeblur.estimate.spectra import TILE, TileSpectra
+from rsdeblur.image.encoded import EncodedImage, check_size
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.translation import Translation
+from rsdeblur.types import FloatArray, Progress
+
+# Reduction of the picture for its spectra. The finest detail is left out, because cameras denoise and sharpen it; the
+# blur is at most so long, px; and the longer side is within these bounds, px.
+LEAST_REDUCTION, LONGEST_BLUR = 2.4, 20.0
+SPECTRA_SIDES = 320, 480
+# Rows that are converted to light at a time.
+PART = 256
+
+# Parameters that are searched together. A correction by few numbers is more credible than one by many.
+MODELS = (("drift_x", "drift_y"), ("scale", "drift_x", "drift_y"), PARAMETERS)
+# Parameters that are adjusted by the sharp picture, the evaluations that this takes, and its first step in standard
+# deviations.
+ADJUSTED, ADJUSTMENTS, FIRST_STEP = MODELS[1], 45, 0.6
+# Nats that a fall of the logarithm of l1 / l2 is worth, and that a parameter costs.
+NATS_PER_FALL, NATS_PER_PARAMETER = 1000.0, 3.0
+# Least gain, nats, and least fall of a correction that is accepted, and the most standard deviations of any parameter.
+LEAST_GAIN, LEAST_FALL, MOST_DEVIATIONS = 5.0, 0.01, 4.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Refinement:
+    """Result of :func:`refine`: what to pass to :func:`rsdeblur.deblur`.
+
+    Parameters
+    ----------
+    log, camera, exposure, translation
+        The recording, corrected where the correction is accepted, as given otherwise.
+    accepted : bool
+        Whether the correction is accepted.
+    reason : str
+        Why it is not; empty otherwise.
+    correction : Correction
+        The most likely correction, accepted or not.
+    deviation : Correction
+        Standard deviations of its numbers; those of the :class:`Uncertainty` where the picture does not determine them.
+    gain : float
+        How much likelier the correction is than none, nats.
+    fall : float
+        Fall of the logarithm of l1 / l2 of the sharp picture's gradient.
+    """
+
+    log: GyroLog
+    camera: Camera
+    exposure: Exposure
+    translation: Translation | None
+    accepted: bool
+    reason: str
+    correction: Correction
+    deviation: Correction
+    gain: float
+    fall: float
+
+
+def refine(
+    image: ArrayLike,
+    log: GyroLog,
+    camera: Camera,
+    exposure: Exposure,
+    *,
+    translation: Translation | None = None,
+    uncertainty: Uncertainty | None = None,
+    transfer: Transfer | Auto = "auto",
+    progress: Progress | None = None,
+) -> Refinement:
+    """Correct focal length, clock, readout and motion by the blurred picture.
+
+    Parameters
+    ----------
+    image : array_like, shape (H, W) or (H, W, C)
+        The blurred picture, as for :func:`rsdeblur.deblur`.
+    log, camera, exposure
+        The motion, the camera and the time of the exposure.
+    translation : Translation, optional
+        Translation of the camera, if it is known.
+    uncertainty : Uncertainty, optional
+        How far the recording may be wrong; default `Uncertainty()`.
+    transfer : {"auto", "linear", "srgb"} or float
+        How values encode light, as for :func:`rsdeblur.deblur`.
+    progress : callable, optional
+        Called as ``progress(stage, fraction)``.
+
+    Returns
+    -------
+    Refinement
+        The recording as given where the picture does not contradict it, or not clearly.
+
+    Raises
+    ------
+    InputError
+        If an argument is out of range, or the picture is too small.
+    CoverageError, ClockError, GapError
+        If the log does not describe the exposure.
+
+    Notes
+    -----
+    One picture does not calibrate a camera: offset, readout time, focal length and drift explain one another in part.
+    The blur is right long before they are. Use the result for this picture, and :func:`rsdeblur.find_time_offset` or
+    several pictures for a camera file.
+    """
+    uncertainty = uncertainty or Uncertainty()
+    encoded = EncodedImage.of(image, transfer)
+    check_size(encoded.shape, camera)
+    light = np.concatenate([encoded.linear(rows).mean(2) for rows in _parts(encoded.shape[0])])
+    recording = Recording(log, camera, exposure, translation)
+    deviations = uncertainty.deviations(camera)
+    spectra = TileSpectra(light, recording, side=_spectra_side(recording))
+    judge = _Judge(Posterior(spectra, recording, deviations), Sharpness(light, recording))
+    best = judge.best(progress or (lambda *_: None))
+    reason = judge.objection(best)
+    used = recording if reason else judge.posterior.corrected(best)
+    return Refinement(
+        used.log,
+        used.camera,
+        used.exposure,
+        used.translation,
+        accepted=not reason,
+        reason=reason,
+        correction=Correction(*(best * deviations).tolist()),
+        deviation=Correction(*(judge.posterior.spread(best) * deviations).tolist()),
+        gain=judge.gain(best),
+        fall=judge.fall(best),
+    )
+
+
+def _parts(height: int) -> list[slice]:
+    """Return parts of the rows, so that not all channels of a picture are in memory as floats at once."""
+    return [slice(top, min(top + PART, height)) for top in range(0, height, PART)]
+
+
+def _spectra_side(recording: Recording) -> int:
+    """Return the longer side to which the picture is reduced for its spectra, px."""
+    camera = recording.camera
+    longer, shorter = max(camera.width, camera.height), min(camera.width, camera.height)
+    length = float(recording.capture().probe.lengths.mean())
+    low, high = (max(side, TILE * longer / shorter + 1) for side in SPECTRA_SIDES)
+    return int(np.clip(longer / max(LEAST_REDUCTION, length / LONGEST_BLUR), low, high))
+
+
+class _Judge:
+    """Worth of corrections: by the spectra, and by the sharp picture that they lead to."""
+
+    def __init__(self, posterior: Posterior, sharpness: Sharpness) -> None:
+        self.posterior, self._sharpness = posterior, sharpness
+        self._nothing = np.zeros(len(PARAMETERS))
+        self._given = sharpness.of(posterior.corrected(self._nothing))
+
+    def gain(self, place: FloatArray) -> float:
+        """Return how much likelier the spectra are than without a correction, nats."""
+        return self.posterior.gain(place, self._nothing)
+
+    def fall(self, place: FloatArray) -> float:
+        """Return how much the logarithm of l1 / l2 falls."""
+        return self._given - self._sharpness.of(self.posterior.corrected(place))
+
+    def best(self, progress: Progress) -> FloatArray:
+        """Return the best of all corrections that the spectra suggest, adjusted by the sharp picture."""
+        best, worth = self._nothing, 0.0
+        models = [tuple(name for name in model if name in self.posterior.free) for model in MODELS]
+        for n, model in enumerate(dict.fromkeys(filter(None, models))):
+            progress("search", n / len(MODELS))
+            for place in self.posterior.search(model):
+                other = self._worth(place) - NATS_PER_PARAMETER * len(model)
+                if other > worth:
+                    best, worth = place, other
+        at = [PARAMETERS.index(name) for name in ADJUSTED if name in self.posterior.free]
+        return self._adjusted(best, at, progress) if at else best
+
+    def _worth(self, place: FloatArray) -> float:
+        gain = self.gain(place)
+        return gain + NATS_PER_FALL * self.fall(place) if np.isfinite(gain) else -np.inf
+
+    def _adjusted(self, place: FloatArray, at: list[int], progress: Progress) -> FloatArray:
+        """Return the place of most worth that the method of Nelder and Mead finds along some axes."""
+        tried = count()
+
+        def loss(values: FloatArray) -> float:
+            progress("adjust", min(next(tried) / ADJUSTMENTS, 1.0))
+            moved = place.copy()
+            moved[at] = values
+            return -self._worth(moved)
+
+        corners = place[at] + np.vstack([np.zeros(len(at)), FIRST_STEP * np.eye(len(at))])
+        found = minimize(
+            loss, place[at], method="Nelder-Mead", options={"maxfev": ADJUSTMENTS, "initial_simplex": corners}
+        )
+        moved = place.copy()
+        moved[at] = found.x
+        return moved
+
+    def objection(self, place: FloatArray) -> str:
+        """Return why a correction is not credible; nothing if it is."""
+        if self.gain(place) < LEAST_GAIN:
+            return "the picture's spectra do not contradict the recording"
+        if self.fall(place) < LEAST_FALL:
+            return "the sharp picture does not become clearer"
+        if np.abs(place).max() > MOST_DEVIATIONS:
+            return "the likeliest correction is too far from the recording"
+        return ""

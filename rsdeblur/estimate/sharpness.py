@@ -1,0 +1,63 @@
+"""Comparison of motions by the sharp picture that they lead to.
+
+With the right motion, the gradient of the sharp picture is concentrated in few places; with a wrong one, lines beside
+the edges spread it. The measure is l1 / l2 of the gradient, which does not depend on its size: Hurley and Rickard,
+"Comparing measures of sparsity", IEEE Trans. Information Theory 55, 2009. Krishnan, Tay and Fergus, CVPR 2011, use it
+for blind deconvolution.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from skimage.transform import resize
+
+from rsdeblur.deconv.priors import GradientPrior
+from rsdeblur.deconv.quadratic import TileQuadratic
+from rsdeblur.estimate.correction import Recording
+from rsdeblur.estimate.posterior import UNDESCRIBED
+from rsdeblur.estimate.strength import Tuning
+from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.motion.paths import BlurPaths
+from rsdeblur.psf import PsfBank, tile_centres
+from rsdeblur.types import FloatImage
+
+# Longer side of the picture that is made sharp, px, and the tiles there.
+SIDE, TILES = 640, (8, 4)
+# Border that is not compared, px.
+FRAME = 16
+
+
+class Sharpness:
+    """How concentrated the gradient of the sharp picture is under several motions, with the same strength.
+
+    Parameters
+    ----------
+    light : ndarray, shape (H, W)
+        Linear light, of the picture as stored.
+    recording : Recording
+        Recording of the picture as given, from which the strength follows.
+    """
+
+    def __init__(self, light: FloatImage, recording: Recording) -> None:
+        self._scale = min(1.0, SIDE / max(light.shape))
+        small = recording.camera.scaled(self._scale)
+        if self._scale < 1:
+            light = resize(light, (small.height, small.width), order=1, anti_aliasing=True)
+        self._light = np.ascontiguousarray(ReadoutFrame(small).image(light), dtype=np.float32)[..., None]
+        tuning = Tuning.of(self._light, self._bank(recording))
+        self._nsr, self._prior = tuning.border_error, GradientPrior("tv", tuning.weight("tv", 1.0))
+
+    def _bank(self, recording: Recording) -> PsfBank:
+        rows, cols = (tile_centres(n, size) for n, size in zip(TILES, self._light.shape, strict=False))
+        return PsfBank.from_paths(BlurPaths.from_capture(recording.capture(self._scale), rows, cols))
+
+    def of(self, recording: Recording) -> float:
+        """Return the logarithm of l1 / l2 of the gradient of the sharp picture; infinite without a motion."""
+        try:
+            bank = self._bank(recording)
+        except UNDESCRIBED:
+            return np.inf
+        sharp = TileQuadratic(bank, self._light.shape, nsr=self._nsr).apply(self._light, prior=self._prior)[..., 0]
+        inner = sharp[FRAME:-FRAME, FRAME:-FRAME]
+        slope = np.hypot(np.diff(inner, axis=0)[:, :-1], np.diff(inner, axis=1)[:-1])
+        return float(np.log(slope.mean() / np.sqrt(np.square(slope).mean())))

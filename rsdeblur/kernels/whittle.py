@@ -1,0 +1,214 @@
+"""How likely the periodograms of tiles are under given power spectra: the Numba kernels and their NumPy twins.
+
+A tile's periodogram P is compared with `V = a_k E + b N`: E the power expected from the scene and the blur, N that of
+white noise, b one of a few levels, and a_k the gain of the scene in the direction k. A periodogram is distributed
+exponentially about its mean, so that its negative log-likelihood is `log V + P / V` (Whittle 1953). Large values, as
+along a strong edge, count by their logarithm instead: `log V + 2 log(1 + P / 2 V)`, up to a constant
+`log((V + P / 2)^2 / V)`. The gains minimise the sum of these over the tile and `stiffness / 2` times the squared
+differences of their logarithms from the mean of these.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rsdeblur._util.threads import share_range
+from rsdeblur.kernels._jit import njit
+from rsdeblur.types import FloatArray
+
+# Newton steps for the gains of a tile, and the change of a logarithm that ends them.
+STEPS, SETTLED = 12, 0.02
+# Largest step of a gain's logarithm.
+LONGEST = 1.0
+# Least gain, as the power of the scene over that of the noise.
+FAINTEST = 3e-3
+
+
+@njit(nogil=True)
+def _nats(power, noise, expected, sectors, gains, level):
+    """Return the sum over a tile, without the differences of the gains."""
+    total = 0.0
+    for k in range(len(gains)):
+        # One logarithm for several factors, which stay within the range of doubles.
+        product = 1.0
+        for i in range(sectors[k], sectors[k + 1]):
+            variance = gains[k] * expected[i] + level * noise[i]
+            doubled = variance + 0.5 * power[i]
+            product *= doubled * doubled / (variance * noise[i])
+            if not 1e-100 < product < 1e100:
+                total += np.log(product)
+                product = 1.0
+        total += np.log(product)
+    return total
+
+
+@njit(nogil=True)
+def _fit_gains(power, noise, expected, sectors, level, stiffness, logs, gains, slopes, bends):
+    """Find the gains of a tile; return their differences' share of the nats."""
+    count = len(gains)
+    scene, excess, floor = 0.0, 0.0, 0.0
+    for i in range(sectors[0], sectors[count]):
+        scene += expected[i]
+        excess += power[i] - level * noise[i]
+        floor += level * noise[i]
+    faintest = np.log(FAINTEST * floor / scene)
+    # Strong edges dominate the mean, so the search begins below it.
+    mean = max(np.log(max(excess, FAINTEST * floor) / scene) - 1.0, faintest)
+    logs[:] = mean
+    for _ in range(STEPS):
+        ones, forces = 0.0, 0.0
+        for k in range(count):
+            gain = np.exp(logs[k])
+            slopes[k], bends[k] = stiffness * (logs[k] - mean), stiffness + 1e-6
+            for i in range(sectors[k], sectors[k + 1]):
+                signal = gain * expected[i]
+                variance = signal + level * noise[i]
+                share = signal / variance
+                slopes[k] += share * (variance - 0.5 * power[i]) / (variance + 0.5 * power[i])
+                bends[k] += 0.5 * share * share
+            ones += 1.0 / bends[k]
+            forces += slopes[k] / bends[k]
+        # The Hessian is diag(bends) - stiffness / count, which the Sherman-Morrison formula inverts.
+        common = stiffness / count * forces / max(1.0 - stiffness / count * ones, 1e-9)
+        longest = 0.0
+        for k in range(count):
+            step = -(slopes[k] + common) / bends[k]
+            moved = max(logs[k] + min(max(step, -LONGEST), LONGEST), faintest)
+            longest = max(longest, abs(moved - logs[k]))
+            logs[k] = moved
+        mean = logs.mean()
+        if longest < SETTLED:
+            break
+    apart = 0.0
+    for k in range(count):
+        gains[k] = np.exp(logs[k])
+        apart += (logs[k] - mean) ** 2
+    return 0.5 * stiffness * apart
+
+
+@njit(nogil=True)
+def _fit(first, stop, power, noise, expected, place, sectors, levels, stiffness, nats, gains, chosen):
+    count = len(sectors) - 1
+    logs, trial, slopes, bends = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
+    for tile in range(first, stop):
+        of_tile = power[tile], noise[tile], expected[place[tile]], sectors
+        nats[tile] = np.inf
+        for level in levels:
+            apart = _fit_gains(*of_tile, level, stiffness, logs, trial, slopes, bends)
+            total = apart + _nats(*of_tile, trial, level)
+            if total < nats[tile]:
+                nats[tile], chosen[tile] = total, level
+                gains[tile] = trial
+
+
+def fit(
+    power: NDArray[np.float32],
+    noise: NDArray[np.float32],
+    expected: NDArray[np.float32],
+    place: NDArray[np.intp],
+    sectors: NDArray[np.intp],
+    levels: FloatArray,
+    stiffness: float,
+    *,
+    threads: int | None = None,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the nats of all tiles, the gains, and the levels of the noise.
+
+    Parameters
+    ----------
+    power, noise : ndarray, shape (N, F)
+        Periodograms of N tiles and the power of the noise there, at F frequencies sorted by direction.
+    expected : ndarray, shape (K, F)
+        Power of scene and blur at K places, positive.
+    place : ndarray, shape (N,)
+        Index of each tile's place.
+    sectors : ndarray, shape (D + 1,)
+        First frequency of each of D directions, and F.
+    levels : ndarray
+        Candidates for the level of the noise, positive.
+    stiffness : float
+        Weight of the differences of the gains' logarithms, not negative.
+
+    Returns
+    -------
+    tuple of ndarray
+        Nats, shape (N,), gains, shape (N, D), and levels, shape (N,).
+    """
+    tiles = len(power)
+    nats, gains, chosen = np.empty(tiles), np.empty((tiles, len(sectors) - 1)), np.empty(tiles)
+    given = power, noise, expected, place, sectors, levels, stiffness
+    share_range(lambda first, stop: _fit(first, stop, *given, nats, gains, chosen), tiles, threads)
+    return nats, gains, chosen
+
+
+@njit(nogil=True)
+def _information(
+    first, stop, power, noise, expected, slopes, place, sectors, gains, chosen, stiffness, gradient, fisher
+):
+    parameters, count = slopes.shape[0], len(sectors) - 1
+    mixed, own = np.empty((count, parameters)), np.empty(count)
+    change = np.empty(parameters)
+    for tile in range(first, stop):
+        where = place[tile]
+        gradient[tile], fisher[tile], mixed[:], own[:] = 0.0, 0.0, 0.0, stiffness + 1e-6
+        for k in range(count):
+            for i in range(sectors[k], sectors[k + 1]):
+                signal = gains[tile, k] * expected[where, i]
+                variance = signal + chosen[tile] * noise[tile, i]
+                share = signal / variance
+                surprise = (variance - 0.5 * power[tile, i]) / (variance + 0.5 * power[tile, i])
+                own[k] += 0.5 * share * share
+                for p in range(parameters):
+                    change[p] = share * slopes[p, where, i]
+                    gradient[tile, p] += surprise * change[p]
+                    mixed[k, p] += 0.5 * share * change[p]
+                    for q in range(p + 1):
+                        fisher[tile, p, q] += 0.5 * change[p] * change[q]
+        # The gains follow the parameters. Their information is diag(own) - stiffness / count, which the
+        # Sherman-Morrison formula inverts.
+        spread = 1.0 / max(1.0 - stiffness / count * (1.0 / own).sum(), 1e-9)
+        for p in range(parameters):
+            for q in range(p + 1):
+                taken, left, right = 0.0, 0.0, 0.0
+                for k in range(count):
+                    taken += mixed[k, p] * mixed[k, q] / own[k]
+                    left += mixed[k, p] / own[k]
+                    right += mixed[k, q] / own[k]
+                fisher[tile, p, q] -= taken + stiffness / count * spread * left * right
+                fisher[tile, q, p] = fisher[tile, p, q]
+
+
+def information(
+    power: NDArray[np.float32],
+    noise: NDArray[np.float32],
+    expected: NDArray[np.float32],
+    slopes: NDArray[np.float32],
+    place: NDArray[np.intp],
+    sectors: NDArray[np.intp],
+    fitted: tuple[FloatArray, FloatArray],
+    stiffness: float,
+    *,
+    threads: int | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the gradient of the nats of every tile and their Fisher information, without what the gains take over.
+
+    Parameters
+    ----------
+    power, noise, expected, place, sectors, stiffness
+        See :func:`fit`.
+    slopes : ndarray, shape (Q, K, F)
+        Derivatives of the logarithm of `expected` with respect to Q parameters.
+    fitted : tuple of ndarray
+        Gains and levels that :func:`fit` returned.
+
+    Returns
+    -------
+    tuple of ndarray
+        Gradient, shape (N, Q), and information, shape (N, Q, Q).
+    """
+    tiles, parameters = len(power), len(slopes)
+    gradient, fisher = np.empty((tiles, parameters)), np.empty((tiles, parameters, parameters))
+    given = power, noise, expected, slopes, place, sectors, *fitted, stiffness
+    share_range(lambda first, stop: _information(first, stop, *given, gradient, fisher), tiles, threads)
+    return gradient, fisher

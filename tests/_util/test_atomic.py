@@ -1,0 +1,149 @@
+"""Atomic writing: only its own temporary files are removed, and what a replaced file was allowed stays allowed."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rsdeblur._util import atomic
+from rsdeblur._util.atomic import atomic_write, remove_unfinished, reserve
+from rsdeblur._util.locks import locked
+from rsdeblur.errors import OutputError
+from rsdeblur.io.pictures import Picture, picture_to_fill
+
+# Ends in the middle of a write, as after SIGKILL.
+DIE = """
+import os, sys
+from rsdeblur._util.atomic import atomic_write
+with atomic_write(sys.argv[1]) as file:
+    os._exit(0)
+"""
+
+
+def leave_unfinished(path: Path) -> Path:
+    """Return the temporary file that a process left behind."""
+    before = set(path.parent.iterdir())
+    subprocess.run([sys.executable, "-c", DIE, str(path)], check=True)
+    (left,) = set(path.parent.iterdir()) - before
+    return left
+
+
+def test_the_next_write_removes_what_a_killed_process_left(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    leave_unfinished(path)
+    with atomic_write(path) as file:
+        file.write(b"a")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_other_files_are_not_removed(tmp_path: Path) -> None:
+    """Those of other programs and of names that begin alike, and those that are being written."""
+    path = tmp_path / "a.png"
+    strangers = [tmp_path / name for name in (".a.png.download.part", ".a.png.0123456789abcdef.part", "a.png.part")]
+    for stranger in strangers:
+        stranger.touch()
+    strangers += [leave_unfinished(tmp_path / name) for name in ("a.png.b.png", "a" * 60 + "1", "a" * 60 + "2")]
+    with atomic_write(path) as file:
+        file.write(b"a")
+        remove_unfinished(path)
+        remove_unfinished(tmp_path / ("a" * 60))
+    assert set(tmp_path.iterdir()) == {path, *strangers}
+    assert path.read_bytes() == b"a"
+
+
+def test_pipes_and_links_of_our_names_are_not_opened(tmp_path: Path) -> None:
+    """Opening the pipe would wait for its other end, and the link lead to another file."""
+    path = tmp_path / "a"
+    left = leave_unfinished(path)
+    left.unlink()
+    pipe, link = (left.with_name(left.name.replace(".part", f"{i}.part")) for i in range(2))
+    os.mkfifo(pipe)
+    link.symlink_to(tmp_path / "theirs")
+    with atomic_write(path) as file:
+        file.write(b"a")
+    assert set(tmp_path.iterdir()) - {pipe} == {path, link}
+    for name in (pipe, link):
+        if name.is_fifo() or name.is_symlink():
+            with pytest.raises(OSError, match=r"."), locked(name, "busy"):
+                pass
+    assert not (tmp_path / "theirs").exists()
+
+
+def test_two_writers_of_one_file_both_finish(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    with atomic_write(path) as first:
+        first.write(b"1")
+        with atomic_write(path) as second:
+            second.write(b"2")
+        assert path.read_bytes() == b"2"
+    assert path.read_bytes() == b"1"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_replaced_file_keeps_mode_and_attributes(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    path.touch(0o600)
+    os.utime(path, (1, 1))
+    try:
+        os.setxattr(path, "user.origin", b"here")
+        attributes = ["user.origin"]
+    except (AttributeError, OSError):  # macOS, or a file system without them
+        attributes = []
+    with atomic_write(path) as file:
+        file.write(b"a")
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert [os.getxattr(path, name) for name in attributes] == [b"here"] * len(attributes)
+    # It is another content, of another date.
+    assert path.stat().st_mtime > 1
+
+
+@pytest.mark.parametrize("suffix", [".tif", ".npy"])
+def test_a_mapped_picture_has_its_space_before_it_is_filled(tmp_path: Path, suffix: str) -> None:
+    """Else a full disk ends the process with SIGBUS."""
+    pixels = np.zeros((300, 400, 3), np.uint8)
+    with picture_to_fill(tmp_path / f"a{suffix}", pixels.shape, like=Picture(pixels), in_place=True):
+        (file,) = tmp_path.iterdir()
+        # POSIX counts blocks of 512 bytes; a part of a block is a whole one.
+        assert 512 * file.stat().st_blocks >= pixels.size
+
+
+def test_a_full_disk_is_an_error_before_the_map_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "posix_fallocate", full, raising=False)
+    pixels = np.zeros((3, 4), np.uint8)
+    with (
+        pytest.raises(OutputError, match=r"a\.tif: cannot write the file: No space left on device"),
+        picture_to_fill(tmp_path / "a.tif", pixels.shape, like=Picture(pixels), in_place=True),
+    ):
+        pytest.fail("the map was made")
+    assert not list(tmp_path.iterdir())
+
+
+def test_space_is_reserved_without_the_system_call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(os, "posix_fallocate", raising=False)
+    monkeypatch.setattr(atomic, "BLOCK", 4096)
+    with open(tmp_path / "a", "x+b") as file:
+        file.write(b"head")
+        file.truncate(100_000)
+        reserve(file)
+        assert 512 * os.fstat(file.fileno()).st_blocks >= 100_000
+    assert (tmp_path / "a").read_bytes() == b"head" + bytes(99_996)
+
+
+def test_a_locked_file_is_refused_until_its_owner_ends(tmp_path: Path) -> None:
+    path = tmp_path / "lock"
+    for _ in range(2):
+        with (
+            locked(path, "busy"),
+            pytest.raises(OutputError, match="busy"),
+            locked(path, "busy"),
+        ):
+            pass

@@ -1,0 +1,330 @@
+"""Files of strangers: any name and any content is a row, and nothing that a terminal or a spreadsheet would obey."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from click.testing import Result
+from PIL import Image
+
+import rsdeblur.cli
+from rsdeblur._util.records import LOCK, Records
+
+if TYPE_CHECKING:
+    from conftest import Files
+
+    Run = Callable[..., Result]
+
+FAST = ("--mode", "global", "--prior", "wiener", "--nsr", "0.01", "--jobs", "1")
+# ESC ] 0 ; title BEL sets the title of a terminal; U+202E turns the text after it around.
+TITLE = "\x1b]0;PWN\x07"
+NAMES = (
+    TITLE + "a.png",
+    "line\nbreak.png",
+    "=1+1.png",
+    "@SUM(1).png",
+    "[copy]a.png",
+    ":smile:.png",
+    "\u202egnp.png",
+    os.fsdecode(b"fr\xe9.png"),
+    "12:30.png",
+    "写真　1.png",
+)
+# All that a terminal shows as it is.
+PLAIN = re.compile(r"[^\x00-\x09\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\ud800-\udfff]*")
+
+
+def session(files: Files, folder: Path) -> Path:
+    """Write a session of one exposure, without photos."""
+    (folder / "frames").mkdir(parents=True)
+    shutil.copy(files.gyro, folder / "gyro.csv")
+    shutil.copy(files.captures, folder / "frames.csv")
+    return folder
+
+
+def rows(out: Path) -> list[dict[str, str]]:
+    with open(out / "batch.csv", newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.usefixtures("here")
+def test_no_name_of_a_photo_ends_a_session(run: Run, files: Files, tmp_path: Path) -> None:
+    folder, out = session(files, tmp_path / "session"), tmp_path / "out"
+    for i, name in enumerate(NAMES):
+        shutil.copy(files.photo, folder / "frames" / f"{name.removesuffix('.png')}_{i % 2}.png")
+    (folder / "[").mkdir()
+    shutil.copy(files.photo, folder / "[" / "x]_0.png")
+    result = run("batch", folder, "--camera", files.camera, "--numbered-from", "0", *FAST, "-o", out)
+    assert result.exit_code == 0, result.output
+    assert PLAIN.fullmatch(result.output)
+    assert f"{len(NAMES) + 1} done" in result.stdout
+    assert PLAIN.fullmatch((out / "batch.csv").read_text(encoding="utf-8"))
+    assert {row["state"] for row in rows(out)} == {"done"}
+    again = run("batch", folder, "--camera", files.camera, "--numbered-from", "0", *FAST, "-o", out)
+    assert f"{len(NAMES) + 1} skipped" in again.stdout
+
+
+@pytest.mark.usefixtures("here")
+def test_no_cell_of_a_manifest_ends_it(run: Run, files: Files, tmp_path: Path) -> None:
+    path, out = tmp_path / "m.csv", tmp_path / "out"
+    for name in ("=1+1.png", "@a.png", "+a.png"):
+        shutil.copy(files.photo, tmp_path / name)
+    bad = [
+        "photo\0.png,a.png",
+        "photo.png,b\0.png",
+        f"{'p' * 255}.png,c.png",
+        f"photo.png,{'o' * 255}.png",
+        f"{'x' * 140_000},d.png",
+        f"photo.png,{'y' * 140_000}",
+        '"photo\n.png",e.png',
+        "photo.png,[/f].txt",
+        f"{'a/' * 1500}b.png,g.png",
+        "photo.png,.",
+    ]
+    good = ["=1+1.png,", "@a.png,", "+a.png,"]
+    recording = f",0.2,0.04,{files.gyro},{files.camera}"
+    path.write_text("photo,output,start,duration,gyro,camera\n" + "".join(f"{row}{recording}\n" for row in bad + good))
+    result = run("batch", path, *FAST, "-o", out)
+    assert result.exit_code == 3, result.output
+    assert PLAIN.fullmatch(result.output)
+    table = rows(out)
+    assert [row["state"] for row in table] == ["failed"] * len(bad) + ["done"] * len(good)
+    assert all(row["error"] for row in table[: len(bad)])
+    assert len(json.loads((out / "batch.json").read_text())["items"]) == len(table)
+
+
+@pytest.mark.usefixtures("here")
+def test_cells_are_no_formulas(run: Run, files: Files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("m.csv").write_text("photo,start,duration\n=1+1.png,0.2,0.04\n-a.png,0.2,0.04\n@a.png,0.2,0.04\n")
+    shutil.copy(files.photo, "=1+1.png")
+    result = run("batch", "m.csv", *files.sources, *FAST, "-o", "out")
+    assert result.exit_code == 3
+    assert [row["photo"] for row in rows(Path("out"))] == ["'=1+1.png", "'-a.png", "'@a.png"]
+    assert not any(cell.startswith(("=", "+", "-", "@")) for row in rows(Path("out")) for cell in row.values())
+
+
+RECORDS = ["[]", "1", "null", '{"mark": 1}', '{"facts": 3, "seal": ""}', "{" * 100_000, "", '"\\ud800"']
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize("content", RECORDS)
+def test_records_of_wrong_shape_are_none(run: Run, files: Files, tmp_path: Path, content: str) -> None:
+    path, out = tmp_path / "m.csv", tmp_path / "out"
+    path.write_text("photo,start,duration\nphoto.png,0.2,0.04\n")
+    call = ("batch", path, *files.sources, *FAST, "-o", out)
+    assert run(*call).exit_code == 0
+    (record,) = (out / ".rsdeblur-batch").glob("*.json")
+    record.write_text(content)
+    result = run(*call)
+    assert result.exit_code == 3
+    assert "photo.png: the file exists; use force" in result.stderr
+    (out / "photo.png").unlink()
+    assert run(*call).exit_code == 0
+
+
+@pytest.mark.usefixtures("here")
+def test_a_result_that_is_empty_is_made_again_and_one_that_changed_is_kept(
+    run: Run, files: Files, tmp_path: Path
+) -> None:
+    path, out = tmp_path / "m.csv", tmp_path / "out"
+    path.write_text("photo,start,duration\nphoto.png,0.2,0.04\n")
+    call = ("batch", path, *files.sources, *FAST, "-o", out)
+    assert run(*call).exit_code == 0
+    whole = (out / "photo.png").read_bytes()
+    (out / "photo.png").write_bytes(b"")
+    assert "1 done" in run(*call).stdout
+    assert (out / "photo.png").read_bytes() == whole
+    (out / "photo.png").write_bytes(whole + b"my notes")
+    result = run(*call)
+    assert "1 skipped" in result.stdout
+    assert "the file has changed since it was written" in result.stderr
+    assert (out / "photo.png").read_bytes() == whole + b"my notes"
+
+
+@pytest.mark.usefixtures("here")
+def test_a_finished_batch_stays_finished_when_it_is_moved(
+    run: Run, files: Files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "m.csv").write_text("photo,start,duration\nphoto.png,0.2,0.04\n")
+    assert run("batch", tmp_path / "m.csv", *files.sources, *FAST, "-o", tmp_path / "out").exit_code == 0
+    monkeypatch.chdir(tmp_path)
+    sources = ("--gyro", "gyro.csv", "--camera", "camera.toml")
+    assert "1 skipped" in run("batch", "m.csv", *sources, *FAST, "-o", "out").stdout
+    os.rename("out", "moved")
+    assert "1 skipped" in run("batch", "m.csv", *sources, *FAST, "-o", "moved").stdout
+    os.utime("photo.png")
+    result = run("batch", "m.csv", *sources, *FAST, "-o", "moved")
+    assert result.exit_code == 3
+    assert "or these have another date" in result.stderr
+
+
+@pytest.mark.usefixtures("here")
+def test_a_batch_replaces_no_input(run: Run, files: Files, tmp_path: Path) -> None:
+    shutil.copy(files.photo, tmp_path / "b.png")
+    os.link(files.photo, tmp_path / "c.png")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    manifest = "photo,output,start,duration\nphoto.png,,0.2,0.04\nb.png,photo.png,0.2,0.04\nb.png,c.png,0.2,0.04\n"
+    before["m.csv"] = manifest.encode()
+    (tmp_path / "m.csv").write_text(manifest)
+    result = run("batch", tmp_path / "m.csv", *files.sources, *FAST, "--force", "-o", tmp_path)
+    assert result.exit_code == 3
+    assert "3 failed" in result.stdout
+    assert result.stderr.count("is an input too") == 2
+    assert "is the result of" in result.stderr
+    assert {name: (tmp_path / name).read_bytes() for name in before} == before
+    (tmp_path / "batch.csv").write_text(manifest)
+    result = run("batch", tmp_path / "batch.csv", *files.sources, *FAST, "--force", "-o", tmp_path)
+    assert result.exit_code == 1
+    assert "the result would replace an input" in result.stderr
+    assert (tmp_path / "batch.csv").read_text() == manifest
+
+
+@pytest.mark.usefixtures("here")
+def test_results_may_lie_among_the_photos(run: Run, files: Files, tmp_path: Path) -> None:
+    folder = session(files, tmp_path / "session")
+    shutil.copy(files.photo, folder / "frames" / "a_0.png")
+    call = ("--camera", files.camera, "--numbered-from", "0", *FAST, "-o")
+    assert run("batch", folder, *call, folder / "sharp").exit_code == 0
+    assert "1 skipped" in run("batch", folder, *call, folder / "sharp").stdout
+
+
+def test_no_command_replaces_its_input(run: Run, files: Files, tmp_path: Path) -> None:
+    (tmp_path / "link.png").symlink_to(files.photo)
+    before = files.photo.read_bytes()
+    os.link(files.gyro, tmp_path / "gyro.tif")
+    (tmp_path / "out").mkdir()
+    os.link(files.photo, tmp_path / "out" / "banded.png")
+    deblur = ("deblur", files.photo, *files.recording, "--force", "-o")
+    for arguments in (
+        (*deblur, files.photo),
+        (*deblur, tmp_path / "link.png"),
+        (*deblur, tmp_path / "gyro.tif"),
+        ("compare", files.photo, *files.recording, "--force", "-o", tmp_path / "out"),
+        ("psf", "--picture", files.photo, *files.recording, "--force", "-o", files.photo),
+        ("camera", "import", files.camera, "--force", "-o", files.camera),
+    ):
+        result = run(*arguments)
+        assert result.exit_code == 1, arguments
+        assert "the result would replace an input" in result.stderr
+    assert files.photo.read_bytes() == before
+
+
+@pytest.mark.usefixtures("here")
+def test_two_batches_do_not_share_a_folder(run: Run, files: Files, tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text("photo,start,duration\nphoto.png,0.2,0.04\n")
+    call = ("batch", tmp_path / "m.csv", *files.sources, *FAST, "-o", tmp_path / "out")
+    with Records(tmp_path / "out" / ".rsdeblur-batch").held():
+        result = run(*call)
+        assert result.exit_code == 1
+        assert "another rsdeblur is writing there" in result.stderr
+        assert not (tmp_path / "out" / "photo.png").exists()
+    assert run(*call).exit_code == 0
+
+
+@pytest.mark.usefixtures("here")
+def test_pipes_are_neither_manifests_nor_records(run: Run, files: Files, tmp_path: Path) -> None:
+    path, out = tmp_path / "m.csv", tmp_path / "out"
+    os.mkfifo(path)
+    call = ("batch", path, *files.sources, *FAST, "-o", out)
+    result = run(*call)
+    assert result.exit_code == 1
+    assert "m.csv: cannot read the manifest: it is a pipe or a device" in result.stderr
+    path.unlink()
+    path.write_text("photo,start,duration\nphoto.png,0.2,0.04\n")
+    assert run(*call).exit_code == 0
+    (record,) = (out / ".rsdeblur-batch").glob("*.json")
+    record.unlink()
+    os.mkfifo(record)
+    assert "the file exists" in run(*call).stderr
+
+
+def test_records_are_not_mixed_with_other_files(tmp_path: Path) -> None:
+    records = Records(tmp_path / "a.mp4.parts")
+    with records.held():
+        records.claim("0.mkv", "mark")
+        (records.folder / "0.mkv").touch()
+        (records.folder / "theirs.txt").touch()
+        records.remove()
+    assert [path.name for path in records.folder.iterdir()] == ["theirs.txt"]
+    with pytest.raises(OSError, match="contains other files"), records.held():
+        pass
+    (records.folder / "theirs.txt").unlink()
+    with records.held():
+        assert (records.folder / LOCK).exists()
+        records.remove()
+    assert not records.folder.exists()
+
+
+def exif(maker: str) -> bytes:
+    block = Image.Exif()
+    block[271] = maker
+    return block.tobytes()
+
+
+def test_nothing_but_text_reaches_the_terminal(run: Run, files: Files, tmp_path: Path) -> None:
+    folder = tmp_path / TITLE
+    folder.mkdir()
+    photo, camera = folder / "photo.jpg", folder / "camera.toml"
+    Image.open(files.photo).save(photo, exif=exif(f"{TITLE}maker\nrsdeblur: error: forged"), quality=95)
+    shutil.copy(files.camera, camera)
+    log = folder / "log.gcsv"
+    samples = "".join(f"{t},{a},{b},{c}\n" for t, a, b, c in files.samples())
+    log.write_text(
+        f"GYROFLOW IMU LOG\nversion,1.3\nid,{TITLE}\norientation,XYZ\ntscale,1\ngscale,1\nt,gx,gy,gz\n{samples}"
+    )
+    recording = ("--gyro", files.gyro, "--camera", camera, "--start", "0.2", "--duration", "0.04")
+    for arguments in (
+        ("info", photo, log, camera, folder / "none.csv"),
+        ("info", "--json", photo, log),
+        ("camera", "show", camera),
+        ("deblur", photo, *recording, "--mode", "global", "--prior", "wiener", "-o", folder / "o.png"),
+        ("deblur", photo, *recording, "--dry-run", "-o", folder / "p.png"),
+        ("deblur", photo, *files.sources, "--capture", files.captures, "-o", folder / "q.png"),
+        ("psf", *recording, "-o", folder / "psf.png"),
+        ("psf", f"--{TITLE}"),
+        (TITLE,),
+    ):
+        output: Any = run(*arguments)
+        assert PLAIN.fullmatch(output.output), arguments
+        assert not re.search("^(rsdeblur: error: )?forged", output.output, re.MULTILINE)
+
+
+def test_only_one_module_prints() -> None:
+    """Else a text could reach the terminal unescaped."""
+    folder = Path(rsdeblur.cli.__file__).parent
+    printing = re.compile(r"\bclick\.(secho|echo)\b|(?<!\w)print\(|Console\(|sys\.(stdout|stderr)\.write")
+    assert [path.name for path in folder.glob("*.py") if printing.search(path.read_text())] == ["_output.py"]
+
+
+@pytest.mark.parametrize("locale", ["C", "C.UTF-8"])
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+def test_stdout_takes_any_name(files: Files, tmp_path: Path, locale: str, encoding: str) -> None:
+    """In a UTF-8 locale stdout is strict, whatever names the files have."""
+    name = os.fsencode(tmp_path) + "/é".encode() + b"\xe9.png"
+    shutil.copy(files.photo, name)
+    command = [sys.executable, "-m", "rsdeblur", "info", name]
+    # An empty handler after the colon is Python's default for the encoding: strict.
+    environment = os.environ | {"LC_ALL": locale, "PYTHONIOENCODING": f"{encoding}:strict", "PYTHONCOERCECLOCALE": "0"}
+    done = subprocess.run(command, env=environment, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert rb"\udce9.png: picture" in done.stdout
+
+
+def test_a_closed_stderr_is_no_error(files: Files, tmp_path: Path) -> None:
+    out = tmp_path / "o.png"
+    fast = "--mode global --prior wiener --nsr 0.01"
+    command = f'exec "{sys.executable}" -m rsdeblur deblur "$0" "$@" {fast} -o "{out}" 2>&-'
+    done = subprocess.run(["sh", "-c", command, files.photo, *files.recording], capture_output=True, check=False)
+    assert done.returncode == 0
+    assert out.is_file()

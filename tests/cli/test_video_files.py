@@ -1,0 +1,258 @@
+"""Files of videos: strangers' names and content, segments that do not fit, folders of others."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import Result
+from PIL import Image
+
+from rsdeblur import Camera
+from rsdeblur._util import workers
+from rsdeblur._util.records import Records
+from rsdeblur.errors import FileFormatError
+
+av = pytest.importorskip("av", reason="the extra [video] is not installed")
+
+from rsdeblur.video.clip import frames, open_clip  # noqa: E402 (needs PyAV)
+
+Run = Callable[..., Result]
+
+WIDTH, HEIGHT, FRAMES = 64, 48, 8
+
+
+def write(path: Path, *, count: int = FRAMES, codec: str = "libx264", aspect: Fraction | None = None) -> None:
+    """Write a video whose frames get brighter, with key frames 4 apart."""
+    with av.open(f"file:{path}", "w") as container:
+        stream = container.add_stream(codec, rate=30)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        stream.codec_context.gop_size, stream.codec_context.max_b_frames = 4, 2 if codec == "libx264" else 0
+        if aspect is not None:
+            stream.codec_context.sample_aspect_ratio = aspect
+        for i in range(count):
+            frame = av.VideoFrame.from_ndarray(np.full((HEIGHT, WIDTH, 3), 50 + 4 * i, np.uint8), format="rgb24")
+            frame.pts = i
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> list[object]:
+    """Write a log and a camera; return the options of every call."""
+    t = np.arange(0.0, 2.0, 0.005)
+    rates = np.column_stack([t, np.sin(20 * t), 0.5 * np.cos(9 * t), 0 * t])
+    np.savetxt(tmp_path / "gyro.csv", rates, "%.6f", ",", header="t,wx,wy,wz", comments="")
+    Camera(WIDTH, HEIGHT, 70.0, readout_time=0.01).save(tmp_path / "camera.toml")
+    files = ["--gyro", tmp_path / "gyro.csv", "--camera", tmp_path / "camera.toml"]
+    return [*files, "--start", 0.1, "--duration", "1/60", "--nsr", 0.01, "--segment", 2, "--jobs", 1]
+
+
+@pytest.fixture
+def clip(tmp_path: Path) -> Path:
+    """Write the video."""
+    write(tmp_path / "clip.mp4")
+    return tmp_path / "clip.mp4"
+
+
+def refused(result: Result, *words: object) -> None:
+    """Check that a command ended with one line of error that contains `words`."""
+    assert result.exit_code == 1, result.output
+    errors = result.stderr.splitlines()
+    assert len(errors) == 1, result.stderr
+    for word in words:
+        assert str(word) in errors[0]
+
+
+def test_a_folder_of_the_user_is_neither_used_nor_removed(
+    run: Run, clip: Path, recording: list[object], tmp_path: Path
+) -> None:
+    folder = tmp_path / "out.mp4.parts"
+    (folder / "holiday").mkdir(parents=True)
+    (folder / "holiday" / "a.txt").write_text("precious")
+    (folder / "0000000.mkv").write_text("theirs")
+    for force in ((), ("--force",)):
+        result = run("video", clip, *recording, *force, "-o", tmp_path / "out.mp4")
+        refused(result, folder, "contains other files")
+    assert (folder / "holiday" / "a.txt").read_text() == "precious"
+    assert (folder / "0000000.mkv").read_text() == "theirs"
+    assert not (tmp_path / "out.mp4").exists()
+
+
+@pytest.mark.usefixtures("here")
+def test_files_of_the_user_beside_the_segments_stay(
+    run: Run, clip: Path, recording: list[object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out.mp4"
+    parts = interrupted(run, clip, recording, out, monkeypatch)
+    (parts / "note.txt").write_text("precious")
+    assert run("video", clip, *recording, "-o", out).exit_code == 0
+    assert [path.name for path in parts.iterdir()] == ["note.txt"]
+
+
+def interrupted(
+    run: Run, clip: Path, recording: list[object], out: Path, monkeypatch: pytest.MonkeyPatch, *more: object
+) -> Path:
+    """Interrupt a run before its segments are joined, and return their folder."""
+    from rsdeblur.video import run as video_run
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(video_run, "join", interrupt)
+        result = run("video", clip, *recording, *more, "-o", out)
+    assert result.exit_code == 130, result.output
+    assert "the same command continues from there" in result.stderr
+    return out.with_name(f"{out.name}.parts")
+
+
+@pytest.mark.usefixtures("here")
+def test_segments_that_do_not_fit_are_made_again(
+    run: Run, clip: Path, recording: list[object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, out = tmp_path / "whole.mp4", tmp_path / "out.mp4"
+    assert run("video", clip, *recording, "-o", whole).exit_code == 0
+    # Those of another length of the segments stay until the end, too.
+    interrupted(run, clip, recording, out, monkeypatch, "--segment", 3)
+    parts = interrupted(run, clip, recording, out, monkeypatch)
+    first, second, third, fourth = (parts / f"{2 * i:07d}.mkv" for i in range(4))
+    a, b = first.read_bytes(), second.read_bytes()
+    first.write_bytes(b), second.write_bytes(a)  # exchanged
+    third.write_bytes(third.read_bytes()[:-20])
+    fourth.write_bytes(b"")
+    result = run("video", clip, *recording, "-o", out)
+    assert result.exit_code == 0, result.output
+    assert out.read_bytes() == whole.read_bytes()
+    assert not parts.exists()
+
+
+def test_a_failure_without_a_finished_segment_leaves_no_folder(
+    run: Run, clip: Path, recording: list[object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(workers, "run", fail)
+    before = set(tmp_path.iterdir())
+    refused(run("video", clip, *recording, "-o", tmp_path / "out.mp4"), "No space left on device")
+    assert set(tmp_path.iterdir()) == before
+
+
+def test_two_runs_do_not_share_an_output(run: Run, clip: Path, recording: list[object], tmp_path: Path) -> None:
+    with Records(tmp_path / "out.mp4.parts").held():
+        refused(run("video", clip, *recording, "-o", tmp_path / "out.mp4"), "another rsdeblur is writing there")
+
+
+def test_the_video_itself_is_no_output(run: Run, clip: Path, recording: list[object]) -> None:
+    before = clip.read_bytes()
+    refused(run("video", clip, *recording, "--force", "-o", clip), "would replace an input")
+    assert clip.read_bytes() == before
+
+
+@pytest.mark.parametrize("dry", [(), ("--dry-run",)])
+def test_a_container_that_does_not_fit_is_refused_before_the_work(
+    run: Run, clip: Path, recording: list[object], tmp_path: Path, dry: tuple[str, ...]
+) -> None:
+    before = set(tmp_path.iterdir())
+    result = run("video", clip, *recording, *dry, "-o", tmp_path / "x.webm")
+    refused(result, "x.webm: this container does not take libx264", "use .mkv")
+    assert set(tmp_path.iterdir()) == before
+
+
+@pytest.mark.usefixtures("here")
+def test_names_are_no_addresses(
+    run: Run, clip: Path, recording: list[object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """FFmpeg alone takes what is before a colon for a protocol."""
+    monkeypatch.chdir(tmp_path)
+    for i, name in enumerate(("10:30:00.mp4", "tcp:localhost:1", "http:", "concat:a|b", os.fsdecode(b"fr\xe9.mp4"))):
+        shutil.copy(clip, name)
+        result = run("video", name, *recording, "-o", f"{i}:30.mp4")
+        assert result.exit_code == 0, result.output
+        assert len(open_clip(f"{i}:30.mp4")) == FRAMES
+
+
+def playlist(path: Path) -> None:
+    path.write_text(f"#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:1,\n{path.parent}/clip.mp4\n#EXT-X-ENDLIST\n")
+
+
+def picture(kind: str, **options: Any) -> Callable[[Path], None]:
+    return lambda path: Image.new("RGB", (WIDTH, HEIGHT)).save(path, format=kind, **options)
+
+
+NO_VIDEOS: dict[str, tuple[Callable[[Path], object], str]] = {
+    "m3u8": (playlist, "not a video in a container that is read"),
+    "concat": (lambda path: path.write_text("ffconcat version 1.0\nfile clip.mp4\n"), "not a video in a container"),
+    "jpeg": (picture("JPEG"), "not a video in a container that is read"),
+    "gif": (picture("GIF"), "not a video in a container that is read"),
+    "apng": (
+        picture("PNG", save_all=True, append_images=[Image.new("RGB", (WIDTH, HEIGHT), "red")]),
+        "not a video in a container that is read",
+    ),
+    "pipe": (os.mkfifo, "it is a pipe or a device"),
+    "folder": (os.mkdir, "Is a directory"),
+    "empty": (Path.touch, "cannot read the video"),
+}
+
+
+@pytest.mark.parametrize("kind", NO_VIDEOS)
+def test_what_is_no_video_is_refused_in_a_line(
+    run: Run, clip: Path, recording: list[object], tmp_path: Path, kind: str
+) -> None:
+    make, message = NO_VIDEOS[kind]
+    path = tmp_path / f"a.{kind}"
+    make(path)
+    refused(run("video", path, *recording, "-o", tmp_path / "o.mp4"), path, message)
+
+
+def brightness(path: Path, first: int, stop: int) -> list[float]:
+    return [frame.to_ndarray(format="gray").mean() for frame in frames(open_clip(path), first, stop)]
+
+
+def test_transport_streams_are_read_from_any_frame(tmp_path: Path) -> None:
+    """Seeking in them ends behind the place where the first group of pictures, or a later one, starts."""
+    path = tmp_path / "a.ts"
+    write(path, count=30)
+    assert len(open_clip(path)) == 30
+    levels = np.array(brightness(path, 0, 30))
+    assert (np.diff(levels) > 0).all()
+    for first in range(0, 30, 3):
+        assert brightness(path, first, first + 2) == levels[first : first + 2].tolist()
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize(
+    ("source", "target", "codec"),
+    [("mp4", "mov", "libx264"), ("mkv", "mp4", "libx265"), ("mp4", "mkv", "libvpx-vp9")],
+)
+def test_pixels_that_are_not_square_stay_so(
+    run: Run, recording: list[object], tmp_path: Path, source: str, target: str, codec: str
+) -> None:
+    path, out = tmp_path / f"a.{source}", tmp_path / f"o.{target}"
+    write(path, aspect=Fraction(4, 3))
+    result = run("video", path, *recording, "--codec", codec, "-o", out)
+    assert result.exit_code == 0
+    is_kept = open_clip(out).aspect == open_clip(path).aspect == Fraction(4, 3)
+    assert is_kept == ("left out: shape of the pixels" not in result.stdout)
+    # VP9 has it in its container, which PyAV does not write.
+    assert is_kept == (codec != "libvpx-vp9")
+
+
+def test_a_video_that_cannot_be_decoded_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.mkv"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mjpeg", rate=30)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuvj420p"
+        container.start_encoding()
+        packet = av.Packet(b"no picture")
+        packet.stream, packet.pts, packet.dts, packet.is_keyframe = stream, 0, 0, True
+        container.mux(packet)
+    with pytest.raises(FileFormatError, match=r"a\.mkv: (no frame of the video can be decoded|cannot read the video)"):
+        open_clip(path)

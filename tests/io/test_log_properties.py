@@ -1,0 +1,129 @@
+"""Any log, however its rows and columns are arranged, is read as the same log or refused."""
+
+from __future__ import annotations
+
+import warnings
+from decimal import Decimal
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from rsdeblur.errors import FileFormatError, RsdeblurWarning
+from rsdeblur.io import read_gyro
+from rsdeblur.motion.gyro import GyroLog
+
+UNITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
+# A file is overwritten by every example, which is quick; more of them are run by hand.
+LAW = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+@st.composite
+def logs(draw: st.DrawFn) -> tuple[list[int], np.ndarray]:
+    """Return stamps in ns and rates with three decimals: 25 Hz to 5 kHz, 20% of jitter, any origin."""
+    # In a log of a few rows a rate may rise by chance while the stamps do not.
+    count = draw(st.integers(12, 80))
+    step = draw(st.integers(200, 40_000)) * 1000
+    start = draw(st.integers(0, 2 * 10**18))
+    random = np.random.default_rng(draw(st.integers(0, 2**32)))
+    stamps = [start + i * step + int(jitter) * 1000 for i, jitter in enumerate(random.integers(0, step // 5000, count))]
+    # Rates that turn round, so that only the stamps rise.
+    rates = np.round(random.uniform(-3, 3, (count, 3)) + np.sin(np.arange(count))[:, None], 3)
+    return stamps, rates
+
+
+def cells(stamp: int, rates: np.ndarray, unit: str, place: int) -> list[str]:
+    row = [f"{rate:.3f}" for rate in rates]
+    row.insert(place, f"{Decimal(stamp).scaleb(-UNITS[unit]):f}")
+    return row
+
+
+def read(path: Path, rows: list[list[str]], separator: str) -> GyroLog | None:
+    """Return the log; None if it is refused, with the file named."""
+    path.write_text("\n".join(separator.join(row) for row in rows) + "\n")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RsdeblurWarning)
+        try:
+            return read_gyro(path)
+        except FileFormatError as refusal:
+            named = str(path) in str(refusal)
+    assert named
+    return None
+
+
+def assert_is(log: GyroLog | None, stamps: list[int], rates: np.ndarray) -> None:
+    assert log is not None
+    assert log.epoch_ns == stamps[0]
+    np.testing.assert_array_equal(np.rint(log.t * 1e9), [stamp - stamps[0] for stamp in stamps])
+    np.testing.assert_array_equal(log.omega, rates)
+
+
+@LAW
+@given(logs(), st.sampled_from(list(UNITS)), st.integers(0, 3), st.sampled_from(",; \t|"))
+def test_units_shifts_separators_and_the_place_of_the_stamps(
+    tmp_path: Path, log: tuple[list[int], np.ndarray], unit: str, place: int, separator: str
+) -> None:
+    stamps, rates = log
+    rows = [cells(stamp, rate, unit, place) for stamp, rate in zip(stamps, rates, strict=True)]
+    assert_is(read(tmp_path / "log.txt", rows, separator), stamps, rates)
+
+
+@LAW
+@given(logs(), st.sampled_from(list(UNITS)), st.integers(0, 3), st.data())
+def test_repeated_rows_are_dropped_or_refused(
+    tmp_path: Path, log: tuple[list[int], np.ndarray], unit: str, place: int, data: st.DataObject
+) -> None:
+    stamps, rates = log
+    repeats = data.draw(st.lists(st.integers(1, 3), min_size=len(stamps), max_size=len(stamps)))
+    rows = [cells(stamp, rate, unit, place) for stamp, rate in zip(stamps, rates, strict=True)]
+    twice = [row for row, count in zip(rows, repeats, strict=True) for _ in range(count)]
+    found = read(tmp_path / "log.txt", twice, ",")
+    # If most rows repeat others, nothing shows the unit of time.
+    if found is not None or len(twice) < 1.5 * len(rows):
+        assert_is(found, stamps, rates)
+
+
+@LAW
+@given(logs(), st.sampled_from(list(UNITS)), st.integers(0, 3), st.randoms(use_true_random=False), st.booleans())
+def test_permuted_rows_are_the_same_log_or_refused(
+    tmp_path: Path, log: tuple[list[int], np.ndarray], unit: str, place: int, random: object, near: bool
+) -> None:
+    stamps, rates = log
+    rows = [cells(stamp, rate, unit, place) for stamp, rate in zip(stamps, rates, strict=True)]
+    if near:
+        i = random.randrange(len(rows) - 1)  # type: ignore[attr-defined]
+        rows[i : i + 2] = rows[i + 1], rows[i]
+    else:
+        random.shuffle(rows)  # type: ignore[attr-defined]
+    found = read(tmp_path / "log.txt", rows, ",")
+    if found is not None:
+        assert_is(found, stamps, rates)
+
+
+@LAW
+@given(logs(), st.integers(3, 60), st.floats(0.31, 9.0))
+@example(([5_000_000 * i for i in range(60)], np.zeros((60, 3))), 20, 4.02)
+def test_a_clock_set_back_is_refused_or_leaves_no_trace(
+    tmp_path: Path, log: tuple[list[int], np.ndarray], place: int, intervals: float
+) -> None:
+    """A step back that leaves the stamps in order cannot be seen; any other one must be."""
+    stamps, rates = log
+    place = min(place, len(stamps) - 1)
+    step = int(intervals * (stamps[-1] - stamps[0]) / (len(stamps) - 1))
+    back = [*stamps[:place], *(stamp - step for stamp in stamps[place:])]
+    rows = [cells(stamp, rate, "ns", 0) for stamp, rate in zip(back, rates, strict=True)]
+    found = read(tmp_path / "log.txt", rows, ",")
+    if any(b <= a for a, b in pairwise(back)) and place < len(stamps) - 1:
+        assert found is None
+
+
+@pytest.mark.parametrize("place", range(4))
+def test_a_rate_that_rises_for_a_while_is_not_time(tmp_path: Path, place: int) -> None:
+    t = np.arange(200) * 0.005
+    rates = np.stack([np.minimum(t, 0.9), t * 0, -t], axis=-1).round(3)
+    rates[-1, 0] = 0
+    rows = [cells(round(1e9 * stamp), rate, "s", place) for stamp, rate in zip(t, rates, strict=True)]
+    assert_is(read(tmp_path / "log.txt", rows, ","), [round(1e9 * stamp) for stamp in t], rates)

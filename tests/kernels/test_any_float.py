@@ -1,0 +1,149 @@
+"""No float leads a kernel out of its arrays: every kernel takes NaN, infinities, denormals and the largest values.
+
+Reads out of bounds are found by compiling with checks:
+``NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(mktemp -d) pytest tests/kernels/test_any_float.py``
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numba.core.dispatcher import Dispatcher
+
+from rsdeblur import kernels
+from rsdeblur.kernels import native, rowwise
+from rsdeblur.kernels.frame import GATES, WORK
+from rsdeblur.kernels.rowwise import LANES, RowModel
+
+Array = np.ndarray[Any, Any]
+
+MODULES = [importlib.import_module(f"{kernels.__name__}.{m.name}") for m in pkgutil.iter_modules(kernels.__path__)]
+TWINS = {
+    name.removesuffix("_numpy"): module
+    for module in MODULES
+    for name in vars(module)
+    if name.endswith("_numpy") and name[0] != "_" and getattr(module, name).__module__ == module.__name__
+}
+
+FLOATS = (np.nan, np.inf, -np.inf, 3e38, -3e38, 1e-45, -1e-45, -0.0, 1.0)
+# For arguments in float64, also what overflows or vanishes in float32.
+DOUBLES = (*FLOATS, 1e300, -1e300, 5e-324, 2.0**31, 2.0**63, -(2.0**63))
+# Values on either side of every array, which no kernel may change.
+GUARD, SENTINEL = 64, 7.0
+
+
+class Hostile:
+    """Arrays of one value or, for None, of all of them at random, each between guards."""
+
+    def __init__(self, value: float | None) -> None:
+        self._value, self._rng = value, np.random.default_rng(0)
+        self._memory: list[Array] = []
+
+    def _draw(self, values: tuple[float, ...], count: int | None = None) -> Any:
+        return self._rng.choice(values, count) if self._value is None else np.full(count or (), self._value)[()]
+
+    def __call__(self, *shape: int, dtype: type = np.float32) -> Array:
+        count = int(np.prod(shape))
+        memory = np.full(count + 2 * GUARD, SENTINEL, dtype)
+        values = DOUBLES if dtype is np.float64 else FLOATS
+        array = memory[GUARD : GUARD + count]
+        array[:] = self._draw(values, count)
+        if dtype is np.complex64:
+            array.imag = self._draw(values, count)
+        self._memory.append(memory)
+        return array.reshape(shape)
+
+    def pairs(self, *shape: int) -> Array:
+        return self(*shape, dtype=np.complex64)
+
+    def number(self) -> np.float32:
+        return np.float32(self._draw(FLOATS))
+
+    def check(self) -> None:
+        for memory in self._memory:
+            assert (memory[:GUARD] == SENTINEL).all()
+            assert (memory[-GUARD:] == SENTINEL).all()
+
+
+def model(hostile: Hostile) -> RowModel:
+    """Return a model of six rows, each of which sees the latent row of the same number."""
+    index = [np.array(values, np.int32) for values in ([0, 3], [3, 6], [0, 0])]
+    start = np.cumsum([0, *[int(row == latent) for latent in range(3) for row in range(3)] * 2]).astype(np.int32)
+    return RowModel._make([*index, start, np.zeros(6, np.int32), hostile(6)])
+
+
+def lanes(hostile: Hostile) -> list[Any]:
+    """Return the arguments that the rowwise kernels share."""
+    planes = hostile(2, 6, 2, LANES), hostile(2, 6, 2, LANES)
+    return [model(hostile), hostile(1, 2, LANES), *planes, hostile(4000)]
+
+
+ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
+    "multiply": lambda h: [h.pairs(2, 5, 6), h.pairs(5, 6)],
+    "blend": lambda h: [h.pairs(2, 5, 9), h.pairs(2, 5, 6), h(4), 1, 2],
+    "picture_to_lines": lambda h: [h(4, 12, 3), 1, 2, -3, h(4), False, h(3, 4, 20)],
+    "lines_to_picture": lambda h: [h(3, 4, 20), 2, 1, h(5), 3, True, h(4, 12, 3), 1],
+    "rows_to_columns": lambda h: [h.pairs(3, 9, 30), 2, 5, h.pairs(3, 16, 9)],
+    "columns_to_rows": lambda h: [h.pairs(3, 16, 9), h.pairs(3, 9, 30), 2, 5],
+    "cut_lines": lambda h: [h.pairs(3, 16, 9), 7, 1, h(4), True, h.pairs(3, 16, 12)],
+    "rasterize": lambda h: [h(7, 5, 2, dtype=np.float64), 4, 6],
+    "responses": lambda h: [h.pairs(5, 6), h(5), h(6), h.number(), h.number(), h.number(), False, h.pairs(5, 6)],
+    "spectra_to_lanes": lambda h: [h.pairs(2, 5, 20), 3, h(2, 2, 7, 2, LANES), 1],
+    "lanes_to_spectra": lambda h: [h(2, 2, 7, 2, LANES), 1, h.pairs(2, 5, 20), 3],
+    "workspace_size": lambda h: [model(h), h(1, 2, LANES), 6, True],
+    "forward": lanes,
+    "adjoint": lanes,
+    "solve": lambda h: [*lanes(h), h(LANES), float(h.number())],
+    "shrunk_grad_adjoint": lambda h: [h(5, 6, 3), 1, 3, h.number(), h(9), False, h(5, 6, 3)],
+    "average_warps": lambda h: [h(6, 7, 3), h(5, 4, 3, 3, dtype=np.float64), 8],
+    "combine": lambda h: [h(2, 37, 40), h(2, 4, 3), h(2), h(2, 4, 3, 3), GATES, h(WORK + 2, 37, 40), h(5, 8)],
+    "cut_block": lambda h: [h(5, 6, 3), np.array([1, 0, 4]), np.array([5, 0]), h(3, 3), h(3, 3, 2)],
+    "put_block": lambda h: [h(3, 4, 5), h(3, 3), h(4, 5, 3)],
+}
+
+
+def test_every_kernel_is_tried() -> None:
+    assert ARGUMENTS.keys() == TWINS.keys()
+    compiled = {
+        name
+        for module in MODULES
+        for name, value in vars(module).items()
+        if isinstance(value, Dispatcher) and not name.startswith("_")
+    }
+    assert compiled <= TWINS.keys()
+    in_c = {name for name in dir(native) if native is not None and name[0] != "_" and name != "SIMD"}
+    assert {name.removeprefix("rowwise_").replace("workspace", "workspace_size") for name in in_c} <= TWINS.keys()
+
+
+@pytest.mark.parametrize("twin", ["", "_numpy"], ids=["fast", "numpy"])
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_no_float_leads_out_of_bounds(name: str, twin: str) -> None:
+    kernel = getattr(TWINS[name], name + twin)
+    for value in (None, *DOUBLES):
+        hostile = Hostile(value)
+        with np.errstate(all="ignore"):
+            kernel(*ARGUMENTS[name](hostile))
+        hostile.check()
+
+
+@pytest.mark.parametrize("value", DOUBLES)
+@pytest.mark.parametrize("twin", ["", "_numpy"], ids=["fast", "numpy"])
+def test_a_path_beyond_the_kernel_has_no_kernel(twin: str, value: float) -> None:
+    """A path that is not within the kernel is neither cut off nor followed for ever."""
+    path = np.zeros((1, 3, 2))
+    path[0, 1, 0] = value
+    drawn = getattr(TWINS["rasterize"], "rasterize" + twin)(path, 2, 2)
+    assert np.isfinite(drawn).all() == (abs(value) < 2)
+
+
+@pytest.mark.parametrize("twin", ["", "_numpy"], ids=["fast", "numpy"])
+def test_a_rowwise_system_without_a_solution_gives_nan(twin: str) -> None:
+    arguments = ARGUMENTS["solve"](Hostile(1.0))
+    arguments[5][:] = -3.0  # a negative ridge: not positive definite
+    getattr(rowwise, "solve" + twin)(*arguments)
+    assert np.isnan(arguments[3]).any()

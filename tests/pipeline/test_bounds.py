@@ -1,0 +1,239 @@
+"""Bounds of what is computed: numbers that float32 does not carry, and work that the picture's size does not justify.
+
+Warnings are errors, so none of these calls overflows in silence.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rsdeblur import (
+    BlurPaths,
+    Camera,
+    Deconvolver,
+    Exposure,
+    GyroLog,
+    InputError,
+    PsfBank,
+    RsdeblurError,
+    deblur,
+    deconvolve,
+    find_time_offset,
+    hand_shake,
+    psfs,
+    scene,
+    simulate,
+)
+from rsdeblur.choices import DISTORTIONS, MODES, PRIORS
+
+HEIGHT, WIDTH = 36, 48
+LOG = hand_shake(0.2, strength=1.0, seed=3)
+CAMERA = Camera(WIDTH, HEIGHT, 60.0, readout_time=0.03)
+EXPOSURE = Exposure(0.05, 0.025)
+NOISE = np.random.default_rng(0).random((HEIGHT, WIDTH, 3), dtype=np.float32)
+KERNEL = np.full((1, 5), 0.2)
+
+
+def run(image: Any = NOISE, **options: Any) -> Any:
+    return deblur(image, LOG, CAMERA, EXPOSURE, **options)
+
+
+@pytest.mark.parametrize("value", [0.0, 1e-21, 1e21, 1e38, 1e39, 1e300, np.inf, np.nan])
+@pytest.mark.parametrize("name", ["nsr", "weight"])
+def test_strengths_that_float32_does_not_carry_are_refused(name: str, value: float) -> None:
+    with pytest.raises(InputError, match=rf"^{name} must be"):
+        run(**{name: value})
+
+
+@pytest.mark.parametrize("value", [-1e-9, 2e12, 1e300, np.inf, np.nan])
+def test_noise_that_float32_does_not_carry_is_refused(value: float) -> None:
+    for refused in (lambda: run(noise=value), lambda: deconvolve(NOISE, KERNEL, noise=value)):
+        with pytest.raises(InputError, match=r"^noise must be"):
+            refused()
+
+
+@pytest.mark.parametrize("options", [{}, {"border": "periodic"}, {"weight": 1e-20}, {"weight": 1e20}])
+@pytest.mark.parametrize("noise", [0.0, 1e-40, 1e12])
+@pytest.mark.parametrize("prior", PRIORS)
+def test_any_noise_has_a_finite_result(prior: str, noise: float, options: dict[str, Any]) -> None:
+    assert np.isfinite(deconvolve(NOISE, KERNEL, prior=prior, noise=noise, **options).image).all()
+
+
+@pytest.mark.parametrize("value", [1e-20, 1e20])
+@pytest.mark.parametrize("prior", PRIORS)
+@pytest.mark.parametrize("mode", MODES)
+def test_the_largest_strengths_have_a_finite_result(mode: str, prior: str, value: float) -> None:
+    assert np.isfinite(run(mode=mode, prior=prior, nsr=value, weight=value).image).all()
+
+
+@pytest.mark.parametrize("value", [2e12, -2e12, 3e38, 1e300, np.inf, np.nan])
+@pytest.mark.parametrize("options", [{}, {"weight": 0.01}, {"prior": "wiener", "nsr": 0.01}, {"mode": "rowwise"}])
+def test_one_pixel_that_float32_does_not_carry_is_refused(options: dict[str, Any], value: float) -> None:
+    image = NOISE.astype(np.float64)
+    image[7, 9, 1] = value
+    with pytest.raises(InputError, match=r"^image must"):
+        run(image, **options)
+
+
+@pytest.mark.parametrize("scale", [1e12, 1e-12, 1e-38, 1e-45])
+@pytest.mark.parametrize("prior", PRIORS)
+@pytest.mark.parametrize("mode", MODES)
+def test_pictures_of_any_scale_have_a_finite_result(mode: str, prior: str, scale: float) -> None:
+    assert np.isfinite(run(NOISE * np.float32(scale), mode=mode, prior=prior).image).all()
+
+
+@pytest.mark.parametrize("transfer", [0.0, 1e-300, 0.09, 11.0, 1e300])
+def test_a_gamma_that_float32_does_not_carry_is_refused(transfer: float) -> None:
+    with pytest.raises(InputError, match=r"^transfer must be"):
+        run(transfer=transfer)
+
+
+@pytest.mark.parametrize("transfer", [0.1, 10.0])
+def test_a_result_that_is_not_finite_is_refused(transfer: float) -> None:
+    image = NOISE * np.float32(1e11 if transfer < 1 else 1.0)
+    try:
+        assert np.isfinite(run(image, transfer=transfer, prior="wiener", nsr=1e-6).image).all()
+    except InputError as error:
+        assert "the result is not finite" in str(error)  # noqa: PT017, because either is right
+
+
+def test_floats_that_integers_would_make_white_are_refused() -> None:
+    with pytest.raises(InputError, match="most of them beyond 1"):
+        run(NOISE * np.float32(65535), out=np.empty_like(NOISE, dtype=np.uint8))
+
+
+@pytest.mark.parametrize("options", [{"weight": 1e20}, {"prior": "gradient", "weight": 1e20}])
+def test_an_even_result_is_not_good(options: dict[str, Any]) -> None:
+    """The strongest smoothing leaves nothing of the picture, which no other figure of the check shows."""
+    log, camera = hand_shake(0.2, strength=1.0, seed=3), Camera(4 * WIDTH, 4 * HEIGHT, 240.0, readout_time=0.03)
+    texture = np.kron(NOISE, np.ones((4, 4, 1), np.float32))
+    check = deblur(texture, log, camera, EXPOSURE, **options).check
+    assert check is not None
+    assert check.verdict != "good"
+    assert "lost" in check.reasons[-1]
+
+
+# No message of a refusal is longer.
+LONGEST_LINE = 300
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "options"),
+    [
+        ("bands", HEIGHT + 1, {}),
+        ("bands", 10**9, {}),
+        pytest.param("bands", 10**5000, {}, id="of 5000 digits"),
+        ("strips", WIDTH + 1, {}),
+        ("strips", 10**6, {"mode": "rowwise"}),
+        ("threads", 10**6, {}),
+    ],
+)
+def test_counts_beyond_the_picture_are_refused(name: str, value: int, options: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=rf"^{name} must be at most \d+, got") as refusal:
+        run(**{name: value}, **options)
+    assert len(str(refusal.value)) < LONGEST_LINE
+
+
+def test_tiles_and_memory_are_bounded() -> None:
+    camera = Camera(4000, 3000, 3000.0, readout_time=0.03)
+    with pytest.raises(InputError, match="bands times strips must be at most 16384, got 2000 x 200"):
+        psfs(LOG, camera, EXPOSURE, bands=2000, strips=200)
+    with pytest.raises(InputError, match="paths at 3000 x 5 places have 61215000 points, more than 6000000"):
+        psfs(LOG.minus_bias([0, 8, 0]), camera, EXPOSURE, bands=3000, strips=5)
+    shape, centres = (1100, 1100), np.arange(4.0, 1100, 10)
+    impulses = np.zeros((len(centres), len(centres), 3, 3), np.float32)
+    impulses[..., 1, 1] = 1
+    with pytest.raises(InputError, match=r"the filters of 12100 tiles of .* px would take .* GiB"):
+        Deconvolver(PsfBank(impulses, centres, centres), shape, nsr=1e-6)
+
+
+def test_a_tiny_nsr_counts_as_what_float32_carries() -> None:
+    bank = PsfBank.for_picture(np.full((1, 5), 0.2), (HEIGHT, WIDTH))
+    light = NOISE[..., 0]
+    least, tiny = (Deconvolver(bank, light.shape, nsr=nsr).apply(light) for nsr in (1e-6, 1e-16))
+    np.testing.assert_array_equal(least, tiny)
+
+
+def test_the_search_ends_where_the_log_does() -> None:
+    """Ten years are searched as fast as the log: what it does not cover takes no time."""
+    log = hand_shake(0.3, strength=1.0, seed=3)
+    tried: list[str] = []
+    sheet = simulate(scene(64, 80), log, Camera(80, 64, 90.0, readout_time=0.03), Exposure(0.1, 0.05)).blurred
+    found = find_time_offset(
+        *(sheet, log, Camera(80, 64, 90.0, readout_time=0.03), Exposure(0.1, 0.05)),
+        search=(-3e8, 3e8),
+        progress=lambda stage, _: tried.append(stage),
+    )
+    # 220 ms are covered: 56 coarse steps, two that are not, and the windows of the fine search.
+    assert len(tried) < 56 + 2 + 9 * 8
+    assert -0.2 < found.best < 0.2
+    day = GyroLog(np.arange(0.0, 300, 0.02), np.zeros((15_000, 3)))
+    with pytest.raises(InputError, match="search must span at most 120 s of the log"):
+        find_time_offset(sheet, day, Camera(80, 64, 90.0), Exposure(150.0, 0.05), search=(-100, 100))
+
+
+def test_exposures_of_minutes_are_refused() -> None:
+    log = GyroLog(np.arange(12_000) * 0.005, np.zeros((12_000, 3)))
+    with pytest.raises(InputError, match=r"has 1\d{4} gyro samples, more than 10000; are its duration"):
+        psfs(log, CAMERA, Exposure(1.0, 55.0))
+
+
+def test_simulations_are_bounded() -> None:
+    with pytest.raises(InputError, match="at most 100000000 pixels"):
+        scene(10**6, 10**6)
+    with pytest.raises(InputError, match="at most 2000000 samples"):
+        hand_shake(1e9)
+    with pytest.raises(InputError, match="takes 10000000 warps"):
+        simulate(NOISE, LOG, CAMERA, EXPOSURE, samples=10**7)
+    log = GyroLog(np.arange(120.0), np.zeros((120, 3)))
+    with pytest.raises(InputError, match="too long to be simulated"):
+        simulate(NOISE, log, CAMERA, Exposure(1.0, 110.0))
+
+
+def test_a_lens_beyond_180_degrees_is_refused() -> None:
+    """A focal length in mm puts the corners of the frame at many turns around the axis."""
+    with pytest.raises(InputError, match="beyond 180 degrees off the axis"):
+        Camera(160, 120, 4.2, distortion_model="fisheye", distortion=(0, 0, 0, 0))
+    whole_sphere = Camera(160, 120, 100 / np.pi, distortion_model="fisheye", distortion=(0, 0, 0, 0))
+    assert np.isfinite(psfs(hand_shake(0.2, strength=0.01), whole_sphere, EXPOSURE).kernels).all()
+
+
+def test_motion_that_leads_nowhere_is_refused() -> None:
+    """Half a turn within the exposure: the pixels of a plane behind the camera have no place in the picture."""
+    log = GyroLog(np.arange(200) * 0.005, np.full((200, 3), [0.0, np.pi, 0.0]))
+    with pytest.raises(InputError, match=r"the blur reaches|the motion leads"):
+        psfs(log, Camera(WIDTH, HEIGHT, 60.0), Exposure(0.0, 0.9))
+    broken = np.zeros((HEIGHT, 1, 3, 2))
+    broken[3, 0, 1] = np.nan
+    with pytest.raises(InputError, match="not finite"):
+        BlurPaths(broken, np.arange(float(HEIGHT)), np.zeros(1))
+
+
+@settings(derandomize=True, deadline=None, max_examples=50)
+@given(
+    st.sampled_from(DISTORTIONS),
+    st.floats(-2, 5),
+    st.floats(-4, 1),
+    st.floats(-3, 6),
+    st.floats(-4, -0.7),
+    st.integers(0, 2**32 - 1),
+)
+@pytest.mark.filterwarnings("ignore:gyro rates look like degrees")
+def test_any_camera_and_motion_has_psfs_or_is_refused(
+    model: Any, focal: float, bend: float, speed: float, duration: float, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    k = rng.normal(0, 10**bend, 4) * rng.integers(2, size=4) if model != "none" else ()
+    log = GyroLog(np.arange(120) * 0.005, rng.normal(0, 10**speed, (120, 3)))
+    try:
+        camera = Camera(WIDTH, HEIGHT, 10**focal, readout_time=0.03, distortion_model=model, distortion=k)
+        bank = psfs(log, camera, Exposure(0.1, 10**duration))
+    except RsdeblurError as refusal:
+        assert len(str(refusal)) < 2 * LONGEST_LINE  # noqa: PT017, because either is right
+    else:
+        assert np.isfinite(bank.kernels).all()

@@ -1,0 +1,219 @@
+"""Every public function refuses what is no argument, by name, with an error of the package; lists are arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rsdeblur as rs
+from rsdeblur import Camera, Exposure, GyroLog, InputError, PsfBank
+from rsdeblur.motion.paths import BlurPaths, Capture
+
+SHAPE = (36, 48)
+LOG, CAMERA, EXPOSURE = rs.hand_shake(0.2, strength=1.0, seed=3), Camera(48, 36, 60.0), Exposure(0.05, 0.025)
+IMAGE = np.random.default_rng(0).random(SHAPE, dtype=np.float32)
+BANK = PsfBank.for_picture(np.full((1, 5), 0.2), SHAPE)
+CAPTURE = Capture.from_log(LOG, CAMERA, EXPOSURE)
+PATHS = BlurPaths.every_row(CAPTURE, [20.0])
+TRANSLATION = rs.Translation([0, 1], [[0, 0, 0], [0, 0, 1]], 1.0)
+WIENER, TILES, ROWS = rs.Deconvolver(BANK, SHAPE), rs.TileQuadratic(BANK, SHAPE), rs.RowDeconvolver(PATHS, SHAPE)
+BLUR, PLAN, PRIOR = rs.RowBlur(PATHS, 48), rs.plan(LOG, CAMERA, EXPOSURE), rs.GradientPrior("tv", 0.01)
+PIXELS = np.zeros((4, 4), np.uint8)
+
+# Nothing that any argument of these functions takes.
+NEVER: dict[str, Any] = {
+    "object": object(),
+    "path": Path("gyro.csv"),
+    "bytes": b"x",
+    "empty dict": {},
+    "ragged": [[0.5, 0.5], [0.5]],
+    "masked": np.ma.masked_array(IMAGE, mask=IMAGE > 0.9),
+    "complex": IMAGE.astype(complex),
+    "text": "abc",
+    "array": np.ones(5),
+    "short tuple": (1,),
+    "huge": 10**400,
+}
+Call = Callable[[Any], Any]
+
+
+def options(function: Callable[..., Any], arguments: tuple[Any, ...], names: str) -> dict[str, Call]:
+    """Return calls of a function with one keyword argument replaced."""
+    prefix = getattr(function, "__name__", "")
+
+    def replacing(name: str) -> Call:
+        return lambda value: function(*arguments, **{name: value})
+
+    return {f"{prefix}: {name}": replacing(name) for name in names.split()}
+
+
+# Calls, by the function and the argument that is replaced.
+CALLS: dict[str, Call] = {
+    "deblur: image": lambda x: rs.deblur(x, LOG, CAMERA, EXPOSURE),
+    "deblur: log": lambda x: rs.deblur(IMAGE, x, CAMERA, EXPOSURE),
+    "deblur: camera": lambda x: rs.deblur(IMAGE, LOG, x, EXPOSURE),
+    "deblur: exposure": lambda x: rs.deblur(IMAGE, LOG, CAMERA, x),
+    **options(
+        rs.deblur,
+        (IMAGE, LOG, CAMERA, EXPOSURE),
+        "mode bands strips prior weight exponent nsr noise solver geometry border motion translation transfer "
+        "normalize saturation check fallback planning threads max_memory out progress",
+    ),
+    "deconvolve: image": lambda x: rs.deconvolve(x, BANK),
+    "deconvolve: psf": lambda x: rs.deconvolve(IMAGE, x),
+    **options(
+        rs.deconvolve,
+        (IMAGE, BANK),
+        "prior weight exponent nsr noise border transfer normalize saturation planning threads max_memory out progress",
+    ),
+    **options(rs.psfs, (LOG, CAMERA, EXPOSURE), "mode bands strips nsr motion translation"),
+    "plan: options": lambda x: rs.plan(LOG, CAMERA, EXPOSURE, x),
+    "Plan.apply: image": lambda x: PLAN.apply(x),
+    "Plan.prepare: image": lambda x: PLAN.prepare(x),
+    "Plan.replan: log": lambda x: PLAN.replan(x, EXPOSURE),
+    "GyroLog: t": lambda x: GyroLog(x, [[0, 0, 0], [0, 0, 0]]),
+    "GyroLog: omega": lambda x: GyroLog([0, 1], x),
+    "GyroLog: epoch_ns": lambda x: GyroLog([0, 1], [[0, 0, 0], [0, 0, 0]], x),
+    "shifted: dt": LOG.shifted,
+    "minus_bias: b": LOG.minus_bias,
+    "gaps: factor": lambda x: LOG.gaps(factor=x),
+    "trimmed: t0": lambda x: LOG.trimmed(x, 0.1),
+    "covering: t0": lambda x: LOG.covering(x, 0.1, 0),
+    "covering: epoch_ns": lambda x: LOG.covering(0.0, 0.1, x),
+    "Camera: width": lambda x: Camera(x, 36, 60.0),
+    "Camera: focal_length": lambda x: Camera(48, 36, x),
+    **options(
+        Camera,
+        (48, 36, 60.0),
+        "principal_point readout_time readout_direction time_offset distortion_model distortion timestamp_marks",
+    ),
+    "rays: points": CAMERA.rays,
+    "project: directions": CAMERA.project,
+    "scaled: s": CAMERA.scaled,
+    "resized: width": lambda x: CAMERA.resized(x, 10),
+    "cropped: left": lambda x: CAMERA.cropped(x, 0, 10, 10),
+    "delayed: dt": CAMERA.delayed,
+    "reading_order: rows": CAMERA.reading_order,
+    "timestamp_delay: duration": CAMERA.timestamp_delay,
+    "Exposure: start": lambda x: Exposure(x, 0.1),
+    "Exposure: duration": lambda x: Exposure(0.0, x),
+    "window: camera": lambda x: EXPOSURE.window([1.0], x),
+    "span: camera": EXPOSURE.span,
+    "Translation: position": lambda x: rs.Translation([0, 1], x, 1.0),
+    "Translation: depth": lambda x: rs.Translation([0, 1], [[0, 0, 0], [0, 0, 1]], x),
+    "Translation.covering: t0": lambda x: TRANSLATION.covering(x, 0.1, 0),
+    "from_log: log": lambda x: Capture.from_log(x, CAMERA, EXPOSURE),
+    "from_capture: capture": lambda x: BlurPaths.from_capture(x, [1.0], [1.0]),
+    "from_capture: samples": lambda x: BlurPaths.from_capture(CAPTURE, [1.0], [1.0], samples=x),
+    "every_row: within": lambda x: BlurPaths.every_row(CAPTURE, [1.0], within=x),
+    "BlurPaths: displacements": lambda x: BlurPaths(x, [1.0], [1.0]),
+    "PsfBank: kernels": lambda x: PsfBank(x, [1.0], [1.0]),
+    "PsfBank: rows": lambda x: PsfBank(np.ones((1, 1)), x, [1.0]),
+    "for_picture: shape": lambda x: PsfBank.for_picture(np.ones((1, 1)), x),
+    "from_paths: paths": PsfBank.from_paths,
+    "cut: rows": lambda x: BANK.cut(x, slice(0, 9)),
+    "turned: height": BANK.turned,
+    "Deconvolver: bank": lambda x: rs.Deconvolver(x, SHAPE),
+    "Deconvolver: shape": lambda x: rs.Deconvolver(BANK, x),
+    **options(rs.Deconvolver, (BANK, SHAPE), "nsr border planning threads"),
+    "Deconvolver.apply: image": WIENER.apply,
+    "Deconvolver.apply: out": lambda x: WIENER.apply(IMAGE, x),
+    "Deconvolver.apply: progress": lambda x: WIENER.apply(IMAGE, progress=x),
+    "Deconvolver.replan: bank": WIENER.replan,
+    "TileQuadratic.apply: image": lambda x: TILES.apply(x, prior=PRIOR),
+    "TileQuadratic.apply: prior": lambda x: TILES.apply(IMAGE, prior=x),
+    "RowDeconvolver: paths": lambda x: rs.RowDeconvolver(x, SHAPE),
+    **options(rs.RowDeconvolver, (PATHS, SHAPE), "nsr solver border planning threads"),
+    "RowDeconvolver.apply: image": ROWS.apply,
+    "RowDeconvolver.apply: prior": lambda x: ROWS.apply(IMAGE, prior=x),
+    "RowBlur: paths": lambda x: rs.RowBlur(x, 48),
+    "forward: latent": BLUR.forward,
+    "adjoint: picture": BLUR.adjoint,
+    "restore: solver": lambda x: rs.restore(x, IMAGE, prior="tv", weight=0.01),
+    "restore: weight": lambda x: rs.restore(TILES, IMAGE, prior="tv", weight=x),
+    "GradientPrior: exponent": lambda x: rs.GradientPrior("tv", 0.1, x),
+    "Tuning.of: light": lambda x: rs.Tuning.of(x, BANK),
+    "Tuning.of: bank": lambda x: rs.Tuning.of(IMAGE, x),
+    "find_time_offset: image": lambda x: rs.find_time_offset(x, LOG, CAMERA, EXPOSURE),
+    "find_time_offset: search": lambda x: rs.find_time_offset(IMAGE, LOG, CAMERA, EXPOSURE, search=x),
+    "simulate: sharp": lambda x: rs.simulate(x, LOG, CAMERA, EXPOSURE),
+    **options(rs.simulate, (IMAGE, LOG, CAMERA, EXPOSURE), "noise samples translation transfer"),
+    "scene: height": lambda x: rs.scene(x, 64),
+    "hand_shake: duration": rs.hand_shake,
+    "read_camera: size": lambda x: rs.read_camera("camera.toml", size=x),
+    "write_picture: image": lambda x: rs.write_picture("a.png", x),
+    "write_picture: like": lambda x: rs.write_picture("a.png", PIXELS, like=x),
+    "write_picture: bits": lambda x: rs.write_picture("a.png", PIXELS, bits=x),
+    "to_linear: transfer": lambda x: rs.to_linear(IMAGE, x),
+    "show_config: mode": rs.show_config,
+}
+# Values that an argument does take.
+FITS = {
+    ("deblur: max_memory", "huge"),
+    ("deconvolve: max_memory", "huge"),
+    ("reading_order: rows", "array"),
+    ("reading_order: rows", "short tuple"),
+    ("PsfBank: rows", "short tuple"),
+}
+# Arguments that may be None.
+OPTIONAL = {
+    "translation", "threads", "max_memory", "out", "progress", "options", "principal_point", "size", "bits", "like",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", NEVER)
+@pytest.mark.parametrize("call", CALLS)
+def test_what_is_no_argument_is_refused_by_name(call: str, kind: str, tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.chdir(tmp_path)
+    if (call, kind) in FITS:
+        CALLS[call](NEVER[kind])
+        return
+    # Linear light is an image, whatever the argument is called.
+    argument = {"light": "image"}.get(name := call.rpartition(": ")[2], name)
+    with pytest.raises(rs.RsdeblurError, match=rf"\b{argument}\b") as refusal:
+        CALLS[call](NEVER[kind])
+    assert len(str(refusal.value)) < 500
+
+
+@pytest.mark.parametrize("call", [call for call in CALLS if call.rpartition(": ")[2] not in OPTIONAL])
+def test_none_is_refused_by_name(call: str) -> None:
+    if call == "RowDeconvolver.apply: prior":
+        assert np.isfinite(CALLS[call](None)).all()
+        return
+    argument = {"light": "image"}.get(name := call.rpartition(": ")[2], name)
+    with pytest.raises(rs.RsdeblurError, match=rf"\b{argument}\b"):
+        CALLS[call](None)
+
+
+@pytest.mark.parametrize("function", [rs.read_gyro, rs.read_camera, rs.read_captures, rs.read_picture, BANK.save])
+@pytest.mark.parametrize("path", [None, 1, True, 1.5, b"a.csv", [], PIXELS])
+def test_what_is_no_path_is_refused(function: Call, path: Any) -> None:
+    with pytest.raises(InputError, match="path must be the path of a file, got"):
+        function(path)
+
+
+def test_a_path_is_no_object() -> None:
+    """Those who pass a file's path learn which function reads it."""
+    with pytest.raises(InputError, match=r"log must be a GyroLog, got '?\w+.*; rsdeblur.read_gyro reads one"):
+        rs.psfs(Path("gyro.csv"), CAMERA, EXPOSURE)
+    with pytest.raises(InputError, match=r"camera must be a Camera, got 'phone.toml'; rsdeblur.read_camera reads one"):
+        rs.psfs(LOG, "phone.toml", EXPOSURE)
+
+
+def test_lists_are_taken_for_arrays() -> None:
+    picture, paths = IMAGE.tolist(), PATHS
+    expected = rs.deblur(IMAGE.astype(np.float64), LOG, CAMERA, EXPOSURE, prior="wiener", nsr=0.01).image
+    np.testing.assert_array_equal(rs.deblur(picture, LOG, CAMERA, EXPOSURE, prior="wiener", nsr=0.01).image, expected)
+    np.testing.assert_array_equal(WIENER.apply(picture), WIENER.apply(IMAGE))
+    np.testing.assert_array_equal(
+        BlurPaths(paths.displacements.tolist(), paths.rows.tolist(), paths.cols.tolist()).displacements,
+        paths.displacements,
+    )
+    np.testing.assert_array_equal(CAMERA.rays([[1, 2], [3, 4]]), CAMERA.rays(np.array([[1.0, 2.0], [3.0, 4.0]])))
+    np.testing.assert_array_equal(CAMERA.project([0.1, 0.2, 1]), CAMERA.project(np.array([0.1, 0.2, 1.0])))
+    np.testing.assert_array_equal(rs.to_linear(picture, "srgb"), rs.to_linear(IMAGE.astype(np.float64), "srgb"))
+    assert Camera(48, 36, [60, 60], [23.5, 17.5]).focal_length == (60.0, 60.0)
