@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
+from rsdeblur._util import validate
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording, Uncertainty
 from rsdeblur.estimate.posterior import Posterior
 from rsdeblur.estimate.sharpness import Sharpness
 from rsdeblur.estimate.spectra import TILE, TileSpectra
 from rsdeblur.image.encoded import EncodedImage, check_size
+from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -41,7 +43,7 @@ ADJUSTED, ADJUSTMENTS, FIRST_STEP = MODELS[1], 45, 0.6
 # Nats that a fall of the logarithm of l1 / l2 is worth, and that a parameter costs.
 NATS_PER_FALL, NATS_PER_PARAMETER = 1000.0, 3.0
 # Least gain, nats, and least fall of a correction that is accepted, and the most standard deviations of any parameter.
-LEAST_GAIN, LEAST_FALL, MOST_DEVIATIONS = 5.0, 0.01, 4.0
+LEAST_GAIN, LEAST_FALL, MOST_DEVIATIONS = 5.0, 0.01, 6.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,7 +126,8 @@ def refine(
     The blur is right long before they are. Use the result for this picture, and :func:`rsdeblur.find_time_offset` or
     several pictures for a camera file.
     """
-    uncertainty = uncertainty or Uncertainty()
+    check_recording(log, camera, exposure, translation)
+    uncertainty = Uncertainty() if uncertainty is None else validate.instance("uncertainty", uncertainty, Uncertainty)
     encoded = EncodedImage.of(image, transfer)
     check_size(encoded.shape, camera)
     light = np.concatenate([encoded.linear(rows).mean(2) for rows in _parts(encoded.shape[0])])

@@ -22,7 +22,7 @@ from rsdeblur.psf import PsfBank, tile_centres
 from rsdeblur.types import FloatImage
 
 # Longer side of the picture that is made sharp, px, and the tiles there.
-SIDE, TILES = 640, (8, 4)
+SIDE, TILES = 640, (6, 2)
 # Border that is not compared, px.
 FRAME = 16
 
@@ -57,7 +57,9 @@ class Sharpness:
             bank = self._bank(recording)
         except UNDESCRIBED:
             return np.inf
-        sharp = TileQuadratic(bank, self._light.shape, nsr=self._nsr).apply(self._light, prior=self._prior)[..., 0]
+        sharp = TileQuadratic(bank, self._light.shape, nsr=self._nsr, threads=1).apply(self._light, prior=self._prior)[
+            ..., 0
+        ]
         inner = sharp[FRAME:-FRAME, FRAME:-FRAME]
         slope = np.hypot(np.diff(inner, axis=0)[:, :-1], np.diff(inner, axis=1)[:-1])
         return float(np.log(slope.mean() / np.sqrt(np.square(slope).mean())))

@@ -167,7 +167,7 @@ class TilePeriodograms:
     def fit(
         self, expected: NDArray[np.float32], place: NDArray[np.intp], *, levels: FloatArray = LEVELS
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return nats, gains and levels of the noise of all tiles, see :func:`rsdeblur.kernels.whittle.fit`.
+        """Return nats, gains and levels of the noise of all tiles, see :func:`rsdeblur.kernels.whittle.fit_gains`.
 
         Parameters
         ----------
@@ -178,7 +178,7 @@ class TilePeriodograms:
         levels : ndarray, optional
             Candidates for the noise, as multiples of its first estimate.
         """
-        return whittle.fit(self.power, self.noise, expected, place, self.sectors, levels, STIFFNESS)
+        return whittle.fit_gains(self.power, self.noise, expected, place, self.sectors, levels, STIFFNESS)
 
 
 def _directions(fy: FloatArray, fx: FloatArray) -> NDArray[np.intp]:

@@ -43,9 +43,8 @@ RESAMPLES, CONFIDENT = 200, 0.8
 # Least lead over any other answer, in nats over the whole picture. A constant rate of rotation gives every offset the
 # same PSF, and then nothing leads.
 LEAST_LEAD = 30.0
-# Least lead over a steady motion that the log lacks, in nats of the posterior, and least fall of the logarithm of
-# l1 / l2, see :mod:`rsdeblur.estimate.sharpness`.
-CLEAR_LEAD, LEAST_FALL = 3.0, 0.005
+# Least fall of the logarithm of l1 / l2, see :mod:`rsdeblur.estimate.sharpness`.
+LEAST_FALL = 0.005
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,7 +188,7 @@ def _objection(light: NDArray[np.float32], spectra: TileSpectra, recording: Reco
     deviations = Uncertainty(offset=0.0, readout=0.0, roll=0.0).deviations(recording.camera)
     posterior, nats = Posterior(spectra, recording, deviations), spectra.score(shifted)
     for place in posterior.search(posterior.free):
-        if posterior.lead(place, nats) > -CLEAR_LEAD or sharpness.of(posterior.corrected(place)) < reached:
+        if posterior.lead(place, nats) > 0 or sharpness.of(posterior.corrected(place)) < reached:
             return "a steady motion that the log lacks, as of a hand that swings, explains the picture as well"
     return ""
 

@@ -25,7 +25,7 @@ LONGEST = 1.0
 FAINTEST = 3e-3
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _nats(power, noise, expected, sectors, gains, level):
     """Return the sum over a tile, without the differences of the gains."""
     total = 0.0
@@ -43,8 +43,8 @@ def _nats(power, noise, expected, sectors, gains, level):
     return total
 
 
-@njit(nogil=True)
-def _fit_gains(power, noise, expected, sectors, level, stiffness, logs, gains, slopes, bends):
+@njit(nogil=True, error_model="numpy")
+def _newton(power, noise, expected, sectors, level, stiffness, logs, gains, slopes, bends):
     """Find the gains of a tile; return their differences' share of the nats."""
     count = len(gains)
     scene, excess, floor = 0.0, 0.0, 0.0
@@ -87,7 +87,7 @@ def _fit_gains(power, noise, expected, sectors, level, stiffness, logs, gains, s
     return 0.5 * stiffness * apart
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _fit(first, stop, power, noise, expected, place, sectors, levels, stiffness, nats, gains, chosen):
     count = len(sectors) - 1
     logs, trial, slopes, bends = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
@@ -95,14 +95,14 @@ def _fit(first, stop, power, noise, expected, place, sectors, levels, stiffness,
         of_tile = power[tile], noise[tile], expected[place[tile]], sectors
         nats[tile] = np.inf
         for level in levels:
-            apart = _fit_gains(*of_tile, level, stiffness, logs, trial, slopes, bends)
+            apart = _newton(*of_tile, level, stiffness, logs, trial, slopes, bends)
             total = apart + _nats(*of_tile, trial, level)
             if total < nats[tile]:
                 nats[tile], chosen[tile] = total, level
                 gains[tile] = trial
 
 
-def fit(
+def fit_gains(
     power: NDArray[np.float32],
     noise: NDArray[np.float32],
     expected: NDArray[np.float32],
@@ -142,7 +142,61 @@ def fit(
     return nats, gains, chosen
 
 
-@njit(nogil=True)
+def fit_gains_numpy(
+    power: NDArray[np.float32],
+    noise: NDArray[np.float32],
+    expected: NDArray[np.float32],
+    place: NDArray[np.intp],
+    sectors: NDArray[np.intp],
+    levels: FloatArray,
+    stiffness: float,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Readable twin of :func:`fit_gains`."""
+    of_direction = np.repeat(np.arange(len(sectors) - 1), np.diff(sectors))
+    tiles = [
+        min(
+            (_fit_tile(each, level * white, expected[at], sectors, of_direction, stiffness, white), level)
+            for level in levels
+        )
+        for each, white, at in zip(*(a.astype(np.float64) for a in (power, noise)), place, strict=True)
+    ]
+    nats, gains = zip(*((nats, gains) for (nats, gains), _ in tiles), strict=True)
+    return np.array(nats), np.array(gains), np.array([level for _, level in tiles])
+
+
+def _fit_tile(
+    power: FloatArray,
+    floor: FloatArray,
+    expected: NDArray[np.float32],
+    sectors: NDArray[np.intp],
+    of_direction: NDArray[np.intp],
+    stiffness: float,
+    unit: FloatArray,
+) -> tuple[float, list[float]]:
+    """Return the nats and the gains of a tile under the noise `floor`."""
+    scene, excess, count = expected.sum(dtype=np.float64), (power - floor).sum(), len(sectors) - 1
+    faintest = np.log(FAINTEST * floor.sum() / scene)
+    mean = max(np.log(np.maximum(excess, FAINTEST * floor.sum()) / scene) - 1.0, faintest)
+    logs = np.full(count, mean)
+    for _ in range(STEPS):
+        signal = np.exp(logs)[of_direction] * expected
+        variance = signal + floor
+        share = signal / variance
+        surprise = share * (variance - 0.5 * power) / (variance + 0.5 * power)
+        slopes = stiffness * (logs - mean) + np.add.reduceat(surprise, sectors[:-1])
+        bends = stiffness + 1e-6 + np.add.reduceat(0.5 * share**2, sectors[:-1])
+        common = stiffness / count * (slopes / bends).sum() / max(1.0 - stiffness / count * (1 / bends).sum(), 1e-9)
+        moved = np.maximum(logs + (-(slopes + common) / bends).clip(-LONGEST, LONGEST), faintest)
+        longest, logs = np.abs(moved - logs).max(), moved
+        mean = logs.mean()
+        if longest < SETTLED:
+            break
+    variance = np.exp(logs)[of_direction] * expected + floor
+    nats = np.log(np.square(variance + 0.5 * power) / (variance * unit)).sum()
+    return float(nats + 0.5 * stiffness * np.square(logs - mean).sum()), np.exp(logs).tolist()
+
+
+@njit(nogil=True, error_model="numpy")
 def _information(
     first, stop, power, noise, expected, slopes, place, sectors, gains, chosen, stiffness, gradient, fisher
 ):
@@ -196,11 +250,11 @@ def information(
     Parameters
     ----------
     power, noise, expected, place, sectors, stiffness
-        See :func:`fit`.
+        See :func:`fit_gains`.
     slopes : ndarray, shape (Q, K, F)
         Derivatives of the logarithm of `expected` with respect to Q parameters.
     fitted : tuple of ndarray
-        Gains and levels that :func:`fit` returned.
+        Gains and levels that :func:`fit_gains` returned.
 
     Returns
     -------
@@ -211,4 +265,32 @@ def information(
     gradient, fisher = np.empty((tiles, parameters)), np.empty((tiles, parameters, parameters))
     given = power, noise, expected, slopes, place, sectors, *fitted, stiffness
     share_range(lambda first, stop: _information(first, stop, *given, gradient, fisher), tiles, threads)
+    return gradient, fisher
+
+
+def information_numpy(
+    power: NDArray[np.float32],
+    noise: NDArray[np.float32],
+    expected: NDArray[np.float32],
+    slopes: NDArray[np.float32],
+    place: NDArray[np.intp],
+    sectors: NDArray[np.intp],
+    fitted: tuple[FloatArray, FloatArray],
+    stiffness: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Readable twin of :func:`information`."""
+    gains, levels = fitted
+    signal = np.repeat(gains, np.diff(sectors), axis=1) * expected[place]
+    variance = signal + levels[:, None] * noise
+    share = signal / variance
+    surprise = (variance - 0.5 * power) / (variance + 0.5 * power)
+    change = share * slopes[:, place]
+    gradient = np.einsum("nf,qnf->nq", surprise, change)
+    mixed = np.add.reduceat(0.5 * share * change, sectors[:-1], axis=2)
+    own = np.add.reduceat(0.5 * share**2, sectors[:-1], axis=1) + stiffness + 1e-6
+    count = len(sectors) - 1
+    fisher = 0.5 * np.einsum("pnf,qnf->npq", change, change)
+    for tile in range(len(power)):
+        of_gains = np.diag(own[tile]) - stiffness / count
+        fisher[tile] -= mixed[:, tile] @ np.linalg.solve(of_gains, mixed[:, tile].T)
     return gradient, fisher

@@ -83,6 +83,9 @@ def lanes(hostile: Hostile) -> list[Any]:
     return [model(hostile), hostile(1, 2, LANES), *planes, hostile(4000)]
 
 
+# Places of four tiles, and the first frequencies of three directions.
+TILES = np.array([0, 1, 1, 0]), np.array([0, 2, 5, 9])
+
 ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "multiply": lambda h: [h.pairs(2, 5, 6), h.pairs(5, 6)],
     "blend": lambda h: [h.pairs(2, 5, 9), h.pairs(2, 5, 6), h(4), 1, 2],
@@ -100,6 +103,12 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "adjoint": lanes,
     "solve": lambda h: [*lanes(h), h(LANES), float(h.number())],
     "shrunk_grad_adjoint": lambda h: [h(5, 6, 3), 1, 3, h.number(), h(9), False, h(5, 6, 3)],
+    "fit_gains": lambda h: [h(4, 9), h(4, 9), h(2, 9), *TILES, h(2, dtype=np.float64), float(h.number())],
+    "information": lambda h: [
+        *(h(4, 9), h(4, 9), h(2, 9), h(3, 2, 9), *TILES),
+        (h(4, 3, dtype=np.float64), h(4, dtype=np.float64)),
+        float(h.number()),
+    ],
     "average_warps": lambda h: [h(6, 7, 3), h(5, 4, 3, 3, dtype=np.float64), 8],
     "combine": lambda h: [h(2, 37, 40), h(2, 4, 3), h(2), h(2, 4, 3, 3), GATES, h(WORK + 2, 37, 40), h(5, 8)],
     "cut_block": lambda h: [h(5, 6, 3), np.array([1, 0, 4]), np.array([5, 0]), h(3, 3), h(3, 3, 2)],
