@@ -161,8 +161,8 @@ class _Worker:
 
 def _serve(pipe: Connection, work: Callable[[Any], Any]) -> None:
     """Do tasks until the pipe closes or an interrupt arrives during one."""
-    # An idle worker has nothing to clean up. When the parent exits, Python ends workers with SIGTERM and waits for them,
-    # as for one that was started just before an interrupt.
+    # An idle worker has nothing to clean up. When the parent exits, Python ends its workers with SIGTERM, and waits for
+    # them: also for one that was started just before an interrupt.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     # A closed pipe raises EOFError, and ConnectionError if the parent left an answer unread.
     with suppress(EOFError, ConnectionError, KeyboardInterrupt):
