@@ -168,6 +168,7 @@ FITS = {
 # Arguments that may be None.
 OPTIONAL = {
     "translation", "threads", "max_memory", "out", "progress", "options", "principal_point", "size", "bits", "like",
+    "uncertainty",
 }  # fmt: skip
 
 
