@@ -15,7 +15,7 @@ list::
     image       pixel encoding, tone curves, clipped highlights
     estimate    noise, strengths, time offset, check of a result
     simulation  forward model, test scene, hand shake
-    pipeline    deblur() and plan(): from photo and motion to the sharp picture
+    pipeline    deblur(), deconvolve() and plan(): from photo and motion to the sharp picture
     io          files of gyro logs, cameras, captures and pictures
     video       videos, frame by frame
     report      plots, contact sheets, the HTML report

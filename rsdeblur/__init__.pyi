@@ -46,6 +46,7 @@ from .motion.trajectory import Trajectory as Trajectory
 from .motion.translation import Translation as Translation
 from .pipeline.deblur import deblur as deblur
 from .pipeline.deblur import psfs as psfs
+from .pipeline.deconvolve import deconvolve as deconvolve
 from .pipeline.options import Options as Options
 from .pipeline.plan import DeblurResult as DeblurResult
 from .pipeline.plan import Plan as Plan

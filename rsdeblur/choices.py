@@ -7,7 +7,7 @@ from typing import Literal, get_args
 Mode = Literal["global", "banded", "rowwise"]
 MODES: tuple[Mode, ...] = get_args(Mode)
 
-Prior = Literal["wiener", "gradient", "tv", "hyper-laplacian"]
+Prior = Literal["wiener", "gradient", "tv", "hyper-laplacian", "wavelet"]
 PRIORS: tuple[Prior, ...] = get_args(Prior)
 
 Solver = Literal["auto", "direct", "cg"]

@@ -60,8 +60,15 @@ CALLS: dict[str, Call] = {
     **options(
         rs.deblur,
         (IMAGE, LOG, CAMERA, EXPOSURE),
-        "mode bands strips prior weight exponent nsr solver geometry border motion translation transfer normalize "
-        "saturation check fallback planning threads max_memory out progress",
+        "mode bands strips prior weight exponent nsr noise solver geometry border motion translation transfer "
+        "normalize saturation check fallback planning threads max_memory out progress",
+    ),
+    "deconvolve: image": lambda x: rs.deconvolve(x, BANK),
+    "deconvolve: psf": lambda x: rs.deconvolve(IMAGE, x),
+    **options(
+        rs.deconvolve,
+        (IMAGE, BANK),
+        "prior weight exponent nsr noise border transfer normalize saturation planning threads max_memory out progress",
     ),
     **options(rs.psfs, (LOG, CAMERA, EXPOSURE), "mode bands strips nsr motion translation"),
     "plan: options": lambda x: rs.plan(LOG, CAMERA, EXPOSURE, x),
@@ -153,6 +160,7 @@ CALLS: dict[str, Call] = {
 # Values that an argument does take.
 FITS = {
     ("deblur: max_memory", "huge"),
+    ("deconvolve: max_memory", "huge"),
     ("reading_order: rows", "array"),
     ("reading_order: rows", "short tuple"),
     ("PsfBank: rows", "short tuple"),
@@ -160,6 +168,7 @@ FITS = {
 # Arguments that may be None.
 OPTIONAL = {
     "translation", "threads", "max_memory", "out", "progress", "options", "principal_point", "size", "bits", "like",
+    "uncertainty",
 }  # fmt: skip
 
 

@@ -32,14 +32,14 @@ READERS = {"GyroLog": "rsdeblur.read_gyro", "Camera": "rsdeblur.read_camera", "P
 Kind = TypeVar("Kind")
 
 
-def instance(name: str, value: object, kind: type[Kind]) -> Kind:
-    """Return `value`, which must be a `kind`."""
-    if isinstance(value, kind):
+def instance(name: str, value: object, kind: type[Kind], *others: type[Kind]) -> Kind:
+    """Return `value`, which must be a `kind` or one of the `others`."""
+    if isinstance(value, kind) or isinstance(value, others):  # noqa: SIM101 (as mypy understands it)
         return value
-    hint = ""
+    hint, kinds = "", " or ".join(each.__name__ for each in (kind, *others))
     if isinstance(value, (str, os.PathLike)) and kind.__name__ in READERS:
         hint = f"; {READERS[kind.__name__]} reads one from a file"
-    raise InputError(f"{name} must be a {kind.__name__}, got {shown(value)}{hint}")
+    raise InputError(f"{name} must be a {kinds}, got {shown(value)}{hint}")
 
 
 def shown(value: object) -> str:
@@ -95,6 +95,11 @@ def finite(
 def strength(name: str, value: Any) -> float:
     """Return a noise-to-signal ratio or the weight of a prior, from 1e-20 to 1e20."""
     return finite(name, finite(name, value, above=0.0), minimum=LEAST_STRENGTH, maximum=MOST_STRENGTH)
+
+
+def noise(name: str, value: Any) -> float:
+    """Return the standard deviation of a picture's noise in linear light, from 0 to 1e12."""
+    return finite(name, value, minimum=0.0, maximum=MOST_LIGHT)
 
 
 def exponent(value: Any) -> float:

@@ -263,11 +263,11 @@ def unit_range(pixels: NDArray[Any]) -> NDArray[Any]:
 
 
 @contextmanager
-def naming(photo: Path | None, recording: Recording | ClipLog) -> Iterator[None]:
+def naming(file: Path | None, recording: Recording | ClipLog | None = None) -> Iterator[None]:
     """Put the name of the file at fault before errors of a computation."""
     try:
         yield
     except CoverageError as error:
-        raise type(error)(f"{recording.gyro}: {error}") from error
+        raise type(error)(f"{recording.gyro}: {error}" if recording else str(error)) from error
     except InputError as error:
-        raise InputError(f"{photo}: {error}" if photo else str(error)) from error
+        raise InputError(f"{file}: {error}" if file else str(error)) from error

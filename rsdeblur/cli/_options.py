@@ -284,24 +284,28 @@ _EXPOSURE = (
         "--duration", type=SecondsType(), help="Exposure time of a row: 0.05, 1/20 or 50ms.  [default: from EXIF]"
     ),
 )
-_CAMERA = click.option(
-    "--camera", type=PATH, required=True, metavar="FILE", help="Camera file of rsdeblur, Gyroflow or Kalibr."
-)
+
+
+def _camera(*, required: bool = True) -> Decorator:
+    text = "Camera file of rsdeblur, Gyroflow or Kalibr."
+    return click.option("--camera", type=PATH, required=required, metavar="FILE", help=text)
+
+
 _OVERRIDES = (
     click.option("--time-offset", type=SecondsType(), help="Camera time minus gyro time; replaces the camera file's."),
     click.option("--readout-time", type=SecondsType(), help="Readout time of the picture; replaces the camera file's."),
 )
-recording_options = gathered(
-    "recording",
-    Recording,
-    (
-        click.option("--gyro", type=PATH, required=True, metavar="LOG", help="Gyro log."),
-        *_LOG,
-        _CAMERA,
-        *_EXPOSURE,
-        *_OVERRIDES,
-    ),
-)
+
+
+def recording_options(*, required: bool = True) -> Decorator:
+    """Return a decorator that adds the options of a recording and passes them as one `recording`.
+
+    Unless they are `required`, the command itself must refuse to go on without a log and a camera.
+    """
+    log = click.option("--gyro", type=PATH, required=required, metavar="LOG", help="Gyro log.")
+    return gathered("recording", Recording, (log, *_LOG, _camera(required=required), *_EXPOSURE, *_OVERRIDES))
+
+
 _CLIP_LOG = (
     click.option("--gyro", type=PATH, required=True, metavar="LOG", help="Gyro log; may be the video itself."),
     *_LOG,
@@ -312,7 +316,7 @@ _CLIP_TIMES = (
     click.option("--start", type=SecondsType(), help="The same in seconds on the log's own clock.  [default: 0]"),
     click.option("--duration", type=SecondsType(), help="Exposure time of a row; replaces that of --capture."),
 )
-clip_options = gathered("recording", Recording, (*_CLIP_LOG, _CAMERA, *_CLIP_TIMES, *_OVERRIDES))
+clip_options = gathered("recording", Recording, (*_CLIP_LOG, _camera(), *_CLIP_TIMES, *_OVERRIDES))
 clip_log_options = gathered("recording", ClipLog, (*_CLIP_LOG, *_CLIP_TIMES))
 defaults_options = gathered(
     "defaults",
@@ -397,6 +401,9 @@ _SOLVE: dict[str, Decorator] = {
         help="Exponent of the hyper-Laplacian.",
     ),
     "nsr": _auto("nsr", StrengthType(), "Noise-to-signal ratio: a higher one gives a smoother picture."),
+    "noise": _auto(
+        "noise", StrengthType(), "Standard deviation of the noise in linear light, where white is 1; auto estimates it."
+    ),
     "solver": _choice(
         "solver", choices.SOLVERS, "Solver of --mode rowwise: the faster one, banded Cholesky, or conjugate gradients."
     ),
@@ -438,7 +445,7 @@ _SOLVE: dict[str, Decorator] = {
     ),
 }
 BLUR = ("mode", "bands", "strips", "motion")
-SOLVER = ("prior", "weight", "exponent", "nsr", "solver", "geometry", "border", "transfer")
+SOLVER = ("prior", "weight", "exponent", "nsr", "noise", "solver", "geometry", "border", "transfer")
 ENGINE = ("planning", "threads")
 ONE_PICTURE = ("normalize", "saturation")
 ONE_PHOTO = (*BLUR, *SOLVER, "refine", *ONE_PICTURE, *ENGINE)

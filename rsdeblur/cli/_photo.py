@@ -13,9 +13,11 @@ from rsdeblur.cli._output import prepare_folder
 from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
+    from rsdeblur.choices import Mode, Prior
     from rsdeblur.estimate.refine import Refinement
     from rsdeblur.io.pictures import Picture
     from rsdeblur.pipeline.options import Options
+    from rsdeblur.pipeline.plan import DeblurResult
     from rsdeblur.types import Progress
 
 
@@ -62,7 +64,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
 
     options = replace(job.options, transfer=transfer_of(picture, job.options.transfer))
     if job.changes.nsr_from_iso:
-        options = replace(options, nsr=_nsr_of(job.photo, picture))
+        options = replace(options, nsr=nsr_of_photo(job.photo, picture))
     pixels = picture.pixels
     begin = time.perf_counter()
     if job.changes.work_size is not None:
@@ -76,16 +78,22 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         planned = plan_for(pixels, log, camera, exposure, options, progress=move)
         result = planned.apply(pixels, out=out, progress=move)
     seconds = time.perf_counter() - begin
+    return facts_of(result, job.output, job.options.mode, job.options.prior, seconds)
+
+
+def facts_of(result: DeblurResult, output: Path, mode: Mode, prior: Prior, seconds: float) -> dict[str, Any]:
+    """Return the facts to report about a written result."""
     tall, wide = result.psfs.size
     return {
-        "output": str(job.output),
-        "mode": job.options.mode,
+        "output": str(output),
+        "mode": mode,
         "bands": result.bands,
         "strips": result.strips,
         "psf_px": [wide, tall],
-        "prior": job.options.prior,
+        "prior": prior,
         "nsr": result.nsr,
         "weight": result.weight,
+        "noise": result.noise,
         "seconds": seconds,
         "timings": result.timings,
         "check": None if result.check is None else asdict(result.check),
@@ -114,7 +122,7 @@ def _dry_run(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:
     with naming(job.photo, job.recording):
         check_size(picture.pixels.shape, camera)
         if job.changes.nsr_from_iso:
-            _nsr_of(job.photo, picture)
+            nsr_of_photo(job.photo, picture)
         if job.changes.work_size is not None:
             camera = reduced(picture.pixels, camera, job.changes.work_size)[1]
         options = job.options
@@ -136,7 +144,8 @@ def _dry_run(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:
     }
 
 
-def _nsr_of(photo: Path, picture: Picture) -> float:
+def nsr_of_photo(photo: Path, picture: Picture) -> float:
+    """Return the NSR that the picture's EXIF sensitivity suggests."""
     from rsdeblur.estimate.strength import nsr_of_iso
     from rsdeblur.io.exif import Exif
 

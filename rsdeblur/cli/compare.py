@@ -39,7 +39,7 @@ Examples:
 
 @click.command("compare", epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
-@_options.recording_options
+@_options.recording_options()
 @_options.solve_options(*_options.ONE_PHOTO[1:])
 @_options.track_options
 @click.option("--truth", type=_options.PATH, metavar="FILE", help="Sharp picture, to measure PSNR and SSIM.")

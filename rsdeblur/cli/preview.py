@@ -68,7 +68,7 @@ class Cell(NamedTuple):
 
 @click.command("preview", epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
-@_options.recording_options
+@_options.recording_options()
 @_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE)
 @_options.gathered(
     "sweep",

@@ -33,7 +33,7 @@ Examples:
 
 
 @click.command("psf", epilog=EXAMPLES)
-@_options.recording_options
+@_options.recording_options()
 @_options.solve_options(*_options.BLUR, "nsr")
 @_options.track_options
 @click.option(

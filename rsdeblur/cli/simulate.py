@@ -25,7 +25,7 @@ Examples:
 
 @click.command("simulate", epilog=EXAMPLES)
 @click.argument("sharp", type=_options.PATH)
-@_options.recording_options
+@_options.recording_options()
 @_options.transfer_option
 @click.option(
     "--noise",

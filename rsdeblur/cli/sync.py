@@ -25,7 +25,7 @@ Examples:
 
 @click.command("sync", epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
-@_options.recording_options
+@_options.recording_options()
 @_options.transfer_option
 @click.option("--from", "first", type=_options.SecondsType(), default=-0.06, help="First shift.  [default: -60ms]")
 @click.option("--to", "last", type=_options.SecondsType(), default=0.06, help="Last shift.  [default: 60ms]")

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.threads import share
 from rsdeblur.choices import PRIORS, Prior
+from rsdeblur.deconv.wavelet import WaveletPrior
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.shrink import shrunk_grad_adjoint
 from rsdeblur.types import FloatImage
@@ -79,7 +80,7 @@ class PriorSolver(Protocol):
         image: ArrayLike,
         out: FloatImage | None = None,
         *,
-        prior: GradientPrior,
+        prior: GradientPrior | WaveletPrior,
         progress: Callable[[float], None] | None = None,
     ) -> FloatImage:
         """Deblur a picture of the planned shape, linear light, under `prior`."""
@@ -115,8 +116,9 @@ class GradientPrior:
 
     def __post_init__(self) -> None:
         validate.choice("prior", self.kind, PRIORS)
-        if self.kind == "wiener":
-            raise InputError('prior "wiener" is a filter, not a prior on the gradient: use rsdeblur.Deconvolver')
+        other = {"wiener": "rsdeblur.Deconvolver", "wavelet": "rsdeblur.Tuning.wavelet"}.get(self.kind)
+        if other is not None:
+            raise InputError(f'prior "{self.kind}" is not a prior on the gradient: use {other}')
         object.__setattr__(self, "weight", validate.strength("weight", self.weight))
         object.__setattr__(self, "exponent", validate.exponent(self.exponent))
         if self.peak is not None:
@@ -210,18 +212,18 @@ def brightness(image: FloatImage) -> float:
 
 def minimise(
     solver: QuadraticSolver,
-    prior: GradientPrior,
+    prior: GradientPrior | WaveletPrior,
     *,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> FloatImage:
-    """Return the latent picture that minimises the data term of `solver` plus `prior`.
+    """Return the latent picture that minimises the data term of `solver` plus `prior`, or that `prior` makes of it.
 
     Parameters
     ----------
     solver : QuadraticSolver
         Solver that holds its observation.
-    prior : GradientPrior
+    prior : GradientPrior or WaveletPrior
         The prior; a `peak` of None counts as 1.
     threads : int, optional
         Threads that share the shrinking; default all processors. Any number gives the same bits.
@@ -233,6 +235,8 @@ def minimise(
     ndarray, shape (H', W', C), float32
         In the frame of `solver`.
     """
+    if isinstance(prior, WaveletPrior):
+        return prior.restore(solver, threads=threads, progress=progress)
     if prior.kind == "gradient":
         latent = solver.solve(prior.weight, None)
     else:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur.choices import Border, Planning
 from rsdeblur.deconv.priors import GradientPrior, minimise
+from rsdeblur.deconv.wavelet import WaveletPrior
 from rsdeblur.deconv.wiener import TileFilter
 from rsdeblur.kernels.responses import responses
 from rsdeblur.psf import PsfBank
@@ -78,7 +79,7 @@ class TileQuadratic(TileFilter):
         image: ArrayLike,
         out: NDArray[np.float32] | None = None,
         *,
-        prior: GradientPrior,
+        prior: GradientPrior | WaveletPrior,
         progress: Callable[[float], None] | None = None,
     ) -> NDArray[np.float32]:
         """Deblur one picture.
@@ -89,8 +90,8 @@ class TileQuadratic(TileFilter):
             Linear light, floats; converted to float32.
         out : ndarray, float32, optional
             Receives the result; may be `image` itself.
-        prior : GradientPrior
-            Penalty on the gradient of the sharp picture.
+        prior : GradientPrior or WaveletPrior
+            Assumption about the sharp picture.
         progress : callable, optional
             Called with the finished fraction after each solve.
 
@@ -105,14 +106,15 @@ class TileQuadratic(TileFilter):
             If `image` or `out` has another shape or type, or `image` is not finite. Integers are no linear light:
             :func:`rsdeblur.image.transfer.to_linear` converts them.
         """
-        validate.instance("prior", prior, GradientPrior)
+        validate.instance("prior", prior, GradientPrior, WaveletPrior)
         validate.callback("progress", progress)
         if out is not None:
             out = validate.output(out, self.shape)
         with self.lock:
             self.prepare(image)
-            prior = prior.with_peak_of(self._observation)
-            latent = minimise(self, prior, threads=self.threads, progress=progress).reshape(self.shape)
+            latent = minimise(
+                self, prior.with_peak_of(self._observation), threads=self.threads, progress=progress
+            ).reshape(self.shape)
             del self._observation
         if out is None:
             return latent

@@ -25,6 +25,7 @@ from rsdeblur.deconv.rowwise_blur import StripBlur, latent_rows
 from rsdeblur.deconv.rowwise_cg import NormalEquations, conjugate_gradients, is_faster
 from rsdeblur.deconv.rowwise_spectra import ROWS, RowSpectra
 from rsdeblur.deconv.tiling import Tile, Tiling
+from rsdeblur.deconv.wavelet import WaveletPrior
 from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
 from rsdeblur.kernels import rowwise
@@ -155,7 +156,7 @@ class RowDeconvolver:
         image: ArrayLike,
         out: NDArray[np.float32] | None = None,
         *,
-        prior: GradientPrior | None = None,
+        prior: GradientPrior | WaveletPrior | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> NDArray[np.float32]:
         """Deblur one picture.
@@ -166,8 +167,8 @@ class RowDeconvolver:
             Linear light, floats; converted to float32.
         out : ndarray, float32, optional
             Receives the result; may be `image` itself.
-        prior : GradientPrior, optional
-            Penalty on the gradient of the sharp picture; without it the result is that of the Wiener filter.
+        prior : GradientPrior or WaveletPrior, optional
+            Assumption about the sharp picture; without it the result is that of the Wiener filter.
         progress : callable, optional
             Called with the finished fraction after each strip and, with a prior, after each solve.
 
@@ -183,7 +184,7 @@ class RowDeconvolver:
             :func:`rsdeblur.image.transfer.to_linear` converts them.
         """
         if prior is not None:
-            validate.instance("prior", prior, GradientPrior)
+            validate.instance("prior", prior, GradientPrior, WaveletPrior)
         validate.callback("progress", progress)
         picture = validate.linear_light(image, self.shape)
         out = validate.output(out, self.shape)

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +28,7 @@ from scipy import fft
 
 from rsdeblur._util import validate
 from rsdeblur.choices import PRIORS, Prior
+from rsdeblur.deconv.wavelet import MOST_VARIANCE, Factors, WaveletPrior, frame_responses
 from rsdeblur.estimate.noise import gradient_energy, noise_level
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
@@ -58,7 +60,7 @@ def nsr_of_iso(iso: float) -> float:
     return validate.strength("nsr", BASE_NSR * validate.finite("iso", iso, above=0.0) / BASE_ISO)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Tuning:
     """Measurements of a picture and its PSFs, from which the strength of every prior follows.
 
@@ -84,7 +86,16 @@ class Tuning:
     spectra: Spectra = field(repr=False)
 
     @classmethod
-    def of(cls, light: ArrayLike, bank: PsfBank, *, one_filter: bool = False, continued: bool = True) -> Tuning:
+    def of(
+        cls,
+        light: ArrayLike,
+        bank: PsfBank,
+        *,
+        noise: float | None = None,
+        one_filter: bool = False,
+        continued: bool = True,
+        repeats: bool = False,
+    ) -> Tuning:
         """Measure a blurred picture and its PSFs.
 
         Parameters
@@ -93,29 +104,33 @@ class Tuning:
             The blurred picture in linear light, floats.
         bank : PsfBank
             PSFs of the picture; a few that are spread over it are enough.
+        noise : float, optional
+            Standard deviation of the noise in linear light; by default it is estimated.
         one_filter : bool, default False
             Whether the middle PSF is undone everywhere, as in ``mode="global"``.
         continued : bool, default True
             Whether the solver continues the picture beyond its top and bottom. In rowwise, rows there are unknowns.
+        repeats : bool, default False
+            Whether the picture repeats, and the solver knows it, so that nothing beyond the frame is guessed.
 
         Raises
         ------
         InputError
-            If `light` has another shape, holds integers, or is not finite.
+            If `light` has another shape, holds integers, or is not finite, or `noise` is not from 0 to 1e12.
         """
         light = validate.linear_light(light)
         validate.instance("bank", bank, PsfBank)
         light = light.reshape(*light.shape[:2], -1)
         spectra = Spectra.of(bank, one_filter=one_filter)
-        noise = noise_level(light)
+        noise = noise_level(light) if noise is None else validate.noise("noise", noise)
         # A constant picture has nothing to restore, so any energy other than 0 will do.
         energy = gradient_energy(light, noise) / spectra.left_of_gradient or 1.0
         share = bank.size[1] / light.shape[1]
         if continued:
             share = max(share, bank.size[0] / light.shape[0])
-        return cls(noise, energy, _radius(bank), share**2 / 4, spectra)
+        return cls(noise, energy, _radius(bank), 0.0 if repeats else share**2 / 4, spectra)
 
-    @property
+    @cached_property
     def gradient_weight(self) -> float:
         """Weight of the prior with exponent 2 at which the expected error is least."""
         return self._best(lambda weight: self.border_error + weight * self.spectra.gradient)
@@ -131,13 +146,38 @@ class Tuning:
             Exponent of the hyper-Laplacian, in (0, 1]; the other priors ignore it.
         """
         validate.choice("prior", prior, PRIORS)
-        exponent = validate.exponent(exponent)
         weight = self.gradient_weight
         if prior == "gradient":
             return weight
-        power = 1.0 if prior == "tv" else exponent
+        power = 1.0 if prior == "tv" else validate.exponent(exponent)
         sparse = SPARSE_STRENGTH * power**0.5 * weight * self.energy ** (1 - power / 2)
         return float(np.clip(sparse, validate.LEAST_STRENGTH, validate.MOST_STRENGTH))
+
+    def wavelet(self, weight: float | None = None) -> WaveletPrior:
+        """Return the learned prior for the picture.
+
+        Parameters
+        ----------
+        weight : float, optional
+            Weight of the prior, from 1e-20 to 1e20; default :attr:`gradient_weight`. A larger one stands for more
+            noise.
+        """
+        spectra, suited = self.spectra, self.gradient_weight
+        weight = suited if weight is None else validate.strength("weight", weight)
+        # Errors of the model are no noise, but the frame cannot distinguish them.
+        errors = self._path_error * spectra.gradient + self.border_error
+        wrong = errors * spectra.power + spectra.power - 2 * spectra.match + spectra.undone
+        noise = self.noise**2 + self.energy * spectra.signal * wrong
+        penalties = [self.border_error + ratio * weight * spectra.gradient for ratio in Factors.learned().ratios]
+        left = [spectra.undone / np.square(spectra.undone + penalty) * noise for penalty in penalties]
+        responses = frame_responses(len(spectra.signal))
+        variances = np.einsum("kyx,joyx->kjo", left, responses) / spectra.signal.size * (weight / suited)
+        return WaveletPrior(weight, tuple(variances.clip(max=MOST_VARIANCE).ravel()))
+
+    @property
+    def _path_error(self) -> float:
+        """Mean square of the errors of the paths, px^2."""
+        return PATH_ERROR**2 + (PATH_ERROR_SHARE * self.radius) ** 2
 
     @property
     def wiener_nsr(self) -> float:
@@ -147,10 +187,9 @@ class Tuning:
     def _best(self, penalty: Callable[[float], float | FloatArray]) -> float:
         """Return the strength with the least error of `conj(H) / (|H|^2 + penalty)`, scaled to keep the mean."""
         spectra = self.spectra
-        path_error_2 = PATH_ERROR**2 + (PATH_ERROR_SHARE * self.radius) ** 2
         noise = (
             FINE_NOISE * self.noise**2 / self.energy
-            + (path_error_2 * spectra.gradient + self.border_error) * spectra.signal
+            + (self._path_error * spectra.gradient + self.border_error) * spectra.signal
         )
 
         def error(strength: float) -> float:

@@ -107,8 +107,10 @@ class EncodedImage:
                 out[there, :, channels:] = _as_stored(_as_float(self.values[there, :, channels:]), out.dtype)
 
 
-def result_like(image: ArrayLike, out: NDArray[Any] | None, frame: ReadoutFrame) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the array for the result, `out` or a new float32 array, and its upright view.
+def result_like(
+    image: ArrayLike, out: NDArray[Any] | None, frame: ReadoutFrame | None = None
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the array for the result, `out` or a new float32 array, and its view (H, W, C), upright if `frame` is.
 
     Raises
     ------
@@ -132,7 +134,8 @@ def result_like(image: ArrayLike, out: NDArray[Any] | None, frame: ReadoutFrame)
             f"image has values of up to {image.max():g}, most of them beyond 1, which is white and the most that out's "
             f"{out.dtype} can hold: divide image by its full scale, or use out of float32"
         )
-    return out, frame.image(out if out.ndim == 3 else out[:, :, None])
+    channelled = out if out.ndim == 3 else out[:, :, None]
+    return out, frame.image(channelled) if frame else channelled
 
 
 def check_size(shape: tuple[int, ...], camera: Camera) -> None:

@@ -48,6 +48,7 @@ def deblur(
     weight: Strength = "auto",
     exponent: float = 2 / 3,
     nsr: Strength = "auto",
+    noise: Strength = "auto",
     solver: Solver = "auto",
     geometry: Geometry = "keep",
     border: Border | Boundary = "blend",
@@ -82,18 +83,22 @@ def deblur(
     bands, strips : int or "auto"
         Number of tiles along the readout axis and across it; "auto" limits the change of the blur between neighbouring
         tiles. "global" ignores both, "rowwise" ignores `bands`.
-    prior : {"tv", "wiener", "gradient", "hyper-laplacian"}
-        Regularisation: the Wiener filter, or a penalty on the gradient (:mod:`rsdeblur.deconv.priors`). "tv" and
-        "hyper-laplacian" keep edges sharp and even areas free of noise; "wiener" takes about a twentieth of their time.
+    prior : {"tv", "wiener", "gradient", "hyper-laplacian", "wavelet"}
+        Regularisation: the Wiener filter, a penalty on the gradient (:mod:`rsdeblur.deconv.priors`), or learned
+        shrinkage in a wavelet frame (:mod:`rsdeblur.deconv.wavelet`). "tv" and "hyper-laplacian" keep edges sharp and
+        even areas free of noise; "wiener" takes about a twentieth of their time.
     weight : float or "auto"
-        Weight of the penalty on the gradient, from 1e-20 to 1e20: a larger weight gives a smoother picture. "auto"
-        derives it from the picture's noise and the blur (:mod:`rsdeblur.estimate.strength`).
+        Weight of the prior, from 1e-20 to 1e20: a larger weight gives a smoother picture. "auto" derives it from the
+        picture's noise and the blur (:mod:`rsdeblur.estimate.strength`).
     exponent : float, default 2/3
         Exponent of the hyper-Laplacian, in (0, 1].
     nsr : float or "auto"
         Noise-to-signal power ratio Phi, from 1e-20 to 1e20: a larger ratio gives a smoother picture. For the Wiener
         filter, "auto" derives it from noise and blur. The other priors depend on it little; "auto" then derives it from
         the size of the blur.
+    noise : float or "auto"
+        Standard deviation of the picture's noise in linear light, in which white is 1, from 0 to 1e12; "auto" estimates
+        it. The automatic strengths are derived from it.
     solver : {"auto", "direct", "cg"}
         Solver of "rowwise", see :class:`rsdeblur.RowDeconvolver`.
     geometry : {"keep", "rectify"}
@@ -156,6 +161,7 @@ def deblur(
         weight=weight,
         exponent=exponent,
         nsr=nsr,
+        noise=noise,
         solver=solver,
         geometry=geometry,
         border=border,

@@ -47,6 +47,7 @@ class Options:
     weight: Strength = "auto"
     exponent: float = 2 / 3
     nsr: Strength = "auto"
+    noise: Strength = "auto"
     solver: Solver = "auto"
     geometry: Geometry = "keep"
     border: Border | Boundary = "blend"
@@ -96,6 +97,8 @@ class Options:
         for name in ("nsr", "weight"):
             if not validate.is_auto(getattr(self, name)):
                 checked[name] = validate.strength(name, getattr(self, name))
+        if not validate.is_auto(self.noise):
+            checked["noise"] = validate.noise("noise", self.noise)
         checked["exponent"] = validate.exponent(self.exponent)
         for name in ("threads", "max_memory"):
             if getattr(self, name) is not None:

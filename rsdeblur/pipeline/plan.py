@@ -12,33 +12,31 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur.choices import Mode
-from rsdeblur.deconv.priors import brightness
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.check import QualityCheck, UndershootMeter, assess, fall_back
 from rsdeblur.estimate.refine import Refinement, refine
-from rsdeblur.estimate.strength import KERNELS, Tuning
+from rsdeblur.estimate.strength import KERNELS
 from rsdeblur.image.encoded import EncodedImage, check_size, result_like
 from rsdeblur.image.frame import ReadoutFrame
-from rsdeblur.image.highlights import HighlightSplit, find_spots, separate_highlights
-from rsdeblur.image.transfer import normalized
+from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.motion.rectify import rectify
-from rsdeblur.pipeline.memory import Chunk, plan_chunks
+from rsdeblur.pipeline.memory import Chunk
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.settings import Solve, SolverSettings, TileSolver
 from rsdeblur.pipeline.stages import StageClock
+from rsdeblur.pipeline.steps import derive_strengths, solve_chunks, split_highlights
+from rsdeblur.pipeline.strengths import Strengths
 from rsdeblur.pipeline.tiles import Grid, tile_paths
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import Progress
+from rsdeblur.types import FloatImage, Progress
 
 # Noise-to-signal ratio of the Wiener filter that estimates the highlights behind clipped pixels.
 HIGHLIGHT_NSR = 0.01
-# Number of pixels that automatic strengths are derived from: the middle rows of larger pictures are enough.
-MOST_TUNED_PIXELS = 8_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,6 +62,8 @@ class DeblurResult:
         Seconds spent in each stage.
     check : QualityCheck or None
         Whether to trust the result, see :class:`rsdeblur.QualityCheck`; None where no check was requested.
+    noise : float or None
+        Standard deviation of the noise in linear light, estimated or given; None where no strength needed it.
     refinement : Refinement or None
         Correction of the recording, see :func:`rsdeblur.refine`; None where none was requested.
     """
@@ -77,26 +77,8 @@ class DeblurResult:
     coverage: NDArray[np.bool_]
     timings: dict[str, float] = field(default_factory=dict)
     check: QualityCheck | None = None
+    noise: float | None = None
     refinement: Refinement | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Strengths:
-    """Strengths of a solution, derived from a picture's noise and blur or set by the options.
-
-    Parameters
-    ----------
-    nsr : float
-        Noise-to-signal ratio.
-    weight : float or None
-        Weight of the prior; None for the Wiener filter.
-    peak : float
-        Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
-    """
-
-    nsr: float
-    weight: float | None
-    peak: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,6 +221,7 @@ class Plan:
             coverage=self.frame.back(coverage),
             timings=clock.timings,
             check=check,
+            noise=self.strengths.noise,
             refinement=self.refinement,
         )
 
@@ -249,21 +232,12 @@ class Plan:
 
     def _split(self, encoded: EncodedImage, clock: StageClock) -> HighlightSplit:
         """Separate the clipped highlights, if the options request it and there are any."""
-        if self.options.saturation == "ignore":
-            return HighlightSplit(encoded)
-        with clock.stage("highlights"):
-            spots = find_spots(encoded)
-            if not spots:
-                return HighlightSplit(encoded)
+
+        def bank() -> PsfBank:
             paths = tile_paths(self.capture, "banded", "auto", "auto", HIGHLIGHT_NSR)
-            return separate_highlights(
-                encoded,
-                spots,
-                PsfBank.from_paths(paths, threads=self.options.threads),
-                threads=self.options.threads,
-                max_memory=self.options.max_memory,
-                progress=clock.within("highlights"),
-            )
+            return PsfBank.from_paths(paths, threads=self.options.threads)
+
+        return split_highlights(encoded, self.options, bank, clock)
 
     def _prepared(self, split: HighlightSplit, clock: StageClock) -> Plan:
         """Return the plan with fixed strengths and grid, derived from a picture if this plan has none."""
@@ -279,19 +253,12 @@ class Plan:
 
     def _strengths(self, split: HighlightSplit) -> tuple[Strengths, float]:
         """Return the strengths, and the `nsr` that decides the automatic number of bands."""
-        options, prior = self.options, self.options.prior
-        if prior == "wiener" and options.nsr != "auto":
-            return Strengths(options.nsr, None, 1.0), options.nsr
-        height, width, _ = split.encoded.shape
-        half = min(height, max(1, MOST_TUNED_PIXELS // width)) // 2
-        linear = split.remainder(slice(height // 2 - half, height - height // 2 + half))
-        bank = PsfBank.from_paths(tile_paths(self.capture, "banded", KERNELS, KERNELS, 1.0), threads=options.threads)
-        tuning = Tuning.of(linear, bank, one_filter=self._mode == "global", continued=self._mode != "rowwise")
-        if prior == "wiener":
-            return Strengths(tuning.wiener_nsr, None, 1.0), tuning.wiener_nsr
-        nsr = tuning.border_error if options.nsr == "auto" else options.nsr
-        weight = tuning.weight(prior, options.exponent) if options.weight == "auto" else options.weight
-        return Strengths(nsr, weight, brightness(split.remainder(slice(None), 4))), tuning.gradient_nsr
+
+        def bank() -> PsfBank:
+            paths = tile_paths(self.capture, "banded", KERNELS, KERNELS, 1.0)
+            return PsfBank.from_paths(paths, threads=self.options.threads)
+
+        return derive_strengths(split, self.options, self._mode, bank)
 
     @property
     def _mode(self) -> Mode:
@@ -311,53 +278,33 @@ class Plan:
 
     @property
     def _settings(self) -> SolverSettings:
-        options, strengths = self.options, self.strengths
-        assert strengths is not None
-        return SolverSettings(
-            mode=self._mode,
-            prior=options.prior,
-            exponent=options.exponent,
-            nsr=strengths.nsr,
-            weight=strengths.weight,
-            peak=strengths.peak,
-            solver=options.solver,
-            border=options.solver_border,
-            boundary=options.boundary,
-            planning=options.planning,
-            threads=options.threads,
-        )
+        assert self.strengths is not None
+        return SolverSettings.of(self.options, self._mode, self.strengths)
 
     def _solve(
         self, split: HighlightSplit, out: NDArray[Any], meter: UndershootMeter, clock: StageClock
     ) -> NDArray[np.bool_]:
         """Solve chunk by chunk into `out`, which is upright; return a mask of the pixels that were exposed."""
-        options, shape = self.options, split.encoded.shape
-        memory = None if options.max_memory is None else options.max_memory - split.nbytes
-        chunks, _ = plan_chunks(self.bank, shape, self._settings, memory)
+        shape, settings = split.encoded.shape, self._settings
         coverage: NDArray[np.bool_] = np.broadcast_to(np.True_, shape[:2])
+
+        def rectified(light: FloatImage) -> FloatImage:
+            nonlocal coverage
+            with clock.stage("rectify"):
+                light, coverage = rectify(light, self.capture)
+            return light
+
         with self._kept.lock:
-            for n, chunk in enumerate(chunks):
-                linear = split.remainder(chunk.source)
-                inner = slice(chunk.target.start - chunk.source.start, chunk.target.stop - chunk.source.start)
-                meter.before(linear[inner], chunk.target)
-                with clock.stage("plan"):
-                    solve = self._plan_solver(chunk, linear.shape, keep=len(chunks) == 1)
-                with clock.stage("apply"):
-                    linear = solve(linear, clock.within("apply", n, len(chunks)))
-                split.add_highlights(linear, chunk.source.start)
-                meter.after(linear[inner], chunk.target)
-                if options.geometry == "rectify":
-                    with clock.stage("rectify"):
-                        linear, coverage = rectify(linear, self.capture)
-                if options.normalize:
-                    linear = normalized(linear)
-                split.encoded.encode(linear[inner], chunk.target, out)
-                # Free the memory before the next chunk is planned.
-                del linear, solve
+            solve_chunks(
+                *(split, out, self.bank, self.options, settings, clock),
+                plan_solver=self._plan_solver,
+                meter=meter,
+                finish=rectified if self.options.geometry == "rectify" else None,
+            )
         return coverage
 
-    def _plan_solver(self, chunk: Chunk, shape: tuple[int, int, int], *, keep: bool) -> Solve:
-        settings = self._settings
+    def _plan_solver(self, chunk: Chunk, shape: tuple[int, int, int]) -> Solve:
+        settings, keep = self._settings, chunk.target == slice(0, self.capture.camera.height)
         fits = self.grid is not None and all(np.less_equal(chunk.bank.size, self.grid.size))
         if keep and fits and self.grid is not None and settings.mode != "rowwise" and settings.boundary is None:
             return self._kept.solver(settings, chunk.bank, self.grid, shape)

@@ -12,9 +12,12 @@ from rsdeblur.deconv.boundary import extended, extended_shape
 from rsdeblur.deconv.priors import GradientPrior
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.deconv.rowwise import RowDeconvolver
+from rsdeblur.deconv.wavelet import WaveletPrior
 from rsdeblur.deconv.wiener import Deconvolver, TileFilter
 from rsdeblur.errors import InputError
 from rsdeblur.motion.paths import BlurPaths, Capture
+from rsdeblur.pipeline.options import Options
+from rsdeblur.pipeline.strengths import Strengths
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage, StageProgress
 
@@ -31,6 +34,8 @@ class SolverSettings:
         Numbers, never "auto"; `weight` is None for the Wiener filter.
     peak : float
         Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
+    variances : tuple of float
+        Variances of :class:`rsdeblur.deconv.wavelet.WaveletPrior`; empty for other priors.
     border, boundary
         How the solver continues the picture beyond its frame, and the method that makes it periodic before, or None;
         see :class:`rsdeblur.Options`.
@@ -42,27 +47,50 @@ class SolverSettings:
     nsr: float
     weight: float | None
     peak: float
+    variances: tuple[float, ...] = ()
     solver: Solver
     border: Border
     boundary: Boundary | None = None
     planning: Planning
     threads: int | None
 
+    @classmethod
+    def of(cls, options: Options, mode: Mode, strengths: Strengths) -> SolverSettings:
+        """Return the settings that follow from all options, the mode in effect and the strengths."""
+        return cls(
+            mode=mode,
+            prior=options.prior,
+            exponent=options.exponent,
+            nsr=strengths.nsr,
+            weight=strengths.weight,
+            peak=strengths.peak,
+            variances=strengths.variances,
+            solver=options.solver,
+            border=options.solver_border,
+            boundary=options.boundary,
+            planning=options.planning,
+            threads=options.threads,
+        )
+
     @property
     def _engine(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in ("nsr", "border", "planning", "threads")}
 
     @property
-    def _gradient_prior(self) -> GradientPrior | None:
-        return None if self.weight is None else GradientPrior(self.prior, self.weight, self.exponent, self.peak)
+    def _latent_prior(self) -> GradientPrior | WaveletPrior | None:
+        if self.weight is None:
+            return None
+        if self.prior == "wavelet":
+            return WaveletPrior(self.weight, self.variances)
+        return GradientPrior(self.prior, self.weight, self.exponent, self.peak)
 
-    def plan_solver(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:
+    def plan_solver(self, capture: Capture | None, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:
         """Plan the solver. The returned function restores one picture and reports its progress.
 
         Parameters
         ----------
-        capture : Capture
-            The motion of the whole picture.
+        capture : Capture or None
+            The motion of the whole picture; None if the PSFs do not come from a motion, which "rowwise" needs.
         bank : PsfBank
             PSFs, at places counted from the first of the rows to be solved.
         shape : (H, W, C)
@@ -77,7 +105,7 @@ class SolverSettings:
         """
         if self.boundary is not None:
             return self._extended(capture, bank, shape, self.boundary)
-        if self.mode == "rowwise":
+        if self.mode == "rowwise" and capture is not None:
             return self._rowwise(capture, bank, shape, first)
         return self.plan_tiles(bank, shape)
 
@@ -85,13 +113,16 @@ class SolverSettings:
         """Plan a solver of tiles, whose PSFs can be replaced later."""
         if self.mode == "rowwise":
             raise InputError('mode="rowwise" has no tiles')
-        if self._gradient_prior is None:
+        prior = self._latent_prior
+        if prior is None:
             wiener = Deconvolver(bank, shape, **self._engine)
             return TileSolver(wiener, wiener.apply)
         quadratic = TileQuadratic(bank, shape, **self._engine)
-        return TileSolver(quadratic, partial(quadratic.apply, prior=self._gradient_prior))
+        return TileSolver(quadratic, partial(quadratic.apply, prior=prior))
 
-    def _extended(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], boundary: Boundary) -> Solve:
+    def _extended(
+        self, capture: Capture | None, bank: PsfBank, shape: tuple[int, int, int], boundary: Boundary
+    ) -> Solve:
         height, width, _ = shape
         solve = replace(self, boundary=None).plan_solver(capture, bank, extended_shape(shape, bank, boundary))
         return lambda light, progress: solve(extended(light, bank, boundary), progress)[:height, :width]
@@ -99,7 +130,7 @@ class SolverSettings:
     def _rowwise(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:
         paths = BlurPaths.every_row(capture, bank.cols, within=slice(first, first + shape[0]))
         rows = RowDeconvolver(replace(paths, rows=paths.rows - first), shape, solver=self.solver, **self._engine)
-        return lambda light, progress: rows.apply(light, prior=self._gradient_prior, progress=progress)
+        return lambda light, progress: rows.apply(light, prior=self._latent_prior, progress=progress)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

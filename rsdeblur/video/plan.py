@@ -17,7 +17,8 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.plan import Plan, Strengths, plan
+from rsdeblur.pipeline.plan import Plan, plan
+from rsdeblur.pipeline.strengths import Strengths
 from rsdeblur.pipeline.tiles import Grid, check_reach
 from rsdeblur.types import FloatArray, Progress
 from rsdeblur.video import PRIOR
@@ -171,7 +172,8 @@ def _median_strengths(samples: Sequence[Plan]) -> Strengths:
     strengths = [sample.strengths for sample in samples if sample.strengths is not None]
     weights = [each.weight for each in strengths if each.weight is not None]
     nsr, peak = (float(np.median([getattr(each, name) for each in strengths])) for name in ("nsr", "peak"))
-    return Strengths(nsr, float(np.median(weights)) if weights else None, peak)
+    variances = np.median([each.variances for each in strengths], axis=0)
+    return Strengths(nsr, float(np.median(weights)) if weights else None, peak, tuple(variances.tolist()))
 
 
 def _measure(

@@ -265,3 +265,19 @@ def test_info_on_unknown_files(run: Run, files: Files, tmp_path: Path) -> None:
     assert run("info", "--gyro", files.gyro).exit_code == 2
     refused(run("simulate", files.photo, *files.sources, "--start", 9, "--duration", DURATION, "-o", tmp_path / "s"),
             files.gyro)  # fmt: skip
+
+
+def test_an_own_kernel_excludes_a_recording(run: Run, files: Files, tmp_path: Path) -> None:
+    kernel, out = tmp_path / "kernel.npy", tmp_path / "o.png"
+    np.save(kernel, np.eye(5))
+    for more, words in (
+        (files.recording, "no meaning: --gyro, --camera, --start, --duration"),
+        (["--mode", "rowwise", "--work-size", "paper"], "no meaning: --mode, --work-size"),
+    ):
+        result = run("deblur", files.photo, "--psf", kernel, *more, "-o", out)
+        assert (result.exit_code, words in result.stderr) == (2, True), result.stderr
+    result = run("deblur", files.photo, "--gyro", files.gyro, "-o", out)
+    assert (result.exit_code, "--camera missing" in result.stderr) == (2, True), result.stderr
+    refused(run("deblur", files.photo, "--psf", files.gyro, "-o", out), files.gyro)
+    np.save(kernel, np.ones((99, 99)))
+    refused(run("deblur", files.photo, "--psf", kernel, "-o", out), kernel, "larger than the picture")

@@ -17,6 +17,7 @@ from numba.core.dispatcher import Dispatcher
 
 from rsdeblur import kernels
 from rsdeblur.kernels import native, rowwise
+from rsdeblur.kernels.frame import GATES, WORK
 from rsdeblur.kernels.rowwise import LANES, RowModel
 
 Array = np.ndarray[Any, Any]
@@ -26,7 +27,7 @@ TWINS = {
     name.removesuffix("_numpy"): module
     for module in MODULES
     for name in vars(module)
-    if name.endswith("_numpy") and getattr(module, name).__module__ == module.__name__
+    if name.endswith("_numpy") and name[0] != "_" and getattr(module, name).__module__ == module.__name__
 }
 
 FLOATS = (np.nan, np.inf, -np.inf, 3e38, -3e38, 1e-45, -1e-45, -0.0, 1.0)
@@ -109,6 +110,9 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
         float(h.number()),
     ],
     "average_warps": lambda h: [h(6, 7, 3), h(5, 4, 3, 3, dtype=np.float64), 8],
+    "combine": lambda h: [h(2, 37, 40), h(2, 4, 3), h(2), h(2, 4, 3, 3), GATES, h(WORK + 2, 37, 40), h(5, 8)],
+    "cut_block": lambda h: [h(5, 6, 3), np.array([1, 0, 4]), np.array([5, 0]), h(3, 3), h(3, 3, 2)],
+    "put_block": lambda h: [h(3, 4, 5), h(3, 3), h(4, 5, 3)],
 }
 
 

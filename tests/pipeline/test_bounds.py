@@ -22,6 +22,7 @@ from rsdeblur import (
     PsfBank,
     RsdeblurError,
     deblur,
+    deconvolve,
     find_time_offset,
     hand_shake,
     psfs,
@@ -35,6 +36,7 @@ LOG = hand_shake(0.2, strength=1.0, seed=3)
 CAMERA = Camera(WIDTH, HEIGHT, 60.0, readout_time=0.03)
 EXPOSURE = Exposure(0.05, 0.025)
 NOISE = np.random.default_rng(0).random((HEIGHT, WIDTH, 3), dtype=np.float32)
+KERNEL = np.full((1, 5), 0.2)
 
 
 def run(image: Any = NOISE, **options: Any) -> Any:
@@ -46,6 +48,20 @@ def run(image: Any = NOISE, **options: Any) -> Any:
 def test_strengths_that_float32_does_not_carry_are_refused(name: str, value: float) -> None:
     with pytest.raises(InputError, match=rf"^{name} must be"):
         run(**{name: value})
+
+
+@pytest.mark.parametrize("value", [-1e-9, 2e12, 1e300, np.inf, np.nan])
+def test_noise_that_float32_does_not_carry_is_refused(value: float) -> None:
+    for refused in (lambda: run(noise=value), lambda: deconvolve(NOISE, KERNEL, noise=value)):
+        with pytest.raises(InputError, match=r"^noise must be"):
+            refused()
+
+
+@pytest.mark.parametrize("options", [{}, {"border": "periodic"}, {"weight": 1e-20}, {"weight": 1e20}])
+@pytest.mark.parametrize("noise", [0.0, 1e-40, 1e12])
+@pytest.mark.parametrize("prior", PRIORS)
+def test_any_noise_has_a_finite_result(prior: str, noise: float, options: dict[str, Any]) -> None:
+    assert np.isfinite(deconvolve(NOISE, KERNEL, prior=prior, noise=noise, **options).image).all()
 
 
 @pytest.mark.parametrize("value", [1e-20, 1e20])

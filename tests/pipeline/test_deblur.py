@@ -11,6 +11,7 @@ from skimage.metrics import peak_signal_noise_ratio
 
 import rsdeblur
 from rsdeblur import Camera, CoverageError, Exposure, GyroLog, InputError, RsdeblurWarning, Simulation, simulate
+from rsdeblur.choices import PRIORS
 from rsdeblur.deconv import tiling
 from rsdeblur.pipeline.deblur import psfs
 from rsdeblur.simulation.scene import scene
@@ -223,7 +224,7 @@ def test_auto_is_near_the_best(soft: tuple[Simulation, GyroLog]) -> None:
     assert best["gradient"] > best["wiener"] + 0.3
 
 
-@pytest.mark.parametrize("prior", ["wiener", "gradient", "tv", "hyper-laplacian"])
+@pytest.mark.parametrize("prior", PRIORS)
 @pytest.mark.parametrize("noise", [0.01, 0.03])
 def test_auto_does_a_still_picture_no_harm(soft: tuple[Simulation, GyroLog], prior: str, noise: float) -> None:
     still = GyroLog([0.0, 0.3], np.full((2, 3), 0.02))  # 0.1 px during the exposure
@@ -244,7 +245,7 @@ def test_strengths_that_are_set_are_used_and_reported(soft: tuple[Simulation, Gy
 def test_brightness_is_only_a_factor(soft: tuple[Simulation, GyroLog]) -> None:
     """A darker picture of the same scene gives the same result, darker."""
     capture, log = soft
-    for prior in ("wiener", "tv", "hyper-laplacian"):
+    for prior in ("wiener", "tv", "hyper-laplacian", "wavelet"):
         bright = deblur(capture.blurred, log, CAMERA, EXPOSURE, prior=prior).image
         dark = deblur(capture.blurred / 16, log, CAMERA, EXPOSURE, prior=prior).image
         # Rounding decides which gradients are above the threshold.

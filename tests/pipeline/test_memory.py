@@ -25,6 +25,7 @@ METHODS = {
     "banded tv": {"bands": 12, "strips": 1, "prior": "tv", "weight": 1e-3},
     "rowwise": {"mode": "rowwise", "strips": 1, "nsr": 0.02},
     "rowwise tv": {"mode": "rowwise", "strips": 2, "prior": "tv", "weight": 1e-3},
+    "banded wavelet": {"bands": 12, "strips": 1, "prior": "wavelet"},
 }
 
 # Bytes for which the picture is cut into a few chunks.
@@ -34,6 +35,7 @@ MEMORY = {
     "banded tv": 3_000_000,
     "rowwise": 1_300_000,
     "rowwise tv": 3_000_000,
+    "banded wavelet": 3_000_000,
 }
 
 
@@ -58,7 +60,7 @@ def planned(monkeypatch):
 
     plan_chunks = memory.plan_chunks
     monkeypatch.setattr(memory, "FIXED", 0)
-    monkeypatch.setattr("rsdeblur.pipeline.plan.plan_chunks", plan)
+    monkeypatch.setattr("rsdeblur.pipeline.steps.plan_chunks", plan)
     return chunks
 
 

@@ -1,0 +1,153 @@
+"""Deconvolution with the caller's own PSFs: everything that :func:`rsdeblur.deblur` offers, without a motion."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rsdeblur._util import validate
+from rsdeblur.choices import Auto, Border, Boundary, Mode, Planning, Prior, Saturation, Strength, Transfer
+from rsdeblur.errors import InputError
+from rsdeblur.image.encoded import EncodedImage, result_like
+from rsdeblur.pipeline.options import Options
+from rsdeblur.pipeline.plan import DeblurResult
+from rsdeblur.pipeline.settings import SolverSettings
+from rsdeblur.pipeline.stages import StageClock
+from rsdeblur.pipeline.steps import derive_strengths, solve_chunks, split_highlights
+from rsdeblur.psf import PsfBank
+from rsdeblur.types import Progress
+
+
+def deconvolve(
+    image: ArrayLike,
+    psf: ArrayLike | PsfBank,
+    *,
+    prior: Prior = "tv",
+    weight: Strength = "auto",
+    exponent: float = 2 / 3,
+    nsr: Strength = "auto",
+    noise: Strength = "auto",
+    border: Border | Boundary = "blend",
+    transfer: Transfer | Auto = "auto",
+    normalize: bool = False,
+    saturation: Saturation = "ignore",
+    planning: Planning = "estimate",
+    threads: int | None = None,
+    max_memory: int | None = None,
+    out: NDArray[Any] | None = None,
+    progress: Progress | None = None,
+) -> DeblurResult:
+    """Remove a known blur from a picture.
+
+    One PSF is undone in the whole picture, several in tiles whose results are blended. Strengths are derived from the
+    picture and the PSFs, as :func:`rsdeblur.deblur` does.
+
+    Parameters
+    ----------
+    image : array_like, shape (H, W) or (H, W, C)
+        See :func:`rsdeblur.deblur`.
+    psf : array_like, shape (kh, kw) or (B, S, kh, kw), or PsfBank
+        The PSF, or PSFs that are exact at the centres of B x S equal tiles, or PSFs at given places. Sizes are odd, and
+        each PSF sums to 1; see :class:`rsdeblur.PsfBank` for the orientation.
+    prior, weight, exponent, nsr, noise, transfer, normalize, saturation, planning, threads, max_memory
+        See :func:`rsdeblur.deblur`.
+    border : {"blend", "periodic", "reflect", "edge-taper", "smooth"}
+        See :func:`rsdeblur.deblur`. With "periodic", the automatic strengths take it that the picture was blurred so.
+    out, progress
+        See :func:`rsdeblur.deblur`.
+
+    Returns
+    -------
+    DeblurResult
+        The sharp picture, and what was used for it. There is no `check`, which compares the blur with other motions.
+
+    Raises
+    ------
+    InputError
+        If an argument is out of range, the PSF is larger than the picture, or its place lies outside.
+
+    Examples
+    --------
+    >>> sharp = rsdeblur.deconvolve(image, kernel / kernel.sum(), prior="hyper-laplacian").image
+    """
+    options = Options(
+        prior=prior,
+        weight=weight,
+        exponent=exponent,
+        nsr=nsr,
+        noise=noise,
+        border=border,
+        transfer=transfer,
+        normalize=normalize,
+        saturation=saturation,
+        check=False,
+        planning=planning,
+        threads=threads,
+        max_memory=max_memory,
+    )
+    return deconvolve_with(options, image, psf, out=out, progress=progress)
+
+
+def deconvolve_with(
+    options: Options,
+    image: ArrayLike,
+    psf: ArrayLike | PsfBank,
+    *,
+    out: NDArray[Any] | None = None,
+    progress: Progress | None = None,
+) -> DeblurResult:
+    """Run :func:`deconvolve` with its keywords in `options`; the options that describe a motion are ignored."""
+    clock = StageClock(validate.callback("progress", progress))
+    encoded = EncodedImage.of(image, options.transfer)
+    bank = _bank(psf, encoded.shape)
+    check_bank(bank, encoded.shape)
+    out, channelled = result_like(image, out)
+    mode, (bands, strips) = mode_of(bank), bank.kernels.shape[:2]
+    split = split_highlights(encoded, options, lambda: bank, clock)
+    with clock.stage("tune"):
+        strengths, _ = derive_strengths(split, options, mode, lambda: bank, repeats=options.border == "periodic")
+    settings = SolverSettings.of(options, mode, strengths)
+    solve_chunks(
+        *(split, channelled, bank, options, settings, clock),
+        plan_solver=lambda chunk, shape: settings.plan_solver(None, chunk.bank, shape),
+    )
+    return DeblurResult(
+        image=out,
+        psfs=bank,
+        bands=bands,
+        strips=strips,
+        nsr=strengths.nsr,
+        weight=strengths.weight,
+        coverage=np.broadcast_to(np.True_, encoded.shape[:2]),
+        timings=clock.timings,
+        noise=strengths.noise,
+    )
+
+
+def _bank(psf: ArrayLike | PsfBank, shape: tuple[int, ...]) -> PsfBank:
+    if isinstance(psf, PsfBank):
+        return psf
+    try:
+        return PsfBank.for_picture(psf, shape)
+    except InputError as error:
+        raise InputError(f"psf: {error}") from error
+
+
+def mode_of(bank: PsfBank) -> Mode:
+    """Return the mode in which PSFs are undone."""
+    return "global" if bank.kernels.shape[:2] == (1, 1) else "banded"
+
+
+def check_bank(bank: PsfBank, shape: tuple[int, ...]) -> None:
+    """Raise `InputError` unless the PSFs fit a picture of `shape`."""
+    (tall, wide), (height, width) = bank.size, shape[:2]
+    if tall > height or wide > width:
+        raise InputError(f"the PSF of {wide}x{tall} px is larger than the picture of {width}x{height} px")
+    for name, places, length in (("rows", bank.rows, height), ("cols", bank.cols, width)):
+        if places[0] < 0 or places[-1] > length - 1 or (np.diff(places) < 1).any():
+            raise InputError(
+                f"{name} of the PSFs must lie within the picture of {width}x{height} px, a pixel or more apart, got "
+                f"{places.tolist()}"
+            )

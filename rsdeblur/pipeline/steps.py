@@ -1,0 +1,137 @@
+"""The steps that a picture takes whether its PSFs come from a motion or from the caller."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from numpy.typing import NDArray
+
+from rsdeblur.choices import Mode
+from rsdeblur.deconv.priors import brightness
+from rsdeblur.estimate.check import UndershootMeter
+from rsdeblur.estimate.strength import Tuning
+from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.image.highlights import HighlightSplit, find_spots, separate_highlights
+from rsdeblur.image.transfer import normalized
+from rsdeblur.pipeline.memory import Chunk, plan_chunks
+from rsdeblur.pipeline.options import Options
+from rsdeblur.pipeline.settings import Solve, SolverSettings
+from rsdeblur.pipeline.stages import StageClock
+from rsdeblur.pipeline.strengths import Strengths
+from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatImage
+
+# Number of pixels that automatic strengths are derived from: the middle rows of larger pictures are enough.
+MOST_TUNED_PIXELS = 8_000_000
+
+
+def split_highlights(
+    encoded: EncodedImage, options: Options, bank: Callable[[], PsfBank], clock: StageClock
+) -> HighlightSplit:
+    """Separate the clipped highlights, if the options request it and there are any; only then `bank` is called."""
+    if options.saturation == "ignore":
+        return HighlightSplit(encoded)
+    with clock.stage("highlights"):
+        spots = find_spots(encoded)
+        if not spots:
+            return HighlightSplit(encoded)
+        return separate_highlights(
+            encoded,
+            spots,
+            bank(),
+            threads=options.threads,
+            max_memory=options.max_memory,
+            progress=clock.within("highlights"),
+        )
+
+
+def derive_strengths(
+    split: HighlightSplit, options: Options, mode: Mode, bank: Callable[[], PsfBank], *, repeats: bool = False
+) -> tuple[Strengths, float]:
+    """Return the strengths, and the `nsr` that decides the automatic number of bands.
+
+    Parameters
+    ----------
+    split : HighlightSplit
+        The picture.
+    options : Options
+        Options; what they set is not derived.
+    mode : {"global", "banded", "rowwise"}
+        The mode in effect.
+    bank : callable
+        Returns a few PSFs that are spread over the picture; called only if something is derived.
+    repeats : bool, default False
+        Whether the picture repeats, which a photo never does.
+    """
+    prior = options.prior
+    if prior == "wiener" and options.nsr != "auto":
+        return Strengths(options.nsr, None, 1.0), options.nsr
+    height, width, _ = split.encoded.shape
+    half = min(height, max(1, MOST_TUNED_PIXELS // width)) // 2
+    linear = split.remainder(slice(height // 2 - half, height - height // 2 + half))
+    noise = None if options.noise == "auto" else options.noise
+    tuning = Tuning.of(
+        *(linear, bank()), noise=noise, one_filter=mode == "global", continued=mode != "rowwise", repeats=repeats
+    )
+    if prior == "wiener":
+        return Strengths(tuning.wiener_nsr, None, 1.0, noise=tuning.noise), tuning.wiener_nsr
+    nsr = tuning.border_error if options.nsr == "auto" else options.nsr
+    if prior == "wavelet":
+        wavelet = tuning.wavelet(None if options.weight == "auto" else options.weight)
+        return Strengths(nsr, wavelet.weight, 1.0, wavelet.variances, tuning.noise), tuning.gradient_nsr
+    weight = tuning.weight(prior, options.exponent) if options.weight == "auto" else options.weight
+    peak = brightness(split.remainder(slice(None), 4))
+    return Strengths(nsr, weight, peak, noise=tuning.noise), tuning.gradient_nsr
+
+
+def solve_chunks(
+    split: HighlightSplit,
+    out: NDArray[Any],
+    bank: PsfBank,
+    options: Options,
+    settings: SolverSettings,
+    clock: StageClock,
+    *,
+    plan_solver: Callable[[Chunk, tuple[int, int, int]], Solve],
+    meter: UndershootMeter | None = None,
+    finish: Callable[[FloatImage], FloatImage] | None = None,
+) -> None:
+    """Solve chunk by chunk into `out`, which is upright.
+
+    Parameters
+    ----------
+    split, bank, options, settings
+        The picture, its PSFs, and how to solve it.
+    out : ndarray
+        Receives encoded values.
+    clock : StageClock
+        Times the stages.
+    plan_solver : callable
+        Plans the solver of a chunk whose light has the given shape.
+    meter : UndershootMeter, optional
+        Measures light before and after the solve.
+    finish : callable, optional
+        Changes the sharp light before it is encoded.
+    """
+    memory = None if options.max_memory is None else options.max_memory - split.nbytes
+    chunks, _ = plan_chunks(bank, split.encoded.shape, settings, memory)
+    for n, chunk in enumerate(chunks):
+        linear = split.remainder(chunk.source)
+        inner = slice(chunk.target.start - chunk.source.start, chunk.target.stop - chunk.source.start)
+        if meter is not None:
+            meter.before(linear[inner], chunk.target)
+        with clock.stage("plan"):
+            solve = plan_solver(chunk, linear.shape)
+        with clock.stage("apply"):
+            linear = solve(linear, clock.within("apply", n, len(chunks)))
+        split.add_highlights(linear, chunk.source.start)
+        if meter is not None:
+            meter.after(linear[inner], chunk.target)
+        if finish is not None:
+            linear = finish(linear)
+        if options.normalize:
+            linear = normalized(linear)
+        split.encoded.encode(linear[inner], chunk.target, out)
+        # Free the memory before the next chunk is planned.
+        del linear, solve
