@@ -42,8 +42,9 @@ MODELS = (("drift_x", "drift_y"), ("scale", "drift_x", "drift_y"), PARAMETERS)
 ADJUSTED, ADJUSTMENTS, FIRST_STEP = MODELS[1], 45, 0.6
 # Nats that a fall of the logarithm of l1 / l2 is worth, and that a parameter costs.
 NATS_PER_FALL, NATS_PER_PARAMETER = 1000.0, 3.0
-# Least gain, nats, and least fall of a correction that is accepted, and the most standard deviations of any parameter.
-LEAST_GAIN, LEAST_FALL, MOST_DEVIATIONS = 5.0, 0.01, 6.0
+# Least gain (nats), fall, and both together (nats) of a correction that is accepted, and the most standard deviations
+# of any parameter.
+LEAST_GAIN, LEAST_FALL, LEAST_WORTH, MOST_DEVIATIONS = 0.0, 0.01, 15.0, 6.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -197,7 +198,8 @@ class _Judge:
 
     def _worth(self, place: FloatArray) -> float:
         gain = self.gain(place)
-        return gain + NATS_PER_FALL * self.fall(place) if np.isfinite(gain) else -np.inf
+        # Far from the truth, the sharp picture may be clear because little blur was removed.
+        return gain if gain < LEAST_GAIN else gain + NATS_PER_FALL * self.fall(place)
 
     def _adjusted(self, place: FloatArray, at: list[int], progress: Progress) -> FloatArray:
         """Return the place of most worth that the method of Nelder and Mead finds along some axes."""
@@ -221,7 +223,7 @@ class _Judge:
         """Return why a correction is not credible; nothing if it is."""
         if self.gain(place) < LEAST_GAIN:
             return "the picture's spectra do not contradict the recording"
-        if self.fall(place) < LEAST_FALL:
+        if self.fall(place) < LEAST_FALL or self._worth(place) < LEAST_WORTH:
             return "the sharp picture does not become clearer"
         if np.abs(place).max() > MOST_DEVIATIONS:
             return "the likeliest correction is too far from the recording"

@@ -22,7 +22,7 @@ from rsdeblur.psf import PsfBank, tile_centres
 from rsdeblur.types import FloatImage
 
 # Longer side of the picture that is made sharp, px, and the tiles there.
-SIDE, TILES = 640, (6, 2)
+SIDE, TILES = 640, (8, 4)
 # Border that is not compared, px.
 FRAME = 16
 
