@@ -190,7 +190,9 @@ def sensors_beside(grid: FloatArray, t: int) -> tuple[list[Columns], list[Column
     accelerometers: list[Columns] = []
     others = [k for k in range(grid.shape[1]) if k != t]
     for x, y, z in zip(others[::3], others[1::3], others[2::3], strict=True):
-        size = float(np.median(np.linalg.norm(grid[:, (x, y, z)], axis=1)))
+        # Impossible values, whose squares overflow, are refused later.
+        with np.errstate(over="ignore"):
+            size = float(np.median(np.linalg.norm(grid[:, (x, y, z)], axis=1)))
         (accelerometers if abs(size - GRAVITY) < 2 else gyros).append(Columns((t, x, y, z)))
     return gyros, accelerometers
 

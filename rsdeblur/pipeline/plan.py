@@ -255,7 +255,9 @@ class Plan:
         """Return the strengths, and the `nsr` that decides the automatic number of bands."""
 
         def bank() -> PsfBank:
-            paths = tile_paths(self.capture, "banded", KERNELS, KERNELS, 1.0)
+            camera = self.capture.camera
+            bands, strips = min(KERNELS, camera.height), min(KERNELS, camera.width)
+            paths = tile_paths(self.capture, "banded", bands, strips, 1.0)
             return PsfBank.from_paths(paths, threads=self.options.threads)
 
         return derive_strengths(split, self.options, self._mode, bank)
