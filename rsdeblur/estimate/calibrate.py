@@ -201,10 +201,8 @@ def calibrate_matches(
         The matches, see :func:`rsdeblur.estimate.clip_matches.match_clip`.
     epoch_ns : int
         Origin of their times, ns.
-    log, camera, progress
+    log, camera, search, progress
         See :func:`calibrate`.
-    search : (float, float)
-        First and last time offset, s.
     """
     reason = _too_few(matches)
     if reason:

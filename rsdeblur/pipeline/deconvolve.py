@@ -51,11 +51,11 @@ def deconvolve(
     psf : array_like, shape (kh, kw) or (B, S, kh, kw), or PsfBank
         The PSF, or PSFs that are exact at the centres of B x S equal tiles, or PSFs at given places. Sizes are odd, and
         each PSF sums to 1; see :class:`rsdeblur.PsfBank` for the orientation.
-    prior, weight, exponent, nsr, noise, transfer, normalize, saturation, planning, threads, max_memory
+    prior, weight, exponent, nsr, noise
         See :func:`rsdeblur.deblur`.
     border : {"blend", "periodic", "reflect", "edge-taper", "smooth"}
         See :func:`rsdeblur.deblur`. With "periodic", the automatic strengths take it that the picture was blurred so.
-    out, progress
+    transfer, normalize, saturation, planning, threads, max_memory, out, progress
         See :func:`rsdeblur.deblur`.
 
     Returns

@@ -385,10 +385,12 @@ def plan_for(
 
     Parameters
     ----------
-    image, log, camera, exposure, progress
+    image, log, camera, exposure
         See :func:`rsdeblur.deblur`.
     options : Options
         All options.
+    progress : callable, optional
+        See :func:`rsdeblur.deblur`.
 
     Returns
     -------

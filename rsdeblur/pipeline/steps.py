@@ -101,10 +101,12 @@ def solve_chunks(
 
     Parameters
     ----------
-    split, bank, options, settings
-        The picture, its PSFs, and how to solve it.
+    split : HighlightSplit
+        The picture.
     out : ndarray
         Receives encoded values.
+    bank, options, settings
+        Its PSFs, and how to solve it.
     clock : StageClock
         Times the stages.
     plan_solver : callable
