@@ -91,7 +91,18 @@ class Uncertainty:
             raise InputError("uncertainty is 0 in all its parts, so that there is nothing to refine")
 
     def deviations(self, camera: Camera) -> FloatArray:
-        """Return the standard deviations of the parameters of a :class:`Correction`."""
+        """Return the standard deviations of the parameters of a :class:`Correction`.
+
+        Parameters
+        ----------
+        camera : Camera
+            Camera of the picture as stored. Without a readout, its readout time is known.
+
+        Returns
+        -------
+        ndarray, shape (6,)
+            In the order and the units of :class:`Correction`.
+        """
         drift = self.drift * max(camera.width, camera.height)
         readout = self.readout if camera.readout_time > 0 else 0.0
         return Correction(self.scale, drift, drift, self.offset, readout, self.roll).vector
