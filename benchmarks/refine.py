@@ -1,8 +1,8 @@
 """How well `refine` corrects wrong recordings of simulated captures that a phone has processed.
 
 ``python -m benchmarks.refine [--captures N] [--kinds none,drift,...]``. Errors are root mean square distances between
-the paths and the true ones, in px, each path about its mean. The pictures are not those that the constants of `refine`
-were chosen on (`seed`).
+the paths and the true ones, in px, each path about its mean. The constants of `refine` were chosen on the same
+photographs at other moments of the log, with other seeds.
 """
 
 from __future__ import annotations

@@ -115,8 +115,10 @@ class Posterior:
 
     def spread(self, place: FloatArray) -> FloatArray:
         """Return the standard deviations of all parameters at a place, as shares of those of the prior."""
+        spread = np.zeros(len(PARAMETERS))
+        if not self.free:
+            return spread
         at = np.array([PARAMETERS.index(name) for name in self.free])
-        spread = (self._deviations > 0).astype(np.float64)
         precision = self._information(place, at)[1] + np.eye(len(at))
         spread[at] = np.sqrt(np.diag(np.linalg.inv(precision)))
         return spread
@@ -145,7 +147,7 @@ class Posterior:
         """Return gradient and Fisher information of the tiles together for the parameters `at`."""
         expected = self._spectra.expected(self.corrected(place))
         slopes = [self._slope(place, index, expected) for index in at]
-        _, gradient, information = self._spectra.information(expected, np.array(slopes))
+        gradient, information = self._spectra.information(expected, np.array(slopes))
         # A tile that alone would gain more than the bound has less weight.
         solved = np.linalg.solve(information + TILES_AS_ONE * np.eye(len(at)), gradient[..., None])[..., 0]
         weight = 1.0 / (1.0 + 0.5 * (solved * gradient).sum(axis=1) / MOST_NATS)

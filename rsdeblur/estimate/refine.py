@@ -42,9 +42,8 @@ MODELS = (("drift_x", "drift_y"), ("scale", "drift_x", "drift_y"), PARAMETERS)
 ADJUSTED, ADJUSTMENTS, FIRST_STEP = MODELS[1], 45, 0.6
 # Nats that a fall of the logarithm of l1 / l2 is worth, and that a parameter costs.
 NATS_PER_FALL, NATS_PER_PARAMETER = 1000.0, 3.0
-# Least gain (nats), fall, and both together (nats) of a correction that is accepted, and the most standard deviations
-# of any parameter.
-LEAST_GAIN, LEAST_FALL, LEAST_WORTH, MOST_DEVIATIONS = 0.0, 0.01, 15.0, 6.0
+# Least worth (nats) and least fall of a correction that is accepted, and the most standard deviations of any parameter.
+LEAST_WORTH, LEAST_FALL, MOST_DEVIATIONS = 15.0, 0.01, 6.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -173,7 +172,7 @@ class _Judge:
     def __init__(self, posterior: Posterior, sharpness: Sharpness) -> None:
         self.posterior, self._sharpness = posterior, sharpness
         self._nothing = np.zeros(len(PARAMETERS))
-        self._given = sharpness.of(posterior.corrected(self._nothing))
+        self._sparsities: dict[bytes, float] = {}
 
     def gain(self, place: FloatArray) -> float:
         """Return how much likelier the spectra are than without a correction, nats."""
@@ -181,7 +180,13 @@ class _Judge:
 
     def fall(self, place: FloatArray) -> float:
         """Return how much the logarithm of l1 / l2 falls."""
-        return self._given - self._sharpness.of(self.posterior.corrected(place))
+        return self._sparsity(self._nothing) - self._sparsity(place)
+
+    def _sparsity(self, place: FloatArray) -> float:
+        key = place.tobytes()
+        if key not in self._sparsities:
+            self._sparsities[key] = self._sharpness.of(self.posterior.corrected(place))
+        return self._sparsities[key]
 
     def best(self, progress: Progress) -> FloatArray:
         """Return the best of all corrections that the spectra suggest, adjusted by the sharp picture."""
@@ -198,8 +203,9 @@ class _Judge:
 
     def _worth(self, place: FloatArray) -> float:
         gain = self.gain(place)
-        # Far from the truth, the sharp picture may be clear because little blur was removed.
-        return gain if gain < LEAST_GAIN else gain + NATS_PER_FALL * self.fall(place)
+        # The sharp picture counts only where the spectra agree. Far from the truth it may be clear because little blur
+        # was removed.
+        return gain if gain < 0 else gain + NATS_PER_FALL * self.fall(place)
 
     def _adjusted(self, place: FloatArray, at: list[int], progress: Progress) -> FloatArray:
         """Return the place of most worth that the method of Nelder and Mead finds along some axes."""
@@ -221,9 +227,9 @@ class _Judge:
 
     def objection(self, place: FloatArray) -> str:
         """Return why a correction is not credible; nothing if it is."""
-        if self.gain(place) < LEAST_GAIN:
-            return "the picture's spectra do not contradict the recording"
-        if self.fall(place) < LEAST_FALL or self._worth(place) < LEAST_WORTH:
+        if self._worth(place) < LEAST_WORTH:
+            return "the picture does not contradict the recording, or not clearly"
+        if self.fall(place) < LEAST_FALL:
             return "the sharp picture does not become clearer"
         if np.abs(place).max() > MOST_DEVIATIONS:
             return "the likeliest correction is too far from the recording"

@@ -21,8 +21,8 @@ from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank, tile_centres
 from rsdeblur.types import FloatImage
 
-# Longer side of the picture that is made sharp, px, and the tiles there.
-SIDE, TILES = 640, (8, 4)
+# Longer side of the picture that is made sharp and least shorter side, px, and the tiles there.
+SIDE, LEAST_SIDE, TILES = 640, 64, (8, 4)
 # Border that is not compared, px.
 FRAME = 16
 
@@ -39,7 +39,7 @@ class Sharpness:
     """
 
     def __init__(self, light: FloatImage, recording: Recording) -> None:
-        self._scale = min(1.0, SIDE / max(light.shape))
+        self._scale = min(1.0, max(SIDE / max(light.shape), LEAST_SIDE / min(light.shape)))
         small = recording.camera.scaled(self._scale)
         if self._scale < 1:
             light = resize(light, (small.height, small.width), order=1, anti_aliasing=True)
@@ -57,9 +57,9 @@ class Sharpness:
             bank = self._bank(recording)
         except UNDESCRIBED:
             return np.inf
-        sharp = TileQuadratic(bank, self._light.shape, nsr=self._nsr, threads=1).apply(self._light, prior=self._prior)[
-            ..., 0
-        ]
+        # The lines are too short to be worth sharing among threads.
+        solver = TileQuadratic(bank, self._light.shape, nsr=self._nsr, threads=1)
+        sharp = solver.apply(self._light, prior=self._prior)[..., 0]
         inner = sharp[FRAME:-FRAME, FRAME:-FRAME]
         slope = np.hypot(np.diff(inner, axis=0)[:, :-1], np.diff(inner, axis=1)[:-1])
         return float(np.log(slope.mean() / np.sqrt(np.square(slope).mean())))

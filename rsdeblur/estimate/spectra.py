@@ -104,10 +104,8 @@ class TileSpectra:
         """
         return self._periodograms.fit(self.expected(recording), self._place)[0]
 
-    def information(
-        self, expected: NDArray[np.float32], slopes: NDArray[np.float32]
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return nats, gradient and Fisher information of every tile, see :func:`rsdeblur.kernels.whittle.information`.
+    def information(self, expected: NDArray[np.float32], slopes: NDArray[np.float32]) -> tuple[FloatArray, FloatArray]:
+        """Return gradient and Fisher information of every tile, see :func:`rsdeblur.kernels.whittle.information`.
 
         Parameters
         ----------
@@ -117,11 +115,10 @@ class TileSpectra:
             Derivatives of its logarithm.
         """
         measured = self._periodograms
-        nats, gains, levels = measured.fit(expected, self._place)
-        gradient, fisher = whittle.information(
+        _, gains, levels = measured.fit(expected, self._place)
+        return whittle.information(
             measured.power, measured.noise, expected, slopes, self._place, measured.sectors, (gains, levels), STIFFNESS
         )
-        return nats, gradient, fisher
 
 
 class TilePeriodograms:

@@ -117,3 +117,11 @@ def test_uncertainties_are_checked():
         Uncertainty(drift=-1.0)
     with pytest.raises(InputError, match="nothing to refine"):
         Uncertainty(scale=0.0, drift=0.0, offset=0.0, readout=0.0, roll=0.0)
+
+
+def test_nothing_uncertain_is_left_as_it_is(picture):
+    """A global shutter has no readout time to correct."""
+    fixed = Uncertainty(scale=0.0, drift=0.0, offset=0.0, roll=0.0)
+    found = refine(picture, LOG, replace(CAMERA, readout_time=0.0), EXPOSURE, uncertainty=fixed)
+    assert not found.accepted
+    assert found.deviation == Correction()
