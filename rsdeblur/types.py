@@ -24,3 +24,6 @@ Progress = Callable[[str, float], None]
 
 StageProgress = Callable[[float], None]
 """Function called with the finished fraction of one stage, from 0 to 1."""
+
+Denoiser = Callable[[FloatImage, float], FloatImage]
+"""Function called as ``denoise(image, sigma)``; it removes noise of the standard deviation sigma."""

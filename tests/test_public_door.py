@@ -136,6 +136,8 @@ CALLS: dict[str, Call] = {
     "restore: solver": lambda x: rs.restore(x, IMAGE, prior="tv", weight=0.01),
     "restore: weight": lambda x: rs.restore(TILES, IMAGE, prior="tv", weight=x),
     "GradientPrior: exponent": lambda x: rs.GradientPrior("tv", 0.1, x),
+    "PlugAndPlayPrior: denoise": lambda x: rs.PlugAndPlayPrior(x, 0.1),
+    "PlugAndPlayPrior: weight": lambda x: rs.PlugAndPlayPrior(lambda image, sigma: image, x),
     "Tuning.of: light": lambda x: rs.Tuning.of(x, BANK),
     "Tuning.of: bank": lambda x: rs.Tuning.of(IMAGE, x),
     "refine: image": lambda x: rs.refine(x, LOG, CAMERA, EXPOSURE),

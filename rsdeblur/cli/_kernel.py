@@ -76,4 +76,4 @@ def deconvolve_photo(
         naming(photo),
     ):
         result = deconvolve_with(options, pixels, bank, out=out, progress=move)
-    return facts_of(result, target.output, mode_of(bank), options.prior, time.perf_counter() - begin)
+    return facts_of(result, target.output, mode_of(bank), options.prior_name, time.perf_counter() - begin)

@@ -13,7 +13,7 @@ from rsdeblur.cli._output import prepare_folder
 from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
-    from rsdeblur.choices import Mode, Prior
+    from rsdeblur.choices import Mode
     from rsdeblur.estimate.refine import Refinement
     from rsdeblur.io.pictures import Picture
     from rsdeblur.pipeline.options import Options
@@ -78,10 +78,10 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         planned = plan_for(pixels, log, camera, exposure, options, progress=move)
         result = planned.apply(pixels, out=out, progress=move)
     seconds = time.perf_counter() - begin
-    return facts_of(result, job.output, job.options.mode, job.options.prior, seconds)
+    return facts_of(result, job.output, job.options.mode, job.options.prior_name, seconds)
 
 
-def facts_of(result: DeblurResult, output: Path, mode: Mode, prior: Prior, seconds: float) -> dict[str, Any]:
+def facts_of(result: DeblurResult, output: Path, mode: Mode, prior: str, seconds: float) -> dict[str, Any]:
     """Return the facts to report about a written result."""
     tall, wide = result.psfs.size
     return {

@@ -26,7 +26,6 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.threads import share
 from rsdeblur.choices import PRIORS, Prior
-from rsdeblur.deconv.wavelet import WaveletPrior
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.shrink import shrunk_grad_adjoint
 from rsdeblur.types import FloatImage
@@ -50,7 +49,7 @@ class QuadraticSolver(Protocol):
 
     It minimises over latent pictures u
 
-        |A u - g|^2 + nsr |u|^2 + beta |D u - w|^2
+        |A u - g|^2 + nsr |u|^2 + beta |D u - w|^2    or    |A u - g|^2 + nsr |u|^2 + beta |u - v|^2
 
     D takes forward differences, which are zero across the last row and column or, if `periodic`, wrap around. The
     target gradient w enters only as `D^T w`, which is a picture like u.
@@ -71,6 +70,52 @@ class QuadraticSolver(Protocol):
             `D^T w`; None is zero. The solver may overwrite it and return u in its memory.
         """
 
+    def solve_near(self, beta: float, target: FloatImage) -> FloatImage:
+        """Return u (H', W', C) near a target picture.
+
+        Parameters
+        ----------
+        beta : float
+            Weight of the target.
+        target : ndarray, shape (H', W', C), float32
+            The target v. The solver may overwrite it and return u in its memory.
+        """
+
+
+class LatentPrior(Protocol):
+    """A prior on the sharp picture, with its strength."""
+
+    def with_peak_of(self, image: FloatImage) -> LatentPrior:
+        """Return this prior with the :func:`brightness` of a picture (H, W, C), unless it has one."""
+
+    def restore(
+        self,
+        solver: QuadraticSolver,
+        *,
+        threads: int | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> FloatImage:
+        """Return the restored picture (H', W', C), float32, in the frame of `solver`.
+
+        Parameters
+        ----------
+        solver : QuadraticSolver
+            Solver that holds its observation.
+        threads : int, optional
+            Threads that share the work of the prior; default all processors. Any number gives the same bits.
+        progress : callable, optional
+            Called with the finished fraction after each solve.
+        """
+
+
+def check_prior(prior: LatentPrior) -> LatentPrior:
+    """Return `prior`, which must be an instance of a class of priors."""
+    if isinstance(prior, type) or not hasattr(prior, "restore"):
+        raise InputError(
+            f"prior must be a GradientPrior, a WaveletPrior or a PlugAndPlayPrior, got {validate.shown(prior)}"
+        )
+    return prior
+
 
 class PriorSolver(Protocol):
     """A planned solver that takes a prior: :class:`rsdeblur.TileQuadratic`, :class:`rsdeblur.RowDeconvolver`."""
@@ -80,7 +125,7 @@ class PriorSolver(Protocol):
         image: ArrayLike,
         out: FloatImage | None = None,
         *,
-        prior: GradientPrior | WaveletPrior,
+        prior: LatentPrior,
         progress: Callable[[float], None] | None = None,
     ) -> FloatImage:
         """Deblur a picture of the planned shape, linear light, under `prior`."""
@@ -133,6 +178,32 @@ class GradientPrior:
             Linear light.
         """
         return self if self.peak is not None else replace(self, peak=brightness(image))
+
+    def restore(
+        self,
+        solver: QuadraticSolver,
+        *,
+        threads: int | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> FloatImage:
+        """Return the picture that minimises the data term plus this penalty, see :meth:`LatentPrior.restore`."""
+        if self.kind == "gradient":
+            latent = solver.solve(self.weight, None)
+        else:
+            exponent = 1.0 if self.kind == "tv" else self.exponent
+            peak = 1.0 if self.peak is None else self.peak
+            steps = half_quadratic(solver, weight=self.weight, exponent=exponent, peak=peak, threads=threads)
+            for done, step in enumerate(steps, 1):
+                if progress is not None:
+                    progress(done / len(PENALTIES))
+                latent = step.latent
+                # The first step repeats the penalty of the initial solve, so where all gradients vanish it changes
+                # nothing.
+                if done > 1 and step.change < TOLERANCE:
+                    break
+        if progress is not None:
+            progress(1.0)
+        return latent
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -208,51 +279,6 @@ def brightness(image: FloatImage) -> float:
     if not np.isfinite(value):
         raise InputError("image must be finite")
     return value
-
-
-def minimise(
-    solver: QuadraticSolver,
-    prior: GradientPrior | WaveletPrior,
-    *,
-    threads: int | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> FloatImage:
-    """Return the latent picture that minimises the data term of `solver` plus `prior`, or that `prior` makes of it.
-
-    Parameters
-    ----------
-    solver : QuadraticSolver
-        Solver that holds its observation.
-    prior : GradientPrior or WaveletPrior
-        The prior; a `peak` of None counts as 1.
-    threads : int, optional
-        Threads that share the shrinking; default all processors. Any number gives the same bits.
-    progress : callable, optional
-        Called with the finished fraction after each solve.
-
-    Returns
-    -------
-    ndarray, shape (H', W', C), float32
-        In the frame of `solver`.
-    """
-    if isinstance(prior, WaveletPrior):
-        return prior.restore(solver, threads=threads, progress=progress)
-    if prior.kind == "gradient":
-        latent = solver.solve(prior.weight, None)
-    else:
-        exponent = 1.0 if prior.kind == "tv" else prior.exponent
-        peak = 1.0 if prior.peak is None else prior.peak
-        steps = half_quadratic(solver, weight=prior.weight, exponent=exponent, peak=peak, threads=threads)
-        for done, step in enumerate(steps, 1):
-            if progress is not None:
-                progress(done / len(PENALTIES))
-            latent = step.latent
-            # The first step repeats the penalty of the initial solve, so where all gradients vanish it changes nothing.
-            if done > 1 and step.change < TOLERANCE:
-                break
-    if progress is not None:
-        progress(1.0)
-    return latent
 
 
 def half_quadratic(

@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur.choices import Border, Planning
-from rsdeblur.deconv.priors import GradientPrior, minimise
-from rsdeblur.deconv.wavelet import WaveletPrior
+from rsdeblur.deconv.priors import LatentPrior, check_prior
 from rsdeblur.deconv.wiener import TileFilter
 from rsdeblur.kernels.responses import responses
 from rsdeblur.psf import PsfBank
@@ -18,6 +17,8 @@ from rsdeblur.types import FloatImage
 
 # Margin of a tile: by how much it is longer than the part that it contributes, in PSF sizes.
 MARGIN = 3.0
+
+Coupling = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 
 class TileQuadratic(TileFilter):
@@ -79,7 +80,7 @@ class TileQuadratic(TileFilter):
         image: ArrayLike,
         out: NDArray[np.float32] | None = None,
         *,
-        prior: GradientPrior | WaveletPrior,
+        prior: LatentPrior,
         progress: Callable[[float], None] | None = None,
     ) -> NDArray[np.float32]:
         """Deblur one picture.
@@ -90,7 +91,7 @@ class TileQuadratic(TileFilter):
             Linear light, floats; converted to float32.
         out : ndarray, float32, optional
             Receives the result; may be `image` itself.
-        prior : GradientPrior or WaveletPrior
+        prior : GradientPrior, WaveletPrior or PlugAndPlayPrior
             Assumption about the sharp picture.
         progress : callable, optional
             Called with the finished fraction after each solve.
@@ -106,15 +107,14 @@ class TileQuadratic(TileFilter):
             If `image` or `out` has another shape or type, or `image` is not finite. Integers are no linear light:
             :func:`rsdeblur.image.transfer.to_linear` converts them.
         """
-        validate.instance("prior", prior, GradientPrior, WaveletPrior)
+        check_prior(prior)
         validate.callback("progress", progress)
         if out is not None:
             out = validate.output(out, self.shape)
         with self.lock:
             self.prepare(image)
-            latent = minimise(
-                self, prior.with_peak_of(self._observation), threads=self.threads, progress=progress
-            ).reshape(self.shape)
+            prior = prior.with_peak_of(self._observation)
+            latent = prior.restore(self, threads=self.threads, progress=progress).reshape(self.shape)
             del self._observation
         if out is None:
             return latent
@@ -150,25 +150,54 @@ class TileQuadratic(TileFilter):
         InputError
             If the observation is not finite.
         """
-        latent = np.empty(self._channelled, dtype=np.float32)
-        self._respond(beta, self._observation, latent, of_grad_adjoint=False)
-        if grad_adjoint is None:
-            return latent
-        self._respond(beta, grad_adjoint, grad_adjoint, of_grad_adjoint=True)
-        grad_adjoint += latent
-        return grad_adjoint
+        return self._solve(beta, grad_adjoint, (self._across, self._down))
 
-    def _respond(self, beta: float, source: FloatImage, target: FloatImage, *, of_grad_adjoint: bool) -> None:
+    def solve_near(self, beta: float, target: FloatImage) -> FloatImage:
+        """Return the minimiser of the data term plus `beta |u - v|^2`.
+
+        Parameters
+        ----------
+        beta : float
+            Weight of the target, at least 0.
+        target : ndarray, shape (H, W, C), float32
+            The target v. Its memory receives the result.
+
+        Returns
+        -------
+        ndarray, shape (H, W, C), float32
+
+        Raises
+        ------
+        InputError
+            If the observation is not finite.
+        """
+        return self._solve(beta, target, (np.full_like(self._across, 0.5), np.full_like(self._down, 0.5)))
+
+    def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling) -> FloatImage:
+        """Return the minimiser with a term of weight `beta`, whose right-hand side is `beta pull`.
+
+        `coupling` has two parts, along x and along y, whose sum is the term's matrix: |D|^2, or 1.
+        """
+        latent = np.empty(self._channelled, dtype=np.float32)
+        self._respond(beta, self._observation, latent, coupling, of_pull=False)
+        if pull is None:
+            return latent
+        self._respond(beta, pull, pull, coupling, of_pull=True)
+        pull += latent
+        return pull
+
+    def _respond(
+        self, beta: float, source: FloatImage, target: FloatImage, coupling: Coupling, *, of_pull: bool
+    ) -> None:
         def plan(_: int, s: int, b: int) -> None:
             inside = np.s_[s, b, : self._hybrid.frequencies]
             responses(
                 self._otf[inside],
-                self._across,
-                self._down,
+                *coupling,
                 np.float32(self.nsr),
                 np.float32(beta),
                 np.float32(self._scale),
-                of_grad_adjoint,
+                of_pull,
                 self._filters[inside],
             )
 

@@ -4,7 +4,8 @@ For each frequency along x the blur is a banded matrix A along y (:mod:`rsdeblur
 
     minimise |A u - g|^2 + nsr |u - m|^2 + beta |grad u - w|^2
 
-is a banded Hermitian positive definite system: the gradient term is diagonal along x and tridiagonal along y. Where the
+is a banded Hermitian positive definite system: the gradient term is diagonal along x and tridiagonal along y. A term
+`beta |u - v|^2` in its place is diagonal. Where the
 data do not determine u, it falls back on m, the expectation: the picture's mean and, without a gradient term, near top
 and bottom the average of the outermost rows, smoothed.
 """
@@ -20,12 +21,11 @@ from rsdeblur._util import validate
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import BORDERS, PLANNINGS, SOLVERS, Border, Planning, Solver
 from rsdeblur.deconv.fft import empty, remember
-from rsdeblur.deconv.priors import GradientPrior, minimise
+from rsdeblur.deconv.priors import LatentPrior, check_prior
 from rsdeblur.deconv.rowwise_blur import StripBlur, latent_rows
 from rsdeblur.deconv.rowwise_cg import NormalEquations, conjugate_gradients, is_faster
 from rsdeblur.deconv.rowwise_spectra import ROWS, RowSpectra
 from rsdeblur.deconv.tiling import Tile, Tiling
-from rsdeblur.deconv.wavelet import WaveletPrior
 from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
 from rsdeblur.kernels import rowwise
@@ -156,7 +156,7 @@ class RowDeconvolver:
         image: ArrayLike,
         out: NDArray[np.float32] | None = None,
         *,
-        prior: GradientPrior | WaveletPrior | None = None,
+        prior: LatentPrior | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> NDArray[np.float32]:
         """Deblur one picture.
@@ -167,7 +167,7 @@ class RowDeconvolver:
             Linear light, floats; converted to float32.
         out : ndarray, float32, optional
             Receives the result; may be `image` itself.
-        prior : GradientPrior or WaveletPrior, optional
+        prior : GradientPrior, WaveletPrior or PlugAndPlayPrior, optional
             Assumption about the sharp picture; without it the result is that of the Wiener filter.
         progress : callable, optional
             Called with the finished fraction after each strip and, with a prior, after each solve.
@@ -184,7 +184,7 @@ class RowDeconvolver:
             :func:`rsdeblur.image.transfer.to_linear` converts them.
         """
         if prior is not None:
-            validate.instance("prior", prior, GradientPrior, WaveletPrior)
+            check_prior(prior)
         validate.callback("progress", progress)
         picture = validate.linear_light(image, self.shape)
         out = validate.output(out, self.shape)
@@ -205,7 +205,7 @@ class RowDeconvolver:
                     if report is not None:
                         report(1.0)
                 else:
-                    latent = minimise(term, prior, threads=self._spectra.team.threads, progress=report)
+                    latent = prior.restore(term, threads=self._spectra.team.threads, progress=report)
                     self._place(latent, target, tile, add=strips > 1)
         return out
 
@@ -228,21 +228,24 @@ class RowDeconvolver:
 
         self._spectra.team.share(block, range(0, len(target), ROWS))
 
-    def _solve(self, strip: int, ridge: Float32Array, smooth: float, *, scale: float, with_grad_adjoint: bool) -> None:
+    def _solve(self, strip: int, ridge: Float32Array, smooth: float, *, scale: float, pull: float) -> None:
         """Minimise for all frequencies of `strip`, and leave the result in the latent spectra.
 
-        `ridge` has shape (blocks, 16). `with_grad_adjoint` means that the latent spectra hold `D^T w`, which enters the
-        right-hand side times `smooth`. The difference u - m is scaled in the end.
+        `ridge` has shape (blocks, 16). Unless `pull` is 0, the latent spectra hold `D^T w` or, where `smooth` is 0, v,
+        which enter the right-hand side times `pull`. The difference u - m is scaled in the end.
         """
         model, tables = self._strips[strip].model, self._tables[strip]
 
         def block(thread: int, b: int) -> None:
             data, latent, workspace = self._data[b], self._latent[b], self._workspaces[thread]
-            if with_grad_adjoint:
-                latent *= np.float32(smooth)
-            else:
+            expected = self._expectation(b, edges=smooth == 0 and pull == 0)
+            if pull == 0:
                 latent[...] = 0
-            expected = self._expectation(b, edges=smooth == 0)
+            else:
+                # The unknown is u - m, and the gradient of m is zero.
+                if smooth == 0 and expected is not None:
+                    latent -= expected
+                latent *= np.float32(pull)
             if expected is not None:
                 blurred = np.empty_like(data)
                 rowwise.forward(model, tables[b], blurred, expected, workspace)
@@ -331,15 +334,37 @@ class DataTerm:
             The latent picture u, in the memory of `grad_adjoint` if there is one.
         """
         beta = validate.finite("beta", beta, minimum=0.0)
+        return self._solve(self._solver.nsr, beta, grad_adjoint, beta)
+
+    def solve_near(self, beta: float, target: Float32Array) -> Float32Array:
+        """Minimise the term plus `beta |u - v|^2`.
+
+        Parameters
+        ----------
+        beta : float
+            Weight of the target, at least 0.
+        target : ndarray of the strip's shape, float32
+            The target v. Its memory receives the result.
+
+        Returns
+        -------
+        ndarray of the strip's shape, float32
+            The latent picture u, in the memory of `target`.
+        """
+        beta = validate.finite("beta", beta, minimum=0.0)
+        return self._solve(self._solver.nsr + beta, 0.0, target, beta)
+
+    def _solve(self, ridge: float, smooth: float, target: Float32Array | None, pull: float) -> Float32Array:
         spectra, latent = self._solver._spectra, self._solver._latent
-        if grad_adjoint is not None:
-            if grad_adjoint.shape != self.shape:
-                raise InputError(f"grad_adjoint must have shape {self.shape}, got {grad_adjoint.shape}")
-            spectra.load(grad_adjoint, latent)
-        self._minimise(self._solver.nsr, beta, with_grad_adjoint=grad_adjoint is not None)
-        u = np.empty(self.shape, dtype=np.float32) if grad_adjoint is None else grad_adjoint
-        spectra.unload(latent, 0, u, Tile(0, 0, np.ones(spectra.length, dtype=np.float32)))
-        return u
+        if target is None:
+            target, pull = np.empty(self.shape, dtype=np.float32), 0.0
+        elif target.shape != self.shape:
+            raise InputError(f"the target must have shape {self.shape}, got {target.shape}")
+        else:
+            spectra.load(target, latent)
+        self._minimise(ridge, smooth, pull=pull)
+        spectra.unload(latent, 0, target, Tile(0, 0, np.ones(spectra.length, dtype=np.float32)))
+        return target
 
     def filter(self) -> None:
         """Minimise the term alone, and leave the result in the solver's latent spectra."""
@@ -347,6 +372,6 @@ class DataTerm:
         # With this factor no motion is the identity at any nsr.
         self._minimise(nsr, 0.0, scale=1.0 + nsr)
 
-    def _minimise(self, ridge: float, beta: float, *, scale: float = 1.0, with_grad_adjoint: bool = False) -> None:
-        ridges = np.float32(ridge) + np.float32(beta) * self._wavenumbers
-        self._solver._solve(self._strip, ridges, beta, scale=scale, with_grad_adjoint=with_grad_adjoint)
+    def _minimise(self, ridge: float, smooth: float, *, scale: float = 1.0, pull: float = 0.0) -> None:
+        ridges = np.float32(ridge) + np.float32(smooth) * self._wavenumbers
+        self._solver._solve(self._strip, ridges, smooth, scale=scale, pull=pull)

@@ -122,7 +122,7 @@ class WaveletPrior:
         threads: int | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> FloatImage:
-        """Return the restored picture of :func:`rsdeblur.deconv.priors.minimise`."""
+        """Return the restored picture, see :meth:`rsdeblur.deconv.priors.LatentPrior.restore`."""
         factors = Factors.learned()
         latents = []
         for done, ratio in enumerate(factors.ratios, 1):

@@ -12,7 +12,6 @@ from itertools import count
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize
 
 from rsdeblur._util import validate
 from rsdeblur.choices import Auto, Transfer
@@ -209,6 +208,8 @@ class _Judge:
 
     def _adjusted(self, place: FloatArray, at: list[int], progress: Progress) -> FloatArray:
         """Return the place of most worth that the method of Nelder and Mead finds along some axes."""
+        from scipy.optimize import minimize  # takes 0.2 s to import
+
         tried = count()
 
         def loss(values: FloatArray) -> float:

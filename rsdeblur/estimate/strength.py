@@ -28,6 +28,7 @@ from scipy import fft
 
 from rsdeblur._util import validate
 from rsdeblur.choices import PRIORS, Prior
+from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.wavelet import MOST_VARIANCE, Factors, WaveletPrior, frame_responses
 from rsdeblur.estimate.noise import gradient_energy, noise_level
 from rsdeblur.psf import PsfBank
@@ -164,15 +165,26 @@ class Tuning:
         """
         spectra, suited = self.spectra, self.gradient_weight
         weight = suited if weight is None else validate.strength("weight", weight)
-        # Errors of the model are no noise, but the frame cannot distinguish them.
-        errors = self._path_error * spectra.gradient + self.border_error
-        wrong = errors * spectra.power + spectra.power - 2 * spectra.match + spectra.undone
-        noise = self.noise**2 + self.energy * spectra.signal * wrong
+        noise = self._noise_spectrum
         penalties = [self.border_error + ratio * weight * spectra.gradient for ratio in Factors.learned().ratios]
         left = [spectra.undone / np.square(spectra.undone + penalty) * noise for penalty in penalties]
         responses = frame_responses(len(spectra.signal))
         variances = np.einsum("kyx,joyx->kjo", left, responses) / spectra.signal.size * (weight / suited)
         return WaveletPrior(weight, tuple(variances.clip(max=MOST_VARIANCE).ravel()))
+
+    @property
+    def denoiser_weight(self) -> float:
+        """Weight of :class:`rsdeblur.PlugAndPlayPrior`, from the variance of noise and errors of the model together."""
+        variance = float(self._noise_spectrum.mean())
+        return float(np.clip(WEIGHT_OF_VARIANCE * variance, validate.LEAST_STRENGTH, validate.MOST_STRENGTH))
+
+    @property
+    def _noise_spectrum(self) -> FloatArray:
+        """Spectrum of the noise and of the errors of the model, which priors cannot distinguish from noise."""
+        spectra = self.spectra
+        errors = self._path_error * spectra.gradient + self.border_error
+        wrong = errors * spectra.power + spectra.power - 2 * spectra.match + spectra.undone
+        return self.noise**2 + self.energy * spectra.signal * wrong
 
     @property
     def _path_error(self) -> float:

@@ -9,8 +9,8 @@ from rsdeblur.kernels._jit import njit
 
 
 @njit(nogil=True, error_model="numpy")
-def responses(otf, across, down, nsr, beta, scale, of_grad_adjoint, out):
-    """Compute the frequency response of the filter for the observed picture, or for the adjoint gradient.
+def responses(otf, across, down, nsr, beta, scale, of_pull, out):
+    """Compute the frequency response of the filter for the observed picture, or for the pull of a prior.
 
     With `N = |H|^2 + nsr + beta (across + down)`, they are `scale (1 + nsr) conj(H) / N` and `scale beta / N`.
 
@@ -19,13 +19,14 @@ def responses(otf, across, down, nsr, beta, scale, of_grad_adjoint, out):
     otf : ndarray, shape (K, L), complex64
         Optical transfer function H of the tile.
     across, down : ndarray, shape (K,) and (L,), float32
-        Squared magnitudes of the frequency responses of the horizontal and the vertical difference.
+        Squared magnitudes of the frequency responses of the horizontal and the vertical difference, or any other two
+        parts of the prior's quadratic term.
     nsr, beta : float32
-        Weights of the squared picture and of the squared gradient.
+        Weights of the squared picture and of the prior's quadratic term.
     scale : float32
         Factor on the response.
-    of_grad_adjoint : bool
-        Whether the filter is for the adjoint gradient.
+    of_pull : bool
+        Whether the filter is for the pull: the adjoint gradient, or a target picture.
     out : ndarray, shape (K, L), complex64
         Output.
     """
@@ -34,7 +35,7 @@ def responses(otf, across, down, nsr, beta, scale, of_grad_adjoint, out):
         for j in range(otf.shape[1]):
             h = otf[k, j]
             gain = scale / (h.real * h.real + h.imag * h.imag + nsr + beta * (across[k] + down[j]))
-            if of_grad_adjoint:
+            if of_pull:
                 out[k, j] = np.complex64(beta * gain)
             else:
                 out[k, j] = np.complex64(complex(norm * gain * h.real, -norm * gain * h.imag))
@@ -47,9 +48,9 @@ def responses_numpy(
     nsr: float,
     beta: float,
     scale: float,
-    of_grad_adjoint: bool,
+    of_pull: bool,
     out: NDArray[np.complex64],
 ) -> None:
     """Readable twin of :func:`responses`."""
     normal = np.abs(otf) ** 2 + nsr + beta * (across[:, None] + down)
-    out[...] = scale * (beta if of_grad_adjoint else (1 + nsr) * otf.conj()) / normal
+    out[...] = scale * (beta if of_pull else (1 + nsr) * otf.conj()) / normal

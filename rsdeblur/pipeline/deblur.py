@@ -29,7 +29,7 @@ from rsdeblur.motion.translation import Translation
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult, plan, plan_for
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import Progress
+from rsdeblur.types import Denoiser, Progress
 
 # Noise-to-signal ratio that decides the automatic number of bands when there is no picture to derive it from.
 NSR = 0.01
@@ -44,7 +44,7 @@ def deblur(
     mode: Mode = "banded",
     bands: Count = "auto",
     strips: Count = "auto",
-    prior: Prior = "tv",
+    prior: Prior | Denoiser = "tv",
     weight: Strength = "auto",
     exponent: float = 2 / 3,
     nsr: Strength = "auto",
@@ -83,10 +83,11 @@ def deblur(
     bands, strips : int or "auto"
         Number of tiles along the readout axis and across it; "auto" limits the change of the blur between neighbouring
         tiles. "global" ignores both, "rowwise" ignores `bands`.
-    prior : {"tv", "wiener", "gradient", "hyper-laplacian", "wavelet"}
-        Regularisation: the Wiener filter, a penalty on the gradient (:mod:`rsdeblur.deconv.priors`), or learned
-        shrinkage in a wavelet frame (:mod:`rsdeblur.deconv.wavelet`). "tv" and "hyper-laplacian" keep edges sharp and
-        even areas free of noise; "wiener" takes about a twentieth of their time.
+    prior : {"tv", "wiener", "gradient", "hyper-laplacian", "wavelet"} or callable
+        Regularisation: the Wiener filter, a penalty on the gradient (:mod:`rsdeblur.deconv.priors`), learned shrinkage
+        in a wavelet frame (:mod:`rsdeblur.deconv.wavelet`), or a denoiser, called as ``denoise(image, sigma)``
+        (:mod:`rsdeblur.deconv.plug_and_play`). "tv" and "hyper-laplacian" keep edges sharp and even areas free of
+        noise; "wiener" takes about a twentieth of their time.
     weight : float or "auto"
         Weight of the prior, from 1e-20 to 1e20: a larger weight gives a smoother picture. "auto" derives it from the
         picture's noise and the blur (:mod:`rsdeblur.estimate.strength`).

@@ -17,14 +17,14 @@ from rsdeblur.pipeline.settings import SolverSettings
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import derive_strengths, solve_chunks, split_highlights
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import Progress
+from rsdeblur.types import Denoiser, Progress
 
 
 def deconvolve(
     image: ArrayLike,
     psf: ArrayLike | PsfBank,
     *,
-    prior: Prior = "tv",
+    prior: Prior | Denoiser = "tv",
     weight: Strength = "auto",
     exponent: float = 2 / 3,
     nsr: Strength = "auto",

@@ -28,6 +28,7 @@ from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
     from rsdeblur.motion.translation import Translation
+    from rsdeblur.types import Denoiser
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +44,7 @@ class Options:
     mode: Mode = "banded"
     bands: Count = "auto"
     strips: Count = "auto"
-    prior: Prior = "tv"
+    prior: Prior | Denoiser = "tv"
     weight: Strength = "auto"
     exponent: float = 2 / 3
     nsr: Strength = "auto"
@@ -73,7 +74,6 @@ class Options:
 
         allowed = {
             "mode": choices.MODES,
-            "prior": choices.PRIORS,
             "solver": choices.SOLVERS,
             "geometry": choices.GEOMETRIES,
             "border": (*choices.BORDERS, *choices.BOUNDARIES),
@@ -83,6 +83,8 @@ class Options:
         }
         for name, values in allowed.items():
             validate.choice(name, getattr(self, name), values)
+        if not callable(self.prior):
+            validate.choice("prior", self.prior, choices.PRIORS)
         for name in ("refine", "normalize", "check", "fallback"):
             validate.boolean(name, getattr(self, name))
 
@@ -131,6 +133,11 @@ class Options:
         for text, needs_all in whole.items():
             if self.max_memory is not None and needs_all:
                 raise InputError(f"{text} needs the whole picture at once: leave out max_memory or {text}")
+
+    @property
+    def prior_name(self) -> str:
+        """Name of the prior for reports."""
+        return getattr(self.prior, "__name__", "denoiser") if callable(self.prior) else self.prior
 
     @property
     def solver_border(self) -> Border:

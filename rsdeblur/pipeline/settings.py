@@ -9,7 +9,8 @@ from typing import Any
 
 from rsdeblur.choices import Border, Boundary, Mode, Planning, Prior, Solver
 from rsdeblur.deconv.boundary import extended, extended_shape
-from rsdeblur.deconv.priors import GradientPrior
+from rsdeblur.deconv.plug_and_play import PlugAndPlayPrior
+from rsdeblur.deconv.priors import GradientPrior, LatentPrior
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.deconv.rowwise import RowDeconvolver
 from rsdeblur.deconv.wavelet import WaveletPrior
@@ -19,7 +20,7 @@ from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.strengths import Strengths
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import FloatImage, StageProgress
+from rsdeblur.types import Denoiser, FloatImage, StageProgress
 
 Solve = Callable[[FloatImage, StageProgress], FloatImage]
 
@@ -42,7 +43,7 @@ class SolverSettings:
     """
 
     mode: Mode
-    prior: Prior
+    prior: Prior | Denoiser
     exponent: float
     nsr: float
     weight: float | None
@@ -77,9 +78,11 @@ class SolverSettings:
         return {name: getattr(self, name) for name in ("nsr", "border", "planning", "threads")}
 
     @property
-    def _latent_prior(self) -> GradientPrior | WaveletPrior | None:
+    def _latent_prior(self) -> LatentPrior | None:
         if self.weight is None:
             return None
+        if callable(self.prior):
+            return PlugAndPlayPrior(self.prior, self.weight, self.peak)
         if self.prior == "wavelet":
             return WaveletPrior(self.weight, self.variances)
         return GradientPrior(self.prior, self.weight, self.exponent, self.peak)

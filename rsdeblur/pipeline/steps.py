@@ -80,7 +80,10 @@ def derive_strengths(
     if prior == "wavelet":
         wavelet = tuning.wavelet(None if options.weight == "auto" else options.weight)
         return Strengths(nsr, wavelet.weight, 1.0, wavelet.variances, tuning.noise), tuning.gradient_nsr
-    weight = tuning.weight(prior, options.exponent) if options.weight == "auto" else options.weight
+    if options.weight != "auto":
+        weight = options.weight
+    else:
+        weight = tuning.denoiser_weight if callable(prior) else tuning.weight(prior, options.exponent)
     peak = brightness(split.remainder(slice(None), 4))
     return Strengths(nsr, weight, peak, noise=tuning.noise), tuning.gradient_nsr
 

@@ -94,10 +94,10 @@ def test_responses_twins_agree() -> None:
     rng = np.random.default_rng(5)
     otf = (rng.normal(size=(6, 10)) + 1j * rng.normal(size=(6, 10))).astype(np.complex64)
     across, down = rng.random(6, dtype=np.float32), rng.random(10, dtype=np.float32)
-    for of_grad_adjoint in (False, True):
+    for of_pull in (False, True):
         fast, slow = np.empty_like(otf), np.empty_like(otf)
         for fill, out in ((responses.responses, fast), (responses.responses_numpy, slow)):
-            fill(otf, across, down, np.float32(0.01), np.float32(0.3), np.float32(0.5), of_grad_adjoint, out)
+            fill(otf, across, down, np.float32(0.01), np.float32(0.3), np.float32(0.5), of_pull, out)
         np.testing.assert_allclose(fast, slow, rtol=1e-5)
 
 

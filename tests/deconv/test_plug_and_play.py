@@ -1,0 +1,112 @@
+"""A denoiser as the prior: the coupling of both solvers, and the laws of the loop."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rsdeblur import InputError, PlugAndPlayPrior, PsfBank, RowDeconvolver, TileQuadratic, deconvolve
+from rsdeblur.deconv.plug_and_play import COARSEST, STEPS, WEIGHT_OF_VARIANCE
+from rsdeblur.simulation.scene import scene
+from tests.deconv.test_rowwise import dense_blur
+from tests.deconv.test_rowwise_blur import H, W, wavy_paths
+
+KERNEL = np.zeros((7, 9))
+KERNEL[[1, 2, 3, 4, 5], [1, 2, 4, 5, 7]] = 0.2
+SHAPE = 64, 80
+
+
+def tiles(shape: tuple[int, ...] = SHAPE, nsr: float = 1e-3) -> TileQuadratic:
+    return TileQuadratic(PsfBank.for_picture(KERNEL, shape), shape, border="periodic", nsr=nsr)
+
+
+def same(image: np.ndarray, sigma: float) -> np.ndarray:
+    return image
+
+
+def test_tiles_solve_near_a_target() -> None:
+    rng, nsr, beta = np.random.default_rng(0), 1e-3, 0.2
+    picture, target = rng.random((2, *SHAPE), dtype=np.float32)
+    solver = tiles(nsr=nsr)
+    solver.prepare(picture)
+    found = solver.solve_near(beta, target[..., None].copy())[..., 0]
+    padded = np.zeros(SHAPE)
+    padded[: KERNEL.shape[0], : KERNEL.shape[1]] = KERNEL
+    otf = np.fft.fft2(np.roll(padded, (-3, -4), (0, 1)))
+    right = (1 + nsr) * otf.conj() * np.fft.fft2(picture) + beta * np.fft.fft2(target)
+    # float32 transforms of values near 1.
+    np.testing.assert_allclose(found, np.fft.ifft2(right / (np.abs(otf) ** 2 + nsr + beta)).real, atol=1e-5)
+
+
+@pytest.mark.parametrize("solver", ["direct", "cg"])
+def test_rows_solve_near_a_target(solver: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rsdeblur.deconv.rowwise_cg.conjugate_gradients.__kwdefaults__", {"tolerance": 1e-6})
+    rng, paths, nsr, beta = np.random.default_rng(1), wavy_paths(down=2.0), 1e-3, 0.2
+    grey = rng.random((H, W), dtype=np.float32)
+    term = RowDeconvolver(paths, grey.shape, nsr=nsr, border="periodic", solver=solver)._observe(grey[..., None], 0)
+    target = rng.random(term.shape, dtype=np.float32)
+    found = term.solve_near(beta, target.copy()).ravel()
+    blur = dense_blur(paths)
+    right = blur.T @ grey.ravel() + nsr * grey.mean(dtype=float) + beta * target.ravel()
+    expected = np.linalg.solve(blur.T @ blur + (nsr + beta) * np.eye(blur.shape[1]), right)
+    np.testing.assert_allclose(found, expected, atol=1e-4)  # float32 factorisation of a system of condition 1e1
+
+
+def test_a_constant_picture_is_unchanged() -> None:
+    for shape in (SHAPE, (*SHAPE, 3)):
+        picture = np.full(shape, 0.25, np.float32)
+        result = tiles(shape, nsr=1e-6).apply(picture, prior=PlugAndPlayPrior(same, 1e-4))
+        np.testing.assert_allclose(result, picture, atol=1e-5)
+
+
+def test_the_steps_go_down_to_the_noise() -> None:
+    seen: list[tuple[tuple[int, ...], float]] = []
+
+    def denoise(image: np.ndarray, sigma: float) -> np.ndarray:
+        seen.append((image.shape, sigma))
+        return image
+
+    fractions: list[float] = []
+    noise, picture = 0.01, np.full(SHAPE, 2.0, np.float32)
+    prior = PlugAndPlayPrior(denoise, WEIGHT_OF_VARIANCE * noise**2)
+    tiles().apply(picture, prior=prior, progress=fractions.append)
+    shapes, sigmas = zip(*seen, strict=True)
+    assert set(shapes) == {SHAPE}  # grey pictures have two axes
+    np.testing.assert_allclose(sigmas, np.geomspace(2 * COARSEST, noise, STEPS))
+    assert fractions == pytest.approx(np.arange(1, STEPS + 1) / STEPS)
+
+
+def test_the_denoiser_may_keep_its_arrays() -> None:
+    kept: list[np.ndarray] = []
+
+    def denoise(image: np.ndarray, sigma: float) -> np.ndarray:
+        kept.append(image.copy())
+        return kept[-1]
+
+    picture = np.random.default_rng(2).random(SHAPE, dtype=np.float32)
+    prior = PlugAndPlayPrior(denoise, 1e-4)
+    result = tiles().apply(picture, prior=prior)
+    np.testing.assert_array_equal(result, tiles().apply(picture, prior=PlugAndPlayPrior(same, 1e-4)))
+    assert not np.shares_memory(result, kept[-1])
+
+
+@pytest.mark.parametrize(
+    "result", [np.zeros((3, 3)), np.full(SHAPE, np.nan), None, "picture"], ids=["shape", "nan", "none", "text"]
+)
+def test_a_denoiser_that_returns_no_picture_is_named(result: object) -> None:
+    with pytest.raises(InputError, match="the denoiser must return a finite picture"):
+        tiles().apply(np.zeros(SHAPE, np.float32), prior=PlugAndPlayPrior(lambda *_: result, 1e-4))
+
+
+def test_a_denoiser_is_a_prior_of_deconvolve() -> None:
+    sharp = scene(*SHAPE)
+    rng, bank = np.random.default_rng(3), PsfBank.for_picture(KERNEL, SHAPE)
+    spectrum = np.fft.rfft2(sharp, axes=(0, 1))
+    padded = np.zeros(SHAPE)
+    padded[: KERNEL.shape[0], : KERNEL.shape[1]] = KERNEL
+    spectrum *= np.fft.rfft2(np.roll(padded, (-3, -4), (0, 1)))[..., None]
+    blurred = np.fft.irfft2(spectrum, SHAPE, axes=(0, 1)) + rng.normal(0, 0.01, sharp.shape)
+    result = deconvolve(blurred, bank, prior=same, noise=0.01, transfer="linear", border="periodic")
+    # The weight allows for errors of the paths as well, which are less than a hundredth of the light here.
+    assert 1 <= result.weight / (WEIGHT_OF_VARIANCE * 0.01**2) < 2
+    assert np.square(result.image - sharp).mean() < np.square(blurred - sharp).mean()
