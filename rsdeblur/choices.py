@@ -7,7 +7,7 @@ from typing import Literal, get_args
 Mode = Literal["global", "banded", "rowwise"]
 MODES: tuple[Mode, ...] = get_args(Mode)
 
-Prior = Literal["wiener", "gradient", "tv", "hyper-laplacian", "wavelet"]
+Prior = Literal["wiener", "gradient", "tv", "hyper-laplacian", "wavelet", "nlm"]
 PRIORS: tuple[Prior, ...] = get_args(Prior)
 
 Solver = Literal["auto", "direct", "cg"]

@@ -27,8 +27,8 @@ from rsdeblur.types import Denoiser, FloatImage
 
 # Steps, and the first sigma where the bright parts of the picture have the value 1. Zhang et al. use both.
 STEPS, COARSEST = 8, 49 / 255
-# The weight is this multiple of the variance of the noise. Zhang et al. found it for a network; see
-# docs/benchmarks/set12.md for others.
+# The weight is this multiple of the variance of the noise, as in Zhang et al. With 0.15 some results of non-local means
+# are 0.3 dB better, and others keep their noise.
 WEIGHT_OF_VARIANCE = 0.23
 # The last sigma is at most this share of the first.
 LEAST_FALL = 0.5

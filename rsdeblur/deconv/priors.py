@@ -161,7 +161,12 @@ class GradientPrior:
 
     def __post_init__(self) -> None:
         validate.choice("prior", self.kind, PRIORS)
-        other = {"wiener": "rsdeblur.Deconvolver", "wavelet": "rsdeblur.Tuning.wavelet"}.get(self.kind)
+        others = {
+            "wiener": "rsdeblur.Deconvolver",
+            "wavelet": "rsdeblur.Tuning.wavelet",
+            "nlm": "rsdeblur.PlugAndPlayPrior",
+        }
+        other = others.get(self.kind)
         if other is not None:
             raise InputError(f'prior "{self.kind}" is not a prior on the gradient: use {other}')
         object.__setattr__(self, "weight", validate.strength("weight", self.weight))

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from rsdeblur._util import validate
-from rsdeblur.choices import PRIORS, Prior
+from rsdeblur.choices import Prior
 from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.wavelet import MOST_VARIANCE, Factors, WaveletPrior, frame_responses
 from rsdeblur.estimate.noise import gradient_energy, noise_level
@@ -146,7 +146,7 @@ class Tuning:
         exponent : float
             Exponent of the hyper-Laplacian, in (0, 1]; the other priors ignore it.
         """
-        validate.choice("prior", prior, PRIORS)
+        validate.choice("prior", prior, ("gradient", "tv", "hyper-laplacian"))
         weight = self.gradient_weight
         if prior == "gradient":
             return weight

@@ -83,11 +83,11 @@ def deblur(
     bands, strips : int or "auto"
         Number of tiles along the readout axis and across it; "auto" limits the change of the blur between neighbouring
         tiles. "global" ignores both, "rowwise" ignores `bands`.
-    prior : {"tv", "wiener", "gradient", "hyper-laplacian", "wavelet"} or callable
+    prior : {"tv", "wiener", "gradient", "hyper-laplacian", "wavelet", "nlm"} or callable
         Regularisation: the Wiener filter, a penalty on the gradient (:mod:`rsdeblur.deconv.priors`), learned shrinkage
-        in a wavelet frame (:mod:`rsdeblur.deconv.wavelet`), or a denoiser, called as ``denoise(image, sigma)``
-        (:mod:`rsdeblur.deconv.plug_and_play`). "tv" and "hyper-laplacian" keep edges sharp and even areas free of
-        noise; "wiener" takes about a twentieth of their time.
+        in a wavelet frame (:mod:`rsdeblur.deconv.wavelet`), non-local means, or any other denoiser, called as
+        ``denoise(image, sigma)`` (:mod:`rsdeblur.deconv.plug_and_play`). "tv" and "hyper-laplacian" keep edges sharp
+        and even areas free of noise; "wiener" takes about a twentieth of their time.
     weight : float or "auto"
         Weight of the prior, from 1e-20 to 1e20: a larger weight gives a smoother picture. "auto" derives it from the
         picture's noise and the blur (:mod:`rsdeblur.estimate.strength`).

@@ -9,6 +9,7 @@ from typing import Any
 
 from rsdeblur.choices import Border, Boundary, Mode, Planning, Prior, Solver
 from rsdeblur.deconv.boundary import extended, extended_shape
+from rsdeblur.deconv.non_local_means import non_local_means
 from rsdeblur.deconv.plug_and_play import PlugAndPlayPrior
 from rsdeblur.deconv.priors import GradientPrior, LatentPrior
 from rsdeblur.deconv.quadratic import TileQuadratic
@@ -83,6 +84,8 @@ class SolverSettings:
             return None
         if callable(self.prior):
             return PlugAndPlayPrior(self.prior, self.weight, self.peak)
+        if self.prior == "nlm":
+            return PlugAndPlayPrior(partial(non_local_means, threads=self.threads), self.weight, self.peak)
         if self.prior == "wavelet":
             return WaveletPrior(self.weight, self.variances)
         return GradientPrior(self.prior, self.weight, self.exponent, self.peak)

@@ -83,7 +83,7 @@ def derive_strengths(
     if options.weight != "auto":
         weight = options.weight
     else:
-        weight = tuning.denoiser_weight if callable(prior) else tuning.weight(prior, options.exponent)
+        weight = tuning.denoiser_weight if callable(prior) or prior == "nlm" else tuning.weight(prior, options.exponent)
     peak = brightness(split.remainder(slice(None), 4))
     return Strengths(nsr, weight, peak, noise=tuning.noise), tuning.gradient_nsr
 

@@ -245,7 +245,7 @@ def test_strengths_that_are_set_are_used_and_reported(soft: tuple[Simulation, Gy
 def test_brightness_is_only_a_factor(soft: tuple[Simulation, GyroLog]) -> None:
     """A darker picture of the same scene gives the same result, darker."""
     capture, log = soft
-    for prior in ("wiener", "tv", "hyper-laplacian", "wavelet"):
+    for prior in ("wiener", "tv", "hyper-laplacian", "wavelet", "nlm"):
         bright = deblur(capture.blurred, log, CAMERA, EXPOSURE, prior=prior).image
         dark = deblur(capture.blurred / 16, log, CAMERA, EXPOSURE, prior=prior).image
         # Rounding decides which gradients are above the threshold.

@@ -26,6 +26,7 @@ METHODS = {
     "rowwise": {"mode": "rowwise", "strips": 1, "nsr": 0.02},
     "rowwise tv": {"mode": "rowwise", "strips": 2, "prior": "tv", "weight": 1e-3},
     "banded wavelet": {"bands": 12, "strips": 1, "prior": "wavelet"},
+    "banded nlm": {"bands": 12, "strips": 1, "prior": "nlm", "weight": 1e-5},
 }
 
 # Bytes for which the picture is cut into a few chunks.
@@ -36,6 +37,7 @@ MEMORY = {
     "rowwise": 1_300_000,
     "rowwise tv": 3_000_000,
     "banded wavelet": 3_000_000,
+    "banded nlm": 3_000_000,
 }
 
 
