@@ -171,7 +171,7 @@ def camera_facts(file: CameraFile) -> dict[str, Any]:
         "time_offset_s": camera.time_offset,
         "timestamp_marks": camera.timestamp_marks,
         **file.facts,
-        "remarks": [assumption.text for assumption in file.assumptions],
+        "remarks": file.remarks,
     }
 
 

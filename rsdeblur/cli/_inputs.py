@@ -58,7 +58,9 @@ def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False) ->
 def read_recording(recording: Recording, photo: Path | None = None) -> tuple[GyroLog, Camera, Exposure]:
     """Read the log, the camera and the exposure that the options name; see `read_inputs`."""
     exposure = _exposure(recording, photo)
-    return *read_device(recording), exposure
+    log, camera = read_device(recording)
+    _refuse_longer(recording.duration, log.span[1] - log.span[0], recording.gyro)
+    return log, camera, exposure
 
 
 def read_device(recording: Recording) -> tuple[GyroLog, Camera]:
@@ -117,6 +119,13 @@ def _check_axes(file: GyroFile, camera: Camera, recording: Recording) -> None:
     from rsdeblur.motion.axes import imu_to_camera
 
     matrix = camera.imu_to_camera
+    if file.axes == "phone" and camera.readout_time == 0:
+        warnings.warn(
+            f"{recording.camera}: the readout time is 0, as of a global shutter, but {recording.gyro} is the log of a "
+            "phone, whose shutter rolls; give --readout-time",
+            RsdeblurWarning,
+            stacklevel=2,
+        )
     if file.axes == "sensor":
         return
     if np.array_equal(matrix, np.eye(3)):
@@ -181,11 +190,27 @@ def _exposure(recording: Recording, photo: Path | None) -> Exposure:
     elif duration is None:
         duration = _exif_exposure(photo)
     if start is None or duration is None:
-        raise _usage(
-            "the exposure is not given; use --capture FILE --index N, or --start or --start-ns together with "
-            "--duration, which may be left out if the photo's EXIF block contains it"
-        )
+        raise _usage(_missing(start is None, duration is None))
     return Exposure(start[0], duration, start[1])
+
+
+def _refuse_longer(duration: float | None, whole: float, path: Path) -> None:
+    """Refuse an exposure time that exceeds the file which must cover the exposure."""
+    if duration is not None and duration > whole:
+        raise _usage(
+            f"--duration: {duration:g} s is longer than {path} ({whole:.3g} s); did you mean {duration:g}ms or "
+            f"1/{duration:g}?"
+        )
+
+
+def _missing(start: bool, duration: bool) -> str:
+    """Return what to give where the start, the exposure time or both are unknown."""
+    if not start:
+        return "the exposure time is missing: give --duration (the photo's EXIF block does not contain it)"
+    time = "" if duration else "the start of "
+    return f"{time}the exposure is missing: give --capture FILE --index N, or --start or --start-ns" + (
+        " together with --duration, which may be left out if the photo's EXIF block contains it" if duration else ""
+    )
 
 
 def _exif_exposure(photo: Path | None) -> float | None:
@@ -230,6 +255,7 @@ def clip_exposures(clip: Clip, recording: Recording | ClipLog) -> list[Exposure]
         return exposures_from_captures(clip, recording.capture, duration=recording.duration)
     if recording.duration is None:
         raise _usage("the exposure time is not given; use --duration, or --capture FILE")
+    _refuse_longer(recording.duration, clip.times[-1], clip.path)
     start = recording.start or 0.0
     return exposures_from_stamps(clip, recording.duration, start=start, epoch_ns=recording.start_ns or 0)
 

@@ -15,7 +15,8 @@ from typing import Any
 import click
 
 from rsdeblur._util.files import read_file
-from rsdeblur.cli._options import BiasType, Defaults, Recording, SecondsType
+from rsdeblur.cli._options import Defaults, Recording
+from rsdeblur.cli._types import BiasType, SecondsType
 from rsdeblur.errors import FileFormatError, RsdeblurWarning
 
 # Columns of a manifest, with the conversion of their cells; an empty cell sets nothing.

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rsdeblur.cli import _options
+from rsdeblur.cli._command import Command
 from rsdeblur.cli._items import COLUMNS, FILES, Item, read_items
 from rsdeblur.cli._jobs import Workers, shared_threads, workers_options
 from rsdeblur.cli._options import Defaults, PhotoChanges, Target
@@ -59,7 +60,7 @@ Examples:
 """
 
 
-@click.command("batch", help=HELP, epilog=EXAMPLES)
+@click.command("batch", cls=Command, help=HELP, epilog=EXAMPLES)
 @click.argument("source", type=_options.PATH, metavar="MANIFEST|FOLDER")
 @_options.defaults_options
 @click.option(

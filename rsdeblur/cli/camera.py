@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rsdeblur.cli import _options
+from rsdeblur.cli._command import Command
 from rsdeblur.cli._options import Target
 from rsdeblur.cli._output import print_json
+from rsdeblur.cli._types import SecondsType, SizeType
 
 if TYPE_CHECKING:
     from rsdeblur.io.camera_file import CameraFile
@@ -58,7 +60,7 @@ class NumbersType(click.ParamType[tuple[float, ...]]):
 
 
 SETTINGS: tuple[Callable[[Any], Any], ...] = (
-    click.option("--readout-time", type=_options.SecondsType(), help="Readout time of the picture."),
+    click.option("--readout-time", type=SecondsType(), help="Readout time of the picture."),
     click.option(
         "--readout-direction",
         type=click.Choice(["top-down", "bottom-up", "left-right", "right-left"]),
@@ -70,7 +72,7 @@ SETTINGS: tuple[Callable[[Any], Any], ...] = (
         metavar="NAME",
         help="Axes of the gyro: phone-portrait, phone-landscape, gyroflow, or an orientation string like YxZ.",
     ),
-    click.option("--time-offset", type=_options.SecondsType(), help="Camera time minus gyro time."),
+    click.option("--time-offset", type=SecondsType(), help="Camera time minus gyro time."),
     click.option(
         "--timestamp-marks",
         type=click.Choice(["start", "middle", "end"]),
@@ -85,6 +87,13 @@ def settings(function: Callable[..., Any]) -> Callable[..., Any]:
     for option in reversed(SETTINGS):
         function = option(function)
     return function
+
+
+# Assumptions of `camera new`, by the key whose option replaces them.
+UNSTATED = {
+    "readout_time": "a global shutter is assumed, but the shutter of nearly every phone rolls: give --readout-time",
+    "imu_to_camera": "the axes of the camera are assumed for the gyro, but those of phones differ: give --imu",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +120,7 @@ def command() -> None:
     """Create, import and show camera files."""
 
 
-@command.command("show")
+@command.command("show", cls=Command)
 @click.argument("file", type=_options.PATH)
 @click.option("--name", metavar="CAMERA", help="Name of the camera, if the file has several.")
 @_options.json_option
@@ -122,8 +131,8 @@ def show(file: Path, name: str | None, as_json: bool) -> None:
     _print_camera(file, open_camera(file, name=name), as_json)
 
 
-@command.command("new")
-@click.option("--size", type=_options.SizeType(), required=True, help="Size of the picture as stored, in px.")
+@command.command("new", cls=Command)
+@click.option("--size", type=SizeType(), required=True, help="Size of the picture as stored, in px.")
 @click.option("--focal-length", type=NumbersType(), help="Focal length in px, one number or fx,fy.")
 @click.option("--focal35", type=click.FloatRange(min=0, min_open=True), help="Focal length as 35 mm equivalent.")
 @click.option("--principal-point", type=NumbersType(), help="Principal point cx,cy in px.  [default: the middle]")
@@ -141,7 +150,7 @@ def new(
     **values: Any,
 ) -> None:
     """Create a camera file from numbers."""
-    from rsdeblur.io.camera_file import CameraFile
+    from rsdeblur.io.camera_file import Assumption, CameraFile
     from rsdeblur.io.exif import FILM_DIAGONAL
     from rsdeblur.motion.camera import Camera
 
@@ -153,14 +162,15 @@ def new(
         length = focal35 / FILM_DIAGONAL * (width**2 + height**2) ** 0.5
     camera = Camera(width, height, length, **{key: value for key, value in values.items() if value is not None})
     _write(camera, target)
-    _print_camera(target.output, CameraFile(camera, "toml"), target.as_json)
+    assumptions = tuple(Assumption(key, text) for key, text in UNSTATED.items() if values[key] is None)
+    _print_camera(target.output, CameraFile(camera, "toml", assumptions=assumptions), target.as_json)
 
 
-@command.command("import")
+@command.command("import", cls=Command)
 @click.argument("source", type=_options.PATH)
 @click.option("--format", metavar="NAME", help="Format of the file.  [default: recognised by its content]")
 @click.option("--name", metavar="CAMERA", help="Name of the camera, if the file has several: cam1.")
-@click.option("--size", type=_options.SizeType(), help="Size of your pictures, if it is not that of the file.")
+@click.option("--size", type=SizeType(), help="Size of your pictures, if it is not that of the file.")
 @click.option("--fps", type=float, help="Frame rate, if a lens profile has several settings of one size.")
 @_options.gathered(
     "edits",

@@ -11,6 +11,7 @@ import click
 
 from rsdeblur.choices import MODES, Auto, Mode, Transfer
 from rsdeblur.cli import _options
+from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of, unit_range, with_translation
 from rsdeblur.cli._options import Recording, Target, Track
 from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, refuse_inputs, say, write_json
@@ -37,7 +38,7 @@ Examples:
 """
 
 
-@click.command("compare", epilog=EXAMPLES)
+@click.command("compare", cls=Command, epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options()
 @_options.solve_options(*_options.ONE_PHOTO[1:])

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rsdeblur.cli import _options
+from rsdeblur.cli._command import Command
 from rsdeblur.cli._kernel import check_sources, deconvolve_photo
 from rsdeblur.cli._options import PhotoChanges, Recording, Target, Track
 from rsdeblur.cli._output import print_json, progress, say
@@ -26,7 +27,7 @@ Examples:
 """
 
 
-@click.command("deblur", epilog=EXAMPLES)
+@click.command("deblur", cls=Command, epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
 @click.option("--psf", type=_options.PATH, metavar="KERNEL", help="The blur as a kernel (picture, .npy) or PSF bank.")
 @_options.recording_options(required=False)

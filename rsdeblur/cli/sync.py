@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 import click
 
 from rsdeblur.cli import _options
+from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import naming, read_inputs, transfer_of
 from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import print_json, progress, say
+from rsdeblur.cli._types import SecondsType
 
 if TYPE_CHECKING:
     from rsdeblur.choices import Auto, Transfer
@@ -23,12 +25,12 @@ Examples:
 """
 
 
-@click.command("sync", epilog=EXAMPLES)
+@click.command("sync", cls=Command, epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options()
 @_options.transfer_option
-@click.option("--from", "first", type=_options.SecondsType(), default=-0.06, help="First shift.  [default: -60ms]")
-@click.option("--to", "last", type=_options.SecondsType(), default=0.06, help="Last shift.  [default: 60ms]")
+@click.option("--from", "first", type=SecondsType(), default=-0.06, help="First shift.  [default: -60ms]")
+@click.option("--to", "last", type=SecondsType(), default=0.06, help="Last shift.  [default: 60ms]")
 @click.option("--write", is_flag=True, help="Write the time offset into the camera file.")
 @_options.json_option
 def command(

@@ -18,6 +18,7 @@ from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.files import read_file
 from rsdeblur.errors import FileFormatError, RsdeblurWarning
 from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.plausible import doubts
 
 # Largest relative difference of equal aspect ratios: sizes are rounded to whole pixels.
 SAME_SHAPE = 0.01
@@ -81,10 +82,15 @@ class CameraFile:
         assumptions = tuple(assumption for assumption in self.assumptions if assumption.about not in overrides)
         return replace(self, camera=replace(self.camera, **overrides), assumptions=assumptions)
 
+    @property
+    def remarks(self) -> list[str]:
+        """Texts of the assumptions, and sentences about values that are probably mistakes."""
+        return [assumption.text for assumption in self.assumptions] + doubts(self.camera)
+
     def warn(self, path: object, *, stacklevel: int = 2) -> Camera:
-        """Return the camera, and warn of each assumption."""
-        for assumption in self.assumptions:
-            warnings.warn(f"{path}: {assumption.text}", RsdeblurWarning, stacklevel=stacklevel + 1)
+        """Return the camera, and warn of each remark."""
+        for remark in self.remarks:
+            warnings.warn(f"{path}: {remark}", RsdeblurWarning, stacklevel=stacklevel + 1)
         return self.camera
 
     def fitted(self, size: tuple[int, int] | None) -> CameraFile:

@@ -25,6 +25,7 @@ LEAST_STAMP = 10**9
 # Largest distance of a photo's stamp from its capture, in intervals between captures: MARS logger cuts stamps to us.
 NEAR = 0.5
 LONE_INTERVAL = 1e8  # ns, assumed where there is one capture only
+UNNUMBERED = "its name contains neither a stamp nor a frame number"
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +83,7 @@ def open_session(
     Raises
     ------
     FileFormatError
-        If there is no gyro log, no capture file or no photo.
+        If there is no gyro log, no capture file or no photo, or no photo's name contains a number.
     """
     folder = Path(folder)
     files = [path for path in sorted([*folder.glob("*"), *folder.glob("*/*")]) if path.is_file()]
@@ -93,12 +94,18 @@ def open_session(
     photos = [path for path in files if path.suffix.lower() in PHOTOS]
     if not photos:
         raise FileFormatError(f"{folder}: no photo in the folder; save frames of the video there as pictures")
+    matched = _matched(photos, file.stamps, encoded_stamps(capture), numbered_from)
+    if all(photo.error == UNNUMBERED for photo in matched):
+        raise FileFormatError(
+            f"{folder}: the names of the {len(photos)} photos contain neither stamps nor frame numbers, so their "
+            "exposures are unknown; list them in a manifest with the columns photo,index, or give --start exif"
+        )
     cameras = [path for path in files if path.suffix.lower() == ".toml"]
     return Session(
         gyro,
         capture,
         cameras[0] if len(cameras) == 1 else None,
-        _matched(photos, file.stamps, encoded_stamps(capture), numbered_from),
+        matched,
     )
 
 
@@ -165,7 +172,7 @@ def _matched(
     for path in photos:
         number = numbers.get(path)
         if number is None:
-            matched.append(SessionPhoto(path, None, "its name contains neither a stamp nor a frame number"))
+            matched.append(SessionPhoto(path, None, UNNUMBERED))
         elif number >= LEAST_STAMP:
             matched.append(_nearest(path, number - origin, captures))
         elif numbered_from is None:

@@ -24,6 +24,12 @@ START, DURATION = 0.2, 0.04
 Run = Callable[..., Result]
 
 
+def test_new_names_what_it_assumes(run: Run, tmp_path: Path) -> None:
+    result = run("camera", "new", "--size", "4000x3000", "--focal-length", "4.7", "-o", tmp_path / "new.toml")
+    for text in ("give --readout-time", "give --imu", "is it in mm?"):
+        assert text in result.stdout
+
+
 def test_new(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "new.toml"
     options = (
