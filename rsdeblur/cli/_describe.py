@@ -199,6 +199,7 @@ def describe_captures(path: Path) -> dict[str, Any]:
 def describe_picture(path: Path) -> dict[str, Any]:
     """Return the properties of a picture, and of the gyro data in its file."""
     from rsdeblur.io.exif import MAKE, MODEL, Exif
+    from rsdeblur.io.exif_times import shown_time
     from rsdeblur.io.gyro_binary import trailer_of
     from rsdeblur.io.pictures import read_picture
     from rsdeblur.io.source import Source
@@ -213,6 +214,7 @@ def describe_picture(path: Path) -> dict[str, Any]:
         "values": f"{picture.pixels.dtype}, {picture.transfer}",
         "exif_camera": " ".join(filter(None, (exif.text(MAKE), exif.text(MODEL)))) or None,
         "exif_exposure_s": exif.exposure,
+        "exif_time": shown_time(exif),
         "exif_orientation": exif.orientation,
         "icc_profile": picture.icc_profile is not None,
     }

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from rsdeblur.cli._output import printable
+from rsdeblur.cli._output import printable, progress, say_detail
 from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
 
 if TYPE_CHECKING:
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     from rsdeblur.choices import Auto, Transfer
     from rsdeblur.cli._options import ClipLog, Recording, Track
+    from rsdeblur.estimate.time_offset import OffsetSearch
+    from rsdeblur.io.exif_times import CaptureTime
     from rsdeblur.io.pictures import Picture
     from rsdeblur.io.samples import GyroFile
     from rsdeblur.motion.camera import Camera
@@ -38,8 +40,10 @@ class Inputs(NamedTuple):
     exposure: Exposure
 
 
-def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False) -> Inputs:
+def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False, search: bool = True) -> Inputs:
     """Read the picture, or map its file if `in_place` is set, and read the log, the camera and the exposure.
+
+    A time from EXIF is a second off, so the picture determines the camera's time offset, unless `search` is unset.
 
     Raises
     ------
@@ -52,7 +56,39 @@ def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False) ->
 
     # The small files come first, so that a wrong option shows before a large picture is read.
     log, camera, exposure = read_recording(recording, photo)
-    return Inputs(read_picture(photo, in_place=in_place), log, camera, exposure)
+    inputs = Inputs(read_picture(photo, in_place=in_place), log, camera, exposure)
+    return _with_offset(inputs, photo) if search and recording.start == "exif" else inputs
+
+
+def _with_offset(inputs: Inputs, photo: Path) -> Inputs:
+    """Return the inputs with the time offset that the picture determines.
+
+    Raises
+    ------
+    InputError
+        If it determines none.
+    """
+    from rsdeblur.estimate.time_offset import find_time_offset
+    from rsdeblur.io.exif_times import EXIF_ERROR
+
+    picture, log, camera, exposure = inputs
+    with progress("time") as move, naming(photo):
+        found = find_time_offset(
+            picture.pixels, log, camera, exposure, search=EXIF_ERROR, transfer=picture.transfer, progress=move
+        )
+    check_offset(found, photo)
+    assert found.time_offset is not None
+    say_detail(f"{photo}: time offset {1e3 * found.time_offset:.1f} ms, confidence {found.confidence:.2f}")
+    return inputs._replace(camera=replace(camera, time_offset=found.time_offset))
+
+
+def check_offset(found: OffsetSearch, photo: Path) -> None:
+    """Raise `InputError` if the picture does not determine the time offset."""
+    if found.time_offset is None:
+        raise InputError(
+            f"{photo}: the picture does not determine the time offset: {found.reason} "
+            f"(likeliest {1e3 * found.best:.1f} ms, confidence {found.confidence:.2f})"
+        )
 
 
 def read_recording(recording: Recording, photo: Path | None = None) -> tuple[GyroLog, Camera, Exposure]:
@@ -60,6 +96,11 @@ def read_recording(recording: Recording, photo: Path | None = None) -> tuple[Gyr
     exposure = _exposure(recording, photo)
     log, camera = read_device(recording)
     _refuse_longer(recording.duration, log.span[1] - log.span[0], recording.gyro)
+    if recording.start == "exif":
+        from rsdeblur.io.exif_times import on_clock_of
+
+        with naming(photo, recording):
+            exposure = replace(exposure, epoch_ns=on_clock_of(_exif_time(photo), log))
     return log, camera, exposure
 
 
@@ -175,7 +216,9 @@ def _exposure(recording: Recording, photo: Path | None) -> Exposure:
 
     if recording.start is not None and recording.start_ns is not None:
         raise _usage("--start and --start-ns exclude each other")
-    start = None if recording.start is None else (recording.start, 0)
+    # The log decides the time zone of a time from EXIF, later.
+    seconds = 0.0 if recording.start == "exif" else recording.start
+    start = None if seconds is None else (seconds, 0)
     if recording.start_ns is not None:
         start = (0.0, recording.start_ns)
     duration = recording.duration
@@ -223,6 +266,18 @@ def _exif_exposure(photo: Path | None) -> float | None:
     return Exif(read_header(photo)[2]).exposure
 
 
+def _exif_time(photo: Path | None) -> CaptureTime:
+    """Return the time in the picture's EXIF block."""
+    if photo is None:
+        raise _usage("--start exif needs a photo")
+    from rsdeblur.io.exif import Exif
+    from rsdeblur.io.exif_times import capture_time
+    from rsdeblur.io.pictures import read_header
+
+    with naming(photo):
+        return capture_time(Exif(read_header(photo)[2]))
+
+
 def _chosen(captures: list[Exposure], recording: Recording) -> Exposure:
     last = len(captures) - 1
     if recording.index is None and last > 0:
@@ -256,7 +311,7 @@ def clip_exposures(clip: Clip, recording: Recording | ClipLog) -> list[Exposure]
     if recording.duration is None:
         raise _usage("the exposure time is not given; use --duration, or --capture FILE")
     _refuse_longer(recording.duration, clip.times[-1], clip.path)
-    start = recording.start or 0.0
+    start = float(recording.start or 0.0)
     return exposures_from_stamps(clip, recording.duration, start=start, epoch_ns=recording.start_ns or 0)
 
 

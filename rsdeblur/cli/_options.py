@@ -18,6 +18,8 @@ from rsdeblur.cli._types import (
     BiasType,
     BytesType,
     SecondsType,
+    Start,
+    StartType,
     StrengthType,
     TransferType,
     WorkSizeType,
@@ -44,7 +46,7 @@ class Recording:
     capture: Path | None = None
     index: int | None = None
     start_ns: int | None = None
-    start: float | None = None
+    start: Start | None = None
     duration: float | None = None
     time_offset: float | None = None
     readout_time: float | None = None
@@ -87,6 +89,7 @@ class Defaults:
     rate: float | None
     bias: Bias | None
     capture: Path | None
+    start: Start | None
     duration: float | None
     time_offset: float | None
     readout_time: float | None
@@ -100,6 +103,20 @@ class Target:
     force: bool
     as_json: bool
     dry_run: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoTarget:
+    """File or folder of the results of `deblur`, or None for files beside the photos, and what the command prints."""
+
+    output: Path | None
+    force: bool
+    as_json: bool
+    dry_run: bool
+
+    def at(self, output: Path) -> Target:
+        """Return the target of one photo."""
+        return Target(output, self.force, self.as_json, self.dry_run)
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +187,12 @@ _EXPOSURE = (
         metavar="NS",
         help="Timestamp in ns, camera clock: the first row's start, unless the camera file sets timestamp_marks.",
     ),
-    click.option("--start", type=SecondsType(), help="The same in seconds on the log's own clock."),
+    click.option(
+        "--start",
+        type=StartType(),
+        help="The same in seconds on the log's own clock; or exif: the time in the photo's EXIF block, "
+        "which the picture then makes exact.",
+    ),
     click.option(
         "--duration", type=SecondsType(), help="Exposure time of a row: 0.05, 1/20 or 50ms.  [default: from EXIF]"
     ),
@@ -217,6 +239,7 @@ defaults_options = gathered(
         *_LOG,
         click.option("--camera", type=PATH, metavar="FILE", help="Camera file of photos that name none."),
         click.option("--capture", type=PATH, metavar="FILE", help="Metadata file of photos that name none."),
+        click.option("--start", type=click.Choice(["exif"]), help="Take the photos' times from EXIF; see deblur."),
         click.option("--duration", type=SecondsType(), help="Exposure time of other photos.  [default: from EXIF]"),
         *_OVERRIDES,
     ),
@@ -381,3 +404,19 @@ def target_options(metavar: str, text: str, *, force: Decorator = force_option, 
         return gather(call)
 
     return decorate
+
+
+photo_target_options = gathered(
+    "target",
+    PhotoTarget,
+    (
+        click.option(
+            "-o",
+            "--output",
+            type=PATH,
+            metavar="OUT|DIR",
+            help="Picture to write, or folder for the results.  [default: PHOTO-sharp beside each photo]",
+        ),
+        *(force_option, dry_run_option, json_option),
+    ),
+)

@@ -11,6 +11,7 @@ import click
 from rsdeblur import choices
 from rsdeblur.choices import Auto, Count, Strength, Transfer
 
+Start = float | Literal["exif"]
 Bias = tuple[float, float, float]
 
 # Sindelar and Sroubek (2013) reduce 3264x2448 to 2048x1536.
@@ -35,6 +36,18 @@ class SecondsType(click.ParamType[float]):
             return float(above) / float(below or 1.0) / {"": 1.0, "s": 1.0, "ms": 1e3, "us": 1e6}[unit]
         except (ValueError, ZeroDivisionError):
             self.fail(f"{value!r} is not a time; write 0.05, 1/20 or 50ms", param, ctx)
+
+
+class StartType(SecondsType):
+    """A time, or `exif`: that of the photo's EXIF block."""
+
+    name = "SECONDS|exif"
+
+    def convert(  # type: ignore[override]
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Start:
+        """Return seconds, or "exif"."""
+        return "exif" if value == "exif" else super().convert(value, param, ctx)
 
 
 class AutoType(click.ParamType[Any]):

@@ -86,14 +86,10 @@ def open_session(
         If there is no gyro log, no capture file or no photo, or no photo's name contains a number.
     """
     folder = Path(folder)
-    files = [path for path in sorted([*folder.glob("*"), *folder.glob("*/*")]) if path.is_file()]
-    if without is not None:
-        files = [path for path in files if without not in path.parents]
-    gyro = _gyro_log(folder, files)
+    files = files_in(folder, without=without)
+    gyro = gyro_log_in(folder, files)
     capture, file = _captures(folder, [path for path in files if path != gyro])
-    photos = [path for path in files if path.suffix.lower() in PHOTOS]
-    if not photos:
-        raise FileFormatError(f"{folder}: no photo in the folder; save frames of the video there as pictures")
+    photos = photos_in(folder, files)
     matched = _matched(photos, file.stamps, encoded_stamps(capture), numbered_from)
     if all(photo.error == UNNUMBERED for photo in matched):
         raise FileFormatError(
@@ -109,7 +105,22 @@ def open_session(
     )
 
 
-def _gyro_log(folder: Path, files: list[Path]) -> Path:
+def files_in(folder: Path, *, without: Path | None = None) -> list[Path]:
+    """Return the files of a folder and of its subfolders, except the subfolder `without`, sorted."""
+    files = [path for path in sorted([*folder.glob("*"), *folder.glob("*/*")]) if path.is_file()]
+    return files if without is None else [path for path in files if without not in path.parents]
+
+
+def photos_in(folder: Path, files: list[Path]) -> list[Path]:
+    """Return the photos among the files of a folder; `FileFormatError` if there is none."""
+    photos = [path for path in files if path.suffix.lower() in PHOTOS]
+    if not photos:
+        raise FileFormatError(f"{folder}: no photo in the folder; save frames of the video there as pictures")
+    return photos
+
+
+def gyro_log_in(folder: Path, files: list[Path]) -> Path:
+    """Return the gyro log among the files of a folder; `FileFormatError` if there is none."""
     for word in LOG_NAMES:
         for path in files:
             if word in path.name.lower() and path.suffix.lower() in TABLES and _is_log(path):
@@ -185,6 +196,11 @@ def _matched(
         else:
             matched.append(_nearest(path, frames[number - numbered_from] - origin, captures))
     return matched
+
+
+def indices_of(photos: list[Path], capture: Path) -> list[SessionPhoto]:
+    """Return the exposure of each photo in a capture file, by the stamps or frame numbers in the photos' names."""
+    return _matched(photos, open_captures(capture).stamps, encoded_stamps(capture), None)
 
 
 def _nearest(path: Path, time: int, captures: FloatArray) -> SessionPhoto:
