@@ -52,7 +52,9 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
             format = detect(path)
         except FileFormatError:
             continue
-        # A project of Gyroflow is described as a gyro log, although it may contain a camera too.
+        # Recordings contain a camera too, but are described as captures or gyro logs.
+        if format in ("mars", "recording") and describe_kind is describe_camera:
+            continue
         if format != "gyroflow" or describe_kind is describe_gyro or _is_lens_profile(path):
             return describe_kind(path, reading)
     # GyroDeblurNet's captures have eight columns too, but no quaternions.
@@ -193,7 +195,19 @@ def describe_captures(path: Path) -> dict[str, Any]:
         {"start_ns": stamp} | ({} if duration is None else {"duration_s": duration})
         for stamp, duration in zip(file.stamps, file.durations, strict=True)
     ]
-    return {"kind": "captures", "format": file.format, "count": len(exposures), "exposures": exposures}
+    facts = {"kind": "captures", "format": file.format, "count": len(exposures), "exposures": exposures}
+    return facts | _camera_of_captures(path) if file.format == "mars" else facts
+
+
+def _camera_of_captures(path: Path) -> dict[str, Any]:
+    """Return what MARS logger's metadata contain about the camera, except the exposures."""
+    from rsdeblur.io.recorded_cameras import mars_facts
+    from rsdeblur.io.source import Source
+
+    with suppress(FileFormatError):
+        facts = mars_facts(Source(path, "capture file").text)
+        return {key: value for key, value in facts.items() if key not in ("frames", "exposure_s")}
+    return {}
 
 
 def describe_picture(path: Path) -> dict[str, Any]:

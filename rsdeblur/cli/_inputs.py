@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from rsdeblur.cli._output import printable, progress, say_detail
-from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
+from rsdeblur.errors import CoverageError, FileFormatError, InputError, RsdeblurWarning
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,6 +29,10 @@ if TYPE_CHECKING:
     from rsdeblur.motion.gyro import GyroLog
     from rsdeblur.pipeline.options import Options
     from rsdeblur.video.clip import Clip
+
+
+# Frames by which telemetry and video may differ.
+MOST_MISSING = 2
 
 
 class Inputs(NamedTuple):
@@ -308,11 +312,25 @@ def clip_exposures(clip: Clip, recording: Recording | ClipLog) -> list[Exposure]
         raise _usage(f"{options} exclude each other")
     if recording.capture is not None:
         return exposures_from_captures(clip, recording.capture, duration=recording.duration)
-    if recording.duration is None:
-        raise _usage("the exposure time is not given; use --duration, or --capture FILE")
     _refuse_longer(recording.duration, clip.times[-1], clip.path)
+    durations = recording.duration or _clip_durations(recording.gyro, clip)
+    if durations is None:
+        raise _usage("the exposure time is not given; use --duration, or --capture FILE")
     start = float(recording.start or 0.0)
-    return exposures_from_stamps(clip, recording.duration, start=start, epoch_ns=recording.start_ns or 0)
+    return exposures_from_stamps(clip, durations, start=start, epoch_ns=recording.start_ns or 0)
+
+
+def _clip_durations(log: Path, clip: Clip) -> list[float] | None:
+    """Return the exposure time of each frame from the telemetry of the log or of the clip; None if it has none."""
+    from rsdeblur.io.gyro_binary import frame_exposures
+
+    for path in dict.fromkeys((log, Path(clip.path))):
+        with suppress(FileFormatError):
+            durations = frame_exposures(path)
+            # Telemetry often contains one value more or less than the video has frames.
+            if abs(len(durations) - len(clip)) <= MOST_MISSING:
+                return [*durations, *durations[-1:] * MOST_MISSING][: len(clip)]
+    return None
 
 
 def _usage(message: str) -> click.UsageError:

@@ -227,7 +227,9 @@ _CLIP_TIMES = (
     click.option("--capture", type=PATH, metavar="FILE", help="Metadata file with one line per frame."),
     click.option("--start-ns", type=int, metavar="NS", help="Timestamp of the first frame in ns, camera clock."),
     click.option("--start", type=SecondsType(), help="The same in seconds on the log's own clock.  [default: 0]"),
-    click.option("--duration", type=SecondsType(), help="Exposure time of a row; replaces that of --capture."),
+    click.option(
+        "--duration", type=SecondsType(), help="Exposure time of a row; replaces that of --capture or of the video."
+    ),
 )
 clip_options = gathered("recording", Recording, (*_CLIP_LOG, _camera(), *_CLIP_TIMES, *_OVERRIDES))
 clip_log_options = gathered("recording", ClipLog, (*_CLIP_LOG, *_CLIP_TIMES))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -25,6 +26,7 @@ Examples:
   rsdeblur camera new --size 4000x3000 --focal35 26 --readout-time 18ms --imu phone-landscape -o phone.toml
   rsdeblur camera import profile.json --size 1920x1080 -o gopro.toml
   rsdeblur camera import camchain-imucam.yaml --name cam1 -o cam1.toml
+  rsdeblur camera import movie_metadata.csv --size 1080x1920 --sensor-width 4000 -o phone.toml
   rsdeblur camera import photo.jpg --readout-time 18ms -o phone.toml
   rsdeblur camera show phone.toml
 """
@@ -59,6 +61,7 @@ class NumbersType(click.ParamType[tuple[float, ...]]):
             self.fail(f"{value!r} is not a list of numbers; write 1.5,2,-3", param, ctx)
 
 
+POSITIVE = click.FloatRange(min=0, min_open=True)
 SETTINGS: tuple[Callable[[Any], Any], ...] = (
     click.option("--readout-time", type=SecondsType(), help="Readout time of the picture."),
     click.option(
@@ -115,6 +118,30 @@ class Edits:
         return camera
 
 
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """Focal length, in px or as 35 mm equivalent, and the width of the sensor in px."""
+
+    focal_length: float | None
+    focal35: float | None
+    sensor_width: int | None
+
+    def pixels(self, size: tuple[int, int] | None) -> float | None:
+        """Return the focal length in px of a picture of that size; None if it is not given."""
+        if self.focal35 is None:
+            return self.focal_length
+        if size is None or self.focal_length is not None:
+            raise click.UsageError("--focal35 needs --size, and excludes --focal-length", click.get_current_context())
+        return pixels_of_focal35(self.focal35, size)
+
+
+def pixels_of_focal35(focal35: float, size: tuple[int, int]) -> float:
+    """Return the focal length in px that a 35 mm equivalent means."""
+    from rsdeblur.io.exif import FILM_DIAGONAL
+
+    return focal35 / FILM_DIAGONAL * math.hypot(*size)
+
+
 @click.group("camera", epilog=EXAMPLES)
 def command() -> None:
     """Create, import and show camera files."""
@@ -134,7 +161,7 @@ def show(file: Path, name: str | None, as_json: bool) -> None:
 @command.command("new", cls=Command)
 @click.option("--size", type=SizeType(), required=True, help="Size of the picture as stored, in px.")
 @click.option("--focal-length", type=NumbersType(), help="Focal length in px, one number or fx,fy.")
-@click.option("--focal35", type=click.FloatRange(min=0, min_open=True), help="Focal length as 35 mm equivalent.")
+@click.option("--focal35", type=POSITIVE, help="Focal length as 35 mm equivalent.")
 @click.option("--principal-point", type=NumbersType(), help="Principal point cx,cy in px.  [default: the middle]")
 @click.option(
     "--distortion-model", type=click.Choice(["none", "radtan", "fisheye"]), help="Model of the lens distortion."
@@ -151,7 +178,6 @@ def new(
 ) -> None:
     """Create a camera file from numbers."""
     from rsdeblur.io.camera_file import Assumption, CameraFile
-    from rsdeblur.io.exif import FILM_DIAGONAL
     from rsdeblur.motion.camera import Camera
 
     if (focal_length is None) == (focal35 is None):
@@ -159,7 +185,7 @@ def new(
     width, height = size
     length: Any = focal_length[0] if focal_length and len(focal_length) == 1 else focal_length
     if focal35 is not None:
-        length = focal35 / FILM_DIAGONAL * (width**2 + height**2) ** 0.5
+        length = pixels_of_focal35(focal35, size)
     camera = Camera(width, height, length, **{key: value for key, value in values.items() if value is not None})
     _write(camera, target)
     assumptions = tuple(Assumption(key, text) for key, text in UNSTATED.items() if values[key] is None)
@@ -172,6 +198,19 @@ def new(
 @click.option("--name", metavar="CAMERA", help="Name of the camera, if the file has several: cam1.")
 @click.option("--size", type=SizeType(), help="Size of your pictures, if it is not that of the file.")
 @click.option("--fps", type=float, help="Frame rate, if a lens profile has several settings of one size.")
+@_options.gathered(
+    "lens",
+    Lens,
+    (
+        click.option("--focal-length", type=POSITIVE, help="Focal length in px of your pictures; replaces the file's."),
+        click.option("--focal35", type=POSITIVE, help="The same as 35 mm equivalent; needs --size."),
+        click.option(
+            "--sensor-width",
+            type=click.IntRange(min=1),
+            help="Width of the whole sensor in px, if the focal length of MARS logger refers to it.",
+        ),
+    ),
+)
 @_options.gathered(
     "edits",
     Edits,
@@ -193,18 +232,28 @@ def import_(
     name: str | None,
     size: tuple[int, int] | None,
     fps: float | None,
+    lens: Lens,
     edits: Edits,
     target: Target,
     **values: Any,
 ) -> None:
     """Import a camera from SOURCE and write a camera file.
 
-    SOURCE is a camera file of rsdeblur, a lens profile of Gyroflow, a YAML file of Kalibr, or a picture with an EXIF
-    block. --scale, --crop and --turn are applied in this order; the other options then replace values.
+    SOURCE is a camera file of rsdeblur, a lens profile of Gyroflow, a YAML file of Kalibr, MARS logger's
+    movie_metadata.csv, a .gcsv log, a video with telemetry, or a picture with an EXIF block. --scale, --crop and --turn
+    are applied in this order; the other options then replace values.
     """
     from rsdeblur.io import open_camera
 
-    file = open_camera(source, format, size=size, name=name, fps=fps)
+    file = open_camera(
+        source,
+        format,
+        size=size,
+        name=name,
+        fps=fps,
+        focal_length=lens.pixels(size),
+        sensor_width=lens.sensor_width,
+    )
     file = replace(file, camera=edits.apply(file.camera)).with_overrides(**values)
     _write(file.camera, target)
     _print_camera(target.output, file, target.as_json)
