@@ -23,7 +23,20 @@ SECTIONS = {
     ),
     "Computing": ("planning", "threads", "max_memory", "jobs", "scheduler"),
     "Output": (
-        *("output", "force", "dry_run", "json", "report", "codec", "crf", "segment", "quiet", "verbose", "help"),
+        *(
+            "output",
+            "force",
+            "dry_run",
+            "json",
+            "report",
+            "report_paths",
+            "codec",
+            "crf",
+            "segment",
+            "quiet",
+            "verbose",
+            "help",
+        ),
     ),
 }
 # A shorter list of options needs no sections.

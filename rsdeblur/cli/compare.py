@@ -48,6 +48,7 @@ Examples:
 @click.option(
     "--report", type=_options.PATH, metavar="HTML", help="Also write a page that shows the results in a browser."
 )
+@click.option("--report-paths", is_flag=True, help="Name the files on that page with their folders.")
 def command(
     photo: Path,
     recording: Recording,
@@ -55,6 +56,7 @@ def command(
     track: Track,
     truth: Path | None,
     report: Path | None,
+    report_paths: bool,
     target: Target,
 ) -> None:
     """Deblur PHOTO in every mode and lay the results side by side.
@@ -74,7 +76,7 @@ def command(
     if report is not None:
         from rsdeblur.report import write_page
 
-        write_page(report, report_page(compared, recording, options, remarks))
+        write_page(report, report_page(compared, recording, options, remarks, with_paths=report_paths))
         compared.report["report"] = str(report)
     write_json(output / REPORT, compared.report)
     if target.as_json:
