@@ -57,6 +57,12 @@ def say_aside(line: object) -> None:
     click.echo("rsdeblur: " + printable(" ".join(str(line).split())), err=True)
 
 
+def say_remark(line: object) -> None:
+    """Print one line on stderr, unless the command is quiet."""
+    if level() >= 0:
+        say_aside(line)
+
+
 def say_detail(line: object) -> None:
     """Print one line on stderr if the command is verbose."""
     if level() > 0:
@@ -120,6 +126,22 @@ def prepare_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:
     for name in names:
         refuse_inputs(folder / name)
         check_target(folder / name, force=force)
+
+
+def check_page(path: Path, *, force: bool) -> None:
+    """Check that the report's page can be written, before the work.
+
+    Raises
+    ------
+    OutputError
+        If its name is not that of a page, it cannot be written, is an input, or exists and `force` is not set.
+    """
+    from rsdeblur._util.atomic import check_target
+
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise OutputError(f"{path}: the report is an HTML page; give it a name like report.html")
+    refuse_inputs(path)
+    check_target(path, force=force)
 
 
 def print_json(payload: Any) -> None:

@@ -1,4 +1,4 @@
-"""`rsdeblur camera`: create, import and show camera files."""
+"""`rsdeblur camera`: create, import and show camera files; measure the readout."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._options import Target
-from rsdeblur.cli._output import print_json
+from rsdeblur.cli._output import print_json, say
 from rsdeblur.cli._types import SecondsType, SizeType
 
 if TYPE_CHECKING:
+    from rsdeblur.choices import Auto, Transfer
     from rsdeblur.io.camera_file import CameraFile
     from rsdeblur.motion.camera import Camera
 
@@ -28,6 +29,7 @@ Examples:
   rsdeblur camera import camchain-imucam.yaml --name cam1 -o cam1.toml
   rsdeblur camera import movie_metadata.csv --size 1080x1920 --sensor-width 4000 -o phone.toml
   rsdeblur camera import photo.jpg --readout-time 18ms -o phone.toml
+  rsdeblur camera measure-readout wall1.jpg wall2.jpg wall3.jpg --mains 50
   rsdeblur camera show phone.toml
 """
 
@@ -144,7 +146,7 @@ def pixels_of_focal35(focal35: float, size: tuple[int, int]) -> float:
 
 @click.group("camera", epilog=EXAMPLES)
 def command() -> None:
-    """Create, import and show camera files."""
+    """Create, import and show camera files; measure the readout time."""
 
 
 @command.command("show", cls=Command)
@@ -257,6 +259,41 @@ def import_(
     file = replace(file, camera=edits.apply(file.camera)).with_overrides(**values)
     _write(file.camera, target)
     _print_camera(target.output, file, target.as_json)
+
+
+@command.command("measure-readout", cls=Command)
+@click.argument("photos", type=_options.PATH, metavar="PHOTO...", nargs=-1, required=True)
+@click.option("--mains", type=click.FloatRange(40, 70), default=50.0, show_default=True, help="Mains frequency in Hz.")
+@click.option("--horizontal", is_flag=True, help="The readout runs along x, as in upright phone photos stored upright.")
+@_options.transfer_option
+@_options.json_option
+def measure_readout(
+    photos: tuple[Path, ...], mains: float, horizontal: bool, transfer: Transfer | Auto, as_json: bool
+) -> None:
+    """Measure the readout time by the bands that a lamp on the mains leaves in each PHOTO.
+
+    Take one photo of an evenly lit wall, or better several of one scene from a fixed place, at 1/200 s or shorter: a
+    lamp flickers at twice the mains frequency. Exit code 1 means that there are no clear bands.
+    """
+    from rsdeblur.cli._inputs import naming, transfer_of
+    from rsdeblur.errors import InputError
+    from rsdeblur.estimate.flicker import measure_flicker
+    from rsdeblur.io.pictures import read_picture
+
+    pictures = [read_picture(photo) for photo in photos]
+    with naming(photos[0]):
+        found = measure_flicker(
+            [picture.pixels for picture in pictures],
+            mains=mains,
+            horizontal=horizontal,
+            transfer=transfer_of(pictures[0], transfer),
+        )
+    if as_json:
+        print_json({"readout_time_s": found.readout_time, "bands": found.bands, "coherence": found.coherence})
+    if found.readout_time is None:
+        raise InputError(f"{photos[0]}: {found.reason}")
+    if not as_json:
+        say(f"readout time {1e3 * found.readout_time:.1f} ms: {found.bands:.2f} bands of {500 / mains:.2f} ms")
 
 
 def _write(camera: Camera, target: Target) -> None:

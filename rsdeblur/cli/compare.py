@@ -14,10 +14,18 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of, unit_range, with_translation
 from rsdeblur.cli._options import Recording, Target, Track
-from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, refuse_inputs, say, write_json
+from rsdeblur.cli._output import (
+    check_page,
+    prepare_folder,
+    print_json,
+    print_table,
+    progress,
+    say,
+    write_json,
+)
 from rsdeblur.cli._photo import refinement_facts
 from rsdeblur.cli._report import Compared, capture_warnings, report_page
-from rsdeblur.errors import InputError, OutputError
+from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -85,22 +93,6 @@ def command(
         print_report(compared.report)
         if report is not None:
             say("", f"Open {report} in a browser.")
-
-
-def check_page(path: Path, *, force: bool) -> None:
-    """Check that the report's page can be written, before the work.
-
-    Raises
-    ------
-    OutputError
-        If its name is not that of a page, it cannot be written, is an input, or exists and `force` is not set.
-    """
-    from rsdeblur._util.atomic import check_target
-
-    if path.suffix.lower() not in (".html", ".htm"):
-        raise OutputError(f"{path}: the report is an HTML page; give it a name like report.html")
-    refuse_inputs(path)
-    check_target(path, force=force)
 
 
 def output_names(photo: Path) -> list[str]:

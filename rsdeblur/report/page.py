@@ -130,7 +130,7 @@ def render(page: Page) -> str:
     }
     return Template(template).substitute(
         title=escape(page.photo),
-        policy=f"default-src 'none'; img-src data:; style-src {_hash(style)}; script-src {_hash(script)}",
+        policy=f"default-src 'none'; img-src data:; style-src {allowed_hash(style)}; script-src {allowed_hash(script)}",
         style=style,
         script=script,
         verdict=_verdict(best, page.modes.get(best, {})),
@@ -146,7 +146,8 @@ def render(page: Page) -> str:
     )
 
 
-def _hash(text: str) -> str:
+def allowed_hash(text: str) -> str:
+    """Return the hash by which a page's policy allows a style or a script."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
