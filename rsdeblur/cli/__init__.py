@@ -147,6 +147,6 @@ def main() -> None:
     Each row of a rolling-shutter picture has its own exposure window, and therefore its own blur. rsdeblur computes
     the blur from the log and removes it.
 
-    Exit codes: 0 done, 1 input refused, 2 wrong usage, 3 some photos of a batch failed, 130 interrupted (SIGTERM
+    Exit codes: 0 done, 1 input refused, 2 wrong usage, 3 some of several photos failed, 130 interrupted (SIGTERM
     143, SIGHUP 129).
     """
