@@ -105,6 +105,11 @@ def read_recording(recording: Recording, photo: Path | None = None) -> tuple[Gyr
 
         with naming(photo, recording):
             exposure = replace(exposure, epoch_ns=on_clock_of(_exif_time(photo), log))
+    say_detail(
+        f"exposure: {exposure.epoch_ns} ns + {exposure.start:.6f} s, {1e3 * exposure.duration:.3g} ms; camera: "
+        f"{camera.width}x{camera.height}, {camera.focal_length[0]:.1f} px, readout {1e3 * camera.readout_time:.3g} ms "
+        f"{camera.readout_direction}, time offset {1e3 * camera.time_offset:.1f} ms"
+    )
     return log, camera, exposure
 
 
@@ -118,6 +123,8 @@ def read_device(recording: Recording) -> tuple[GyroLog, Camera]:
     camera = with_overrides.warn(recording.camera)
     file = read_log(recording)
     _check_axes(file, camera, recording)
+    first, last = file.log.span
+    say_detail(f"log: {file.format}, {len(file.log)} samples at {file.log.rate:.1f} Hz, {first:.3f} to {last:.3f} s")
     return file.log, camera
 
 

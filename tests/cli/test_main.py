@@ -73,7 +73,8 @@ def test_quiet_and_verbose(files: Files, run: Callable[..., Result]) -> None:
     quiet = run(*arguments, "-o", str(files.photo.with_name("a.png")), "-q")
     assert quiet.output == ""
     verbose = run(*arguments, "-o", str(files.photo.with_name("b.png")), "-v")
-    assert "rsdeblur: deblur: apply" in verbose.stderr
+    for text in ("rsdeblur: log: plain", "rsdeblur: exposure: 0 ns + 0.200000 s, 40 ms", "rsdeblur: deblur: apply"):
+        assert text in verbose.stderr
     assert len(verbose.stdout.splitlines()) >= 1
 
 
