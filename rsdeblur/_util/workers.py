@@ -27,6 +27,8 @@ ATTEMPTS = 2
 PATIENCE = 10.0
 # Tasks that wait at a cluster, per thread of it.
 AHEAD = 2
+# s until a scheduler must answer.
+CONNECT = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +54,7 @@ def run(
     jobs: int = 1,
     scheduler: str | None = None,
     lost: Callable[[Task], None] | None = None,
+    announce: Callable[[str], None] | None = None,
 ) -> Generator[tuple[Task, Answer | Failure], None, None]:
     """Do `work` on every task and yield each with its answer, in the order in which they finish.
 
@@ -69,6 +72,8 @@ def run(
         Address of a Dask scheduler, whose workers take the place of the processes; they must see the same files.
     lost : callable, optional
         Called with a task whose process died, before the next attempt: to remove what the process left.
+    announce : callable, optional
+        Called with a line about the workers of the cluster.
 
     Raises
     ------
@@ -77,7 +82,10 @@ def run(
     """
     jobs = validate.count("jobs", jobs)
     lost = lost or (lambda task: None)
-    yield from _on_cluster(work, tasks, lost, scheduler) if scheduler else _in_processes(work, tasks, lost, jobs)
+    if scheduler is None:
+        yield from _in_processes(work, tasks, lost, jobs)
+    else:
+        yield from _on_cluster(work, tasks, lost, scheduler, announce or (lambda line: None))
 
 
 def _in_processes(
@@ -197,14 +205,18 @@ def _one_line(error: Exception) -> str:
 
 
 def _on_cluster(
-    work: Callable[[Task], Answer], tasks: Iterable[Task], lost: Callable[[Task], None], address: str
+    work: Callable[[Task], Answer],
+    tasks: Iterable[Task],
+    lost: Callable[[Task], None],
+    address: str,
+    announce: Callable[[str], None],
 ) -> Iterator[tuple[Task, Answer | Failure]]:
     try:
         from distributed import Client, Future, as_completed
     except ImportError as error:
         raise InputError("a Dask scheduler needs the extra [dask]: pip install 'rsdeblur[dask]'") from error
     try:
-        client = Client(address)
+        client = Client(address, timeout=CONNECT)
     except (OSError, ValueError, TypeError, RuntimeError) as error:  # TypeError: TLS without certificates
         raise InputError(f"no Dask scheduler answers at {address}: {_one_line(error)}") from error
     waiting, sent = iter(tasks), dict[Future, Task]()
@@ -215,8 +227,12 @@ def _on_cluster(
         return list(new)
 
     with client:
+        cores = client.ncores()
+        # Without workers the batch waits until one joins.
+        threads = sum(cores.values())
+        announce(f"{address}: {len(cores)} workers with {threads} threads; dashboard {client.dashboard_link}")
         try:
-            done = as_completed(send(AHEAD * max(1, sum(client.ncores().values()))))
+            done = as_completed(send(AHEAD * max(1, threads)))
             for future in done:
                 task = sent.pop(future)
                 # `_attempt` catches what `work` raises, so a future fails only if its worker died several times.

@@ -11,13 +11,14 @@ import signal
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from difflib import get_close_matches
 from importlib import import_module
 from typing import Any, NoReturn
 
 import click
 
 from rsdeblur._util import interrupts
-from rsdeblur.cli._output import printable, say_aside, tolerant_output
+from rsdeblur.cli._output import level, printable, say_aside, tolerant_output
 from rsdeblur.errors import RsdeblurError, RsdeblurWarning
 
 COMMANDS = (
@@ -54,6 +55,21 @@ class Commands(click.Group):
             return None
         command: click.Command = import_module(f"rsdeblur.cli.{cmd_name}").command
         return command
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Take `help COMMAND` for `COMMAND --help`."""
+        return super().parse_args(ctx, [*args[1:2], "--help"] if args[:1] == ["help"] else args)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command; suggest one if the name is unknown."""
+        name = args[0]
+        if name not in COMMANDS and not name.startswith("-") and not ctx.resilient_parsing:
+            close = get_close_matches(name, COMMANDS, n=1)
+            hint = f"did you mean {close[0]}?" if close else f"commands are {', '.join(COMMANDS)}"
+            raise click.UsageError(f"there is no command {name!r}; {hint}", ctx)
+        return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; exit with 1 for refused input and 128 plus the signal's number when interrupted."""
@@ -99,12 +115,13 @@ def _refuse(ctx: click.Context, message: str) -> NoReturn:
 
 @contextmanager
 def _one_line_warnings() -> Iterator[None]:
-    shown = set()
+    shown: set[str] = set()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
         # Several parts of one log may cause a warning each, which differ in their numbers only; one is enough.
         kind = re.sub(r"[\d.]+", "", str(message))
-        if kind not in shown:
+        # The name of a file may have stood before the same text.
+        if level() >= 0 and not any(text.endswith(kind) for text in shown):
             say_aside(f"warning: {message}")
         shown.add(kind)
 
@@ -130,6 +147,6 @@ def main() -> None:
     Each row of a rolling-shutter picture has its own exposure window, and therefore its own blur. rsdeblur computes
     the blur from the log and removes it.
 
-    Exit codes: 0 done, 1 input refused, 2 wrong usage, 3 some photos of a batch failed, 130 interrupted (SIGTERM
+    Exit codes: 0 done, 1 input refused, 2 wrong usage, 3 some of several photos failed, 130 interrupted (SIGTERM
     143, SIGHUP 129).
     """

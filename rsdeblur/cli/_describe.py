@@ -52,7 +52,9 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
             format = detect(path)
         except FileFormatError:
             continue
-        # A project of Gyroflow is described as a gyro log, although it may contain a camera too.
+        # Recordings contain a camera too, but are described as captures or gyro logs.
+        if format in ("mars", "recording") and describe_kind is describe_camera:
+            continue
         if format != "gyroflow" or describe_kind is describe_gyro or _is_lens_profile(path):
             return describe_kind(path, reading)
     # GyroDeblurNet's captures have eight columns too, but no quaternions.
@@ -171,7 +173,7 @@ def camera_facts(file: CameraFile) -> dict[str, Any]:
         "time_offset_s": camera.time_offset,
         "timestamp_marks": camera.timestamp_marks,
         **file.facts,
-        "remarks": [assumption.text for assumption in file.assumptions],
+        "remarks": file.remarks,
     }
 
 
@@ -193,12 +195,25 @@ def describe_captures(path: Path) -> dict[str, Any]:
         {"start_ns": stamp} | ({} if duration is None else {"duration_s": duration})
         for stamp, duration in zip(file.stamps, file.durations, strict=True)
     ]
-    return {"kind": "captures", "format": file.format, "count": len(exposures), "exposures": exposures}
+    facts = {"kind": "captures", "format": file.format, "count": len(exposures), "exposures": exposures}
+    return facts | _camera_of_captures(path) if file.format == "mars" else facts
+
+
+def _camera_of_captures(path: Path) -> dict[str, Any]:
+    """Return what MARS logger's metadata contain about the camera, except the exposures."""
+    from rsdeblur.io.recorded_cameras import mars_facts
+    from rsdeblur.io.source import Source
+
+    with suppress(FileFormatError):
+        facts = mars_facts(Source(path, "capture file").text)
+        return {key: value for key, value in facts.items() if key not in ("frames", "exposure_s")}
+    return {}
 
 
 def describe_picture(path: Path) -> dict[str, Any]:
     """Return the properties of a picture, and of the gyro data in its file."""
     from rsdeblur.io.exif import MAKE, MODEL, Exif
+    from rsdeblur.io.exif_times import shown_time
     from rsdeblur.io.gyro_binary import trailer_of
     from rsdeblur.io.pictures import read_picture
     from rsdeblur.io.source import Source
@@ -213,6 +228,7 @@ def describe_picture(path: Path) -> dict[str, Any]:
         "values": f"{picture.pixels.dtype}, {picture.transfer}",
         "exif_camera": " ".join(filter(None, (exif.text(MAKE), exif.text(MODEL)))) or None,
         "exif_exposure_s": exif.exposure,
+        "exif_time": shown_time(exif),
         "exif_orientation": exif.orientation,
         "icc_profile": picture.icc_profile is not None,
     }

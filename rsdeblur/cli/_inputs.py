@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -12,14 +12,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from rsdeblur.cli._output import printable
-from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
+from rsdeblur.cli._output import printable, progress, say_detail
+from rsdeblur.errors import CoverageError, FileFormatError, InputError, RsdeblurWarning
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rsdeblur.choices import Auto, Transfer
     from rsdeblur.cli._options import ClipLog, Recording, Track
+    from rsdeblur.estimate.time_offset import OffsetSearch
+    from rsdeblur.io.exif_times import CaptureTime
     from rsdeblur.io.pictures import Picture
     from rsdeblur.io.samples import GyroFile
     from rsdeblur.motion.camera import Camera
@@ -27,6 +29,10 @@ if TYPE_CHECKING:
     from rsdeblur.motion.gyro import GyroLog
     from rsdeblur.pipeline.options import Options
     from rsdeblur.video.clip import Clip
+
+
+# Frames by which telemetry and video may differ.
+MOST_MISSING = 2
 
 
 class Inputs(NamedTuple):
@@ -38,8 +44,10 @@ class Inputs(NamedTuple):
     exposure: Exposure
 
 
-def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False) -> Inputs:
+def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False, search: bool = True) -> Inputs:
     """Read the picture, or map its file if `in_place` is set, and read the log, the camera and the exposure.
+
+    A time from EXIF is a second off, so the picture determines the camera's time offset, unless `search` is unset.
 
     Raises
     ------
@@ -52,13 +60,57 @@ def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False) ->
 
     # The small files come first, so that a wrong option shows before a large picture is read.
     log, camera, exposure = read_recording(recording, photo)
-    return Inputs(read_picture(photo, in_place=in_place), log, camera, exposure)
+    inputs = Inputs(read_picture(photo, in_place=in_place), log, camera, exposure)
+    return _with_offset(inputs, photo) if search and recording.start == "exif" else inputs
+
+
+def _with_offset(inputs: Inputs, photo: Path) -> Inputs:
+    """Return the inputs with the time offset that the picture determines.
+
+    Raises
+    ------
+    InputError
+        If it determines none.
+    """
+    from rsdeblur.estimate.time_offset import find_time_offset
+    from rsdeblur.io.exif_times import EXIF_ERROR
+
+    picture, log, camera, exposure = inputs
+    with progress("time") as move, naming(photo):
+        found = find_time_offset(
+            picture.pixels, log, camera, exposure, search=EXIF_ERROR, transfer=picture.transfer, progress=move
+        )
+    check_offset(found, photo)
+    assert found.time_offset is not None
+    say_detail(f"{photo}: time offset {1e3 * found.time_offset:.1f} ms, confidence {found.confidence:.2f}")
+    return inputs._replace(camera=replace(camera, time_offset=found.time_offset))
+
+
+def check_offset(found: OffsetSearch, photo: Path) -> None:
+    """Raise `InputError` if the picture does not determine the time offset."""
+    if found.time_offset is None:
+        raise InputError(
+            f"{photo}: the picture does not determine the time offset: {found.reason} "
+            f"(likeliest {1e3 * found.best:.1f} ms, confidence {found.confidence:.2f})"
+        )
 
 
 def read_recording(recording: Recording, photo: Path | None = None) -> tuple[GyroLog, Camera, Exposure]:
     """Read the log, the camera and the exposure that the options name; see `read_inputs`."""
     exposure = _exposure(recording, photo)
-    return *read_device(recording), exposure
+    log, camera = read_device(recording)
+    _refuse_longer(recording.duration, log.span[1] - log.span[0], recording.gyro)
+    if recording.start == "exif":
+        from rsdeblur.io.exif_times import on_clock_of
+
+        with naming(photo, recording):
+            exposure = replace(exposure, epoch_ns=on_clock_of(_exif_time(photo), log))
+    say_detail(
+        f"exposure: {exposure.epoch_ns} ns + {exposure.start:.6f} s, {1e3 * exposure.duration:.3g} ms; camera: "
+        f"{camera.width}x{camera.height}, {camera.focal_length[0]:.1f} px, readout {1e3 * camera.readout_time:.3g} ms "
+        f"{camera.readout_direction}, time offset {1e3 * camera.time_offset:.1f} ms"
+    )
+    return log, camera, exposure
 
 
 def read_device(recording: Recording) -> tuple[GyroLog, Camera]:
@@ -71,6 +123,8 @@ def read_device(recording: Recording) -> tuple[GyroLog, Camera]:
     camera = with_overrides.warn(recording.camera)
     file = read_log(recording)
     _check_axes(file, camera, recording)
+    first, last = file.log.span
+    say_detail(f"log: {file.format}, {len(file.log)} samples at {file.log.rate:.1f} Hz, {first:.3f} to {last:.3f} s")
     return file.log, camera
 
 
@@ -117,6 +171,13 @@ def _check_axes(file: GyroFile, camera: Camera, recording: Recording) -> None:
     from rsdeblur.motion.axes import imu_to_camera
 
     matrix = camera.imu_to_camera
+    if file.axes == "phone" and camera.readout_time == 0:
+        warnings.warn(
+            f"{recording.camera}: the readout time is 0, as of a global shutter, but {recording.gyro} is the log of a "
+            "phone, whose shutter rolls; give --readout-time",
+            RsdeblurWarning,
+            stacklevel=2,
+        )
     if file.axes == "sensor":
         return
     if np.array_equal(matrix, np.eye(3)):
@@ -166,7 +227,9 @@ def _exposure(recording: Recording, photo: Path | None) -> Exposure:
 
     if recording.start is not None and recording.start_ns is not None:
         raise _usage("--start and --start-ns exclude each other")
-    start = None if recording.start is None else (recording.start, 0)
+    # The log decides the time zone of a time from EXIF, later.
+    seconds = 0.0 if recording.start == "exif" else recording.start
+    start = None if seconds is None else (seconds, 0)
     if recording.start_ns is not None:
         start = (0.0, recording.start_ns)
     duration = recording.duration
@@ -181,11 +244,27 @@ def _exposure(recording: Recording, photo: Path | None) -> Exposure:
     elif duration is None:
         duration = _exif_exposure(photo)
     if start is None or duration is None:
-        raise _usage(
-            "the exposure is not given; use --capture FILE --index N, or --start or --start-ns together with "
-            "--duration, which may be left out if the photo's EXIF block contains it"
-        )
+        raise _usage(_missing(start is None, duration is None))
     return Exposure(start[0], duration, start[1])
+
+
+def _refuse_longer(duration: float | None, whole: float, path: Path) -> None:
+    """Refuse an exposure time that exceeds the file which must cover the exposure."""
+    if duration is not None and duration > whole:
+        raise _usage(
+            f"--duration: {duration:g} s is longer than {path} ({whole:.3g} s); did you mean {duration:g}ms or "
+            f"1/{duration:g}?"
+        )
+
+
+def _missing(start: bool, duration: bool) -> str:
+    """Return what to give where the start, the exposure time or both are unknown."""
+    if not start:
+        return "the exposure time is missing: give --duration (the photo's EXIF block does not contain it)"
+    time = "" if duration else "the start of "
+    return f"{time}the exposure is missing: give --capture FILE --index N, or --start or --start-ns" + (
+        " together with --duration, which may be left out if the photo's EXIF block contains it" if duration else ""
+    )
 
 
 def _exif_exposure(photo: Path | None) -> float | None:
@@ -196,6 +275,18 @@ def _exif_exposure(photo: Path | None) -> float | None:
     from rsdeblur.io.pictures import read_header
 
     return Exif(read_header(photo)[2]).exposure
+
+
+def _exif_time(photo: Path | None) -> CaptureTime:
+    """Return the time in the picture's EXIF block."""
+    if photo is None:
+        raise _usage("--start exif needs a photo")
+    from rsdeblur.io.exif import Exif
+    from rsdeblur.io.exif_times import capture_time
+    from rsdeblur.io.pictures import read_header
+
+    with naming(photo):
+        return capture_time(Exif(read_header(photo)[2]))
 
 
 def _chosen(captures: list[Exposure], recording: Recording) -> Exposure:
@@ -228,10 +319,25 @@ def clip_exposures(clip: Clip, recording: Recording | ClipLog) -> list[Exposure]
         raise _usage(f"{options} exclude each other")
     if recording.capture is not None:
         return exposures_from_captures(clip, recording.capture, duration=recording.duration)
-    if recording.duration is None:
+    _refuse_longer(recording.duration, clip.times[-1], clip.path)
+    durations = recording.duration or _clip_durations(recording.gyro, clip)
+    if durations is None:
         raise _usage("the exposure time is not given; use --duration, or --capture FILE")
-    start = recording.start or 0.0
-    return exposures_from_stamps(clip, recording.duration, start=start, epoch_ns=recording.start_ns or 0)
+    start = float(recording.start or 0.0)
+    return exposures_from_stamps(clip, durations, start=start, epoch_ns=recording.start_ns or 0)
+
+
+def _clip_durations(log: Path, clip: Clip) -> list[float] | None:
+    """Return the exposure time of each frame from the telemetry of the log or of the clip; None if it has none."""
+    from rsdeblur.io.gyro_binary import frame_exposures
+
+    for path in dict.fromkeys((log, Path(clip.path))):
+        with suppress(FileFormatError):
+            durations = frame_exposures(path)
+            # Telemetry often contains one value more or less than the video has frames.
+            if abs(len(durations) - len(clip)) <= MOST_MISSING:
+                return [*durations, *durations[-1:] * MOST_MISSING][: len(clip)]
+    return None
 
 
 def _usage(message: str) -> click.UsageError:

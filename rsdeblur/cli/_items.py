@@ -1,4 +1,4 @@
-"""Items of a batch: the rows of a manifest, or the photos of a session folder."""
+"""Items of a batch: the rows of a manifest, or the photos of a folder."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from typing import Any
 import click
 
 from rsdeblur._util.files import read_file
-from rsdeblur.cli._options import BiasType, Defaults, Recording, SecondsType
+from rsdeblur.cli._options import Defaults, Recording
+from rsdeblur.cli._types import BiasType, SecondsType, StartType
 from rsdeblur.errors import FileFormatError, RsdeblurWarning
 
 # Columns of a manifest, with the conversion of their cells; an empty cell sets nothing.
@@ -25,9 +26,8 @@ COLUMNS: dict[str, Callable[[str], Any]] = {
     **dict.fromkeys(("index", "start_ns"), int),
     "rate": float,
     "bias": lambda cell: BiasType().convert(cell, None, None),
-    **dict.fromkeys(
-        ("start", "duration", "time_offset", "readout_time"), lambda cell: SecondsType().convert(cell, None, None)
-    ),
+    "start": lambda cell: StartType().convert(cell, None, None),
+    **dict.fromkeys(("duration", "time_offset", "readout_time"), lambda cell: SecondsType().convert(cell, None, None)),
 }
 # Columns by their former names.
 RENAMED = {"readout": "readout_time"}
@@ -94,14 +94,20 @@ def _places(paths: Iterable[Path]) -> set[Place]:
 
 
 def _session(folder: Path, defaults: Defaults, output: Path, numbered_from: int | None) -> Iterator[Item]:
-    from rsdeblur.io.sessions import open_session
+    from rsdeblur.io.sessions import files_in, gyro_log_in, open_session, photos_in
 
+    if defaults.start == "exif":
+        files = files_in(folder, without=output)
+        known = defaults if defaults.gyro else replace(defaults, gyro=gyro_log_in(folder, files))
+        for path in photos_in(folder, files):
+            yield _item(path, result_name(path.relative_to(folder)), {}, known)
+        return
     session = open_session(folder, numbered_from=numbered_from, without=output)
     known = replace(defaults, gyro=session.gyro, capture=session.capture)
     if defaults.camera is None:
         known = replace(known, camera=session.camera)
     for photo in session.photos:
-        place = _result(photo.path.relative_to(folder))
+        place = result_name(photo.path.relative_to(folder))
         if photo.error is not None:
             yield Item(photo.path, place, None, f"{photo.path}: {photo.error}")
         else:
@@ -170,7 +176,7 @@ def _row(path: Path, line: int, head: list[str], row: list[str], defaults: Defau
         for name, cell in zip(head, map(str.strip, row), strict=True):
             if cell and name != "photo":
                 cells[name] = _converted(name, cell)
-        result = cells.pop("output", None) or _result(_inside(photo, path.parent))
+        result = cells.pop("output", None) or result_name(_inside(photo, path.parent))
         if result.anchor or ".." in result.parts:
             raise ValueError(f"output: {result} leads out of the output folder; give a path relative to that folder")
         files = {name: path.parent / cells[name] for name in FILES if name in cells}
@@ -201,11 +207,15 @@ def _item(photo: Path, result: Path, own: dict[str, Any], defaults: Defaults) ->
     if "capture" not in own and not own.keys().isdisjoint(("start", "start_ns")):
         values.pop("capture", None)
     values |= own
+    # Times from EXIF replace a capture file of the defaults.
+    if values.get("start") == "exif" and "capture" not in own:
+        values.pop("capture", None)
     for name in ("gyro", "camera"):
         if name not in values:
             return Item(photo, result, None, f"{photo}: no {name} file; give it in the column {name} or with --{name}")
     return Item(photo, result, Recording(**values))
 
 
-def _result(photo: Path) -> Path:
+def result_name(photo: Path) -> Path:
+    """Return the name of a photo's result: its own, or that of a PNG if results cannot have its format."""
     return photo if photo.suffix.lower() in WRITABLE else photo.with_suffix(".png")

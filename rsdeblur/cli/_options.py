@@ -2,141 +2,34 @@
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import wraps
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any
 
 import click
 
 from rsdeblur import choices
-from rsdeblur.choices import Auto, Count, Strength, Transfer
 from rsdeblur.cli._output import refuse_inputs
+from rsdeblur.cli._types import (
+    AutoType,
+    Bias,
+    BiasType,
+    BytesType,
+    SecondsType,
+    Start,
+    StartType,
+    StrengthType,
+    TransferType,
+    WorkSizeType,
+)
 from rsdeblur.pipeline.options import Options
 
-Bias = tuple[float, float, float]
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
 
 PATH = click.Path(path_type=Path)
-
-# Sindelar and Sroubek (2013) reduce 3264x2448 to 2048x1536.
-PAPER_SIDE = 2048
-
-
-class SecondsType(click.ParamType[float]):
-    """A time: `0.05`, `1/20` or `50ms`."""
-
-    name = "SECONDS"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return seconds."""
-        if isinstance(value, float):
-            return value
-        number = r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)"
-        match = re.fullmatch(rf"{number}(?:/{number})?\s*(s|ms|us)?", str(value))
-        try:
-            if match is None:
-                raise ValueError(value)
-            above, below, unit = match.groups(default="")
-            return float(above) / float(below or 1.0) / {"": 1.0, "s": 1.0, "ms": 1e3, "us": 1e6}[unit]
-        except (ValueError, ZeroDivisionError):
-            self.fail(f"{value!r} is not a time; write 0.05, 1/20 or 50ms", param, ctx)
-
-
-class AutoType(click.ParamType[Any]):
-    """A whole number from 1 up, or `auto`."""
-
-    name = "N|auto"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Count:
-        """Return the number, or "auto"."""
-        return "auto" if value == "auto" else click.IntRange(min=1).convert(value, param, ctx)
-
-
-class StrengthType(click.ParamType[Any]):
-    """A positive number, or `auto`."""
-
-    name = "X|auto"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Strength:
-        """Return the number, or "auto"."""
-        return "auto" if value == "auto" else click.FloatRange(min=0.0, min_open=True).convert(value, param, ctx)
-
-
-class BytesType(click.ParamType[Any]):
-    """An amount of memory: 500MB, 1GiB."""
-
-    name = "SIZE"
-    units: ClassVar = {"": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 2**10, "mib": 2**20, "gib": 2**30}
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Return the number of bytes."""
-        match = re.fullmatch(r"(\d+(?:\.\d*)?)\s*([kmg]i?b)?", str(value).strip().lower())
-        if not match:
-            self.fail(f"{value!r} is not an amount of memory like 1GiB or 500MB", param, ctx)
-        return int(float(match[1]) * self.units[match[2] or ""])
-
-
-class TransferType(click.ParamType[Any]):
-    """Encoding of light in pixel values: a name, a gamma, or `auto`."""
-
-    name = "auto|linear|srgb|GAMMA"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Transfer | Auto:
-        """Return the name, or the gamma as a number."""
-        names: tuple[Literal["auto", "linear", "srgb"], ...] = ("auto", *choices.TRANSFERS)
-        for name in names:
-            if value == name:
-                return name
-        return float(click.FloatRange(min=0.0, min_open=True).convert(value, param, ctx))
-
-
-class WorkSizeType(click.ParamType[Any]):
-    """Longer side of the reduced picture: `paper` (2048), `full` or a number of px."""
-
-    name = "paper|full|N"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | None:
-        """Return the number, or None for the full size."""
-        if value in (None, "full"):
-            return None
-        return PAPER_SIDE if value == "paper" else int(click.IntRange(min=16).convert(value, param, ctx))
-
-
-class SizeType(click.ParamType[tuple[int, int]]):
-    """Size of a picture, `WIDTHxHEIGHT`."""
-
-    name = "WIDTHxHEIGHT"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        """Return (width, height)."""
-        match = re.fullmatch(r"(\d+)x(\d+)", str(value))
-        if match is None:
-            self.fail(f"{value!r} is not a size; write 1024x768", param, ctx)
-        return int(match[1]), int(match[2])
-
-
-class BiasType(click.ParamType[Any]):
-    """Three angular rates: `0.01,-0.02,0.005` in rad/s, or with a unit, `-1.8,0,0.1deg/s`."""
-
-    name = "WX,WY,WZ"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Bias:
-        """Return rad/s."""
-        if isinstance(value, tuple):
-            return value
-        text, degrees = re.subn(r"\s*deg/s$", "", str(value).strip())
-        try:
-            x, y, z = (float(number) for number in re.sub(r"\s*rad/s$", "", text).split(","))
-        except ValueError:
-            self.fail(f"{value!r} is not three rates; write 0.01,-0.02,0.005 (rad/s) or -1.8,0,0.1deg/s", param, ctx)
-        if not math.isfinite(x + y + z):
-            self.fail(f"{value!r} must be finite", param, ctx)
-        return (math.radians(x), math.radians(y), math.radians(z)) if degrees else (x, y, z)
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +46,7 @@ class Recording:
     capture: Path | None = None
     index: int | None = None
     start_ns: int | None = None
-    start: float | None = None
+    start: Start | None = None
     duration: float | None = None
     time_offset: float | None = None
     readout_time: float | None = None
@@ -196,6 +89,7 @@ class Defaults:
     rate: float | None
     bias: Bias | None
     capture: Path | None
+    start: Start | None
     duration: float | None
     time_offset: float | None
     readout_time: float | None
@@ -209,6 +103,20 @@ class Target:
     force: bool
     as_json: bool
     dry_run: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoTarget:
+    """File or folder of the results of `deblur`, or None for files beside the photos, and what the command prints."""
+
+    output: Path | None
+    force: bool
+    as_json: bool
+    dry_run: bool
+
+    def at(self, output: Path) -> Target:
+        """Return the target of one photo."""
+        return Target(output, self.force, self.as_json, self.dry_run)
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,7 +187,12 @@ _EXPOSURE = (
         metavar="NS",
         help="Timestamp in ns, camera clock: the first row's start, unless the camera file sets timestamp_marks.",
     ),
-    click.option("--start", type=SecondsType(), help="The same in seconds on the log's own clock."),
+    click.option(
+        "--start",
+        type=StartType(),
+        help="The same in seconds on the log's own clock; or exif: the time in the photo's EXIF block, "
+        "which the picture then makes exact.",
+    ),
     click.option(
         "--duration", type=SecondsType(), help="Exposure time of a row: 0.05, 1/20 or 50ms.  [default: from EXIF]"
     ),
@@ -314,7 +227,9 @@ _CLIP_TIMES = (
     click.option("--capture", type=PATH, metavar="FILE", help="Metadata file with one line per frame."),
     click.option("--start-ns", type=int, metavar="NS", help="Timestamp of the first frame in ns, camera clock."),
     click.option("--start", type=SecondsType(), help="The same in seconds on the log's own clock.  [default: 0]"),
-    click.option("--duration", type=SecondsType(), help="Exposure time of a row; replaces that of --capture."),
+    click.option(
+        "--duration", type=SecondsType(), help="Exposure time of a row; replaces that of --capture or of the video."
+    ),
 )
 clip_options = gathered("recording", Recording, (*_CLIP_LOG, _camera(), *_CLIP_TIMES, *_OVERRIDES))
 clip_log_options = gathered("recording", ClipLog, (*_CLIP_LOG, *_CLIP_TIMES))
@@ -326,6 +241,7 @@ defaults_options = gathered(
         *_LOG,
         click.option("--camera", type=PATH, metavar="FILE", help="Camera file of photos that name none."),
         click.option("--capture", type=PATH, metavar="FILE", help="Metadata file of photos that name none."),
+        click.option("--start", type=click.Choice(["exif"]), help="Take the photos' times from EXIF; see deblur."),
         click.option("--duration", type=SecondsType(), help="Exposure time of other photos.  [default: from EXIF]"),
         *_OVERRIDES,
     ),
@@ -490,3 +406,19 @@ def target_options(metavar: str, text: str, *, force: Decorator = force_option, 
         return gather(call)
 
     return decorate
+
+
+photo_target_options = gathered(
+    "target",
+    PhotoTarget,
+    (
+        click.option(
+            "-o",
+            "--output",
+            type=PATH,
+            metavar="OUT|DIR",
+            help="Picture to write, or folder for the results.  [default: PHOTO-sharp beside each photo]",
+        ),
+        *(force_option, dry_run_option, json_option),
+    ),
+)

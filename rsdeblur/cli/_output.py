@@ -9,6 +9,7 @@ import io
 import json
 import os
 import sys
+import time
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -23,6 +24,16 @@ if TYPE_CHECKING:
     from rsdeblur.types import Progress
 
 
+# Key of the context's `meta` under which the level of detail is: -1 quiet, 1 verbose.
+LEVEL = "rsdeblur.level"
+
+
+def level() -> int:
+    """Return how much the command prints: -1 errors only, 0 results and warnings, 1 also inputs and stages."""
+    context = click.get_current_context(silent=True)
+    return 0 if context is None else int(context.meta.get(LEVEL, 0))
+
+
 def printable(text: object) -> str:
     """Return a text in which control characters, line breaks and bytes that are not text are escaped.
 
@@ -35,14 +46,27 @@ def printable(text: object) -> str:
 
 
 def say(*lines: object) -> None:
-    """Print lines."""
-    for line in lines:
-        click.echo(printable(line))
+    """Print lines, unless the command is quiet."""
+    if level() >= 0:
+        for line in lines:
+            click.echo(printable(line))
 
 
 def say_aside(line: object) -> None:
     """Print one line on stderr: an error, a warning, a remark."""
     click.echo("rsdeblur: " + printable(" ".join(str(line).split())), err=True)
+
+
+def say_remark(line: object) -> None:
+    """Print one line on stderr, unless the command is quiet."""
+    if level() >= 0:
+        say_aside(line)
+
+
+def say_detail(line: object) -> None:
+    """Print one line on stderr if the command is verbose."""
+    if level() > 0:
+        say_aside(line)
 
 
 @contextmanager
@@ -104,6 +128,22 @@ def prepare_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:
         check_target(folder / name, force=force)
 
 
+def check_page(path: Path, *, force: bool) -> None:
+    """Check that the report's page can be written, before the work.
+
+    Raises
+    ------
+    OutputError
+        If its name is not that of a page, it cannot be written, is an input, or exists and `force` is not set.
+    """
+    from rsdeblur._util.atomic import check_target
+
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise OutputError(f"{path}: the report is an HTML page; give it a name like report.html")
+    refuse_inputs(path)
+    check_target(path, force=force)
+
+
 def print_json(payload: Any) -> None:
     """Print `payload` as JSON."""
     click.echo(json.dumps(payload, indent=2))
@@ -118,7 +158,9 @@ def write_json(path: Path, payload: Any) -> None:
 
 
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a table; the first column is aligned left, the others right."""
+    """Print a table; the first column is aligned left, the others right. A quiet command prints none."""
+    if level() < 0:
+        return
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -132,14 +174,31 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(table)
 
 
+def _stages(title: str) -> Progress:
+    """Return a function of progress that prints when a stage begins."""
+    begin, last = time.perf_counter(), ""
+
+    def move(stage: str, _: float) -> None:
+        nonlocal last
+        if stage != last:
+            say_aside(f"{title}: {stage}, {time.perf_counter() - begin:.2f} s after the start")
+        last = stage
+
+    return move
+
+
 @contextmanager
 def progress(title: str) -> Iterator[Progress | None]:
     """Show a progress bar on a terminal; yield the function that moves it, or None if stderr is not a terminal.
 
-    Until its first move, the bar shows activity only.
+    Until its first move, the bar shows activity only. A verbose command prints a line for each stage instead, a quiet
+    one nothing.
     """
+    if level() > 0:
+        yield _stages(title)
+        return
     # There is no stream if it was closed before the start (2>&-).
-    if sys.stderr is None or not sys.stderr.isatty():
+    if level() < 0 or sys.stderr is None or not sys.stderr.isatty():
         yield None
         return
     from rich.console import Console

@@ -78,7 +78,8 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         planned = plan_for(pixels, log, camera, exposure, options, progress=move)
         result = planned.apply(pixels, out=out, progress=move)
     seconds = time.perf_counter() - begin
-    return facts_of(result, job.output, job.options.mode, job.options.prior_name, seconds)
+    facts = facts_of(result, job.output, job.options.mode, job.options.prior_name, seconds)
+    return facts | ({"time_offset_s": camera.time_offset} if job.recording.start == "exif" else {})
 
 
 def facts_of(result: DeblurResult, output: Path, mode: Mode, prior: str, seconds: float) -> dict[str, Any]:

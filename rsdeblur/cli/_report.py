@@ -56,8 +56,10 @@ def capture_warnings() -> Iterator[list[str]]:
         warnings.showwarning = show
 
 
-def report_page(compared: Compared, recording: Recording, options: Options, remarks: Sequence[str]) -> Page:
-    """Fill the page of a comparison."""
+def report_page(
+    compared: Compared, recording: Recording, options: Options, remarks: Sequence[str], *, with_paths: bool = False
+) -> Page:
+    """Fill the page of a comparison; it names files without their folders unless `with_paths` is set."""
     from rsdeblur.report import MotionPlot, Page, band_figures, findings
 
     report, (picture, log, camera, exposure), shown, banks, unseen, transfer = compared
@@ -70,13 +72,13 @@ def report_page(compared: Compared, recording: Recording, options: Options, rema
         motion=MotionPlot.of(log, camera, exposure),
         bands=band_figures(shown, psf, across=camera.horizontal_readout),
         modes=report["modes"],
-        settings=_settings(compared, recording, options),
+        settings=_settings(compared, recording, options, with_paths),
         findings=findings(
             *(picture.pixels, log, camera, exposure),
             psf=psf,
             checks={mode: facts["check"] for mode, facts in report["modes"].items() if facts["check"] is not None},
             unseen=unseen,
-            remarks=remarks,
+            remarks=remarks if with_paths else [_without_folders(remark, compared, recording) for remark in remarks],
         ),
         blurred=report.get("blurred"),
         # Linear light is encoded as sRGB for display; stored values keep their profile.
@@ -84,15 +86,28 @@ def report_page(compared: Compared, recording: Recording, options: Options, rema
     )
 
 
-def _settings(compared: Compared, recording: Recording, options: Options) -> dict[str, dict[str, str]]:
+def _without_folders(text: str, compared: Compared, recording: Recording) -> str:
+    """Return a text in which the files of the comparison are named without their folders."""
+    files = [
+        Path(compared.report["photo"]),
+        *(value for value in asdict(recording).values() if isinstance(value, Path)),
+    ]
+    for path in sorted(files, key=lambda path: len(str(path)), reverse=True):
+        text = text.replace(str(path), path.name)
+    return text
+
+
+def _settings(
+    compared: Compared, recording: Recording, options: Options, with_paths: bool
+) -> dict[str, dict[str, str]]:
     from rsdeblur.config import show_config
     from rsdeblur.io.exif import Exif
 
     report, (picture, log, camera, exposure), *_, transfer = compared
     exif = Exif(picture.exif)
     about_picture = {
-        "photo": report["photo"],
-        "truth": report.get("truth"),
+        "photo": Path(report["photo"]),
+        "truth": Path(report["truth"]) if "truth" in report else None,
         "stored as": f"{picture.pixels.dtype}, {picture.pixels.shape[2] if picture.pixels.ndim == 3 else 1} channels",
         "transfer": transfer,
         "EXIF orientation": None if exif.orientation == 1 else f"{exif.orientation}, not applied: shown as stored",
@@ -126,7 +141,7 @@ def _settings(compared: Compared, recording: Recording, options: Options) -> dic
         "Software": show_config(mode="dict"),
     }
     return {
-        title: {_label(name): text for name, value in rows.items() if (text := _text(value))}
+        title: {_label(name): text for name, value in rows.items() if (text := _text(value, with_paths))}
         for title, rows in tables.items()
     }
 
@@ -135,7 +150,7 @@ def _label(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _text(value: Any) -> str:
+def _text(value: Any, with_paths: bool) -> str:
     """Return the text of a value; an empty text for None."""
     import numpy as np
 
@@ -144,5 +159,7 @@ def _text(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return "; ".join(" ".join(f"{cell:.6g}" for cell in row) for row in value)
     if isinstance(value, tuple):
-        return ", ".join(map(_text, value))
+        return ", ".join(_text(item, with_paths) for item in value)
+    if isinstance(value, Path):
+        return str(value) if with_paths else value.name
     return f"{value:.9g}" if isinstance(value, float) else str(value)

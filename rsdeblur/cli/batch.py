@@ -16,10 +16,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rsdeblur.cli import _options
+from rsdeblur.cli._command import Command
 from rsdeblur.cli._items import COLUMNS, FILES, Item, read_items
 from rsdeblur.cli._jobs import Workers, shared_threads, workers_options
 from rsdeblur.cli._options import Defaults, PhotoChanges, Target
 from rsdeblur.cli._output import (
+    check_page,
+    level,
     prepare_folder,
     print_json,
     print_table,
@@ -38,6 +41,8 @@ if TYPE_CHECKING:
 
 TABLE, REPORT, RECORDS = "batch.csv", "batch.json", ".rsdeblur-batch"
 SOME_FAILED = 3
+# Rows of a table that fits a screen.
+MOST_ROWS = 40
 
 HELP = f"""Deblur all photos of a manifest or of a logger's folder.
 
@@ -59,7 +64,7 @@ Examples:
 """
 
 
-@click.command("batch", help=HELP, epilog=EXAMPLES)
+@click.command("batch", cls=Command, help=HELP, epilog=EXAMPLES)
 @click.argument("source", type=_options.PATH, metavar="MANIFEST|FOLDER")
 @_options.defaults_options
 @click.option(
@@ -76,6 +81,7 @@ Examples:
     force=click.option("--force", is_flag=True, help="Deblur finished photos again, and replace files that exist."),
     dry_run=True,
 )
+@click.option("--report", type=_options.PATH, metavar="HTML", help="Also write a page of thumbnails with the verdicts.")
 def command(
     source: Path,
     defaults: Defaults,
@@ -84,6 +90,7 @@ def command(
     changes: PhotoChanges,
     workers: Workers,
     target: Target,
+    report: Path | None,
 ) -> None:
     """Deblur the photos of a manifest or of a session folder."""
     from rsdeblur._util.records import Records
@@ -92,6 +99,8 @@ def command(
     items = read_items(source, defaults, target.output, numbered_from=numbered_from)
     if not items:
         raise InputError(f"{source}: there is nothing to do, because no photo is listed")
+    if report is not None:
+        check_page(report, force=target.force)
     jobs, threads = shared_threads(workers.jobs, options.threads, alone=workers.scheduler is None)
     records = Records(target.output / RECORDS)
     if not target.dry_run:
@@ -100,14 +109,20 @@ def command(
         batch = _Batch(target, replace(options, threads=threads), changes, records)
         entries = batch.run(items, jobs, workers.scheduler)
         counts = Counter(entry["state"] for entry in entries)
-        report = {"items": entries, "counts": dict(counts), "seconds": time.perf_counter() - begin}
+        verdicts = Counter(entry["check"]["verdict"] for entry in entries if entry.get("check"))
+        summary: dict[str, Any] = {"items": entries, "counts": dict(counts), "verdicts": dict(verdicts)}
+        summary["seconds"] = time.perf_counter() - begin
         if not target.dry_run:
             _write_table(target.output / TABLE, entries)
-            write_json(target.output / REPORT, report)
+            write_json(target.output / REPORT, summary)
+            if report is not None:
+                from rsdeblur.report import write_batch_page
+
+                write_batch_page(report, entries, title=source.name)
     if target.as_json:
-        print_json(report)
+        print_json(summary)
     else:
-        _print(report)
+        _print(summary)
     for entry in entries:
         if "error" in entry:
             say_aside(f"error: {entry['error']}")
@@ -121,6 +136,7 @@ class _Batch:
     def __init__(self, target: Target, options: Options, changes: PhotoChanges, records: Records) -> None:
         self._target, self._options, self._changes, self._records = target, options, changes, records
         self._under_way: dict[int, PhotoJob] = {}
+        self._is_remote = False
         # Folders that do not exist before their items start.
         self._new_folders: set[Path] = set()
 
@@ -128,9 +144,13 @@ class _Batch:
         """Deblur the photos that are not done yet, and return an entry for each item."""
         from rsdeblur._util.workers import Failure, run
 
+        self._is_remote = scheduler is not None
         entries: list[dict[str, Any]] = [self._entry(item) for item in items]
         tasks = self._tasks(items, entries)
-        with progress("batch") as move, closing(run(work, tasks, jobs=jobs, scheduler=scheduler, lost=_tidy)) as done:
+        with (
+            progress("batch") as move,
+            closing(run(work, tasks, jobs=jobs, scheduler=scheduler, lost=_tidy, announce=say_aside)) as done,
+        ):
             try:
                 for (i, job), answer in done:
                     del self._under_way[i]
@@ -190,7 +210,7 @@ class _Batch:
                 self._under_way[i] = job
                 self._new_folders.update(folder for folder in job.output.parents if not folder.exists())
             if i in self._under_way:
-                yield i, job
+                yield i, _absolute(job) if self._is_remote else job
 
     def _claimed(self, item: Item) -> PhotoJob:
         """Return the job of an item, and record that this batch writes its output."""
@@ -214,6 +234,7 @@ class _Batch:
                 folder.rmdir()
 
     def _finish(self, item: Item, job: PhotoJob, entry: dict[str, Any], facts: dict[str, Any]) -> None:
+        facts["output"] = str(job.output)
         for message in facts.pop("warnings"):
             named = message if str(job.photo) in message else f"{job.photo}: {message}"
             warnings.warn(named, RsdeblurWarning, stacklevel=2)
@@ -246,6 +267,13 @@ def work(task: tuple[int, PhotoJob]) -> dict[str, Any]:
             raise InputError(error.format_message()) from error
     messages = [str(warning.message) for warning in caught if issubclass(warning.category, RsdeblurWarning)]
     return facts | {"warnings": messages}
+
+
+def _absolute(job: PhotoJob) -> PhotoJob:
+    """Return the job with absolute paths, for workers that run in another folder."""
+    files = {name: path.absolute() for name in FILES if (path := getattr(job.recording, name)) is not None}
+    recording = replace(job.recording, **files)
+    return replace(job, photo=job.photo.absolute(), output=job.output.absolute(), recording=recording)
 
 
 def _tidy(task: tuple[int, PhotoJob]) -> None:
@@ -289,9 +317,12 @@ def _cell(value: Any) -> Any:
     return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text
 
 
-def _print(report: dict[str, Any]) -> None:
+def _print(summary: dict[str, Any]) -> None:
+    entries = summary["items"]
+    # Of a long list, the table has only what needs a look.
+    shown = entries if len(entries) <= MOST_ROWS or level() > 0 else [entry for entry in entries if not _is_good(entry)]
     rows = []
-    for entry in report["items"]:
+    for entry in shown:
         tiles = f"{entry['bands']} x {entry['strips']}" if "bands" in entry else ""
         size = "{} x {}".format(*entry["psf_px"]) if "psf_px" in entry else ""
         seconds = f"{entry['seconds']:.2f}" if "seconds" in entry else ""
@@ -299,5 +330,12 @@ def _print(report: dict[str, Any]) -> None:
         verdict = "" if check is None else check["verdict"]
         rows.append([entry["photo"], entry["state"], tiles, size, seconds, verdict])
     print_table(["photo", "state", "bands x strips", "PSF px", "time s", "check"], rows)
-    counts = ", ".join(f"{count} {state}" for state, count in report["counts"].items())
-    say(f"{counts}; {report['seconds']:.1f} s")
+    if len(shown) < len(entries):
+        say(f"({len(entries) - len(shown)} good results are not listed; {TABLE} has all)")
+    counts = ", ".join(f"{count} {state}" for state, count in summary["counts"].items())
+    verdicts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(summary["verdicts"].items()))
+    say(f"{counts}{f' ({verdicts})' if verdicts else ''}; {summary['seconds']:.1f} s")
+
+
+def _is_good(entry: dict[str, Any]) -> bool:
+    return "error" not in entry and (entry.get("check") or {}).get("verdict", "good") == "good"

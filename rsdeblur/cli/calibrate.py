@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rsdeblur.cli import _options
+from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import clip_exposures, naming, read_log
 from rsdeblur.cli._options import ClipLog, Target
 from rsdeblur.cli._output import print_json, print_table, progress, say
+from rsdeblur.cli._types import SecondsType
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,15 +39,15 @@ UNITS |= {"s/s": (1e6, "us/s", 1)}
 STATES = ("assumed", "determined")
 
 
-@click.command("calibrate", epilog=EXAMPLES)
+@click.command("calibrate", cls=Command, epilog=EXAMPLES)
 @click.argument("sources", type=_options.PATH, metavar="CLIP|PHOTO...", nargs=-1, required=True)
 @_options.clip_log_options
 @click.option("--camera", "camera_file", type=_options.PATH, metavar="FILE", help="Camera file with start values.")
 @click.option(
     "--index", type=click.IntRange(min=0), default=0, show_default=True, help="Number of the first PHOTO in --capture."
 )
-@click.option("--from", "first", type=_options.SecondsType(), default=-1.0, help="First time offset.  [default: -1s]")
-@click.option("--to", "last", type=_options.SecondsType(), default=1.0, help="Last time offset.  [default: 1s]")
+@click.option("--from", "first", type=SecondsType(), default=-1.0, help="First time offset.  [default: -1s]")
+@click.option("--to", "last", type=SecondsType(), default=1.0, help="Last time offset.  [default: 1s]")
 @click.option(
     "--frames",
     type=click.IntRange(min=RUN),

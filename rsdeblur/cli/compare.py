@@ -11,12 +11,21 @@ import click
 
 from rsdeblur.choices import MODES, Auto, Mode, Transfer
 from rsdeblur.cli import _options
+from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of, unit_range, with_translation
 from rsdeblur.cli._options import Recording, Target, Track
-from rsdeblur.cli._output import prepare_folder, print_json, print_table, progress, refuse_inputs, say, write_json
+from rsdeblur.cli._output import (
+    check_page,
+    prepare_folder,
+    print_json,
+    print_table,
+    progress,
+    say,
+    write_json,
+)
 from rsdeblur.cli._photo import refinement_facts
 from rsdeblur.cli._report import Compared, capture_warnings, report_page
-from rsdeblur.errors import InputError, OutputError
+from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,7 +46,7 @@ Examples:
 """
 
 
-@click.command("compare", epilog=EXAMPLES)
+@click.command("compare", cls=Command, epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options()
 @_options.solve_options(*_options.ONE_PHOTO[1:])
@@ -47,6 +56,7 @@ Examples:
 @click.option(
     "--report", type=_options.PATH, metavar="HTML", help="Also write a page that shows the results in a browser."
 )
+@click.option("--report-paths", is_flag=True, help="Name the files on that page with their folders.")
 def command(
     photo: Path,
     recording: Recording,
@@ -54,6 +64,7 @@ def command(
     track: Track,
     truth: Path | None,
     report: Path | None,
+    report_paths: bool,
     target: Target,
 ) -> None:
     """Deblur PHOTO in every mode and lay the results side by side.
@@ -73,7 +84,7 @@ def command(
     if report is not None:
         from rsdeblur.report import write_page
 
-        write_page(report, report_page(compared, recording, options, remarks))
+        write_page(report, report_page(compared, recording, options, remarks, with_paths=report_paths))
         compared.report["report"] = str(report)
     write_json(output / REPORT, compared.report)
     if target.as_json:
@@ -82,22 +93,6 @@ def command(
         print_report(compared.report)
         if report is not None:
             say("", f"Open {report} in a browser.")
-
-
-def check_page(path: Path, *, force: bool) -> None:
-    """Check that the report's page can be written, before the work.
-
-    Raises
-    ------
-    OutputError
-        If its name is not that of a page, it cannot be written, is an input, or exists and `force` is not set.
-    """
-    from rsdeblur._util.atomic import check_target
-
-    if path.suffix.lower() not in (".html", ".htm"):
-        raise OutputError(f"{path}: the report is an HTML page; give it a name like report.html")
-    refuse_inputs(path)
-    check_target(path, force=force)
 
 
 def output_names(photo: Path) -> list[str]:

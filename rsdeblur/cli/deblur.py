@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from rsdeblur.cli import _options
+from rsdeblur.cli._command import Command
+from rsdeblur.cli._items import result_name
 from rsdeblur.cli._kernel import check_sources, deconvolve_photo
-from rsdeblur.cli._options import PhotoChanges, Recording, Target, Track
-from rsdeblur.cli._output import print_json, progress, say
+from rsdeblur.cli._options import PhotoChanges, PhotoTarget, Recording, Track
+from rsdeblur.cli._output import print_json, progress, refuse_inputs, say, say_aside
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
+from rsdeblur.errors import FileFormatError, OutputError, RsdeblurError
 
 if TYPE_CHECKING:
     from rsdeblur.pipeline.options import Options
@@ -22,55 +27,153 @@ Examples:
   rsdeblur deblur photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4 -o sharp.jpg
   rsdeblur deblur photo.png --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20 -o sharp.png
   rsdeblur deblur photo.tif --gyro log.gcsv --camera cam.toml --start 3 --duration 50ms --geometry rectify -o o.tif
+  rsdeblur deblur a.jpg b.jpg --gyro Gyroscope.csv --camera phone.toml --start exif -o sharp
   rsdeblur deblur photo.png --psf kernel.png -o sharp.png
 """
 
 
-@click.command("deblur", epilog=EXAMPLES)
-@click.argument("photo", type=_options.PATH)
+# Options that mean one moment, so that several photos cannot share them.
+ONE_MOMENT = ("index", "start", "start_ns")
+# Appended to the name of a result beside its photo.
+SHARP = "-sharp"
+SOME_FAILED = 3
+
+
+@click.command("deblur", cls=Command, epilog=EXAMPLES)
+@click.argument("photos", type=_options.PATH, metavar="PHOTO...", nargs=-1, required=True)
 @click.option("--psf", type=_options.PATH, metavar="KERNEL", help="The blur as a kernel (picture, .npy) or PSF bank.")
 @_options.recording_options(required=False)
 @_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
 @_options.track_options
 @_options.photo_options
-@_options.target_options("OUT", "Picture to write.", dry_run=True)
+@_options.photo_target_options
 def command(
-    photo: Path,
+    photos: tuple[Path, ...],
     psf: Path | None,
     recording: Recording,
     options: Options,
     track: Track,
     changes: PhotoChanges,
-    target: Target,
+    target: PhotoTarget,
 ) -> None:
-    """Deblur PHOTO; EXIF, colour profile and bit depth are kept.
+    """Deblur each PHOTO; EXIF, colour profile and bit depth are kept.
 
-    The blur follows from a gyro log, a camera and an exposure, or is given as a kernel: --psf.
+    The blur follows from a gyro log, a camera and an exposure, or is given as a kernel: --psf. Several photos share the
+    log and the camera; their exposures come from EXIF, with --start exif, or from --capture, by the stamps or frame
+    numbers in their names. Exit code 3: some of them failed.
     """
     check_sources(click.get_current_context(), recording, psf)
-    with progress("deblur") as move:
-        if psf is not None:
-            facts = deconvolve_photo(photo, psf, options, changes, target, move)
-        else:
+    outputs = _outputs(photos, target.output)
+    recordings = [recording] if psf is not None or len(photos) == 1 else _recordings(photos, recording)
+
+    def solve(i: int) -> dict[str, Any]:
+        with progress("deblur") as move:
+            if psf is not None:
+                return deconvolve_photo(photos[i], psf, options, changes, target.at(outputs[i]), move)
             job = PhotoJob(
-                photo=photo,
-                recording=recording,
+                photo=photos[i],
+                recording=recordings[i],
                 options=options,
                 changes=changes,
-                output=target.output,
+                output=outputs[i],
                 track=track,
                 force=target.force,
                 dry_run=target.dry_run,
+                make_folder=target.output is not None and len(photos) > 1,
             )
-            facts = deblur_photo(job, move)
-    if target.as_json:
-        print_json(facts)
+            return deblur_photo(job, move)
+
+    if len(photos) == 1:
+        facts = solve(0)
+        if target.as_json:
+            print_json(facts)
+        else:
+            _print(photos[0], facts, options)
         return
+    entries = _solve_all(photos, solve)
+    if target.as_json:
+        print_json(entries)
+    else:
+        for photo, entry in zip(photos, entries, strict=True):
+            if "error" not in entry:
+                _print(photo, entry, options)
+    if any("error" in entry for entry in entries):
+        click.get_current_context().exit(SOME_FAILED)
+
+
+def _solve_all(photos: Sequence[Path], solve: Callable[[int], dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the facts about each photo, or its error, which is printed and does not stop the others."""
+    entries: list[dict[str, Any]] = []
+    for i, photo in enumerate(photos):
+        entry: dict[str, Any] = {"photo": str(photo)}
+        try:
+            entry |= solve(i)
+        except (RsdeblurError, OSError) as error:
+            message = str(error)
+            entry["error"] = message if str(photo) in message else f"{photo}: {message}"
+            say_aside(f"error: {entry['error']}")
+        entries.append(entry)
+    return entries
+
+
+def _outputs(photos: Sequence[Path], output: Path | None) -> list[Path]:
+    """Return the path of each photo's result.
+
+    Raises
+    ------
+    OutputError
+        If one is an input, or two are the same.
+    """
+    names = [result_name(photo) for photo in photos]
+    if output is None:
+        results = [name.with_name(f"{name.stem}{SHARP}{name.suffix}") for name in names]
+    elif len(photos) == 1 and not output.is_dir():
+        results = [output]
+    else:
+        results = [output / name.name for name in names]
+    for i, result in enumerate(results):
+        refuse_inputs(result)
+        if result in results[:i]:
+            raise OutputError(f"{result}: two photos have the same name; deblur them into different folders")
+    return results
+
+
+def _recordings(photos: Sequence[Path], recording: Recording) -> list[Recording]:
+    """Return the recording of each of several photos.
+
+    Raises
+    ------
+    click.UsageError
+        If the options give one moment for all of them.
+    FileFormatError
+        If the name of a photo does not determine its exposure in the capture file.
+    """
+    given = [f"--{name.replace('_', '-')}" for name in ONE_MOMENT if getattr(recording, name) not in (None, "exif")]
+    if given or (recording.capture is None and recording.start is None):
+        found = f"{', '.join(given)} is one moment" if given else "no exposure is given"
+        raise click.UsageError(
+            f"{len(photos)} photos, but {found}; use --start exif, --capture with photos named after their stamps or "
+            "frame numbers, or a manifest: rsdeblur batch",
+            click.get_current_context(),
+        )
+    if recording.capture is None or recording.start == "exif":
+        return [recording] * len(photos)
+    from rsdeblur.io.sessions import indices_of
+
+    matches = indices_of(list(photos), recording.capture)
+    for match in matches:
+        if match.error is not None:
+            raise FileFormatError(f"{match.path}: {match.error}")
+    return [replace(recording, index=match.index) for match in matches]
+
+
+def _print(photo: Path, facts: dict[str, Any], options: Options) -> None:
+    """Print the facts about one result."""
     wide, tall = facts["psf_px"]
-    if target.dry_run:
+    if facts.get("dry_run"):
         size = "{} x {}".format(*facts["size_px"])
         say(
-            f"{photo}: {size} px, all inputs fit; would write {target.output} ({facts['mode']}, PSFs of up to "
+            f"{photo}: {size} px, all inputs fit; would write {facts['output']} ({facts['mode']}, PSFs of up to "
             f"{wide} x {tall} px, {options.prior})"
         )
         return
@@ -78,11 +181,22 @@ def command(
     kernels = f"{facts['bands']} x {facts['strips']} PSFs ({tiles} x strips) of {wide} x {tall} px"
     strength = f"NSR {facts['nsr']:.2g}" if facts["weight"] is None else f"weight {facts['weight']:.2g}"
     verdict, reasons = _verdict(facts["check"])
+    seconds = f"{facts['seconds']:.2f} s"
     say(
-        f"{target.output}: {facts['mode']}, {kernels}, {options.prior}, {strength}, {facts['seconds']:.2f} s{verdict}",
+        f"{facts['output']}: {facts['mode']}, {kernels}, {options.prior}, {strength}, {seconds}{verdict}",
         *reasons,
+        *_moment(facts.get("time_offset_s")),
         *_correction(facts["refinement"]),
     )
+
+
+def _moment(time_offset: float | None) -> list[str]:
+    """Return a line about the start of an exposure whose time in EXIF is later by `time_offset`."""
+    if time_offset is None:
+        return []
+    return [
+        f"  The exposure began {abs(time_offset):.3f} s {'before' if time_offset > 0 else 'after'} the time in EXIF."
+    ]
 
 
 def _verdict(check: dict[str, Any] | None) -> tuple[str, list[str]]:

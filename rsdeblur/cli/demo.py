@@ -13,8 +13,10 @@ import click
 
 from rsdeblur.choices import Prior
 from rsdeblur.cli import _options
+from rsdeblur.cli._command import Command
 from rsdeblur.cli._options import Recording, Target, Track
 from rsdeblur.cli._output import prepare_folder, print_json, progress, say, write_json
+from rsdeblur.cli._types import SizeType
 from rsdeblur.cli.compare import compare_modes, output_names, print_report
 from rsdeblur.pipeline.options import Options
 
@@ -43,10 +45,10 @@ Examples:
 """
 
 
-@click.command("demo", epilog=EXAMPLES)
+@click.command("demo", cls=Command, epilog=EXAMPLES)
 @click.option(
     "--size",
-    type=_options.SizeType(),
+    type=SizeType(),
     metavar="WxH",
     default="1024x768",
     show_default=True,

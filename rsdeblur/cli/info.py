@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import click
 
 from rsdeblur.cli import _options
+from rsdeblur.cli._command import Command
 from rsdeblur.cli._describe import describe, print_entry
 from rsdeblur.cli._output import print_json
+from rsdeblur.cli._types import SecondsType
 from rsdeblur.errors import CoverageError, FileFormatError
 
 EXAMPLES = """\b
@@ -21,20 +23,39 @@ Examples:
 """
 
 
-@click.command("info", epilog=EXAMPLES)
+@dataclass(frozen=True, slots=True)
+class Together:
+    """Log, camera and exposures that are checked against each other, and values that replace those of the files."""
+
+    gyro: Path | None
+    camera: Path | None
+    capture: Path | None
+    duration: float | None
+    time_offset: float | None
+
+
+@click.command("info", cls=Command, epilog=EXAMPLES)
 @click.argument("files", type=_options.PATH, nargs=-1)
-@click.option("--gyro", type=_options.PATH, metavar="LOG", help="Gyro log, to check the exposures of --capture.")
+@_options.gathered(
+    "together",
+    Together,
+    (
+        click.option(
+            "--gyro", type=_options.PATH, metavar="LOG", help="Gyro log, to check the exposures of --capture."
+        ),
+        click.option("--camera", type=_options.PATH, metavar="FILE", help="Camera file, for the same check."),
+        click.option(
+            "--capture", type=_options.PATH, metavar="FILE", help="Metadata file that contains the exposures."
+        ),
+        click.option("--duration", type=SecondsType(), help="Exposure time, where --capture contains stamps only."),
+        click.option("--time-offset", type=SecondsType(), help="Camera time minus gyro time; replaces the camera's."),
+    ),
+)
 @_options.log_options
-@click.option("--camera", type=_options.PATH, metavar="FILE", help="Camera file, for the same check.")
-@click.option("--capture", type=_options.PATH, metavar="FILE", help="Metadata file that contains the exposures.")
-@click.option("--time-offset", type=_options.SecondsType(), help="Camera time minus gyro time; replaces the camera's.")
 @_options.json_option
 def command(
     files: tuple[Path, ...],
-    gyro: Path | None,
-    camera: Path | None,
-    capture: Path | None,
-    time_offset: float | None,
+    together: Together,
     as_json: bool,
     gyro_format: str | None,
     **reading: Any,
@@ -44,13 +65,13 @@ def command(
     FILES are gyro logs, camera files, capture files or pictures. With --gyro, --camera and --capture, also show whether
     the log covers each exposure.
     """
-    together = [gyro, camera, capture]
-    if any(together) and not all(together):
+    named = [together.gyro, together.camera, together.capture]
+    if any(named) and not all(named):
         raise click.UsageError("--gyro, --camera and --capture are needed together", ctx=click.get_current_context())
-    if not files and not any(together):
+    if not files and not any(named):
         raise click.UsageError("name a file, or --gyro, --camera and --capture", ctx=click.get_current_context())
     entries = []
-    for entry in _entries(files, gyro, camera, capture, time_offset, {"format": gyro_format} | reading):
+    for entry in _entries(files, together, {"format": gyro_format} | reading):
         entries.append(entry)
         if not as_json:
             print_entry(entry)
@@ -61,14 +82,7 @@ def command(
         raise FileFormatError("; ".join(reasons))
 
 
-def _entries(
-    files: tuple[Path, ...],
-    gyro: Path | None,
-    camera: Path | None,
-    capture: Path | None,
-    time_offset: float | None,
-    reading: dict[str, Any],
-) -> Iterator[dict[str, Any]]:
+def _entries(files: tuple[Path, ...], together: Together, reading: dict[str, Any]) -> Iterator[dict[str, Any]]:
     for path in files:
         try:
             if not path.is_file():
@@ -77,21 +91,21 @@ def _entries(
         except FileFormatError as error:
             # The command describes the other files first and reports the error at its end.
             yield {"file": str(path), "kind": "not understood", "reason": str(error)}
-    if gyro and camera and capture:
-        coverage = _coverage(gyro, camera, capture, time_offset, reading)
-        yield {"file": str(gyro), "kind": f"coverage of {capture}", "exposures": coverage}
+    if together.gyro and together.camera and together.capture:
+        coverage = _coverage(together.gyro, together.camera, together.capture, together, reading)
+        yield {"file": str(together.gyro), "kind": f"coverage of {together.capture}", "exposures": coverage}
 
 
 def _coverage(
-    gyro: Path, camera_file: Path, capture: Path, time_offset: float | None, reading: dict[str, Any]
+    gyro: Path, camera_file: Path, capture: Path, together: Together, reading: dict[str, Any]
 ) -> list[dict[str, Any]]:
     from rsdeblur.io import read_camera, read_captures, read_gyro
 
     log, camera = read_gyro(gyro, **reading), read_camera(camera_file)
-    if time_offset is not None:
-        camera = replace(camera, time_offset=time_offset)
+    if together.time_offset is not None:
+        camera = replace(camera, time_offset=together.time_offset)
     report = []
-    for exposure in read_captures(capture):
+    for exposure in read_captures(capture, duration=together.duration):
         opens, closes = exposure.span(camera)
         try:
             log.covering(opens - camera.time_offset, closes - camera.time_offset, exposure.epoch_ns)

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from rsdeblur.cli import _options
+from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of
 from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import print_json, progress, say
+from rsdeblur.cli._types import SecondsType
 from rsdeblur.errors import CoverageError, InputError
 
 if TYPE_CHECKING:
@@ -66,7 +68,7 @@ class Cell(NamedTuple):
     kernel: NDArray[Any]
 
 
-@click.command("preview", epilog=EXAMPLES)
+@click.command("preview", cls=Command, epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options()
 @_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE)
@@ -74,10 +76,8 @@ class Cell(NamedTuple):
     "sweep",
     Sweep,
     (
-        click.option(
-            "--from", "first", type=_options.SecondsType(), default=-0.1, help="First shift.  [default: -100ms]"
-        ),
-        click.option("--to", "last", type=_options.SecondsType(), default=0.1, help="Last shift.  [default: 100ms]"),
+        click.option("--from", "first", type=SecondsType(), default=-0.1, help="First shift.  [default: -100ms]"),
+        click.option("--to", "last", type=SecondsType(), default=0.1, help="Last shift.  [default: 100ms]"),
         click.option(
             "--steps", type=click.IntRange(1, MOST_STEPS), default=9, show_default=True, help="Number of shifts."
         ),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rsdeblur.cli import _options
+from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import (
     display_values,
     naming,
@@ -32,7 +33,7 @@ Examples:
 """
 
 
-@click.command("psf", epilog=EXAMPLES)
+@click.command("psf", cls=Command, epilog=EXAMPLES)
 @_options.recording_options()
 @_options.solve_options(*_options.BLUR, "nsr")
 @_options.track_options

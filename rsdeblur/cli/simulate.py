@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rsdeblur.cli import _options
+from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import naming, read_inputs, transfer_of, unit_range
 from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import prepare_folder, print_json, progress, say
@@ -23,7 +24,7 @@ Examples:
 """
 
 
-@click.command("simulate", epilog=EXAMPLES)
+@click.command("simulate", cls=Command, epilog=EXAMPLES)
 @click.argument("sharp", type=_options.PATH)
 @_options.recording_options()
 @_options.transfer_option

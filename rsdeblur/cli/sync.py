@@ -8,12 +8,17 @@ from typing import TYPE_CHECKING
 import click
 
 from rsdeblur.cli import _options
-from rsdeblur.cli._inputs import naming, read_inputs, transfer_of
+from rsdeblur.cli._command import Command
+from rsdeblur.cli._inputs import check_offset, naming, read_inputs, transfer_of
 from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import print_json, progress, say
+from rsdeblur.cli._types import SecondsType
 
 if TYPE_CHECKING:
     from rsdeblur.choices import Auto, Transfer
+
+# Shifts to try, s.
+SEARCH = (-0.06, 0.06)
 
 EXAMPLES = """\b
 Examples:
@@ -23,16 +28,22 @@ Examples:
 """
 
 
-@click.command("sync", epilog=EXAMPLES)
+@click.command("sync", cls=Command, epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options()
 @_options.transfer_option
-@click.option("--from", "first", type=_options.SecondsType(), default=-0.06, help="First shift.  [default: -60ms]")
-@click.option("--to", "last", type=_options.SecondsType(), default=0.06, help="Last shift.  [default: 60ms]")
+@click.option("--from", "first", type=SecondsType(), help="First shift.  [default: -60ms, or -2s with --start exif]")
+@click.option("--to", "last", type=SecondsType(), help="Last shift.  [default: 60ms, or 1s with --start exif]")
 @click.option("--write", is_flag=True, help="Write the time offset into the camera file.")
 @_options.json_option
 def command(
-    photo: Path, recording: Recording, transfer: Transfer | Auto, first: float, last: float, write: bool, as_json: bool
+    photo: Path,
+    recording: Recording,
+    transfer: Transfer | Auto,
+    first: float | None,
+    last: float | None,
+    write: bool,
+    as_json: bool,
 ) -> None:
     """Estimate the clocks' time offset from the blur in PHOTO.
 
@@ -40,18 +51,19 @@ def command(
     --time-offset. Exit code 1 means that the picture does not determine the offset: use one with more blur, and with
     motion that changes.
     """
-    from rsdeblur.errors import InputError
     from rsdeblur.estimate.time_offset import find_time_offset
     from rsdeblur.io.camera_file import write_time_offset
+    from rsdeblur.io.exif_times import EXIF_ERROR
 
-    picture, log, camera, exposure = read_inputs(photo, recording)
+    usual = EXIF_ERROR if recording.start == "exif" else SEARCH
+    picture, log, camera, exposure = read_inputs(photo, recording, search=False)
     with progress("sync") as move, naming(photo, recording):
         result = find_time_offset(
             picture.pixels,
             log,
             camera,
             exposure,
-            search=(first, last),
+            search=(usual[0] if first is None else first, usual[1] if last is None else last),
             transfer=transfer_of(picture, transfer),
             progress=move,
         )
@@ -70,11 +82,7 @@ def command(
                 "scores": result.scores.tolist(),
             }
         )
-    if result.time_offset is None:
-        raise InputError(
-            f"{photo}: the picture does not determine the time offset: {result.reason} "
-            f"(likeliest {1e3 * result.best:.1f} ms, confidence {result.confidence:.2f})"
-        )
-    if not as_json:
+    check_offset(result, photo)
+    if not as_json and result.time_offset is not None:
         place = f"; written to {recording.camera}" if is_written else ""
         say(f"time offset {1e3 * result.time_offset:.1f} ms, confidence {result.confidence:.2f}{place}")

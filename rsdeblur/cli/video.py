@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rsdeblur.cli import _options
+from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import clip_exposures, naming, read_device
 from rsdeblur.cli._jobs import jobs_option, shared_threads
 from rsdeblur.cli._options import Recording, Target
@@ -42,7 +43,7 @@ class Encode:
     segment: int
 
 
-@click.command("video", epilog=EXAMPLES, context_settings={"default_map": {"prior": PRIOR}})
+@click.command("video", cls=Command, epilog=EXAMPLES, context_settings={"default_map": {"prior": PRIOR}})
 @click.argument("source", type=_options.PATH, metavar="VIDEO")
 @_options.clip_options
 @_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ENGINE)

@@ -18,6 +18,7 @@ from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.files import read_file
 from rsdeblur.errors import FileFormatError, RsdeblurWarning
 from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.plausible import doubts
 
 # Largest relative difference of equal aspect ratios: sizes are rounded to whole pixels.
 SAME_SHAPE = 0.01
@@ -35,11 +36,17 @@ class Request:
         Name of the camera, where a file contains several.
     fps : float, optional
         Frame rate in Hz, where a file contains several settings of one size.
+    focal_length : float, optional
+        Focal length in px of the picture; replaces the file's.
+    sensor_width : int, optional
+        Width in px of the whole sensor, if the focal length of a file refers to it.
     """
 
     size: tuple[int, int] | None = None
     name: str | None = None
     fps: float | None = None
+    focal_length: float | None = None
+    sensor_width: int | None = None
 
 
 class Assumption(NamedTuple):
@@ -81,17 +88,23 @@ class CameraFile:
         assumptions = tuple(assumption for assumption in self.assumptions if assumption.about not in overrides)
         return replace(self, camera=replace(self.camera, **overrides), assumptions=assumptions)
 
+    @property
+    def remarks(self) -> list[str]:
+        """Texts of the assumptions, and sentences about values that are probably mistakes."""
+        return [assumption.text for assumption in self.assumptions] + doubts(self.camera)
+
     def warn(self, path: object, *, stacklevel: int = 2) -> Camera:
-        """Return the camera, and warn of each assumption."""
-        for assumption in self.assumptions:
-            warnings.warn(f"{path}: {assumption.text}", RsdeblurWarning, stacklevel=stacklevel + 1)
+        """Return the camera, and warn of each remark."""
+        for remark in self.remarks:
+            warnings.warn(f"{path}: {remark}", RsdeblurWarning, stacklevel=stacklevel + 1)
         return self.camera
 
     def fitted(self, size: tuple[int, int] | None) -> CameraFile:
         """Return the camera of a picture of another size.
 
-        A picture of the same aspect ratio is assumed to be resized. Any other is assumed to be cut out of the middle
-        of the sensor at the same scale, with a readout that is shorter by the lines cut off.
+        The picture is assumed to be resized by its width and, with another aspect ratio, to be cut at top and bottom,
+        or to show more there; the readout then follows the number of lines. Cameras scale the whole width of the
+        sensor to the width of a video, so a cut-out at the same scale would have too narrow a field of view.
         """
         camera = self.camera
         if size is None or size == (camera.width, camera.height):
@@ -99,22 +112,24 @@ class CameraFile:
         width, height = size
         if abs(width * camera.height / (height * camera.width) - 1) < SAME_SHAPE:
             return replace(self, camera=camera.resized(width, height))
-        cx, cy = camera.principal_point
-        along = width / camera.width if camera.horizontal_readout else height / camera.height
+        scale = width / camera.width
+        (fx, fy), (cx, cy) = camera.focal_length, camera.principal_point
+        whole = camera.height * scale
         cut = replace(
             camera,
             width=width,
             height=height,
-            principal_point=(cx + (width - camera.width) / 2, cy + (height - camera.height) / 2),
-            readout_time=camera.readout_time * along,
+            focal_length=(fx * scale, fy * scale),
+            principal_point=((cx + 0.5) * scale - 0.5, (cy + 0.5) * scale - 0.5 + (height - whole) / 2),
+            readout_time=camera.readout_time * (1.0 if camera.horizontal_readout else height / whole),
         )
-        assumption = Assumption(
-            "focal_length",
+        text = (
             f"{width}x{height} has another aspect ratio than the file's {camera.width}x{camera.height}: the picture is "
-            "assumed to be cut out of the middle, with the same focal length in px; if the camera scales its picture, "
-            "give the scale",
+            "assumed to be resized by its width and cut at top and bottom; for a cut-out, give --crop instead of --size"
         )
-        return replace(self, camera=cut, assumptions=(*self.assumptions, assumption))
+        if (width > height) != (camera.width > camera.height):
+            text += "; for a picture that was turned, give --size of the picture before it, and --turn"
+        return replace(self, camera=cut, assumptions=(*self.assumptions, Assumption("focal_length", text)))
 
 
 def write_time_offset(path: str | os.PathLike[str], time_offset: float) -> None:

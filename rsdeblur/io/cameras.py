@@ -12,7 +12,7 @@ from typing import Any
 
 from rsdeblur._util import validate
 from rsdeblur.errors import InputError
-from rsdeblur.io import kalibr, lens_profiles
+from rsdeblur.io import kalibr, lens_profiles, recorded_cameras
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request
 from rsdeblur.io.exif import MAKE, MODEL, ZOOM, Exif
 from rsdeblur.io.formats import Format, choose
@@ -30,6 +30,8 @@ def read_camera(
     size: tuple[int, int] | None = None,
     name: str | None = None,
     fps: float | None = None,
+    focal_length: float | None = None,
+    sensor_width: int | None = None,
 ) -> Camera:
     """Read a camera.
 
@@ -37,6 +39,8 @@ def read_camera(
     ``toml``             rsdeblur's own, described in ``docs/camera-file.md``
     ``gyroflow``         Gyroflow lens profile, or a project that contains one
     ``kalibr``           Kalibr ``camchain-imucam.yaml``, EuRoC ``sensor.yaml``, maplab (extra ``[kalibr]``)
+    ``mars``             MARS logger ``movie_metadata.csv``: focal length and readout time; needs `size`
+    ``recording``        ``.gcsv`` log or video with telemetry: readout; may need `size` and `focal_length`
     ``exif``             a picture: focal length from EXIF, everything else assumed
     ==================== ===================================================================================
 
@@ -47,12 +51,16 @@ def read_camera(
     format : str, optional
         Name of the format, from the table above, instead of detection.
     size : (int, int), optional
-        Width and height of the picture in px, if they differ from the file's. With the same aspect ratio the picture
-        is assumed to be resized, otherwise to be cut out of the middle.
+        Width and height of the picture in px, if they differ from the file's. The picture is assumed to be resized by
+        its width and, with another aspect ratio, to be cut at top and bottom.
     name : str, optional
         Name of the camera, where a file contains several (Kalibr: ``"cam1"``).
     fps : float, optional
         Frame rate in Hz, where a lens profile contains several settings of one size.
+    focal_length : float, optional
+        Focal length in px of the picture; replaces the file's.
+    sensor_width : int, optional
+        Width of the whole sensor in px, if the focal length of MARS logger refers to it.
 
     Returns
     -------
@@ -66,14 +74,17 @@ def read_camera(
         `name`, or describes a lens that is not modelled; if `format` is not the name of a format; or if an optional
         package is needed and not installed.
     InputError
-        If `size` is not the size of a picture.
+        If `size` is not the size of a picture, or `focal_length` or `sensor_width` is not positive.
 
     Warns
     -----
     RsdeblurWarning
         For each value that is assumed because the file does not contain it.
     """
-    return open_camera(path, format, size=size, name=name, fps=fps).warn(path)
+    file = open_camera(
+        path, format, size=size, name=name, fps=fps, focal_length=focal_length, sensor_width=sensor_width
+    )
+    return file.warn(path)
 
 
 def open_camera(
@@ -83,12 +94,14 @@ def open_camera(
     size: tuple[int, int] | None = None,
     name: str | None = None,
     fps: float | None = None,
+    focal_length: float | None = None,
+    sensor_width: int | None = None,
 ) -> CameraFile:
     """Read a camera with the other content of its file; assumptions are returned instead of warned about.
 
     Parameters
     ----------
-    path, format, size, name, fps
+    path, format, size, name, fps, focal_length, sensor_width
         See `read_camera`.
 
     Returns
@@ -107,9 +120,14 @@ def open_camera(
         width, height = size
         # A size of zero has no aspect ratio.
         size = validate.count("size", width), validate.count("size", height)
+    if focal_length is not None:
+        focal_length = validate.finite("focal_length", focal_length, above=0.0)
+    if sensor_width is not None:
+        sensor_width = validate.count("sensor_width", sensor_width)
     source = Source(path, WHAT)
-    request = Request(size, name, fps)
-    return choose(_formats(request), source, format).read(source)
+    request = Request(size, name, fps, focal_length, sensor_width)
+    file = choose(_formats(request), source, format).read(source)
+    return file if focal_length is None else file.with_overrides(focal_length=(focal_length, focal_length))
 
 
 def detect_camera_format(path: str | os.PathLike[str]) -> str:
@@ -181,6 +199,8 @@ def _formats(request: Request) -> tuple[Format[CameraFile], ...]:
             ("exif", "picture with an EXIF block", is_picture, _read_exif),
             ("gyroflow", "Gyroflow lens profile or project", lens_profiles.sniff, lens_profiles.read),
             ("kalibr", "Kalibr, EuRoC or maplab YAML", kalibr.sniff, kalibr.read),
+            ("mars", "MARS logger movie_metadata.csv", recorded_cameras.sniff_mars, recorded_cameras.read_mars),
+            ("recording", ".gcsv log or video with telemetry", recorded_cameras.sniff_log, recorded_cameras.read_log),
             ("toml", "TOML, see docs/camera-file.md", _sniff_toml, _read_toml),
         )
     )

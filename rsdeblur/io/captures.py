@@ -86,7 +86,7 @@ def read_captures(path: str | os.PathLike[str], *, duration: float | None = None
     file = open_captures(path)
     if duration is None and None in file.durations:
         raise Source(path, WHAT).error(
-            "the file contains stamps without exposure times; give the exposure time (duration)"
+            "the file contains stamps without exposure times; give the exposure time: duration (--duration)"
         )
     exposures = []
     for stamp, known in zip(file.stamps, file.durations, strict=True):

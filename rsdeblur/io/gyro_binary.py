@@ -23,6 +23,8 @@ TRAILER_SAMPLE = np.dtype([("ns", "<i8"), ("rates", "<f4", 3), ("extra", "<i4")]
 
 # Four-character codes of GoPro that telemetry-parser does not name: readout time (ms), electronic stabilisation.
 GOPRO_READOUT, GOPRO_STABILISED, GOPRO_STABILISER = "0x53524f54", "0x45495345", "0x45495341"
+# The diagonal field of view in degrees (ZFOV).
+GOPRO_VIEW = "0x5a464f56"
 
 
 class Trailer(NamedTuple):
@@ -122,6 +124,24 @@ def telemetry_of(source: Source) -> Telemetry:
     return Telemetry(f"{parser.camera or 'camera'} {parser.model or ''}".strip(), blocks, samples)
 
 
+def _exposures(blocks: list[Mapping[str, Any]]) -> list[float]:
+    """Return the exposure times of the frames of a video in s; none if they are missing or damaged."""
+    exposures = [seconds for block in blocks for seconds in block.get("Exposure", {}).get("Data", [])]
+    return exposures if all(isinstance(seconds, float) and 0 < seconds < np.inf for seconds in exposures) else []
+
+
+def frame_exposures(path: str | os.PathLike[str]) -> list[float]:
+    """Return the exposure time of each frame in the telemetry of a video, in s; none if it contains none.
+
+    Raises
+    ------
+    FileFormatError
+        If telemetry-parser is missing, or the video is damaged.
+    """
+    source = Source(path, "video")
+    return _exposures(telemetry_of(source).blocks) if is_video(source) else []
+
+
 def _read_video(source: Source) -> Samples:
     telemetry = telemetry_of(source)
     readings = [sample for sample in telemetry.samples if sample.get("gyro") is not None]
@@ -137,8 +157,9 @@ def _video_samples(
     facts: dict[str, Any] = {"camera": camera}
     with contextlib.suppress(TypeError, ValueError, KeyError):
         facts["readout_time_s"] = float(first[GOPRO_READOUT]) / 1e3
-    exposures = [seconds for block in blocks for seconds in block.get("Exposure", {}).get("Data", [])]
-    if exposures and all(isinstance(seconds, float) for seconds in exposures):
+    with contextlib.suppress(TypeError, ValueError, KeyError):
+        facts["field_of_view_deg"] = float(first[GOPRO_VIEW])
+    if exposures := _exposures(blocks):
         facts["exposures_s"] = [min(exposures), max(exposures)]
     cautions = []
     if first.get(GOPRO_STABILISED) == "Y":

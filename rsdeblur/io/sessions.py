@@ -25,6 +25,7 @@ LEAST_STAMP = 10**9
 # Largest distance of a photo's stamp from its capture, in intervals between captures: MARS logger cuts stamps to us.
 NEAR = 0.5
 LONE_INTERVAL = 1e8  # ns, assumed where there is one capture only
+UNNUMBERED = "its name contains neither a stamp nor a frame number"
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,27 +83,44 @@ def open_session(
     Raises
     ------
     FileFormatError
-        If there is no gyro log, no capture file or no photo.
+        If there is no gyro log, no capture file or no photo, or no photo's name contains a number.
     """
     folder = Path(folder)
-    files = [path for path in sorted([*folder.glob("*"), *folder.glob("*/*")]) if path.is_file()]
-    if without is not None:
-        files = [path for path in files if without not in path.parents]
-    gyro = _gyro_log(folder, files)
+    files = files_in(folder, without=without)
+    gyro = gyro_log_in(folder, files)
     capture, file = _captures(folder, [path for path in files if path != gyro])
-    photos = [path for path in files if path.suffix.lower() in PHOTOS]
-    if not photos:
-        raise FileFormatError(f"{folder}: no photo in the folder; save frames of the video there as pictures")
+    photos = photos_in(folder, files)
+    matched = _matched(photos, file.stamps, encoded_stamps(capture), numbered_from)
+    if all(photo.error == UNNUMBERED for photo in matched):
+        raise FileFormatError(
+            f"{folder}: the names of the {len(photos)} photos contain neither stamps nor frame numbers, so their "
+            "exposures are unknown; list them in a manifest with the columns photo,index, or give --start exif"
+        )
     cameras = [path for path in files if path.suffix.lower() == ".toml"]
     return Session(
         gyro,
         capture,
         cameras[0] if len(cameras) == 1 else None,
-        _matched(photos, file.stamps, encoded_stamps(capture), numbered_from),
+        matched,
     )
 
 
-def _gyro_log(folder: Path, files: list[Path]) -> Path:
+def files_in(folder: Path, *, without: Path | None = None) -> list[Path]:
+    """Return the files of a folder and of its subfolders, except the subfolder `without`, sorted."""
+    files = [path for path in sorted([*folder.glob("*"), *folder.glob("*/*")]) if path.is_file()]
+    return files if without is None else [path for path in files if without not in path.parents]
+
+
+def photos_in(folder: Path, files: list[Path]) -> list[Path]:
+    """Return the photos among the files of a folder; `FileFormatError` if there is none."""
+    photos = [path for path in files if path.suffix.lower() in PHOTOS]
+    if not photos:
+        raise FileFormatError(f"{folder}: no photo in the folder; save frames of the video there as pictures")
+    return photos
+
+
+def gyro_log_in(folder: Path, files: list[Path]) -> Path:
+    """Return the gyro log among the files of a folder; `FileFormatError` if there is none."""
     for word in LOG_NAMES:
         for path in files:
             if word in path.name.lower() and path.suffix.lower() in TABLES and _is_log(path):
@@ -165,7 +183,7 @@ def _matched(
     for path in photos:
         number = numbers.get(path)
         if number is None:
-            matched.append(SessionPhoto(path, None, "its name contains neither a stamp nor a frame number"))
+            matched.append(SessionPhoto(path, None, UNNUMBERED))
         elif number >= LEAST_STAMP:
             matched.append(_nearest(path, number - origin, captures))
         elif numbered_from is None:
@@ -178,6 +196,11 @@ def _matched(
         else:
             matched.append(_nearest(path, frames[number - numbered_from] - origin, captures))
     return matched
+
+
+def indices_of(photos: list[Path], capture: Path) -> list[SessionPhoto]:
+    """Return the exposure of each photo in a capture file, by the stamps or frame numbers in the photos' names."""
+    return _matched(photos, open_captures(capture).stamps, encoded_stamps(capture), None)
 
 
 def _nearest(path: Path, time: int, captures: FloatArray) -> SessionPhoto:

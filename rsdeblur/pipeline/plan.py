@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import warnings
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur.choices import Mode
-from rsdeblur.errors import InputError
+from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck, UndershootMeter, assess, fall_back
 from rsdeblur.estimate.refine import Refinement, refine
 from rsdeblur.estimate.strength import KERNELS
@@ -24,6 +25,7 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths, Capture
+from rsdeblur.motion.plausible import too_wide
 from rsdeblur.motion.rectify import rectify
 from rsdeblur.pipeline.memory import Chunk
 from rsdeblur.pipeline.options import Options
@@ -359,6 +361,11 @@ def plan(log: GyroLog, camera: Camera, exposure: Exposure, options: Options | No
     CoverageError, ClockError, GapError
         If the log does not cover the exposure, is on another clock, or has a gap inside the exposure.
 
+    Warns
+    -----
+    RsdeblurWarning
+        If the focal length is so short that it is probably not in px.
+
     Examples
     --------
     >>> plan = rsdeblur.plan(log, camera, exposure, rsdeblur.Options(mode="rowwise"))
@@ -368,6 +375,8 @@ def plan(log: GyroLog, camera: Camera, exposure: Exposure, options: Options | No
     options = Options() if options is None else validate.instance("options", options, Options)
     if options.refine:
         raise InputError("refine=True needs a picture; call rsdeblur.refine first, and plan with its result")
+    if (doubt := too_wide(camera)) is not None:
+        warnings.warn(doubt, RsdeblurWarning, stacklevel=2)
     frame = ReadoutFrame(camera)
     return Plan(frame, frame.capture(log, exposure, options.translation, motion=options.motion), options)
 

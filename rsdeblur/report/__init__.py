@@ -1,6 +1,7 @@
 """Drawings of results: maps of PSFs, pictures side by side, contact sheets, and the page of the report."""
 
 from rsdeblur.report.bands import BandFigures, band_figures
+from rsdeblur.report.batch_page import write_batch_page
 from rsdeblur.report.contact_sheet import contact_sheet
 from rsdeblur.report.embed import MotionPlot
 from rsdeblur.report.findings import Finding, findings
@@ -18,5 +19,6 @@ __all__ = [
     "findings",
     "psf_map",
     "side_by_side",
+    "write_batch_page",
     "write_page",
 ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,11 +21,13 @@ from rsdeblur._util.atomic import atomic_write
 from rsdeblur.errors import InputError
 from rsdeblur.psf import PsfBank
 from rsdeblur.report.bands import BandFigures
-from rsdeblur.report.embed import MotionPlot, bank_data, motion_data, picture_uris, script_json
+from rsdeblur.report.embed import MotionPlot, bank_data, motion_data, picture_uris, script_json, telling_place
 from rsdeblur.report.findings import Finding
 
 LEVELS = {"warning": "Warning", "note": "Note", "good": "Good"}
 PARTS = ("page.html", "page.css", "page_shared.js", "page_viewer.js", "page_plots.js")
+# Verdicts of the check, the worst first.
+VERDICTS = ("bad", "doubtful", "good")
 STAGES = ("highlights", "tune", "psfs", "plan", "apply", "rectify", "check")
 TIMES, NONE = "\N{MULTIPLICATION SIGN}", "\N{EN DASH}"
 
@@ -115,18 +118,22 @@ def render(page: Page) -> str:
     folder = files("rsdeblur.report")
     template, style, *scripts = (folder.joinpath(name).read_text("utf-8") for name in PARTS)
     script = "\n".join(scripts)
+    best = _best(page)
     data = {
         "size": [width, height],
         "scale": scale,
         "banks": {label: bank_data(bank) for label, bank in page.banks.items()},
         "motion": motion_data(page.motion),
+        "best": best,
+        "place": telling_place(page.pictures, best),
         "bands": {"edges": page.bands.edges, "sharpness": page.bands.sharpness, "ringing": page.bands.ringing},
     }
     return Template(template).substitute(
         title=escape(page.photo),
-        policy=f"default-src 'none'; img-src data:; style-src {_hash(style)}; script-src {_hash(script)}",
+        policy=f"default-src 'none'; img-src data:; style-src {allowed_hash(style)}; script-src {allowed_hash(script)}",
         style=style,
         script=script,
+        verdict=_verdict(best, page.modes.get(best, {})),
         summary=_summary(page.findings),
         size=f"{width} {TIMES} {height} px",
         scale=_scale(scale, width, height),
@@ -139,7 +146,8 @@ def render(page: Page) -> str:
     )
 
 
-def _hash(text: str) -> str:
+def allowed_hash(text: str) -> str:
+    """Return the hash by which a page's policy allows a style or a script."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
@@ -150,6 +158,29 @@ def _scale(scale: float, width: int, height: int) -> str:
     return (
         f"Pictures are embedded as JPEG, reduced to {scale:.1%} ({size}); the files written by compare have full size."
     )
+
+
+def _best(page: Page) -> str:
+    """Return the label of the best result: by PSNR if the truth is known, then by verdict, then the last one."""
+    results = [label for label in page.pictures if label in page.modes] or list(page.pictures)[1:]
+
+    def rank(label: str) -> tuple[float, int, int]:
+        result = page.modes.get(label, {})
+        psnr = result.get("psnr_db", 0.0)
+        verdict = (result.get("check") or {}).get("verdict")
+        place = VERDICTS.index(verdict) if verdict in VERDICTS else 0
+        return math.inf if psnr is None else psnr, place, results.index(label)
+
+    return max(results, key=rank)
+
+
+def _verdict(label: str, result: Mapping[str, Any]) -> str:
+    """Return the verdict on the best result, for the header; nothing if it was not judged."""
+    verdict = (result.get("check") or {}).get("verdict")
+    if verdict is None:
+        return ""
+    level = {"good": "good", "doubtful": "note"}.get(verdict, "warning")
+    return f'{escape(label)}: <span class="verdict {level}">{verdict}</span> · '
 
 
 def _summary(findings: Sequence[Finding]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +18,17 @@ from rsdeblur.video.clip import Clip
 NEAR = 0.5
 
 
-def exposures_from_stamps(clip: Clip, duration: float, *, start: float = 0.0, epoch_ns: int = 0) -> list[Exposure]:
+def exposures_from_stamps(
+    clip: Clip, duration: float | Sequence[float], *, start: float = 0.0, epoch_ns: int = 0
+) -> list[Exposure]:
     """Return the exposure of each frame from the video's own stamps; the frame rate need not be constant.
 
     Parameters
     ----------
     clip : Clip
         The video.
-    duration : float
-        Exposure time of every frame, s.
+    duration : float or sequence of float
+        Exposure time in s, one for all frames or one for each.
     start, epoch_ns
         Stamp of the first frame, see :class:`rsdeblur.Exposure`.
 
@@ -33,8 +36,16 @@ def exposures_from_stamps(clip: Clip, duration: float, *, start: float = 0.0, ep
     -------
     list of Exposure
         One for each frame.
+
+    Raises
+    ------
+    InputError
+        If the number of exposure times is not that of the frames.
     """
-    return [Exposure(start + time, duration, epoch_ns) for time in clip.times]
+    durations = [duration] * len(clip) if isinstance(duration, (int, float)) else list(duration)
+    if len(durations) != len(clip):
+        raise InputError(f"{clip.path}: {len(clip)} frames, but {len(durations)} exposure times")
+    return [Exposure(start + time, each, epoch_ns) for time, each in zip(clip.times, durations, strict=True)]
 
 
 def exposures_from_captures(clip: Clip, path: Path, *, duration: float | None = None) -> list[Exposure]:

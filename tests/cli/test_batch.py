@@ -19,9 +19,11 @@ from PIL import Image
 from rsdeblur._util.records import Records
 from rsdeblur.cli._inputs import read_device
 from rsdeblur.cli._items import COLUMNS
-from rsdeblur.cli._options import Recording
-from rsdeblur.cli.batch import SOME_FAILED
+from rsdeblur.cli._options import PhotoChanges, Recording
+from rsdeblur.cli._photo import PhotoJob
+from rsdeblur.cli.batch import SOME_FAILED, _absolute
 from rsdeblur.errors import RsdeblurWarning
+from rsdeblur.pipeline.options import Options
 
 if TYPE_CHECKING:
     from conftest import Files, Processes
@@ -300,6 +302,35 @@ def test_interrupt_leaves_nothing_unfinished(
     again = states(entries(run, path, *files.sources, "-o", out))
     assert "skipped" in again
     assert again.endswith("done")
+
+
+def test_the_page_shows_every_photo_the_most_doubtful_first(
+    run: Run, here: None, files: Files, manifest: Path, tmp_path: Path
+) -> None:
+    page = tmp_path / "page.html"
+    result = run("batch", manifest, *files.sources, *FAST, "-o", tmp_path / "out", "--report", page)
+    assert re.search(r"^3 done, 2 failed \(.*\); ", result.stdout, re.MULTILINE)
+    text = page.read_text("utf-8")
+    assert text.count("<figure>") == 5
+    assert text.index("failed</span>") < text.rindex("<figure>")
+    # Every photo that can be read, and every result.
+    assert text.count("data:image/jpeg") >= 6
+    assert str(tmp_path) not in re.sub(r"<figcaption>.*?</figcaption>", "", text)
+
+
+def test_jobs_for_a_cluster_have_absolute_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    job = _absolute(
+        PhotoJob(
+            photo=Path("photo.png"),
+            recording=Recording(gyro=Path("gyro.csv"), camera=Path("camera.toml")),
+            options=Options(),
+            changes=PhotoChanges(),
+            output=Path("out/photo.png"),
+        )
+    )
+    assert (job.photo, job.output) == (tmp_path / "photo.png", tmp_path / "out" / "photo.png")
+    assert (job.recording.gyro, job.recording.camera) == (tmp_path / "gyro.csv", tmp_path / "camera.toml")
 
 
 def test_on_a_cluster(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:

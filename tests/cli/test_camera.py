@@ -24,6 +24,12 @@ START, DURATION = 0.2, 0.04
 Run = Callable[..., Result]
 
 
+def test_new_names_what_it_assumes(run: Run, tmp_path: Path) -> None:
+    result = run("camera", "new", "--size", "4000x3000", "--focal-length", "4.7", "-o", tmp_path / "new.toml")
+    for text in ("give --readout-time", "give --imu", "is it in mm?"):
+        assert text in result.stdout
+
+
 def test_new(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "new.toml"
     options = (
@@ -136,3 +142,18 @@ def test_info_shows_stamps(run: Run, tmp_path: Path) -> None:
     (entry,) = json.loads(run("info", path, "--json").stdout)
     assert (entry["kind"], entry["format"], entry["count"]) == ("captures", "stamps", 2)
     assert entry["exposures"][1] == {"start_ns": 195476395191000}
+
+
+def test_measure_readout(run: Run, tmp_path: Path) -> None:
+    photo = tmp_path / "wall.png"
+    # Three bands of 10 ms.
+    light = 0.4 * (1 + 0.3 * np.cos(2 * np.pi * 3 * np.arange(128) / 128))
+    pixels = np.broadcast_to((255 * light ** (1 / 2.2)).astype(np.uint8)[:, None], (128, 96))
+    Image.fromarray(np.ascontiguousarray(pixels)).save(photo)
+    assert run("camera", "measure-readout", photo).stdout.startswith("readout time 30.0 ms")
+    assert json.loads(run("camera", "measure-readout", photo, "--mains", "60", "--json").stdout)[
+        "readout_time_s"
+    ] == pytest.approx(0.025, rel=0.01)
+    result = run("camera", "measure-readout", photo, "--horizontal")
+    assert result.exit_code == 1
+    assert "no clear bands" in result.stderr

@@ -192,6 +192,19 @@ def test_exposure_must_be_given_once(run: Run, files: Files, tmp_path: Path) -> 
         assert words in result.stderr
 
 
+def test_what_is_missing_of_the_exposure_is_named(run: Run, files: Files, tmp_path: Path) -> None:
+    base = ["deblur", files.photo, *files.sources, "-o", tmp_path / "out.png"]
+    for options, message in (
+        (["--start", "0.2"], "Error: the exposure time is missing: give --duration"),
+        (["--duration", "0.04"], "Error: the start of the exposure is missing: give --capture"),
+        ([], "Error: the exposure is missing: give --capture"),
+        (["--start", "0.2", "--duration", "50"], "did you mean 50ms or 1/50?"),
+    ):
+        result = run(*base, *options)
+        assert result.exit_code == 2
+        assert message in result.stderr
+
+
 def test_capture_out_of_range(run: Run, files: Files, tmp_path: Path) -> None:
     arguments = [*files.sources, "--capture", files.captures, "--index", 7]
     refused(run("deblur", files.photo, *arguments, "-o", tmp_path / "o.png"), files.captures, "contains 3")

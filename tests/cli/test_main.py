@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import pytest
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 
 import rsdeblur
 import rsdeblur.io.pictures
 from rsdeblur.cli import COMMANDS, main
+
+if TYPE_CHECKING:
+    from conftest import Files
 
 HEAVY = ("numpy", "scipy", "numba", "pyfftw", "skimage", "PIL", "rich")
 
@@ -47,6 +52,30 @@ def test_wrong_usage_exits_with_2() -> None:
         result = CliRunner().invoke(main, arguments)
         assert result.exit_code == 2, arguments
         assert "Error" in result.stderr
+
+
+def test_an_unknown_command_gets_a_suggestion() -> None:
+    for arguments, hint in ((["deblr"], "did you mean deblur?"), (["camera", "imprt"], "Did you mean 'import'?")):
+        result = CliRunner().invoke(main, arguments)
+        assert result.exit_code == 2
+        assert hint in result.stderr
+    assert CliRunner().invoke(main, ["help", "sync"]).stdout == CliRunner().invoke(main, ["sync", "--help"]).stdout
+
+
+def test_long_lists_of_options_are_in_sections() -> None:
+    text = CliRunner().invoke(main, ["deblur", "--help"]).stdout
+    titles = [line for line in text.splitlines() if line.endswith(":") and not line.startswith(" ")]
+    assert titles == ["Recording:", "Blur:", "Solver:", "Computing:", "Output:"]
+
+
+def test_quiet_and_verbose(files: Files, run: Callable[..., Result]) -> None:
+    arguments = ["deblur", str(files.photo), *files.recording, "--prior", "wiener"]
+    quiet = run(*arguments, "-o", str(files.photo.with_name("a.png")), "-q")
+    assert quiet.output == ""
+    verbose = run(*arguments, "-o", str(files.photo.with_name("b.png")), "-v")
+    for text in ("rsdeblur: log: plain", "rsdeblur: exposure: 0 ns + 0.200000 s, 40 ms", "rsdeblur: deblur: apply"):
+        assert text in verbose.stderr
+    assert len(verbose.stdout.splitlines()) >= 1
 
 
 def test_version() -> None:

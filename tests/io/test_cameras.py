@@ -132,15 +132,15 @@ class TestLensProfile:
         assert (camera.width, camera.focal_length, camera.principal_point) == (200, (105.0, 105.5), (99.5, 74.5))
         assert camera.readout_time == 0.015
 
-    def test_a_size_of_another_shape_is_cut_out(self, write: Write) -> None:
-        file = open_camera(write(profile()), size=(400, 200))
-        assert (file.camera.height, file.camera.focal_length, file.camera.principal_point) == (
-            200,
-            (210.0, 211.0),
-            (199.5, 99.5),
-        )
-        assert file.camera.readout_time == pytest.approx(0.01)
+    def test_a_size_of_another_shape_is_scaled_by_its_width(self, write: Write) -> None:
+        file = open_camera(write(profile()), size=(200, 100))
+        camera = file.camera
+        assert (camera.height, camera.focal_length, camera.principal_point) == (100, (105.0, 105.5), (99.5, 49.5))
+        # 100 of the 150 lines that the whole picture would have.
+        assert camera.readout_time == pytest.approx(0.01)
         assert "another aspect ratio" in file.assumptions[-1].text
+        # The field of view along the width is that of the file.
+        assert camera.width / camera.focal_length[0] == 400 / 210
 
     @pytest.mark.parametrize("size", [(400, 0), (-1, 300), (400, 2.5)])
     def test_impossible_sizes_are_refused(self, write: Write, size: Any) -> None:
@@ -417,7 +417,7 @@ def test_the_axes_of_the_kalibr_samples(data_dir: Path) -> None:
         ("gyroflow-project/VID_20220615_110533_00_001.gyroflow", "contains no calibration"),
         ("exif/Canon_40D.jpg", "was resized since it was taken"),
         ("euroc/sensor.yaml", "unknown camera file format"),
-        ("gcsv/movie.gcsv", "unknown camera file format"),
+        ("gcsv/movie.gcsv", "the file does not contain the size"),
     ],
 )
 def test_samples_that_are_refused(data_dir: Path, name: str, reason: str) -> None:

@@ -17,6 +17,7 @@ from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.psf import PsfBank
 from rsdeblur.report import MotionPlot, band_figures, embed, findings, write_page
+from rsdeblur.report.embed import telling_place
 from rsdeblur.report.page import render
 
 # Every way out of an element, an attribute, a comment, JSON and a template.
@@ -69,6 +70,29 @@ def test_the_page_is_whole_and_accessible(report_page) -> None:
     columns = outline.texts["th"]
     assert {"mode", "time s", "apply s", "global", "banded", "0 to 16"} <= set(columns)
     assert "Recording" in outline.texts["h3"]
+
+
+def test_the_best_result_and_its_verdict_come_first(report_page) -> None:
+    page = report_page()
+    checked = {
+        mode: {**page.modes[mode], "check": {"verdict": verdict}}
+        for mode, verdict in (("global", "good"), ("banded", "doubtful"))
+    }
+    text = render(replace(page, modes=checked))
+    assert 'global: <span class="verdict good">good</span>' in text
+    assert '"best":"global"' in text.replace(" ", "")
+    # Of equal verdicts, the later mode.
+    equal = {mode: {**result, "check": {"verdict": "bad"}} for mode, result in checked.items()}
+    assert 'banded: <span class="verdict warning">bad</span>' in render(replace(page, modes=equal))
+
+
+def test_the_telling_place_is_where_detail_differs() -> None:
+    first = np.zeros((80, 100))
+    other = first + 0.3
+    other[60:70, 10:20:2] = 1.0
+    x, y = telling_place({"input": first, "banded": other}, "banded")
+    assert abs(x - 15) <= 25
+    assert abs(y - 65) <= 20
 
 
 def test_every_stage_of_deblurring_has_a_column(report_page, shaky_log) -> None:

@@ -1,0 +1,142 @@
+"""Types of options: times, counts, strengths, sizes, rates."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any, ClassVar, Literal
+
+import click
+
+from rsdeblur import choices
+from rsdeblur.choices import Auto, Count, Strength, Transfer
+
+Start = float | Literal["exif"]
+Bias = tuple[float, float, float]
+
+# Sindelar and Sroubek (2013) reduce 3264x2448 to 2048x1536.
+PAPER_SIDE = 2048
+
+
+class SecondsType(click.ParamType[float]):
+    """A time: `0.05`, `1/20` or `50ms`."""
+
+    name = "SECONDS"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return seconds."""
+        if isinstance(value, float):
+            return value
+        number = r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)"
+        match = re.fullmatch(rf"{number}(?:/{number})?\s*(s|ms|us)?", str(value))
+        try:
+            if match is None:
+                raise ValueError(value)
+            above, below, unit = match.groups(default="")
+            return float(above) / float(below or 1.0) / {"": 1.0, "s": 1.0, "ms": 1e3, "us": 1e6}[unit]
+        except (ValueError, ZeroDivisionError):
+            self.fail(f"{value!r} is not a time; write 0.05, 1/20 or 50ms", param, ctx)
+
+
+class StartType(SecondsType):
+    """A time, or `exif`: that of the photo's EXIF block."""
+
+    name = "SECONDS|exif"
+
+    def convert(  # type: ignore[override]
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Start:
+        """Return seconds, or "exif"."""
+        return "exif" if value == "exif" else super().convert(value, param, ctx)
+
+
+class AutoType(click.ParamType[Any]):
+    """A whole number from 1 up, or `auto`."""
+
+    name = "N|auto"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Count:
+        """Return the number, or "auto"."""
+        return "auto" if value == "auto" else click.IntRange(min=1).convert(value, param, ctx)
+
+
+class StrengthType(click.ParamType[Any]):
+    """A positive number, or `auto`."""
+
+    name = "X|auto"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Strength:
+        """Return the number, or "auto"."""
+        return "auto" if value == "auto" else click.FloatRange(min=0.0, min_open=True).convert(value, param, ctx)
+
+
+class BytesType(click.ParamType[Any]):
+    """An amount of memory: 500MB, 1GiB."""
+
+    name = "SIZE"
+    units: ClassVar = {"": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 2**10, "mib": 2**20, "gib": 2**30}
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """Return the number of bytes."""
+        match = re.fullmatch(r"(\d+(?:\.\d*)?)\s*([kmg]i?b)?", str(value).strip().lower())
+        if not match:
+            self.fail(f"{value!r} is not an amount of memory like 1GiB or 500MB", param, ctx)
+        return int(float(match[1]) * self.units[match[2] or ""])
+
+
+class TransferType(click.ParamType[Any]):
+    """Encoding of light in pixel values: a name, a gamma, or `auto`."""
+
+    name = "auto|linear|srgb|GAMMA"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Transfer | Auto:
+        """Return the name, or the gamma as a number."""
+        names: tuple[Literal["auto", "linear", "srgb"], ...] = ("auto", *choices.TRANSFERS)
+        for name in names:
+            if value == name:
+                return name
+        return float(click.FloatRange(min=0.0, min_open=True).convert(value, param, ctx))
+
+
+class WorkSizeType(click.ParamType[Any]):
+    """Longer side of the reduced picture: `paper` (2048), `full` or a number of px."""
+
+    name = "paper|full|N"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | None:
+        """Return the number, or None for the full size."""
+        if value in (None, "full"):
+            return None
+        return PAPER_SIDE if value == "paper" else int(click.IntRange(min=16).convert(value, param, ctx))
+
+
+class SizeType(click.ParamType[tuple[int, int]]):
+    """Size of a picture, `WIDTHxHEIGHT`."""
+
+    name = "WIDTHxHEIGHT"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        """Return (width, height)."""
+        match = re.fullmatch(r"(\d+)x(\d+)", str(value))
+        if match is None:
+            self.fail(f"{value!r} is not a size; write 1024x768", param, ctx)
+        return int(match[1]), int(match[2])
+
+
+class BiasType(click.ParamType[Any]):
+    """Three angular rates: `0.01,-0.02,0.005` in rad/s, or with a unit, `-1.8,0,0.1deg/s`."""
+
+    name = "WX,WY,WZ"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Bias:
+        """Return rad/s."""
+        if isinstance(value, tuple):
+            return value
+        text, degrees = re.subn(r"\s*deg/s$", "", str(value).strip())
+        try:
+            x, y, z = (float(number) for number in re.sub(r"\s*rad/s$", "", text).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not three rates; write 0.01,-0.02,0.005 (rad/s) or -1.8,0,0.1deg/s", param, ctx)
+        if not math.isfinite(x + y + z):
+            self.fail(f"{value!r} must be finite", param, ctx)
+        return (math.radians(x), math.radians(y), math.radians(z)) if degrees else (x, y, z)

@@ -1,0 +1,55 @@
+"""Times of photos from EXIF: their fraction, their zone, and their place on the clock of a log."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from rsdeblur.errors import ClockError, InputError
+from rsdeblur.io.exif import CAMERA_IFD, Exif
+from rsdeblur.io.exif_times import DATE_TIME, GPS_DATE, GPS_IFD, GPS_TIME, OFFSET, SUBSECONDS, capture_time, on_clock_of
+from rsdeblur.motion.gyro import GyroLog
+
+# 2025-12-22 06:42:29 UTC.
+NOON_NS = 1_766_385_749_000_000_000
+LOCAL = "2025:12:22 08:42:29"
+
+
+def exif_of(tags: dict[int, str], gps: dict[int, object] | None = None) -> Exif:
+    block = Image.Exif()
+    block.get_ifd(CAMERA_IFD).update(tags)
+    block.get_ifd(GPS_IFD).update(gps or {})
+    return Exif(block.tobytes())
+
+
+def log_at(ns: int, seconds: float = 10.0) -> GyroLog:
+    t = np.arange(0.0, seconds, 0.01)
+    return GyroLog(t, np.zeros((len(t), 3)), epoch_ns=ns)
+
+
+@pytest.mark.parametrize(
+    "exif",
+    [
+        exif_of({DATE_TIME: LOCAL, SUBSECONDS: "25", OFFSET: "+02:00"}),
+        # A fix that is half a minute old; the local time is two hours ahead of it.
+        exif_of({DATE_TIME: LOCAL, SUBSECONDS: "250\0"}, {GPS_DATE: "2025:12:22", GPS_TIME: (6.0, 41.0, 59.0)}),
+        # No zone: the log covers the photo in one zone only.
+        exif_of({DATE_TIME: LOCAL, SUBSECONDS: "250000"}),
+    ],
+    ids=["offset", "gps", "log"],
+)
+def test_the_zone_follows_from_offset_gps_or_log(exif: Exif) -> None:
+    assert on_clock_of(capture_time(exif), log_at(NOON_NS - 10**9)) == NOON_NS + 250_000_000
+
+
+def test_times_without_a_place_are_refused() -> None:
+    with pytest.raises(InputError, match="no DateTimeOriginal"):
+        capture_time(exif_of({DATE_TIME: "0000:00:00 00:00:00"}))
+    local = capture_time(exif_of({DATE_TIME: LOCAL}))
+    with pytest.raises(ClockError, match="not Unix time"):
+        on_clock_of(local, log_at(10**15))
+    with pytest.raises(ClockError, match="the log does not cover it"):
+        on_clock_of(local, log_at(NOON_NS + 60 * 10**9))
+    with pytest.raises(ClockError, match="several time zones fit"):
+        on_clock_of(local, log_at(NOON_NS - 10**9, 1000.0))

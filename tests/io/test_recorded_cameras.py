@@ -1,0 +1,80 @@
+"""Cameras from MARS logger's metadata, `.gcsv` logs and videos: what they contain is used, what they lack is named."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from rsdeblur.errors import FileFormatError
+from rsdeblur.io import open_camera
+from rsdeblur.io.gyro_binary import frame_exposures
+
+ANDROID = """Timestamp[nanosec],fx[px],fy[px],Frame No.,Exposure time[nanosec],Frame readout time[nanosec],ISO,\
+Focal length
+1000000000,3000,3000,1,20000000,30000000,100,4.7
+1033000000,3000,3000,2,20000000,30000000,null,4.7
+"""
+IOS = """Timestamp[nanosec],fx[px],fy[px],cx[px],cy[px],exposure duration[nanosec]
+1000000000,1500.5,1500.5,960.1,540.2,20000000
+"""
+GCSV = """GYROFLOW IMU LOG
+version,1.3
+orientation,YxZ
+frame_readout_time,15.5
+frame_readout_direction,1
+tscale,0.001
+t,gx,gy,gz
+"""
+
+
+@pytest.fixture
+def mars(tmp_path: Path) -> Path:
+    path = tmp_path / "movie_metadata.csv"
+    path.write_text(ANDROID)
+    return path
+
+
+def test_mars_android(mars: Path) -> None:
+    with pytest.raises(FileFormatError, match="--size 1920x1080"):
+        open_camera(mars)
+    file = open_camera(mars, size=(1080, 1920), sensor_width=4000)
+    camera = file.camera
+    assert camera.focal_length == (1440.0, 1440.0)
+    assert (camera.readout_time, camera.readout_direction) == (0.03, "right-left")
+    assert (file.facts["exposure_s"], file.facts["iso"]) == (0.02, 100.0)
+    # Without the sensor's width the focal length may be that of the whole sensor, which shows in the field of view.
+    assert any("--sensor-width" in assumption.text for assumption in open_camera(mars, size=(1080, 1920)).assumptions)
+    assert open_camera(mars, size=(1920, 1080), focal_length=1500.0).camera.focal_length == (1500.0, 1500.0)
+
+
+def test_mars_ios_contains_the_size(mars: Path) -> None:
+    mars.write_text(IOS)
+    file = open_camera(mars)
+    assert (file.camera.width, file.camera.height, file.camera.focal_length[0]) == (1920, 1080, 1500.5)
+    assert any("no readout time" in assumption.text for assumption in file.assumptions)
+
+
+def test_gcsv(tmp_path: Path) -> None:
+    path = tmp_path / "clip.gcsv"
+    path.write_text(GCSV + "".join(f"{5 * i},0.1,0.2,0.3\n" for i in range(20)))
+    with pytest.raises(FileFormatError, match="size of the picture"):
+        open_camera(path)
+    with pytest.raises(FileFormatError, match="--focal-length or --focal35"):
+        open_camera(path, size=(1920, 1080))
+    camera = open_camera(path, size=(1920, 1080), focal_length=1400).camera
+    assert (camera.readout_time, camera.readout_direction, camera.timestamp_marks) == (0.0155, "bottom-up", "middle")
+
+
+def test_gopro(data_dir: Path) -> None:
+    pytest.importorskip("telemetry_parser")
+    pytest.importorskip("av")
+    video = data_dir / "formats" / "gopro" / "max-heromode.mp4"
+    camera = open_camera(video).camera
+    assert (camera.width, camera.height, camera.distortion_model) == (848, 480, "fisheye")
+    assert camera.readout_time == pytest.approx(0.0206, abs=1e-4)
+    # The angle between the corner and the axis is half the diagonal field of view that the camera reports.
+    x, y, z = camera.rays((camera.width - 0.5, camera.height - 0.5))
+    assert math.degrees(math.atan2(math.hypot(x, y), z)) == pytest.approx(137.388 / 2, rel=1e-3)
+    assert len(frame_exposures(video)) == 316
