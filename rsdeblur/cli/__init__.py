@@ -26,6 +26,7 @@ COMMANDS = (
         "compare",
         "batch",
         "video",
+        "triage",
         "preview",
         "sync",
         "calibrate",

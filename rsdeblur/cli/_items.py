@@ -96,7 +96,9 @@ def _places(paths: Iterable[Path]) -> set[Place]:
 def _session(folder: Path, defaults: Defaults, output: Path, numbered_from: int | None) -> Iterator[Item]:
     from rsdeblur.io.sessions import open_session
 
-    session = open_session(folder, numbered_from=numbered_from, without=output)
+    session = open_session(
+        folder, gyro=defaults.gyro, capture=defaults.capture, numbered_from=numbered_from, without=output
+    )
     known = replace(defaults, gyro=session.gyro, capture=session.capture)
     if defaults.camera is None:
         known = replace(known, camera=session.camera)

@@ -57,7 +57,12 @@ class Session:
 
 
 def open_session(
-    folder: str | os.PathLike[str], *, numbered_from: int | None = None, without: Path | None = None
+    folder: str | os.PathLike[str],
+    *,
+    gyro: Path | None = None,
+    capture: Path | None = None,
+    numbered_from: int | None = None,
+    without: Path | None = None,
 ) -> Session:
     """Find log, captures, camera and photos in a folder of MARS logger, OpenCamera Sensors or DeepGyro.
 
@@ -69,6 +74,8 @@ def open_session(
     ----------
     folder : path-like
         The session.
+    gyro, capture : Path, optional
+        The gyro log and the capture file, if they are not to be looked for in the folder.
     numbered_from : int, optional
         Number of the first frame. By default it follows from a photo that is numbered 0 or like the last frame.
     without : Path, optional
@@ -88,8 +95,11 @@ def open_session(
     files = [path for path in sorted([*folder.glob("*"), *folder.glob("*/*")]) if path.is_file()]
     if without is not None:
         files = [path for path in files if without not in path.parents]
-    gyro = _gyro_log(folder, files)
-    capture, file = _captures(folder, [path for path in files if path != gyro])
+    gyro = gyro or _gyro_log(folder, files)
+    if capture is None:
+        capture, file = _captures(folder, [path for path in files if path != gyro])
+    else:
+        file = open_captures(capture)
     photos = [path for path in files if path.suffix.lower() in PHOTOS]
     if not photos:
         raise FileFormatError(f"{folder}: no photo in the folder; save frames of the video there as pictures")
