@@ -43,7 +43,7 @@ def command(
     changes: PhotoChanges,
     target: Target,
 ) -> None:
-    """Deblur PHOTO; EXIF, colour profile and bit depth are kept.
+    """Deblur PHOTO; metadata, colour profile and bit depth are kept.
 
     The blur follows from a gyro log, a camera and an exposure, or is given as a kernel: --psf.
     """
