@@ -13,11 +13,12 @@ from datetime import UTC, datetime
 from io import BytesIO
 
 from rsdeblur.io import directories
-from rsdeblur.io.directories import ASCII, EXIF_TABLE, LONG, ORIENTATION, PREFIX, SHORT, Directory
+from rsdeblur.io.directories import ASCII, EXIF_TABLE, LONG, ORIENTATION, PREFIX, RATIONAL, SHORT, Directory
 
 SOFTWARE, DATE, COMPRESSION = 305, 306, 259
 PLACE, LENGTH = directories.THUMBNAILS[0]
 JPEG = 6
+RESOLUTIONS, UNIT, INCH = (282, 283), 296, 2
 # Texts beside the date: its offset from UTC, and its fraction of a second.
 OFFSET, FRACTION = 0x9010, 0x9290
 
@@ -57,7 +58,8 @@ def stamped(exif: bytes, software: str, when: datetime, thumbnail: bytes | None)
         main = directories.read(BytesIO(data))
         camera = main.tables.get(EXIF_TABLE, Directory({}))
         data = _with_text(data, camera, OFFSET, when.strftime("%z")[:3] + ":" + when.strftime("%z")[3:])
-        data = _with_text(data, camera, FRACTION, "0" * 9)
+        digits = len(camera.entries[FRACTION].value.rstrip(b"\0 ")) if FRACTION in camera.entries else 0
+        data = _with_text(data, camera, FRACTION, "0" * digits)
         texts = {SOFTWARE: software.encode(), DATE: when.strftime("%Y:%m:%d %H:%M:%S").encode()}
         orientation = directories.number(main, ORIENTATION)
         return prefix + _with_directories(data, main.order, texts, thumbnail, orientation)
@@ -93,7 +95,12 @@ def _with_directories(
         place = _append(edited, thumbnail)
         heads = [(COMPRESSION, SHORT, JPEG), (PLACE, LONG, place), (LENGTH, LONG, len(thumbnail))]
         heads += [(ORIENTATION, SHORT, orientation)] if orientation else []
-        second = _append(edited, _directory(order, [_number(order, *head) for head in heads], 0))
+        # EXIF requires a resolution, and recommends 72 per inch where it is unknown.
+        heads += [(UNIT, SHORT, INCH)]
+        unknown = struct.pack(f"{order}II", 72, 1)
+        resolutions = [struct.pack(f"{order}HHII", tag, RATIONAL, 1, _append(edited, unknown)) for tag in RESOLUTIONS]
+        numbers = [_number(order, *head) for head in heads]
+        second = _append(edited, _directory(order, numbers + resolutions, 0))
     struct.pack_into(f"{order}I", edited, 4, _append(edited, _directory(order, kept, second)))
     return bytes(edited)
 
