@@ -25,6 +25,8 @@ from .estimate.refine import refine as refine
 from .estimate.strength import Tuning as Tuning
 from .estimate.time_offset import OffsetSearch as OffsetSearch
 from .estimate.time_offset import find_time_offset as find_time_offset
+from .estimate.triage import Triage as Triage
+from .estimate.triage import triage as triage
 from .image.transfer import from_linear as from_linear
 from .image.transfer import to_linear as to_linear
 from .io import read_acceleration as read_acceleration

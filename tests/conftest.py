@@ -18,6 +18,8 @@ from rsdeblur.simulation.shake import hand_shake
 
 # Tests start Python processes from the repository root, where the bare source folder must not shadow the installation.
 os.environ["PYTHONSAFEPATH"] = "1"
+# Written pictures contain their date; with this one, equal results are equal files.
+os.environ["SOURCE_DATE_EPOCH"] = "1700000000"
 # The benchmarks are not part of the installed package; last, for the same reason.
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 

@@ -27,6 +27,7 @@ COMMANDS = (
         "compare",
         "batch",
         "video",
+        "triage",
         "preview",
         "sync",
         "calibrate",

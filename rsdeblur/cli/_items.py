@@ -102,7 +102,9 @@ def _session(folder: Path, defaults: Defaults, output: Path, numbered_from: int 
         for path in photos_in(folder, files):
             yield _item(path, result_name(path.relative_to(folder)), {}, known)
         return
-    session = open_session(folder, numbered_from=numbered_from, without=output)
+    session = open_session(
+        folder, gyro=defaults.gyro, capture=defaults.capture, numbered_from=numbered_from, without=output
+    )
     known = replace(defaults, gyro=session.gyro, capture=session.capture)
     if defaults.camera is None:
         known = replace(known, camera=session.camera)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from rsdeblur.cli._history import recorded
 from rsdeblur.cli._inputs import naming, transfer_of
 from rsdeblur.cli._options import PhotoChanges, Recording, Target, Track
 from rsdeblur.cli._photo import facts_of, nsr_of_photo
@@ -70,6 +71,7 @@ def deconvolve_photo(
             "prior": options.prior,
             "size_px": [pixels.shape[1], pixels.shape[0]],
         }
+    picture = recorded(picture, {"photo": photo, "psf": psf}, options, {})
     begin = time.perf_counter()
     with (
         picture_to_fill(target.output, pixels.shape, like=picture, force=target.force, in_place=in_place) as out,

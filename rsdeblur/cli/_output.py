@@ -157,6 +157,14 @@ def write_json(path: Path, payload: Any) -> None:
         file.write((json.dumps(payload, indent=2) + "\n").encode())
 
 
+def plain_cell(value: Any) -> Any:
+    """Return the value as a cell that no spreadsheet takes for a formula and no terminal for a command."""
+    if not isinstance(value, str):
+        return value
+    text = printable(value)
+    return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text
+
+
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Print a table; the first column is aligned left, the others right. A quiet command prints none."""
     if level() < 0:

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rsdeblur.cli._history import recorded
 from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of, with_translation
 from rsdeblur.cli._options import PhotoChanges, Recording, Track
 from rsdeblur.cli._output import prepare_folder
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from rsdeblur.choices import Mode
     from rsdeblur.estimate.refine import Refinement
     from rsdeblur.io.pictures import Picture
+    from rsdeblur.motion.exposure import Exposure
     from rsdeblur.pipeline.options import Options
     from rsdeblur.pipeline.plan import DeblurResult
     from rsdeblur.types import Progress
@@ -65,6 +67,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     options = replace(job.options, transfer=transfer_of(picture, job.options.transfer))
     if job.changes.nsr_from_iso:
         options = replace(options, nsr=nsr_of_photo(job.photo, picture))
+    picture = _recorded(job, picture, exposure, options)
     pixels = picture.pixels
     begin = time.perf_counter()
     if job.changes.work_size is not None:
@@ -80,6 +83,15 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     seconds = time.perf_counter() - begin
     facts = facts_of(result, job.output, job.options.mode, job.options.prior_name, seconds)
     return facts | ({"time_offset_s": camera.time_offset} if job.recording.start == "exif" else {})
+
+
+def _recorded(job: PhotoJob, picture: Picture, exposure: Exposure, options: Options) -> Picture:
+    """Return the picture with all that its result depends on in its history."""
+    named = {"photo": job.photo, "translation": job.track.translation}
+    named |= {name: getattr(job.recording, name) for name in ("gyro", "camera", "capture")}
+    values = {name: value for name, value in asdict(job.recording).items() if name not in named}
+    values |= {"exposure": asdict(exposure), "work_size": job.changes.work_size, "depth": job.track.depth}
+    return recorded(picture, named, options, values)
 
 
 def facts_of(result: DeblurResult, output: Path, mode: Mode, prior: str, seconds: float) -> dict[str, Any]:

@@ -23,10 +23,10 @@ from rsdeblur.cli._options import Defaults, PhotoChanges, Target
 from rsdeblur.cli._output import (
     check_page,
     level,
+    plain_cell,
     prepare_folder,
     print_json,
     print_table,
-    printable,
     progress,
     say,
     say_aside,
@@ -304,17 +304,9 @@ def _write_table(path: Path, entries: list[dict[str, Any]]) -> None:
         size = {"psf_px": "{}x{}".format(*entry["psf_px"])} if "psf_px" in entry else {}
         check = entry.get("check")
         verdict = {} if check is None else {"verdict": check["verdict"], "reasons": " ".join(check["reasons"])}
-        table.writerow({name: _cell(value) for name, value in (entry | size | verdict).items()})
+        table.writerow({name: plain_cell(value) for name, value in (entry | size | verdict).items()})
     with atomic_write(path) as file:
         file.write(text.getvalue().encode())
-
-
-def _cell(value: Any) -> Any:
-    """Return the value as a cell that no spreadsheet takes for a formula and no terminal for a command."""
-    if not isinstance(value, str):
-        return value
-    text = printable(value)
-    return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text
 
 
 def _print(summary: dict[str, Any]) -> None:

@@ -56,7 +56,7 @@ def command(
     changes: PhotoChanges,
     target: PhotoTarget,
 ) -> None:
-    """Deblur each PHOTO; EXIF, colour profile and bit depth are kept.
+    """Deblur each PHOTO; metadata, colour profile and bit depth are kept.
 
     The blur follows from a gyro log, a camera and an exposure, or is given as a kernel: --psf. Several photos share the
     log and the camera; their exposures come from EXIF, with --start exif, or from --capture, by the stamps or frame

@@ -1,4 +1,4 @@
-"""`rsdeblur video`: deblur every frame of a video."""
+"""`rsdeblur video`: deblur the blurred frames of a video."""
 
 from __future__ import annotations
 
@@ -68,6 +68,15 @@ class Encode:
         ),
     ),
 )
+@click.option(
+    "--above",
+    type=click.FloatRange(min=0.0),
+    default=1.5,
+    show_default=True,
+    metavar="PX",
+    help="Deblur only frames in which a point draws a longer path than this.",
+)
+@click.option("--all", "is_all", is_flag=True, help="Deblur all frames; the same as --above 0.")
 @jobs_option
 @_options.target_options("OUT", "Video to write: .mp4, .mov, .mkv or .webm.", dry_run=True)
 def command(
@@ -75,18 +84,21 @@ def command(
     recording: Recording,
     options: Options,
     encode: Encode,
+    above: float,
+    is_all: bool,
     jobs: int | None,
     target: Target,
 ) -> None:
-    """Deblur every frame of VIDEO with its own exposure window.
+    """Deblur the blurred frames of VIDEO, each with its own exposure window.
 
-    Sound, timing, rotation and colour tags are kept. The times of the exposures come from --capture, or from the
-    timestamps in the video, counted from --start. Frames that the log does not cover are kept as they are. After an
-    interrupt, the same command continues where it stopped.
+    Frames whose blur is at most --above stay as they are; up to twice that, frames are mixed with their deblurred
+    version. Sound, motion data, timing, rotation and colour tags are kept. The times of the exposures come from
+    --capture, or from the timestamps in the video, counted from --start. Frames that the log does not cover are kept as
+    they are. After an interrupt, the same command continues where it stopped.
     """
     from rsdeblur.video.clip import open_clip
     from rsdeblur.video.plan import plan_clip
-    from rsdeblur.video.run import check_container, check_output, deblur_video
+    from rsdeblur.video.run import check_container, check_output, deblur_video, estimated_seconds
     from rsdeblur.video.segments import Encoding
 
     begin = time.perf_counter()
@@ -100,10 +112,12 @@ def command(
         exposures = clip_exposures(clip, recording)
         encoding = Encoding.like(clip, codec=encode.codec, crf=encode.crf)
         check_container(clip, encoding, output)
-        plan = plan_clip(clip, log, camera, exposures, options, progress=move)
-        facts = _facts(plan, encoding, output) | {"kept": sum(reason is not None for reason in plan.reasons)}
+        plan = plan_clip(clip, log, camera, exposures, options, above=0.0 if is_all else above, progress=move)
+        facts = _facts(plan, encoding, output)
         _warn(source, plan.reasons)
-        if not target.dry_run:
+        if target.dry_run:
+            facts |= {"estimated_s": estimated_seconds(plan, encoding, jobs=jobs)}
+        else:
             with _report_of_parts(output):
                 result = deblur_video(
                     plan,
@@ -141,6 +155,10 @@ def _facts(plan: ClipPlan, encoding: Encoding, output: Path) -> dict[str, Any]:
     return {
         "output": str(output),
         "frames": len(clip),
+        "treated": plan.treated,
+        "kept": len(clip) - plan.treated,
+        "largest_blur_px": plan.largest,
+        "check": None if plan.check is None else asdict(plan.check),
         "span_s": clip.times[-1],
         "size_px": [clip.width, clip.height],
         "mode": plan.options.mode,
@@ -169,10 +187,17 @@ def _print(source: Path, output: Path, facts: dict[str, Any], dry_run: bool) -> 
     wide, tall = facts["psf_px"]
     tiles = f"{facts['bands']} x {facts['strips']} PSFs of up to {wide} x {tall} px"
     how = f"{facts['mode']}, {tiles}, {facts['prior']}, {facts['codec']}"
+    frames = (
+        f"{facts['treated']} of {facts['frames']} frames deblurred, the largest blur {facts['largest_blur_px']:.1f} px"
+    )
+    verdict = "" if facts["check"] is None else f"; {facts['check']['verdict']}"
     if dry_run:
         say(f"{source}: {facts['frames']} frames, {facts['span_s']:.2f} s, all inputs fit; would write {output}")
+        say(f"  {frames}, about {facts['estimated_s']:.0f} s{verdict}")
         say(f"  {how}")
         return
     resumed = f", {facts['resumed']} of {facts['segments']} segments from an earlier run" if facts["resumed"] else ""
     dropped = f"; left out: {', '.join(facts['dropped'])}" if facts["dropped"] else ""
-    say(f"{output}: {facts['frames']} frames, {how}, {facts['seconds']:.1f} s{resumed}{dropped}")
+    say(f"{output}: {frames}, {how}, {facts['seconds']:.1f} s{resumed}{dropped}{verdict}")
+    if facts["check"] is not None and facts["check"]["reasons"]:
+        say(f"  {' '.join(facts['check']['reasons'])}")

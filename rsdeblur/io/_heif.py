@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.io import directories
+from rsdeblur.io._metadata import Metadata, of_heif
 
 BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 # EXIF orientation for 0, 1, 2 and 3 quarter turns anticlockwise.
@@ -25,8 +26,8 @@ def is_heif(head: bytes) -> bool:
     return head[4:8] == b"ftyp" and head[8:12] in BRANDS
 
 
-def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None, bytes | None]:
-    """Return the primary picture: pixels in the sensor's axes, EXIF block and colour profile."""
+def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], Metadata]:
+    """Return the primary picture: pixels in the sensor's axes, and metadata."""
     try:
         import pillow_heif
     except ModuleNotFoundError:
@@ -43,7 +44,7 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None, by
     pixels = np.ascontiguousarray(np.rot90(pixels, -turns))
     # In a HEIC file the block's own orientation does not count.
     exif = directories.with_orientation(file.info.get("exif"), ORIENTATION_OF_TURNS[turns])
-    return pixels, exif, file.info.get("icc_profile")
+    return pixels, of_heif(file.info, exif, data)
 
 
 def _quarter_turns(data: bytes) -> int:

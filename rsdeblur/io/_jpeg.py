@@ -16,6 +16,9 @@ FRAMES = [bytes((0xFF, kind)) for kind in range(0xC0, 0xD0) if kind not in (0xC4
 # Inside coded samples, 0xFF is followed by 0 or by a restart marker (D0 to D7); these are not matched.
 MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 
+# Markers of segments for metadata, and the most bytes of such a segment.
+APPLICATION, LONGEST = range(0xE0, 0xF0), 65_533
+
 
 def check_scans(data: bytes) -> None:
     """Refuse a JPEG with too many scans.
@@ -35,3 +38,14 @@ def check_scans(data: bytes) -> None:
         if scans > most:
             raise ValueError(f"the JPEG has more than {most} scans")
         place = start + int.from_bytes(data[start : start + 2], "big")
+
+
+def with_iptc(data: bytes, record: bytes) -> bytes:
+    """Return a JPEG with an IPTC record, in a segment behind its other metadata; longer records are left out."""
+    body = b"Photoshop 3.0\0" + b"8BIM\x04\x04\0\0" + len(record).to_bytes(4, "big") + record + bytes(len(record) % 2)
+    if len(body) > LONGEST:
+        return data
+    place = len(START)
+    while data[place] == 0xFF and data[place + 1] in APPLICATION:
+        place += 2 + int.from_bytes(data[place + 2 : place + 4], "big")
+    return data[:place] + b"\xff\xed" + (len(body) + 2).to_bytes(2, "big") + body + data[place:]

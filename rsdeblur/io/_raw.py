@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from io import BytesIO
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from rsdeblur.io import _tiff
 from rsdeblur.io._heif import MissingPackage
+from rsdeblur.io._metadata import Metadata, of_tiff
 
 # Makers' formats that are TIFF inside: their first bytes do not distinguish them from TIFF.
 TIFF_SUFFIXES = (".cr2", ".nef", ".arw", ".pef", ".srw", ".3fr", ".iiq", ".nrw", ".erf", ".dng")
@@ -32,8 +34,8 @@ def is_raw(data: bytes, suffix: str) -> bool:
         return suffix.lower() in TIFF_SUFFIXES
 
 
-def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None, bytes]:
-    """Return pixels (uint16, linear, sRGB's primaries), the EXIF block and the matching colour profile."""
+def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], Metadata]:
+    """Return pixels (uint16, linear, sRGB's primaries), and metadata with the matching colour profile."""
     try:
         import rawpy
     except ModuleNotFoundError:
@@ -50,9 +52,13 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None, by
             )
     except rawpy.LibRawError as error:
         raise ValueError(error.args[0] if error.args else "not a raw file that LibRaw can read") from error
-    exif = _tiff.exif_block(BytesIO(data)) if data.startswith(_tiff.MAGIC) else None
+    metadata = Metadata()
+    if data.startswith(_tiff.MAGIC):
+        with tifffile.TiffFile(BytesIO(data)) as file:
+            metadata = of_tiff(file.pages.first, _tiff.exif_block(BytesIO(data)))
     # A sensor without colour filters gives one channel; its axis is dropped.
-    return np.ascontiguousarray(pixels.squeeze(axis=2) if pixels.shape[2] == 1 else pixels), exif, linear_profile()
+    pixels = np.ascontiguousarray(pixels.squeeze(axis=2) if pixels.shape[2] == 1 else pixels)
+    return pixels, replace(metadata, icc_profile=linear_profile())
 
 
 def linear_profile() -> bytes:

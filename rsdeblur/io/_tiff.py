@@ -12,6 +12,7 @@ import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from io import BytesIO
 from typing import Any, BinaryIO
 
@@ -22,6 +23,7 @@ from PIL import Image
 
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.io import directories
+from rsdeblur.io._metadata import IPTC_TAG, XMP_TAG, Metadata, of_tiff
 from rsdeblur.io.directories import ORIENTATION, Directory
 
 # tifffile logs every oddity of a damaged file; the faults that matter are raised.
@@ -33,7 +35,7 @@ MAGIC = (b"II*\0", b"MM\0*", *BIG_MAGIC)
 # Tags of an EXIF block's first directory that describe the picture rather than how its samples are stored.
 TEXT_TAGS = (270, 271, 272, 305, 306, 315, 316, 33432)  # description, maker, model, software, time, artist, ...
 NATIVE = "<" if sys.byteorder == "little" else ">"
-Tag = tuple[int, str, int, Any, bool]
+Tag = tuple[int, str | int, int, Any, bool]
 # Most bytes per pixel: four samples of 32 bits.
 PIXEL_BYTES = 16
 
@@ -63,8 +65,8 @@ def first_page(file: tifffile.TiffFile) -> tifffile.TiffPage:
     return page
 
 
-def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None]:
-    """Return pixels and colour profile of the first page; the orientation tag is not applied."""
+def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], Metadata]:
+    """Return pixels and metadata of the first page; the orientation tag is not applied."""
     with tifffile.TiffFile(BytesIO(data)) as file:
         page = first_page(file)
         # page.size counts the samples of all planes of a volume, up to four per pixel.
@@ -88,7 +90,8 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None]:
                 f"TIFF with {page.samplesperpixel} samples of {page.bitspersample} bits ({page.photometric!r}) is not "
                 "supported; convert it to grey or RGB of 8 or 16 bits without sign, or float"
             )
-        return np.ascontiguousarray(_straight(pixels) if _is_premultiplied(page) else pixels), page.iccprofile
+        metadata = of_tiff(page, exif_block(BytesIO(data)))
+        return np.ascontiguousarray(_straight(pixels) if _is_premultiplied(page) else pixels), metadata
 
 
 def place(page: tifffile.TiffPage, file_size: int) -> dict[str, Any] | None:
@@ -162,23 +165,23 @@ def exif_block(file: BinaryIO) -> bytes | None:
     return directories.block(directories.Directory(entries, main.tables))
 
 
-def encode(pixels: NDArray[Any], exif: bytes | None, icc: bytes | None) -> bytes:
+def encode(pixels: NDArray[Any], metadata: Metadata) -> bytes:
     """Return a deflated TIFF file of `pixels`, shape (H, W) or (H, W, C)."""
     buffer = BytesIO()
-    with _tables(buffer, exif) as tags, tifffile.TiffWriter(buffer, bigtiff=False, byteorder="<") as file:
-        file.write(pixels, compression="zlib", predictor=True, **_layout(pixels.shape, icc, tags))
+    with _tables(buffer, metadata) as tags, tifffile.TiffWriter(buffer, bigtiff=False, byteorder="<") as file:
+        file.write(pixels, compression="zlib", predictor=True, **_layout(pixels.shape, metadata.icc_profile, tags))
     return buffer.getvalue()
 
 
-def write_empty(
-    file: BinaryIO, shape: tuple[int, ...], dtype: np.dtype[Any], exif: bytes | None, icc: bytes | None
-) -> int:
+def write_empty(file: BinaryIO, shape: tuple[int, ...], dtype: np.dtype[Any], metadata: Metadata) -> int:
     """Write a TIFF of zeros into an empty file and return the offset of its samples."""
     big = int(np.prod(shape)) * dtype.itemsize > CLASSIC_BYTES
-    if big and exif:
+    if big and metadata.exif:
         warnings.warn("the EXIF block is not carried over: the file is a BigTIFF", RsdeblurWarning, stacklevel=2)
-    with _tables(file, None if big else exif) as tags, tifffile.TiffWriter(file, bigtiff=big) as tiff:
-        extent = tiff.write(None, shape=shape, dtype=dtype, returnoffset=True, **_layout(shape, icc, tags))
+        metadata = replace(metadata, exif=None)
+    with _tables(file, metadata) as tags, tifffile.TiffWriter(file, bigtiff=big) as tiff:
+        layout = _layout(shape, metadata.icc_profile, tags)
+        extent = tiff.write(None, shape=shape, dtype=dtype, returnoffset=True, **layout)
     assert extent is not None
     return extent[0]
 
@@ -197,10 +200,12 @@ def _layout(shape: tuple[int, ...], icc: bytes | None, tags: Sequence[Tag]) -> d
 
 
 @contextmanager
-def _tables(file: BinaryIO, exif: bytes | None) -> Iterator[list[Tag]]:
-    """Yield the EXIF tags for the file's first directory; afterwards append the EXIF block's tables to the file."""
-    tables, tags = _tags_of(exif) if exif else ({}, [])
-    yield tags
+def _tables(file: BinaryIO, metadata: Metadata) -> Iterator[list[Tag]]:
+    """Yield the tags for the file's first directory; afterwards append the EXIF block's tables to the file."""
+    tables, tags = _tags_of(metadata.exif) if metadata.exif else ({}, [])
+    # TIFF's types: bytes, and bytes of no type.
+    blocks = ((XMP_TAG, 1, metadata.xmp), (IPTC_TAG, 7, metadata.iptc))
+    yield [*tags, *((tag, kind, len(block), block, True) for tag, kind, block in blocks if block)]
     for table, directory in tables.items():
         _append(file, table, directory)
 

@@ -233,6 +233,6 @@ def _without_thumbnail(data: bytes, main: Directory) -> bytes:
         place, length = number(second, place_tag), number(second, length_tag)
         if place and place + length >= len(edited) > place:
             del edited[place:]
-        elif place and length:
+        elif length and 0 < place < len(edited):
             edited[place : place + length] = bytes(length)
     return bytes(edited)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from io import BytesIO
 from typing import Any, BinaryIO
 
@@ -17,15 +18,16 @@ from numpy.typing import NDArray
 
 from rsdeblur._util.atomic import reserve
 from rsdeblur.io import _tiff
+from rsdeblur.io._metadata import Metadata, of_tiff
 
 NPY_MAGIC = b"\x93NUMPY"
 SUFFIXES = (".npy", ".tif", ".tiff")
 
-Mapped = tuple[NDArray[Any], bytes | None, bytes | None]
+Mapped = tuple[NDArray[Any], Metadata]
 
 
 def map_picture(file: BinaryIO, max_pixels: int) -> Mapped | None:
-    """Return the samples of `file` as a read-only map, EXIF block and colour profile; None if they must be decoded.
+    """Return the samples of `file` as a read-only map, and its metadata; None if they must be decoded.
 
     Raises
     ------
@@ -36,16 +38,17 @@ def map_picture(file: BinaryIO, max_pixels: int) -> Mapped | None:
     file.seek(0)
     size = os.fstat(file.fileno()).st_size
     if head == NPY_MAGIC:
-        return np.memmap(file, mode="r", **npy_place(file, size, max_pixels)), None, None
+        return np.memmap(file, mode="r", **npy_place(file, size, max_pixels)), Metadata()
     if not head.startswith(_tiff.MAGIC):
         return None
     with tifffile.TiffFile(file) as tiff:
         page = _tiff.first_page(tiff)
-        place, icc = _tiff.place(page, size), page.iccprofile
-    if place is None:
-        return None
+        place = _tiff.place(page, size)
+        if place is None:
+            return None
+        metadata = of_tiff(page, None)
     file.seek(0)
-    return np.memmap(file, mode="r", **place), _tiff.exif_block(file), icc
+    return np.memmap(file, mode="r", **place), replace(metadata, exif=_tiff.exif_block(file))
 
 
 def npy_place(file: BinaryIO, size: int, max_pixels: int) -> dict[str, Any]:
@@ -82,7 +85,7 @@ def decode_npy(data: bytes, max_pixels: int) -> NDArray[Any]:
 
 @contextmanager
 def mapped_samples(
-    file: BinaryIO, suffix: str, shape: tuple[int, ...], dtype: np.dtype[Any], exif: bytes | None, icc: bytes | None
+    file: BinaryIO, suffix: str, shape: tuple[int, ...], dtype: np.dtype[Any], metadata: Metadata
 ) -> Iterator[NDArray[Any]]:
     """Write a picture of zeros into an empty `file`, open for reading and writing, and yield its mapped samples."""
     if suffix == ".npy":
@@ -91,7 +94,7 @@ def mapped_samples(
         offset = file.tell()
         file.truncate(offset + int(np.prod(shape)) * dtype.itemsize)
     else:
-        offset = _tiff.write_empty(file, shape, dtype, exif, icc)
+        offset = _tiff.write_empty(file, shape, dtype, metadata)
     reserve(file)
     samples = np.memmap(file, dtype, "r+", offset, shape)
     yield samples

@@ -1,4 +1,4 @@
-"""Pictures with their bit depth, EXIF block and colour profile.
+"""Pictures with their bit depth, colour profile, EXIF, XMP and IPTC.
 
 Reads and writes JPEG, PNG, TIFF, WebP and NumPy files; reads HEIC and raw files. Pixels are always in the sensor's
 axes: the orientation in the EXIF block is not applied but carried over, so viewers still turn the result.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import struct
 import threading
+import time
 import warnings
 import zlib
 from collections.abc import Iterator
@@ -17,7 +18,7 @@ from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from tokenize import TokenError
-from typing import Any, Literal
+from typing import Any, BinaryIO, Literal
 
 import imagecodecs
 import numpy as np
@@ -27,8 +28,10 @@ from PIL import Image, UnidentifiedImageError
 from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write, check_target
 from rsdeblur._util.files import checked_path, open_file, read_file
-from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
-from rsdeblur.io import _heif, _jpeg, _raw, _tiff, directories, mapped
+from rsdeblur.errors import FileFormatError, InputError, OutputError
+from rsdeblur.io import _heif, _jpeg, _metadata, _raw, _tiff, mapped
+from rsdeblur.io._encode import encode, quantised
+from rsdeblur.io._metadata import Metadata
 from rsdeblur.io.source import Source
 
 KINDS = {
@@ -53,9 +56,6 @@ BELIEVED_TIFF_PIXELS = 16_000_000
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 PNG_DEPTH = 24  # Offset of the bit depth: IHDR is always the first chunk.
-PNG_HEADER = 33  # Length of the magic number and IHDR; colour profile and EXIF may follow.
-JPEG_SEGMENT = 65_533  # The longest EXIF block of a JPEG.
-EXIF_PREFIX = b"Exif\0\0"
 
 # Errors that decoders are known to raise on damaged files.
 DAMAGE = (
@@ -83,12 +83,24 @@ class Picture:
     linear : bool, optional
         Whether the values are proportional to light. By default true for floats and for pictures with the colour
         profile that raw files get here.
+    xmp : bytes, optional
+        The XMP packet.
+    iptc : bytes, optional
+        The IPTC record.
+    losses : tuple of str, optional
+        Parts of the file that a copy cannot keep, in words, such as gain maps and C2PA manifests.
+    modified_ns : int, optional
+        Time of the file's last change, in ns since 1970.
     """
 
     pixels: NDArray[Any]
     exif: bytes | None = None
     icc_profile: bytes | None = None
     linear: bool | None = None
+    xmp: bytes | None = None
+    iptc: bytes | None = None
+    losses: tuple[str, ...] = ()
+    modified_ns: int | None = None
 
     @property
     def transfer(self) -> Literal["srgb", "linear"]:
@@ -131,17 +143,22 @@ def read_picture(path: str | os.PathLike[str], *, in_place: bool = False) -> Pic
     if validate.boolean("in_place", in_place):
         with open_file(path, "picture") as file, _decoding(path):
             if content := mapped.map_picture(file, MAX_PIXELS):
-                pixels, exif, icc = content
-                return Picture(pixels, exif, _fitting(icc, pixels))
+                return _picture(*content, path)
     data = read_file(path, "picture")
     if not data:
         raise FileFormatError(f"{path}: not a picture: the file is empty")
     with _decoding(path):
-        picture = _decode(data, path.suffix)
+        picture = _picture(*_decode(data, path.suffix), path)
     if not picture.pixels.size:
         raise FileFormatError(f"{path}: the picture has no pixels")
     picture.pixels.setflags(write=False)
     return picture
+
+
+def _picture(pixels: NDArray[Any], metadata: Metadata, path: Path) -> Picture:
+    icc = _fitting(metadata.icc_profile, pixels)
+    more = metadata.xmp, metadata.iptc, metadata.losses, path.stat().st_mtime_ns
+    return Picture(pixels, metadata.exif, icc, None, *more)
 
 
 @contextmanager
@@ -215,8 +232,9 @@ def write_picture(
         Values in [0, 1]; integers represent them by their full range. Values outside are clipped, except in float32
         files. C is 2 (grey and alpha), 3 or 4.
     like : Picture, optional
-        Source of the bit depth (or the next lower one that the format has), of the EXIF block, and of the colour
-        profile if it fits the number of channels. Of the EXIF block the thumbnail is left out, and sizes are renewed.
+        Source of the bit depth (or the next lower one that the format has), of EXIF, XMP and IPTC, of the file's time,
+        and of the colour profile if it fits the number of channels. Sizes, program, date of change and the thumbnail
+        are renewed; XMP properties that belong to other parts of the original file are left out.
     force : bool, default False
         Replace an existing file.
     bits : {8, 16, 32}, optional
@@ -233,7 +251,8 @@ def write_picture(
     Warns
     -----
     RsdeblurWarning
-        If the EXIF block is left out: it is too long for JPEG, or it is damaged and the file is a TIFF.
+        If `like` has parts that no copy can keep (gain maps, C2PA manifests), or if EXIF or XMP is left out: it is too
+        long for JPEG, XMP is damaged, or EXIF is damaged and the file is a TIFF.
     """
     path = checked_path(path)
     check_writable(path, force=force)
@@ -241,18 +260,18 @@ def write_picture(
     _check_image(image)
     if like is not None:
         validate.instance("like", like, Picture)
-    pixels = _quantised(image, _depth(path, kind, like, bits))
+    pixels = quantised(image, _depth(path, kind, like, bits))
     if pixels.ndim == 3 and kind == "JPEG" and pixels.shape[2] in (2, 4):
         pixels = pixels[..., 0] if pixels.shape[2] == 2 else pixels[..., :3]
-    exif = directories.renewed(like.exif, pixels.shape[1], pixels.shape[0]) if like and like.exif else None
-    icc = _fitting(like.icc_profile, pixels, grey=kind != "WebP") if like else None
+    metadata = _metadata_for(like, pixels, grey=kind != "WebP") if like else Metadata()
     try:
-        data = _encode(kind, np.ascontiguousarray(pixels), exif, icc)
+        data = encode(kind, np.ascontiguousarray(pixels), metadata)
     except DAMAGE as error:
         height, width = pixels.shape[:2]
         raise OutputError(f"{path}: cannot write {width}x{height} pixels as {kind}: {error}") from error
     with atomic_write(path) as file:
         file.write(data)
+        _set_time(file, like)
 
 
 @contextmanager
@@ -293,12 +312,19 @@ def picture_to_fill(
         yield pixels
         write_picture(path, pixels, like=like, force=force)
         return
-    exif = directories.renewed(like.exif, shape[1], shape[0]) if like.exif else None
-    with (
-        atomic_write(path) as file,
-        mapped.mapped_samples(file, path.suffix.lower(), shape, like.pixels.dtype, exif, like.icc_profile) as out,
-    ):
-        yield out
+    empty = np.broadcast_to(like.pixels.dtype.type(0), shape)
+    with atomic_write(path) as file:
+        metadata = _metadata_for(like, empty, grey=True, is_done=False)
+        with mapped.mapped_samples(file, path.suffix.lower(), shape, like.pixels.dtype, metadata) as out:
+            yield out
+        _set_time(file, like)
+
+
+def _set_time(file: BinaryIO, like: Picture | None) -> None:
+    """Give a file that is complete the time of the original's last change."""
+    if like is not None and like.modified_ns is not None:
+        file.flush()
+        os.utime(file.name, ns=(time.time_ns(), like.modified_ns))
 
 
 def check_writable(path: str | os.PathLike[str], *, force: bool) -> None:
@@ -337,34 +363,28 @@ def _size_limit(pixels: int = MAX_PIXELS) -> Iterator[None]:
             Image.MAX_IMAGE_PIXELS = saved
 
 
-def _decode(data: bytes, suffix: str) -> Picture:
+def _decode(data: bytes, suffix: str) -> tuple[NDArray[Any], Metadata]:
     limit = min(MAX_PIXELS, max(BELIEVED_PIXELS, PIXELS_PER_BYTE * len(data)))
     if _raw.is_raw(data, suffix):
-        return Picture(*_raw.decode(data, limit), linear=True)
+        return _raw.decode(data, limit)
     if _heif.is_heif(data):
-        pixels, exif, icc = _heif.decode(data, limit)
-        return Picture(pixels, exif, _fitting(icc, pixels))
+        return _heif.decode(data, limit)
     if data.startswith(_tiff.MAGIC):
-        limit = min(limit, max(BELIEVED_TIFF_PIXELS, PIXELS_PER_BYTE * len(data)))
-        pixels, icc = _tiff.decode(data, limit)
-        return Picture(pixels, _tiff.exif_block(BytesIO(data)), _fitting(icc, pixels))
+        return _tiff.decode(data, min(limit, max(BELIEVED_TIFF_PIXELS, PIXELS_PER_BYTE * len(data))))
     if data.startswith(mapped.NPY_MAGIC):
-        return Picture(mapped.decode_npy(data, MAX_PIXELS))
+        return mapped.decode_npy(data, MAX_PIXELS), Metadata()
     if data.startswith(_jpeg.START):
         _jpeg.check_scans(data)
     with _size_limit(limit):
         image = Image.open(BytesIO(data), formats=("JPEG", "PNG", "WEBP"))
     with image:
         image.load()
-        exif, icc = image.info.get("exif"), image.info.get("icc_profile")
         if image.format == "PNG" and data[PNG_DEPTH] == 16:
             # Pillow reduces 16-bit colour to 8 bit.
             pixels = imagecodecs.png_decode(data)
         else:
             pixels = np.array(_with_plain_mode(image))
-    if exif and not exif.startswith(EXIF_PREFIX):
-        exif = EXIF_PREFIX + exif
-    return Picture(pixels, exif or None, _fitting(icc, pixels))
+        return pixels, _metadata.of_image(image, data)
 
 
 def _with_plain_mode(image: Image.Image) -> Image.Image:
@@ -372,6 +392,13 @@ def _with_plain_mode(image: Image.Image) -> Image.Image:
     grey = image.mode in ("1", "L", "LA", "La")
     mode = ("LA" if grey else "RGBA") if image.has_transparency_data else ("L" if grey else "RGB")
     return image if image.mode == mode else image.convert(mode)
+
+
+def _metadata_for(like: Picture, pixels: NDArray[Any], *, grey: bool, is_done: bool = True) -> Metadata:
+    """Return the metadata of a result, which gets a thumbnail only if it `is_done`."""
+    icc = _fitting(like.icc_profile, pixels, grey=grey)
+    old = Metadata(like.exif, icc, like.xmp, like.iptc, like.losses)
+    return _metadata.renewed(old, pixels, transfer=like.transfer, with_thumbnail=is_done)
 
 
 def _fitting(icc: bytes | None, pixels: NDArray[Any], *, grey: bool = True) -> bytes | None:
@@ -408,56 +435,3 @@ def _depth(path: Path, kind: str, like: Picture | None, bits: int | None) -> int
         allowed = ", ".join(map(str, DEPTHS[kind]))
         raise OutputError(f"{path}: {kind} cannot hold {bits} bits per sample, only {allowed}; use another extension")
     return bits
-
-
-def _quantised(image: NDArray[Any], bits: int) -> NDArray[Any]:
-    if image.dtype.kind == "u":
-        if 8 * image.dtype.itemsize == bits:
-            return image
-        image = image / np.float32(np.iinfo(image.dtype).max)
-    if bits == 32:
-        return image.astype(np.float32)
-    # float16 cannot represent 65535.
-    clipped: NDArray[Any] = np.clip(image, 0.0, 1.0).astype(np.promote_types(image.dtype, np.float32))
-    clipped *= 2**bits - 1
-    levels: NDArray[Any] = np.rint(clipped, out=clipped).astype(np.uint8 if bits == 8 else np.uint16)
-    return levels
-
-
-def _encode(kind: str, pixels: NDArray[Any], exif: bytes | None, icc: bytes | None) -> bytes:
-    if kind == "TIFF":
-        return _tiff.encode(pixels, exif, icc)
-    if kind == "PNG":
-        return _encode_png(pixels, exif, icc)
-    if kind == "NumPy":
-        buffer = BytesIO()
-        np.save(buffer, pixels, allow_pickle=False)
-        return buffer.getvalue()
-    options: dict[str, Any] = {"quality": 95, "subsampling": 0}
-    if kind == "WebP":
-        # The fastest lossless method; the slower ones save 3 % for 3 times the time.
-        options = {"lossless": True, "exact": True, "method": 0}
-    if exif and kind == "JPEG" and len(exif) > JPEG_SEGMENT:
-        warnings.warn(f"the EXIF block of {len(exif)} bytes is too long for JPEG and left out", RsdeblurWarning, 3)
-        exif = None
-    if exif:
-        options["exif"] = exif
-    if icc:
-        options["icc_profile"] = icc
-    buffer = BytesIO()
-    Image.fromarray(pixels).save(buffer, format=kind, **options)
-    return buffer.getvalue()
-
-
-def _encode_png(pixels: NDArray[Any], exif: bytes | None, icc: bytes | None) -> bytes:
-    data = bytes(imagecodecs.png_encode(pixels))
-    extra = b""
-    if icc:
-        extra += _png_chunk(b"iCCP", b"ICC profile\0\0" + zlib.compress(icc))
-    if exif:
-        extra += _png_chunk(b"eXIf", exif.removeprefix(EXIF_PREFIX))
-    return data[:PNG_HEADER] + extra + data[PNG_HEADER:]
-
-
-def _png_chunk(name: bytes, body: bytes) -> bytes:
-    return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))

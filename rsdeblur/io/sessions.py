@@ -58,7 +58,12 @@ class Session:
 
 
 def open_session(
-    folder: str | os.PathLike[str], *, numbered_from: int | None = None, without: Path | None = None
+    folder: str | os.PathLike[str],
+    *,
+    gyro: Path | None = None,
+    capture: Path | None = None,
+    numbered_from: int | None = None,
+    without: Path | None = None,
 ) -> Session:
     """Find log, captures, camera and photos in a folder of MARS logger, OpenCamera Sensors or DeepGyro.
 
@@ -70,6 +75,8 @@ def open_session(
     ----------
     folder : path-like
         The session.
+    gyro, capture : Path, optional
+        The gyro log and the capture file, if they are not to be looked for in the folder.
     numbered_from : int, optional
         Number of the first frame. By default it follows from a photo that is numbered 0 or like the last frame.
     without : Path, optional
@@ -87,8 +94,11 @@ def open_session(
     """
     folder = Path(folder)
     files = files_in(folder, without=without)
-    gyro = gyro_log_in(folder, files)
-    capture, file = _captures(folder, [path for path in files if path != gyro])
+    gyro = gyro or gyro_log_in(folder, files)
+    if capture is None:
+        capture, file = _captures(folder, [path for path in files if path != gyro])
+    else:
+        file = open_captures(capture)
     photos = photos_in(folder, files)
     matched = _matched(photos, file.stamps, encoded_stamps(capture), numbered_from)
     if all(photo.error == UNNUMBERED for photo in matched):

@@ -1,4 +1,4 @@
-"""Joining of segments and sound into one video, without encoding anything again."""
+"""Joining of segments, sound and motion data into one video, without encoding anything again."""
 
 from __future__ import annotations
 
@@ -31,8 +31,22 @@ def container_of(path: str | os.PathLike[str]) -> str:
     return CONTAINERS[suffix]
 
 
+def copied_streams(source: Any, container: Any) -> list[Any]:
+    """Return the streams of an open video that are copied into a container: sound, and the data of action cameras.
+
+    Parameters
+    ----------
+    source, container
+        The original, and the container that is written.
+    """
+    # FFmpeg calls GPMF, the motion data of GoPro's cameras, plain binary data. Other data have no name, and its writers
+    # refuse them; it writes the time code again from the tags of the file.
+    data = [stream for stream in source.streams.data if stream.name == "bin_data"]
+    return [*source.streams.audio, *(data if container.format.name in ("mp4", "mov") else ())]
+
+
 def join(clip: Clip, segments: Sequence[Path], output: Path) -> list[str]:
-    """Write the video from its segments, with the sound, the stamps and the tags of the clip.
+    """Write the video from its segments, with the sound, the motion data, the stamps and the tags of the clip.
 
     Parameters
     ----------
@@ -46,8 +60,8 @@ def join(clip: Clip, segments: Sequence[Path], output: Path) -> list[str]:
     Returns
     -------
     list of str
-        Types of the streams that the new file does not have: all except the first video stream and sound. And "shape
-        of the pixels", if they are not square and the codec cannot say so.
+        Types of the streams that the new file does not have: all except the first video stream, sound and motion data.
+        And "shape of the pixels", if they are not square and the codec cannot say so.
 
     Raises
     ------
@@ -65,12 +79,14 @@ def join(clip: Clip, segments: Sequence[Path], output: Path) -> list[str]:
             container.metadata.update(source.metadata)
             pictures = _picture_stream(container, clip, head.streams.video[0])
             pictures.metadata.update(_without_encoder(source.streams.video[0].metadata))
-            sounds = {stream: container.add_stream_from_template(stream) for stream in source.streams.audio}
-            for old, new in sounds.items():
+            copies = {
+                stream: container.add_stream_from_template(stream) for stream in copied_streams(source, container)
+            }
+            for old, new in copies.items():
                 new.metadata.update(old.metadata)
-            for packet in heapq.merge(_pictures(clip, segments, pictures), _sound(clip, source, sounds), key=_time):
+            for packet in heapq.merge(_pictures(clip, segments, pictures), _copied(clip, source, copies), key=_time):
                 container.mux(packet)
-            left = [stream.type for stream in source.streams if stream.type != "audio"]
+            left = [stream.type for stream in source.streams if stream not in copies]
             left.remove("video")
             # PyAV cannot set it in the container, where VP9 and AV1 have it.
             if clip.aspect is not None and head.streams.video[0].sample_aspect_ratio != clip.aspect:
@@ -124,7 +140,7 @@ def _pictures(clip: Clip, segments: Sequence[Path], stream: Any) -> Iterator[Any
         raise InputError(f"{clip.path}: the segments contain fewer frames")
 
 
-def _sound(clip: Clip, source: Any, streams: dict[Any, Any]) -> Iterator[Any]:
+def _copied(clip: Clip, source: Any, streams: dict[Any, Any]) -> Iterator[Any]:
     if not streams:
         return
     with reading(clip.path):

@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rsdeblur._util import validate
 from rsdeblur.choices import Transfer
 from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck
+from rsdeblur.estimate.triage import KEEP
 from rsdeblur.image.encoded import check_size
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.camera import Camera
@@ -31,6 +33,8 @@ SAMPLE_FRAMES = 5
 SPARE = 1
 # FFmpeg's numbers for transfer characteristics.
 LINEAR, HDR = 8, (16, 18)
+# From the best to the worst.
+VERDICTS = ("good", "doubtful", "bad")
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +55,12 @@ class ClipPlan:
         Strengths of every frame.
     grid : Grid
         Places of the PSFs, and the size of the largest kernel.
+    lengths : tuple of float
+        Length of the longest path in each frame, px; NaN where there is a reason.
+    shares : tuple of float
+        Share of the deblurred frame in each frame of the result; a frame with 0 is left as it is.
+    check : QualityCheck, or None
+        Check of the median sample frame; None if `options` switches it off.
     """
 
     clip: Clip
@@ -61,6 +71,19 @@ class ClipPlan:
     options: Options
     strengths: Strengths
     grid: Grid
+    lengths: tuple[float, ...]
+    shares: tuple[float, ...]
+    check: QualityCheck | None
+
+    @property
+    def treated(self) -> int:
+        """Number of frames that are deblurred."""
+        return sum(share > 0 for share in self.shares)
+
+    @property
+    def largest(self) -> float:
+        """Length of the longest path in the frames that are deblurred, px."""
+        return max(length for length, share in zip(self.lengths, self.shares, strict=True) if share > 0)
 
     def frame(self, index: int, previous: Plan | None = None) -> Plan:
         """Return the plan of one frame.
@@ -85,9 +108,13 @@ def plan_clip(
     exposures: Sequence[Exposure],
     options: Options | None = None,
     *,
+    above: float = KEEP,
     progress: Progress | None = None,
 ) -> ClipPlan:
     """Plan a video: measure the blur of every frame, and derive shared tiles and strengths from sample frames.
+
+    Frames with shorter paths than `above` are left as they are. Up to twice that length, the deblurred frame is mixed
+    with the frame itself, so that no step shows.
 
     The results of the sample frames are checked; if most of them are bad, a warning says so.
 
@@ -97,6 +124,8 @@ def plan_clip(
         The video, the motion, the camera and the exposure of each frame.
     options : Options, optional
         Default `Options(prior="wiener")`. A transfer of "auto" follows the video's tags.
+    above : float, default 1.5
+        Longest path in px of a frame that is left as it is; 0 deblurs all frames.
     progress : callable, optional
         Called as ``progress(stage, fraction)``.
 
@@ -110,23 +139,32 @@ def plan_clip(
     CoverageError, ClockError, GapError
         If the log describes no frame.
     InputError
-        If the frames do not have the camera's size, the blur of every frame is too large, or `options` sets one of
-        those for single pictures: `normalize`, `saturation`, `fallback` and `max_memory`.
+        If the frames do not have the camera's size, the blur of every frame is too large or at most `above`, `above`
+        is negative, or `options` sets one of those for single pictures: `normalize`, `saturation`, `fallback` and
+        `max_memory`.
     """
     check_size((clip.height, clip.width), camera)
     options = options or Options(prior=PRIOR)
     _check_options(options)
+    above = validate.finite("above", above, minimum=0.0)
     options = replace(options, transfer=_clip_transfer(clip) if options.transfer == "auto" else options.transfer)
     report_progress = progress or (lambda stage, fraction: None)
     measures, reasons = _measure(clip, log, camera, exposures, options, report_progress)
-    down, across = measures[:, 1:3].max(axis=0)
+    lengths, shares = _gate(measures, len(reasons), above)
+    measures = measures[shares[measures[:, 0].astype(int)] > 0]
+    if not len(measures):
+        raise InputError(
+            f"no frame is blurred by more than {above:g} px, the largest blur is "
+            f"{np.nanmax(lengths):.2g} px; there is nothing to deblur unless all frames are requested (--all)"
+        )
+    down, across = measures[:, 2:4].max(axis=0)
     size = (2 * (int(down) + 1 + SPARE) + 1, 2 * (int(across) + 1 + SPARE) + 1)
     good = measures[:, 0].astype(int)
     # Frames spread over the video decide the strengths, and those with the fastest change the number of tiles.
     spread = good[np.unique(np.linspace(0, len(good) - 1, SAMPLE_FRAMES).astype(int))]
     samples: list[Plan] = []
     checks: list[QualityCheck | None] = []
-    for i in sorted({*spread.tolist(), *good[measures[:, 3:].argmax(axis=0)].tolist()}):
+    for i in sorted({*spread.tolist(), *good[measures[:, 4:].argmax(axis=0)].tolist()}):
         report_progress(f"sample frame {i}", 1.0)
         (frame,) = frames(clip, i, i + 1)
         values = values_of(frame)
@@ -140,7 +178,19 @@ def plan_clip(
         options=replace(options, check=False),
         strengths=_median_strengths(samples),
         grid=Grid(rows, cols, size),
+        lengths=tuple(lengths.tolist()),
+        shares=tuple(shares.tolist()),
+        check=_median_check(checks),
     )
+
+
+def _gate(measures: FloatArray, count: int, above: float) -> tuple[FloatArray, FloatArray]:
+    """Return path length and share of the deblurred frame for each of `count` frames."""
+    lengths, shares = np.full(count, np.nan), np.zeros(count)
+    measured = measures[:, 0].astype(int)
+    lengths[measured] = measures[:, 1]
+    shares[measured] = 1.0 if above == 0 else np.clip(measures[:, 1] / above - 1.0, 0.0, 1.0)
+    return lengths, shares
 
 
 def _check_options(options: Options) -> None:
@@ -186,8 +236,8 @@ def _measure(
 ) -> tuple[FloatArray, list[str | None]]:
     """Return measures of the frames that can be deblurred, and for each frame the reason why it cannot, or None.
 
-    Columns of the measures: the frame's number; the blur's extent along y and x, px; its change down the picture, and
-    its curvature down and across, which decide the number of tiles.
+    Columns of the measures: the frame's number; the length of the longest path, px; the blur's extent along y and
+    x, px; its change down the picture, and its curvature down and across, which decide the number of tiles.
     """
     frame = ReadoutFrame(camera)
     measures, reasons = [], list[str | None]()
@@ -205,10 +255,16 @@ def _measure(
             report_progress("measure all frames", (i + 1) / len(exposures))
         reasons.append(None)
         probe = capture.probe
-        measures.append((i, *probe.extent, probe.change_down, probe.curvature_down, probe.curvature_across))
+        change = probe.change_down, probe.curvature_down, probe.curvature_across
+        measures.append((i, probe.lengths.max(), *probe.extent, *change))
     if not measures:
         raise first_error or InputError(f"{clip.path}: the video has no frames to deblur")
     return np.array(measures), reasons
+
+
+def _median_check(checks: Sequence[QualityCheck | None]) -> QualityCheck | None:
+    ranked = sorted((check for check in checks if check is not None), key=lambda check: VERDICTS.index(check.verdict))
+    return ranked[len(ranked) // 2] if ranked else None
 
 
 def _warn_of_bad(checks: Sequence[QualityCheck | None], clip: Clip) -> None:

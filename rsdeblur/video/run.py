@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from rsdeblur._util import workers
@@ -16,11 +18,13 @@ from rsdeblur.errors import FileFormatError, OutputError, RsdeblurError
 from rsdeblur.types import Progress
 from rsdeblur.video._av import av
 from rsdeblur.video.clip import Clip, open_container
-from rsdeblur.video.joining import container_of, join
+from rsdeblur.video.joining import container_of, copied_streams, join
 from rsdeblur.video.plan import ClipPlan
 from rsdeblur.video.segments import Encoding, Segment, add_stream, encode_segment
 
 SEGMENT = 32
+# Frames whose time is taken to estimate that of all.
+TRIAL = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +81,7 @@ def check_output(output: Path, *, force: bool) -> None:
 
 
 def check_container(clip: Clip, encoding: Encoding, output: Path) -> None:
-    """Check that the container of a video takes its frames and its sound, before the work.
+    """Check that the container of a video takes its frames, sound and motion data, before the work.
 
     Parameters
     ----------
@@ -94,15 +98,14 @@ def check_container(clip: Clip, encoding: Encoding, output: Path) -> None:
         If the container does not take them.
     """
     with open_container(clip.path) as source:
-        sounds = source.streams.audio
         try:
             with av.open(BytesIO(), "w", format=container_of(output)) as container:
                 add_stream(container, clip, encoding)
-                for sound in sounds:
-                    container.add_stream_from_template(sound)
+                for stream in copied_streams(source, container):
+                    container.add_stream_from_template(stream)
                 container.start_encoding()  # writes the header
         except (av.error.FFmpegError, ValueError) as error:
-            codecs = " and ".join([encoding.codec, *(sound.codec_context.name for sound in sounds)])
+            codecs = " and ".join([encoding.codec, *(sound.codec_context.name for sound in source.streams.audio)])
             reason = getattr(error, "strerror", error)
             raise OutputError(
                 f"{output}: this container does not take {codecs} ({reason}); use .mkv, or another --codec"
@@ -119,7 +122,7 @@ def deblur_video(
     force: bool = False,
     progress: Progress | None = None,
 ) -> VideoResult:
-    """Deblur a video as planned; sound, stamps, rotation and colour tags are kept.
+    """Deblur a video as planned; sound, motion data, stamps, rotation and colour tags are kept.
 
     Finished segments are kept in a folder beside `output` until it is complete. After an interrupt, the next call with
     the same arguments continues with them.
@@ -127,7 +130,7 @@ def deblur_video(
     Parameters
     ----------
     plan : ClipPlan
-        See :func:`rsdeblur.video.plan.plan_clip`; frames with a reason are left as they are.
+        See :func:`rsdeblur.video.plan.plan_clip`; frames whose share is 0 are left as they are.
     output : Path
         Video to write; its extension chooses the container.
     encoding : Encoding
@@ -173,8 +176,35 @@ def deblur_video(
         finally:
             if not is_kept:
                 parts.remove()
-    kept = sum(reason is not None for reason in plan.reasons)
-    return VideoResult(len(clip), kept, len(segments), resumed, dropped)
+    return VideoResult(len(clip), len(clip) - plan.treated, len(segments), resumed, dropped)
+
+
+def estimated_seconds(plan: ClipPlan, encoding: Encoding, *, jobs: int = 1) -> float:
+    """Estimate how long :func:`deblur_video` takes, from a trial with a few frames that writes no file of its own.
+
+    Parameters
+    ----------
+    plan, encoding, jobs
+        See :func:`deblur_video`.
+
+    Returns
+    -------
+    float
+        Seconds. Planning and the start of worker processes are not counted.
+    """
+    frames = len(plan.clip)
+    first = min(plan.lengths.index(plan.largest), max(0, frames - TRIAL))
+    stop = min(first + TRIAL, frames)
+    seconds = []
+    with TemporaryDirectory() as folder:
+        # The first trial loads compiled code.
+        for share in (1.0, 1.0, 0.0):
+            trial = replace(plan, shares=(share,) * frames)
+            begin = time.perf_counter()
+            encode_segment(Segment(trial, first, stop, encoding, Path(folder) / "trial.mkv"))
+            seconds.append((time.perf_counter() - begin) / (stop - first))
+    _, treated, untouched = seconds
+    return (plan.treated * treated + (frames - plan.treated) * untouched) / jobs
 
 
 def _encode(segments: Sequence[Segment], parts: Records, fingerprint: str, jobs: int, progress: Progress | None) -> int:
@@ -223,5 +253,5 @@ def _fingerprint(plan: ClipPlan, encoding: Encoding, segment: int) -> str:
     motion: list[Any] = [log.epoch_ns, log.t.tobytes(), log.omega.tobytes(), repr(camera), camera.imu_to_camera]
     # By its name alone, like the files of a batch, so that the folder may be moved.
     clip = replace(plan.clip, path=Path(plan.clip.path.name))
-    shared = [clip, plan.exposures, plan.reasons, replace(plan.options, threads=None), plan.strengths, plan.grid]
+    shared = [clip, plan.exposures, plan.shares, replace(plan.options, threads=None), plan.strengths, plan.grid]
     return fingerprint([*motion, *shared, encoding, segment], [plan.clip.path])

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur.errors import InputError, OutputError
@@ -112,18 +113,29 @@ def encode_segment(segment: Segment) -> None:
         with atomic_write(segment.output) as file, av.open(file, "w", format=CONTAINER) as container:
             stream = add_stream(container, clip, segment.encoding)
             for index, frame in enumerate(frames(clip, segment.first, segment.stop), segment.first):
-                if segment.plan.reasons[index] is not None:
+                share = segment.plan.shares[index]
+                if share == 0:
                     sharp = frame.reformat(format=segment.encoding.pixels)
                     sharp.pict_type = 0  # the encoder chooses
                 else:
                     current = segment.plan.frame(index, current)
                     values = values_of(frame)
                     sharp = current.apply(values, out=np.empty_like(values)).image
-                    sharp = frame_of(sharp, frame, segment.encoding.pixels)
+                    sharp = frame_of(_mixed(values, sharp, share), frame, segment.encoding.pixels)
                 container.mux(stream.encode(sharp))
             container.mux(stream.encode())
     except av.error.FFmpegError as error:
         raise OutputError(f"{segment.output}: cannot encode the video: {error.strerror}") from error
+
+
+def _mixed(values: NDArray[np.uint16], sharp: NDArray[np.uint16], share: float) -> NDArray[np.uint16]:
+    """Return a frame mixed with its deblurred version."""
+    if share == 1:
+        return sharp
+    mixed = np.float32(1 - share) * values
+    mixed += np.float32(share) * sharp
+    levels: NDArray[np.uint16] = np.rint(mixed, out=mixed).astype(np.uint16)
+    return levels
 
 
 def add_stream(container: Any, clip: Clip, encoding: Encoding) -> Any:

@@ -51,7 +51,7 @@ def recording(tmp_path: Path) -> list[object]:
     np.savetxt(tmp_path / "gyro.csv", rates, "%.6f", ",", header="t,wx,wy,wz", comments="")
     Camera(WIDTH, HEIGHT, 70.0, readout_time=0.01).save(tmp_path / "camera.toml")
     files = ["--gyro", tmp_path / "gyro.csv", "--camera", tmp_path / "camera.toml"]
-    return [*files, "--start", 0.1, "--duration", "1/60", "--nsr", 0.01, "--segment", 2, "--jobs", 1]
+    return [*files, "--start", 0.1, "--duration", "1/60", "--nsr", 0.01, "--segment", 2, "--jobs", 1, "--all"]
 
 
 @pytest.fixture

@@ -17,6 +17,7 @@ from PIL.JpegImagePlugin import JpegImageFile
 
 from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
 from rsdeblur.io import Picture, check_writable, directories, pictures, read_picture, write_picture
+from rsdeblur.io._stamps import DATE, FRACTION, SOFTWARE
 
 RGB_PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 # It has the header fields of a real grey profile; nothing here reads more.
@@ -40,14 +41,16 @@ MOVED = (
     directories.EXIF_HEIGHT,
     directories.PLANE_X,
     directories.PLANE_Y,
+    FRACTION,
 )
 
 
 def values(exif: bytes | None) -> list[Any]:
-    """Return the values of an EXIF block, which a TIFF may store in another order."""
+    """Return the values of an EXIF block, which a TIFF may store in another order, but those that are renewed."""
     assert exif is not None
     main = directories.read_block(exif)
-    return [main.entries, *(main.tables[tag].entries for tag in sorted(main.tables))]
+    kept = {tag: entry for tag, entry in main.entries.items() if tag not in (SOFTWARE, DATE)}
+    return [kept, *(main.tables[tag].entries for tag in sorted(main.tables))]
 
 
 def random_pixels(dtype: str, *shape: int) -> np.ndarray[Any, Any]:
@@ -112,7 +115,7 @@ def test_jpeg_round_trip(tmp_path: Path, channels: tuple[int, ...]) -> None:
     icc = RGB_PROFILE if channels else GREY_PROFILE
     write_picture(path, image, like=Picture(np.zeros(1, np.uint8), EXIF, icc))
     again = read_picture(path)
-    assert (again.exif, again.icc_profile) == (EXIF, icc)
+    assert (values(again.exif), again.icc_profile) == (values(EXIF), icc)
     assert again.pixels.shape == image.shape
     # Quality 95 quantises the coefficients in steps of 1 to 12 levels.
     assert np.abs(as_float(again.pixels) - image).max() < 4 / 255
@@ -373,7 +376,7 @@ def test_places_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monke
         check_writable(tmp_path / "picture.png", force=True)
 
 
-@pytest.mark.parametrize("stage", ["_encode", "atomic replace"])
+@pytest.mark.parametrize("stage", ["encode", "atomic replace"])
 def test_a_failing_write_leaves_the_old_file_and_nothing_else(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stage: str
 ) -> None:
@@ -383,7 +386,7 @@ def test_a_failing_write_leaves_the_old_file_and_nothing_else(
     def fail(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(*((pictures, "_encode") if stage == "_encode" else (os, "fsync")), fail)
+    monkeypatch.setattr(*((pictures, "encode") if stage == "encode" else (os, "fsync")), fail)
     with pytest.raises(OutputError, match=r"picture\.png: .*No space left"):
         write_picture(path, IMAGE, force=True)
     assert path.read_bytes() == b"old"
@@ -395,7 +398,7 @@ def test_what_a_format_cannot_hold_is_an_output_error(tmp_path: Path) -> None:
         write_picture(tmp_path / "wide.webp", np.zeros((1, 17_000)))
     long = Picture(np.zeros(1, np.uint8), EXIF + bytes(70_000))
     assert not list(tmp_path.iterdir())
-    with pytest.warns(RsdeblurWarning, match="EXIF block of 70218 bytes is too long for JPEG and left out"):
+    with pytest.warns(RsdeblurWarning, match="EXIF block of [0-9]+ bytes is too long for JPEG and left out"):
         write_picture(tmp_path / "picture.jpg", IMAGE, like=long)
     assert read_picture(tmp_path / "picture.jpg").exif is None
 
@@ -408,8 +411,11 @@ def test_real_photos_keep_their_exif(data_dir: Path, tmp_path: Path) -> None:
     for extension in (".jpg", ".png", ".webp"):
         write_picture(tmp_path / f"copy{extension}", small, like=photo)
         exif = read_picture(tmp_path / f"copy{extension}").exif
-        # The rest of the block stays at its place: in front of the thumbnail, which is left out.
-        assert exif == directories.renewed(photo.exif, 64, 64)
+        # The rest of the block stays at its place: behind the header, and in front of the thumbnail, which is new.
+        old = directories.renewed(photo.exif, 64, 64)
+        changed = [a != b for a, b in zip(exif[14 : len(old)], old[14:], strict=True)]
+        # The fraction of the second in the date of change.
+        assert sum(changed) <= 3
         assert values(exif)[0] == values(photo.exif)[0]
     write_picture(tmp_path / "copy.tif", small, like=photo)
     blocks = [Image.Exif(), Image.Exif()]

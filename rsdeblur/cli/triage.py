@@ -1,0 +1,199 @@
+"""`rsdeblur triage`: which pictures are blurred, by the gyro log alone."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import click
+
+from rsdeblur.cli import _options
+from rsdeblur.cli._inputs import clip_exposures, read_device, read_recording
+from rsdeblur.cli._items import read_items
+from rsdeblur.cli._options import Defaults, Recording
+from rsdeblur.cli._output import plain_cell, prepare_folder, print_json, progress, say, write_json
+from rsdeblur.errors import RsdeblurError
+
+if TYPE_CHECKING:
+    from rsdeblur.estimate.triage import Triage
+    from rsdeblur.motion.camera import Camera
+    from rsdeblur.motion.exposure import Exposure
+    from rsdeblur.motion.gyro import GyroLog
+
+TABLE, REPORT, PLOT = "triage.csv", "triage.json", "triage.svg"
+MANIFESTS = (".csv", ".txt")
+
+EXAMPLES = """\b
+Examples:
+  rsdeblur triage mars_session/ --camera phone.toml -o triage
+  rsdeblur triage frames/ --gyro gyro.csv --capture frames.csv --camera phone.toml --json
+  rsdeblur triage clip.mp4 --gyro clip.mp4 --camera gopro.toml --duration 1/60 --keep 2 --drop 20 -o triage
+"""
+
+
+class _Shot(NamedTuple):
+    """One photo or frame: its name, and its recording or the reason why that is unknown."""
+
+    name: dict[str, Any]
+    recording: tuple[GyroLog, Camera, Exposure] | None
+    reason: str | None = None
+
+
+@click.command("triage", epilog=EXAMPLES)
+@click.argument("source", type=_options.PATH, metavar="FOLDER|CLIP")
+@_options.recording_options(required=False)
+@click.option(
+    "--numbered-from",
+    type=click.IntRange(0, 1),
+    help="FOLDER: number of the first frame in the photos' names.  [default: derived from the names]",
+)
+@click.option(
+    "--keep",
+    type=click.FloatRange(min=0.0),
+    default=1.5,
+    show_default=True,
+    metavar="PX",
+    help="Longest path of a picture that is sharp enough as it is.",
+)
+@click.option(
+    "--drop",
+    type=click.FloatRange(min=0.0),
+    default=20.0,
+    show_default=True,
+    metavar="PX",
+    help="Longest path of a picture that is worth deblurring.",
+)
+@click.option("-o", "--output", type=_options.PATH, metavar="DIR", help=f"Folder for {TABLE}, {REPORT} and {PLOT}.")
+@_options.force_option
+@_options.json_option
+def command(
+    source: Path,
+    recording: Recording,
+    numbered_from: int | None,
+    keep: float,
+    drop: float,
+    output: Path | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Measure the blur of the photos in FOLDER, or of the frames of CLIP, by the gyro log alone.
+
+    No pixels are read. Each picture gets the length of the longest path that a point draws during the exposure, in px,
+    and a decision: keep, deblur or drop; unknown where the log does not cover the exposure. FOLDER is a session of a
+    logger, a folder of photos with --gyro and --capture, or a manifest like that of `batch`. Blur by focus and by
+    moving subjects is not in a gyro log.
+    """
+    if output is not None:
+        prepare_folder(output, [TABLE, REPORT, PLOT], force=force)
+    import numpy as np
+
+    from rsdeblur._util.atomic import atomic_write
+    from rsdeblur.estimate.triage import Triage, blur_of
+    from rsdeblur.report.timeline import timeline_svg
+
+    if drop < keep:
+        raise click.UsageError("--drop must be at least --keep", ctx=click.get_current_context())
+    if output is not None:
+        prepare_folder(output, [TABLE, REPORT, PLOT], force=force)
+    is_clip = source.is_file() and source.suffix.lower() not in MANIFESTS
+    shots = _frames(source, recording) if is_clip else _photos(source, recording, numbered_from, output)
+    with progress("triage") as move:
+        blurs: list[tuple[float, str | None]] = []
+        for i, shot in enumerate(shots):
+            blurs.append((math.nan, shot.reason) if shot.recording is None else blur_of(*shot.recording))
+            if move is not None:
+                move(f"{i + 1} of {len(shots)}", (i + 1) / len(shots))
+    judged = Triage(np.array([length for length, _ in blurs]), tuple(reason for _, reason in blurs), keep, drop)
+    times = _times(shots)
+    entries = _entries(shots, times, judged)
+    report = {"keep_px": keep, "drop_px": drop, "counts": judged.counts, "items": entries}
+    if output is not None:
+        _write_table(output / TABLE, entries)
+        write_json(output / REPORT, report)
+        with atomic_write(output / PLOT) as file:
+            file.write(timeline_svg(times, judged))
+    if as_json:
+        print_json(report)
+    else:
+        _print(source, judged, output)
+
+
+def _frames(source: Path, recording: Recording) -> list[_Shot]:
+    """Return the frames of a video; only their stamps are read."""
+    from rsdeblur.video.clip import open_clip
+
+    if recording.gyro is None or recording.camera is None:
+        raise click.UsageError("a video needs --gyro and --camera", ctx=click.get_current_context())
+    log, camera = read_device(recording)
+    exposures = clip_exposures(open_clip(source), recording)
+    return [_Shot({"frame": i}, (log, camera, exposure)) for i, exposure in enumerate(exposures)]
+
+
+def _photos(source: Path, recording: Recording, numbered_from: int | None, output: Path | None) -> list[_Shot]:
+    """Return the photos of a folder or of a manifest."""
+    defaults = Defaults(**{field.name: getattr(recording, field.name) for field in fields(Defaults)})
+    shots = []
+    for item in read_items(source, defaults, output or source / "triage", numbered_from=numbered_from):
+        known, reason = None, item.error
+        if item.recording is not None:
+            try:
+                known = read_recording(item.recording, item.photo)
+            except (RsdeblurError, click.UsageError) as error:
+                reason = error.format_message() if isinstance(error, click.UsageError) else str(error)
+        shots.append(_Shot({"photo": str(item.photo)}, known, reason))
+    return shots
+
+
+def _times(shots: Sequence[_Shot]) -> list[float | None]:
+    """Return the start of each exposure, in s after the first one."""
+    exposures = [None if shot.recording is None else shot.recording[2] for shot in shots]
+    # Stamps of 64 bits are exact as integers only.
+    stamps = [None if each is None else each.epoch_ns + round(1e9 * each.start) for each in exposures]
+    first = min((stamp for stamp in stamps if stamp is not None), default=0)
+    return [None if stamp is None else 1e-9 * (stamp - first) for stamp in stamps]
+
+
+def _entries(shots: Sequence[_Shot], times: Sequence[float | None], judged: Triage) -> list[dict[str, Any]]:
+    columns = zip(shots, times, judged.lengths.tolist(), judged.decisions, judged.reasons, strict=True)
+    return [
+        {
+            **shot.name,
+            "time_s": time,
+            "blur_px": None if math.isnan(length) else length,
+            "decision": decision,
+            "reason": reason,
+        }
+        for shot, time, length, decision, reason in columns
+    ]
+
+
+def _write_table(path: Path, entries: Sequence[dict[str, Any]]) -> None:
+    from rsdeblur._util.atomic import atomic_write
+
+    text = io.StringIO()
+    columns = list(dict.fromkeys(name for entry in entries for name in entry))
+    table = csv.DictWriter(text, columns, lineterminator="\n")
+    table.writeheader()
+    for entry in entries:
+        table.writerow({name: plain_cell(value) for name, value in entry.items()})
+    with atomic_write(path) as file:
+        file.write(text.getvalue().encode())
+
+
+def _print(source: Path, judged: Triage, output: Path | None) -> None:
+    import numpy as np
+
+    counts = ", ".join(f"{count} {decision}" for decision, count in judged.counts.items() if count)
+    known = judged.lengths[np.isfinite(judged.lengths)]
+    largest = f"; median {np.median(known):.1f} px, largest {known.max():.1f} px" if len(known) else ""
+    say(f"{source}: {counts}{largest}")
+    reasons = [reason for reason in judged.reasons if reason is not None]
+    if reasons:
+        say(f"  {len(reasons)} unknown, the first: {reasons[0]}")
+    if output is not None:
+        say(f"  see {output / TABLE}, {output / REPORT} and {output / PLOT}")

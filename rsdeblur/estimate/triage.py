@@ -1,0 +1,136 @@
+"""Triage: the blur of many exposures from the gyro log alone, without their pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from rsdeblur._util import validate
+from rsdeblur.errors import CoverageError, InputError
+from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.types import FloatArray, Progress
+
+Decision = Literal["keep", "deblur", "drop", "unknown"]
+DECISIONS: tuple[Decision, ...] = ("keep", "deblur", "drop", "unknown")
+
+# px. The interpolation of colours in a sensor, and lenses, blur a picture by about this much anyway.
+KEEP = 1.5
+# px. Simulated pictures with paths of this length come out of `deblur` as clear as those with paths of 3 to 4 px
+# go in; longer paths lose more (docs/developer/decisions.md).
+DROP = 20.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Triage:
+    """Blur of a series of exposures, and what to do with each picture.
+
+    Parameters
+    ----------
+    lengths : ndarray, shape (n,)
+        Length of the longest path that a point of the picture draws during its exposure, px; NaN where it is unknown.
+    reasons : tuple of str or None
+        Reason why the blur of an exposure is unknown; None where it is known.
+    keep, drop : float
+        Thresholds, see :func:`triage`.
+    """
+
+    lengths: FloatArray
+    reasons: tuple[str | None, ...]
+    keep: float = KEEP
+    drop: float = DROP
+
+    def __post_init__(self) -> None:
+        lengths = np.array(self.lengths, dtype=np.float64)
+        lengths.setflags(write=False)
+        object.__setattr__(self, "lengths", lengths)
+
+    def __len__(self) -> int:
+        return len(self.reasons)
+
+    @property
+    def decisions(self) -> tuple[Decision, ...]:
+        """Decision for each exposure: "keep", "deblur", "drop", or "unknown" where the blur is."""
+        return tuple(self._decision(length) for length in self.lengths)
+
+    def _decision(self, length: float) -> Decision:
+        if np.isnan(length):
+            return "unknown"
+        return "keep" if length <= self.keep else "deblur" if length <= self.drop else "drop"
+
+    @property
+    def counts(self) -> dict[Decision, int]:
+        """Number of exposures for each decision."""
+        decisions = self.decisions
+        return {decision: decisions.count(decision) for decision in DECISIONS}
+
+
+def triage(
+    log: GyroLog,
+    camera: Camera,
+    exposures: Sequence[Exposure],
+    *,
+    keep: float = KEEP,
+    drop: float = DROP,
+    progress: Progress | None = None,
+) -> Triage:
+    """Measure the blur of many exposures from the gyro log, and decide which pictures to keep, deblur or drop.
+
+    No picture is read. Only rotation counts: blur by focus, by moving subjects or by the camera's translation is not in
+    a gyro log.
+
+    Parameters
+    ----------
+    log : GyroLog
+        The recording.
+    camera : Camera
+        The camera.
+    exposures : sequence of Exposure
+        The exposures, in any order.
+    keep : float, default 1.5
+        Longest path in px of a picture that is sharp enough as it is.
+    drop : float, default 20
+        Longest path in px of a picture that is worth deblurring; at least `keep`.
+    progress : callable, optional
+        Called as ``progress(stage, fraction)``.
+
+    Returns
+    -------
+    Triage
+        Blur and decision for each exposure.
+
+    Raises
+    ------
+    InputError
+        If a threshold is negative or not finite, or `drop` is less than `keep`.
+    """
+    validate.instance("log", log, GyroLog)
+    validate.instance("camera", camera, Camera)
+    keep = validate.finite("keep", keep, minimum=0.0)
+    drop = validate.finite("drop", drop, minimum=keep)
+    validate.callback("progress", progress)
+    blurs = []
+    for i, exposure in enumerate(exposures):
+        blurs.append(blur_of(log, camera, validate.instance(f"exposures[{i}]", exposure, Exposure)))
+        if progress is not None:
+            progress("measure all exposures", (i + 1) / len(exposures))
+    return Triage(np.array([length for length, _ in blurs]), tuple(reason for _, reason in blurs), keep, drop)
+
+
+def blur_of(log: GyroLog, camera: Camera, exposure: Exposure) -> tuple[float, str | None]:
+    """Return the length in px of the longest path in a picture; NaN and the reason where the log does not describe it.
+
+    Parameters
+    ----------
+    log, camera, exposure
+        The recording.
+    """
+    try:
+        return float(ReadoutFrame(camera).capture(log, exposure).probe.lengths.max()), None
+    except (CoverageError, InputError) as error:
+        return float("nan"), str(error)

@@ -1,0 +1,58 @@
+"""`rsdeblur triage`: folders, manifests and clips without a look at their pixels."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from click.testing import Result
+
+if TYPE_CHECKING:
+    from conftest import Files
+
+Run = Callable[..., Result]
+
+
+def test_folder_needs_no_pixels(run: Run, files: Files, tmp_path: Path) -> None:
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    for i in range(3):
+        (folder / f"{i}.png").touch()  # empty: whoever reads it fails
+    (folder / "cover.png").touch()
+    call = ("triage", folder, *files.sources, "--capture", files.captures, "--keep", 2, "-o", tmp_path / "out")
+    result = run(*call, "--json")
+    assert result.exit_code == 0, result.output
+    report = json.loads(result.stdout)
+    assert [Path(item["photo"]).name for item in report["items"]] == ["0.png", "1.png", "2.png", "cover.png"]
+    decisions = [item["decision"] for item in report["items"]]
+    assert decisions == ["deblur", "deblur", "unknown", "unknown"]
+    assert "does not cover" in report["items"][2]["reason"]
+    assert "neither a stamp nor a frame number" in report["items"][3]["reason"]
+    assert report["items"][1]["time_s"] == pytest.approx(0.1)
+    with (tmp_path / "out" / "triage.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["decision"] for row in rows] == decisions
+    assert json.loads((tmp_path / "out" / "triage.json").read_text()) == report
+    assert (tmp_path / "out" / "triage.svg").read_bytes().startswith(b"<?xml")
+    assert "the file exists" in run(*call).stderr
+    printed = run(*call, "--force").stdout
+    assert "2 deblur, 2 unknown; median" in printed
+    assert "the first: " in printed
+
+
+def test_manifest_and_missing_files(run: Run, files: Files, tmp_path: Path) -> None:
+    manifest = tmp_path / "list.csv"
+    manifest.write_text("photo,start,duration\nphoto.png,0.2,1ms\nphoto.png,0.2,40ms\n")
+    result = run("triage", manifest, *files.sources, "--json")
+    # The results of a batch would have the same name; a triage writes none.
+    assert [item["decision"] for item in json.loads(result.stdout)["items"]] == ["keep", "deblur"]
+    assert run("triage", manifest, *files.sources, "--keep", 3, "--drop", 2).exit_code == 2
+    clip = tmp_path / "clip.mp4"
+    clip.write_bytes(b"no clip")
+    result = run("triage", clip)
+    assert result.exit_code == 2
+    assert "--gyro and --camera" in result.stderr

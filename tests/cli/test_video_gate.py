@@ -1,0 +1,132 @@
+"""`rsdeblur video` by default: only blurred frames change, and motion data stay."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import Result
+from numpy.typing import NDArray
+
+from rsdeblur import Camera, Exposure, GyroLog, InputError
+from rsdeblur.simulation.scene import scene
+
+av = pytest.importorskip("av", reason="the extra [video] is not installed")
+
+from rsdeblur.pipeline.options import Options  # noqa: E402 (with PyAV, like the rest)
+from rsdeblur.video.clip import open_clip  # noqa: E402
+from rsdeblur.video.plan import ClipPlan, plan_clip  # noqa: E402
+
+Run = Callable[..., Result]
+
+WIDTH, HEIGHT, FRAMES, FOCAL, DURATION = 64, 48, 8, 100.0, 0.01
+# Paths in px of the frames, which are 0.1 s apart: at most 1.5 px is no blur, and 3 px and more is full blur.
+LENGTHS = (0.0, 0.5, 1.3, 2.25, 4.0, 2.0, 0.0, 0.0)
+GPMF = [b"DEVC" + bytes([i] * 12) for i in range(FRAMES)]
+
+
+def write(path: Path, codec: str, pixels: str) -> None:
+    """Write a video of still noise, with motion data if it is an MP4."""
+    values = (scene(64, 64, seed=1)[:HEIGHT] * 65535).astype(np.uint16)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=10)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, pixels
+        stream.codec_context.max_b_frames = 0
+        data = container.add_data_stream("bin_data") if path.suffix == ".mp4" else None
+        for i in range(FRAMES):
+            frame = av.VideoFrame.from_ndarray(values, format="rgb48le").reformat(format=pixels)
+            frame.pts, frame.time_base = i, Fraction(1, 10)
+            container.mux(stream.encode(frame))
+            if data is not None:
+                packet = av.Packet(GPMF[i])
+                packet.stream, packet.pts, packet.dts, packet.duration = data, i, i, 1
+                packet.time_base = Fraction(1, 10)
+                container.mux(packet)
+        container.mux(stream.encode())
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> list[object]:
+    """Write a log in which frame i is blurred by `LENGTHS[i]`; return the options of every call."""
+    t = np.arange(0.0, 1.0, 0.001)
+    rates = np.interp(t, 0.055 + 0.1 * np.arange(FRAMES), np.array(LENGTHS) / (FOCAL * DURATION))
+    # Constant while the rows of a frame are exposed.
+    for i, length in enumerate(LENGTHS):
+        rates[(t > 0.03 + 0.1 * i) & (t < 0.08 + 0.1 * i)] = length / (FOCAL * DURATION)
+    table = np.column_stack([t, 0 * t, rates, 0 * t])
+    np.savetxt(tmp_path / "gyro.csv", table, "%.6f", ",", header="t,wx,wy,wz", comments="")
+    Camera(WIDTH, HEIGHT, FOCAL).save(tmp_path / "camera.toml")
+    files = ["--gyro", tmp_path / "gyro.csv", "--camera", tmp_path / "camera.toml"]
+    return [*files, "--start", 0.05, "--duration", DURATION, "--nsr", 0.01, "--jobs", 1]
+
+
+def decoded(path: Path) -> tuple[str, list[NDArray[Any]]]:
+    with av.open(str(path)) as container:
+        frames = list(container.decode(video=0))
+        return frames[0].format.name, [frame.to_ndarray() for frame in frames]
+
+
+@pytest.mark.usefixtures("here")
+def test_only_blurred_frames_change(run: Run, recording: list[object], tmp_path: Path) -> None:
+    clip, out = tmp_path / "clip.mkv", tmp_path / "out.mkv"
+    write(clip, "ffv1", "yuv422p10le")
+    dry = run("video", clip, *recording, "--dry-run", "--json", "-o", out)
+    assert dry.exit_code == 0, dry.output
+    result = run("video", clip, *recording, "--json", "-o", out)
+    assert result.exit_code == 0, result.output
+    facts, expected = json.loads(result.stdout), json.loads(dry.stdout)
+    assert expected["estimated_s"] > 0
+    for found in (facts, expected):
+        assert (found["treated"], found["kept"]) == (3, 5)
+        # At the picture's side the path is longer than in its centre, by 1 + (32 / 100)^2.
+        assert 4.0 <= found["largest_blur_px"] < 4.5
+        assert found["check"]["verdict"] in ("good", "doubtful", "bad")
+    (before_format, before), (after_format, after) = decoded(clip), decoded(out)
+    assert after_format == before_format == "yuv422p10le"
+    # FFV1 is lossless.
+    changed = [not np.array_equal(a, b) for a, b in zip(before, after, strict=True)]
+    assert changed == [False, False, False, True, True, True, False, False]
+
+
+@pytest.mark.usefixtures("here")
+def test_motion_data_stay(run: Run, recording: list[object], tmp_path: Path) -> None:
+    clip = tmp_path / "clip.mp4"
+    write(clip, "libx264", "yuv420p")
+    for name, kept in (("out.mp4", GPMF), ("out.mkv", [])):
+        result = run("video", clip, *recording, "--json", "-o", tmp_path / name)
+        assert result.exit_code == 0, result.output
+        assert json.loads(result.stdout)["dropped"] == ([] if kept else ["data"])
+        with av.open(str(tmp_path / name)) as container:
+            packets = list(container.demux(container.streams.data)) if kept else []
+            assert [bytes(packet) for packet in packets if packet.size] == kept
+            assert [packet.pts * packet.time_base for packet in packets if packet.size] == [
+                Fraction(i, 10) for i in range(len(kept))
+            ]
+
+
+def test_the_share_grows_with_the_blur(tmp_path: Path) -> None:
+    clip = tmp_path / "clip.mkv"
+    write(clip, "ffv1", "yuv420p")
+    t = np.arange(0.0, 1.0, 0.001)
+    omega = np.zeros((len(t), 3))
+    omega[:, 1] = np.linspace(0.0, 4.0, len(t))
+    exposures = [Exposure(0.05 + time, DURATION) for time in open_clip(clip).times]
+
+    def planned(above: float) -> ClipPlan:
+        options = Options(prior="wiener", nsr=0.01, threads=1, check=False)
+        camera = Camera(WIDTH, HEIGHT, FOCAL)
+        return plan_clip(open_clip(clip), GyroLog(t, omega), camera, exposures, options, above=above)
+
+    plan = planned(1.0)
+    np.testing.assert_allclose(plan.shares, np.clip(np.array(plan.lengths) - 1.0, 0.0, 1.0))
+    assert plan.shares[0] == 0.0 < plan.shares[3] < plan.shares[-1] == 1.0
+    assert set(planned(0.0).shares) == {1.0}
+    with pytest.raises(InputError, match=r"no frame is blurred by more than 9 px, the largest blur is 3\.\d px"):
+        planned(9.0)
+    with pytest.raises(InputError, match="above must be"):
+        planned(-1.0)

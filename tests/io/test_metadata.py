@@ -1,0 +1,286 @@
+"""Metadata of photos: kept, renewed and left out, through every format."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import struct
+import subprocess
+import zlib
+from datetime import UTC, datetime
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+from rsdeblur.errors import RsdeblurWarning
+from rsdeblur.io import _metadata, _xmp, read_picture, write_picture
+from rsdeblur.io._jpeg import with_iptc
+from rsdeblur.io.history import with_history
+from rsdeblur.io.pictures import Picture
+
+WIDTH, HEIGHT = 64, 48
+NOTES = b"MakerNote\0" + bytes(range(200))
+# Record 2: keyword, caption.
+IPTC = b"\x1c\x02\x19\x00\x05shake\x1c\x02\x78\x00\x07caption"
+WRAPPED = '<?xpacket begin="\ufeff" id="W5M0MpCehiHzreSzNTczkc9d"?>{}<?xpacket end="w"?>'
+DRONE = WRAPPED.format(
+    """<x:xmpmeta xmlns:x="adobe:ns:meta/" x:xmptk="Any">
+ <rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">
+  <rdf:Description rdf:about="" xmlns:drone="http://www.dji.com/drone-dji/1.0/" xmlns:tiff="http://ns.adobe.com/tiff/1.0/"
+    xmlns:xmp="http://ns.adobe.com/xap/1.0/" xmlns:GPano="http://ns.google.com/photos/1.0/panorama/"
+    drone:GimbalPitchDegree="-89.90" drone:FlightYawDegree="+12.30" tiff:ImageWidth="4000" xmp:Rating="4"
+    GPano:ProjectionType="equirectangular">
+   <xmp:ModifyDate>2020-01-01T00:00:00</xmp:ModifyDate>
+  </rdf:Description>
+ </rdf:RDF>
+</x:xmpmeta>"""
+).encode()
+PHONE = WRAPPED.format(
+    """<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">
+  <rdf:Description rdf:about="" xmlns:cam="http://ns.google.com/photos/1.0/camera/"
+    xmlns:box="http://ns.google.com/photos/1.0/container/" xmlns:item="http://ns.google.com/photos/1.0/container/item/"
+    xmlns:hdrgm="http://ns.adobe.com/hdr-gain-map/1.0/" xmlns:xmpNote="http://ns.adobe.com/xmp/note/"
+    xmlns:dcterms="http://purl.org/dc/terms/" xmlns:mm="http://ns.adobe.com/xap/1.0/mm/"
+    cam:MotionPhoto="1" cam:MotionPhotoVersion="1" cam:HdrPlusMakernote="SERSUA" hdrgm:Version="1.0"
+    xmpNote:HasExtendedXMP="0123" dcterms:provenance="https://example.org/manifest" mm:DocumentID="doc">
+   <box:Directory><rdf:Seq><rdf:li rdf:parseType="Resource"><box:Item item:Semantic="GainMap" item:Length="999"/>
+   </rdf:li></rdf:Seq></box:Directory>
+   <mm:History><rdf:Seq><rdf:li rdf:parseType="Resource"/></rdf:Seq></mm:History>
+  </rdf:Description></rdf:RDF></x:xmpmeta>"""
+).encode()
+
+
+def exif_block() -> bytes:
+    """Return an EXIF block with GPS, maker notes and a thumbnail."""
+    exif = Image.Exif()
+    exif[271], exif[272], exif[274], exif[305], exif[306] = "Maker", "Phone", 6, "firmware 12", "2020:01:01 00:00:00"
+    camera = {33434: 0.05, 36867: "2020:01:01 00:00:00", 36880: "+02:00", 37520: "123", 37500: NOTES}
+    exif.get_ifd(34665).update(camera | {0xA002: WIDTH, 0xA003: HEIGHT})
+    exif[34853] = {1: "N", 2: (50.0, 4.0, 30.5), 3: "E", 4: (14.0, 25.0, 1.5)}
+    data = exif.tobytes().removeprefix(b"Exif\0\0")
+    order = "<" if data.startswith(b"II") else ">"
+    start = struct.unpack_from(f"{order}I", data, 4)[0]
+    end = start + 2 + 12 * struct.unpack_from(f"{order}H", data, start)[0]
+    old = BytesIO()
+    Image.new("RGB", (16, 12), "red").save(old, "JPEG")
+    place = len(data) + 2 + 12 * 3 + 4
+    second = struct.pack(f"{order}H", 3) + struct.pack(f"{order}HHIHxx", 259, 3, 1, 6)
+    second += struct.pack(f"{order}HHII", 513, 4, 1, place)
+    second += struct.pack(f"{order}HHII", 514, 4, 1, len(old.getvalue())) + bytes(4)
+    head = data[:end] + struct.pack(f"{order}I", len(data)) + data[end + 4 :]
+    return b"Exif\0\0" + head + second + old.getvalue()
+
+
+def segment(marker: int, body: bytes) -> bytes:
+    return struct.pack(">BBH", 0xFF, marker, len(body) + 2) + body
+
+
+def chunk(name: bytes, body: bytes) -> bytes:
+    return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+
+
+def photo(tmp_path: Path, kind: str) -> Path:
+    """Write a photo of a kind, and give it an old date."""
+    pixels = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3)).astype(np.uint8)
+    image, buffer = Image.fromarray(pixels), BytesIO()
+    suffix = {"phone": ".jpg", "drone": ".jpg", "tiff": ".tif", "png": ".png", "webp": ".webp", "heic": ".heic"}[kind]
+    xmp = PHONE if kind in ("phone", "heic") else DRONE
+    if suffix == ".jpg":
+        # MPO is a JPEG with further pictures behind it, as phones store gain maps.
+        behind = {"save_all": True, "append_images": [image.convert("L")]} if kind == "phone" else {}
+        image.save(buffer, "MPO" if behind else "JPEG", exif=exif_block(), xmp=xmp, quality=95, **behind)
+        data = buffer.getvalue()
+        if kind == "phone":
+            # In front of the first segment, so that the places of the pictures behind stay true.
+            manifest = segment(0xEB, b"JP\0\1\0\0\0\1\0\0\0\x20jumb\0\0\0\x18jumdc2pa" + bytes(12))
+            data = data[:2] + manifest + data[2:]
+        else:
+            data = with_iptc(data, IPTC)
+    elif suffix == ".tif":
+        tags = [(700, 1, len(xmp), xmp, True), (33723, 7, len(IPTC), IPTC, True), (0xCD41, 7, 4, b"c2pa", True)]
+        tifffile.imwrite(buffer, pixels.astype(np.uint16) * 257, photometric="rgb", extratags=tags, metadata=None)
+        data = buffer.getvalue()
+    elif suffix == ".png":
+        image.save(buffer, "PNG", exif=exif_block())
+        data = buffer.getvalue()
+        text = chunk(b"iTXt", b"XML:com.adobe.xmp" + bytes(5) + xmp)
+        text += chunk(b"zTXt", b"Raw profile type iptc\0\0" + zlib.compress(_metadata.png_iptc(IPTC)))
+        data = data[:33] + text + chunk(b"caBX", b"c2pa") + data[33:]
+    elif suffix == ".webp":
+        image.save(buffer, "WebP", lossless=True, exif=exif_block(), xmp=xmp)
+        data = buffer.getvalue() + b"C2PA" + struct.pack("<I", 4) + b"jumb"
+        data = data[:4] + struct.pack("<I", len(data) - 8) + data[8:]
+    else:
+        heif = pytest.importorskip("pillow_heif", reason="the extra [heif] is not installed")
+        try:
+            heif.from_pillow(image).save(buffer, exif=exif_block(), xmp=xmp, quality=90)
+        except RuntimeError:
+            pytest.skip("pillow-heif has no encoder here")
+        data = buffer.getvalue()
+    path = tmp_path / f"{kind}{suffix}"
+    path.write_bytes(data)
+    os.utime(path, ns=(1_500_000_000 * 10**9, 1_500_000_000 * 10**9))
+    return path
+
+
+def copied(path: Path, suffix: str, tmp_path: Path) -> tuple[Picture, Picture]:
+    """Return a photo and the copy that is written like it."""
+    before, out = read_picture(path), tmp_path / f"copy{suffix}"
+    pixels = np.full_like(before.pixels, 200 if before.pixels.dtype == np.uint8 else 200 * 257)
+    write_picture(out, pixels, like=before, force=True)
+    return before, read_picture(out)
+
+
+@pytest.mark.filterwarnings("ignore:left out of the result")
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif", ".webp"])
+@pytest.mark.parametrize("kind", ["drone", "png", "webp"])
+def test_blocks_come_through(tmp_path: Path, kind: str, suffix: str) -> None:
+    before, after = copied(photo(tmp_path, kind), suffix, tmp_path)
+    assert before.xmp is not None
+    assert after.xmp is not None
+    for text in (b'GimbalPitchDegree="-89.90"', b'xmp:Rating="4"', b'ProjectionType="equirectangular"'):
+        assert text in before.xmp
+        assert text in after.xmp
+    assert b'tiff:ImageWidth="64"' in after.xmp
+    assert b"2023-11-14T22:13:20+00:00</xmp:ModifyDate>" in after.xmp
+    assert before.iptc == (None if kind == "webp" else IPTC)
+    assert after.iptc == (None if suffix == ".webp" else before.iptc)
+    assert after.modified_ns == before.modified_ns == 1_500_000_000 * 10**9
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp"])
+def test_the_thumbnail_shows_the_result(tmp_path: Path, suffix: str) -> None:
+    before, after = copied(photo(tmp_path, "drone"), suffix, tmp_path)
+    assert before.exif is not None
+    assert after.exif is not None
+    # The maker's notes stay at their place, to which they may point.
+    assert after.exif.index(NOTES) == before.exif.index(NOTES)
+    block = Image.Exif()
+    block.load(after.exif)
+    assert (block[305], block[306]) == (_metadata.AGENT, "2023:11:14 22:13:20")
+    assert (block[271], block[274], block.get_ifd(34853)[2]) == ("Maker", 6, (50.0, 4.0, 30.5))
+    camera = block.get_ifd(34665)
+    assert (camera[36880], camera[37520].strip("\0"), camera[36867]) == ("+00:00", "000", "2020:01:01 00:00:00")
+    with Image.open(BytesIO(after.exif[after.exif.index(b"\xff\xd8\xff") :])) as thumbnail:
+        assert thumbnail.size == (WIDTH, HEIGHT)
+        assert np.abs(np.asarray(thumbnail.convert("L")).astype(int) - 200).max() <= 2
+    # The red thumbnail is gone.
+    assert after.exif.count(b"\xff\xd8\xff") == 1
+
+
+@pytest.mark.parametrize(
+    ("kind", "lost"),
+    [
+        ("phone", ("C2PA", "gain map", "motion photo")),
+        ("tiff", ("C2PA",)),
+        ("png", ("C2PA",)),
+        ("webp", ("C2PA",)),
+        ("heic", ("gain map", "motion photo")),
+    ],
+)
+def test_parts_of_the_original_are_left_out_with_a_message(tmp_path: Path, kind: str, lost: tuple[str, ...]) -> None:
+    path = photo(tmp_path, kind)
+    with pytest.warns(RsdeblurWarning, match="left out of the result") as caught:
+        _, after = copied(path, ".jpg", tmp_path)
+    assert len(caught) == 1
+    for word in lost:
+        assert word in str(caught[0].message)
+    assert after.losses == ()
+    assert b"c2pa" not in (tmp_path / "copy.jpg").read_bytes()
+    assert b"MPF" not in (tmp_path / "copy.jpg").read_bytes()
+
+
+@pytest.mark.filterwarnings("ignore:left out of the result")
+def test_xmp_says_nothing_of_parts_that_are_gone(tmp_path: Path) -> None:
+    _, after = copied(photo(tmp_path, "phone"), ".jpg", tmp_path)
+    assert after.xmp is not None
+    for text in (b"MotionPhoto", b"Directory", b"GainMap", b"hdrgm:Version", b"HasExtendedXMP", b"provenance"):
+        assert text not in after.xmp
+    for text in (b'HdrPlusMakernote="SERSUA"', b'mm:DocumentID="doc"'):
+        assert text in after.xmp
+
+
+def test_history_grows_by_an_entry() -> None:
+    pixels = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    first = with_history(Picture(pixels), {"options": {"prior": "tv"}})
+    second = with_history(first, {"weight": 0.5})
+    for picture, entries in ((first, 1), (second, 2)):
+        tree = _xmp._parsed(picture.xmp)
+        found = tree.getElementsByTagNameNS(_xmp.RDF, "li")
+        assert len(found) == entries
+        assert found[0].getAttributeNS(_xmp.EVENT, "softwareAgent") == _metadata.AGENT
+        assert json.loads(found[0].getAttributeNS(_xmp.EVENT, "parameters")) == {"options": {"prior": "tv"}}
+    kept = with_history(Picture(pixels, xmp=PHONE), {})
+    assert kept.xmp is not None
+    # The prefix of the packet is used.
+    assert kept.xmp.count(b"<mm:History>") == 1
+    assert kept.xmp.count(b"<rdf:li") == 3
+
+
+@pytest.mark.parametrize("packet", [b"<x", b"\xff" * 50, b"<!DOCTYPE a [<!ENTITY b 'c'>]><a/>", b"<a/>", b"\0" * 9])
+def test_a_damaged_packet_is_left_out(packet: bytes) -> None:
+    with pytest.raises(ValueError, match=r"\w"):
+        _xmp.renewed(packet, 4, 3, datetime(2020, 1, 1, tzinfo=UTC))
+    pixels = np.zeros((4, 4), np.uint8)
+    with pytest.warns(RsdeblurWarning, match="XMP packet"):
+        _metadata.renewed(_metadata.Metadata(xmp=packet), pixels, transfer="srgb")
+
+
+# Tags of exiftool's listing that a result may change: its own file, the coding of its pixels, and what is renewed.
+CHANGED = {
+    "System": None, "File": None, "JFIF": None, "PNG": None, "Composite": None, "IFD1": None, "QuickTime": None,
+    "ICC-header": None, "Meta": None,
+    "ExifTool": {"Warning"},
+    "IFD0": {"Software", "ModifyDate", "StripOffsets", "StripByteCounts", "Compression", "Predictor", "RowsPerStrip"},
+    "ExifIFD": {"OffsetTime", "SubSecTime"},
+    "XMP-xmp": {"ModifyDate", "MetadataDate"}, "XMP-xmpMM": {"InstanceID"}, "XMP-tiff": {"ImageWidth"},
+    "XMP-GCamera": {"MotionPhoto", "MotionPhotoVersion"}, "XMP-cam": {"MotionPhoto", "MotionPhotoVersion"},
+}  # fmt: skip
+GONE = {
+    "XMP-box",
+    "XMP-GContainer",
+    "XMP-hdrgm",
+    "XMP-xmpNote",
+    "XMP-dcterms",
+    "XMP-dc",
+    "MPF0",
+    "MPImage1",
+    "MPImage2",
+    "JUMBF",
+}
+
+
+def listing(path: Path) -> dict[tuple[str, str], list[str]]:
+    """Return the values of `exiftool -a -G1 -s` by group and tag."""
+    command = ["exiftool", "-a", "-G1", "-s", "-j", "-struct", str(path)]
+    (found,) = json.loads(subprocess.run(command, capture_output=True, check=True, text=True).stdout)
+    return {tuple(name.split(":", 1)): value for name, value in found.items() if ":" in name}
+
+
+@pytest.mark.skipif(shutil.which("exiftool") is None, reason="exiftool is not installed")
+@pytest.mark.filterwarnings("ignore:left out of the result")
+@pytest.mark.parametrize(
+    ("kind", "suffix"), [("phone", ".jpg"), ("drone", ".jpg"), ("tiff", ".tif"), ("png", ".png"), ("heic", ".jpg")]
+)
+def test_exiftool_lists_the_same(tmp_path: Path, kind: str, suffix: str) -> None:
+    path = photo(tmp_path, kind)
+    copied(path, suffix, tmp_path)
+    before, after = listing(path), listing(tmp_path / f"copy{suffix}")
+
+    def kept(values: dict[tuple[str, str], Any]) -> dict[tuple[str, str], Any]:
+        return {
+            (group, tag): value
+            for (group, tag), value in values.items()
+            if group not in GONE and (names := CHANGED.get(group, set())) is not None and tag not in names
+        }
+
+    assert kept(after) == kept(before)
+    assert after["System", "FileModifyDate"] == before["System", "FileModifyDate"]
+    # The maker's notes of this test are nobody's.
+    assert after.get(("ExifTool", "Warning"), "") in ("", "[minor] Unrecognized MakerNotes")
