@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rsdeblur.errors import RsdeblurWarning
-from rsdeblur.io import directories
+from rsdeblur.io import directories, untrusted
 from rsdeblur.io.directories import ORIENTATION, Directory
 
 # tifffile logs every oddity of a damaged file; the faults that matter are raised.
@@ -65,6 +65,7 @@ def first_page(file: tifffile.TiffFile) -> tifffile.TiffPage:
 
 def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None]:
     """Return pixels and colour profile of the first page; the orientation tag is not applied."""
+    untrusted.check("TIFF", "tifffile")
     with tifffile.TiffFile(BytesIO(data)) as file:
         page = first_page(file)
         # page.size counts the samples of all planes of a volume, up to four per pixel.

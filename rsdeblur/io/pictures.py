@@ -28,7 +28,7 @@ from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write, check_target
 from rsdeblur._util.files import checked_path, open_file, read_file
 from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
-from rsdeblur.io import _heif, _jpeg, _raw, _tiff, directories, mapped
+from rsdeblur.io import _heif, _jpeg, _raw, _tiff, directories, mapped, untrusted
 from rsdeblur.io.source import Source
 
 KINDS = {
@@ -151,7 +151,7 @@ def _decoding(path: Path) -> Iterator[None]:
         yield
     except UnidentifiedImageError:
         raise FileFormatError(f"{path}: not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture") from None
-    except (Image.DecompressionBombError, _tiff.Unsupported, _heif.MissingPackage) as error:
+    except (Image.DecompressionBombError, _tiff.Unsupported, _heif.MissingPackage, untrusted.Blocked) as error:
         raise FileFormatError(f"{path}: {error}") from error
     except MemoryError as error:
         raise FileFormatError(f"{path}: not enough memory for the picture, or its size is damaged") from error
@@ -359,6 +359,7 @@ def _decode(data: bytes, suffix: str) -> Picture:
         exif, icc = image.info.get("exif"), image.info.get("icc_profile")
         if image.format == "PNG" and data[PNG_DEPTH] == 16:
             # Pillow reduces 16-bit colour to 8 bit.
+            untrusted.check("16-bit PNG", "imagecodecs")
             pixels = imagecodecs.png_decode(data)
         else:
             pixels = np.array(_with_plain_mode(image))
