@@ -115,9 +115,13 @@ def _cameras(path: Path) -> None:
 
 def _manifest(path: Path) -> None:
     defaults = Defaults(**dict.fromkeys(Defaults.__slots__))
-    for item in read_items(path, replace(defaults, gyro=path), path.parent / "out", numbered_from=None):
-        assert (item.recording is None) == (item.error is not None)
+    items = read_items(path, replace(defaults, gyro=path), path.parent / "out", numbered_from=None)
+    outputs = [item.output for item in items if item.error is None]
+    assert len(set(outputs)) == len(outputs)
+    for item in items:
+        assert item.recording is not None or item.error is not None
         assert not item.output.is_absolute()
+        assert ".." not in item.output.parts
 
 
 def _records(path: Path) -> None:
