@@ -33,8 +33,12 @@ def main() -> None:
         return
     import atheris
 
-    # Modules that are imported only when they are needed are instrumented as well. Numba cannot compile what is.
-    with atheris.instrument_imports(include=["rsdeblur"], exclude=["rsdeblur.kernels"]):
+    import rsdeblur
+
+    # Numba cannot compile instrumented code.
+    kernels = [f"rsdeblur.kernels.{path.stem}" for path in Path(rsdeblur.__file__).parent.glob("kernels/*.py")]
+    # Modules that are imported only when they are needed are instrumented as well.
+    with atheris.instrument_imports(include=["rsdeblur"], exclude=kernels):
         from benchmarks.fuzz.harnesses import HARNESSES, try_one
 
         harness = HARNESSES[name]

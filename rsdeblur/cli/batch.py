@@ -34,6 +34,7 @@ from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarn
 
 if TYPE_CHECKING:
     from rsdeblur._util.records import Records
+    from rsdeblur._util.workers import Limits
     from rsdeblur.pipeline.options import Options
 
 TABLE, REPORT, RECORDS = "batch.csv", "batch.json", ".rsdeblur-batch"
@@ -93,12 +94,13 @@ def command(
     if not items:
         raise InputError(f"{source}: there is nothing to do, because no photo is listed")
     jobs, threads = shared_threads(workers.jobs, options.threads, alone=workers.scheduler is None)
+    limits = workers.limits(jobs)
     records = Records(target.output / RECORDS)
     if not target.dry_run:
         prepare_folder(target.output, [TABLE, REPORT], force=target.force or records.folder.is_dir())
     with nullcontext() if target.dry_run else records.held():
         batch = _Batch(target, replace(options, threads=threads), changes, records)
-        entries = batch.run(items, jobs, workers.scheduler)
+        entries = batch.run(items, jobs, workers.scheduler, limits)
         counts = Counter(entry["state"] for entry in entries)
         report = {"items": entries, "counts": dict(counts), "seconds": time.perf_counter() - begin}
         if not target.dry_run:
@@ -124,13 +126,14 @@ class _Batch:
         # Folders that do not exist before their items start.
         self._new_folders: set[Path] = set()
 
-    def run(self, items: list[Item], jobs: int, scheduler: str | None) -> list[dict[str, Any]]:
+    def run(self, items: list[Item], jobs: int, scheduler: str | None, limits: Limits | None) -> list[dict[str, Any]]:
         """Deblur the photos that are not done yet, and return an entry for each item."""
         from rsdeblur._util.workers import Failure, run
 
         entries: list[dict[str, Any]] = [self._entry(item) for item in items]
         tasks = self._tasks(items, entries)
-        with progress("batch") as move, closing(run(work, tasks, jobs=jobs, scheduler=scheduler, lost=_tidy)) as done:
+        answers = run(work, tasks, jobs=jobs, scheduler=scheduler, lost=_tidy, limits=limits)
+        with progress("batch") as move, closing(answers) as done:
             try:
                 for (i, job), answer in done:
                     del self._under_way[i]

@@ -119,7 +119,8 @@ def _straight(pixels: NDArray[Any]) -> NDArray[Any]:
     """Return premultiplied colours and their alpha with the colours divided by alpha; those without alpha stay."""
     colours, alpha = pixels[..., :-1].astype(np.float32), pixels[..., -1:].astype(np.float32)
     full = 1 if pixels.dtype.kind == "f" else np.iinfo(pixels.dtype).max
-    np.divide(colours * full, alpha, out=colours, where=alpha > 0)
+    with np.errstate(over="ignore"):  # floats: infinity, which is refused where it matters
+        np.divide(colours * full, alpha, out=colours, where=alpha > 0)
     straight = pixels.copy()
     straight[..., :-1] = colours if full == 1 else np.rint(np.minimum(colours, full))
     return straight
@@ -131,7 +132,8 @@ def _plain(page: tifffile.TiffPage, pixels: NDArray[Any]) -> NDArray[Any] | None
     if pixels.dtype.kind == "i":
         return None
     if pixels.dtype.kind == "f":
-        with np.errstate(over="ignore"):  # infinity, which is refused where it matters
+        # Infinity, or a signalling NaN: refused where it matters.
+        with np.errstate(over="ignore", invalid="ignore"):
             pixels = pixels.astype(np.float32)
     elif bits <= 8 and kind != kind.PALETTE:
         pixels = pixels.astype(np.uint8) * np.uint8(255 // (2**bits - 1))
