@@ -23,6 +23,10 @@ def _in(unit: str, nanoseconds: int) -> str:
     return f"{Decimal(nanoseconds).scaleb(-DIGITS[unit]):f}"
 
 
+def _stamps_in(unit: str) -> Callable[[int, int], str]:
+    return lambda t, d: _in(unit, t)
+
+
 # A line of each format for a stamp and an exposure time in ns, and the line above.
 LAYOUTS: dict[str, tuple[str, Callable[[int, int], str]]] = {
     "mars": ("Timestamp[nanosec],fx[px],Exposure time[nanosec]\n", lambda t, d: f"{t},2943.75,{d}"),
@@ -35,7 +39,7 @@ LAYOUTS: dict[str, tuple[str, Callable[[int, int], str]]] = {
     "image-info": ("", lambda t, d: f"{t} 800 {d} 3182.59 3179.30 1458.69 2114.26 0"),
     "stamps": ("", lambda t, d: f"{t}"),
     "stamps in seconds": ("", lambda t, d: _in("s", t)),
-    **{f"timestamp[{unit}]": (f"timestamp[{unit}]\n", lambda t, d, unit=unit: _in(unit, t)) for unit in DIGITS},
+    **{f"timestamp[{unit}]": (f"timestamp[{unit}]\n", _stamps_in(unit)) for unit in DIGITS},
 }
 
 
