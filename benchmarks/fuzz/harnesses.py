@@ -54,9 +54,8 @@ class Harness:
 
 @cache
 def _folder() -> Path:
-    """Return a folder in memory for the files of this process."""
-    memory = Path("/dev/shm")
-    return Path(tempfile.mkdtemp(prefix="rsdeblur-fuzz-", dir=memory if memory.is_dir() else None))
+    """Return a folder for the files of this process."""
+    return Path(tempfile.mkdtemp(prefix="rsdeblur-fuzz-"))
 
 
 def try_one(harness: Harness, data: bytes) -> None:
