@@ -36,6 +36,12 @@ NATIVE = "<" if sys.byteorder == "little" else ">"
 Tag = tuple[int, str, int, Any, bool]
 # Most bytes per pixel: four samples of 32 bits.
 PIXEL_BYTES = 16
+# A TIFF may be compressed by anything, such as JPEG XL, which takes 2 s for twice as many pixels. Pictures beyond this
+# size must not have more pixels per byte than a plain one as JPEG, if their codec is as slow.
+BELIEVED_PIXELS = 16_000_000
+SLOW_PIXELS_PER_BYTE = 100
+# JPEG XL, JPEG XR and JPEG 2000, each under several numbers.
+SLOW = (50002, 52546, 22610, 34934, 33003, 33004, 33005, 34712)
 
 
 # Most bytes of samples in a classic TIFF: its offsets have 32 bits, and its tags need room too.
@@ -68,6 +74,8 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], bytes | None]:
     untrusted.check("TIFF", "tifffile")
     with tifffile.TiffFile(BytesIO(data)) as file:
         page = first_page(file)
+        if page.compression in SLOW:
+            max_pixels = min(max_pixels, max(BELIEVED_PIXELS, SLOW_PIXELS_PER_BYTE * len(data)))
         # page.size counts the samples of all planes of a volume, up to four per pixel.
         if max(page.imagewidth * page.imagelength, page.size // 4) > max_pixels:
             raise Unsupported(

@@ -48,8 +48,6 @@ MAX_PIXELS = 500_000_000
 # more pixels per byte than a plain one: 85 as JPEG, 260 as lossy WebP, 340 as 8-bit PNG in colour, 1000 in grey.
 BELIEVED_PIXELS = 64_000_000
 PIXELS_PER_BYTE = 1000
-# A TIFF may be compressed by anything, such as JPEG XL, which takes 2 s for twice as many pixels.
-BELIEVED_TIFF_PIXELS = 16_000_000
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 PNG_DEPTH = 24  # Offset of the bit depth: IHDR is always the first chunk.
@@ -345,7 +343,7 @@ def _decode(data: bytes, suffix: str) -> Picture:
         pixels, exif, icc = _heif.decode(data, limit)
         return Picture(pixels, exif, _fitting(icc, pixels))
     if data.startswith(_tiff.MAGIC):
-        limit = min(limit, max(BELIEVED_TIFF_PIXELS, PIXELS_PER_BYTE * len(data)))
+        limit = min(limit, max(_tiff.BELIEVED_PIXELS, PIXELS_PER_BYTE * len(data)))
         pixels, icc = _tiff.decode(data, limit)
         return Picture(pixels, _tiff.exif_block(BytesIO(data)), _fitting(icc, pixels))
     if data.startswith(mapped.NPY_MAGIC):
