@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import importlib
 import json
 import os
 import random
@@ -21,16 +20,13 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from multiprocessing import get_context
-from multiprocessing.context import ForkProcess
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import numpy as np
 
 from benchmarks import load
-from rsdeblur import Camera, Deconvolver, PsfBank, cli
-from rsdeblur._util import workers
+from rsdeblur import Camera, Deconvolver, PsfBank
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.interrupts import ENDING
 from rsdeblur.choices import Planning
@@ -41,9 +37,6 @@ from rsdeblur.io.pictures import Picture, picture_to_fill
 from rsdeblur.simulation.shake import hand_shake
 
 SIDE = 200
-# Forks the workers of commands that are killed by the hundred.
-SERVER = get_context("forkserver")
-LOADED = ("rsdeblur.cli.batch", "rsdeblur.cli.video", "rsdeblur.video.run", "rsdeblur.io", "rsdeblur.pipeline.deblur")
 
 
 def _picture(name: str) -> tuple[Callable[[Path, int], None], Callable[[Path], Any]]:
@@ -259,7 +252,7 @@ def killed_workers(count: int) -> dict[str, int]:
             with load.start(folder, *arguments) as process:
                 while process.poll() is None:
                     time.sleep(rng.uniform(0, 5))
-                    workers = load.workers_of(process.pid)
+                    workers = load.workers_of(process)
                     if workers and counts["kills"] < count:
                         with contextlib.suppress(ProcessLookupError):
                             os.kill(rng.choice(workers), signal.SIGKILL)
@@ -273,56 +266,6 @@ def killed_workers(count: int) -> dict[str, int]:
             if code == 0:
                 counts["pictures lost"] += len(whole) - len(made)
     return counts
-
-
-def _command(folder: Path, *arguments: str) -> ForkProcess:
-    """Start a command in a fork of this process.
-
-    Its workers are forks of a server. Both have loaded the libraries, so that hundreds of starts take minutes.
-    """
-    process = get_context("fork").Process(target=_run, args=(folder, arguments))
-    process.start()
-    return process
-
-
-def _run(folder: Path, arguments: Sequence[str]) -> None:
-    os.chdir(folder)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
-    os.dup2(nowhere, 2)
-    with mock.patch.object(workers, "get_context", return_value=SERVER):
-        cli.main(arguments)
-
-
-def _load_libraries() -> None:
-    """Load the libraries here and in the server, and start it."""
-    for module in LOADED:
-        importlib.import_module(module)
-    SERVER.set_forkserver_preload(list(LOADED))
-    process = SERVER.Process(target=os.getpid)
-    process.start()
-    process.join()
-
-
-def _workers() -> list[int]:
-    """Return the process ids of all workers of commands."""
-    servers = [pid for pid in _children(os.getpid()) if b"forkserver" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-    return [pid for server in servers for pid in _children(server)]
-
-
-def _children(pid: int) -> list[int]:
-    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
-def _code(process: ForkProcess) -> int | None:
-    process.join()
-    return process.exitcode
-
-
-def _until(process: ForkProcess, moment: Callable[[], object]) -> None:
-    """Wait for a moment, or for the end of the process."""
-    while process.is_alive() and not moment():
-        time.sleep(0.01)
 
 
 def _write_video(folder: Path) -> list[str]:
@@ -348,23 +291,24 @@ def killed_videos(count: int, seed: int = 0) -> dict[str, int]:
     counts = dict.fromkeys(("workers killed", "commands killed", "runs", "videos", "of other bytes", "files left"), 0)
     rng = random.Random(seed)
     with tempfile.TemporaryDirectory() as name:
-        _load_libraries()
         folder, sharp = Path(name), Path(name) / "sharp.mp4"
         arguments = _write_video(folder)
-        _code(_command(folder, *arguments))
+        load.start(folder, *arguments).wait()
         whole, files = sharp.read_bytes(), set(os.listdir(folder))
-        code: int | None = 0
+        code = 0
         while counts["workers killed"] + counts["commands killed"] < count or code:
-            process = _command(folder, *arguments, "--force")
-            counts["runs"] += 1
-            _until(process, _workers)
-            time.sleep(rng.uniform(0, 1))
-            if process.is_alive() and (alive := _workers()):
-                victim = rng.choice([*alive, process.pid or 0])
-                with contextlib.suppress(ProcessLookupError):
-                    os.kill(victim, signal.SIGKILL)
-                    counts["commands killed" if victim == process.pid else "workers killed"] += 1
-            code = _code(process)
+            with load.start(folder, *arguments, "--force") as process:
+                counts["runs"] += 1
+                while process.poll() is None and not load.workers_of(process):
+                    time.sleep(0.02)
+                time.sleep(rng.uniform(0, 3))
+                workers = load.workers_of(process)
+                if workers and process.poll() is None:
+                    victim = rng.choice([*workers, process.pid])
+                    with contextlib.suppress(ProcessLookupError):
+                        os.kill(victim, signal.SIGKILL)
+                        counts["commands killed" if victim == process.pid else "workers killed"] += 1
+            code = process.returncode
             if code == 0:
                 counts["videos"] += 1
                 counts["of other bytes"] += sharp.read_bytes() != whole
@@ -377,27 +321,23 @@ def shared_folder(count: int, seed: int = 0) -> dict[str, int]:
     counts = dict.fromkeys(("pairs", "refused", "killed", "pictures of other bytes", "pictures lost", "files left"), 0)
     rng = random.Random(seed)
     with tempfile.TemporaryDirectory() as name:
-        _load_libraries()
         folder, sharp = Path(name), Path(name) / "sharp"
-        arguments = [*load.write_batch(folder, 12, (60, 80)), "--jobs", "1", "--threads", "1"]
-        _code(_command(folder, *arguments))
+        arguments = [*load.write_batch(folder, 12), "--jobs", "1", "--threads", "1"]
+        load.start(folder, *arguments).wait()
         whole = {path.name: path.read_bytes() for path in sharp.glob("*.png")}
         files = {path.name for path in sharp.iterdir()}
         for _ in range(count):
             shutil.rmtree(sharp)
-            pair = [_command(folder, *arguments)]
-            time.sleep(rng.uniform(0, 0.1))
-            pair.append(_command(folder, *arguments))
-            # Half of the kills come before the first picture.
-            pictures = rng.choice((0, rng.randrange(len(whole))))
-            _until(pair[0], lambda pictures=pictures: len(list(sharp.glob("*.png"))) >= pictures)  # type: ignore[misc]
-            time.sleep(rng.uniform(0, 0.5))
-            rng.choice([process for process in pair if process.is_alive()] or pair).kill()
-            codes = [_code(process) for process in pair]
+            pair = [load.start(folder, *arguments)]
+            time.sleep(rng.uniform(0, 1))
+            pair.append(load.start(folder, *arguments))
+            time.sleep(rng.uniform(0, 4))
+            rng.choice(pair).kill()
+            codes = [process.wait() for process in pair]
             counts["pairs"] += 1
             counts["refused"] += codes.count(1)
             counts["killed"] += codes.count(-signal.SIGKILL)
-            counts["pictures lost"] += _code(_command(folder, *arguments)) != 0
+            counts["pictures lost"] += load.start(folder, *arguments).wait() != 0
             made = {path.name: path.read_bytes() for path in sharp.glob("*.png")}
             counts["pictures of other bytes"] += sum(made[name] != whole[name] for name in made)
             counts["pictures lost"] += len(whole) - len(made)

@@ -165,10 +165,10 @@ def start(folder: Path, *arguments: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, cwd=folder, stdout=nowhere, stderr=nowhere)
 
 
-def workers_of(process: int) -> list[int]:
+def workers_of(process: subprocess.Popen[bytes]) -> list[int]:
     """Return the process ids of the workers of a command, without the helper process of multiprocessing."""
     try:
-        children = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
         return [int(pid) for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
     except OSError:
         return []
@@ -189,7 +189,7 @@ def batch(count: int, jobs: int) -> None:
         begin = time.perf_counter()
         with start(folder, *write_batch(folder, count), "--jobs", str(jobs), "--threads", "1") as process:
             while process.poll() is None:
-                workers = [_own(pid) for pid in workers_of(process.pid)]
+                workers = [_own(pid) for pid in workers_of(process)]
                 if workers and (folder / "sharp").is_dir():
                     done = len(list((folder / "sharp").glob("[0-9]*.png")))
                     seen.append([done, _own(process.pid), *sorted(workers)])

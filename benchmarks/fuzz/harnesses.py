@@ -22,8 +22,9 @@ from rsdeblur.cli._items import read_items
 from rsdeblur.cli._options import Defaults
 from rsdeblur.cli.deblur import command as deblur
 from rsdeblur.errors import LONGEST_MESSAGE, FileFormatError, RsdeblurError
-from rsdeblur.io import directories
+from rsdeblur.io import directories, read_camera, read_captures
 from rsdeblur.io.camera_file import write_time_offset
+from rsdeblur.io.clocks import read_clocks
 from rsdeblur.io.exif import Exif
 from rsdeblur.io.kernels import read_psfs
 from rsdeblur.io.pictures import Picture, read_picture, write_picture
@@ -74,6 +75,22 @@ def try_one(harness: Harness, data: bytes) -> None:
         return
     assert str(folder) in message, f"the message does not name the file: {message}"
     assert len(message) <= LONGEST_MESSAGE + len("..."), f"the message has {len(message)} characters"
+
+
+def _each(*uses: Callable[[Path], object]) -> Callable[[Path], None]:
+    """Return a function that reads a file in all ways, and raises the last refusal."""
+
+    def use(path: Path) -> None:
+        refusal = None
+        for each in uses:
+            try:
+                each(path)
+            except RsdeblurError as error:
+                refusal = error
+        if refusal is not None:
+            raise refusal
+
+    return use
 
 
 def _logs(path: Path) -> None:
@@ -178,6 +195,11 @@ def _recording() -> list[str]:
     return [str(folder / "photo.png"), *("--gyro", str(folder / "log.csv")), *("--camera", str(folder / "camera.toml"))]
 
 
+CLOCKS = [
+    b"# SENSOR_INFO_TIMESTAMP_SOURCE is SENSOR_INFO_TIMESTAMP_SOURCE_%s\n1000500 500 1000000\n1000900 900 1000000\n"
+    % name
+    for name in (b"REALTIME", b"UNKNOWN")
+]
 # Options that name no file and print nothing.
 OPTIONS = {
     name: option
@@ -251,8 +273,14 @@ HARNESSES: dict[str, Harness] = {
     "payloads": Harness(_payload, _payloads),
     "accelerations": Harness(TARGETS["acceleration"].read, _of("acceleration")),
     "trajectories": Harness(TARGETS["trajectory"].read, _of("trajectory")),
-    "captures": Harness(TARGETS["stamps"].read, _of(*seeds.CAPTURES, "gyrodata-captures")),
-    "cameras": Harness(_cameras, _of("toml", "kalibr", "gyroflow-lens")),
+    "captures": Harness(
+        _each(TARGETS["stamps"].read, partial(read_captures, duration=0.01), read_clocks),
+        lambda: [*_of(*seeds.CAPTURES, "gyrodata-captures")(), *CLOCKS],
+    ),
+    "cameras": Harness(
+        _each(partial(read_camera, size=(640, 360)), partial(read_camera, size=(500, 500), fps=30.0), _cameras),
+        _of("toml", "kalibr", "gyroflow-lens", "exif"),
+    ),
     "manifest": Harness(_manifest, _manifests),
     "records": Harness(_records, _sealed),
     "exif": Harness(_exif, _of("exif")),
