@@ -196,8 +196,7 @@ def _recording() -> list[str]:
 
 
 CLOCKS = [
-    b"# SENSOR_INFO_TIMESTAMP_SOURCE is SENSOR_INFO_TIMESTAMP_SOURCE_%s\n1000500 500 1000000\n1000900 900 1000000\n"
-    % name
+    b"# SENSOR_INFO_TIMESTAMP_SOURCE is %s\n1000500 500 1000000\n1000900 900 1000000\n" % name
     for name in (b"REALTIME", b"UNKNOWN")
 ]
 # Options that name no file and print nothing.
@@ -279,7 +278,7 @@ HARNESSES: dict[str, Harness] = {
     ),
     "cameras": Harness(
         _each(partial(read_camera, size=(640, 360)), partial(read_camera, size=(500, 500), fps=30.0), _cameras),
-        _of("toml", "kalibr", "gyroflow-lens", "exif"),
+        lambda: [*_of("toml", "kalibr", "gyroflow-lens")(), seeds.jpeg()],
     ),
     "manifest": Harness(_manifest, _manifests),
     "records": Harness(_records, _sealed),
