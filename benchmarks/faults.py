@@ -286,10 +286,10 @@ def _write_video(folder: Path) -> list[str]:
     return ["video", "clip.mp4", "--gyro", "gyro.csv", "--camera", "camera.toml", *options, "-o", "sharp.mp4"]
 
 
-def killed_videos(count: int) -> dict[str, int]:
+def killed_videos(count: int, seed: int = 0) -> dict[str, int]:
     """Kill workers of `rsdeblur video`, or the command itself, at random moments, until it ends; count the outcomes."""
     counts = dict.fromkeys(("workers killed", "commands killed", "runs", "videos", "of other bytes", "files left"), 0)
-    rng = random.Random(0)
+    rng = random.Random(seed)
     with tempfile.TemporaryDirectory() as name:
         folder, sharp = Path(name), Path(name) / "sharp.mp4"
         arguments = _write_video(folder)
@@ -301,7 +301,7 @@ def killed_videos(count: int) -> dict[str, int]:
                 counts["runs"] += 1
                 while process.poll() is None and not load.workers_of(process):
                     time.sleep(0.02)
-                time.sleep(rng.uniform(0, 5))
+                time.sleep(rng.uniform(0, 3))
                 workers = load.workers_of(process)
                 if workers and process.poll() is None:
                     victim = rng.choice([*workers, process.pid])
@@ -316,10 +316,10 @@ def killed_videos(count: int) -> dict[str, int]:
     return counts
 
 
-def shared_folder(count: int) -> dict[str, int]:
+def shared_folder(count: int, seed: int = 0) -> dict[str, int]:
     """Start two batches into one folder and kill one of them at a random moment; count the outcomes."""
     counts = dict.fromkeys(("pairs", "refused", "killed", "pictures of other bytes", "pictures lost", "files left"), 0)
-    rng = random.Random(0)
+    rng = random.Random(seed)
     with tempfile.TemporaryDirectory() as name:
         folder, sharp = Path(name), Path(name) / "sharp"
         arguments = [*load.write_batch(folder, 12), "--jobs", "1", "--threads", "1"]
@@ -329,9 +329,9 @@ def shared_folder(count: int) -> dict[str, int]:
         for _ in range(count):
             shutil.rmtree(sharp)
             pair = [load.start(folder, *arguments)]
-            time.sleep(rng.uniform(0, 2))
+            time.sleep(rng.uniform(0, 1))
             pair.append(load.start(folder, *arguments))
-            time.sleep(rng.uniform(0, 8))
+            time.sleep(rng.uniform(0, 4))
             rng.choice(pair).kill()
             codes = [process.wait() for process in pair]
             counts["pairs"] += 1

@@ -368,6 +368,17 @@ class TestBombs:
         tifffile.imwrite(path, np.zeros((5000, 5000), np.uint8), compression="zstd")
         assert "claims 5000x5000 pixels" in refusal(read_picture, path)
 
+    def test_a_tiff_of_a_slow_codec_needs_more_bytes(self, tmp_path: Path) -> None:
+        path = tmp_path / "a.tif"
+        for codec in ("jpegxl", "jpeg2000"):
+            tifffile.imwrite(path, np.zeros((64, 64), np.uint8), compression=codec)
+            with tifffile.TiffFile(path, mode="r+b") as file:
+                file.pages.first.tags["ImageWidth"].overwrite(8000)
+                file.pages.first.tags["ImageLength"].overwrite(8000)
+            with path.open("ab") as padding:
+                padding.write(bytes(70_000))
+            assert "claims 8000x8000 pixels" in refusal(read_picture, path)
+
     def test_tiff_whose_parts_share_their_bytes(self, tmp_path: Path) -> None:
         path = tmp_path / "a.tif"
         tifffile.imwrite(path, np.zeros((64, 64), np.uint8), rowsperstrip=8)

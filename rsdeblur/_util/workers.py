@@ -6,8 +6,10 @@ to the processes, so `work` must be a function of a module, and tasks and answer
 
 from __future__ import annotations
 
+import math
 import os
 import signal
+import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -29,6 +31,22 @@ PATIENCE = 10.0
 AHEAD = 2
 # s until a scheduler must answer.
 CONNECT = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits of a task that has a process of its own.
+
+    Parameters
+    ----------
+    memory : int
+        Most bytes of address space, libraries included; not enforced on Windows.
+    seconds : float
+        Most time in s, the start of the process included.
+    """
+
+    memory: int
+    seconds: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +73,7 @@ def run(
     scheduler: str | None = None,
     lost: Callable[[Task], None] | None = None,
     announce: Callable[[str], None] | None = None,
+    limits: Limits | None = None,
 ) -> Generator[tuple[Task, Answer | Failure], None, None]:
     """Do `work` on every task and yield each with its answer, in the order in which they finish.
 
@@ -74,6 +93,9 @@ def run(
         Called with a task whose process died, before the next attempt: to remove what the process left.
     announce : callable, optional
         Called with a line about the workers of the cluster.
+    limits : Limits, optional
+        Gives each task a process of its own, which ends with it, and these limits; not for a cluster. A task that takes
+        too long is not tried again.
 
     Raises
     ------
@@ -83,19 +105,23 @@ def run(
     jobs = validate.count("jobs", jobs)
     lost = lost or (lambda task: None)
     if scheduler is None:
-        yield from _in_processes(work, tasks, lost, jobs)
+        yield from _in_processes(work, tasks, lost, jobs, limits)
     else:
         yield from _on_cluster(work, tasks, lost, scheduler, announce or (lambda line: None))
 
 
 def _in_processes(
-    work: Callable[[Task], Answer], tasks: Iterable[Task], lost: Callable[[Task], None], jobs: int
+    work: Callable[[Task], Answer],
+    tasks: Iterable[Task],
+    lost: Callable[[Task], None],
+    jobs: int,
+    limits: Limits | None,
 ) -> Iterator[tuple[Task, Answer | Failure]]:
     waiting, idle = iter(tasks), list[_Worker]()
     busy: dict[Connection, tuple[_Worker, Task, int]] = {}
 
     def begin(task: Task, attempt: int) -> None:
-        worker = idle.pop() if idle else _Worker(work)
+        worker = idle.pop() if idle else _Worker(work, limits)
         busy[worker.pipe] = worker, task, attempt
         worker.send(task)
 
@@ -105,15 +131,21 @@ def _in_processes(
                 begin(task, 1)
             if not busy:
                 return
-            ready = connection.wait(list(busy))
+            deadline = min(worker.deadline for worker, _, _ in busy.values())
+            ready = connection.wait(list(busy), max(0.0, deadline - time.monotonic()) if limits else None)
+            for pipe in busy.keys() - set(ready):
+                busy[pipe][0].kill_if_late()
             for pipe in [pipe for pipe in busy if pipe in ready]:
                 worker, task, attempt = busy.pop(pipe)
                 answer = worker.answer()
                 if isinstance(answer, Failure) and answer.died:
                     lost(task)
-                    if attempt < ATTEMPTS:
+                    if attempt < ATTEMPTS and not worker.late:
                         begin(task, attempt + 1)
                         continue
+                elif limits:
+                    worker.pipe.close()
+                    worker.end()
                 else:
                     idle.append(worker)
                 yield task, answer
@@ -130,26 +162,37 @@ def _in_processes(
 class _Worker:
     """A process that takes tasks through a pipe, one at a time."""
 
-    def __init__(self, work: Callable[[Any], Any]) -> None:
+    def __init__(self, work: Callable[[Any], Any], limits: Limits | None) -> None:
+        self._limits, self.deadline, self.late = limits, math.inf, False
         # Forking a process whose libraries have threads is not safe.
         context = get_context("spawn")
         self.pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, work), daemon=True)
+        self._process = context.Process(target=_serve, args=(theirs, work, limits), daemon=True)
         with interrupts.ignored():
             self._process.start()
         # Only the worker keeps that end open, so the pipe breaks when it dies.
         theirs.close()
 
     def send(self, task: Any) -> None:
+        if self._limits:
+            self.deadline = time.monotonic() + self._limits.seconds
         # `answer` reports a worker that has died.
         with suppress(BrokenPipeError):
             self.pipe.send(task)
+
+    def kill_if_late(self) -> None:
+        """Kill the worker if its task takes longer than the limit, which breaks the pipe."""
+        self.late = time.monotonic() >= self.deadline
+        if self.late:
+            self._process.kill()
 
     def answer(self) -> Any:
         try:
             return self.pipe.recv()
         except (EOFError, ConnectionResetError):
             self._process.join()
+            if self._limits and self.late:
+                return Failure(f"it took more than {self._limits.seconds:g} s, the time limit", died=True)
             code = self._process.exitcode or 0
             cause = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
             return Failure(f"its process {cause} (out of memory, perhaps), {ATTEMPTS} times", died=True)
@@ -167,8 +210,10 @@ class _Worker:
             self._process.join()
 
 
-def _serve(pipe: Connection, work: Callable[[Any], Any]) -> None:
+def _serve(pipe: Connection, work: Callable[[Any], Any], limits: Limits | None) -> None:
     """Do tasks until the pipe closes or an interrupt arrives during one."""
+    if limits:
+        _limit_memory(limits.memory)
     # An idle worker has nothing to clean up. When the parent exits, Python ends its workers with SIGTERM, and waits for
     # them: also for one that was started just before an interrupt.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -187,6 +232,17 @@ def _serve(pipe: Connection, work: Callable[[Any], Any]) -> None:
                 signal.signal(number, signal.SIG_IGN)
             pipe.send(answer)
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _limit_memory(size: int) -> None:
+    with suppress(ImportError):  # Windows
+        import resource
+
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        size = size if hard == resource.RLIM_INFINITY else min(size, hard)
+        resource.setrlimit(resource.RLIMIT_AS, (size, hard))
+        # A crash is expected, and its memory may be large.
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
 def _attempt(work: Callable[[Any], Any], task: Any) -> Any:

@@ -2,22 +2,67 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import click
 
-from rsdeblur.cli._options import gathered
+from rsdeblur.cli._options import BytesType, SecondsType, gathered
+
+if TYPE_CHECKING:
+    from rsdeblur._util.workers import Limits
 
 # Default number of threads in a process. With many, most would wait while the process reads or writes a file.
 THREADS = 2
 
 
+# Limits of an isolated photo: seconds, and bytes, below which libraries cannot be loaded.
+PHOTO_SECONDS = 900.0
+LEAST_MEMORY = 2**30
+
+
 @dataclass(frozen=True, slots=True)
 class Workers:
-    """Workers of a batch: processes of this machine, or a Dask cluster."""
+    """Workers of a batch: processes of this machine, or a Dask cluster; and the limits of a process for one photo."""
 
     jobs: int | None
     scheduler: str | None
+    isolate: bool
+    memory_limit: int | None
+    time_limit: float | None
+
+    def limits(self, jobs: int) -> Limits | None:
+        """Return the limits of each photo when `jobs` are deblurred at a time; None unless they are isolated.
+
+        Raises
+        ------
+        click.UsageError
+            If options contradict each other, or no photo can be deblurred within them.
+        """
+        if not self.isolate:
+            if self.memory_limit is not None or self.time_limit is not None:
+                raise click.UsageError("--memory-limit and --time-limit need --isolate")
+            return None
+        from rsdeblur._util.workers import Limits
+
+        if self.scheduler is not None:
+            raise click.UsageError("--isolate needs processes of this machine: leave out --scheduler")
+        seconds = PHOTO_SECONDS if self.time_limit is None else self.time_limit
+        if not 1.0 <= seconds < float("inf"):
+            raise click.UsageError(f"--time-limit must be at least 1 s, got {seconds:g} s")
+        memory = max(LEAST_MEMORY, _memory() // jobs) if self.memory_limit is None else self.memory_limit
+        if memory < LEAST_MEMORY:
+            raise click.UsageError(f"--memory-limit must be at least 1GiB, got {memory} bytes")
+        return Limits(memory, seconds)
+
+
+def _memory() -> int:
+    """Return the bytes of memory of this machine, or 8 GiB where the system does not say."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return 8 * 2**30
 
 
 jobs_option = click.option(
@@ -35,6 +80,22 @@ workers_options = gathered(
         jobs_option,
         click.option(
             "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the work; they need the same files."
+        ),
+        click.option(
+            "--isolate",
+            is_flag=True,
+            help="Read and deblur each photo in a process of its own, which is killed beyond its limits.",
+        ),
+        click.option(
+            "--memory-limit",
+            type=BytesType(),
+            metavar="SIZE",
+            help="With --isolate: address space of each photo's process.  [default: the machine's memory / --jobs]",
+        ),
+        click.option(
+            "--time-limit",
+            type=SecondsType(),
+            help=f"With --isolate: time for each photo.  [default: {PHOTO_SECONDS:g}]",
         ),
     ),
 )

@@ -37,6 +37,7 @@ from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarn
 
 if TYPE_CHECKING:
     from rsdeblur._util.records import Records
+    from rsdeblur._util.workers import Limits
     from rsdeblur.pipeline.options import Options
 
 TABLE, REPORT, RECORDS = "batch.csv", "batch.json", ".rsdeblur-batch"
@@ -102,12 +103,13 @@ def command(
     if report is not None:
         check_page(report, force=target.force)
     jobs, threads = shared_threads(workers.jobs, options.threads, alone=workers.scheduler is None)
+    limits = workers.limits(jobs)
     records = Records(target.output / RECORDS)
     if not target.dry_run:
         prepare_folder(target.output, [TABLE, REPORT], force=target.force or records.folder.is_dir())
     with nullcontext() if target.dry_run else records.held():
         batch = _Batch(target, replace(options, threads=threads), changes, records)
-        entries = batch.run(items, jobs, workers.scheduler)
+        entries = batch.run(items, jobs, workers.scheduler, limits)
         counts = Counter(entry["state"] for entry in entries)
         verdicts = Counter(entry["check"]["verdict"] for entry in entries if entry.get("check"))
         summary: dict[str, Any] = {"items": entries, "counts": dict(counts), "verdicts": dict(verdicts)}
@@ -140,17 +142,15 @@ class _Batch:
         # Folders that do not exist before their items start.
         self._new_folders: set[Path] = set()
 
-    def run(self, items: list[Item], jobs: int, scheduler: str | None) -> list[dict[str, Any]]:
+    def run(self, items: list[Item], jobs: int, scheduler: str | None, limits: Limits | None) -> list[dict[str, Any]]:
         """Deblur the photos that are not done yet, and return an entry for each item."""
         from rsdeblur._util.workers import Failure, run
 
         self._is_remote = scheduler is not None
         entries: list[dict[str, Any]] = [self._entry(item) for item in items]
         tasks = self._tasks(items, entries)
-        with (
-            progress("batch") as move,
-            closing(run(work, tasks, jobs=jobs, scheduler=scheduler, lost=_tidy, announce=say_aside)) as done,
-        ):
+        answers = run(work, tasks, jobs=jobs, scheduler=scheduler, lost=_tidy, announce=say_aside, limits=limits)
+        with progress("batch") as move, closing(answers) as done:
             try:
                 for (i, job), answer in done:
                     del self._under_way[i]

@@ -212,7 +212,7 @@ def _blocks(rows: slice) -> Iterator[tuple[slice, slice]]:
 
 
 def _as_float(values: NDArray[Any]) -> NDArray[np.float32]:
-    with np.errstate(over="ignore"):  # becomes infinity, which is refused
+    with np.errstate(over="ignore", invalid="ignore"):  # infinity, or a signalling NaN: refused
         scaled = values.astype(np.float32)
     if values.dtype.kind == "u":
         scaled /= np.iinfo(values.dtype).max

@@ -11,7 +11,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from rsdeblur.io import _tiff
+from rsdeblur.io import _tiff, untrusted
 from rsdeblur.io._heif import MissingPackage
 from rsdeblur.io._metadata import Metadata, of_tiff
 
@@ -27,11 +27,13 @@ def is_raw(data: bytes, suffix: str) -> bool:
         return True
     if not data.startswith(_tiff.MAGIC):
         return False
+    if suffix.lower() in TIFF_SUFFIXES or untrusted.blocked():
+        return suffix.lower() in TIFF_SUFFIXES
     try:
         with tifffile.TiffFile(BytesIO(data)) as file:
-            return suffix.lower() in TIFF_SUFFIXES or DNG_VERSION in file.pages.first.tags
+            return DNG_VERSION in file.pages.first.tags
     except (ValueError, TypeError, LookupError, struct.error):
-        return suffix.lower() in TIFF_SUFFIXES
+        return False
 
 
 def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], Metadata]:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rsdeblur.errors import RsdeblurWarning
-from rsdeblur.io import directories
+from rsdeblur.io import directories, untrusted
 from rsdeblur.io._metadata import IPTC_TAG, XMP_TAG, Metadata, of_tiff
 from rsdeblur.io.directories import ORIENTATION, Directory
 
@@ -38,6 +38,12 @@ NATIVE = "<" if sys.byteorder == "little" else ">"
 Tag = tuple[int, str | int, int, Any, bool]
 # Most bytes per pixel: four samples of 32 bits.
 PIXEL_BYTES = 16
+# A TIFF may be compressed by anything, such as JPEG XL, which takes 2 s for twice as many pixels. Pictures beyond this
+# size must not have more pixels per byte than a plain one as JPEG, if their codec is as slow.
+BELIEVED_PIXELS = 16_000_000
+SLOW_PIXELS_PER_BYTE = 100
+# JPEG XL, JPEG XR and JPEG 2000, each under several numbers.
+SLOW = (50002, 52546, 22610, 34934, 33003, 33004, 33005, 34712)
 
 
 # Most bytes of samples in a classic TIFF: its offsets have 32 bits, and its tags need room too.
@@ -67,8 +73,11 @@ def first_page(file: tifffile.TiffFile) -> tifffile.TiffPage:
 
 def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], Metadata]:
     """Return pixels and metadata of the first page; the orientation tag is not applied."""
+    untrusted.check("TIFF", "tifffile")
     with tifffile.TiffFile(BytesIO(data)) as file:
         page = first_page(file)
+        if page.compression in SLOW:
+            max_pixels = min(max_pixels, max(BELIEVED_PIXELS, SLOW_PIXELS_PER_BYTE * len(data)))
         # page.size counts the samples of all planes of a volume, up to four per pixel.
         if max(page.imagewidth * page.imagelength, page.size // 4) > max_pixels:
             raise Unsupported(
@@ -121,7 +130,8 @@ def _straight(pixels: NDArray[Any]) -> NDArray[Any]:
     """Return premultiplied colours and their alpha with the colours divided by alpha; those without alpha stay."""
     colours, alpha = pixels[..., :-1].astype(np.float32), pixels[..., -1:].astype(np.float32)
     full = 1 if pixels.dtype.kind == "f" else np.iinfo(pixels.dtype).max
-    np.divide(colours * full, alpha, out=colours, where=alpha > 0)
+    with np.errstate(over="ignore"):  # floats: infinity, which is refused where it matters
+        np.divide(colours * full, alpha, out=colours, where=alpha > 0)
     straight = pixels.copy()
     straight[..., :-1] = colours if full == 1 else np.rint(np.minimum(colours, full))
     return straight
@@ -133,7 +143,8 @@ def _plain(page: tifffile.TiffPage, pixels: NDArray[Any]) -> NDArray[Any] | None
     if pixels.dtype.kind == "i":
         return None
     if pixels.dtype.kind == "f":
-        with np.errstate(over="ignore"):  # infinity, which is refused where it matters
+        # Infinity, or a signalling NaN: refused where it matters.
+        with np.errstate(over="ignore", invalid="ignore"):
             pixels = pixels.astype(np.float32)
     elif bits <= 8 and kind != kind.PALETTE:
         pixels = pixels.astype(np.uint8) * np.uint8(255 // (2**bits - 1))

@@ -183,9 +183,9 @@ def check_layout(text: TextFile, rows: Rows, columns: Columns) -> None:
                 row,
             )
     place = columns.places[0]
-    width = min(LAYOUT_COLUMNS, *map(len, cells))
+    width = min([LAYOUT_COLUMNS, *map(len, cells)])
     grid = np.array([[float(cell) if is_number(cell) else np.nan for cell in found[:width]] for found in cells])
-    if 0 <= place < width and not _rises(grid[:, place]):
+    if cells and 0 <= place < width and not _rises(grid[:, place]):
         others = rising(grid)
         if others:
             raise text.error(

@@ -166,12 +166,17 @@ def renewed(exif: bytes, width: int, height: int) -> bytes:
 
     Everything else stays at its place, because makers' notes may contain offsets. A damaged block is returned as it is.
     """
-    data = exif.removeprefix(PREFIX)
+    prefix = exif[: len(exif) - len(exif.removeprefix(PREFIX))]
     try:
-        main = read(BytesIO(data))
-        data = _without_thumbnail(data, main)
-    except ValueError:
+        return prefix + _renewed(exif.removeprefix(PREFIX), width, height)
+    # The second: a thumbnail that claims the bytes of the directories.
+    except (ValueError, struct.error):
         return exif
+
+
+def _renewed(data: bytes, width: int, height: int) -> bytes:
+    main = read(BytesIO(data))
+    data = _without_thumbnail(data, main)
     camera = main.tables.get(EXIF_TABLE, Directory({}))
     changes: dict[int, tuple[int, int, int]] = {}
     for directory, tag, side in (
@@ -183,7 +188,7 @@ def renewed(exif: bytes, width: int, height: int) -> bytes:
     data = _edited(data, main.order, changes)
     for tag, plane, side in ((EXIF_WIDTH, PLANE_X, width), (EXIF_HEIGHT, PLANE_Y, height)):
         data = _with_resolution(data, camera, plane, side, tag)
-    return exif[: len(exif) - len(exif.removeprefix(PREFIX))] + data
+    return data
 
 
 def _edited(exif: bytes, order: str, changes: Mapping[int, tuple[int, int, int]]) -> bytes:

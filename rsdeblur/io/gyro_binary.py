@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rsdeblur.errors import FileFormatError
+from rsdeblur.io import untrusted
 from rsdeblur.io.formats import Format
 from rsdeblur.io.samples import Samples, nanoseconds
 from rsdeblur.io.source import Source
@@ -103,12 +104,15 @@ def telemetry_of(source: Source) -> Telemetry:
         If the package for it is missing, the video is damaged, or contains none.
     """
     try:
+        untrusted.check("telemetry of videos", "telemetry-parser")
         import telemetry_parser
     except ModuleNotFoundError:
         raise source.error(
             "reading the gyro data of a video needs telemetry-parser; install it with: "
             "pip install 'rsdeblur[telemetry]'"
         ) from None
+    except untrusted.Blocked as error:
+        raise source.error(str(error)) from None
     try:
         with _silence():
             parser = telemetry_parser.Parser(str(source.path))

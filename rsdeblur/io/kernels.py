@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rsdeblur._util import validate
 from rsdeblur._util.files import open_file
@@ -46,11 +47,15 @@ def read_psfs(path: str | os.PathLike[str], shape: tuple[int, ...]) -> PsfBank:
         if start == ARRAY:
             file.seek(0)
             try:
-                values = validate.real_array("values", np.load(file, allow_pickle=False), most=validate.MOST_LIGHT)
+                values = _checked(np.load(file, allow_pickle=False))
             except Exception as error:  # NumPy's header parser raises many kinds on damaged files
                 raise FileFormatError(f"{path}: not an array of PSFs: {error}") from error
         else:
-            values = _grey(read_picture(path).pixels.astype(np.float64))
+            pixels = read_picture(path).pixels
+            try:
+                values = _grey(_checked(pixels))
+            except InputError as error:
+                raise FileFormatError(f"{path}: not the picture of a PSF: {error}") from error
     if values.ndim not in (2, 4) or values.size == 0:
         raise FileFormatError(f"{path}: a PSF has shape (kh, kw), PSFs have (B, S, kh, kw), found {values.shape}")
     sums = values.sum(axis=(-2, -1), keepdims=True)
@@ -61,6 +66,10 @@ def read_psfs(path: str | os.PathLike[str], shape: tuple[int, ...]) -> PsfBank:
         return PsfBank.for_picture(np.pad(values / sums, odd), shape)
     except InputError as error:
         raise FileFormatError(f"{path}: {error}") from error
+
+
+def _checked(values: ArrayLike) -> FloatArray:
+    return validate.real_array("values", values, most=validate.MOST_LIGHT)
 
 
 def _grey(pixels: FloatArray) -> FloatArray:

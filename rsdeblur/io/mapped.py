@@ -17,7 +17,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from rsdeblur._util.atomic import reserve
-from rsdeblur.io import _tiff
+from rsdeblur.io import _tiff, untrusted
 from rsdeblur.io._metadata import Metadata, of_tiff
 
 NPY_MAGIC = b"\x93NUMPY"
@@ -41,6 +41,7 @@ def map_picture(file: BinaryIO, max_pixels: int) -> Mapped | None:
         return np.memmap(file, mode="r", **npy_place(file, size, max_pixels)), Metadata()
     if not head.startswith(_tiff.MAGIC):
         return None
+    untrusted.check("TIFF", "tifffile")
     with tifffile.TiffFile(file) as tiff:
         page = _tiff.first_page(tiff)
         place = _tiff.place(page, size)

@@ -29,7 +29,7 @@ from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write, check_target
 from rsdeblur._util.files import checked_path, open_file, read_file
 from rsdeblur.errors import FileFormatError, InputError, OutputError
-from rsdeblur.io import _heif, _jpeg, _metadata, _raw, _tiff, mapped
+from rsdeblur.io import _heif, _jpeg, _metadata, _raw, _tiff, mapped, untrusted
 from rsdeblur.io._encode import encode, quantised
 from rsdeblur.io._metadata import Metadata
 from rsdeblur.io.source import Source
@@ -51,8 +51,6 @@ MAX_PIXELS = 500_000_000
 # more pixels per byte than a plain one: 85 as JPEG, 260 as lossy WebP, 340 as 8-bit PNG in colour, 1000 in grey.
 BELIEVED_PIXELS = 64_000_000
 PIXELS_PER_BYTE = 1000
-# A TIFF may be compressed by anything, such as JPEG XL, which takes 2 s for twice as many pixels.
-BELIEVED_TIFF_PIXELS = 16_000_000
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 PNG_DEPTH = 24  # Offset of the bit depth: IHDR is always the first chunk.
@@ -168,7 +166,7 @@ def _decoding(path: Path) -> Iterator[None]:
         yield
     except UnidentifiedImageError:
         raise FileFormatError(f"{path}: not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture") from None
-    except (Image.DecompressionBombError, _tiff.Unsupported, _heif.MissingPackage) as error:
+    except (Image.DecompressionBombError, _tiff.Unsupported, _heif.MissingPackage, untrusted.Blocked) as error:
         raise FileFormatError(f"{path}: {error}") from error
     except MemoryError as error:
         raise FileFormatError(f"{path}: not enough memory for the picture, or its size is damaged") from error
@@ -370,7 +368,7 @@ def _decode(data: bytes, suffix: str) -> tuple[NDArray[Any], Metadata]:
     if _heif.is_heif(data):
         return _heif.decode(data, limit)
     if data.startswith(_tiff.MAGIC):
-        return _tiff.decode(data, min(limit, max(BELIEVED_TIFF_PIXELS, PIXELS_PER_BYTE * len(data))))
+        return _tiff.decode(data, min(limit, max(_tiff.BELIEVED_PIXELS, PIXELS_PER_BYTE * len(data))))
     if data.startswith(mapped.NPY_MAGIC):
         return mapped.decode_npy(data, MAX_PIXELS), Metadata()
     if data.startswith(_jpeg.START):
@@ -381,6 +379,7 @@ def _decode(data: bytes, suffix: str) -> tuple[NDArray[Any], Metadata]:
         image.load()
         if image.format == "PNG" and data[PNG_DEPTH] == 16:
             # Pillow reduces 16-bit colour to 8 bit.
+            untrusted.check("16-bit PNG", "imagecodecs")
             pixels = imagecodecs.png_decode(data)
         else:
             pixels = np.array(_with_plain_mode(image))

@@ -11,7 +11,7 @@ from contextlib import closing
 import pytest
 
 from rsdeblur._util import workers
-from rsdeblur._util.workers import Failure
+from rsdeblur._util.workers import Failure, Limits
 from rsdeblur.errors import InputError
 
 # The work is `eval`: a fresh process can import it, and the tasks are expressions.
@@ -47,6 +47,20 @@ def test_a_killed_worker_is_replaced_and_its_task_tried_once_more(tmp_path):
     assert results[DIE].died
     assert "killed by signal 9" in results[DIE].message
     assert sorted(lost) == sorted([once, DIE, DIE])
+
+
+def test_isolated_tasks_have_their_own_process_and_limits():
+    pids = ["__import__('os').getpid()", "__import__('os').getpid() + 0"]
+    greedy, endless = "len(bytes(2**32))", "__import__('time').sleep(60)"
+    lost = []
+    tasks = [*pids, greedy, endless, "7"]
+    results = answers(tasks, jobs=2, limits=Limits(2**31, 3.0), lost=lost.append)
+    assert len({os.getpid(), *(results[task] for task in pids)}) == 3
+    assert results[greedy] == Failure("not enough memory")
+    assert results[endless] == Failure("it took more than 3 s, the time limit", died=True)
+    assert results["7"] == 7
+    # A task that takes too long is not tried again.
+    assert lost == [endless]
 
 
 def test_tasks_are_taken_as_workers_get_free():

@@ -291,6 +291,33 @@ def test_a_killed_worker_is_retried(processes: Processes, files: Files, tmp_path
     assert sorted(item.name for item in out.iterdir()) == [".rsdeblur-batch", "batch.csv", "batch.json", "photo.png"]
 
 
+def test_an_isolated_photo_beyond_its_limits_is_a_row(run: Run, files: Files, tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text("photo,start,duration\nphoto.png,0.2,0.04\n")
+    call = (path, *files.sources, "-o", tmp_path / "out")
+    # A process takes more than a second to load its libraries.
+    (entry,) = entries(run, *call, "--isolate", "--time-limit", "1", code=SOME_FAILED)
+    assert entry["error"].endswith("photo.png: it took more than 1 s, the time limit")
+    assert states(entries(run, *call, "--isolate", "--memory-limit", "1GiB")) == "done"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--time-limit", "9"], "need --isolate"),
+        (["--isolate", "--memory-limit", "1MB"], "at least 1GiB"),
+        (["--isolate", "--time-limit", "1ms"], "at least 1 s"),
+        (["--isolate", "--scheduler", "tcp://127.0.0.1:9"], "leave out --scheduler"),
+    ],
+)
+def test_limits_that_make_no_sense(
+    run: Run, files: Files, manifest: Path, tmp_path: Path, options: list[str], message: str
+) -> None:
+    result = run("batch", manifest, *files.sources, "-o", tmp_path / "out", *options)
+    assert result.exit_code == 2
+    assert message in result.stderr
+
+
 def test_interrupt_leaves_nothing_unfinished(
     run: Run, here: None, processes: Processes, files: Files, tmp_path: Path
 ) -> None:

@@ -184,6 +184,17 @@ def test_a_value_outside_the_block_costs_only_itself() -> None:
     assert values(read_block(bytes(exif))) == {tag: value for tag, value in EXPECTED.items() if tag != 271}
 
 
+def test_a_thumbnail_that_claims_the_directories_is_damage(tmp_path: Path) -> None:
+    exif = with_thumbnail(MAIN)
+    at = exif.rindex(struct.pack(">HHII", 513, LONG, 1, exif.index(THUMBNAIL) - 6)) + 8
+    damaged = exif[:at] + struct.pack(">I", 40) + exif[at + 4 : -len(THUMBNAIL)] + bytes(9999)
+    damaged = damaged.replace(
+        struct.pack(">HHII", 514, LONG, 1, len(THUMBNAIL)), struct.pack(">HHII", 514, LONG, 1, 99999)
+    )
+    assert renewed(damaged, 200, 150) == damaged
+    write_picture(tmp_path / "a.png", np.zeros((9, 9, 3)), like=Picture(np.zeros((9, 9, 3), np.uint8), damaged))
+
+
 def test_values_that_share_their_bytes_are_bounded() -> None:
     size = 100_000
     heads = b"".join(struct.pack("<HHII", 40_000 + i, UNDEFINED, size, 0) for i in range(2000))

@@ -17,6 +17,7 @@ from rsdeblur.io import read_gyro
 from rsdeblur.motion.gyro import GyroLog
 
 UNITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
+RATE_UNITS = {"rad/s": 1.0, "deg/s": np.pi / 180, "mrad/s": 1e-3, "mdeg/s": np.pi / 180_000}
 # A file is overwritten by every example, which is quick; more of them are run by hand.
 LAW = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -37,8 +38,12 @@ def logs(draw: st.DrawFn) -> tuple[list[int], np.ndarray]:
 
 def cells(stamp: int, rates: np.ndarray, unit: str, place: int) -> list[str]:
     row = [f"{rate:.3f}" for rate in rates]
-    row.insert(place, f"{Decimal(stamp).scaleb(-UNITS[unit]):f}")
+    row.insert(place, _time(stamp, unit))
     return row
+
+
+def _time(stamp: int, unit: str) -> str:
+    return f"{Decimal(stamp).scaleb(-UNITS[unit]):f}"
 
 
 def read(path: Path, rows: list[list[str]], separator: str) -> GyroLog | None:
@@ -69,6 +74,22 @@ def test_units_shifts_separators_and_the_place_of_the_stamps(
     stamps, rates = log
     rows = [cells(stamp, rate, unit, place) for stamp, rate in zip(stamps, rates, strict=True)]
     assert_is(read(tmp_path / "log.txt", rows, separator), stamps, rates)
+
+
+@LAW
+@given(logs(), st.sampled_from(list(UNITS)), st.sampled_from(list(RATE_UNITS)), st.permutations(range(4)))
+def test_units_of_rates_and_permuted_columns(
+    tmp_path: Path, log: tuple[list[int], np.ndarray], unit: str, rate_unit: str, order: list[int]
+) -> None:
+    stamps, rates = log
+    head = [f"t[{unit}]", *(f"g{axis}[{rate_unit}]" for axis in "xyz")]
+    scaled = rates / RATE_UNITS[rate_unit]
+    table = [[_time(stamp, unit), *map(repr, rate.tolist())] for stamp, rate in zip(stamps, scaled, strict=True)]
+    found = read(tmp_path / "log.csv", [[row[k] for k in order] for row in [head, *table]], ",")
+    assert found is not None
+    assert found.epoch_ns == stamps[0]
+    # Divided and multiplied again.
+    np.testing.assert_allclose(found.omega, rates, rtol=1e-14)
 
 
 @LAW

@@ -67,6 +67,7 @@ FAULTS = {
     "repeated time": ("0 1 2 3\n1 1 2 3\n1 1 2 4\n2 1 2 3\n", "line 3: duplicate stamp"),
     "one pose": ("0 1 2 3\n", "at least 2"),
     "empty": ("", "empty"),
+    "header alone": ("timestamp tx ty tz qx qy qz qw\n", "no samples"),
 }
 
 
