@@ -17,11 +17,14 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
+    "sphinx.ext.viewcode",  # the source of every public name
+    "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
     "numpydoc",
     "sphinx-mathjax-offline",  # formulas without a network
     "generated",
 ]
-exclude_patterns = ["_*", "**/data"]
+exclude_patterns = ["_*", "**/data", "gallery"]
 nitpicky = True
 suppress_warnings = ["myst.header"]  # tables made by benchmarks start below their page's levels
 
@@ -40,6 +43,28 @@ numpydoc_validation_exclude = {
     r"\.Options$",  # its fields are the keywords of deblur, which describes them
     r"\.Plan$",  # has a private field
 }
+
+# Examples of docs/gallery, run when the site is built; every picture comes from simulated captures.
+sphinx_gallery_conf = {
+    "examples_dirs": "gallery",
+    "gallery_dirs": "generated/gallery",
+    "filename_pattern": "",
+    "within_subsection_order": "FileNameSortKey",
+    "image_scrapers": ("matplotlib",),
+    "matplotlib_animations": False,
+    "download_all_examples": False,
+    "show_memory": False,
+    "show_signature": False,
+    "write_computation_times": False,
+    "abort_on_example_error": True,
+    "reset_modules": (),
+    "remove_config_comments": True,
+    "backreferences_dir": None,
+    "doc_module": (),
+}
+copybutton_prompt_text = r">>> |\.\.\. |\$ "
+copybutton_prompt_is_regexp = True
+copybutton_exclude = ".linenos, .gp, .go"
 
 html_theme = "pydata_sphinx_theme"
 html_title = "rsdeblur"
