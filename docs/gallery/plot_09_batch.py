@@ -24,11 +24,10 @@ def psnr(picture, truth):
 # %%
 
 print("seed   PSF px    blurred  deblurred  verdict")
-for seed in range(6):
+for seed in range(4):
     log = rsdeblur.hand_shake(0.6, strength=0.4, seed=seed)
     blurred, _, truth = rsdeblur.simulate(scene, log, camera, exposure, noise=0.005, seed=seed)
     result = rsdeblur.deblur(blurred, log, camera, exposure)
     size = "{1} x {0}".format(*result.psfs.size)
-    print(
-        f"{seed:4}  {size:>8}  {psnr(blurred, truth):6.1f} dB  {psnr(result.image, truth):6.1f} dB  {result.check.verdict}"
-    )
+    gain = f"{psnr(blurred, truth):6.1f} dB  {psnr(result.image, truth):6.1f} dB"
+    print(f"{seed:4}  {size:>8}  {gain}  {result.check.verdict}")
