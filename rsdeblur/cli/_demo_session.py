@@ -24,9 +24,9 @@ LOG, CAMERA, CAPTURES, MOVIE = "gyro_accel.csv", "camera.toml", "movie_metadata.
 
 
 class Kind(NamedTuple):
-    """Number of exposures, their interval and duration in s, and the file of each; without files, they are a video."""
+    """Number of frames, their interval and duration in s, and the file of each; without files, they are a video."""
 
-    count: int
+    frames: int
     interval: Fraction
     duration: Fraction
     files: tuple[str, ...]
@@ -54,9 +54,9 @@ def write(kind: str, size: tuple[int, int], seed: int, folder: Path, *, force: b
     (width, height), session = size, KINDS[kind]
     if kind == "video":
         import rsdeblur.video._av  # noqa: F401  refuses a missing extra before the work
-    starts = [EPOCH + round(1e9 * (START + float(i * session.interval))) for i in range(session.count)]
+    starts = [EPOCH + round(1e9 * (START + float(i * session.interval))) for i in range(session.frames)]
     exposures = [Exposure(0.0, float(session.duration), stamp) for stamp in starts]
-    shake = hand_shake(2 * START + float(session.count * session.interval), strength=STRENGTH, seed=seed)
+    shake = hand_shake(2 * START + float(session.frames * session.interval), strength=STRENGTH, seed=seed)
     log = GyroLog(shake.t, shake.omega, EPOCH)
     # The app logs in phone axes.
     camera = Camera(width, height, FOCAL * width, readout_time=READOUT, imu_to_camera="phone-landscape")
