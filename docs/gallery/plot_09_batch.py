@@ -9,6 +9,7 @@ better served by ``rsdeblur batch``, which resumes and uses several processes.
 import numpy as np
 
 import rsdeblur
+import rsdeblur.plot
 
 scene = rsdeblur.scene(200, 270)
 camera = rsdeblur.Camera(224, 168, 210.0, readout_time=0.03)
@@ -31,3 +32,8 @@ for seed in range(4):
     size = "{1} x {0}".format(*result.psfs.size)
     gain = f"{psnr(blurred, truth):6.1f} dB  {psnr(result.image, truth):6.1f} dB"
     print(f"{seed:4}  {size:>8}  {gain}  {result.check.verdict}")
+
+# %%
+# The last one:
+
+axes = rsdeblur.plot.comparison({"blurred": blurred, "deblurred": result.image, "sharp": truth}, reference=truth)

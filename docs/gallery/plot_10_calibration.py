@@ -7,11 +7,13 @@ length need not be known. Here they are, because the clip is simulated.
 """
 
 import rsdeblur
+import rsdeblur.plot
 
 true = rsdeblur.Camera(320, 240, 350.0, readout_time=0.02, imu_to_camera="phone-landscape", time_offset=0.1)
 exposures = [rsdeblur.Exposure(0.5 + i / 30, 1 / 200) for i in range(12)]
 log = rsdeblur.hand_shake(2.0, strength=0.3, seed=1)
-frames = rsdeblur.simulate_clip(rsdeblur.scene(360, 480), log, true, exposures, noise=0.005)
+frames = list(rsdeblur.simulate_clip(rsdeblur.scene(360, 480), log, true, exposures, noise=0.005))
+axes = rsdeblur.plot.comparison({f"frame {i}": frames[i] for i in (0, 4, 8)})
 
 # %%
 # The start value of the focal length is 14 % too short; all else is left at its default:
