@@ -72,10 +72,10 @@ html_context = {"default_mode": "auto"}
 html_favicon = "_static/favicon.svg"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = [("names.js", {"defer": "defer"})]
 html_show_sourcelink = False
 html_theme_options = {
     "show_toc_level": 2,
-    "collapse_navigation": True,  # its buttons to expand sections have no name for screen readers
     "navigation_with_keys": True,
     "footer_start": ["copyright"],
     "footer_end": [],
