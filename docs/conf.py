@@ -74,11 +74,12 @@ html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_js_files = [("names.js", {"defer": "defer"})]
 html_show_sourcelink = False
+html_sidebars = {"comparison": []}
 html_theme_options = {
     "show_toc_level": 2,
     "navigation_with_keys": True,
     "footer_start": ["copyright"],
     "footer_end": [],
-    "secondary_sidebar_items": ["page-toc"],
+    "secondary_sidebar_items": {"**": ["page-toc"], "comparison": []},  # its tables need the room
     "icon_links": [],
 }

@@ -51,11 +51,11 @@ def literal(text: str) -> str:
     return ".. code-block:: text\n\n" + "".join(f"   {line}".rstrip() + "\n" for line in text.splitlines())
 
 
-def command_section(context: click.Context, title: str | None = None) -> str:
+def command_section(context: click.Context, title: str | None = None, line: str = "-") -> str:
     """Return what a command's `--help` prints, as a section; the commands of a group link to pages beside this one."""
     command = context.command
     said = inspect.cleandoc(command.help or "").replace("\b\n", "")
-    parts = [heading(title or context.command_path, "-"), literal(command.get_usage(context).removeprefix("Usage: "))]
+    parts = [heading(title or context.command_path, line), literal(command.get_usage(context).removeprefix("Usage: "))]
     parts.append(re.sub(r"([*|`\\])", r"\\\1", said) + "\n")
     for parameter in command.get_params(context):
         record = parameter.get_help_record(context)
@@ -77,12 +77,12 @@ def command_pages() -> dict[str, str]:
     context = click.Context(main, info_name="rsdeblur", **main.context_settings)
     names = main.list_commands(context)
     toctree = ".. toctree::\n   :hidden:\n\n" + "".join(f"   {name}\n" for name in names)
-    pages = {"commands/index": "\n".join([heading("Commands", "="), toctree, command_section(context, "commands")])}
+    pages = {"commands/index": "\n".join([command_section(context, "Commands", "="), toctree])}
     for name in names:
         command = main.get_command(context, name)
         assert command is not None
-        sections = [command_section(each) for each in commands(command, name, context)]
-        pages[f"commands/{name}"] = "\n".join([heading(name, "="), *sections])
+        first, *below = commands(command, name, context)
+        pages[f"commands/{name}"] = "\n".join([command_section(first, name, "="), *map(command_section, below)])
     return pages
 
 
