@@ -186,6 +186,16 @@ def _cells(point: Record) -> list[str]:
     return [f"{1e3 * seconds:.1f}", f"{per_pixel:.1f}", extra]
 
 
+def all_times(record: Record) -> dict[str, Times]:
+    """Return all measured times of a record by what was measured."""
+    return {
+        f"{mode}, {curve['label']} {x:g}": Times(**point["apply_seconds"])
+        for curve in record["series"]
+        for mode, points in curve["modes"].items()
+        for x, point in zip(curve["x"], points, strict=True)
+    }
+
+
 def plot_names(record: Record) -> list[str]:
     """Return the file name of each series' plot."""
     return [f"growth-{curve['label'].split(' (')[0].replace(' ', '-').lower()}.svg" for curve in record["series"]]

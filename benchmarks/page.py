@@ -1,6 +1,7 @@
 """Write docs/benchmarks/speed.md from the records: ``python -m benchmarks.page``.
 
-The records come from, on a quiet machine::
+Figures of a busy machine, or whose quartiles are more than 15 % of the median apart, are not published. The records
+come from, on an idle machine::
 
     python -m benchmarks.peers --json docs/benchmarks/peers.json
     python -m benchmarks.growth --json docs/benchmarks/growth.json --plots docs/benchmarks
@@ -16,6 +17,7 @@ from benchmarks import growth, machine, peers
 from benchmarks.captures import ROOT
 from benchmarks.peers import Record
 from benchmarks.tables import markdown
+from benchmarks.timing import refuse_noise
 
 INTRODUCTION = """\
 # Speed and memory
@@ -70,6 +72,7 @@ def main() -> None:
     )
     folder = parser.parse_args().folder
     beside, grown = (json.loads((folder / name).read_text()) for name in ("peers.json", "growth.json"))
+    refuse_noise(max(beside["load"], grown["load"]), peers.all_times(beside) | growth.all_times(grown))
     target = folder / "speed.md"
     target.write_text(page(beside, grown))
     print(f"wrote {target}")

@@ -138,6 +138,15 @@ def run(size: tuple[int, int], large: tuple[int, int], rounds: int, threads: Seq
     return record
 
 
+def all_times(record: Record) -> dict[str, Times]:
+    """Return all measured times of a record by what was measured."""
+    return {
+        f"{row['name']}, {row['threads'] or 'own'} threads, PSF {_by(case['psf'])}": Times(**row["seconds"])
+        for case in record["cases"]
+        for row in case["alternatives"]
+    }
+
+
 def duel(case: Case, rounds: int, threads: Sequence[int]) -> Record:
     """Build, compare and time all alternatives for one PSF size."""
     tasks, builds, skipped = build(case, threads)

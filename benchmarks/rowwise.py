@@ -16,6 +16,7 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from benchmarks import machine
 from benchmarks.cases import EXPOSURE, NSR, Case
 from benchmarks.peers import QUICK_SIZE, SIZE, size
 from benchmarks.tables import markdown, print_table, write
-from benchmarks.timing import Job, interleave
+from benchmarks.timing import Job, Times, interleave, refuse_noise
 from rsdeblur import BlurPaths, Capture, Deconvolver, GradientPrior, RowDeconvolver
 from rsdeblur.deconv.rowwise_blur import StripBlur, latent_rows
 from rsdeblur.kernels import rowwise
@@ -67,6 +68,7 @@ def main() -> None:
     if options.json:
         write(options.json, json.dumps(record, indent=1))
     if options.markdown:
+        refuse_noise(record["load"], {name: Times(**each) for name, each in record["times"].items()})
         write(options.markdown, markdown(COLUMNS, rows(record)) + "\n\n" + summary(record))
 
 
@@ -89,6 +91,7 @@ def run(size: tuple[int, int], rounds: int, threads: int) -> Record:
             jobs[name, height], work[name, height] = one_block(part, size[0])
     jobs["sparse", SPARSE] = lambda: solvers[SPARSE].apply(picture, out, prior=PRIOR)
     times = interleave(jobs, rounds)
+    record["times"] = {f"{name}, PSF of {height} rows": asdict(each) for (name, height), each in times.items()}
     record["sparse_s"] = times["sparse", SPARSE].median
     record["sparse_ratio"] = times["sparse", SPARSE] / times["apply", SPARSE]
     record["global_s"] = times["global", 0].median

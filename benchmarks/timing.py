@@ -11,6 +11,11 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
+from benchmarks import machine
+
+# Largest distance of the quartiles, as a share of the median, of figures that are published.
+MOST_SPREAD = 0.15
+
 Job = Callable[[], object]
 T = TypeVar("T")
 Key = TypeVar("Key", bound=Hashable)
@@ -30,9 +35,36 @@ class Times:
         low, median, high = np.percentile(seconds, [25, 50, 75])
         return cls(float(median), float(low), float(high))
 
+    @property
+    def spread(self) -> float:
+        """Distance of the quartiles as a share of the median."""
+        return (self.high - self.low) / self.median
+
     def __truediv__(self, other: Times) -> float:
         """Return the ratio of the medians."""
         return self.median / other.median
+
+
+def refuse_noise(load: float, times: Mapping[str, Times]) -> None:
+    """Exit instead of publishing figures of a busy machine, or of repetitions that disagree.
+
+    Parameters
+    ----------
+    load : float
+        Average number of running processes before the measurement.
+    times : mapping of str to Times
+        What was measured, by the name to report.
+
+    Raises
+    ------
+    SystemExit
+        If the load exceeds :data:`benchmarks.machine.BUSY`, or a spread exceeds 15 %.
+    """
+    reasons = [f"the load was {load:.1f}, more than {machine.BUSY}"] if load > machine.BUSY else []
+    wide = {name: each.spread for name, each in times.items() if each.spread > MOST_SPREAD}
+    reasons += [f"{name}: the quartiles are {spread:.0%} of the median apart" for name, spread in wide.items()]
+    if reasons:
+        raise SystemExit("\n".join(["not published; measure again on an idle machine:", *reasons]))
 
 
 def interleave(

@@ -17,11 +17,14 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
+    "sphinx.ext.viewcode",  # the source of every public name
+    "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
     "numpydoc",
     "sphinx-mathjax-offline",  # formulas without a network
     "generated",
 ]
-exclude_patterns = ["_*", "**/data"]
+exclude_patterns = ["_*", "**/data", "gallery"]
 nitpicky = True
 suppress_warnings = ["myst.header"]  # tables made by benchmarks start below their page's levels
 
@@ -41,17 +44,42 @@ numpydoc_validation_exclude = {
     r"\.Plan$",  # has a private field
 }
 
+# Examples of docs/gallery, run when the site is built; every picture comes from simulated captures.
+sphinx_gallery_conf = {
+    "examples_dirs": "gallery",
+    "gallery_dirs": "generated/gallery",
+    "filename_pattern": "",
+    "within_subsection_order": "FileNameSortKey",
+    "image_scrapers": ("matplotlib",),
+    "matplotlib_animations": False,
+    "download_all_examples": False,
+    "show_memory": False,
+    "show_signature": False,
+    "write_computation_times": False,
+    "abort_on_example_error": True,
+    "reset_modules": (),
+    "remove_config_comments": True,
+    "backreferences_dir": None,
+    "doc_module": (),
+}
+copybutton_prompt_text = r">>> |\.\.\. |\$ "
+copybutton_prompt_is_regexp = True
+copybutton_exclude = ".linenos, .gp, .go"
+
 html_theme = "pydata_sphinx_theme"
 html_title = "rsdeblur"
 html_context = {"default_mode": "auto"}
+html_favicon = "_static/favicon.svg"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = [("names.js", {"defer": "defer"})]
 html_show_sourcelink = False
+html_sidebars = {"comparison": []}
 html_theme_options = {
     "show_toc_level": 2,
     "navigation_with_keys": True,
     "footer_start": ["copyright"],
     "footer_end": [],
-    "secondary_sidebar_items": ["page-toc"],
+    "secondary_sidebar_items": {"**": ["page-toc"], "comparison": []},  # its tables need the room
     "icon_links": [],
 }

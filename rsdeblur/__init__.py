@@ -18,7 +18,8 @@ list::
     pipeline    deblur(), deconvolve() and plan(): from photo and motion to the sharp picture
     io          files of gyro logs, cameras, captures and pictures
     video       videos, frame by frame
-    report      plots, contact sheets, the HTML report
+    report      drawings, contact sheets, the HTML report
+    plot        plots with Matplotlib
     cli         the command line
     __main__    python -m rsdeblur
 

@@ -42,6 +42,12 @@ def show_config(mode: Literal["stdout", "dict"] = "stdout") -> dict[str, str] | 
     ------
     InputError
         If `mode` is neither "stdout" nor "dict".
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> rsdeblur.show_config("dict")["rsdeblur"] == rsdeblur.__version__
+    True
     """
     # Not at the top: it would load pyFFTW.
     from rsdeblur._util.threads import thread_count

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.files import open_file
+from rsdeblur._util.one_line import html_with_picture, one_line
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.kernels.raster import rasterize
 from rsdeblur.motion.paths import BlurPaths
@@ -19,7 +20,11 @@ from rsdeblur.types import FloatArray
 # Largest deviation of a kernel's sum from 1. Users' kernels may be rounded to a few digits; beyond, they are no PSFs.
 SUM_TOLERANCE = 1e-3
 
+# Most rows and columns of kernels that a notebook shows, and the grey of the frames around them.
+MOST_SHOWN, FRAME = 12, 0.3
 
+
+@one_line()
 @dataclass(frozen=True, slots=True, eq=False)
 class PsfBank:
     """PSFs on a grid of B bands x S strips.
@@ -47,6 +52,13 @@ class PsfBank:
     See Also
     --------
     PsfBank.for_picture : Bank of kernels spread evenly over a picture.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rsdeblur
+    >>> rsdeblur.PsfBank.for_picture(np.full((1, 5), 0.2), (480, 640))
+    PsfBank(kernels=float32[1, 1, 1, 5], rows=[239.5], cols=[319.5])
     """
 
     kernels: NDArray[np.float32]
@@ -121,6 +133,45 @@ class PsfBank:
     def size(self) -> tuple[int, int]:
         """Height and width of the kernels in px."""
         return self.kernels.shape[2], self.kernels.shape[3]
+
+    def at(self, y: float, x: float) -> NDArray[np.float32]:
+        """Return the PSF at a point of the picture, interpolated between the four nearest kernels.
+
+        Beyond the outermost kernels it is constant, as it is for the solvers.
+
+        Parameters
+        ----------
+        y, x : float
+            Row and column in px.
+
+        Returns
+        -------
+        ndarray, shape (kh, kw), float32
+            The kernel; its sum is 1.
+
+        Raises
+        ------
+        InputError
+            If `y` or `x` is not a finite number.
+
+        Examples
+        --------
+        >>> import rsdeblur
+        >>> still, moving = [[0, 0, 1, 0, 0]], [[0.2, 0.2, 0.2, 0.2, 0.2]]
+        >>> bank = rsdeblur.PsfBank([[still], [moving]], rows=[100, 300], cols=[320])
+        >>> bank.at(200, 320)
+        array([[0.1, 0.1, 0.6, 0.1, 0.1]], dtype=float32)
+        """
+        weights = [
+            np.array([np.interp(validate.finite(name, place), centres, unit) for unit in np.eye(len(centres))])
+            for name, place, centres in (("y", y, self.rows), ("x", x, self.cols))
+        ]
+        kernel: FloatArray = np.einsum("b,s,bsij->ij", *weights, self.kernels, dtype=np.float64)
+        return kernel.astype(np.float32)
+
+    def _repr_html_(self) -> str:
+        """Return the representation and the kernels for a notebook."""
+        return html_with_picture(self, kernel_sheet(self))
 
     def cut(self, rows: slice, cols: slice) -> PsfBank:
         """Return the bank of the kernels that affect a part of the picture.
@@ -204,6 +255,16 @@ class PsfBank:
                     return cls(archive["kernels"], archive["rows"], archive["cols"])
             except Exception as error:  # zipfile, zlib and NumPy's header parser raise many kinds on damaged files
                 raise FileFormatError(f"{path}: not a PSF bank: {error}") from error
+
+
+def kernel_sheet(bank: PsfBank) -> NDArray[np.float32]:
+    """Return at most 12 x 12 kernels of a bank as one grey picture in [0, 1], framed, each with its peak white."""
+    rows, cols = (-(-n // MOST_SHOWN) for n in bank.kernels.shape[:2])
+    shown = np.pad(bank.kernels[rows // 2 :: rows, cols // 2 :: cols], ((0, 0), (0, 0), (1, 1), (1, 1)))
+    shown = np.sqrt(np.clip(shown / shown.max(axis=(2, 3), keepdims=True), 0.0, 1.0))  # brightens faint parts
+    shown[:, :, [0, -1]] = shown[..., [0, -1]] = FRAME
+    sheet: NDArray[np.float32] = shown.transpose(0, 2, 1, 3).reshape(len(shown) * shown.shape[2], -1)
+    return sheet
 
 
 def tile_centres(tiles: int, length: int) -> FloatArray:

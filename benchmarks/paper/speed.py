@@ -11,9 +11,10 @@ import numpy as np
 import pyfftw
 from skimage.transform import resize
 
+from benchmarks import machine
 from benchmarks.cases import EXPOSURE, NSR, Case
 from benchmarks.paper.figure import Cell, Figure
-from benchmarks.timing import interleave
+from benchmarks.timing import interleave, refuse_noise
 from rsdeblur import Deconvolver, deblur
 from rsdeblur.image.encoded import reduced
 from rsdeblur.io import read_picture, write_picture
@@ -45,7 +46,11 @@ def figures(quick: bool) -> Iterator[Figure]:
             solver = Deconvolver(case.bank(1), case.shape, nsr=NSR, planning="measure", threads=threads)
             jobs["deconvolution", threads] = lambda solver=solver: solver.apply(case.blurred)  # type: ignore[misc]
             jobs["whole", threads] = process(case, Path(folder), threads)
-        times = {key: 1e3 * time.median for key, time in interleave(jobs, 2 if quick else ROUNDS).items()}
+        load = machine.load()
+        measured = interleave(jobs, 2 if quick else ROUNDS)
+    if not quick:
+        refuse_noise(load, {f"{what}, {threads} threads": each for (what, threads), each in measured.items()})
+    times = {key: 1e3 * time.median for key, time in measured.items()}
     rows: list[tuple[Cell, ...]] = []
     for size, theirs in zip(sizes, THEIRS.values(), strict=True):
         rows.append((f"FFT, grey {size[0]}x{size[1]}", *theirs, times[size, 1], times[size, 2]))

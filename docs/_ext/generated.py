@@ -25,7 +25,7 @@ from rsdeblur.cli import main
 # Modules for users, beside the names of `rsdeblur` itself, in the order of the package's ladder.
 MODULES = (
     "motion.axes", "motion.rectify", "deconv.priors", "io", "io.history",
-    "report",
+    "report", "plot",
     "video.clip", "video.times", "video.plan", "video.run",
 )  # fmt: skip
 
@@ -51,11 +51,11 @@ def literal(text: str) -> str:
     return ".. code-block:: text\n\n" + "".join(f"   {line}".rstrip() + "\n" for line in text.splitlines())
 
 
-def command_section(context: click.Context) -> str:
-    """Return what a command's `--help` prints, as a section."""
+def command_section(context: click.Context, title: str | None = None, line: str = "-") -> str:
+    """Return what a command's `--help` prints, as a section; the commands of a group link to pages beside this one."""
     command = context.command
     said = inspect.cleandoc(command.help or "").replace("\b\n", "")
-    parts = [heading(context.command_path, "-"), literal(command.get_usage(context).removeprefix("Usage: "))]
+    parts = [heading(title or context.command_path, line), literal(command.get_usage(context).removeprefix("Usage: "))]
     parts.append(re.sub(r"([*|`\\])", r"\\\1", said) + "\n")
     for parameter in command.get_params(context):
         record = parameter.get_help_record(context)
@@ -66,15 +66,24 @@ def command_section(context: click.Context) -> str:
         for child in command.list_commands(context):
             below = command.get_command(context, child)
             assert below is not None
-            parts.append(f"``{child}``\n   {below.get_short_help_str(200)}\n")
+            term = f":doc:`{child}`" if command is main else f"``{child}``"
+            parts.append(f"{term}\n   {below.get_short_help_str(200)}\n")
     examples = inspect.cleandoc(command.epilog or "").replace("\b", "").strip()
     return "\n".join([*parts, literal(examples)] if examples else parts)
 
 
-def command_page() -> str:
-    """Return the page of all commands."""
-    parts = [heading("Every command and option", "="), "What ``rsdeblur COMMAND --help`` tells.\n"]
-    return "\n".join(parts + [command_section(context) for context in commands(main, "rsdeblur")])
+def command_pages() -> dict[str, str]:
+    """Return a page for each command, with its subcommands, and the page that lists them."""
+    context = click.Context(main, info_name="rsdeblur", **main.context_settings)
+    names = main.list_commands(context)
+    toctree = ".. toctree::\n   :hidden:\n\n" + "".join(f"   {name}\n" for name in names)
+    pages = {"commands/index": "\n".join([command_section(context, "Commands", "="), toctree])}
+    for name in names:
+        command = main.get_command(context, name)
+        assert command is not None
+        first, *below = commands(command, name, context)
+        pages[f"commands/{name}"] = "\n".join([command_section(first, name, "="), *map(command_section, below)])
+    return pages
 
 
 def ladder() -> dict[str, str]:
@@ -82,21 +91,21 @@ def ladder() -> dict[str, str]:
     return dict(re.findall(r"^    (\w+) +(\S.*)$", rsdeblur.__doc__ or "", re.MULTILINE))
 
 
-def entries(module: str, names: Iterable[str]) -> str:
-    """Return a table of names of a module, and each with its docstring."""
-    parts = [".. autosummary::\n   :nosignatures:\n\n" + "".join(f"   {name}\n" for name in names)]
-    for name in names:
-        thing = getattr(import_module(module), name)
-        if not inspect.isclass(thing):
-            parts.append(f".. autofunction:: {name}\n")
-        elif issubclass(thing, BaseException):
-            parts.append(f".. autoexception:: {name}\n")
-        else:
-            # Methods of an own base class, such as those that all logs have, belong to each class's page.
-            own = any(base.__module__.startswith("rsdeblur.") for base in thing.__mro__[1:])
-            inherited = "   :inherited-members: object\n" * own
-            parts.append(f".. autoclass:: {name}\n   :members:\n{inherited}")
-    return "\n".join(parts)
+def table(names: Iterable[str]) -> str:
+    """Return a table of names, each with the first line of its docstring."""
+    return ".. autosummary::\n   :nosignatures:\n\n" + "".join(f"   {name}\n" for name in names)
+
+
+def entry(module: str, name: str) -> str:
+    """Return the directive that shows the docstring of a name."""
+    thing = getattr(import_module(module), name)
+    if not inspect.isclass(thing):
+        return f".. autofunction:: {name}\n"
+    if issubclass(thing, BaseException):
+        return f".. autoexception:: {name}\n"
+    # Methods of an own base class, such as those that all logs have, belong to each class's page.
+    own = any(base.__module__.startswith("rsdeblur.") for base in thing.__mro__[1:])
+    return f".. autoclass:: {name}\n   :members:\n" + "   :inherited-members: object\n" * own
 
 
 def public(module: Any) -> list[str]:
@@ -106,25 +115,37 @@ def public(module: Any) -> list[str]:
     return [name for name in names if name not in rsdeblur.__all__]
 
 
-def package_page() -> str:
-    """Return the page of the names that `import rsdeblur` gives, in the order of the ladder."""
+def place(name: str) -> str:
+    """Return the page of a name; classes and functions have folders, as some differ by the case of letters only."""
+    return f"{'classes' if inspect.isclass(getattr(rsdeblur, name)) else 'functions'}/{name}"
+
+
+def package_pages() -> dict[str, str]:
+    """Return a page for each name of `rsdeblur`, and the page that lists them in the order of the ladder."""
     names: dict[str, list[str]] = {}
     for name in rsdeblur.__all__:
         if name != "__version__":
             home = getattr(rsdeblur, name).__module__.split(".")[1]
             names.setdefault(home, []).append(name)
-    parts = [heading("rsdeblur", "="), "In the order in which data flow.\n", ".. currentmodule:: rsdeblur\n"]
+    here = ".. currentmodule:: rsdeblur\n"
+    parts = [heading("rsdeblur", "="), "In the order in which data flow; each name has a page.\n", here]
+    pages = {}
     for module, said in ladder().items():
         if module in names:
-            parts += [heading(said[0].upper() + said[1:], "-"), entries("rsdeblur", names[module])]
-    return "\n".join(parts)
+            toctree = ".. toctree::\n   :hidden:\n\n" + "".join(f"   {place(name)}\n" for name in names[module])
+            parts += [heading(said[0].upper() + said[1:], "-"), table(names[module]), toctree]
+            for name in names[module]:
+                pages[f"names/{place(name)}"] = "\n".join([heading(name, "="), here, entry("rsdeblur", name)])
+    return pages | {"names/rsdeblur": "\n".join(parts)}
 
 
 def module_page(name: str) -> str:
     """Return the page of one module."""
     module = import_module(f"rsdeblur.{name}")
     title = heading(module.__name__, "=")
-    return "\n".join((title, f".. automodule:: {module.__name__}\n", entries(module.__name__, public(module))))
+    names = public(module)
+    described = [entry(module.__name__, each) for each in names]
+    return "\n".join((title, f".. automodule:: {module.__name__}\n", table(names), *described))
 
 
 def equations(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
@@ -150,11 +171,10 @@ def link(app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: Element)
 def write_pages(app: Sphinx) -> None:
     """Write the pages that are not as they were, so that an unchanged one is not built again."""
     folder = Path(app.srcdir) / "generated"
-    (folder / "names").mkdir(parents=True, exist_ok=True)
-    pages = {"commands": command_page(), "names/rsdeblur": package_page()}
-    pages |= {f"names/{name}": module_page(name) for name in MODULES}
+    pages = command_pages() | package_pages() | {f"names/{name}": module_page(name) for name in MODULES}
     for name, text in pages.items():
         path = folder / f"{name}.rst"
+        path.parent.mkdir(parents=True, exist_ok=True)
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
 

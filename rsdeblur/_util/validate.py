@@ -29,6 +29,10 @@ MOST_VALUES = 2_000_000_000
 # Functions that read an object from a file, for those who pass the path of the file.
 READERS = {"GyroLog": "rsdeblur.read_gyro", "Camera": "rsdeblur.read_camera", "PsfBank": "rsdeblur.PsfBank.load"}
 
+# Arguments that are pictures, for those who pass a file or what `read_picture` returns.
+PICTURES = {"image", "sharp"}
+LAZY = "pass .compute(), or keep it in a file: numpy.load(..., mmap_mode='r') with max_memory= and out="
+
 Kind = TypeVar("Kind")
 
 
@@ -154,6 +158,10 @@ def array(name: str, value: ArrayLike) -> NDArray[Any]:
         raise InputError(f"{name} must not be a masked array: choose values for masked elements with .filled()")
     if value is None:
         raise InputError(f"{name} must be an array of real numbers, got None")
+    if (graph := getattr(value, "__dask_graph__", None)) is not None and graph() is not None:
+        raise InputError(f"{name} is lazy (a Dask graph) and would be computed whole; {LAZY}")
+    if name in PICTURES and (hint := _other_picture(value)):
+        raise InputError(f"{name} must be an array, got {shown(value)}; {hint}")
     try:
         numbers = np.asarray(value)
         if numbers.dtype.kind == "O" and not isinstance(value, np.ndarray):  # fractions, integers beyond 64 bits
@@ -163,6 +171,13 @@ def array(name: str, value: ArrayLike) -> NDArray[Any]:
     if numbers.dtype.kind not in "biuf":
         raise InputError(f"{name} must be an array of real numbers, got {_kind(value, numbers)}")
     return numbers
+
+
+def _other_picture(value: object) -> str:
+    """Return how to make an array of a picture in another form; empty if `value` is none."""
+    if isinstance(value, (str, os.PathLike)):
+        return "rsdeblur.read_picture(path).pixels reads a file"
+    return "pass its .pixels" if hasattr(value, "pixels") else ""
 
 
 def is_plain(value: object) -> TypeGuard[NDArray[Any]]:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rsdeblur.cli._options import BytesType, SecondsType, gathered
+from rsdeblur.cli._options import gathered
+from rsdeblur.cli._types import BytesType, SecondsType
 
 if TYPE_CHECKING:
     from rsdeblur._util.workers import Limits

@@ -42,6 +42,8 @@ EXAMPLES = """\b
 Examples:
   rsdeblur demo -o demo
   rsdeblur demo --size 1600x1200 --seed 7 -o demo
+  rsdeblur demo --recording --size 320x240 -o session
+  rsdeblur demo --video --size 320x240 -o film
 """
 
 
@@ -57,13 +59,20 @@ Examples:
 @click.option(
     "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of scene, shake and noise."
 )
+@click.option("--recording", "session", flag_value="recording", help="Only simulate a logger's folder with 4 photos.")
+@click.option("--video", "session", flag_value="video", help="Only simulate a logger's folder with a video.")
 @_options.target_options("DIR", "Folder to write to.")
-def command(size: tuple[int, int], seed: int, target: Target) -> None:
+def command(size: tuple[int, int], seed: int, session: str | None, target: Target) -> None:
     """Simulate a capture and deblur it in every mode; needs no data.
 
     Writes to DIR the sharp and the blurred picture, the gyro log, the camera file, the picture of each mode,
-    side-by-side.png, psfs.png and demo.json, and prints the command that deblurs the blurred picture again.
+    side-by-side.png, psfs.png and demo.json, and prints the command that deblurs the blurred picture again. With
+    --recording or --video, writes what a logger app would: a gyro log, the exposures, photos or a video, and a camera
+    file; and prints the command that deblurs them.
     """
+    if session:
+        _write_session(session, size, seed, target)
+        return
     output, force = target.output, target.force
     blurred, rolling = output / "blurred.png", output / "rolling.png"
     gyro, camera = output / "gyro.csv", output / "camera.toml"
@@ -86,6 +95,24 @@ def command(size: tuple[int, int], seed: int, target: Target) -> None:
         print_report(report)
         where = f"The pictures are in {output}; see side-by-side.png. This command deblurs the blurred one again:"
         say("", where, "", f"  {report['command']}")
+
+
+def _write_session(kind: str, size: tuple[int, int], seed: int, target: Target) -> None:
+    from rsdeblur.cli import _demo_session
+
+    names = _demo_session.names(kind)
+    prepare_folder(target.output, names, force=target.force)
+    with progress("simulate"):
+        _demo_session.write(kind, size, seed, target.output, force=target.force)
+    folder = target.output
+    sources = ["--gyro", str(folder / _demo_session.LOG), "--camera", str(folder / _demo_session.CAMERA)]
+    sources += ["--capture", str(folder / _demo_session.CAPTURES)]
+    movie = ["video", str(folder / _demo_session.MOVIE), *sources, "-o", f"{folder}-sharp.mp4"]
+    again = shlex.join([*program(), *(movie if kind == "video" else ["batch", str(folder), "-o", f"{folder}-sharp"])])
+    if target.as_json:
+        print_json({"files": names, "command": again})
+    else:
+        say("", f"The session is in {folder}. This command deblurs it:", "", f"  {again}")
 
 
 def program() -> list[str]:

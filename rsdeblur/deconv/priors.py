@@ -152,6 +152,12 @@ class GradientPrior:
     ------
     InputError
         If an argument is out of range.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> rsdeblur.GradientPrior("hyper-laplacian", weight=0.01, exponent=0.5)
+    GradientPrior(kind='hyper-laplacian', weight=0.01, exponent=0.5, peak=None)
     """
 
     kind: Prior
@@ -261,6 +267,15 @@ def restore(
     ------
     InputError
         If an argument is out of range, or `image` has another shape, holds integers or is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rsdeblur
+    >>> bank = rsdeblur.PsfBank.for_picture(np.full((1, 5), 0.2), (64, 64))
+    >>> solver, light = rsdeblur.TileQuadratic(bank, (64, 64)), np.full((64, 64), 0.5)
+    >>> rsdeblur.restore(solver, light, prior="tv", weight=0.01).shape
+    (64, 64)
     """
     if not hasattr(solver, "apply"):
         raise InputError(f"solver must be a TileQuadratic or a RowDeconvolver, got {validate.shown(solver)}")

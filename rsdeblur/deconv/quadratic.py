@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
+from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Border, Planning
 from rsdeblur.deconv.priors import LatentPrior, check_prior
 from rsdeblur.deconv.wiener import TileFilter
@@ -21,6 +22,7 @@ MARGIN = 3.0
 Coupling = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 
+@one_line("shape", "nsr", "_kernel_size")
 class TileQuadratic(TileFilter):
     """Deconvolution with a bank of PSFs and a prior on the gradient, planned once and applied often.
 
@@ -46,6 +48,15 @@ class TileQuadratic(TileFilter):
     ------
     InputError
         As :class:`rsdeblur.Deconvolver` does.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rsdeblur
+    >>> bank = rsdeblur.PsfBank.for_picture(np.full((1, 5), 0.2), (64, 64))
+    >>> solver = rsdeblur.TileQuadratic(bank, (64, 64))
+    >>> solver.apply(np.full((64, 64), 0.5), prior=rsdeblur.GradientPrior("tv", 0.01)).shape
+    (64, 64)
     """
 
     def __init__(

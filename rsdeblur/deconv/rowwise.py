@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
+from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import BORDERS, PLANNINGS, SOLVERS, Border, Planning, Solver
 from rsdeblur.deconv.fft import empty, remember
@@ -44,6 +45,7 @@ EDGE_FADE = 16
 LEAST_EXPECTED = 1e-3
 
 
+@one_line("shape", "nsr", "solver")
 class RowDeconvolver:
     """Deconvolution with the PSF of every row, planned once and applied often.
 
@@ -82,6 +84,16 @@ class RowDeconvolver:
     InputError
         If `paths` are not those of the picture's rows or reach further than the picture, or an argument is out of
         range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rsdeblur
+    >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(64, 48, 80.0)
+    >>> capture = rsdeblur.Capture.from_log(log, camera, rsdeblur.Exposure(0.2, 0.05))
+    >>> paths = rsdeblur.BlurPaths.every_row(capture, cols=[31.5])
+    >>> rsdeblur.RowDeconvolver(paths, (48, 64), solver="direct").apply(np.full((48, 64), 0.5)).shape
+    (48, 64)
     """
 
     def __init__(

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
+from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import thread_count
 from rsdeblur.deconv.fft import empty
 from rsdeblur.deconv.rowwise_spectra import RowSpectra
@@ -86,6 +87,7 @@ class StripBlur:
         return seen
 
 
+@one_line("picture_shape", "latent_shape", "top")
 class RowBlur:
     """Row-exact blur of a rolling-shutter picture as a linear operator, and its adjoint.
 
@@ -113,6 +115,19 @@ class RowBlur:
     ------
     InputError
         If `paths` do not belong to the rows 0, 1, 2 and so on, or a count is not a positive whole number.
+
+    Examples
+    --------
+    The adjoint fits the forward operator:
+
+    >>> import numpy as np
+    >>> import rsdeblur
+    >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(64, 48, 80.0)
+    >>> capture = rsdeblur.Capture.from_log(log, camera, rsdeblur.Exposure(0.2, 0.05))
+    >>> blur = rsdeblur.RowBlur(rsdeblur.BlurPaths.every_row(capture, cols=[31.5]), width=64)
+    >>> u, g = np.ones(blur.latent_shape), np.ones(blur.picture_shape)
+    >>> bool(np.isclose((blur.forward(u) * g).sum(), (u * blur.adjoint(g)).sum()))
+    True
     """
 
     def __init__(self, paths: BlurPaths, width: int, *, channels: int = 1, threads: int | None = None) -> None:

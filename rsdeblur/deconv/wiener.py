@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
+from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import BORDERS, PLANNINGS, Border, Planning
 from rsdeblur.deconv.fft import LineTransform, RowTransform, remember
@@ -214,6 +215,7 @@ class TileFilter:
         self._hybrid.team.share(lambda thread, tile: work(thread, *divmod(tile, bands)), range(strips * bands))
 
 
+@one_line("shape", "nsr", "_kernel_size")
 class Deconvolver(TileFilter):
     """Wiener deconvolution with a bank of PSFs, planned once and applied often.
 
@@ -247,6 +249,17 @@ class Deconvolver(TileFilter):
     InputError
         If a kernel is larger than the picture, two kernels are less than a pixel apart, one lies outside the picture,
         or an argument is out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rsdeblur
+    >>> bank = rsdeblur.PsfBank.for_picture(np.full((1, 5), 0.2), (64, 64))
+    >>> solver = rsdeblur.Deconvolver(bank, (64, 64), nsr=0.02)
+    >>> solver
+    Deconvolver(shape=(64, 64), nsr=0.02, kernel_size=(1, 5))
+    >>> solver.apply(np.full((64, 64), 0.5))[0, :2].round(3)
+    array([0.5, 0.5], dtype=float32)
     """
 
     def __init__(

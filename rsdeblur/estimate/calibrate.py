@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from rsdeblur._util import validate
+from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import ReadoutDirection
 from rsdeblur.errors import ClockError, InputError
 from rsdeblur.estimate.clip_fit import ClipFit, fit_clip
@@ -76,6 +77,7 @@ class Estimate(NamedTuple):
         return self.sd is not None
 
 
+@one_line()
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
     """Result of :func:`calibrate`.
@@ -175,6 +177,12 @@ def calibrate(
     .. [2] C. Jia and B. L. Evans, "Online camera-gyroscope autocalibration for cell phones", IEEE Trans. Image
        Processing 23 (2014) 5070-5081.
     .. [3] P.-E. Forssen and E. Ringaby, "Rectifying rolling shutter video from hand-held devices", CVPR (2010).
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> found = rsdeblur.calibrate(frames, exposures, log, rsdeblur.Camera(640, 480, 500.0))  # doctest: +SKIP
+    >>> found.camera.save("camera.toml")  # doctest: +SKIP
     """
     first, last = (validate.finite("search", end) for end in search)
     if last <= first:

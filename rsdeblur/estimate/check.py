@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 
+from rsdeblur._util.one_line import one_line
 from rsdeblur.estimate.noise import noise_level
 from rsdeblur.estimate.spectra import TILE, TilePeriodograms
 from rsdeblur.image.encoded import EncodedImage
@@ -74,6 +75,7 @@ HINTS = {
 }
 
 
+@one_line()
 @dataclass(frozen=True, slots=True)
 class QualityCheck:
     """Check of a result of :func:`rsdeblur.deblur`.

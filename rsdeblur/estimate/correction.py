@@ -76,6 +76,14 @@ class Uncertainty:
     ------
     InputError
         If a value is negative or not finite, or all are 0.
+
+    Examples
+    --------
+    The clock is known, the focal length to 5 %:
+
+    >>> import rsdeblur
+    >>> rsdeblur.Uncertainty(offset=0, scale=0.05)
+    Uncertainty(scale=0.05, drift=0.0025, offset=0.0, readout=0.15, roll=0.02)
     """
 
     scale: float = 0.15

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rsdeblur._util import validate
+from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording, Uncertainty
 from rsdeblur.estimate.posterior import Posterior
@@ -45,6 +46,7 @@ NATS_PER_FALL, NATS_PER_PARAMETER = 1000.0, 3.0
 LEAST_WORTH, LEAST_FALL, MOST_DEVIATIONS = 15.0, 0.01, 6.0
 
 
+@one_line()
 @dataclass(frozen=True, slots=True, eq=False)
 class Refinement:
     """Result of :func:`refine`: what to pass to :func:`rsdeblur.deblur`.
@@ -124,6 +126,14 @@ def refine(
     One picture does not calibrate a camera: offset, readout time, focal length and drift explain one another in part.
     The blur is right long before they are. Use the result for this picture, and :func:`rsdeblur.find_time_offset` or
     several pictures for a camera file.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> log, camera = rsdeblur.read_gyro("gyro.csv"), rsdeblur.read_camera("camera.toml")  # doctest: +SKIP
+    >>> exposure = rsdeblur.Exposure(0.25, 0.05)  # doctest: +SKIP
+    >>> found = rsdeblur.refine(image, log, camera, exposure)  # doctest: +SKIP
+    >>> rsdeblur.deblur(image, found.log, found.camera, found.exposure)  # doctest: +SKIP
     """
     check_recording(log, camera, exposure, translation)
     uncertainty = Uncertainty() if uncertainty is None else validate.instance("uncertainty", uncertainty, Uncertainty)

@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from rsdeblur._util import validate
+from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Prior
 from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.wavelet import MOST_VARIANCE, Factors, WaveletPrior, frame_responses
@@ -61,6 +62,7 @@ def nsr_of_iso(iso: float) -> float:
     return validate.strength("nsr", BASE_NSR * validate.finite("iso", iso, above=0.0) / BASE_ISO)
 
 
+@one_line("noise", "energy", "radius", "border_error")
 @dataclass(frozen=True, eq=False)
 class Tuning:
     """Measurements of a picture and its PSFs, from which the strength of every prior follows.
@@ -78,6 +80,16 @@ class Tuning:
         with priors on the gradient.
     spectra : Spectra
         Spectra of the PSFs.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rsdeblur
+    >>> light = np.random.default_rng(0).random((64, 64))
+    >>> bank = rsdeblur.PsfBank.for_picture(np.full((1, 5), 0.2), light.shape)
+    >>> tuning = rsdeblur.Tuning.of(light, bank, noise=0.01)
+    >>> tuning.weight("tv", 1.0) > 0 and tuning.noise
+    0.01
     """
 
     noise: float

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
+from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.estimate.correction import Correction, Recording, Uncertainty
@@ -47,6 +48,7 @@ LEAST_LEAD = 30.0
 LEAST_FALL = 0.005
 
 
+@one_line()
 @dataclass(frozen=True, slots=True, eq=False)
 class OffsetSearch:
     """Result of :func:`find_time_offset`.
@@ -118,6 +120,13 @@ def find_time_offset(
     A periodogram is distributed exponentially about its mean, so its negative log-likelihood is
     `sum log V + P / V` (Whittle 1953) with `V = a S |H|^2 + b N`: S the scene's spectrum, whose gradients are taken as
     white, N the noise's, and a, b free in every tile.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> log, camera = rsdeblur.read_gyro("gyro.csv"), rsdeblur.read_camera("camera.toml")  # doctest: +SKIP
+    >>> rsdeblur.find_time_offset(image, log, camera, rsdeblur.Exposure(0.25, 0.05)).time_offset  # doctest: +SKIP
+    0.0123
     """
     check_recording(log, camera, exposure)
     validate.callback("progress", progress)

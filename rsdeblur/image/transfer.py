@@ -49,6 +49,12 @@ def to_linear(values: NDArray[np.float32], transfer: Transfer) -> NDArray[np.flo
     -------
     ndarray, float32
         `values` themselves if the curve is linear.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> rsdeblur.to_linear([0.0, 0.5, 1.0], "srgb").round(3)
+    array([0.   , 0.214, 1.   ], dtype=float32)
     """
     transfer = check_transfer(transfer)
     if transfer == "linear":
@@ -77,6 +83,12 @@ def from_linear(light: NDArray[np.float32], transfer: Transfer) -> NDArray[np.fl
     -------
     ndarray, float32
         `light` itself if the curve is linear.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> rsdeblur.from_linear([0.0, 0.214, 1.0], "srgb").round(3)
+    array([0. , 0.5, 1. ], dtype=float32)
     """
     transfer = check_transfer(transfer)
     if transfer == "linear":

@@ -80,6 +80,13 @@ def read_camera(
     -----
     RsdeblurWarning
         For each value that is assumed because the file does not contain it.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> rsdeblur.Camera(640, 480, 500.0, readout_time=0.03).save("phone.toml")
+    >>> rsdeblur.read_camera("phone.toml").readout_time
+    0.03
     """
     file = open_camera(
         path, format, size=size, name=name, fps=fps, focal_length=focal_length, sensor_width=sensor_width

@@ -37,7 +37,7 @@ def read_gyro(
     orientation: str | None = None,
     rate: float | None = None,
 ) -> GyroLog:
-    """Read a gyro log.
+    r"""Read a gyro log.
 
     ===================== ==================================================================================
     ``gyrodata``          JPEG with a GYRODATA trailer
@@ -96,6 +96,14 @@ def read_gyro(
     -----
     RsdeblurWarning
         If samples were sorted or dropped, if the rates look like degrees, or if the file gives reason for caution.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> with open("gyro.csv", "w") as file:
+    ...     _ = file.write("t,wx,wy,wz\n0.00,0.1,0,0\n0.01,0.1,0,0\n")
+    >>> rsdeblur.read_gyro("gyro.csv")
+    GyroLog(t=[0, 0.01], rate=100, span=(0, 0.01), epoch_ns=0)
     """
     return open_gyro(path, format, unit=unit, orientation=orientation, rate=rate).log
 

@@ -28,6 +28,7 @@ from PIL import Image, UnidentifiedImageError
 from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write, check_target
 from rsdeblur._util.files import checked_path, open_file, read_file
+from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import FileFormatError, InputError, OutputError
 from rsdeblur.io import _heif, _jpeg, _metadata, _raw, _tiff, mapped, untrusted
 from rsdeblur.io._encode import encode, quantised
@@ -66,6 +67,7 @@ DAMAGE = (
 _limit_lock = threading.Lock()
 
 
+@one_line()
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
     r"""A picture as stored in a file.
@@ -136,6 +138,15 @@ def read_picture(path: str | os.PathLike[str], *, in_place: bool = False) -> Pic
         If the file cannot be read, is empty, truncated, damaged or not a picture of these formats; if its extra is not
         installed or the memory is too small; or if it has more than 500 megapixels, more than 64 megapixels (a TIFF:
         16) at over 1000 pixels per byte, or samples other than 1 to 8 bit, 16 bit or float.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rsdeblur
+    >>> rsdeblur.write_picture("photo.png", np.zeros((48, 64, 3), np.uint8))
+    >>> picture = rsdeblur.read_picture("photo.png")
+    >>> picture.pixels.dtype, picture.transfer
+    (dtype('uint8'), 'srgb')
     """
     path = checked_path(path)
     if validate.boolean("in_place", in_place):
@@ -251,6 +262,14 @@ def write_picture(
     RsdeblurWarning
         If `like` has parts that no copy can keep (gain maps, C2PA manifests), or if EXIF or XMP is left out: it is too
         long for JPEG, XMP is damaged, or EXIF is damaged and the file is a TIFF.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rsdeblur
+    >>> rsdeblur.write_picture("grey.png", np.zeros((48, 64), np.uint8))
+    >>> rsdeblur.read_picture("grey.png")
+    Picture(pixels=uint8[48, 64])
     """
     path = checked_path(path)
     check_writable(path, force=force)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util import validate
+from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io.columns import SPACING
 from rsdeblur.io.text import INT64_LIMIT, Table, line_error
@@ -77,6 +78,7 @@ class Samples:
     cautions: Sequence[str] = ()
 
 
+@one_line()
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroFile:
     """A gyro log with the other content of its file.

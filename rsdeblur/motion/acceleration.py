@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from rsdeblur._util.one_line import one_line
 from rsdeblur.motion.sensor_log import SensorLog
 from rsdeblur.types import FloatArray
 
@@ -12,6 +13,7 @@ from rsdeblur.types import FloatArray
 LARGEST_FORCE = 1e12
 
 
+@one_line("t", "rate", "span", "epoch_ns")
 @dataclass(frozen=True, slots=True, eq=False)
 class AccelerationLog(SensorLog):
     """Specific forces as the accelerometer recorded them: its acceleration minus that of gravity.
@@ -32,6 +34,12 @@ class AccelerationLog(SensorLog):
     InputError
         If an array has a wrong shape, a value is not finite, a force is beyond 1e12 m/s^2, the times do not increase,
         or `epoch_ns` does not fit into 64 bits.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> rsdeblur.AccelerationLog([0.0, 0.01, 0.02], [[0, 0, 9.81]] * 3)
+    AccelerationLog(t=[0, 0.01, 0.02], rate=100, span=(0, 0.02), epoch_ns=0)
     """
 
     SENSOR: ClassVar = "accelerometer"

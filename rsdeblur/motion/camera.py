@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.files import checked_path, read_file
+from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import (
     DISTORTIONS,
     READOUT_DIRECTIONS,
@@ -47,6 +48,7 @@ LARGEST = 1e12
 ROTATION_TOLERANCE = 1e-3
 
 
+@one_line()
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Camera:
     """A camera with a rolling shutter and a rigidly mounted IMU.

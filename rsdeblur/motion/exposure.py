@@ -30,6 +30,14 @@ class Exposure:
     ------
     InputError
         If a value is not finite, the duration is not positive, or `epoch_ns` does not fit into 64 bits.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> camera = rsdeblur.Camera(640, 480, 500.0, readout_time=0.03)
+    >>> opens, closes = rsdeblur.Exposure(0.25, 0.05).window([0, 240], camera)
+    >>> opens, closes
+    (array([0.25 , 0.265]), array([0.3  , 0.315]))
     """
 
     start: float

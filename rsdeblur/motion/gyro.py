@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
+from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.motion.sensor_log import SensorLog
 from rsdeblur.types import FloatArray
@@ -33,6 +34,7 @@ LARGEST_RATE = 1e12
 MOST_SAMPLES = 10_000
 
 
+@one_line("t", "rate", "span", "epoch_ns")
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroLog(SensorLog):
     """Angular rates as the gyroscope recorded them.
@@ -57,6 +59,14 @@ class GyroLog(SensorLog):
     -----
     RsdeblurWarning
         If the rates look like degrees per second: their median is beyond 5 rad/s, or the largest beyond 35 rad/s.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rsdeblur
+    >>> log = rsdeblur.GyroLog(np.arange(200) * 0.005, np.full((200, 3), 0.1))
+    >>> log.minus_bias([0.1, 0.1, 0.1]).shifted(2.0)
+    GyroLog(t=float64[200], rate=200, span=(2, 2.995), epoch_ns=0)
     """
 
     SENSOR: ClassVar = "gyro"
@@ -104,6 +114,7 @@ class GyroLog(SensorLog):
         return self._derived(omega=self.omega - validate.real_array("b", b, (3,)))
 
 
+@one_line()
 @dataclass(frozen=True, slots=True, eq=False)
 class OrientationTrack:
     """Camera orientation `C(t)`, camera-from-world, between the samples of a gyro log.

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rsdeblur._util import validate
+from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.motion.acceleration import AccelerationLog
 from rsdeblur.motion.camera import Camera
@@ -35,6 +36,7 @@ LINE_SAMPLES = 33
 FIRST_DEPTH = 3.0
 
 
+@one_line()
 @dataclass(frozen=True, slots=True, eq=False)
 class InertialTrack:
     """Positions of the camera during a recording, up to gravity, start velocity and depth.
@@ -260,6 +262,7 @@ class InertialTrack:
         return turned
 
 
+@one_line()
 @dataclass(frozen=True, slots=True, eq=False)
 class DriftFit:
     """Motion of the camera during a recording, from drifts of pictures and the accelerometer.

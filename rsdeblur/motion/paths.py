@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rsdeblur._util import validate
+from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import GEOMETRIES, MOTIONS, Geometry, Motion
 from rsdeblur.errors import InputError
 from rsdeblur.motion.arguments import check_recording
@@ -55,6 +56,7 @@ PROBE_ROWS, PROBE_COLS = 33, 9
 FIXED_POINT_STEPS = 3
 
 
+@one_line()
 @dataclass(frozen=True, eq=False)
 class Capture:
     """One exposure with the motion of the camera during it; the readout runs along y.
@@ -76,6 +78,14 @@ class Capture:
     motion : {"rotation", "small-angle"}
         Model of the paths: the full homography; or Sindelar and Sroubek (2013), eq. 6, for small angles about x and y,
         with paths that are the same over the whole width.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(640, 480, 500.0)
+    >>> capture = rsdeblur.Capture.from_log(log, camera, rsdeblur.Exposure(0.2, 0.05))
+    >>> rsdeblur.BlurPaths.from_capture(capture, rows=[100, 300], cols=[320]).lengths.shape
+    (2, 1)
     """
 
     track: OrientationTrack
@@ -225,6 +235,7 @@ class Capture:
         return opens[:, None] + (closes - opens)[:, None] * np.linspace(0.0, 1.0, samples)
 
 
+@one_line()
 @dataclass(frozen=True, slots=True, eq=False)
 class BlurPaths:
     """Displacement paths of pixels on a grid of rows x columns of the picture.

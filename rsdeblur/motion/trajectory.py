@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rsdeblur._util import validate
+from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import InputError
 from rsdeblur.motion.axes import imu_to_camera
 from rsdeblur.motion.camera import Camera
@@ -18,6 +19,7 @@ from rsdeblur.types import FloatArray
 NORM_TOLERANCE = 0.01
 
 
+@one_line()
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
     """Positions and orientations of a body, such as a camera or an IMU, in the world.
@@ -39,6 +41,14 @@ class Trajectory:
     InputError
         If an array has a wrong shape, a value is not finite, the times do not increase, a quaternion's norm is not 1,
         or `epoch_ns` does not fit into 64 bits.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> poses = rsdeblur.Trajectory([0, 1], [[0, 0, 0], [0.02, 0, 0]], [[0, 0, 0, 1], [0, 0, 0, 1]])
+    >>> camera, exposure = rsdeblur.Camera(640, 480, 500.0), rsdeblur.Exposure(0.25, 0.05)
+    >>> poses.translation(exposure, camera, depth=2.0).depth
+    2.0
     """
 
     t: FloatArray

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rsdeblur._util import validate
+from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.types import FloatArray
 
@@ -14,6 +15,7 @@ from rsdeblur.types import FloatArray
 CLOCK_TICK = 1e-9
 
 
+@one_line()
 @dataclass(frozen=True, slots=True, eq=False)
 class Translation:
     """Positions of the camera over time, and the depth of the scene.
@@ -35,6 +37,15 @@ class Translation:
     InputError
         If an array has a wrong shape, a value is not finite, the times do not increase, the depth is not positive, or
         `epoch_ns` does not fit into 64 bits.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> sideways = rsdeblur.Translation([0.2, 0.3], [[0, 0, 0], [0.002, 0, 0]], depth=1.5)
+    >>> camera, exposure = rsdeblur.Camera(64, 48, 600.0), rsdeblur.Exposure(0.22, 0.05)
+    >>> still = rsdeblur.GyroLog([0, 1], [[0, 0, 0], [0, 0, 0]])
+    >>> rsdeblur.psfs(still, camera, exposure, mode="global", translation=sideways).size
+    (3, 3)
     """
 
     t: FloatArray

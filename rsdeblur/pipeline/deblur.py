@@ -153,6 +153,16 @@ def deblur(
         the result is not finite.
     CoverageError, ClockError, GapError
         If the log does not cover the exposure, is on another clock, or has a gap inside the exposure.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(96, 72, 100.0, readout_time=0.03)
+    >>> exposure = rsdeblur.Exposure(0.2, 0.05)
+    >>> blurred, _, _ = rsdeblur.simulate(rsdeblur.scene(96, 120), log, camera, exposure, noise=0.005)
+    >>> result = rsdeblur.deblur(blurred, log, camera, exposure)
+    >>> result.image.shape, result.check.verdict in ("good", "doubtful", "bad")
+    ((72, 96, 3), True)
     """
     options = Options(
         mode=mode,
@@ -214,6 +224,14 @@ def psfs(
     ------
     InputError, CoverageError, ClockError, GapError
         As :func:`deblur`.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(640, 480, 500.0, readout_time=0.03)
+    >>> bank = rsdeblur.psfs(log, camera, rsdeblur.Exposure(0.2, 0.05), bands=4, strips=2)
+    >>> bank.kernels.shape[:2], float(bank.at(100, 320).sum().round(4))
+    ((4, 2), 1.0)
     """
     nsr = validate.strength("nsr", nsr)
     options = Options(mode=mode, bands=bands, strips=strips, motion=motion, translation=translation)

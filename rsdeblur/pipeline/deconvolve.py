@@ -70,7 +70,11 @@ def deconvolve(
 
     Examples
     --------
-    >>> sharp = rsdeblur.deconvolve(image, kernel / kernel.sum(), prior="hyper-laplacian").image
+    >>> import numpy as np
+    >>> import rsdeblur
+    >>> image, kernel = np.full((64, 64), 0.5), np.full((1, 5), 0.2)
+    >>> rsdeblur.deconvolve(image, kernel, prior="hyper-laplacian", noise=0.01).image.shape
+    (64, 64)
     """
     options = Options(
         prior=prior,

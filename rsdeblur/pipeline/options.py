@@ -39,6 +39,13 @@ class Options:
     ------
     InputError
         If a value is out of range, or two options exclude each other.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> options = rsdeblur.Options(prior="wiener", nsr=0.02)
+    >>> options.mode, options.prior
+    ('banded', 'wiener')
     """
 
     mode: Mode = "banded"

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
+from rsdeblur._util.one_line import html_with_picture, one_line
 from rsdeblur.choices import Mode
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck, UndershootMeter, assess, fall_back
@@ -34,13 +35,14 @@ from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import derive_strengths, solve_chunks, split_highlights
 from rsdeblur.pipeline.strengths import Strengths
 from rsdeblur.pipeline.tiles import Grid, tile_paths
-from rsdeblur.psf import PsfBank
+from rsdeblur.psf import PsfBank, kernel_sheet
 from rsdeblur.types import FloatImage, Progress
 
 # Noise-to-signal ratio of the Wiener filter that estimates the highlights behind clipped pixels.
 HIGHLIGHT_NSR = 0.01
 
 
+@one_line()
 @dataclass(frozen=True, slots=True, eq=False)
 class DeblurResult:
     """A deblurred picture and what was used for it.
@@ -82,7 +84,12 @@ class DeblurResult:
     noise: float | None = None
     refinement: Refinement | None = None
 
+    def _repr_html_(self) -> str:
+        """Return the representation and the kernels for a notebook."""
+        return html_with_picture(self, kernel_sheet(self.psfs))
 
+
+@one_line()
 @dataclass(frozen=True, eq=False)
 class Plan:
     """Plan for deblurring pictures of one capture; made by :func:`rsdeblur.plan`.
@@ -368,8 +375,13 @@ def plan(log: GyroLog, camera: Camera, exposure: Exposure, options: Options | No
 
     Examples
     --------
-    >>> plan = rsdeblur.plan(log, camera, exposure, rsdeblur.Options(mode="rowwise"))
-    >>> sharp = plan.apply(image).image
+    >>> import numpy as np
+    >>> import rsdeblur
+    >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(64, 64, 80.0, readout_time=0.03)
+    >>> exposure = rsdeblur.Exposure(0.2, 0.05)
+    >>> plan = rsdeblur.plan(log, camera, exposure, rsdeblur.Options(prior="wiener", nsr=0.02))
+    >>> plan.replan(log, exposure.shifted(1 / 30)).apply(np.full((64, 64), 0.5)).image.shape
+    (64, 64)
     """
     check_recording(log, camera, exposure)
     options = Options() if options is None else validate.instance("options", options, Options)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from rsdeblur._util.one_line import one_line
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -34,6 +35,7 @@ AROUND, LEAST_AROUND = 0.5, 0.02
 MOST_SAMPLES = 4000
 
 
+@one_line()
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionPlot:
     """The gyroscope's rates around an exposure, and when each row was exposed.

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.atomic import atomic_write
+from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import InputError
 from rsdeblur.psf import PsfBank
 from rsdeblur.report.bands import BandFigures
@@ -32,6 +33,7 @@ STAGES = ("highlights", "tune", "psfs", "plan", "apply", "rectify", "check")
 TIMES, NONE = "\N{MULTIPLICATION SIGN}", "\N{EN DASH}"
 
 
+@one_line()
 @dataclass(frozen=True, slots=True, eq=False)
 class Page:
     """Content of a report.

@@ -72,6 +72,15 @@ def simulate_clip(
         If an argument is out of its range, or the lens distorts.
     CoverageError, ClockError, GapError
         If the log or the translation does not describe the clip.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rsdeblur
+    >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(64, 48, 80.0, readout_time=0.03)
+    >>> exposures = [rsdeblur.Exposure(0.2 + i / 30, 1 / 60) for i in range(3)]
+    >>> sum(1 for frame in rsdeblur.simulate_clip(np.full((64, 80), 0.5), log, camera, exposures))
+    3
     """
     if camera.distortion_model != "none" or not exposures:
         raise InputError("a simulated clip needs at least one exposure, and a camera without lens distortion")

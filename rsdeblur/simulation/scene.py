@@ -98,6 +98,13 @@ def scene(height: int, width: int, *, seed: int = 0) -> FloatImage:
     ------
     InputError
         If an argument is out of its range.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> picture = rsdeblur.scene(64, 64)
+    >>> picture.shape, picture.dtype
+    ((64, 64, 3), dtype('float32'))
     """
     height = validate.count("height", height, minimum=SMALLEST, maximum=MOST_PIXELS)
     width = validate.count("width", width, minimum=SMALLEST, maximum=MOST_PIXELS)

@@ -62,6 +62,12 @@ def hand_shake(duration: float, *, rate: float = 200.0, strength: float = 1.0, s
        tremor", J. Physiol. 593 (2015) 4411-4422.
     .. [2] R. J. Elble, "Physiologic and enhanced physiologic tremor", in M. Hallett (ed.), Movement Disorders,
        Handbook of Clinical Neurophysiology 1 (2003), chapter 22.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> rsdeblur.hand_shake(0.5, seed=1)
+    GyroLog(t=float64[101], rate=200, span=(0, 0.5), epoch_ns=0)
     """
     duration = validate.finite("duration", duration, above=0.0)
     rate = validate.finite("rate", rate, above=2.0 * TREMOR[1])

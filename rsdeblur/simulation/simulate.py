@@ -14,6 +14,7 @@ from scipy import ndimage
 from scipy.spatial.transform import Rotation, Slerp
 
 from rsdeblur._util import validate
+from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.image.frame import ReadoutFrame
@@ -36,6 +37,7 @@ SAMPLES_PER_PIXEL = 2
 MOST_WARPS, MOST_STEPS = 20_000_000, 2_000_000
 
 
+@one_line()
 class Simulation(NamedTuple):
     """Result of :func:`simulate`; all pictures are float32 and have the size of the camera's picture.
 
@@ -103,6 +105,14 @@ def simulate(
         If an argument is out of its range, or `sharp` is smaller than the camera's picture or not finite.
     CoverageError, ClockError, GapError
         If the log or the translation does not describe the exposure.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rsdeblur
+    >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(64, 48, 80.0, readout_time=0.03)
+    >>> rsdeblur.simulate(np.full((64, 80, 3), 0.5), log, camera, rsdeblur.Exposure(0.2, 0.05))
+    Simulation(blurred=float32[48, 64, 3], rectified=float32[48, 64, 3], rolling=float32[48, 64, 3])
     """
     check_recording(log, camera, exposure, translation)
     scene, transfer = linear_scene(sharp, transfer)

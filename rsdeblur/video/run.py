@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -250,7 +250,8 @@ def _tidy(segment: Segment) -> None:
 def _fingerprint(plan: ClipPlan, encoding: Encoding, segment: int) -> str:
     """Return the fingerprint of everything that the bits of a segment depend on."""
     log, camera = plan.log, plan.camera
-    motion: list[Any] = [log.epoch_ns, log.t.tobytes(), log.omega.tobytes(), repr(camera), camera.imu_to_camera]
+    motion: list[Any] = [log.epoch_ns, log.t.tobytes(), log.omega.tobytes(), camera.imu_to_camera.tobytes()]
+    motion += astuple(camera)
     # By its name alone, like the files of a batch, so that the folder may be moved.
     clip = replace(plan.clip, path=Path(plan.clip.path.name))
     shared = [clip, plan.exposures, plan.shares, replace(plan.options, threads=None), plan.strengths, plan.grid]

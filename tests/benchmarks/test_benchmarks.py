@@ -47,6 +47,15 @@ def test_first_round_is_not_counted_and_the_rest_is_summarised(module):
     assert times["steady"] / times["rising"] == pytest.approx(4 / 3)
 
 
+def test_noisy_figures_are_not_published(module):
+    timing, quiet = module("timing"), {"fft": module("timing").Times(median=100, low=95, high=109)}
+    timing.refuse_noise(0.2, quiet)
+    with pytest.raises(SystemExit, match=r"load was 2\.6"):
+        timing.refuse_noise(2.6, quiet)
+    with pytest.raises(SystemExit, match="wiener: the quartiles are 16% of the median apart"):
+        timing.refuse_noise(0.2, quiet | {"wiener": timing.Times(median=100, low=90, high=106)})
+
+
 def test_every_round_runs_each_job_once_in_changing_order(module):
     clock = FakeClock()
     jobs = {name: clock.job(name, [1.0] * 21) for name in "abcd"}

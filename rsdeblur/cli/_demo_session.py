@@ -1,0 +1,121 @@
+"""Simulated sessions of a logger app for `rsdeblur demo`: a log, the exposures, and photos or a video."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from rsdeblur.motion.camera import Camera
+    from rsdeblur.motion.exposure import Exposure
+    from rsdeblur.motion.gyro import GyroLog
+
+EPOCH = 1_560_000_000_000  # ns, of a phone that was started half an hour ago
+START = 0.25  # s, of the first exposure in the log
+MARGIN = 0.1  # of the scene beyond the frame, in longer sides
+STRENGTH = 0.4  # of a phone shaken on purpose
+FOCAL, READOUT, NOISE = 1.1, 0.02, 0.005  # picture widths, s, standard deviation in linear light
+LOG, CAMERA, CAPTURES, MOVIE = "gyro_accel.csv", "camera.toml", "movie_metadata.csv", "movie.mp4"
+
+
+class Kind(NamedTuple):
+    """Number of frames, their interval and duration in s, and the file of each; without files, they are a video."""
+
+    frames: int
+    interval: Fraction
+    duration: Fraction
+    files: tuple[str, ...]
+
+
+KINDS = {
+    "recording": Kind(4, Fraction(1, 2), Fraction(1, 20), tuple(f"frame{i:04}.png" for i in range(4))),
+    "video": Kind(24, Fraction(1, 30), Fraction(1, 40), ()),
+}
+
+
+def names(kind: str) -> list[str]:
+    """Return the names of the files that :func:`write` makes."""
+    return [LOG, CAMERA, CAPTURES, *(KINDS[kind].files or [MOVIE])]
+
+
+def write(kind: str, size: tuple[int, int], seed: int, folder: Path, *, force: bool) -> None:
+    """Simulate a session and write its files as MARS logger does, with a camera file."""
+    from rsdeblur.io.pictures import write_picture
+    from rsdeblur.motion.camera import Camera
+    from rsdeblur.motion.exposure import Exposure
+    from rsdeblur.motion.gyro import GyroLog
+    from rsdeblur.simulation.shake import hand_shake
+
+    (width, height), session = size, KINDS[kind]
+    if kind == "video":
+        import rsdeblur.video._av  # noqa: F401  refuses a missing extra before the work
+    starts = [EPOCH + round(1e9 * (START + float(i * session.interval))) for i in range(session.frames)]
+    exposures = [Exposure(0.0, float(session.duration), stamp) for stamp in starts]
+    shake = hand_shake(2 * START + float(session.frames * session.interval), strength=STRENGTH, seed=seed)
+    log = GyroLog(shake.t, shake.omega, EPOCH)
+    # The app logs in phone axes.
+    camera = Camera(width, height, FOCAL * width, readout_time=READOUT, imu_to_camera="phone-landscape")
+    frames = _frames(log, camera, exposures, seed)
+    if session.files:
+        for name, frame in zip(session.files, frames, strict=True):
+            write_picture(folder / name, frame, force=force)
+    else:
+        _write_movie(folder / MOVIE, frames, (width, height), session.interval)
+    camera.save(folder / CAMERA)
+    _write_log(folder / LOG, log)
+    _write_captures(folder / CAPTURES, exposures, camera)
+
+
+def _frames(log: GyroLog, camera: Camera, exposures: list[Exposure], seed: int) -> Iterator[NDArray[np.float32]]:
+    """Yield the frames as display values in [0, 1]."""
+    from rsdeblur.image.transfer import from_linear
+    from rsdeblur.simulation.clip import simulate_clip
+    from rsdeblur.simulation.scene import scene
+
+    margin = round(MARGIN * max(camera.width, camera.height))
+    sharp = scene(camera.height + 2 * margin, camera.width + 2 * margin, seed=seed)
+    for frame in simulate_clip(sharp, log, camera, exposures, noise=NOISE, seed=seed, samples=16):
+        yield from_linear(frame.clip(0.0, 1.0), "srgb")
+
+
+def _write_log(path: Path, log: GyroLog) -> None:
+    header = "Timestamp[nanosec], gx[rad/s], gy[rad/s], gz[rad/s]"
+    stamps = (log.epoch_ns + np.rint(1e9 * log.t)).astype(np.int64).tolist()
+    rows = (f"{stamp},{x:.9f},{y:.9f},{z:.9f}" for stamp, (x, y, z) in zip(stamps, log.omega.tolist(), strict=True))
+    _write_lines(path, [header, *rows])
+
+
+def _write_captures(path: Path, exposures: list[Exposure], camera: Camera) -> None:
+    header = "Timestamp[nanosec],fx[px],fy[px],Frame No.,Exposure time[nanosec],Frame readout time[nanosec]"
+    focal, readout = camera.focal_length[0], round(1e9 * camera.readout_time)
+    rows = (
+        f"{each.epoch_ns},{focal:.2f},{focal:.2f},{i},{round(1e9 * each.duration)},{readout}"
+        for i, each in enumerate(exposures)
+    )
+    _write_lines(path, [header, *rows])
+
+
+def _write_lines(path: Path, lines: Iterable[str]) -> None:
+    from rsdeblur._util.atomic import atomic_write
+
+    with atomic_write(path) as file:
+        file.writelines(f"{line}\n".encode() for line in lines)
+
+
+def _write_movie(path: Path, frames: Iterable[NDArray[np.float32]], size: tuple[int, int], interval: Fraction) -> None:
+    """Encode display values as H.264 with one frame per `interval`."""
+    from rsdeblur._util.atomic import atomic_write
+    from rsdeblur.video._av import av
+
+    with atomic_write(path) as file, av.open(file, "w", format="mp4") as container:
+        stream: Any = container.add_stream("libx264", rate=1 / interval, options={"crf": "12"})
+        stream.width, stream.height, stream.pix_fmt = *size, "yuv420p"
+        for values in frames:
+            frame = av.VideoFrame.from_ndarray(np.rint(65535 * values).astype(np.uint16), format="rgb48le")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())

@@ -1,0 +1,319 @@
+"""Plots with Matplotlib (extra ``[plot]``): kernels, paths, logs and comparisons.
+
+Every function draws into the axes that it is given, or into a new figure, and returns the axes. Matplotlib is imported
+at the first call, so its backend can be chosen after this module is imported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rsdeblur._util import validate
+from rsdeblur.choices import Auto, Transfer
+from rsdeblur.errors import InputError
+from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.image.transfer import from_linear
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.paths import BlurPaths
+from rsdeblur.psf import PsfBank
+from rsdeblur.report.psf_map import visible_part
+from rsdeblur.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# Most rows and columns of kernels or paths in one plot, and the share of the room between two that one may fill.
+MOST_DOWN, MOST_ACROSS, FILLED = 7, 9, 0.9
+DIM = 0.4  # brightness left to the picture below kernels and paths
+# Part of the log that is shown before and after the exposures, as a share of their span, but at least this many s.
+AROUND, LEAST_AROUND = 0.5, 0.02
+COLOURS = ("tab:red", "tab:green", "tab:blue")
+
+
+def kernels(
+    bank: PsfBank, picture: ArrayLike | None = None, *, transfer: Transfer | Auto = "auto", ax: Axes | None = None
+) -> Axes:
+    """Draw kernels at their places in the picture, all enlarged by one factor, each brightened to its own peak.
+
+    Parameters
+    ----------
+    bank : PsfBank
+        Kernels and their places; at most 7 x 9 of them are drawn.
+    picture : array_like, shape (H, W) or (H, W, C), optional
+        Picture below the kernels.
+    transfer : {"auto", "linear", "srgb"} or float
+        How the picture's values encode light, as for :func:`rsdeblur.deblur`.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; default a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Axes in px of the picture.
+
+    Raises
+    ------
+    InputError
+        If an argument is invalid, or Matplotlib is not installed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rsdeblur.plot
+    >>> bank = rsdeblur.PsfBank.for_picture(np.full((2, 3, 1, 5), 0.2), (480, 640))
+    >>> ax = rsdeblur.plot.kernels(bank)
+    >>> ax.get_title()
+    '2 x 3 kernels of 5 x 1 px, drawn 27 times as large'
+    """
+    validate.instance("bank", bank, PsfBank)
+    ax = _axes(ax)
+    _show(ax, picture, transfer)
+    rows, cols = _some(bank.rows, MOST_DOWN), _some(bank.cols, MOST_ACROSS)
+    shown = visible_part(np.asarray(bank.kernels[np.ix_(rows, cols)], dtype=np.float64))
+    tall, wide = shown.shape[2:]
+    zoom = _zoom(bank.rows[rows], bank.cols[cols], tall, wide)
+    for kernel, y, x in zip(shown.reshape(-1, tall, wide), *_grid(bank.rows[rows], bank.cols[cols]), strict=True):
+        brightness = np.sqrt(np.clip(kernel / max(kernel.max(), 1e-30), 0.0, 1.0))
+        glow = np.ones((tall, wide, 4)) * (1.0, 0.69, 0.23, 0.0)
+        glow[..., 3] = brightness
+        ax.imshow(
+            glow, extent=(x - zoom * wide / 2, x + zoom * wide / 2, y + zoom * tall / 2, y - zoom * tall / 2), zorder=2
+        )
+    _frame(ax, picture, bank.rows, bank.cols)
+    height, width = bank.size
+    grid = f"{len(bank.rows)} x {len(bank.cols)}"
+    ax.set_title(f"{grid} kernels of {width} x {height} px, drawn {zoom:.2g} times as large")
+    return ax
+
+
+def paths(paths: BlurPaths, picture: ArrayLike | None = None, *, ax: Axes | None = None) -> Axes:
+    """Draw the paths of pixels at their places, enlarged by one factor, from dark (first) to bright (last).
+
+    Parameters
+    ----------
+    paths : BlurPaths
+        The paths; at most 7 x 9 of them are drawn.
+    picture : array_like, shape (H, W) or (H, W, C), optional
+        Picture below the paths, encoded as for :func:`rsdeblur.deblur` with ``transfer="auto"``.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; default a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Axes in px of the picture.
+
+    Raises
+    ------
+    InputError
+        If an argument is invalid, or Matplotlib is not installed.
+
+    Examples
+    --------
+    >>> import rsdeblur.plot
+    >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(640, 480, 500.0)
+    >>> capture = rsdeblur.Capture.from_log(log, camera, rsdeblur.Exposure(0.2, 0.05))
+    >>> grid = rsdeblur.BlurPaths.from_capture(capture, rows=[100, 300], cols=[200, 400])
+    >>> len(rsdeblur.plot.paths(grid).collections)
+    4
+    """
+    validate.instance("paths", paths, BlurPaths)
+    ax = _axes(ax)
+    from matplotlib.collections import LineCollection
+
+    _show(ax, picture, "auto")
+    rows, cols = _some(paths.rows, MOST_DOWN), _some(paths.cols, MOST_ACROSS)
+    drawn = paths.displacements[np.ix_(rows, cols)]
+    across, down = 2.0 * np.abs(drawn).max(axis=(0, 1, 2)) + 1.0
+    zoom = _zoom(paths.rows[rows], paths.cols[cols], down, across)
+    for path, y, x in zip(drawn.reshape(-1, *drawn.shape[2:]), *_grid(paths.rows[rows], paths.cols[cols]), strict=True):
+        points = np.array([x, y]) + zoom * path
+        pieces = LineCollection(list(np.stack([points[:-1], points[1:]], axis=1)), cmap="plasma", linewidth=2, zorder=2)
+        pieces.set_array(np.linspace(0.0, 1.0, len(pieces.get_paths())))
+        ax.add_collection(pieces)
+    _frame(ax, picture, paths.rows, paths.cols)
+    ax.set_title(f"paths of up to {paths.lengths.max():.3g} px, drawn {zoom:.2g} times as large")
+    return ax
+
+
+def log(log: GyroLog, camera: Camera, exposures: Exposure | Iterable[Exposure] = (), *, ax: Axes | None = None) -> Axes:
+    """Draw the rates of a gyro log in camera axes and camera time, with the windows of exposures.
+
+    A window is dark while all rows are exposed, and lighter while some are.
+
+    Parameters
+    ----------
+    log : GyroLog
+        The log.
+    camera : Camera
+        Source of the axes, the time offset and the readout.
+    exposures : Exposure or iterable of Exposure
+        Exposures; with any, the plot shows the part of the log around them.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; default a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Axes in s relative to the epoch of the first exposure, or of the log, and rad/s.
+
+    Raises
+    ------
+    InputError
+        If an argument is invalid, or Matplotlib is not installed.
+
+    Examples
+    --------
+    >>> import rsdeblur.plot
+    >>> shake, camera = rsdeblur.hand_shake(1.0, seed=1), rsdeblur.Camera(640, 480, 500.0, readout_time=0.03)
+    >>> ax = rsdeblur.plot.log(shake, camera, rsdeblur.Exposure(0.4, 0.05))
+    >>> ax.get_xlabel(), len(ax.lines)
+    ('camera time, s', 3)
+    """
+    validate.instance("log", log, GyroLog)
+    validate.instance("camera", camera, Camera)
+    windows = [exposures] if isinstance(exposures, Exposure) else list(exposures)
+    for window in windows:
+        validate.instance("exposures", window, Exposure)
+    ax = _axes(ax)
+    epoch = windows[0].epoch_ns if windows else log.epoch_ns
+    # Stamps are subtracted as integers; only the difference becomes a float.
+    t = log.t + (log.epoch_ns - epoch) * 1e-9 + camera.time_offset
+    rates = log.omega @ camera.imu_to_camera.T
+    spans = [np.add(window.span(camera), (window.epoch_ns - epoch) * 1e-9) for window in windows]
+    for window, (first, last) in zip(windows, spans, strict=True):
+        ax.axvspan(first, last, color="0.9", linewidth=0)
+        # While the last row opens until the first one closes, all rows are exposed.
+        common = last - window.duration, first + window.duration
+        if common[0] < common[1]:
+            ax.axvspan(*common, color="0.75", linewidth=0)
+    for axis, colour in zip(range(3), COLOURS, strict=True):
+        ax.plot(t, rates[:, axis], color=colour, linewidth=1, label="xyz"[axis])
+    if spans:
+        first, last = min(span[0] for span in spans), max(span[1] for span in spans)
+        around = max(AROUND * (last - first), LEAST_AROUND)
+        ax.set_xlim(first - around, last + around)
+    ax.set(xlabel="camera time, s", ylabel="rate about the camera's axes, rad/s")
+    ax.legend(loc="upper right", ncols=3)
+    return ax
+
+
+def comparison(
+    pictures: Mapping[str, ArrayLike],
+    *,
+    crop: tuple[int, int, int, int] | None = None,
+    reference: ArrayLike | None = None,
+    transfer: Transfer | Auto = "auto",
+) -> NDArray[Any]:
+    """Draw pictures side by side, with their PSNR where the truth is known.
+
+    Parameters
+    ----------
+    pictures : mapping of str to array_like
+        Pictures of one shape, by title.
+    crop : (top, left, height, width), optional
+        Part to show, px; default the whole. The PSNR is that of the whole.
+    reference : array_like, optional
+        The sharp picture.
+    transfer : {"auto", "linear", "srgb"} or float
+        How values encode light, as for :func:`rsdeblur.deblur`.
+
+    Returns
+    -------
+    ndarray of matplotlib.axes.Axes
+        One for each picture, in a new figure.
+
+    Raises
+    ------
+    InputError
+        If there is no picture, the shapes differ, or Matplotlib is not installed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rsdeblur.plot
+    >>> grey = np.full((48, 64), 0.5)
+    >>> axes = rsdeblur.plot.comparison({"grey": grey, "lighter": 1.1 * grey}, reference=grey)
+    >>> [ax.get_title() for ax in axes]
+    ['grey', 'lighter, 29.9 dB']
+    """
+    shown = {title: _display(picture, transfer) for title, picture in pictures.items()}
+    truth = None if reference is None else _display(reference, transfer)
+    shapes = {picture.shape for picture in shown.values()} | ({truth.shape} if truth is not None else set())
+    if len(shapes) != 1:
+        raise InputError(f"pictures must be at least one and all of one shape, got {sorted(shapes) or 'none'}")
+    top, left, tall, wide = crop or (0, 0, *shapes.pop()[:2])
+    plt = _pyplot()
+    width = 3.2 * len(shown)
+    _, axes = plt.subplots(
+        1, len(shown), squeeze=False, figsize=(width, width / len(shown) * tall / wide + 0.5), layout="constrained"
+    )
+    for ax, (title, picture) in zip(axes[0], shown.items(), strict=True):
+        part = picture[top : top + tall, left : left + wide]
+        ax.imshow(part, cmap="gray", vmin=0.0, vmax=1.0, interpolation="nearest")
+        error = 0.0 if truth is None else float(np.mean((picture - truth) ** 2))
+        ax.set_title(f"{title}, {-10 * np.log10(error):.1f} dB" if error else title)
+        ax.set_axis_off()
+    row: NDArray[Any] = axes[0]
+    return row
+
+
+def _pyplot() -> Any:
+    try:
+        import matplotlib.pyplot as plt
+    except ImportError:
+        raise InputError("plots need Matplotlib; install it with: pip install 'rsdeblur[plot]'") from None
+    return plt
+
+
+def _axes(ax: Axes | None) -> Any:
+    return _pyplot().subplots(layout="constrained")[1] if ax is None else ax
+
+
+def _display(picture: ArrayLike, transfer: Transfer | Auto) -> FloatArray:
+    """Return a picture as sRGB values in [0, 1], (H, W) or (H, W, 3), without alpha."""
+    encoded = EncodedImage.of(picture, transfer)
+    values = from_linear(encoded.linear(slice(None)), "srgb").clip(0.0, 1.0).astype(np.float64)
+    return values[..., 0] if values.shape[2] == 1 else values
+
+
+def _show(ax: Any, picture: ArrayLike | None, transfer: Transfer | Auto) -> None:
+    """Show the dimmed picture, or a dark ground."""
+    ax.set_facecolor("0.1")
+    if picture is not None:
+        ax.imshow(DIM * _display(picture, transfer), cmap="gray", vmin=0.0, vmax=1.0, zorder=1)
+
+
+def _some(centres: FloatArray, most: int) -> NDArray[np.intp]:
+    """Return the indices of at most `most` centres, spread evenly."""
+    count = len(centres)
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
+
+
+def _grid(rows: FloatArray, cols: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the rows and the columns of all points of a grid."""
+    return np.repeat(rows, len(cols)), np.tile(cols, len(rows))
+
+
+def _zoom(rows: FloatArray, cols: FloatArray, tall: float, wide: float) -> float:
+    """Return the factor by which things of `tall` x `wide` px fill the room between two places of the grid."""
+    down, across = (
+        float(np.diff(places).min()) if len(places) > 1 else 2.0 * float(places[0]) + 1.0 for places in (rows, cols)
+    )
+    return FILLED * min(down / tall, across / wide)
+
+
+def _frame(ax: Any, picture: ArrayLike | None, rows: FloatArray, cols: FloatArray) -> None:
+    """Limit the axes to the picture, whose size follows from even places where no picture is given."""
+    if picture is None:
+        height, width = (places[0] + places[-1] + 1 for places in (rows, cols))
+    else:
+        height, width = np.shape(picture)[:2]
+    ax.set_aspect("equal")
+    ax.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="column, px", ylabel="row, px")

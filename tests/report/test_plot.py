@@ -1,0 +1,80 @@
+"""Plots with Matplotlib, drawn without a screen."""
+
+from __future__ import annotations
+
+import doctest
+
+import numpy as np
+import pytest
+
+import rsdeblur as rs
+from rsdeblur import Camera, Exposure, InputError, PsfBank
+
+pyplot = pytest.importorskip("matplotlib.pyplot")
+plot = pytest.importorskip("rsdeblur.plot")
+
+LOG, CAMERA = rs.hand_shake(0.6, seed=1), Camera(64, 48, 80.0, readout_time=0.03, time_offset=0.1)
+EXPOSURE = Exposure(0.3, 0.05)
+PICTURE = np.random.default_rng(0).random((48, 64, 3))
+
+
+@pytest.fixture(autouse=True)
+def without_screen():
+    before = pyplot.get_backend()
+    pyplot.switch_backend("agg")
+    yield
+    pyplot.close("all")
+    pyplot.switch_backend(before)
+
+
+@pytest.mark.parametrize("name", ["kernels", "paths", "log", "comparison"])
+def test_examples_print_what_they_say(name):
+    (test,) = doctest.DocTestFinder().find(getattr(plot, name), name, globs={})
+    report = []
+    doctest.DocTestRunner().run(test, out=report.append)
+    assert not report, "".join(report)
+
+
+def test_kernels_are_drawn_at_their_places_and_in_proportion():
+    bank = PsfBank.for_picture(np.full((2, 3, 1, 5), 0.2), PICTURE.shape)
+    ax = plot.kernels(bank, PICTURE)
+    ground, *drawn = ax.images
+    assert ground.get_array().max() < 0.5
+    middles = [(np.mean(image.get_extent()[2:]), np.mean(image.get_extent()[:2])) for image in drawn]
+    np.testing.assert_allclose(middles, bank.centres.reshape(-1, 2))
+    for image in drawn:
+        left, right, bottom, top = image.get_extent()
+        tall, wide = image.get_array().shape[:2]
+        assert (right - left) / (bottom - top) == pytest.approx(wide / tall)
+    assert ax.get_ylim() == (47.5, -0.5)  # rows run downwards
+    ax.figure.canvas.draw()
+
+
+def test_paths_start_at_their_pixel_plus_the_first_displacement():
+    paths = rs.BlurPaths.from_capture(rs.Capture.from_log(LOG, CAMERA, EXPOSURE), [12, 36], [16, 48])
+    ax = plot.paths(paths)
+    zoom = float(ax.get_title().split()[-4])
+    first = ax.collections[0].get_segments()[0][0]
+    # The title gives two digits.
+    np.testing.assert_allclose(first, [16, 12] + zoom * paths.displacements[0, 0, 0], rtol=0.05, atol=0.3)
+    assert len(ax.collections) == 4
+
+
+def test_the_window_of_an_exposure_lies_in_camera_time():
+    later = Exposure(0.1, 0.02, epoch_ns=10**9)
+    near = rs.GyroLog(LOG.t, LOG.omega, epoch_ns=10**9)
+    ax = plot.log(near, CAMERA, [EXPOSURE, later])
+    lefts = sorted(patch.get_x() for patch in ax.patches)
+    # The epoch is that of the first exposure. All rows are exposed together in the first window only.
+    np.testing.assert_allclose(lefts, [0.3, EXPOSURE.span(CAMERA)[1] - 0.05, 1.1])
+    np.testing.assert_allclose(ax.lines[0].get_xdata()[0], 1.1)
+    assert len(plot.log(LOG, CAMERA).patches) == 0
+
+
+def test_a_comparison_has_one_shape():
+    axes = plot.comparison({"a": PICTURE, "b": PICTURE}, crop=(5, 6, 7, 8), reference=PICTURE)
+    assert [ax.images[0].get_array().shape for ax in axes] == [(7, 8, 3)] * 2
+    with pytest.raises(InputError, match="all of one shape"):
+        plot.comparison({"a": PICTURE, "b": PICTURE[1:]})
+    with pytest.raises(InputError, match="at least one"):
+        plot.comparison({})

@@ -1,0 +1,98 @@
+"""Representations of one line, and the examples in docstrings, which run as they are printed."""
+
+from __future__ import annotations
+
+import doctest
+import inspect
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rsdeblur as rs
+import rsdeblur.io.pictures
+from rsdeblur import Camera, Exposure, InputError, PsfBank
+
+FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
+LOG, CAMERA, EXPOSURE = rs.hand_shake(0.3, seed=3), Camera(48, 36, 60.0, readout_time=0.01), Exposure(0.1, 0.025)
+BANK = PsfBank.for_picture(np.eye(3)[None, None] / 3, (36, 48))
+# They read files of kinds that no example writes.
+WITHOUT_EXAMPLE = {"read_acceleration", "read_captures", "read_trajectory", "fit_drifts"}
+
+
+def examples(name: str) -> list[doctest.DocTest]:
+    """Return the docstrings of a public name and its methods that have examples."""
+    found = doctest.DocTestFinder(recurse=True).find(getattr(rs, name), name, globs={})
+    return [test for test in found if test.examples]
+
+
+@pytest.mark.parametrize("name", sorted(set(rs.__all__) - {"__version__"}))
+def test_examples_print_what_they_say(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    tests = examples(name)
+    assert tests or not inspect.isfunction(getattr(rs, name)) or name in WITHOUT_EXAMPLE, "it needs an example"
+    for test in tests:
+        report: list[str] = []
+        doctest.DocTestRunner(optionflags=FLAGS).run(test, out=report.append)
+        assert not report, "".join(report)
+
+
+def test_representations_are_one_short_line() -> None:
+    image = np.random.default_rng(0).random((36, 48), dtype=np.float32)
+    capture = rs.Capture.from_log(LOG, CAMERA, EXPOSURE)
+    paths = rs.BlurPaths.every_row(capture, [20.0])
+    result = rs.deblur(image, LOG, CAMERA, EXPOSURE, prior="wiener")
+    things = [
+        *(LOG, CAMERA, EXPOSURE, capture, paths, BANK, result, result.check, rs.plan(LOG, CAMERA, EXPOSURE)),
+        *(rs.Deconvolver(BANK, (36, 48)), rs.TileQuadratic(BANK, (36, 48)), rs.RowDeconvolver(paths, (36, 48))),
+        *(rs.RowBlur(paths, 48), rs.Tuning.of(image, BANK), rs.simulate(image, LOG, CAMERA, EXPOSURE)),
+        rs.Translation([0, 1], np.zeros((2, 3)), 1.0),
+    ]
+    for thing in things:
+        text = repr(thing)
+        assert text.startswith(type(thing).__name__ + "("), text
+        assert "\n" not in text
+        assert "array(" not in text
+        assert " at 0x" not in text
+        assert len(text) < 330
+    assert repr(Camera(48, 36, 60.0, time_offset=0.5)).endswith("imu_to_camera=float64[3, 3], time_offset=0.5)")
+
+
+def test_notebooks_show_the_kernels() -> None:
+    page = BANK._repr_html_()
+    assert "PsfBank(kernels=" in page
+    assert "data:image/png;base64," in page
+
+
+def test_the_kernel_at_a_point_is_interpolated() -> None:
+    down, across = np.eye(3)[:, [1]] @ np.ones((1, 3)) / 3, np.ones((3, 1)) @ np.eye(3)[[1]] / 3
+    bank = PsfBank(np.stack([down, across])[:, None], rows=[10, 30], cols=[5])
+    for y, share in ((-7, 0), (10, 0), (15, 0.25), (30, 1), (99, 1)):
+        # One rounding to float32 of the kernels and one of the sum.
+        np.testing.assert_allclose(bank.at(y, 100), (1 - share) * down + share * across, atol=1e-7)
+    with pytest.raises(InputError, match="y must be a number"):
+        bank.at("top", 0)
+
+
+class Lazy:
+    """What Dask's arrays and xarray's arrays of them offer."""
+
+    def __dask_graph__(self) -> dict[str, int]:
+        return {"chunk": 1}
+
+
+@pytest.mark.parametrize(
+    ("image", "hint"),
+    [
+        (Lazy(), r"image is lazy .*compute\(\).*mmap_mode"),
+        ("photo.png", "rsdeblur.read_picture"),
+        (Path("photo.png"), "rsdeblur.read_picture"),
+        (rs.io.pictures.Picture(np.zeros((36, 48), np.uint8)), "pass its .pixels"),
+    ],
+    ids=["lazy", "name", "path", "picture"],
+)
+def test_pictures_in_another_form_are_refused_with_a_hint(image: object, hint: str) -> None:
+    with pytest.raises(InputError, match=hint):
+        rs.deblur(image, LOG, CAMERA, EXPOSURE)
+    with pytest.raises(InputError, match=hint):
+        rs.Deconvolver(BANK, (36, 48)).apply(image)
