@@ -19,6 +19,7 @@ list::
     io          files of gyro logs, cameras, captures and pictures
     video       videos, frame by frame
     report      plots, contact sheets, the HTML report
+    app         the local page with sliders: server, page, crops
     cli         the command line
     __main__    python -m rsdeblur
 

@@ -27,6 +27,7 @@ COMMANDS = (
         "batch",
         "video",
         "preview",
+        "app",
         "sync",
         "calibrate",
         "psf",

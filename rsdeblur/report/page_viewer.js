@@ -370,4 +370,4 @@ async function startViewer() {
   resize();
 }
 
-startViewer();
+if (data) startViewer();
