@@ -43,11 +43,12 @@ function form() {
   for (const name of ["mode", "prior"]) values[name] = find("controls").elements[name].value;
   values.output = find("output").value;
   if (!opened) return values;
+  values.moved = {};
   values.power = Number(find("power").value);
   const moved = (name) => find(name).value !== find(name).defaultValue;
-  if (moved("time_offset")) values.time_offset = `${offset().toFixed(2)}ms`;
-  if (moved("readout_time")) values.readout_time = `${find("readout_time").value}ms`;
-  if (moved("focal_length")) values.focal_length = focal().toFixed(1);
+  if (moved("time_offset")) values.moved.time_offset = `${offset().toFixed(2)}ms`;
+  if (moved("readout_time")) values.moved.readout_time = `${find("readout_time").value}ms`;
+  if (moved("focal_length")) values.moved.focal_length = focal().toFixed(1);
   return values;
 }
 

@@ -34,7 +34,7 @@ from rsdeblur.cli._inputs import (
 from rsdeblur.cli._items import WRITABLE
 from rsdeblur.cli._options import PhotoChanges, Recording, Track
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
-from rsdeblur.errors import InputError, RsdeblurError, RsdeblurWarning
+from rsdeblur.errors import CoverageError, InputError, RsdeblurError, RsdeblurWarning
 
 if TYPE_CHECKING:
     from rsdeblur.app.crop import Basis, Crop
@@ -206,10 +206,13 @@ class Desk:
 
     def _tuned(self, form: Mapping[str, Any]) -> tuple[list[str], Basis]:
         """Return the arguments that a form stands for, and the strengths that they choose."""
-        still = {name: value for name, value in form.items() if name not in MOVED}
         states = [_state(Path(_path(form, name))) for name in ("photo", *FILES)]
-        basis = self._basis(tuple(arguments(still)), *states)
-        words = arguments(form)
+        words = arguments(form, _moved(form))
+        try:
+            basis = self._basis(tuple(arguments(form)), *states)
+        except CoverageError:
+            # The slider may be what brings the exposure into the log.
+            basis = self._basis(tuple(words), *states)
         if _power(form):
             name, value = basis.strength
             strength = f"{value * 10 ** _power(form):.3g}"
@@ -258,13 +261,15 @@ class Desk:
         return self._progress(form)
 
 
-def arguments(form: Mapping[str, Any]) -> list[str]:
+def arguments(form: Mapping[str, Any], moved: Mapping[str, Any] | None = None) -> list[str]:
     """Return the arguments of `rsdeblur deblur` that a form stands for, with automatic strengths.
 
     Parameters
     ----------
     form : mapping
         Texts by name; empty ones are left out.
+    moved : mapping, optional
+        Texts of the sliders, which replace those of the form.
 
     Raises
     ------
@@ -275,6 +280,7 @@ def arguments(form: Mapping[str, Any]) -> list[str]:
         if not _text(form, name):
             raise InputError(f"choose the {label}")
     words = [_path(form, "photo")]
+    form = {**form, **(moved or {})}
     for name in FORM:
         if _text(form, name):
             words += ["--" + name.replace("_", "-"), _path(form, name) if name in FILES else _text(form, name)]
@@ -295,6 +301,13 @@ def _path(form: Mapping[str, Any], name: str) -> str:
     """Return an absolute path, with which the command works in every folder."""
     text = _text(form, name)
     return str(Path(text).expanduser().absolute()) if text else ""
+
+
+def _moved(form: Mapping[str, Any]) -> dict[str, Any]:
+    moved = form.get("moved", {})
+    if not isinstance(moved, dict) or not moved.keys() <= set(MOVED):
+        raise InputError(f"moved must name sliders, got {moved!r}")
+    return moved
 
 
 def _power(form: Mapping[str, Any]) -> float:

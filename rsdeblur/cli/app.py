@@ -17,8 +17,8 @@ from rsdeblur.cli._output import say
 
 EXAMPLES = """\b
 Examples:
-  rsdeblur app
   rsdeblur app photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4
+  rsdeblur app --camera phone.toml
 """
 
 

@@ -49,13 +49,8 @@ def saved(desk, form):
 
 
 def test_the_saved_picture_is_that_of_the_copied_command(desk, form, run):
-    form |= {
-        "power": 0.5,
-        "time_offset": "-2.5ms",
-        "readout_time": "21ms",
-        "focal_length": "104.5",
-        "more": "--threads 1",
-    }
+    moved = {"time_offset": "-2.5ms", "readout_time": "21ms", "focal_length": "104.5"}
+    form |= {"power": 0.5, "moved": moved, "more": "--threads 1"}
     command = shlex.split(desk.actions["solve"](form)["command"])
     assert command[:2] == ["rsdeblur", "deblur"]
     job = saved(desk, form)
@@ -116,6 +111,7 @@ def test_nothing_is_overwritten_and_a_dropped_file_lands_in_the_folder_of_the_ap
         ({"power": 1e9}, "power must be a number from -3 to 3"),
         ({"photo": ["a"]}, "photo must be a text"),
         ({"time_offset": "20s"}, "gyro.csv"),
+        ({"moved": {"gyro": "other.csv"}}, "moved must name sliders"),
     ],
 )
 def test_errors_have_the_text_of_the_command_line(desk, form, changes, message):
