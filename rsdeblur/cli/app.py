@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import webbrowser
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
@@ -14,6 +14,11 @@ from rsdeblur._util import interrupts
 from rsdeblur.cli import _options
 from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import say
+from rsdeblur.errors import InputError
+
+if TYPE_CHECKING:
+    from rsdeblur.app import LocalServer
+    from rsdeblur.cli._desk import Desk
 
 EXAMPLES = """\b
 Examples:
@@ -34,12 +39,11 @@ def command(photos: tuple[Path, ...], recording: Recording, port: int, no_browse
     shows a crop with its PSFs and the check's verdict, copies the command for `rsdeblur deblur`, and saves the full
     picture with the same code. Ctrl-C ends it.
     """
-    from rsdeblur.app import LocalServer, page_files
     from rsdeblur.cli._desk import Desk
 
     with (
         Desk([str(photo.absolute()) for photo in photos], _given(click.get_current_context())) as desk,
-        LocalServer(page_files(), desk.actions, desk.upload, port) as server,
+        _server(desk, port) as server,
     ):
         say(f"{server.url}", "Open this address in a browser of this machine; Ctrl-C ends the app.")
         if not no_browser:
@@ -50,6 +54,15 @@ def command(photos: tuple[Path, ...], recording: Recording, port: int, no_browse
             # Ctrl-C is the usual way to end the app; other signals are reported as for every command.
             if isinstance(interrupt, interrupts.Interrupt) and interrupt.number != signal.SIGINT:
                 raise
+
+
+def _server(desk: Desk, port: int) -> LocalServer:
+    from rsdeblur.app import LocalServer, page_files
+
+    try:
+        return LocalServer(page_files(), desk.actions, desk.upload, port)
+    except OSError as error:
+        raise InputError(f"--port {port}: {error.strerror}; leave the option out to take a free port") from error
 
 
 def _given(ctx: click.Context) -> dict[str, str]:
