@@ -20,6 +20,7 @@ list::
     video       videos, frame by frame
     report      drawings, contact sheets, the HTML report
     plot        plots with Matplotlib
+    app         the local page with sliders: server, page, crops
     cli         the command line
     __main__    python -m rsdeblur
 

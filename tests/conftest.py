@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -16,6 +19,18 @@ from rsdeblur.psf import PsfBank
 from rsdeblur.report import MotionPlot, Page, band_figures, findings
 from rsdeblur.simulation.shake import hand_shake
 
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge")
+# Containers have no sandbox for the browser, and nothing here needs a GPU or the network.
+BROWSER_FLAGS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--no-first-run",
+]
 # Tests start Python processes from the repository root, where the bare source folder must not shadow the installation.
 os.environ["PYTHONSAFEPATH"] = "1"
 # Written pictures contain their date; with this one, equal results are equal files.
@@ -83,3 +98,15 @@ def report_page(shaky_log):
         )
 
     return build
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: extra [browser-test]")
+    path = os.environ.get("RSDEBLUR_CHROMIUM") or next(filter(None, map(shutil.which, CHROMIUM)), None)
+    if path is None:
+        pytest.skip("no Chromium found; install one or name it in RSDEBLUR_CHROMIUM")
+    with playwright.sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path=path, args=BROWSER_FLAGS)
+        yield chromium
+        chromium.close()

@@ -29,6 +29,7 @@ COMMANDS = (
         "video",
         "triage",
         "preview",
+        "app",
         "sync",
         "calibrate",
         "psf",

@@ -117,10 +117,13 @@ def read_device(recording: Recording) -> tuple[GyroLog, Camera]:
     """Read the log and the camera that the options name; see `read_inputs`."""
     from rsdeblur.io import open_camera
 
-    with_overrides = open_camera(recording.camera).with_overrides(
-        time_offset=recording.time_offset, readout_time=recording.readout_time
-    )
-    camera = with_overrides.warn(recording.camera)
+    camera_file = open_camera(recording.camera)
+    focal_length = None
+    if recording.focal_length is not None:
+        fx, fy = camera_file.camera.focal_length
+        focal_length = recording.focal_length, recording.focal_length * fy / fx
+    overrides = {"time_offset": recording.time_offset, "readout_time": recording.readout_time}
+    camera = camera_file.with_overrides(**overrides, focal_length=focal_length).warn(recording.camera)
     file = read_log(recording)
     _check_axes(file, camera, recording)
     first, last = file.log.span

@@ -24,7 +24,7 @@ COLUMNS: dict[str, Callable[[str], Any]] = {
     **dict.fromkeys(("photo", "output", "gyro", "camera", "capture"), Path),
     **dict.fromkeys(("gyro_format", "unit", "orientation"), str),
     **dict.fromkeys(("index", "start_ns"), int),
-    "rate": float,
+    **dict.fromkeys(("rate", "focal_length"), float),
     "bias": lambda cell: BiasType().convert(cell, None, None),
     "start": lambda cell: StartType().convert(cell, None, None),
     **dict.fromkeys(("duration", "time_offset", "readout_time"), lambda cell: SecondsType().convert(cell, None, None)),
@@ -199,7 +199,7 @@ def _converted(name: str, cell: str) -> Any:
     except click.BadParameter as error:
         raise ValueError(f"{name}: {error.message}") from error
     except ValueError as error:
-        kind = "number" if name == "rate" else "whole number"
+        kind = "number" if COLUMNS[name] is float else "whole number"
         raise ValueError(f"{name}: {cell!r} is not a {kind}") from error
 
 

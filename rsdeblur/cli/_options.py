@@ -50,6 +50,7 @@ class Recording:
     duration: float | None = None
     time_offset: float | None = None
     readout_time: float | None = None
+    focal_length: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +94,7 @@ class Defaults:
     duration: float | None
     time_offset: float | None
     readout_time: float | None
+    focal_length: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,6 +209,12 @@ def _camera(*, required: bool = True) -> Decorator:
 _OVERRIDES = (
     click.option("--time-offset", type=SecondsType(), help="Camera time minus gyro time; replaces the camera file's."),
     click.option("--readout-time", type=SecondsType(), help="Readout time of the picture; replaces the camera file's."),
+    click.option(
+        "--focal-length",
+        type=click.FloatRange(min=0.0, min_open=True),
+        metavar="PX",
+        help="Focal length along x in px; replaces the camera file's. That along y keeps its ratio to it.",
+    ),
 )
 
 

@@ -117,8 +117,7 @@ def render(page: Page) -> str:
     """Return the page as HTML. Text from files is escaped, and the page's policy forbids all scripts but its own."""
     uris, scale = picture_uris(page.pictures, page.icc_profile)
     width, height = page.size
-    folder = files("rsdeblur.report")
-    template, style, *scripts = (folder.joinpath(name).read_text("utf-8") for name in PARTS)
+    template, style, *scripts = map(part, PARTS)
     script = "\n".join(scripts)
     best = _best(page)
     data = {
@@ -136,6 +135,7 @@ def render(page: Page) -> str:
         style=style,
         script=script,
         verdict=_verdict(best, page.modes.get(best, {})),
+        viewer=part("page_viewer.html"),
         summary=_summary(page.findings),
         size=f"{width} {TIMES} {height} px",
         scale=_scale(scale, width, height),
@@ -146,6 +146,11 @@ def render(page: Page) -> str:
         settings="\n".join(_settings(title, rows) for title, rows in page.settings.items()),
         data=script_json(data),
     )
+
+
+def part(name: str) -> str:
+    """Return the text of a file that the page is made of."""
+    return files("rsdeblur.report").joinpath(name).read_text("utf-8")
 
 
 def allowed_hash(text: str) -> str:

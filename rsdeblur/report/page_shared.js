@@ -1,13 +1,22 @@
-// Helpers of all parts of the page. The files are joined into one module in the order shared, viewer, plots.
+// Helpers of all parts of a page, and the content that it shows. The files are joined into one module: this one, the
+// viewer, then the plots of the report or the controls of the app.
 
-const data = JSON.parse(document.getElementById("data").textContent);
 const find = (id) => document.getElementById(id);
 const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
-const [width, height] = data.size;
-const { motion, bands } = data;
-const lineWord = motion.axis === "y" ? "row" : "column";
-const sources = new Map([...document.querySelectorAll("#sources img")].map((image) => [image.dataset.label, image]));
-const labels = [...sources.keys()];
+let data, width, height, motion, bands, lineWord, sources, labels;
+
+function load(content) {
+  data = content;
+  [width, height] = data.size;
+  ({ motion, bands } = data);
+  lineWord = motion.axis === "y" ? "row" : "column";
+  sources = new Map([...document.querySelectorAll("#sources img")].map((image) => [image.dataset.label, image]));
+  labels = [...sources.keys()];
+}
+
+// The report contains its data; the app receives them.
+const embedded = find("data");
+if (embedded) load(JSON.parse(embedded.textContent));
 
 // Time in ms at which a line opens.
 const opensAt = (line) =>

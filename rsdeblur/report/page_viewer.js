@@ -375,4 +375,4 @@ async function startViewer() {
   }
 }
 
-startViewer();
+if (data) startViewer();

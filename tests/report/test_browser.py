@@ -6,9 +6,6 @@ path.
 
 from __future__ import annotations
 
-import os
-import shutil
-from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pytest
@@ -16,33 +13,11 @@ import pytest
 from rsdeblur.report import write_page
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
     from playwright.sync_api import Page as Tab
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge")
-# Containers have no sandbox for the browser, and nothing here needs a GPU or the network.
-FLAGS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--no-first-run",
-]
 # Colours of the report's pictures, display values times 255; JPEG may move them by a little.
 RED, GREEN, BLUE = (153, 0, 0), (0, 153, 0), (0, 0, 153)
 HOSTILE = """</script><script>window.hacked = 1</script><img src=x onerror="window.hacked = 2">"""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: extra [browser-test]")
-    path = os.environ.get("RSDEBLUR_CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
-    if path is None:
-        pytest.skip("no Chromium found; install one or name it in RSDEBLUR_CHROMIUM")
-    with playwright.sync_playwright() as driver:
-        chromium = driver.chromium.launch(executable_path=path, args=FLAGS)
-        yield chromium
-        chromium.close()
 
 
 @pytest.fixture

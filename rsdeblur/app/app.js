@@ -1,0 +1,304 @@
+// Controls of the app: the form is sent whole with every request; the server answers with the crop and the command.
+
+const CROP = [512, 384]; // px; solved again in a fraction of a second
+const REST = 350; // ms without a change before the crop is solved at full size and checked
+const QUICK = 0.2; // s for a draft; while a slider moves, slower crops are solved at a smaller size
+const SCALES = [1, 0.5, 0.35, 0.25];
+const FILES = ["photo", "gyro", "camera", "capture"];
+const SLIDERS = ["power", "time_offset", "readout_time", "focal_length"];
+let opened = null; // the answer to "open"
+let box = null; // left, top, width, height of the crop
+let running = false;
+let next = null; // the request that waits; a later one replaces it
+let resting = 0;
+let pace = 0; // s for the crop at full size, by the last answer
+let started = false;
+let rest = {}; // options of the command line that have no field
+
+async function ask(action, body, kind = "application/json") {
+  const answer = await fetch(action, { method: "POST", headers: { "Content-Type": kind }, body });
+  if (answer.headers.get("Content-Type") !== "application/json") throw new Error(await answer.text());
+  const content = await answer.json();
+  if (!answer.ok) throw new Error(content.error);
+  return content;
+}
+
+function complain(error) {
+  const lost = error instanceof TypeError; // the browser's word for no connection
+  find("error").textContent = error ? (lost ? "The app was stopped. Start it again: rsdeblur app" : error.message) : "";
+  find("error").hidden = !error;
+}
+
+function remark(notes) {
+  find("notes").replaceChildren(
+    ...notes.map((note) => Object.assign(document.createElement("li"), { textContent: note })),
+  );
+  find("notes").hidden = !notes.length;
+}
+
+// The form as the server expects it: texts by name. A slider that was not moved sets nothing.
+function form() {
+  const values = { ...rest };
+  for (const input of document.querySelectorAll("#open-form [name]")) values[input.name] = input.value;
+  for (const name of ["mode", "prior"]) values[name] = find("controls").elements[name].value;
+  values.output = find("output").value;
+  if (!opened) return values;
+  values.moved = {};
+  values.power = Number(find("power").value);
+  const moved = (name) => find(name).value !== find(name).defaultValue;
+  if (moved("time_offset")) values.moved.time_offset = `${offset().toFixed(2)}ms`;
+  if (moved("readout_time")) values.moved.readout_time = `${find("readout_time").value}ms`;
+  if (moved("focal_length")) values.moved.focal_length = focal().toFixed(1);
+  return values;
+}
+
+const offset = () => 1e3 * opened.time_offset + Number(find("time_offset").value);
+const focal = () => opened.focal_length * 2 ** Number(find("focal_length").value);
+
+function showValues(strength) {
+  find("time_offset-value").value = `${offset().toFixed(1)} ms`;
+  find("readout_time-value").value = `${Number(find("readout_time").value).toFixed(1)} ms`;
+  find("focal_length-value").value = `${focal().toFixed(0)} px`;
+  if (strength) find("power-value").value = `${strength.name} ${strength.value.toPrecision(3)}${strength.power ? "" : " (auto)"}`;
+}
+
+function solve(draft) {
+  const scale = draft ? (SCALES.find((s) => pace * s * s < QUICK) ?? SCALES.at(-1)) : 1;
+  next = { scale, check: !draft };
+  if (!running) work();
+}
+
+async function work() {
+  running = true;
+  while (next) {
+    const request = next;
+    next = null;
+    find("state").textContent = "solving…";
+    try {
+      const answer = await ask("solve", JSON.stringify({ ...form(), ...request, box }));
+      complain(null);
+      await show(answer, request);
+    } catch (error) {
+      complain(error);
+      find("state").textContent = "";
+    }
+  }
+  running = false;
+}
+
+async function show(answer, request) {
+  const draft = request.scale < 1;
+  pace = answer.seconds / request.scale ** 2;
+  const fresh = !started || answer.size.join() !== data.size.join();
+  const banks = draft && data ? data.banks : answer.banks;
+  for (const [label, uri] of Object.entries(answer.pictures)) {
+    const image = document.querySelector(`#sources [data-label="${label}"]`);
+    image.src = uri;
+    await image.decode();
+  }
+  load({ size: answer.size, scale: answer.scale, banks, motion: answer.motion });
+  box = answer.box;
+  if (!started) {
+    started = true;
+    Object.assign(view, { x: width / 2, y: height / 2 });
+    await startViewer();
+  } else {
+    for (const [label, bank] of Object.entries(answer.banks)) {
+      const image = new Image();
+      image.src = bank.atlas;
+      await image.decode();
+      bankPictures.set(label, tint(image));
+    }
+    if (fresh) resize();
+    chooseBank();
+  }
+  showFrame();
+  showValues(answer.strength);
+  find("line").value = answer.command;
+  find("state").textContent = `${draft ? `draft at ${Math.round(100 * request.scale)} %, ` : ""}${answer.seconds.toFixed(2)} s`;
+  if (request.check) showCheck(answer);
+}
+
+function showCheck(answer) {
+  const { check } = answer;
+  find("verdict").textContent = check ? `Check of the crop: ${check.verdict}` : "";
+  find("verdict").className = check ? `verdict-${check.verdict}` : "";
+  find("reasons").textContent = check ? check.reasons.join(" ") : "";
+  remark(answer.notes);
+}
+
+function changedBySlider() {
+  showValues(null);
+  if (Number(find("power").value)) find("power-value").value = `× ${(10 ** Number(find("power").value)).toPrecision(2)}`;
+  solve(true);
+  clearTimeout(resting);
+  resting = setTimeout(() => solve(false), REST);
+}
+
+// Place of the crop.
+
+function showFrame() {
+  const [w, h] = opened.size;
+  const share = (part, whole) => `${(100 * part) / whole}%`;
+  Object.assign(find("frame").style, {
+    left: share(box[0], w), top: share(box[1], h), width: share(box[2], w), height: share(box[3], h),
+  });
+}
+
+function moveCrop(x, y) {
+  const [w, h] = opened.size;
+  const [bw, bh] = CROP.map((side, i) => Math.min(side, opened.size[i]));
+  box = [Math.round(clamp(x - bw / 2, 0, w - bw)), Math.round(clamp(y - bh / 2, 0, h - bh)), bw, bh];
+  showFrame();
+  changedBySlider();
+}
+
+const crop = () => [box[0] + box[2] / 2, box[1] + box[3] / 2];
+const pointAt = (event) => {
+  const area = find("overview").getBoundingClientRect();
+  moveCrop(((event.clientX - area.left) / area.width) * opened.size[0], ((event.clientY - area.top) / area.height) * opened.size[1]);
+};
+find("overview").addEventListener("pointerdown", (event) => {
+  find("overview").setPointerCapture(event.pointerId);
+  pointAt(event);
+});
+find("overview").addEventListener("pointermove", (event) => event.buttons && pointAt(event));
+find("overview").addEventListener("keydown", (event) => {
+  const way = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+  if (!way) return;
+  event.preventDefault();
+  const [x, y] = crop();
+  moveCrop(x + 0.25 * box[2] * way[0], y + 0.25 * box[3] * way[1]);
+});
+
+// Files.
+
+async function open() {
+  find("state").textContent = "opening…";
+  try {
+    opened = null;
+    const answer = await ask("open", JSON.stringify(form()));
+    opened = answer;
+  } catch (error) {
+    complain(error);
+    return;
+  }
+  complain(null);
+  remark(opened.notes);
+  find("title").textContent = opened.name;
+  document.title = `${opened.name} · rsdeblur`;
+  find("size").textContent = `${opened.size.join(" × ")} px, ${(1e3 * opened.duration).toPrecision(3)} ms`;
+  find("whole").src = opened.overview;
+  find("output").value = opened.output;
+  const readout = find("readout_time");
+  readout.max = Math.max(60, 2e3 * opened.readout_time);
+  // A value between two steps would be rounded, and then count as moved.
+  readout.step = "any";
+  readout.defaultValue = 1e3 * opened.readout_time;
+  resetSliders();
+  for (const id of ["saved", "saving"]) find(id).hidden = true;
+  find("work").hidden = false;
+  find("files").open = false;
+  moveCrop(opened.size[0] / 2, opened.size[1] / 2);
+}
+
+const resetSliders = () => SLIDERS.forEach((name) => (find(name).value = find(name).defaultValue));
+
+async function upload(file, name) {
+  try {
+    const { path } = await ask(`upload?name=${encodeURIComponent(file.name)}`, file, "application/octet-stream");
+    find(name).value = path;
+    complain(null);
+  } catch (error) {
+    complain(error);
+  }
+}
+
+// The field that a dropped file is for, by its name.
+function fieldOf(name) {
+  if (/\.(jpe?g|png|tiff?|webp|heic|heif|dng|npy)$/i.test(name)) return "photo";
+  if (/\.(toml|ya?ml|json)$/i.test(name)) return "camera";
+  return /frame|capture|metadata|stamps/i.test(name) ? "capture" : "gyro";
+}
+
+addEventListener("dragover", (event) => {
+  event.preventDefault();
+  document.body.classList.add("dropping");
+});
+addEventListener("dragleave", () => document.body.classList.remove("dropping"));
+addEventListener("drop", async (event) => {
+  event.preventDefault();
+  document.body.classList.remove("dropping");
+  find("files").open = true;
+  for (const file of [...event.dataTransfer.files]) await upload(file, fieldOf(file.name));
+});
+
+// Result.
+
+async function save() {
+  find("saved").hidden = true;
+  try {
+    await ask("save", JSON.stringify(form()));
+    complain(null);
+    find("saving").hidden = false;
+    let job;
+    do {
+      await new Promise((done) => setTimeout(done, 200));
+      job = await ask("progress", "{}");
+      find("stage").textContent = job.stage;
+      find("progress").value = job.fraction;
+    } while (!job.facts && !job.error);
+    if (job.error) throw new Error(job.error);
+    const verdict = job.facts.check ? `; check: ${job.facts.check.verdict}` : "";
+    find("saved").textContent = `${job.facts.output}: written in ${job.facts.seconds.toFixed(1)} s${verdict}`;
+    find("saved").hidden = false;
+  } catch (error) {
+    complain(error);
+  }
+  find("saving").hidden = true;
+}
+
+async function copy() {
+  const line = find("line");
+  try {
+    await navigator.clipboard.writeText(line.value);
+    find("copy").textContent = "Copied";
+    setTimeout(() => (find("copy").textContent = "Copy command"), 2000);
+  } catch {
+    line.select(); // without permission, the user copies the selection
+  }
+}
+
+async function start() {
+  for (const name of SLIDERS) find(name).addEventListener("input", changedBySlider);
+  for (const name of ["mode", "prior"]) find("controls").elements[name].addEventListener("change", () => solve(false));
+  find("reset").addEventListener("click", () => {
+    resetSliders();
+    changedBySlider();
+  });
+  find("output").addEventListener("change", () => solve(true));
+  find("open-form").addEventListener("submit", (event) => {
+    event.preventDefault();
+    open();
+  });
+  find("controls").addEventListener("submit", (event) => event.preventDefault());
+  find("save").addEventListener("click", save);
+  find("cancel").addEventListener("click", () => ask("cancel", "{}").catch(complain));
+  find("copy").addEventListener("click", copy);
+  for (const choice of document.querySelectorAll("input[type=file]")) {
+    choice.addEventListener("change", () => choice.files.length && upload(choice.files[0], choice.dataset.for));
+  }
+  const { photos, form: given } = await ask("start", "{}");
+  find("photos").append(...photos.map((photo) => new Option("", photo)));
+  rest = given;
+  if (photos.length) find("photo").value = photos[0];
+  for (const input of document.querySelectorAll("#open-form [name]")) {
+    if (input.name in rest) {
+      input.value = rest[input.name];
+      delete rest[input.name];
+    }
+  }
+  if (find("photo").value && find("gyro").value && find("camera").value) open();
+}
+
+start().catch(complain);

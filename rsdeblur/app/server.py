@@ -1,0 +1,189 @@
+"""The server of the local page: a token in every address, the loopback interface only, and no access to files.
+
+The token keeps other users and programs out. The check of the Host header keeps out pages of the web whose name was
+made to resolve to this machine (DNS rebinding); the check of the Origin header and of the content type keeps out their
+requests. Paths are names in a table, never names of files.
+"""
+
+from __future__ import annotations
+
+import hmac
+import json
+import secrets
+import socketserver
+from collections.abc import Callable, Iterable, Mapping
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+from urllib.parse import parse_qs
+
+from rsdeblur.errors import RsdeblurError
+
+LOOPBACK = "127.0.0.1"
+# Bytes of a request's body: a form, and a photo or log.
+MOST_JSON = 64 << 10
+MOST_UPLOAD = 512 << 20
+# Seconds without a byte after which a connection is closed.
+PATIENCE = 30
+JSON, BYTES = "application/json", "application/octet-stream"
+HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self'; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "Cache-Control": "no-store",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+
+Action = Callable[[Mapping[str, Any]], Mapping[str, Any]]
+Upload = Callable[[str, bytes], Mapping[str, Any]]
+
+
+class LocalServer(ThreadingHTTPServer):
+    """Server of a few pages and actions for the browser on this machine.
+
+    Parameters
+    ----------
+    pages : mapping of str to (str, bytes)
+        Content type and content of each page that GET returns; the name "" is the start page.
+    actions : mapping of str to callable
+        Functions that POST calls with the form in its JSON body; each returns the answer, which is sent as JSON. An
+        error of rsdeblur is sent as its text.
+    upload : callable
+        Receives the name and the content of a file that the browser sends.
+    port : int, default 0
+        The port; 0 takes a free one.
+
+    Raises
+    ------
+    OSError
+        If the port is in use.
+    """
+
+    daemon_threads = True
+
+    def __init__(
+        self, pages: Mapping[str, tuple[str, bytes]], actions: Mapping[str, Action], upload: Upload, port: int = 0
+    ) -> None:
+        self.pages, self.actions, self.upload = pages, actions, upload
+        self.token = secrets.token_urlsafe(24)
+        super().__init__((LOOPBACK, port), _Handler)
+        self.hosts = {f"{name}:{self.server_port}" for name in (LOOPBACK, "localhost")}
+
+    def server_bind(self) -> None:
+        """Bind without the look-up of a host name, which would be a request to the network."""
+        socketserver.TCPServer.server_bind(self)
+        self.server_name, self.server_port = LOOPBACK, self.server_address[1]
+
+    @property
+    def url(self) -> str:
+        """Address of the start page, with the token."""
+        return f"http://{LOOPBACK}:{self.server_port}/{self.token}/"
+
+
+class _Refusal(Exception):
+    """A request that is refused, with its status and reason."""
+
+    def __init__(self, status: HTTPStatus, reason: str) -> None:
+        super().__init__(reason)
+        self.status = status
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: LocalServer
+    protocol_version = "HTTP/1.1"
+    server_version, sys_version = "rsdeblur", ""
+    timeout = PATIENCE
+
+    def do_GET(self) -> None:
+        """Send a page."""
+        try:
+            name, _ = self._name()
+            if name not in self.server.pages:
+                raise self._unknown(name, self.server.actions.keys() | {"upload"})
+            self._send(HTTPStatus.OK, *self.server.pages[name])
+        except _Refusal as refusal:
+            self.send_error(refusal.status, str(refusal))
+
+    def do_POST(self) -> None:
+        """Run an action, or receive a file."""
+        try:
+            name, query = self._name()
+            if name != "upload" and name not in self.server.actions:
+                raise self._unknown(name, self.server.pages.keys())
+            body = self._body(*((BYTES, MOST_UPLOAD) if name == "upload" else (JSON, MOST_JSON)))
+            status, answer = self._answer(name, query, body)
+            self._send(status, JSON, json.dumps(answer).encode())
+        except _Refusal as refusal:
+            self.send_error(refusal.status, str(refusal))
+
+    def _name(self) -> tuple[str, str]:
+        """Return the name after the token and the query, of a request that may come from our page."""
+        if self.headers.get("Host") not in self.server.hosts:
+            raise _Refusal(HTTPStatus.FORBIDDEN, "unknown host")
+        origin = self.headers.get("Origin")
+        if origin is not None and origin.removeprefix("http://") not in self.server.hosts:
+            raise _Refusal(HTTPStatus.FORBIDDEN, "request of another page")
+        path, _, query = self.path.partition("?")
+        token, _, name = path.removeprefix("/").partition("/")
+        if not hmac.compare_digest(token.encode("utf-8", "replace"), self.server.token.encode()):
+            raise _Refusal(HTTPStatus.FORBIDDEN, "wrong token: open the address that rsdeblur app printed")
+        return name, query
+
+    @staticmethod
+    def _unknown(name: str, of_other_method: Iterable[str]) -> _Refusal:
+        if name in of_other_method:
+            return _Refusal(HTTPStatus.METHOD_NOT_ALLOWED, "wrong method")
+        return _Refusal(HTTPStatus.NOT_FOUND, "no such page")
+
+    def _body(self, kind: str, most: int) -> bytes:
+        # A page of another origin could send a form, but neither of these types without asking first.
+        if self.headers.get("Content-Type", "").partition(";")[0].strip() != kind:
+            raise _Refusal(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"the body must be {kind}")
+        length = self.headers.get("Content-Length", "")
+        if not (length.isascii() and length.isdigit()) or "Transfer-Encoding" in self.headers:
+            raise _Refusal(HTTPStatus.LENGTH_REQUIRED, "the request must give the length of its body")
+        if len(length) > len(str(most)) or int(length) > most:
+            raise _Refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"the body has more than {most} bytes")
+        body = self.rfile.read(int(length))
+        if len(body) < int(length):
+            raise _Refusal(HTTPStatus.BAD_REQUEST, "the body is shorter than its length")
+        return body
+
+    def _answer(self, name: str, query: str, body: bytes) -> tuple[HTTPStatus, Mapping[str, Any]]:
+        try:
+            if name == "upload":
+                return HTTPStatus.OK, self.server.upload(parse_qs(query).get("name", [""])[0], body)
+            form = json.loads(body)
+            if not isinstance(form, dict):
+                raise _Refusal(HTTPStatus.BAD_REQUEST, "the form must be an object of JSON")
+            return HTTPStatus.OK, self.server.actions[name](form)
+        except RsdeblurError as error:
+            return HTTPStatus.UNPROCESSABLE_ENTITY, {"error": str(error)}
+        except MemoryError:
+            return HTTPStatus.UNPROCESSABLE_ENTITY, {"error": "not enough memory; close other programs"}
+        except (UnicodeDecodeError, json.JSONDecodeError) as error:
+            raise _Refusal(HTTPStatus.BAD_REQUEST, "the body is not valid JSON") from error
+
+    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
+        """Send an error as plain text, and close the connection: the body may not have been read."""
+        self.close_connection = True
+        text = message or HTTPStatus(code).phrase
+        self._send(HTTPStatus(code), "text/plain; charset=utf-8", f"{text}\n".encode("utf-8", "replace"))
+
+    def _send(self, status: HTTPStatus, kind: str, content: bytes) -> None:
+        self.send_response(status)
+        headers = {"Content-Type": kind, "Content-Length": str(len(content)), **HEADERS}
+        for name, value in headers.items():
+            self.send_header(name, value)
+        if self.close_connection:
+            self.send_header("Connection", "close")
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(content)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Print nothing: addresses contain the token."""

@@ -1,0 +1,405 @@
+"""Requests of the local page: forms become the arguments of `rsdeblur deblur`, and those become crops and results.
+
+Every request contains the whole form, so the page and the command line cannot disagree: crop, saved picture and copied
+command come from the same arguments, parsed by the same options.
+"""
+
+from __future__ import annotations
+
+import shlex
+import threading
+import time
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, fields, replace
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import click
+
+from rsdeblur.cli import _options
+from rsdeblur.cli._inputs import (
+    Inputs,
+    _state,
+    display_values,
+    naming,
+    read_recording,
+    transfer_of,
+    unit_range,
+    with_translation,
+)
+from rsdeblur.cli._items import WRITABLE
+from rsdeblur.cli._options import PhotoChanges, Recording, Track
+from rsdeblur.cli._photo import PhotoJob, deblur_photo
+from rsdeblur.errors import CoverageError, InputError, RsdeblurError, RsdeblurWarning
+
+if TYPE_CHECKING:
+    from rsdeblur.app.crop import Basis, Crop
+    from rsdeblur.choices import Transfer
+    from rsdeblur.io.pictures import Picture
+    from rsdeblur.pipeline.options import Options
+    from rsdeblur.pipeline.plan import DeblurResult
+
+RECORDING = tuple(field.name for field in fields(Recording))
+FILES = ("gyro", "camera", "capture")
+# Options that have a slider; the strengths of the whole picture are derived without them, and so stay while they move.
+MOVED = ("time_offset", "readout_time", "focal_length")
+FORM = (*RECORDING, "mode", "prior")
+# Longer side of the overview, px.
+OVERVIEW = 560
+# Largest crop, px, and the least scale at which it is solved while a slider moves.
+MOST_CROP = 1024
+LEAST_SCALE = 0.2
+# The slider of the strength spans this many powers of ten to either side of the automatic value.
+MOST_POWER = 3.0
+
+
+class Request(NamedTuple):
+    """The values of a form."""
+
+    photo: Path
+    recording: Recording
+    options: Options
+    track: Track
+
+
+@click.command("deblur", add_help_option=False)
+@click.argument("photo", type=_options.PATH)
+@_options.recording_options()
+@_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE)
+@_options.track_options
+def _parse(photo: Path, recording: Recording, options: Options, track: Track) -> Request:
+    return Request(photo, recording, options, track)
+
+
+class Cancelled(RsdeblurError):
+    """The user cancelled the saving."""
+
+
+@dataclass(slots=True)
+class Job:
+    """Saving of a picture, in a thread of its own."""
+
+    stage: str = "read"
+    fraction: float = 0.0
+    facts: Mapping[str, Any] | None = None
+    error: str | None = None
+    cancelled: bool = False
+
+    def move(self, stage: str, fraction: float) -> None:
+        """Note the progress, or end the work."""
+        if self.cancelled:
+            raise Cancelled("cancelled; nothing was written")
+        self.stage, self.fraction = stage, fraction
+
+
+class Desk:
+    """The answers to the page.
+
+    Parameters
+    ----------
+    photos : sequence of str
+        Photos to offer.
+    given : mapping of str to str
+        First values of the form.
+    """
+
+    def __init__(self, photos: Sequence[str], given: Mapping[str, str]) -> None:
+        self._start = {"photos": list(photos), "form": dict(given)}
+        self._folder = TemporaryDirectory(prefix="rsdeblur-app-")
+        # One computation at a time; it also guards the filters of warnings, which are the process's.
+        self._busy = threading.Lock()
+        self._basis = lru_cache(maxsize=8)(_basis)
+        self._job = Job()
+        self._thread: threading.Thread | None = None
+        self.actions = {
+            "start": lambda form: self._start,
+            "open": self._open,
+            "solve": self._solve,
+            "save": self._save,
+            "progress": self._progress,
+            "cancel": self._cancel,
+        }
+
+    def __enter__(self) -> Desk:
+        """Return the desk, which removes the files that it received at the end."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the saving and remove the files that the browser sent."""
+        self._job.cancelled = True
+        if self._thread is not None:
+            self._thread.join()
+        self._folder.cleanup()
+
+    def upload(self, name: str, content: bytes) -> dict[str, Any]:
+        """Keep a file until the app ends, and return its path."""
+        # Only the last part of a name, without anything that a system treats specially.
+        clean = "".join(c for c in name.replace("\\", "/").rpartition("/")[2] if c.isprintable() and c not in '<>:"|?*')
+        if not clean.strip(". ") or len(clean.encode()) > 200:
+            raise InputError("the file has no usable name; rename it")
+        path = Path(self._folder.name) / clean
+        path.write_bytes(content)
+        return {"path": str(path)}
+
+    def _open(self, form: Mapping[str, Any]) -> dict[str, Any]:
+        """Read the files of a form, and describe the picture and the camera."""
+        from rsdeblur.report.embed import picture_uris
+
+        with self._busy, _collected() as notes:
+            request = _request(arguments(form))
+            picture, _, camera, exposure = _read(request)
+            stride = max(1, max(picture.pixels.shape[:2]) // (2 * OVERVIEW))
+            shown = display_values(unit_range(picture.pixels[::stride, ::stride]), picture.transfer)
+            (overview,), _ = picture_uris({"picture": shown}, picture.icc_profile)
+        return {
+            "name": request.photo.name,
+            "size": [camera.width, camera.height],
+            "overview": overview,
+            "time_offset": camera.time_offset,
+            "readout_time": camera.readout_time,
+            "focal_length": camera.focal_length[0],
+            "duration": exposure.duration,
+            "output": str(self._free_name(request.photo)),
+            "notes": notes,
+        }
+
+    def _free_name(self, photo: Path) -> Path:
+        folder = Path.cwd() if photo.parent == Path(self._folder.name) else photo.parent
+        suffix = photo.suffix if photo.suffix.lower() in WRITABLE else ".png"
+        number, path = 1, folder / f"{photo.stem}-sharp{suffix}"
+        while path.exists():
+            number += 1
+            path = folder / f"{photo.stem}-sharp-{number}{suffix}"
+        return path
+
+    def _solve(self, form: Mapping[str, Any]) -> dict[str, Any]:
+        """Deblur the crop that the form names."""
+        from rsdeblur.app.crop import Crop, solve_crop
+
+        begin = time.perf_counter()
+        scale = _number(form, "scale", 1.0, LEAST_SCALE, 1.0)
+        with self._busy, _collected() as notes:
+            words, basis = self._tuned(form)
+            request = _request(words)
+            inputs = _read(request)
+            crop = Crop(*_box(form)).within(inputs.camera)
+            options = _solvable(request, inputs, check=bool(form.get("check")))
+            with naming(request.photo, request.recording):
+                result = solve_crop(
+                    *(inputs.picture.pixels, inputs.log, inputs.camera, inputs.exposure, options, basis, crop),
+                    scale=scale,
+                )
+        answer = _shown(result, inputs, transfer_of(inputs.picture, options.transfer), crop, draft=scale < 1.0)
+        name, value = basis.strength
+        return answer | {
+            "strength": {"name": name, "value": value, "power": _power(form)},
+            "check": None if result.check is None else asdict(result.check),
+            "command": shlex.join(["rsdeblur", "deblur", *words, "-o", _path(form, "output")]),
+            # The page chooses the scale of drafts by this; they have no check.
+            "seconds": time.perf_counter() - begin - result.timings.get("check", 0.0),
+            "notes": notes,
+        }
+
+    def _tuned(self, form: Mapping[str, Any]) -> tuple[list[str], Basis]:
+        """Return the arguments that a form stands for, and the strengths that they choose."""
+        states = [_state(Path(_path(form, name))) for name in ("photo", *FILES)]
+        words = arguments(form, _moved(form))
+        try:
+            basis = self._basis(tuple(arguments(form)), *states)
+        except CoverageError:
+            # The slider may be what brings the exposure into the log.
+            basis = self._basis(tuple(words), *states)
+        if _power(form):
+            name, value = basis.strength
+            strength = f"{value * 10 ** _power(form):.3g}"
+            words += [f"--{name}", strength]
+            basis = basis.with_strength(float(strength))
+        return words, basis
+
+    def _save(self, form: Mapping[str, Any]) -> dict[str, Any]:
+        """Start to deblur and write the whole picture, as `rsdeblur deblur` does."""
+        from rsdeblur.io.pictures import check_writable
+
+        if self._thread is not None and self._thread.is_alive():
+            raise InputError("a picture is being saved")
+        with self._busy:
+            request = _request(self._tuned(form)[0])
+        output = Path(_path(form, "output"))
+        check_writable(output, force=False)
+        job = PhotoJob(
+            photo=request.photo,
+            recording=request.recording,
+            options=request.options,
+            changes=PhotoChanges(),
+            output=output,
+            track=request.track,
+        )
+        self._job = Job()
+        self._thread = threading.Thread(target=self._run, args=(job, self._job))
+        self._thread.start()
+        return self._progress(form)
+
+    def _run(self, photo: PhotoJob, job: Job) -> None:
+        try:
+            with self._busy, _collected():
+                job.facts = deblur_photo(photo, job.move)
+        except MemoryError:
+            job.error = "not enough memory; close other programs, or use the command with --max-memory"
+        except (RsdeblurError, click.ClickException, OSError) as error:
+            job.error = error.format_message() if isinstance(error, click.ClickException) else str(error)
+
+    def _progress(self, form: Mapping[str, Any]) -> dict[str, Any]:
+        job = self._job
+        return {"stage": job.stage, "fraction": job.fraction, "facts": job.facts, "error": job.error}
+
+    def _cancel(self, form: Mapping[str, Any]) -> dict[str, Any]:
+        self._job.cancelled = True
+        return self._progress(form)
+
+
+def arguments(form: Mapping[str, Any], moved: Mapping[str, Any] | None = None) -> list[str]:
+    """Return the arguments of `rsdeblur deblur` that a form stands for, with automatic strengths.
+
+    Parameters
+    ----------
+    form : mapping
+        Texts by name; empty ones are left out.
+    moved : mapping, optional
+        Texts of the sliders, which replace those of the form.
+
+    Raises
+    ------
+    InputError
+        If a value is no text, or the photo, the log or the camera is missing.
+    """
+    for name, label in (("photo", "photo"), ("gyro", "gyro log"), ("camera", "camera file")):
+        if not _text(form, name):
+            raise InputError(f"choose the {label}")
+    words = [_path(form, "photo")]
+    form = {**form, **(moved or {})}
+    for name in FORM:
+        if _text(form, name):
+            words += ["--" + name.replace("_", "-"), _path(form, name) if name in FILES else _text(form, name)]
+    try:
+        return words + shlex.split(_text(form, "more"))
+    except ValueError as error:
+        raise InputError(f"other options: {error}") from error
+
+
+def _text(form: Mapping[str, Any], name: str) -> str:
+    value = form.get(name)
+    if value is not None and not isinstance(value, str):
+        raise InputError(f"{name} must be a text, got {value!r}")
+    return (value or "").strip()
+
+
+def _path(form: Mapping[str, Any], name: str) -> str:
+    """Return an absolute path, with which the command works in every folder."""
+    text = _text(form, name)
+    return str(Path(text).expanduser().absolute()) if text else ""
+
+
+def _moved(form: Mapping[str, Any]) -> dict[str, Any]:
+    moved = form.get("moved", {})
+    if not isinstance(moved, dict) or not moved.keys() <= set(MOVED):
+        raise InputError(f"moved must name sliders, got {moved!r}")
+    return moved
+
+
+def _power(form: Mapping[str, Any]) -> float:
+    return _number(form, "power", 0.0, -MOST_POWER, MOST_POWER)
+
+
+def _number(form: Mapping[str, Any], name: str, default: float, least: float, most: float) -> float:
+    value = form.get(name, default)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+        raise InputError(f"{name} must be a number from {least:g} to {most:g}, got {value!r}")
+    return float(value)
+
+
+def _box(form: Mapping[str, Any]) -> list[int]:
+    box = form.get("box")
+    if not (isinstance(box, list) and len(box) == 4 and all(type(n) is int and n >= 0 for n in box)):
+        raise InputError(f"box must be four whole numbers, got {box!r}")
+    return [*box[:2], *(min(n, MOST_CROP) for n in box[2:])]
+
+
+def _request(words: Sequence[str]) -> Request:
+    """Parse arguments as the command line does."""
+    try:
+        request: Request = _parse.main(list(words), prog_name="rsdeblur deblur", standalone_mode=False)
+    except click.ClickException as error:
+        raise InputError(error.format_message()) from error
+    return request
+
+
+def _read(request: Request) -> Inputs:
+    try:
+        log, camera, exposure = read_recording(request.recording, request.photo)
+    except click.ClickException as error:
+        raise InputError(error.format_message()) from error
+    picture = _picture(request.photo, _state(request.photo))
+
+    from rsdeblur.image.encoded import check_size
+
+    with naming(request.photo):
+        check_size(picture.pixels.shape, camera)
+    return Inputs(picture, log, camera, exposure)
+
+
+@lru_cache(maxsize=1)
+def _picture(photo: Path, _: tuple[int, ...] | None) -> Picture:
+    """Read a photo; kept for the next request."""
+    from rsdeblur.io.pictures import read_picture
+
+    return read_picture(photo)
+
+
+def _solvable(request: Request, inputs: Inputs, *, check: bool) -> Options:
+    options = with_translation(request.options, request.track, inputs.camera, inputs.exposure)
+    return replace(options, transfer=transfer_of(inputs.picture, options.transfer), check=check)
+
+
+def _basis(words: tuple[str, ...], *_: tuple[int, ...] | None) -> Basis:
+    """Derive the strengths of a whole picture; kept for each choice of files, mode and prior."""
+    from rsdeblur.app.crop import derive_basis
+
+    request = _request(words)
+    inputs = _read(request)
+    options = _solvable(request, inputs, check=False)
+    with naming(request.photo, request.recording):
+        return derive_basis(inputs.picture.pixels, inputs.log, inputs.camera, inputs.exposure, options)
+
+
+def _shown(result: DeblurResult, inputs: Inputs, transfer: Transfer, crop: Crop, *, draft: bool) -> dict[str, Any]:
+    """Return the crop as data of the page; a draft shows its picture only."""
+    from rsdeblur.report.embed import MotionPlot, bank_data, motion_data, picture_uris
+
+    camera = crop.camera(inputs.camera)
+    pictures = {"result": display_values(result.image, transfer)}
+    if not draft:
+        pictures["input"] = display_values(unit_range(crop.cut(inputs.picture.pixels)), transfer)
+    uris, _ = picture_uris(pictures, inputs.picture.icc_profile)
+    motion = motion_data(MotionPlot.of(inputs.log, camera, inputs.exposure))
+    return {
+        "size": [crop.width, crop.height],
+        "box": [crop.left, crop.top, crop.width, crop.height],
+        "scale": result.image.shape[1] / crop.width,
+        "pictures": dict(zip(pictures, uris, strict=True)),
+        "banks": {} if draft else {"PSFs": bank_data(result.psfs)},
+        "motion": {name: motion[name] for name in ("axis", "opens", "lines", "duration")},
+    }
+
+
+@contextmanager
+def _collected() -> Iterator[list[str]]:
+    """Collect warnings instead of printing them; the list contains their texts after the block."""
+    texts: list[str] = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", RsdeblurWarning)
+        yield texts
+    texts += dict.fromkeys(str(item.message) for item in caught)

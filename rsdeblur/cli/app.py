@@ -1,0 +1,81 @@
+"""`rsdeblur app`: a local page that deblurs a crop while its sliders move."""
+
+from __future__ import annotations
+
+import signal
+import webbrowser
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from click.core import ParameterSource
+
+from rsdeblur._util import interrupts
+from rsdeblur.cli import _options
+from rsdeblur.cli._options import Recording
+from rsdeblur.cli._output import say
+from rsdeblur.errors import InputError
+
+if TYPE_CHECKING:
+    from rsdeblur.app import LocalServer
+    from rsdeblur.cli._desk import Desk
+
+EXAMPLES = """\b
+Examples:
+  rsdeblur app photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4
+  rsdeblur app --camera phone.toml
+"""
+
+
+@click.command("app", epilog=EXAMPLES)
+@click.argument("photos", metavar="[PHOTO]...", nargs=-1, type=_options.PATH)
+@_options.recording_options(required=False)
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page.  [default: a free one]")
+@click.option("--no-browser", is_flag=True, help="Print the address, and open no browser.")
+def command(photos: tuple[Path, ...], recording: Recording, port: int, no_browser: bool) -> None:
+    """Open a page in the browser that deblurs while its sliders move.
+
+    The page is served to this machine only, and requests nothing from the network. It opens photo, log and camera,
+    shows a crop with its PSFs and the check's verdict, copies the command for `rsdeblur deblur`, and saves the full
+    picture with the same code. Ctrl-C ends it.
+    """
+    from rsdeblur.cli._desk import Desk
+
+    with (
+        Desk([str(photo.absolute()) for photo in photos], _given(click.get_current_context())) as desk,
+        _server(desk, port) as server,
+    ):
+        say(f"{server.url}", "Open this address in a browser of this machine; Ctrl-C ends the app.")
+        if not no_browser:
+            webbrowser.open(server.url)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt as interrupt:
+            # Ctrl-C is the usual way to end the app; other signals are reported as for every command.
+            if isinstance(interrupt, interrupts.Interrupt) and interrupt.number != signal.SIGINT:
+                raise
+
+
+def _server(desk: Desk, port: int) -> LocalServer:
+    from rsdeblur.app import LocalServer, page_files
+
+    try:
+        return LocalServer(page_files(), desk.actions, desk.upload, port)
+    except OSError as error:
+        raise InputError(f"--port {port}: {error.strerror}; leave the option out to take a free port") from error
+
+
+def _given(ctx: click.Context) -> dict[str, str]:
+    """Return the options of the recording that the command line gives, as text."""
+    from rsdeblur.cli._desk import RECORDING
+
+    def text(value: Any) -> str:
+        if isinstance(value, Path):
+            return str(value.absolute())
+        return ",".join(map(repr, value)) if isinstance(value, tuple) else str(value)
+
+    return {
+        name: text(value)
+        for name, value in ctx.params.items()
+        if name in RECORDING and ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE
+    }

@@ -1,0 +1,146 @@
+"""Laws of the local server: who may ask, what for, and how much."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import threading
+
+import pytest
+
+from rsdeblur.app import LocalServer, page_files
+from rsdeblur.errors import InputError
+
+
+def refuse(form):
+    raise InputError("photo.jpg: <b>no</b> such file")
+
+
+@pytest.fixture(scope="module")
+def server():
+    actions = {"echo": lambda form: {"form": form}, "refuse": refuse}
+    with LocalServer(page_files(), actions, lambda name, content: {"name": name, "size": len(content)}) as running:
+        # Polled often, so that the end of the test does not wait.
+        thread = threading.Thread(target=running.serve_forever, args=(0.01,))
+        thread.start()
+        yield running
+        running.shutdown()
+        thread.join()
+
+
+@pytest.fixture
+def ask(server):
+    """Send a request and return status, headers and content; `path` follows the token."""
+
+    def send(path, method="GET", body=None, *, token=None, headers=()):
+        connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10)
+        known = {"Host": f"127.0.0.1:{server.server_port}", "Content-Type": "application/json"} | dict(headers)
+        connection.putrequest(method, f"/{token or server.token}/{path}", skip_host=True)
+        if body is not None:
+            known = {"Content-Length": str(len(body))} | known
+        for name, value in known.items():
+            connection.putheader(name, value)
+        connection.endheaders(body)
+        answer = connection.getresponse()
+        content = answer.read()
+        connection.close()
+        return answer.status, answer.headers, content
+
+    return send
+
+
+def test_it_listens_on_the_loopback_address_only_and_every_start_has_a_new_token(server):
+    assert server.server_address[0] == "127.0.0.1"
+    with LocalServer({}, {}, refuse) as other:
+        assert len(other.token) >= 32
+        assert other.token != server.token
+
+
+@pytest.mark.parametrize("name", ["", "style.css", "app.js"])
+def test_pages_come_with_a_policy_that_allows_nothing_from_outside(ask, name):
+    status, headers, content = ask(name)
+    assert (status, len(content)) == (200, int(headers["Content-Length"]))
+    policy = headers["Content-Security-Policy"]
+    assert "default-src 'none'" in policy
+    assert "frame-ancestors 'none'" in policy
+    assert not any(word in policy for word in ("http", "*", "unsafe"))
+    assert headers["Referrer-Policy"] == "no-referrer"  # the address contains the token
+    assert headers["X-Content-Type-Options"] == "nosniff"
+    assert "Access-Control-Allow-Origin" not in headers
+
+
+@pytest.mark.parametrize("token", ["x", "%00", "..", "%C3%A9"])
+def test_without_the_token_nothing_is_answered(ask, token):
+    for method, body in (("GET", None), ("POST", b"{}")):
+        status, _, content = ask("echo" if body else "", method, body, token=token)
+        assert status == 403
+        assert b"rsdeblur app printed" in content
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Host": "evil.example"},
+        {"Host": "127.0.0.1"},
+        {"Host": ""},
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+    ],
+)
+def test_other_hosts_and_pages_are_refused_even_with_the_token(ask, headers):
+    assert ask("", headers=headers)[0] == 403
+    assert ask("echo", "POST", b"{}", headers=headers)[0] == 403
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "../../../../etc/passwd",
+        "..%2f..%2fetc/passwd",
+        "/etc/passwd",
+        "app.html",
+        "style.css/",
+        "__init__.py",
+        "%2e%2e/",
+    ],
+)
+def test_no_path_leads_to_a_file(ask, path):
+    assert ask(path)[0] == 404
+
+
+def test_wrong_methods(ask):
+    assert ask("echo")[0] == 405
+    assert ask("upload")[0] == 405
+    assert ask("", "POST", b"{}")[0] == 405
+    for method in ("HEAD", "PUT", "DELETE", "OPTIONS", "TRACE"):
+        status, headers, _ = ask("", method)
+        assert status == 501
+        assert "Access-Control-Allow-Methods" not in headers
+
+
+def test_bodies_are_bounded(ask):
+    assert ask("echo", "POST", b'{"a": 1}')[2] == b'{"form": {"a": 1}}'
+    assert ask("echo", "POST")[0] == 411
+    for length, status in (
+        ("-1", 411),
+        ("\N{SUPERSCRIPT TWO}".encode("latin-1").decode("latin-1"), 411),
+        ("65537", 413),
+        ("9" * 5000, 413),
+    ):
+        assert ask("echo", "POST", b"", headers={"Content-Length": length})[0] == status
+    octets = {"Content-Type": "application/octet-stream"}
+    assert ask("upload", "POST", b"", headers=octets | {"Content-Length": str(2**40)})[0] == 413
+    assert ask("echo", "POST", b"{}", headers={"Transfer-Encoding": "chunked"})[0] == 411
+    # The types that a form of another page can have.
+    for kind in ("text/plain", "application/x-www-form-urlencoded", "multipart/form-data"):
+        assert ask("echo", "POST", b"{}", headers={"Content-Type": kind})[0] == 415
+    for body in (b"", b"[]", b"{", b"\xff"):
+        assert ask("echo", "POST", body)[0] == 400
+    _, _, content = ask("upload?name=a%2Fb.jpg", "POST", b"123", headers=octets)
+    assert json.loads(content) == {"name": "a/b.jpg", "size": 3}
+
+
+def test_errors_of_the_engine_are_sent_as_their_text(ask):
+    status, headers, content = ask("refuse", "POST", b"{}")
+    assert (status, headers["Content-Type"]) == (422, "application/json")
+    assert json.loads(content) == {"error": "photo.jpg: <b>no</b> such file"}
