@@ -42,6 +42,9 @@ LENS = 0.75
 # Errors of the paths: in px, from interpolation between tiles and within kernels, the same for any blur; and as a
 # share of the PSF's radius, from focal length, time offset and rates.
 PATH_ERROR, PATH_ERROR_SHARE = 0.12, 0.005
+# The same share where frames of a burst are weighed against each other: real motion errs by that much, and an error
+# that a frame shaken less would not have made costs more than the frame adds.
+FRAME_ERROR_SHARE = 0.03
 # Weight of total variation where that of the gradient prior is 1 and E is 1; other exponents scale it by their root.
 SPARSE_STRENGTH = 2.0
 # Candidates for the NSR and for the weight of the gradient prior.
@@ -179,7 +182,7 @@ class Tuning:
         energy : float
             E of the sharp picture.
         """
-        return FINE_NOISE * self.noise**2 + energy * self.model_error
+        return FINE_NOISE * self.noise**2 + energy * (self.model_error + (FRAME_ERROR_SHARE * self.radius) ** 2)
 
     def restoration_error(self, energy: float) -> float:
         """Return the expected mean squared error of the best linear restoration from this frame alone.
