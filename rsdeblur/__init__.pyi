@@ -47,6 +47,9 @@ from .motion.paths import BlurPaths as BlurPaths
 from .motion.paths import Capture as Capture
 from .motion.trajectory import Trajectory as Trajectory
 from .motion.translation import Translation as Translation
+from .pipeline.burst import BurstResult as BurstResult
+from .pipeline.burst import FrameUse as FrameUse
+from .pipeline.burst import deblur_burst as deblur_burst
 from .pipeline.deblur import deblur as deblur
 from .pipeline.deblur import psfs as psfs
 from .pipeline.deconvolve import deconvolve as deconvolve

@@ -173,6 +173,17 @@ class PsfBank:
         """Return the representation and the kernels for a notebook."""
         return html_with_picture(self, kernel_sheet(self))
 
+    def padded(self, size: tuple[int, int]) -> PsfBank:
+        """Return the bank with kernels surrounded by zeros.
+
+        Parameters
+        ----------
+        size : (int, int)
+            Height and width of the kernels in px, odd, at least their own.
+        """
+        down, across = ((n - own) // 2 for n, own in zip(size, self.size, strict=True))
+        return PsfBank(np.pad(self.kernels, ((0, 0), (0, 0), (down, down), (across, across))), self.rows, self.cols)
+
     def cut(self, rows: slice, cols: slice) -> PsfBank:
         """Return the bank of the kernels that affect a part of the picture.
 

@@ -24,6 +24,7 @@ from rsdeblur.errors import RsdeblurError, RsdeblurWarning
 COMMANDS = (
     *(
         "deblur",
+        "burst",
         "compare",
         "batch",
         "video",

@@ -12,6 +12,7 @@ from click.core import ParameterSource
 
 from rsdeblur._util import interrupts
 from rsdeblur.cli import _options
+from rsdeblur.cli._command import Command
 from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import say
 from rsdeblur.errors import InputError
@@ -27,7 +28,7 @@ Examples:
 """
 
 
-@click.command("app", epilog=EXAMPLES)
+@click.command("app", cls=Command, epilog=EXAMPLES)
 @click.argument("photos", metavar="[PHOTO]...", nargs=-1, type=_options.PATH)
 @_options.recording_options(required=False)
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page.  [default: a free one]")

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from rsdeblur.cli import _options
+from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import clip_exposures, read_device, read_recording
 from rsdeblur.cli._items import read_items
 from rsdeblur.cli._options import Defaults, Recording
@@ -44,7 +45,7 @@ class _Shot(NamedTuple):
     reason: str | None = None
 
 
-@click.command("triage", epilog=EXAMPLES)
+@click.command("triage", cls=Command, epilog=EXAMPLES)
 @click.argument("source", type=_options.PATH, metavar="FOLDER|CLIP")
 @_options.recording_options(required=False)
 @click.option(

@@ -18,8 +18,8 @@ of brightness that their exponents require.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -44,6 +44,9 @@ LENS = 0.75
 # Errors of the paths: in px, from interpolation between tiles and within kernels, the same for any blur; and as a
 # share of the PSF's radius, from focal length, time offset and rates.
 PATH_ERROR, PATH_ERROR_SHARE = 0.12, 0.005
+# The same share where frames of a burst are weighed against each other: real motion errs by that much, and an error
+# that a frame shaken less would not have made costs more than the frame adds.
+FRAME_ERROR_SHARE = 0.03
 # Weight of total variation where that of the gradient prior is 1 and E is 1; other exponents scale it by their root.
 SPARSE_STRENGTH = 2.0
 # Candidates for the NSR and for the weight of the gradient prior.
@@ -80,6 +83,8 @@ class Tuning:
         with priors on the gradient.
     spectra : Spectra
         Spectra of the PSFs.
+    path_error : float, optional
+        Mean square of the errors of the paths, px^2; by default it follows from `radius`.
 
     Examples
     --------
@@ -97,6 +102,7 @@ class Tuning:
     radius: float
     border_error: float
     spectra: Spectra = field(repr=False)
+    path_error: float | None = None
 
     @classmethod
     def of(
@@ -142,6 +148,67 @@ class Tuning:
         if continued:
             share = max(share, bank.size[0] / light.shape[0])
         return cls(noise, energy, _radius(bank), 0.0 if repeats else share**2 / 4, spectra)
+
+    @classmethod
+    def of_burst(cls, frames: Sequence[Tuning]) -> tuple[Tuning, tuple[float, ...]]:
+        """Combine the measurements of several frames of one scene.
+
+        A frame counts by its share: the inverse of its :attr:`noise_power`, divided by the sum over all frames.
+
+        Parameters
+        ----------
+        frames : sequence of Tuning
+            Measurements of each frame, the reference first, whose energy counts for all.
+
+        Returns
+        -------
+        tuning : Tuning
+            Measurements of a picture that is as informative as all frames together.
+        shares : tuple of float
+            Share of each frame; they sum to 1.
+        """
+        first = frames[0]
+        precision = 1.0 / np.array([frame.noise_power(first.energy) for frame in frames])
+        shares = precision / precision.sum()
+
+        def mean(values: Sequence[float]) -> float:
+            return float(shares @ np.array(values))
+
+        # Errors of the frames are independent, so they average out.
+        noise = np.square(shares) @ np.square([frame.noise for frame in frames])
+        path_error = float(np.square(shares) @ np.array([frame.model_error for frame in frames]))
+        tuning = cls(
+            float(np.sqrt(noise)),
+            first.energy,
+            float(np.sqrt(mean([frame.radius**2 for frame in frames]))),
+            mean([frame.border_error for frame in frames]),
+            Spectra.mean([frame.spectra for frame in frames], shares),
+            path_error,
+        )
+        return tuning, tuple(shares.tolist())
+
+    def noise_power(self, energy: float) -> float:
+        """Return the power of noise and of the model's errors, which are nearly white and grow with the blur.
+
+        Parameters
+        ----------
+        energy : float
+            E of the sharp picture.
+        """
+        return FINE_NOISE * self.noise**2 + energy * (self.model_error + (FRAME_ERROR_SHARE * self.radius) ** 2)
+
+    def restoration_error(self, energy: float) -> float:
+        """Return the expected mean squared error of the best linear restoration from this frame alone.
+
+        Parameters
+        ----------
+        energy : float
+            E of the sharp picture.
+        """
+        signal = energy * self.spectra.signal
+        noise = self.noise_power(energy) + self.border_error * signal
+        known = noise + self.spectra.power * signal
+        return float(np.divide(signal * noise, known, out=np.zeros_like(known), where=known > 0).mean())
 
     @cached_property
     def gradient_weight(self) -> float:
@@ -194,13 +261,15 @@ class Tuning:
     def _noise_spectrum(self) -> FloatArray:
         """Spectrum of the noise and of the errors of the model, which priors cannot distinguish from noise."""
         spectra = self.spectra
-        errors = self._path_error * spectra.gradient + self.border_error
+        errors = self.model_error * spectra.gradient + self.border_error
         wrong = errors * spectra.power + spectra.power - 2 * spectra.match + spectra.undone
         return self.noise**2 + self.energy * spectra.signal * wrong
 
     @property
-    def _path_error(self) -> float:
+    def model_error(self) -> float:
         """Mean square of the errors of the paths, px^2."""
+        if self.path_error is not None:
+            return self.path_error
         return PATH_ERROR**2 + (PATH_ERROR_SHARE * self.radius) ** 2
 
     @property
@@ -213,7 +282,7 @@ class Tuning:
         spectra = self.spectra
         noise = (
             FINE_NOISE * self.noise**2 / self.energy
-            + (self._path_error * spectra.gradient + self.border_error) * spectra.signal
+            + (self.model_error * spectra.gradient + self.border_error) * spectra.signal
         )
 
         def error(strength: float) -> float:
@@ -261,6 +330,15 @@ class Spectra:
     undone: FloatArray
     match: FloatArray
     left_of_gradient: float
+
+    @classmethod
+    def mean(cls, frames: Sequence[Spectra], shares: FloatArray) -> Spectra:
+        """Return the spectra of frames of one scene together, weighted by their shares; all have the same shape."""
+        power, undone, match = (
+            np.tensordot(shares, [getattr(frame, name) for frame in frames], axes=1)
+            for name in ("power", "undone", "match")
+        )
+        return replace(frames[0], power=power, undone=undone, match=match)
 
     @classmethod
     def of(cls, bank: PsfBank, *, one_filter: bool) -> Spectra:

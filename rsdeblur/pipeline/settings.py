@@ -79,7 +79,8 @@ class SolverSettings:
         return {name: getattr(self, name) for name in ("nsr", "border", "planning", "threads")}
 
     @property
-    def _latent_prior(self) -> LatentPrior | None:
+    def latent_prior(self) -> LatentPrior | None:
+        """The prior as the solvers take it; None for the Wiener filter."""
         if self.weight is None:
             return None
         if callable(self.prior):
@@ -119,7 +120,7 @@ class SolverSettings:
         """Plan a solver of tiles, whose PSFs can be replaced later."""
         if self.mode == "rowwise":
             raise InputError('mode="rowwise" has no tiles')
-        prior = self._latent_prior
+        prior = self.latent_prior
         if prior is None:
             wiener = Deconvolver(bank, shape, **self._engine)
             return TileSolver(wiener, wiener.apply)
@@ -136,7 +137,7 @@ class SolverSettings:
     def _rowwise(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:
         paths = BlurPaths.every_row(capture, bank.cols, within=slice(first, first + shape[0]))
         rows = RowDeconvolver(replace(paths, rows=paths.rows - first), shape, solver=self.solver, **self._engine)
-        return lambda light, progress: rows.apply(light, prior=self._latent_prior, progress=progress)
+        return lambda light, progress: rows.apply(light, prior=self.latent_prior, progress=progress)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

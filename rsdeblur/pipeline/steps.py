@@ -74,8 +74,33 @@ def derive_strengths(
     tuning = Tuning.of(
         *(linear, bank()), noise=noise, one_filter=mode == "global", continued=mode != "rowwise", repeats=repeats
     )
+    peak = 1.0 if prior in ("wiener", "wavelet") else brightness(split.remainder(slice(None), 4))
+    return tuned_strengths(tuning, options, peak)
+
+
+def tuned_strengths(tuning: Tuning, options: Options, peak: float) -> tuple[Strengths, float]:
+    """Return the strengths that follow from the measurements of a picture, or of several together.
+
+    Parameters
+    ----------
+    tuning : Tuning
+        The measurements.
+    options : Options
+        Options; what they set is not derived.
+    peak : float
+        Value of the picture's bright parts.
+
+    Returns
+    -------
+    strengths : Strengths
+        The strengths.
+    nsr : float
+        Noise-to-signal ratio that decides the automatic number of bands.
+    """
+    prior = options.prior
     if prior == "wiener":
-        return Strengths(tuning.wiener_nsr, None, 1.0, noise=tuning.noise), tuning.wiener_nsr
+        nsr = tuning.wiener_nsr if options.nsr == "auto" else options.nsr
+        return Strengths(nsr, None, 1.0, noise=tuning.noise), nsr
     nsr = tuning.border_error if options.nsr == "auto" else options.nsr
     if prior == "wavelet":
         wavelet = tuning.wavelet(None if options.weight == "auto" else options.weight)
@@ -84,7 +109,6 @@ def derive_strengths(
         weight = options.weight
     else:
         weight = tuning.denoiser_weight if callable(prior) or prior == "nlm" else tuning.weight(prior, options.exponent)
-    peak = brightness(split.remainder(slice(None), 4))
     return Strengths(nsr, weight, peak, noise=tuning.noise), tuning.gradient_nsr
 
 

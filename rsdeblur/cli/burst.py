@@ -1,0 +1,191 @@
+"""`rsdeblur burst`: deblur several frames of one scene together."""
+
+from __future__ import annotations
+
+import re
+import time
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rsdeblur.cli import _options
+from rsdeblur.cli._command import Command
+from rsdeblur.cli._inputs import clip_exposures, naming, read_device, transfer_of
+from rsdeblur.cli._options import Recording, Target
+from rsdeblur.cli._output import print_json, progress, refuse_inputs, say
+from rsdeblur.cli._photo import facts_of
+from rsdeblur.errors import InputError
+
+if TYPE_CHECKING:
+    from rsdeblur.io.pictures import Picture
+    from rsdeblur.motion.exposure import Exposure
+    from rsdeblur.pipeline.burst import BurstResult
+    from rsdeblur.pipeline.options import Options
+
+EXAMPLES = """\b
+Examples:
+  rsdeblur burst a.jpg b.jpg c.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --frames 2,3,4 -o out.jpg
+  rsdeblur burst --from clip.mp4 --frames 10:18 --gyro gyro.csv --camera phone.toml --duration 1/30 -o sharp.png
+"""
+
+
+# Options of the blur that a burst has.
+TILES = ("mode", "bands", "strips")
+# Longest span of frames that is taken for no mistake; the burst itself has a lower limit.
+MOST_FRAMES = 1000
+
+
+class FramesType(click.ParamType[list[int]]):
+    """Numbers of frames: `2,3,5`, or `2:6` for 2, 3, 4 and 5."""
+
+    name = "frames"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> list[int]:
+        """Return the numbers."""
+        if isinstance(value, list):
+            return value
+        if span := re.fullmatch(r"(\d{1,9}):(\d{1,9})", value):
+            first, stop = map(int, span.groups())
+            if first < stop <= first + MOST_FRAMES:
+                return list(range(first, stop))
+        elif re.fullmatch(r"\d{1,9}(,\d{1,9})*", value):
+            return [int(number) for number in value.split(",")]
+        self.fail(f"{value!r} is neither a list of numbers like 2,3,5 nor a span of up to {MOST_FRAMES}, like 10:18")
+
+
+@click.command("burst", cls=Command, epilog=EXAMPLES)
+@click.argument("photos", type=_options.PATH, nargs=-1)
+@click.option("--from", "clip", type=_options.PATH, metavar="VIDEO", help="Take the frames from a video.")
+@click.option(
+    "--frames",
+    type=FramesType(),
+    required=True,
+    metavar="A:B|N,N,...",
+    help="Numbers of the frames, from 0: lines of --capture, or frames of the video; 10:18 is 10 to 17.",
+)
+@click.option(
+    "--reference",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Number of the frame whose pose the result has, one of --frames.  [default: the best]",
+)
+@click.option("--weights", type=_options.PATH, metavar="PNG", help="Write the weights of the frames, side by side.")
+@_options.clip_options
+@_options.solve_options(
+    "mode", "bands", "strips", *_options.SOLVER, "normalize", *_options.ENGINE, *_options.ONE_RESULT
+)
+@_options.target_options("OUT", "Picture to write.")
+def command(
+    photos: tuple[Path, ...],
+    clip: Path | None,
+    frames: list[int],
+    reference: int | None,
+    weights: Path | None,
+    recording: Recording,
+    options: Options,
+    target: Target,
+) -> None:
+    """Deblur several frames of one scene together: PHOTOS, or frames of a video.
+
+    Each shaken frame has lost other details; together they have almost all. Frames that do not fit, or places where
+    something moves, do not count. EXIF, colour profile and bit depth are those of the reference.
+    """
+    from rsdeblur.io.pictures import check_writable, write_picture
+    from rsdeblur.pipeline.burst import deblur_burst
+
+    if (clip is None) == (not photos):
+        raise click.UsageError("give either photos or --from VIDEO")
+    if reference is not None and reference not in frames:
+        raise click.UsageError(f"--reference {reference} is not one of --frames")
+    for path in filter(None, (target.output, weights)):
+        refuse_inputs(path)
+        check_writable(path, force=target.force)
+    log, camera = read_device(recording)
+    pictures, exposures = _from_clip(clip, frames, recording) if clip else _from_photos(photos, frames, recording)
+    options = replace(options, transfer=transfer_of(pictures[0], options.transfer))
+    begin = time.perf_counter()
+    with progress("burst") as move, naming(None, recording):
+        result = deblur_burst(
+            [picture.pixels for picture in pictures],
+            *(log, camera, exposures),
+            reference="auto" if reference is None else frames.index(reference),
+            progress=move,
+            **{member.name: getattr(options, member.name) for member in fields(options)},
+        )
+    write_picture(target.output, result.image, like=pictures[result.reference], force=target.force)
+    if weights is not None:
+        import numpy as np
+
+        write_picture(weights, np.hstack([frame.weights for frame in result.frames]), force=target.force)
+    facts = _facts(result, frames, target.output, options, time.perf_counter() - begin)
+    if target.as_json:
+        print_json(facts)
+    else:
+        _print(facts)
+
+
+def _from_photos(
+    photos: tuple[Path, ...], frames: list[int], recording: Recording
+) -> tuple[list[Picture], list[Exposure]]:
+    """Read photos, and their lines of the capture file."""
+    from rsdeblur.io import read_captures
+    from rsdeblur.io.pictures import read_picture
+
+    if recording.capture is None:
+        raise click.UsageError("the exposures are not given; use --capture FILE")
+    if len(frames) != len(photos):
+        raise click.UsageError(f"--frames names {len(frames)} exposures for {len(photos)} photos")
+    captures = read_captures(recording.capture, duration=recording.duration)
+    _check_range(frames, len(captures), f"{recording.capture}: there is no exposure")
+    return [read_picture(photo) for photo in photos], [captures[n] for n in frames]
+
+
+def _from_clip(clip: Path, frames: list[int], recording: Recording) -> tuple[list[Picture], list[Exposure]]:
+    """Decode frames of a video, and find their exposures."""
+    from rsdeblur.io.pictures import Picture
+    from rsdeblur.video.clip import frames as decoded
+    from rsdeblur.video.clip import open_clip
+    from rsdeblur.video.pixels import values_of
+
+    opened = open_clip(clip)
+    _check_range(frames, len(opened), f"{clip}: there is no frame")
+    exposures = clip_exposures(opened, recording)
+    pictures = [Picture(values_of(next(decoded(opened, n, n + 1)))) for n in frames]
+    return pictures, [exposures[n] for n in frames]
+
+
+def _check_range(frames: list[int], count: int, problem: str) -> None:
+    if max(frames) >= count:
+        raise InputError(f"{problem} {max(frames)}; the last one is {count - 1}")
+    if len(set(frames)) < len(frames):
+        raise click.UsageError("--frames names a frame twice")
+
+
+def _facts(result: BurstResult, frames: list[int], output: Path, options: Options, seconds: float) -> dict[str, Any]:
+    used = [
+        {"frame": number} | {m.name: getattr(use, m.name) for m in fields(use) if m.name != "weights"}
+        for number, use in zip(frames, result.frames, strict=True)
+    ]
+    facts = facts_of(result.result, output, options.mode, options.prior_name, seconds)
+    return facts | {"reference": frames[result.reference], "frames": used}
+
+
+def _print(facts: dict[str, Any]) -> None:
+    wide, tall = facts["psf_px"]
+    used = [frame for frame in facts["frames"] if frame["share"] > 0]
+    strength = f"NSR {facts['nsr']:.2g}" if facts["weight"] is None else f"weight {facts['weight']:.2g}"
+    tiles = f"{facts['bands']} x {facts['strips']} PSFs of up to {wide} x {tall} px"
+    verdict = "" if facts["check"] is None else f"; {facts['check']['verdict']}"
+    reasons = facts["check"]["reasons"] if facts["check"] else ()
+    say(
+        f"{facts['output']}: {len(used)} of {len(facts['frames'])} frames, reference {facts['reference']}, "
+        f"{facts['mode']}, {tiles}, {facts['prior']}, {strength}, {facts['seconds']:.1f} s{verdict}",
+        *([f"  {' '.join(reasons)}"] if reasons else []),
+    )
+    for frame in facts["frames"]:
+        say(
+            f"  frame {frame['frame']}: share {frame['share']:.2f}, fits {100 * frame['support']:.0f} %, "
+            f"blur {frame['blur']:.1f} px, shift {frame['shift']:.1f} px, brightness x {frame['gain']:.2f}"
+        )

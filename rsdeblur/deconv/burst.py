@@ -1,0 +1,215 @@
+"""Several blurred pictures of one scene, solved together: their normal equations add."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rsdeblur._util import validate
+from rsdeblur.choices import Border, Planning
+from rsdeblur.deconv.priors import LatentPrior, check_prior
+from rsdeblur.deconv.quadratic import MARGIN
+from rsdeblur.deconv.wiener import LEAST_NSR, TileFilter, decay_margin
+from rsdeblur.errors import InputError
+from rsdeblur.psf import PsfBank
+from rsdeblur.types import ComplexArray, Float32Array, FloatImage
+
+# Shares of frames sum to 1 up to rounding.
+SHARE_TOLERANCE = 1e-6
+
+
+class BurstQuadratic(TileFilter):
+    """Deconvolution of several pictures of one scene, planned once and applied often.
+
+    As a :class:`rsdeblur.deconv.priors.QuadraticSolver` it solves, by one pass of filters for each frame i and one for
+    the gradient,
+
+        U = ((1 + nsr) sum_i a_i conj(H_i) G_i + beta V) / (sum_i a_i |H_i|^2 + nsr + beta |D|^2)
+
+    The share a_i of a frame is the inverse of its noise power, divided by the sum of these over all frames. With one
+    frame this is :class:`rsdeblur.TileQuadratic`, or without a prior :class:`rsdeblur.Deconvolver`.
+
+    Parameters
+    ----------
+    banks : sequence of PsfBank
+        PSFs of each frame, at the same places of the scene.
+    shares : sequence of float
+        Share a_i of each frame, positive; their sum is 1.
+    shape : (H, W) or (H, W, C)
+        Shape of the pictures.
+    nsr : float, default 0.001
+        See :class:`rsdeblur.TileQuadratic`.
+    wiener : bool, default False
+        Whether pictures are solved without a prior, which takes margins that depend on `nsr`.
+    border, planning, threads
+        See :class:`rsdeblur.Deconvolver`.
+
+    Raises
+    ------
+    InputError
+        As :class:`rsdeblur.Deconvolver` does, and if the banks have different places or the shares do not fit.
+    """
+
+    def __init__(
+        self,
+        banks: Sequence[PsfBank],
+        shares: Sequence[float],
+        shape: tuple[int, ...],
+        *,
+        nsr: float = 0.001,
+        wiener: bool = False,
+        border: Border = "blend",
+        planning: Planning = "estimate",
+        threads: int | None = None,
+    ) -> None:
+        check_frames(banks, shares)
+        self.nsr = validate.finite("nsr", nsr, minimum=0.0, maximum=validate.MOST_STRENGTH)
+        self.shares = tuple(map(float, shares))
+        margin = MARGIN
+        if wiener:
+            self.nsr = max(self.nsr, LEAST_NSR)
+            margin = decay_margin(self.nsr)
+        tall, wide = np.max([bank.size for bank in banks], axis=0)
+        banks = [bank.padded((int(tall), int(wide))) for bank in banks]
+        super().__init__(banks[0], shape, margin=margin, border=border, planning=planning, threads=threads)
+        self.periodic = border == "periodic"
+        self._otfs = [self._new_filters() for _ in banks]
+        for bank, otfs in zip(banks, self._otfs, strict=True):
+            self._fill_otfs(bank, otfs)
+        self._power = np.zeros(self._otfs[0].shape, dtype=np.float32)
+        for share, otfs in zip(self.shares, self._otfs, strict=True):
+            self._power += np.float32(share) * (np.square(otfs.real) + np.square(otfs.imag))
+        self._filters = self._new_filters()
+        # |exp(i w) - 1|^2 = 4 sin^2(w / 2)
+        across = 4 * np.sin(np.pi * np.arange(self._hybrid.padded_frequencies) / self._strips.length) ** 2
+        down = 4 * np.sin(np.pi * np.arange(self._bands.length) / self._bands.length) ** 2
+        self._differences = (across[:, None] + down).astype(np.float32)
+
+    def apply(
+        self,
+        images: Sequence[ArrayLike],
+        *,
+        prior: LatentPrior | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> NDArray[np.float32]:
+        """Deblur the pictures of one scene.
+
+        Parameters
+        ----------
+        images : sequence of array_like of the planned shape
+            Linear light of each frame, floats; converted to float32.
+        prior : GradientPrior, WaveletPrior or PlugAndPlayPrior, optional
+            Assumption about the sharp picture; without it the result is that of the Wiener filter.
+        progress : callable, optional
+            Called with the finished fraction after each solve.
+
+        Returns
+        -------
+        ndarray of the planned shape, float32
+            Not clipped.
+
+        Raises
+        ------
+        InputError
+            If there is another number of pictures, or one has another shape, holds integers or is not finite.
+        """
+        validate.callback("progress", progress)
+        if len(images) != len(self.shares):
+            raise InputError(f"the solver is planned for {len(self.shares)} pictures, got {len(images)}")
+        with self.lock:
+            self._observations = [
+                validate.linear_light(image, self.shape).reshape(self._channelled) for image in images
+            ]
+            if prior is None:
+                latent = self.solve(0.0, None)
+            else:
+                prior = check_prior(prior).with_peak_of(self._observations[0])
+                latent = prior.restore(self, threads=self.threads, progress=progress)
+            del self._observations
+        return latent.reshape(self.shape)
+
+    def solve(self, beta: float, grad_adjoint: FloatImage | None = None) -> FloatImage:
+        """Return the minimiser for the observations.
+
+        Parameters
+        ----------
+        beta : float
+            Weight of the gradient term, at least 0.
+        grad_adjoint : ndarray, shape (H, W, C), float32, optional
+            `D^T w`; None is zero. Its memory receives the result.
+
+        Returns
+        -------
+        ndarray, shape (H, W, C), float32
+        """
+        return self._solve(beta, grad_adjoint, self._differences)
+
+    def solve_near(self, beta: float, target: FloatImage) -> FloatImage:
+        """Return the minimiser of the data term plus `beta |u - v|^2`.
+
+        Parameters
+        ----------
+        beta : float
+            Weight of the target, at least 0.
+        target : ndarray, shape (H, W, C), float32
+            The target v. Its memory receives the result.
+
+        Returns
+        -------
+        ndarray, shape (H, W, C), float32
+        """
+        return self._solve(beta, target, np.ones((1, 1), dtype=np.float32))
+
+    def _solve(self, beta: float, pull: FloatImage | None, coupling: Float32Array) -> FloatImage:
+        """Return the minimiser with a term `beta coupling`, whose right-hand side is `beta pull`."""
+        latent, part = np.empty((2, *self._channelled), dtype=np.float32)
+        for n, (share, otfs) in enumerate(zip(self.shares, self._otfs, strict=True)):
+            self._plan((1.0 + self.nsr) * share, beta * coupling, otfs)
+            self._filter(self._filters, self._observations[n], part if n else latent)
+            if n:
+                latent += part
+        if pull is None:
+            return latent
+        self._plan(beta, beta * coupling, None)
+        self._filter(self._filters, pull, pull)
+        pull += latent
+        return pull
+
+    def blurred(self, latent: FloatImage, frame: int) -> FloatImage:
+        """Return a latent picture (H, W, C) with the blur of a frame."""
+        out = np.empty(self._channelled, dtype=np.float32)
+        with self.lock:
+            np.multiply(self._otfs[frame], np.float32(self._scale), out=self._filters)
+            self._filter(self._filters, latent, out)
+        return out
+
+    def _plan(self, factor: float, term: Float32Array, otfs: ComplexArray | None) -> None:
+        """Compute the filters ``factor conj(H) / (power + nsr + term)``; `otfs` of None are 1."""
+
+        def plan(_: int, s: int, b: int) -> None:
+            gain = self._power[s, b] + term
+            gain += np.float32(self.nsr)
+            # Frequencies that pad the block, and zeros of all OTFs without a prior, have no signal.
+            np.maximum(gain, np.float32(np.finfo(np.float32).tiny), out=gain)
+            np.divide(np.float32(factor * self._scale), gain, out=gain)
+            if otfs is None:
+                self._filters[s, b] = gain
+            else:
+                np.conjugate(otfs[s, b], out=self._filters[s, b])
+                self._filters[s, b] *= gain
+
+        self._share_tiles(plan)
+
+
+def check_frames(banks: Sequence[PsfBank], shares: Sequence[float]) -> None:
+    """Raise `InputError` unless all banks have the same places, and the shares are positive and sum to 1."""
+    if not banks or len(banks) != len(shares):
+        raise InputError(f"a burst needs PSFs and a share for each frame, got {len(banks)} and {len(shares)}")
+    for bank in banks:
+        validate.instance("bank", bank, PsfBank)
+        if not (np.array_equal(bank.rows, banks[0].rows) and np.array_equal(bank.cols, banks[0].cols)):
+            raise InputError("the PSFs of all frames of a burst must have the same places")
+    if min(shares) <= 0 or abs(sum(shares) - 1) > SHARE_TOLERANCE:
+        raise InputError(f"shares of frames must be positive and sum to 1, got {', '.join(map(str, shares))}")

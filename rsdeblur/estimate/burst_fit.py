@@ -1,0 +1,220 @@
+"""Fit of a frame of a burst to the reference: gain, residual shift, and where it shows the same scene.
+
+Rotation does not explain parallax, moving objects or errors of the motion. Both pictures are compared with equal blur:
+the frame is convolved with the PSFs of the reference, and the reference with those of the frame. So what differs is
+noise or a misfit, at any blur, and without a deconvolution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from rsdeblur.types import Float32Array
+
+# Standard deviations in px of the smoothing, and half widths of the windows as shares of the shorter side, from coarse
+# to fine. The first window is the whole picture.
+LEVELS = ((8.0, None), (4.0, 1 / 4), (2.0, 1 / 8), (1.0, 1 / 12))
+# Newton steps per level.
+STEPS = 3
+# Standard deviation of the shift from that of the coarser level, px: windows that do not prove a shift keep that one.
+SHIFT_DEVIATION = 0.5
+# Largest step of the shift, in standard deviations of the smoothing.
+MOST_STEP = 1.0
+# Gains are measured where the reference has this share of its mean brightness, and are limited.
+LEAST_BRIGHT, MOST_GAIN = 0.2, 1e3
+# Half width of the window over which the misfit is averaged, px.
+MISFIT_RADIUS = 6
+# Errors of the shift itself, px.
+SHIFT_ERROR = 0.2
+# Differences of brightness as a share of it: vignetting, flicker, the camera's own processing.
+GAIN_ERROR = 0.01
+# Mean squared misfit, in units of its expectation, up to which a frame counts fully, and from which on it is left out.
+FULL_WEIGHT, NO_WEIGHT = 4.0, 16.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameFit:
+    """How a frame of a burst fits the reference.
+
+    Parameters
+    ----------
+    gain : float
+        Its brightness in units of the reference's.
+    shift : ndarray, shape (h, w, 2), float32
+        Residual shift (x, y) in px of the reduced picture: what the motion leaves unexplained.
+    weights : ndarray, shape (h, w), float32
+        Weight from 0 to 1 of the frame at each pixel of the reduced reference.
+    support : float
+        Mean weight over the reference's detail, from 0 to 1.
+    misfit : float
+        Mean squared difference in units of the expected one where the frame counts, at least 1.
+    """
+
+    gain: float
+    shift: Float32Array
+    weights: Float32Array
+    support: float
+    misfit: float
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """Expected difference between equally blurred pictures.
+
+    Parameters
+    ----------
+    noise : float
+        Variance of the noise, at a gain of 1.
+    path_error : float
+        Mean square of the errors of the paths, px^2 of the reduced picture.
+    blur : float
+        Mean square radius of both PSFs together, px^2 of the reduced picture.
+    """
+
+    noise: float
+    path_error: float
+    blur: float
+
+
+def fit_frame(
+    frame: Float32Array,
+    reference: Float32Array,
+    known: Float32Array,
+    expected: Expected,
+) -> FrameFit:
+    """Fit a frame to the reference.
+
+    Parameters
+    ----------
+    frame, reference : ndarray, shape (h, w), float32
+        The resampled frame with the blur of the reference added, and the reference with that of the frame.
+    known : ndarray, shape (h, w), float32
+        1 where both pictures show the scene alone, 0 elsewhere. There the weight is that of the nearest known place.
+    expected : Expected
+        Expected difference.
+    """
+    height, width = reference.shape
+    shift = np.zeros((height, width, 2), dtype=np.float32)
+    gain = 1.0
+    for smoothing, part in LEVELS:
+        radius = None if part is None else max(8, round(part * min(height, width)))
+        here, there = (ndimage.gaussian_filter(picture, smoothing) for picture in (reference, frame))
+        level = _Level(here, there, known, radius, 4 * np.pi * (smoothing**2 + expected.blur), shift)
+        for _ in range(STEPS):
+            gain = level.gain(shift)
+            shift = level.step(shift, gain, MOST_STEP * smoothing)
+    moved = sampled(frame, shift) / np.float32(gain)
+    misfit, slope = np.square(moved - reference), _slope(reference)
+    mean = _window_mean(MISFIT_RADIUS)
+    share = np.maximum(mean(known), 1e-6)
+    path_error = expected.path_error + SHIFT_ERROR**2
+    least = expected.noise + path_error * mean(slope * known) / share
+    least = least + np.square(GAIN_ERROR * mean(reference))
+    ratio = mean(misfit * known) / share / np.maximum(least, np.finfo(np.float32).tiny)
+    if known.any():
+        nearest = ndimage.distance_transform_edt(known == 0, return_distances=False, return_indices=True)
+        ratio = ratio[tuple(nearest)]
+    fading = np.clip((NO_WEIGHT - ratio) / (NO_WEIGHT - FULL_WEIGHT), 0.0, 1.0)
+    weights = (fading * fading * (3.0 - 2.0 * fading)).astype(np.float32)
+    detail = slope * known
+    support = float((weights * detail).sum() / max(float(detail.sum()), np.finfo(np.float32).tiny))
+    trust = weights * known
+    excess = float((trust * misfit).sum() / max(float((trust * least).sum()), np.finfo(np.float32).tiny))
+    return FrameFit(gain, shift, weights, support, max(1.0, excess))
+
+
+class _Level:
+    """One level of smoothing, with the normal equations of the shift.
+
+    Parameters
+    ----------
+    here, there : ndarray, shape (h, w), float32
+        Reference and frame, smoothed.
+    known : ndarray, shape (h, w), float32
+        See :func:`fit_frame`.
+    radius : int or None
+        Half width of the windows.
+    spread : float
+        Area over which differences are alike, px: a window counts as so many times fewer pixels.
+    start : ndarray, shape (h, w, 2), float32
+        Shift of the coarser level.
+    """
+
+    def __init__(
+        self,
+        here: Float32Array,
+        there: Float32Array,
+        known: Float32Array,
+        radius: int | None,
+        spread: float,
+        start: Float32Array,
+    ) -> None:
+        self._here, self._there, self._known, self._start = here, there, known, start
+        self._dy, self._dx = _gradient(here)
+        self._mean = _window_mean(radius)
+        count = here.size if radius is None else (2 * radius + 1) ** 2
+        self._per_difference = 1.0 / (max(1.0, count / spread) * SHIFT_DEVIATION**2)
+
+    def gain(self, shift: Float32Array) -> float:
+        """Return the median ratio of the frame to the reference, which no moving thing can change."""
+        bright = (self._known > 0) & (self._here > LEAST_BRIGHT * self._here.mean())
+        if not bright.any():
+            return 1.0
+        ratio = float(np.median(sampled(self._there, shift)[bright] / self._here[bright]))
+        return float(np.clip(ratio, 1 / MOST_GAIN, MOST_GAIN))
+
+    def step(self, shift: Float32Array, gain: float, most: float) -> Float32Array:
+        """Return the shift after a step of Newton's method; no part of it is longer than `most`."""
+        difference = self._here - sampled(self._there, shift) / np.float32(gain)
+        # Outliers, such as a thing that moves, count less.
+        typical = float(np.median(np.abs(difference[self._known > 0]))) if self._known.any() else 0.0
+        trust = self._known / (1.0 + np.square(difference / max(3.0 * typical, 1e-12)))
+        xx, xy, yy, x, y, left = (
+            self._mean(trust * product)
+            for product in (
+                *(self._dx * self._dx, self._dx * self._dy, self._dy * self._dy),
+                *(self._dx * difference, self._dy * difference, difference * difference),
+            )
+        )
+        # A little of the trace keeps windows with one direction solvable. What no shift explains counts as noise.
+        prior = left * self._per_difference
+        ridge = prior + 0.02 * 0.5 * (xx + yy) + 1e-20
+        x, y = (of - prior * part for of, part in zip((x, y), np.moveaxis(shift - self._start, -1, 0), strict=True))
+        xx, yy = xx + ridge, yy + ridge
+        determinant = xx * yy - xy * xy
+        step = np.stack([yy * x - xy * y, xx * y - xy * x], axis=-1) / determinant[..., None]
+        moved: Float32Array = shift + step.clip(-most, most).astype(np.float32)
+        return moved
+
+
+def _window_mean(radius: int | None) -> Callable[[NDArray[np.floating]], NDArray[np.floating]]:
+    """Return a function that averages over a window around each pixel; None is the whole picture."""
+    if radius is None:
+        return lambda values: np.full(values.shape, values.mean())
+    # Two boxes make a tent, whose weights fall smoothly.
+    return lambda values: ndimage.uniform_filter(ndimage.uniform_filter(values, radius + 1), radius + 1)
+
+
+def _slope(picture: Float32Array) -> Float32Array:
+    down, across = _gradient(picture)
+    slope: Float32Array = np.square(down) + np.square(across)
+    return slope
+
+
+def _gradient(picture: Float32Array) -> tuple[Float32Array, Float32Array]:
+    down, across = (np.asarray(part, dtype=np.float32) for part in np.gradient(picture))
+    return down, across
+
+
+def sampled(picture: Float32Array, shift: Float32Array) -> Float32Array:
+    """Return a picture (h, w) at places that differ from its pixels by `shift` (h, w, 2), linearly interpolated."""
+    y, x = np.indices(picture.shape, dtype=np.float32)
+    values: Float32Array = ndimage.map_coordinates(
+        picture, [y + shift[..., 1], x + shift[..., 0]], order=1, mode="nearest", output=np.float32
+    )
+    return values

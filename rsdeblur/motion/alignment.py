@@ -1,0 +1,137 @@
+"""Frames of one scene referred to one of them: where each shows what the reference shows, and its blur there.
+
+The latent picture u is the sharp rolling-shutter picture of the reference frame. Another frame is resampled, so that
+its pixel p comes to the place x of the reference at which u shows what p sees at its own mid-exposure. The resampled
+frame is `g(x) = mean_t u(q(t))` with
+
+    q = K C_r(mid(q_y)) C(t)^T K^-1 p(x),
+
+where C_r is the orientation at the rows of the reference. Its paths `x - q(t)` are as short as those of the frame
+alone, whatever the rotation between the frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
+from rsdeblur.motion.gyro import GyroLog, OrientationTrack
+from rsdeblur.motion.paths import FIXED_POINT_STEPS, SAMPLES_PER_PIXEL, BlurPaths, Capture
+from rsdeblur.motion.translation import Translation
+from rsdeblur.types import FloatArray
+
+# Steps of the fixed-point iteration from the row of a point in one frame to its row in another. The rows may be
+# hundreds apart, which takes some steps more than within a frame.
+STEPS_BETWEEN_FRAMES = FIXED_POINT_STEPS + 3
+
+
+def burst_captures(
+    log: GyroLog, camera: Camera, exposures: Sequence[Exposure], translation: Translation | None = None
+) -> list[Capture]:
+    """Return the captures of several exposures, whose orientations count from one moment.
+
+    Parameters
+    ----------
+    log : GyroLog
+        Rates that cover all exposures and the times between them.
+    camera : Camera
+        Camera with readout along y.
+    exposures : sequence of Exposure
+        Time of each frame, in any order.
+    translation : Translation, optional
+        Positions that cover all exposures.
+
+    Returns
+    -------
+    list of Capture
+        One for each exposure.
+
+    Raises
+    ------
+    InputError, CoverageError, ClockError, GapError
+        As :meth:`rsdeblur.Capture.from_log`.
+    """
+    epoch = exposures[0].epoch_ns
+    moved = [replace(e, start=e.start + 1e-9 * (e.epoch_ns - epoch), epoch_ns=epoch) for e in exposures]
+    spans = np.array([exposure.span(camera) for exposure in moved])
+    opens, closes = float(spans.min()), float(spans.max())
+    track = OrientationTrack.from_log(log, camera, opens, closes, epoch)
+    if translation is not None:
+        translation = translation.covering(opens, closes, epoch)
+    return [Capture(_during(track, *span), camera, e, translation) for e, span in zip(moved, spans, strict=True)]
+
+
+def _during(track: OrientationTrack, opens: float, closes: float) -> OrientationTrack:
+    """Return the part of a track from the last sample before a span to the first one after it."""
+    first = max(int(np.searchsorted(track.t, opens, side="right")) - 1, 0)
+    stop = min(int(np.searchsorted(track.t, closes)) + 1, len(track.t))
+    return OrientationTrack(track.t[first:stop], track.omega[first:stop], track.rotations[first:stop])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alignment:
+    """A frame of a burst and the frame that it is referred to.
+
+    Parameters
+    ----------
+    capture, reference : Capture
+        The frame and the reference, from :func:`burst_captures`.
+    """
+
+    capture: Capture
+    reference: Capture
+
+    def places(self, points: FloatArray) -> FloatArray:
+        """Return where the frame shows what the reference shows at given points, both at mid-exposure.
+
+        Parameters
+        ----------
+        points : ndarray, shape (..., 2)
+            (x, y) in px of the reference.
+
+        Returns
+        -------
+        ndarray, shape (..., 2)
+            (x, y) in px of the frame; NaN where its lens does not show the point.
+        """
+        if self.capture is self.reference:
+            return points
+        mid = self.reference.mid(points[..., 1])
+        orientation = self.reference.track.at(mid)
+        world = np.einsum("...ji,...j->...i", orientation, self.reference.points(points)) + self.reference.position(mid)
+        return _project(self.capture, world, points)
+
+    def paths(self, rows: FloatArray, cols: FloatArray) -> BlurPaths:
+        """Return the paths of the resampled frame on a grid of the reference.
+
+        Parameters
+        ----------
+        rows, cols : ndarray, shape (B,) and (S,)
+            Grid in px.
+        """
+        # Two samples per gyro interval follow every bend of the track. Their paths' lengths give the final number.
+        samples = 2 * len(self.capture.track.t) + 1
+        coarse = BlurPaths(self._displacements(rows, cols, samples), rows, cols)
+        samples = max(samples, int(np.ceil(SAMPLES_PER_PIXEL * coarse.lengths.max())) + 1)
+        return BlurPaths(self._displacements(rows, cols, samples), rows, cols)
+
+    def _displacements(self, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
+        points = np.stack(np.meshgrid(cols, rows), axis=-1)
+        pixels = self.places(points)
+        opens, closes = self.capture.exposure.window(pixels[..., 1], self.capture.camera)
+        times = opens[..., None] + (closes - opens)[..., None] * np.linspace(0.0, 1.0, samples)
+        seen = self.capture.points(pixels)
+        world = np.einsum("bstji,bsj->bsti", self.capture.track.at(times), seen) + self.capture.position(times)
+        return points[:, :, None] - _project(self.reference, world, points[:, :, None])
+
+
+def _project(capture: Capture, world: FloatArray, guess: FloatArray) -> FloatArray:
+    """Return the pixels at which a capture shows points, each at the mid-exposure of its row."""
+    pixels = np.broadcast_to(guess, (*world.shape[:-1], 2))
+    for _ in range(STEPS_BETWEEN_FRAMES if capture.camera.readout_time > 0 else 1):
+        pixels = capture.row_poses.project(world, pixels[..., 1])
+    return pixels

@@ -1,0 +1,197 @@
+"""Frames of a burst on the pixels of the reference: resampled, compared with it, and weighted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import ndimage
+
+from rsdeblur.deconv.wiener import TileBlur
+from rsdeblur.estimate.burst_fit import Expected, FrameFit, fit_frame
+from rsdeblur.estimate.noise import noise_level
+from rsdeblur.estimate.strength import Tuning
+from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.motion.alignment import Alignment
+from rsdeblur.motion.paths import BlurPaths
+from rsdeblur.psf import PsfBank
+from rsdeblur.types import Float32Array, FloatArray, FloatImage
+
+# Longer side of the pictures that are compared, px, to within the rounding of a whole factor.
+SIDE = 640
+# Distance in px between the points whose places are traced; between them, interpolation errs by less than 0.01 px for
+# shifts of up to 100 px.
+NODE_STEP = 16
+# Rows beyond a part that the spline of its pixels depends on: it decays by 0.27 from row to row.
+SPLINE_ROWS = 12
+# Bands and strips in which equally blurred pictures are computed.
+FIT_TILES = 8, 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Warp:
+    """Where a frame shows what the reference shows: offsets at nodes, interpolated linearly between them.
+
+    Parameters
+    ----------
+    offsets : ndarray, shape (m, n, 2), float32
+        Place in the frame minus place in the reference, (x, y) in px, at every `NODE_STEP` px of the reference.
+    """
+
+    offsets: Float32Array
+
+    @classmethod
+    def of(cls, alignment: Alignment, residual: Float32Array | None = None) -> Warp:
+        """Trace the nodes; `residual` (h, w, 2) is a shift in px of the picture reduced to h x w."""
+        camera = alignment.reference.camera
+        rows, cols = (np.arange(0.0, n + NODE_STEP, NODE_STEP) for n in (camera.height, camera.width))
+        points = np.stack(np.meshgrid(cols, rows), axis=-1)
+        moved = points
+        if residual is not None:
+            factor = camera.width // residual.shape[1]
+            at = [(nodes - (factor - 1) / 2) / factor for nodes in (points[..., 1], points[..., 0])]
+            shift = [
+                ndimage.map_coordinates(part, at, order=1, mode="nearest") for part in np.moveaxis(residual, -1, 0)
+            ]
+            moved = points + factor * np.stack(shift, axis=-1)
+        return cls((alignment.places(moved) - points).astype(np.float32))
+
+    def at(self, rows: FloatArray, cols: FloatArray) -> tuple[Float32Array, Float32Array]:
+        """Return the places x and y in the frame of a grid of the reference, each of shape (len(rows), len(cols))."""
+        down, across = (_between(to / NODE_STEP, n) for to, n in zip((rows, cols), self.offsets.shape, strict=False))
+        x, y = (down @ part @ across.T for part in np.moveaxis(self.offsets, -1, 0))
+        return x + cols.astype(np.float32), y + rows.astype(np.float32)[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class BurstFrame:
+    """One frame of a burst.
+
+    Parameters
+    ----------
+    encoded : EncodedImage
+        The picture, readout along y.
+    alignment : Alignment
+        The frame and the reference.
+    tuning : Tuning
+        Its noise and blur.
+    fit : FrameFit, optional
+        How it fits the reference; None before it is compared, and for the reference.
+    """
+
+    encoded: EncodedImage
+    alignment: Alignment
+    tuning: Tuning
+    fit: FrameFit | None = None
+
+    @cached_property
+    def warp(self) -> Warp:
+        """Where the frame shows what the reference shows."""
+        return Warp.of(self.alignment, None if self.fit is None else self.fit.shift)
+
+    @cached_property
+    def factor(self) -> int:
+        """Whole factor by which pictures are reduced for the comparison."""
+        return max(1, round(max(self.encoded.shape[:2]) / SIDE))
+
+    @cached_property
+    def grey(self) -> Float32Array:
+        """The frame reduced, channels averaged, shape (h, w)."""
+        height, width, _ = self.encoded.shape
+        factor = self.factor
+        h, w = height // factor, width // factor
+        out = np.empty((h, w), dtype=np.float32)
+        step = max(1, 64 // factor)
+        for top in range(0, h, step):
+            stop = min(top + step, h)
+            light = self.encoded.linear(slice(top * factor, stop * factor))[:, : w * factor].mean(axis=2)
+            out[top:stop] = light.reshape(stop - top, factor, w, factor).mean(axis=(1, 3))
+        return out
+
+    def light(self, rows: slice) -> tuple[FloatImage, Float32Array]:
+        """Return the frame at the `rows` of the reference, and its weight.
+
+        Returns
+        -------
+        light : ndarray, shape (len(rows), W, C), float32
+            Linear light with the brightness of the reference.
+        weights : ndarray, shape (len(rows), W), float32
+            Weight from 0 to 1; 0 where the frame does not show the place.
+        """
+        assert self.fit is not None
+        height, width, channels = self.encoded.shape
+        x, y = self.warp.at(np.arange(rows.start, rows.stop, dtype=float), np.arange(width, dtype=float))
+        seen = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
+        weights = self._weights(rows)
+        weights *= seen
+        light = np.empty((*x.shape, channels), dtype=np.float32)
+        if not seen.any():
+            light[...] = 0
+            return light, weights
+        top = max(int(y[seen].min()) - SPLINE_ROWS, 0)
+        stop = min(int(y[seen].max()) + 1 + SPLINE_ROWS, height)
+        source = self.encoded.linear(slice(top, stop))
+        source /= np.float32(self.fit.gain)
+        at = [np.clip(y - top, 0, stop - 1 - top), np.clip(x, 0, width - 1)]
+        for c in range(channels):
+            spline = ndimage.spline_filter(source[..., c], 3, output=np.float32, mode="mirror")
+            ndimage.map_coordinates(spline, at, output=light[..., c], order=3, mode="mirror", prefilter=False)
+        return light, weights
+
+    def _weights(self, rows: slice) -> Float32Array:
+        assert self.fit is not None
+        reduced, width = self.fit.weights, self.encoded.shape[1]
+        centre = (self.factor - 1) / 2
+        down, across = (
+            _between((np.arange(float(first), float(stop)) - centre) / self.factor, count)
+            for first, stop, count in ((rows.start, rows.stop, reduced.shape[0]), (0, width, reduced.shape[1]))
+        )
+        along: Float32Array = reduced @ across.T
+        weights: Float32Array = np.matmul(down, along)
+        return weights
+
+    def fitted(self, reference: BurstFrame, banks: tuple[PsfBank, PsfBank]) -> FrameFit:
+        """Compare the frame with the reference; `banks` are their PSFs on the reduced picture."""
+        own, other = banks
+        shape = self.grey.shape
+        rows, cols = (np.arange(float(n)) * self.factor + (self.factor - 1) / 2 for n in shape)
+        x, y = self.warp.at(rows, cols)
+        height, width, _ = self.encoded.shape
+        seen = ((x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)).astype(np.float32)
+        at = [(places - (self.factor - 1) / 2) / self.factor for places in (y, x)]
+        resampled = ndimage.map_coordinates(self.grey, at, order=3, mode="nearest", output=np.float32)
+        # Blur mixes pixels with what lies beyond the frame: only the rest can be compared.
+        tall, wide = (a + b - 1 for a, b in zip(own.size, other.size, strict=True))
+        known = ndimage.minimum_filter(seen, (tall, wide), mode="constant", cval=0.0)
+        if not known.any():
+            known = seen
+        blurred, equal = (
+            TileBlur(bank, shape).forward(picture) for bank, picture in ((other, resampled), (own, reference.grey))
+        )
+        energies = [float(np.square(bank.kernels).sum(axis=(2, 3)).mean()) for bank in (other, own)]
+        noises = [noise_level(frame.grey[..., None]) ** 2 for frame in (self, reference)]
+        errors = self.tuning.model_error + reference.tuning.model_error
+        blur = (self.tuning.radius**2 + reference.tuning.radius**2) / self.factor**2
+        expected = Expected(float(np.dot(energies, noises)), errors / self.factor**2, blur)
+        return fit_frame(blurred, equal, known, expected)
+
+
+def _between(places: FloatArray, count: int) -> Float32Array:
+    """Return the weights of linear interpolation from `count` pixels to `places`, shape (len(places), count)."""
+    place = np.clip(places, 0, count - 1)
+    first = np.minimum(place.astype(np.intp), max(count - 2, 0))
+    weights = np.zeros((len(places), count), dtype=np.float32)
+    at = np.arange(len(places))
+    weights[at, first] = 1 - (place - first)
+    if count > 1:
+        weights[at, first + 1] = place - first
+    return weights
+
+
+def reduced_bank(paths: BlurPaths, factor: int) -> PsfBank:
+    """Return the PSFs of a picture reduced by a whole factor."""
+    centre = (factor - 1) / 2
+    return PsfBank.from_paths(
+        BlurPaths(paths.displacements / factor, (paths.rows - centre) / factor, (paths.cols - centre) / factor)
+    )

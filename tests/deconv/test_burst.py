@@ -1,0 +1,78 @@
+"""Several pictures of one scene solved together."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rsdeblur import Deconvolver, GradientPrior, InputError, PsfBank, TileQuadratic
+from rsdeblur.deconv.burst import BurstQuadratic
+from rsdeblur.deconv.wiener import TileBlur
+from rsdeblur.simulation.scene import scene
+
+SHAPE = 96, 112, 3
+TV = GradientPrior("tv", 2e-3)
+
+
+def bar(down: int, across: int) -> PsfBank:
+    """Bars of one length, upright in the upper half of the picture and flat in the lower half."""
+    kernels = np.zeros((2, 1, 9, 9))
+    kernels[0, 0, 4 - down : 5 + down, 4] = 1 / (2 * down + 1)
+    kernels[1, 0, 4, 4 - across : 5 + across] = 1 / (2 * across + 1)
+    return PsfBank.for_picture(kernels, SHAPE)
+
+
+@pytest.fixture(scope="module")
+def picture() -> np.ndarray:
+    return scene(*SHAPE[:2]).astype(np.float32)
+
+
+@pytest.mark.parametrize("wiener", [True, False])
+def test_one_frame_is_the_solver_of_one_picture(picture: np.ndarray, wiener: bool) -> None:
+    bank = bar(3, 4)
+    burst = BurstQuadratic([bank], [1.0], SHAPE, nsr=0.01, wiener=wiener)
+    if wiener:
+        expected, got = Deconvolver(bank, SHAPE, nsr=0.01).apply(picture), burst.apply([picture])
+    else:
+        expected = TileQuadratic(bank, SHAPE, nsr=0.01).apply(picture, prior=TV)
+        got = burst.apply([picture], prior=TV)
+    # float32, and the order of a few operations.
+    np.testing.assert_allclose(got, expected, atol=2e-5)
+
+
+def test_equal_frames_are_one_and_their_order_is_free(picture: np.ndarray) -> None:
+    bank, other = bar(3, 4), bar(1, 2)
+    once = BurstQuadratic([bank, other], [0.5, 0.5], SHAPE).apply([picture, picture], prior=TV)
+    twice = BurstQuadratic([bank, bank, other], [0.25, 0.25, 0.5], SHAPE).apply([picture] * 3, prior=TV)
+    np.testing.assert_allclose(twice, once, atol=2e-5)
+    turned = BurstQuadratic([other, bank], [0.5, 0.5], SHAPE).apply([picture, picture], prior=TV)
+    np.testing.assert_allclose(turned, once, atol=2e-5)
+
+
+def test_frames_restore_what_each_has_lost(picture: np.ndarray) -> None:
+    banks = [bar(4, 1), bar(1, 4)]
+    blurred = [TileBlur(bank, SHAPE).forward(picture) for bank in banks]
+    rng = np.random.default_rng(1)
+    noisy = [light + rng.normal(0, 0.01, SHAPE).astype(np.float32) for light in blurred]
+    solver = BurstQuadratic(banks, [0.5, 0.5], SHAPE, nsr=0.01, wiener=True)
+    np.testing.assert_allclose(solver.blurred(picture, 1), blurred[1], atol=1e-4)
+    inner = np.s_[12:-12, 12:-12]
+
+    def error(result: np.ndarray) -> float:
+        return float(np.square(result - picture)[inner].mean())
+
+    alone = [error(Deconvolver(b, SHAPE, nsr=0.01).apply(g)) for b, g in zip(banks, noisy, strict=True)]
+    # Noise alone would give half; what one bar has lost, the other has kept.
+    assert error(solver.apply(noisy)) < 0.5 * min(alone)
+
+
+def test_refusals(picture: np.ndarray) -> None:
+    bank = bar(3, 4)
+    with pytest.raises(InputError, match="sum to 1"):
+        BurstQuadratic([bank, bank], [0.5, 0.6], SHAPE)
+    with pytest.raises(InputError, match="share for each frame"):
+        BurstQuadratic([bank], [0.5, 0.5], SHAPE)
+    with pytest.raises(InputError, match="same places"):
+        BurstQuadratic([bank, PsfBank.for_picture(bank.kernels[:1], SHAPE)], [0.5, 0.5], SHAPE)
+    with pytest.raises(InputError, match="planned for 1 pictures"):
+        BurstQuadratic([bank], [1.0], SHAPE).apply([picture, picture])

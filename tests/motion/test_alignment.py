@@ -1,0 +1,43 @@
+"""Frames of a burst referred to one of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rsdeblur import BlurPaths, Camera, Capture, Exposure, hand_shake
+from rsdeblur.motion.alignment import Alignment, burst_captures
+
+CAMERA = Camera(160, 120, 180.0, readout_time=0.03)
+EXPOSURES = [Exposure(0.1, 0.05), Exposure(0.25, 0.02), Exposure(-0.6, 0.1, 1_000_000_000)]
+ROWS, COLS = np.array([10.0, 60.0, 110.0]), np.array([20.0, 140.0])
+LOG = hand_shake(0.6, seed=2)
+
+
+def test_the_reference_keeps_its_own_paths() -> None:
+    capture = burst_captures(LOG, CAMERA, EXPOSURES)[0]
+    alone = BlurPaths.from_capture(Capture.from_log(LOG, CAMERA, EXPOSURES[0]), ROWS, COLS, samples=33)
+    paths = Alignment(capture, capture)._displacements(ROWS, COLS, 33)
+    # The fixed-point iteration takes fewer steps within a frame.
+    np.testing.assert_allclose(paths, alone.displacements, atol=1e-3)
+
+
+def test_places_lead_there_and_back_and_agree_with_rays() -> None:
+    first, _, last = burst_captures(LOG, CAMERA, EXPOSURES)
+    points = np.stack(np.meshgrid(COLS, ROWS), axis=-1)
+    places = Alignment(last, first).places(points)
+    assert np.abs(places - points).max() > 2
+    np.testing.assert_allclose(Alignment(first, last).places(places), points, atol=1e-4)
+    here, there = (
+        np.einsum("...ji,...j->...i", capture.track.at(capture.mid(pixels[..., 1])), CAMERA.rays(pixels))
+        for capture, pixels in ((first, points), (last, places))
+    )
+    np.testing.assert_allclose(np.cross(here, there), 0, atol=1e-6)
+
+
+def test_paths_of_resampled_frames_start_and_end_around_their_middle() -> None:
+    first, second, _ = burst_captures(LOG, CAMERA, EXPOSURES)
+    paths = Alignment(second, first)._displacements(ROWS, COLS, 65)
+    # At mid-exposure the resampled pixel shows its own place, whatever the rotation between the frames.
+    np.testing.assert_allclose(paths[:, :, 32], 0, atol=1e-3)
+    own = BlurPaths.from_capture(second, ROWS, COLS)
+    assert Alignment(second, first).paths(ROWS, COLS).extent[1] < 1.5 * own.extent[1] + 0.5

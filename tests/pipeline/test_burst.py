@@ -1,0 +1,134 @@
+"""Several frames of one scene deblurred together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from rsdeblur import BurstResult, Camera, Exposure, InputError, Tuning, deblur, deblur_burst, hand_shake, simulate_clip
+from rsdeblur.psf import PsfBank
+from rsdeblur.simulation.scene import scene
+
+CAMERA = Camera(160, 128, 180.0, readout_time=0.02)
+EXPOSURES = [Exposure(0.1, 1 / 20), Exposure(0.2, 1 / 25), Exposure(0.3, 1 / 20)]
+LOG = hand_shake(0.5, seed=4)
+SHARP = scene(176, 208)
+INNER = np.s_[16:-16, 16:-16]
+
+
+@cache
+def frames(noise: float = 0.01) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Return the blurred frames and the sharp ones, in linear light."""
+    blurred = simulate_clip(SHARP, LOG, CAMERA, EXPOSURES, noise=noise, samples=32)
+    return list(blurred), list(simulate_clip(SHARP, LOG, CAMERA, EXPOSURES, samples=1))
+
+
+def error(result: np.ndarray, truth: np.ndarray) -> float:
+    return float(np.square(result - truth)[INNER].mean())
+
+
+def alone(index: int, log=LOG) -> float:
+    blurred, sharp = frames()
+    result = deblur(blurred[index], log, CAMERA, EXPOSURES[index], prior="wiener", check=False)
+    return error(result.image, sharp[index])
+
+
+def together(images=None, **options) -> BurstResult:
+    images = frames()[0] if images is None else images
+    return deblur_burst(images, LOG, CAMERA, EXPOSURES, **{"prior": "wiener", "check": False} | options)
+
+
+def test_frames_together_are_sharper_than_the_best_alone() -> None:
+    result = together()
+    best = min(alone(n) for n in range(3))
+    assert error(result.image, frames()[1][result.reference]) < 0.8 * best
+    assert sum(frame.share for frame in result.frames) == pytest.approx(1)
+    assert all(frame.support > 0.9 and abs(frame.gain - 1) < 0.01 and frame.shift < 0.3 for frame in result.frames)
+
+
+def test_order_and_brightness_of_frames_do_not_matter() -> None:
+    images = frames()[0]
+    expected = together(reference=0).image
+    mixed = deblur_burst(
+        [images[2] * np.float32(0.5), images[0], images[1]],
+        *(LOG, CAMERA, [EXPOSURES[n] for n in (2, 0, 1)]),
+        reference=1,
+        prior="wiener",
+        check=False,
+    )
+    assert mixed.frames[0].gain == pytest.approx(0.5, rel=0.01)
+    # The gain is estimated from noisy pictures; other rounding may change an iteration of the fit.
+    assert np.abs(mixed.image - expected)[INNER].max() < 0.03
+    assert np.sqrt(np.square(mixed.image - expected)[INNER].mean()) < 0.003
+
+
+def test_a_frame_of_another_scene_is_left_out() -> None:
+    images = list(frames()[0])
+    images[2] = images[2][::-1, ::-1].copy()
+    result = together(images, reference=0)
+    assert result.frames[2].share == 0
+    assert result.frames[2].support < 0.5
+    assert error(result.image, frames()[1][0]) < alone(0)
+    # With the odd frame as the first candidate, the others still find each other.
+    assert together(images).reference != 2
+
+
+def test_a_moving_thing_counts_where_it_is_not() -> None:
+    images = [image.copy() for image in frames()[0]]
+    images[1][40:80, 60:110] = 0.9
+    result = together(images, reference=0)
+    weights = result.frames[1].weights
+    assert weights[60, 85] == 0
+    assert np.mean(weights == 1) > 0.2
+    assert error(result.image, frames()[1][0]) < 1.05 * alone(0)
+
+
+def test_shares_fall_with_noise_and_blur() -> None:
+    light = frames()[0][0]
+    bank = PsfBank.for_picture(np.full((1, 9), 1 / 9), light.shape)
+    tuning = Tuning.of(light, bank, noise=0.01)
+    double, shares = Tuning.of_burst([tuning, tuning])
+    assert shares == (0.5, 0.5)
+    # Two frames are one with half the variance.
+    assert double.noise == pytest.approx(0.01 / 2**0.5)
+    assert double.gradient_weight <= tuning.gradient_weight
+    _, shares = Tuning.of_burst([tuning, replace(tuning, noise=0.03), replace(tuning, radius=60.0)])
+    assert shares[0] > max(shares[1:])
+    assert tuning.restoration_error(1.0) < replace(tuning, noise=0.1).restoration_error(1.0)
+
+
+def test_slabs_give_the_same_picture_and_the_check_judges_it() -> None:
+    whole = together(reference=0, check=True)
+    assert whole.result.check is not None
+    slabs = together(reference=0, bands=2, max_memory=116 << 20)
+    # Strengths are the same; tiles end elsewhere.
+    assert np.abs(slabs.image - together(reference=0, bands=2).image)[INNER].max() < 0.02
+
+
+def test_horizontal_readout_and_rectify() -> None:
+    images = [np.rot90(image, -1) for image in frames()[0]]
+    camera = replace(CAMERA.turned(), readout_direction="right-left")
+    result = deblur_burst(images, LOG, camera, EXPOSURES, prior="wiener", geometry="rectify", check=False)
+    assert result.image.shape == (160, 128, 3)
+    assert result.frames[0].weights.shape == (160, 128)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"mode": "rowwise"}, "rowwise"),
+        ({"refine": True}, "refine"),
+        ({"border": "smooth"}, "smooth"),
+        ({"reference": 3}, "reference"),
+        ({"images": frames()[0][:1]}, "2 to 64 frames"),
+        ({"images": frames()[0][:2]}, "each frame needs an exposure"),
+        ({"images": [*frames()[0][:2], np.zeros((128, 160))]}, "frame 2 has shape"),
+        ({"images": [*frames()[0][:2], np.zeros((12, 160))]}, "frame 2: the picture is 160x12"),
+    ],
+)
+def test_refusals(options: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        together(**options)
