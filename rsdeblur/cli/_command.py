@@ -13,7 +13,16 @@ REST = "Options"
 SECTIONS = {
     "Recording": (
         *("gyro", "gyro_format", "unit", "orientation", "rate", "bias", "camera", "capture", "index", "start_ns"),
-        *("start", "duration", "time_offset", "readout_time", "translation", "translation_axes", "depth"),
+        *(
+            "start",
+            "duration",
+            "time_offset",
+            "readout_time",
+            "focal_length",
+            "translation",
+            "translation_axes",
+            "depth",
+        ),
         *("numbered_from", "psf"),
     ),
     "Blur": ("mode", "bands", "strips", "motion", "geometry", "refine"),
@@ -21,7 +30,10 @@ SECTIONS = {
         *("prior", "weight", "exponent", "nsr", "nsr_from_iso", "noise", "solver", "border", "transfer"),
         *("normalize", "saturation", "fallback", "work_size"),
     ),
-    "Computing": ("planning", "threads", "max_memory", "jobs", "scheduler"),
+    "Computing": (
+        *("planning", "threads", "max_memory", "jobs", "scheduler"),
+        *("isolate", "memory_limit", "time_limit"),
+    ),
     "Output": (
         *(
             "output",

@@ -254,7 +254,7 @@ def _exposure(recording: Recording, photo: Path | None) -> Exposure:
 def _refuse_longer(duration: float | None, whole: float, path: Path) -> None:
     """Refuse an exposure time that exceeds the file which must cover the exposure."""
     if duration is not None and duration > whole:
-        raise _usage(
+        raise InputError(
             f"--duration: {duration:g} s is longer than {path} ({whole:.3g} s); did you mean {duration:g}ms or "
             f"1/{duration:g}?"
         )

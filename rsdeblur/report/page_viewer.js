@@ -345,7 +345,7 @@ async function startViewer() {
     find(id).addEventListener("change", changed);
   }
   find("left").value = labels[0];
-  find("right").value = data.best;
+  find("right").value = data.best ?? labels[1];
   find("bank").append(...Object.keys(data.banks).map(option));
   find("bank").addEventListener("change", chooseBank);
   find("true-size").addEventListener("change", chooseBank);
@@ -369,7 +369,7 @@ async function startViewer() {
   addEventListener("resize", resize);
   resize();
   // A large picture opens at 1:1, where it differs most from the input: reduced, both look alike.
-  if (fitZoom() * devicePixelRatio < 1) {
+  if (data.place && fitZoom() * devicePixelRatio < 1) {
     [view.x, view.y] = data.place;
     zoomTo(1 / devicePixelRatio);
   }

@@ -205,7 +205,7 @@ def test_bad_manifests(run: Run, tmp_path: Path, lines: str | bytes, message: st
         ("photo.png,1,soon", "line 2: start: 'soon' is not a time"),
         (",1,1", "line 2: no photo"),
         ("photo.png,1", "line 2: 2 cells, but the first line names 3 columns"),
-        ("photo.png,,", "photo.png: the exposure is not given"),
+        ("photo.png,,", "photo.png: the exposure is missing"),
     ],
 )
 @pytest.mark.usefixtures("here")
