@@ -108,6 +108,15 @@ def triage(
     ------
     InputError
         If a threshold is negative or not finite, or `drop` is less than `keep`.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> log = rsdeblur.hand_shake(0.6, strength=0.1, seed=1)
+    >>> camera = rsdeblur.Camera(1920, 1080, 1500.0, readout_time=0.02)
+    >>> exposures = [rsdeblur.Exposure(0.3, duration) for duration in (1 / 4000, 1 / 100, 1 / 10)]
+    >>> rsdeblur.triage(log, camera, exposures).decisions
+    ('keep', 'deblur', 'drop')
     """
     validate.instance("log", log, GyroLog)
     validate.instance("camera", camera, Camera)

@@ -268,8 +268,8 @@ def write_picture(
     >>> import numpy as np
     >>> import rsdeblur
     >>> rsdeblur.write_picture("grey.png", np.zeros((48, 64), np.uint8))
-    >>> rsdeblur.read_picture("grey.png")
-    Picture(pixels=uint8[48, 64])
+    >>> rsdeblur.read_picture("grey.png").pixels.shape
+    (48, 64)
     """
     path = checked_path(path)
     check_writable(path, force=force)

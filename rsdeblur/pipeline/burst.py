@@ -158,8 +158,15 @@ def deblur_burst(
 
     Examples
     --------
-    >>> burst = rsdeblur.deblur_burst(images, log, camera, exposures, prior="hyper-laplacian")
-    >>> [frame.share for frame in burst.frames]
+    >>> import rsdeblur
+    >>> log = rsdeblur.hand_shake(0.4, strength=0.3, seed=3)
+    >>> camera = rsdeblur.Camera(96, 72, 150.0, readout_time=0.01)
+    >>> exposures = [rsdeblur.Exposure(start, 1 / 40) for start in (0.1, 0.2)]
+    >>> scene = rsdeblur.scene(110, 140)
+    >>> images = [rsdeblur.simulate(scene, log, camera, exposure).blurred for exposure in exposures]
+    >>> burst = rsdeblur.deblur_burst(images, log, camera, exposures, prior="wiener")
+    >>> burst.image.shape, len(burst.frames)
+    ((72, 96, 3), 2)
     """
     chosen = Options(**options)
     check_burst(images, log, camera, exposures, chosen)
