@@ -18,7 +18,7 @@ demo: $(VENV_PYTHON)
 test: $(VENV_PYTHON)
 	$(PIP) '.[test]' 'meson>=1.4' ninja
 	$(call run-c,plain,)
-	PYTHONSAFEPATH=1 $(BIN)/pytest
+	PYTHONSAFEPATH=1 $(BIN)/pytest -n auto --dist loadfile
 
 lint: $(VENV_PYTHON)
 	$(PIP) '.[lint,test]'

@@ -66,7 +66,7 @@ def test_a_tutorial_can_be_followed_from_an_empty_folder(
         pytest.importorskip("av", reason="the extra [video] is not installed")
     monkeypatch.chdir(tmp_path)
 
-    def in_this_process(work, tasks, lost, jobs):  # saves the start of workers
+    def in_this_process(work, tasks, lost, jobs, limits):  # saves the start of workers
         for task in tasks:
             yield task, workers._attempt(work, task)
 

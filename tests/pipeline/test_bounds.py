@@ -241,7 +241,7 @@ def test_motion_that_leads_nowhere_is_refused() -> None:
     st.floats(-4, -0.7),
     st.integers(0, 2**32 - 1),
 )
-@pytest.mark.filterwarnings("ignore:gyro rates look like degrees")
+@pytest.mark.filterwarnings("ignore:gyro rates look like degrees", "ignore:a focal length of")
 def test_any_camera_and_motion_has_psfs_or_is_refused(
     model: Any, focal: float, bend: float, speed: float, duration: float, seed: int
 ) -> None:

@@ -260,7 +260,7 @@ class TestErrors:
             (np.zeros((1, SIZE, SIZE, 3)), "sharp must be a picture"),
             (np.zeros((SIZE, SIZE, 0)), "sharp must be a picture"),
             ([[1, 2], [3]], "sharp must be an array of real numbers"),
-            ("picture", "sharp must be an array of real numbers"),
+            ("picture", "sharp must be an array, got 'picture'"),
             (np.full((SIZE, SIZE), math.nan), "sharp must be finite"),
             (
                 np.zeros((SIZE - 1, SIZE)),
