@@ -131,35 +131,11 @@ class BurstQuadratic(TileFilter):
         return latent.reshape(self.shape)
 
     def solve(self, beta: float, grad_adjoint: FloatImage | None = None) -> FloatImage:
-        """Return the minimiser for the observations.
-
-        Parameters
-        ----------
-        beta : float
-            Weight of the gradient term, at least 0.
-        grad_adjoint : ndarray, shape (H, W, C), float32, optional
-            `D^T w`; None is zero. Its memory receives the result.
-
-        Returns
-        -------
-        ndarray, shape (H, W, C), float32
-        """
+        """Return the minimiser for the observations, see :meth:`rsdeblur.TileQuadratic.solve`."""
         return self._solve(beta, grad_adjoint, self._differences)
 
     def solve_near(self, beta: float, target: FloatImage) -> FloatImage:
-        """Return the minimiser of the data term plus `beta |u - v|^2`.
-
-        Parameters
-        ----------
-        beta : float
-            Weight of the target, at least 0.
-        target : ndarray, shape (H, W, C), float32
-            The target v. Its memory receives the result.
-
-        Returns
-        -------
-        ndarray, shape (H, W, C), float32
-        """
+        """Return the minimiser near a target, see :meth:`rsdeblur.TileQuadratic.solve_near`."""
         return self._solve(beta, target, np.ones((1, 1), dtype=np.float32))
 
     def _solve(self, beta: float, pull: FloatImage | None, coupling: Float32Array) -> FloatImage:

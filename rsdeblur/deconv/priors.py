@@ -86,7 +86,13 @@ class LatentPrior(Protocol):
     """A prior on the sharp picture, with its strength."""
 
     def with_peak_of(self, image: FloatImage) -> LatentPrior:
-        """Return this prior with the :func:`brightness` of a picture (H, W, C), unless it has one."""
+        """Return this prior with the :func:`brightness` of a picture, unless it has one.
+
+        Parameters
+        ----------
+        image : ndarray, shape (H, W, C), float32
+            Linear light.
+        """
 
     def restore(
         self,
@@ -109,7 +115,18 @@ class LatentPrior(Protocol):
 
 
 def check_prior(prior: LatentPrior) -> LatentPrior:
-    """Return `prior`, which must be an instance of a class of priors."""
+    """Return `prior`, which must be an instance of a class of priors.
+
+    Parameters
+    ----------
+    prior : LatentPrior
+        The prior, as a solver's caller gives it.
+
+    Raises
+    ------
+    InputError
+        If it is something else.
+    """
     if isinstance(prior, type) or not hasattr(prior, "restore"):
         raise InputError(
             f"prior must be a GradientPrior, a WaveletPrior or a PlugAndPlayPrior, got {validate.shown(prior)}"
@@ -197,7 +214,22 @@ class GradientPrior:
         threads: int | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> FloatImage:
-        """Return the picture that minimises the data term plus this penalty, see :meth:`LatentPrior.restore`."""
+        """Return the picture that minimises the data term plus this penalty.
+
+        Parameters
+        ----------
+        solver : QuadraticSolver
+            Solver that holds its observation.
+        threads : int, optional
+            Threads that share the work of the prior; default all processors. Any number gives the same bits.
+        progress : callable, optional
+            Called with the finished fraction after each solve.
+
+        Returns
+        -------
+        ndarray, shape (H', W', C), float32
+            In the frame of `solver`.
+        """
         if self.kind == "gradient":
             latent = solver.solve(self.weight, None)
         else:
