@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,6 +33,14 @@ BROWSER_FLAGS = [
     "--disable-component-update",
     "--no-first-run",
 ]
+# A shell that starts the tests in the background ignores Ctrl-C and nohup ignores SIGHUP, for them and for the commands
+# that they interrupt.
+DEFAULTS = {"SIGINT": signal.default_int_handler, "SIGHUP": signal.SIG_DFL}
+if threading.current_thread() is threading.main_thread():
+    for name, handler in DEFAULTS.items():
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, handler)
 # Tests start Python processes from the repository root, where the bare source folder must not shadow the installation.
 os.environ["PYTHONSAFEPATH"] = "1"
 # Written pictures contain their date; with this one, equal results are equal files.
