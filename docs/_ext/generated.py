@@ -47,7 +47,7 @@ def commands(command: click.Command, name: str, parent: click.Context | None = N
 
 
 def literal(text: str) -> str:
-    """Return text as it stands."""
+    """Return text unchanged."""
     return ".. code-block:: text\n\n" + "".join(f"   {line}".rstrip() + "\n" for line in text.splitlines())
 
 

@@ -14,7 +14,7 @@ import rsdeblur
 import rsdeblur.plot
 
 # %%
-# A bent trail of 15 px, and a picture blurred with it. ``mode="nearest"`` stands for a scene that continues:
+# A bent trail of 15 px, and a picture blurred with it. ``mode="nearest"`` continues the scene:
 
 kernel = np.zeros((9, 15))
 for t in np.linspace(0, 1, 60):

@@ -205,7 +205,7 @@ class Desk:
         }
 
     def _tuned(self, form: Mapping[str, Any]) -> tuple[list[str], Basis]:
-        """Return the arguments that a form stands for, and the strengths that they choose."""
+        """Return the arguments that a form means, and the strengths that they choose."""
         states = [_state(Path(_path(form, name))) for name in ("photo", *FILES)]
         words = arguments(form, _moved(form))
         try:
@@ -262,7 +262,7 @@ class Desk:
 
 
 def arguments(form: Mapping[str, Any], moved: Mapping[str, Any] | None = None) -> list[str]:
-    """Return the arguments of `rsdeblur deblur` that a form stands for, with automatic strengths.
+    """Return the arguments of `rsdeblur deblur` that a form means, with automatic strengths.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ GOOGLE = "http://ns.google.com/photos/"
 PREFIXES = {RDF: "rdf", XMP: "xmp", MEDIA: "xmpMM", EVENT: "stEvt"}
 
 # Properties of pictures, videos and sounds behind the picture, whose places and lengths they give: gain maps, depth
-# maps, motion photos. `None` stands for all names; else a name starts with one of these.
+# maps, motion photos. `None` means all names; else a name starts with one of these.
 BEHIND: dict[str, tuple[str, ...] | None] = {
     f"{GOOGLE}1.0/container/": None,
     f"{GOOGLE}1.0/camera/": ("MotionPhoto", "MicroVideo"),
