@@ -22,6 +22,7 @@ SECTIONS = {
             "translation",
             "translation_axes",
             "depth",
+            "drift",
         ),
         *("numbered_from", "psf"),
     ),

@@ -208,18 +208,21 @@ def with_translation(options: Options, track: Track, camera: Camera, exposure: E
     click.UsageError
         If the file or the depth is given without the other.
     """
-    if track.translation is None and track.depth is None:
-        return options
-    if track.translation is None or track.depth is None:
+    from rsdeblur.motion.translation import Translation
+
+    translation = options.translation
+    if (track.translation is None) != (track.depth is None):
         raise _usage("--translation and --depth are needed together")
+    if track.translation is not None and track.depth is not None:
+        from rsdeblur.io import read_trajectory
 
-    from rsdeblur.io import read_trajectory
-
-    trajectory = read_trajectory(track.translation)
-    try:
-        translation = trajectory.translation(exposure, camera, track.depth, axes=track.translation_axes)
-    except CoverageError as error:
-        raise type(error)(f"{track.translation}: {error}") from error
+        trajectory = read_trajectory(track.translation)
+        try:
+            translation = trajectory.translation(exposure, camera, track.depth, axes=track.translation_axes)
+        except CoverageError as error:
+            raise type(error)(f"{track.translation}: {error}") from error
+    if track.drift is not None:
+        translation = Translation.drift(track.drift, camera, exposure, known=translation)
     return replace(options, translation=translation)
 
 

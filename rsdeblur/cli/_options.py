@@ -17,6 +17,7 @@ from rsdeblur.cli._types import (
     Bias,
     BiasType,
     BytesType,
+    PairType,
     SecondsType,
     Start,
     StartType,
@@ -60,6 +61,7 @@ class Track:
     translation: Path | None = None
     translation_axes: str = "camera"
     depth: float | None = None
+    drift: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,6 +278,11 @@ track_options = gathered(
             type=click.FloatRange(min=0.0, min_open=True),
             metavar="METRES",
             help="Distance of the scene, for --translation.",
+        ),
+        click.option(
+            "--drift",
+            type=PairType(),
+            help="Shift of the scene, in px during the exposure, that the gyro does not measure.",
         ),
     ),
 )

@@ -90,7 +90,12 @@ def _recorded(job: PhotoJob, picture: Picture, exposure: Exposure, options: Opti
     named = {"photo": job.photo, "translation": job.track.translation}
     named |= {name: getattr(job.recording, name) for name in ("gyro", "camera", "capture")}
     values = {name: value for name, value in asdict(job.recording).items() if name not in named}
-    values |= {"exposure": asdict(exposure), "work_size": job.changes.work_size, "depth": job.track.depth}
+    values |= {
+        "exposure": asdict(exposure),
+        "work_size": job.changes.work_size,
+        "depth": job.track.depth,
+        "drift": job.track.drift,
+    }
     return recorded(picture, named, options, values)
 
 

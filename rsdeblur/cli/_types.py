@@ -50,6 +50,20 @@ class StartType(SecondsType):
         return "exif" if value == "exif" else super().convert(value, param, ctx)
 
 
+class PairType(click.ParamType[tuple[float, float]]):
+    """Two numbers, `X,Y`."""
+
+    name = "X,Y"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
+        """Return both numbers."""
+        try:
+            x, y = (float(number) for number in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not a pair of numbers; write 3,-2", param, ctx)
+        return x, y
+
+
 class AutoType(click.ParamType[Any]):
     """A whole number from 1 up, or `auto`."""
 

@@ -1,17 +1,19 @@
-"""`rsdeblur preview`: a sheet of results for shifted clocks, to choose from by eye."""
+"""`rsdeblur preview`: a sheet of results for different clocks, sizes of the motion or drifts, to choose from by eye."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import click
 
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
-from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of
-from rsdeblur.cli._options import Recording, Target
+from rsdeblur.cli._inputs import Inputs, display_values, naming, read_inputs, transfer_of, with_translation
+from rsdeblur.cli._options import Recording, Target, Track
 from rsdeblur.cli._output import print_json, progress, say
 from rsdeblur.cli._types import SecondsType
 from rsdeblur.errors import CoverageError, InputError
@@ -19,6 +21,7 @@ from rsdeblur.errors import CoverageError, InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from rsdeblur.estimate.correction import Correction
     from rsdeblur.motion.camera import Camera
     from rsdeblur.pipeline.options import Options
 
@@ -28,6 +31,8 @@ Examples:
       --from -100ms --to 100ms --steps 9 -o sheet.png
   rsdeblur preview photo.jpg --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20 \\
       --region 400,300,640,480 --from -8ms --to 8ms -o sheet.png --choose 5
+  rsdeblur preview photo.jpg --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20 \\
+      --vary drift --from -6 --to 6 --steps 25 -o sheet.png
 """
 
 # A sheet of more cells cannot be viewed at once.
@@ -50,19 +55,74 @@ class RegionType(click.ParamType[Region]):
         return left, top, width, height
 
 
+Varied = Literal["offset", "scale", "readout", "drift"]
+# First and last value unless given: a shift in s, factors, px.
+RANGES: dict[Varied, tuple[float, float]] = {
+    "offset": (-0.1, 0.1),
+    "scale": (0.7, 1.4),
+    "readout": (0.5, 2.0),
+    "drift": (-6.0, 6.0),
+}
+
+
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """Evenly spaced shifts of the gyroscope's clock, s."""
+    """What the sheet varies, and from where to where: shifts of the clock in s, factors, or px."""
 
-    first: float
-    last: float
+    vary: Varied
+    first: float | None
+    last: float | None
     steps: int
+
+    def values(self) -> list[tuple[float, ...]]:
+        """Return the values, evenly spaced; factors by their ratio, and drifts along both axes.
+
+        Raises
+        ------
+        InputError
+            If a factor is not positive.
+        """
+        import numpy as np
+
+        first, last = (
+            default if given is None else given
+            for given, default in zip((self.first, self.last), RANGES[self.vary], strict=True)
+        )
+        if self.vary == "drift":
+            along = np.linspace(first, last, math.isqrt(self.steps)).tolist()
+            return [(x, y) for y, x in product(along, along)]
+        if self.vary == "offset":
+            return [(shift,) for shift in np.linspace(first, last, self.steps).tolist()]
+        if not min(first, last) > 0:
+            raise InputError(f"--from and --to must be positive for --vary {self.vary}, got {first:g} and {last:g}")
+        return [(factor,) for factor in np.geomspace(first, last, self.steps).tolist()]
+
+    def correction(self, value: tuple[float, ...]) -> Correction:
+        """Return the correction of the recording with a value."""
+        from rsdeblur.estimate.correction import Correction
+
+        if self.vary == "offset":
+            return Correction(offset=value[0])
+        if self.vary == "scale":
+            return Correction(scale=math.log(value[0]))
+        if self.vary == "readout":
+            return Correction(readout=math.log(value[0]))
+        return Correction(drift_x=value[0], drift_y=value[1])
+
+    def label(self, value: tuple[float, ...]) -> str:
+        """Return a value as text."""
+        if self.vary == "offset":
+            return f"{1e3 * value[0]:+.1f} ms"
+        if self.vary == "drift":
+            return f"{value[0]:+.1f}, {value[1]:+.1f} px"
+        return f"x {value[0]:.3g}"
 
 
 class Cell(NamedTuple):
-    """A result on the sheet, its shift and time offset in s, and the kernel at the middle of the picture."""
+    """A result on the sheet, its value, the option that asks for it, and the kernel at the middle of the picture."""
 
-    shift: float
+    value: tuple[float, ...]
+    option: str
     time_offset: float
     picture: NDArray[Any]
     kernel: NDArray[Any]
@@ -71,95 +131,148 @@ class Cell(NamedTuple):
 @click.command("preview", cls=Command, epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options()
+@_options.track_options
 @_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE)
 @_options.gathered(
     "sweep",
     Sweep,
     (
-        click.option("--from", "first", type=SecondsType(), default=-0.1, help="First shift.  [default: -100ms]"),
-        click.option("--to", "last", type=SecondsType(), default=0.1, help="Last shift.  [default: 100ms]"),
         click.option(
-            "--steps", type=click.IntRange(1, MOST_STEPS), default=9, show_default=True, help="Number of shifts."
+            "--vary",
+            type=click.Choice(list(RANGES)),
+            default="offset",
+            show_default=True,
+            help="The clock, the size of the motion, the readout time, or a drift that the gyro does not measure.",
+        ),
+        click.option(
+            "--from",
+            "first",
+            type=SecondsType(),
+            metavar="VALUE",
+            help="First value: a shift like -8ms, a factor, or px.  [default: -100ms, 0.7, 0.5 or -6]",
+        ),
+        click.option(
+            "--to", "last", type=SecondsType(), metavar="VALUE", help="Last value.  [default: 100ms, 1.4, 2 or 6]"
+        ),
+        click.option(
+            "--steps",
+            type=click.IntRange(1, MOST_STEPS),
+            default=9,
+            show_default=True,
+            help="Number of values; for a drift, those along x times those along y.",
         ),
     ),
 )
 @click.option("--region", type=RegionType(), help="Use only this part of the picture, in px.")
-@click.option("--choose", type=click.IntRange(min=1), metavar="N", help="Write cell N's offset into the camera file.")
+@click.option(
+    "--choose", type=click.IntRange(min=1), metavar="N", help="Write cell N's offset into the camera file, or frame it."
+)
 @_options.target_options("OUT", "Contact sheet to write.")
 def command(
     photo: Path,
     recording: Recording,
+    track: Track,
     options: Options,
     sweep: Sweep,
     region: Region | None,
     choose: int | None,
     target: Target,
 ) -> None:
-    """Draw a sheet of results for PHOTO with shifted clocks.
+    """Draw a sheet of results for PHOTO, to choose from by eye.
 
-    Every cell shows its number, its shift of the gyroscope's clock and the kernel at the middle of the picture. Shifts
-    are relative to the camera file's time offset, or to --time-offset; those that the log does not cover are left out.
+    The cells differ in the gyroscope's clock or, with --vary, in another number. Every cell shows its number, its
+    value and the kernel at the middle of the picture. Shifts and factors are relative to the camera file, or to the
+    options that replace its values. Shifts that the log does not cover are left out.
     """
     from rsdeblur.io.camera_file import write_time_offset
     from rsdeblur.io.pictures import check_writable, write_picture
     from rsdeblur.report import contact_sheet
 
     check_writable(target.output, force=target.force)
-    cells = _cells(photo, recording, options, sweep, region)
+    values = sweep.values()
+    cells = _cells(photo, recording, track, options, sweep, region)
     if choose is not None and choose > len(cells):
         raise InputError(f"{photo}: there is no cell {choose}: the sheet has {len(cells)}")
     labelled = [
-        (f"{number}: {1e3 * cell.shift:+.1f} ms", cell.picture, cell.kernel) for number, cell in enumerate(cells, 1)
+        (f"{number}: {sweep.label(cell.value)}", cell.picture, cell.kernel) for number, cell in enumerate(cells, 1)
     ]
     marked = None if choose is None else choose - 1
     write_picture(target.output, contact_sheet(labelled, marked=marked), force=target.force)
     listed = [
-        {"cell": number, "shift_s": cell.shift, "time_offset_s": cell.time_offset}
+        {"cell": number, "value": cell.value if len(cell.value) > 1 else cell.value[0], "option": cell.option}
         for number, cell in enumerate(cells, 1)
     ]
-    chosen = None if choose is None else listed[choose - 1]
-    if chosen is not None:
-        write_time_offset(recording.camera, chosen["time_offset_s"])
+    if marked is not None and sweep.vary == "offset":
+        write_time_offset(recording.camera, cells[marked].time_offset)
     if target.as_json:
-        print_json({"output": str(target.output), "cells": listed, "chosen": chosen})
+        chosen = None if marked is None else listed[marked]
+        print_json({"output": str(target.output), "vary": sweep.vary, "cells": listed, "chosen": chosen})
         return
-    say(f"{target.output}: {len(cells)} of {sweep.steps} shifts, {1e3 * sweep.first:g} to {1e3 * sweep.last:g} ms")
-    if chosen is not None:
-        say(f"{recording.camera}: time_offset = {1e3 * chosen['time_offset_s']:.2f} ms")
+    first, last = (sweep.label(values[end]) for end in (0, -1))
+    say(f"{target.output}: {len(cells)} of {len(values)} cells, {sweep.vary} {first} to {last}")
+    if marked is not None and sweep.vary == "offset":
+        say(f"{recording.camera}: time_offset = {1e3 * cells[marked].time_offset:.2f} ms")
+    elif marked is not None:
+        say(f"cell {choose}: {cells[marked].option}")
 
 
-def _cells(photo: Path, recording: Recording, options: Options, sweep: Sweep, region: Region | None) -> list[Cell]:
-    """Deblur the photo, or a region of it, with every shift that the log covers."""
-    import numpy as np
-
+def _cells(
+    photo: Path, recording: Recording, track: Track, options: Options, sweep: Sweep, region: Region | None
+) -> list[Cell]:
+    """Deblur the photo, or a region of it, with every value that the log covers."""
+    from rsdeblur.estimate import correction
     from rsdeblur.pipeline.plan import plan
 
-    picture, log, camera, exposure = read_inputs(photo, recording)
-    offset, pixels = camera.time_offset, picture.pixels
+    inputs = read_inputs(photo, recording)
+    if sweep.vary == "readout" and not inputs.camera.readout_time > 0:
+        raise InputError(f"{recording.camera}: the readout time is 0; give one with --readout-time to vary it")
+    whole = correction.Recording(inputs.log, inputs.camera, inputs.exposure)
     if region is not None:
-        pixels, camera = _cut(pixels, camera, region)
+        inputs = _cut(inputs, region)
+    picture, log, camera, exposure = inputs
+    options = with_translation(options, track, camera, exposure)
     transfer = transfer_of(picture, options.transfer)
     options = replace(options, transfer=transfer, check=False)
+    given = correction.Recording(log, camera, exposure, options.translation)
     cells: list[Cell] = []
     error: CoverageError | None = None
+    values = sweep.values()
     with progress("preview") as move, naming(photo, recording):
-        for i, shift in enumerate(np.linspace(sweep.first, sweep.last, sweep.steps).tolist()):
+        for i, value in enumerate(values):
             if move is not None:
-                move(f"{1e3 * shift:+.1f} ms", i / sweep.steps)
+                move(sweep.label(value), i / len(values))
+            varied = given.corrected(sweep.correction(value))
             try:
-                result = plan(log, camera.delayed(shift), exposure, options).apply(pixels)
+                planned = plan(log, varied.camera, exposure, replace(options, translation=varied.translation))
             except CoverageError as uncovered:
                 error = uncovered
                 continue
+            result = planned.apply(picture.pixels)
             bands, strips = (n // 2 for n in result.psfs.kernels.shape[:2])
             shown = display_values(result.image, transfer)
-            cells.append(Cell(shift, offset + shift, shown, result.psfs.kernels[bands, strips]))
+            # A region has a readout and a clock of its own.
+            used = whole.corrected(sweep.correction(value)).camera
+            option = _option(sweep.vary, used, track, value)
+            cells.append(Cell(value, option, used.time_offset, shown, result.psfs.kernels[bands, strips]))
         if error is not None and not cells:
             raise error
     return cells
 
 
-def _cut(pixels: NDArray[Any], camera: Camera, region: Region) -> tuple[NDArray[Any], Camera]:
+def _option(vary: Varied, camera: Camera, track: Track, value: tuple[float, ...]) -> str:
+    """Return the option with which other commands use a value."""
+    if vary == "offset":
+        return f"--time-offset {camera.time_offset:.7g}"
+    if vary == "scale":
+        return f"--focal-length {camera.focal_length[0]:.7g}"
+    if vary == "readout":
+        return f"--readout-time {camera.readout_time:.7g}"
+    x, y = (given + more for given, more in zip(track.drift or (0.0, 0.0), value, strict=True))
+    return f"--drift {x:.4g},{y:.4g}"
+
+
+def _cut(inputs: Inputs, region: Region) -> Inputs:
     left, top, width, height = region
-    part = camera.cropped(left, top, width, height)
-    return pixels[top : top + height, left : left + width], part
+    camera = inputs.camera.cropped(left, top, width, height)
+    pixels = inputs.picture.pixels[top : top + height, left : left + width]
+    return inputs._replace(picture=replace(inputs.picture, pixels=pixels), camera=camera)

@@ -146,21 +146,10 @@ class Recording:
             log = log.minus_bias(camera.imu_to_camera.T @ np.array([0.0, 0.0, correction.roll]))
         translation = self.translation
         if correction.drift_x or correction.drift_y:
-            translation = _drifting(self, camera, np.array([correction.drift_x, correction.drift_y]))
+            px = correction.drift_x, correction.drift_y
+            translation = Translation.drift(px, camera, self.exposure, known=translation)
         return replace(self, log=log, camera=camera, translation=translation)
 
     def capture(self, scale: float = 1.0) -> Capture:
         """Return the capture in the upright frame, of the picture reduced by a factor `scale`."""
         return ReadoutFrame(self.camera.scaled(scale)).capture(self.log, self.exposure, self.translation)
-
-
-def _drifting(recording: Recording, camera: Camera, drift: FloatArray) -> Translation:
-    """Return the recording's translation plus a constant velocity under which the scene moves by `drift`."""
-    opens, closes = recording.exposure.span(camera)
-    margin = closes - opens
-    known = recording.translation or Translation(
-        np.array([opens - margin, closes + margin]), np.zeros((2, 3)), 1.0, recording.exposure.epoch_ns
-    )
-    # The scene moves against the camera.
-    velocity = np.append(-drift / np.array(camera.focal_length), 0.0) * known.depth / recording.exposure.duration
-    return replace(known, position=known.position + known.t[:, None] * velocity)

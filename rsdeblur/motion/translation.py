@@ -5,14 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import CoverageError, InputError
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.exposure import Exposure
 from rsdeblur.types import FloatArray
 
 # s. Times relative to different epochs differ by less, from rounding; clocks count in it.
 CLOCK_TICK = 1e-9
+# Largest drift during an exposure, px.
+MOST_DRIFT = 1e6
 
 
 @one_line()
@@ -64,6 +69,53 @@ class Translation:
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "depth", validate.finite("depth", self.depth, above=0.0))
         object.__setattr__(self, "epoch_ns", validate.nanoseconds("epoch_ns", self.epoch_ns))
+
+    @classmethod
+    def drift(
+        cls, px: ArrayLike, camera: Camera, exposure: Exposure, *, known: Translation | None = None
+    ) -> Translation:
+        """Return the constant velocity under which the scene moves by a number of pixels during the exposure.
+
+        Parameters
+        ----------
+        px : array_like, shape (2,)
+            Shift of the scene in the picture, (x, y) in px, from -1e6 to 1e6, during the exposure of a row.
+        camera : Camera
+            Camera of the picture as stored.
+        exposure : Exposure
+            The exposure.
+        known : Translation, optional
+            Track to which it is added; by default one around the exposure, of a scene at 1 m.
+
+        Returns
+        -------
+        Translation
+            The track. Only the ratio of its speed and depth matters.
+
+        Raises
+        ------
+        InputError
+            If an argument is out of range.
+
+        Examples
+        --------
+        >>> import rsdeblur
+        >>> camera, exposure = rsdeblur.Camera(64, 48, 600.0), rsdeblur.Exposure(0.22, 0.05)
+        >>> still = rsdeblur.GyroLog([0, 1], [[0, 0, 0], [0, 0, 0]])
+        >>> drift = rsdeblur.Translation.drift((4, 0), camera, exposure)
+        >>> bank = rsdeblur.psfs(still, camera, exposure, mode="global", translation=drift)
+        >>> bank.kernels[0, 0].sum(axis=0).round(3)
+        array([0.   , 0.125, 0.25 , 0.25 , 0.25 , 0.125, 0.   ], dtype=float32)
+        """
+        validate.instance("camera", camera, Camera)
+        opens, closes = validate.instance("exposure", exposure, Exposure).span(camera)
+        margin = closes - opens
+        if known is None:
+            known = cls(np.array([opens - margin, closes + margin]), np.zeros((2, 3)), 1.0, exposure.epoch_ns)
+        px = validate.real_array("px", px, (2,), most=MOST_DRIFT)
+        # The scene moves against the camera.
+        velocity = np.append(-px / np.array(camera.focal_length), 0.0) * known.depth / exposure.duration
+        return replace(known, position=known.position + known.t[:, None] * velocity)
 
     def covering(self, t0: float, t1: float, epoch_ns: int) -> Translation:
         """Return the track with its times relative to another epoch.

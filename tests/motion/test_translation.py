@@ -122,3 +122,17 @@ def test_what_is_no_track_is_refused():
     wide = Camera(160, 120, 40.0, distortion_model="fisheye", distortion=(0.0, 0.0, 0.0, 0.0))
     with pytest.raises(InputError, match="180 degrees"):
         paths(STILL, Translation([0.0, 0.2], np.zeros((2, 3)), 1.0), wide)
+
+
+def test_a_drift_is_a_shift_of_the_scene_on_top_of_a_known_track() -> None:
+    camera, exposure = Camera(64, 48, (600.0, 500.0)), Exposure(0.22, 0.05, 7)
+    still = GyroLog(np.arange(0, 1, 0.01), np.zeros((100, 3)), 7)
+    sideways = Translation([0.1, 0.4], [[0, 0, 0], [0.03, 0, 0]], depth=2.0, epoch_ns=7)
+    for known, x in ((None, 0.0), (sideways, -600 * 0.1 / 2.0 * 0.05)):
+        drift = Translation.drift((3, -2), camera, exposure, known=known)
+        paths = BlurPaths.from_capture(Capture.from_log(still, camera, exposure, drift), [24.0], [32.0])
+        samples = paths.displacements[0, 0]
+        # Rounding of doubles.
+        np.testing.assert_allclose(samples[-1] - samples[0], [3 + x, -2], atol=1e-9)
+    with pytest.raises(InputError, match="px must"):
+        Translation.drift((3, -2, 1), camera, exposure)
