@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rsdeblur._util import ffmpeg
 from rsdeblur.choices import Distortion, ReadoutDirection
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request
@@ -187,7 +188,7 @@ def _video_size(source: Source) -> tuple[int, int] | None:
     except ModuleNotFoundError:
         return None
     try:
-        with av.open(str(source.path)) as container:
+        with av.open(**ffmpeg.existing(source.path)) as container:
             stream = container.streams.video[0]
             return stream.width, stream.height
     except (OSError, ValueError, IndexError, av.FFmpegError):
