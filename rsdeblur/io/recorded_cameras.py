@@ -45,9 +45,12 @@ def read_mars(source: Source, request: Request) -> CameraFile:
     Raises
     ------
     FileFormatError
-        If the file contains no focal length, or neither it nor `request` the size of the picture.
+        If the file contains no focal length, or neither it nor `request` the size of the picture, or its numbers are no
+        camera's.
     """
     facts = mars_facts(source.text)
+    if not facts:
+        raise source.error("not MARS logger's metadata: no line names the columns fx[px] and fy[px]")
     size = request.size or facts.pop("size", None)
     if size is None:
         raise source.error(
@@ -76,9 +79,12 @@ def read_mars(source: Source, request: Request) -> CameraFile:
         Assumption("readout_direction", f"the readout direction {direction} is assumed, as of {shape} frames"),
         Assumption("imu_to_camera", f"the axes {axes} are assumed, as of {shape} frames of a rear camera"),
     ]
-    camera = Camera(
-        width, height, focal_length, readout_time=readout or 0.0, readout_direction=direction, imu_to_camera=axes
-    )
+    try:
+        camera = Camera(
+            width, height, focal_length, readout_time=readout or 0.0, readout_direction=direction, imu_to_camera=axes
+        )
+    except InputError as error:
+        raise source.error(str(error)) from error
     return CameraFile(camera, "mars", facts, tuple(assumptions))
 
 
