@@ -336,8 +336,9 @@ def killed_videos(count: int, seed: int = 0) -> dict[str, int]:
             counts["runs"] += 1
             for _ in range(rng.randint(1, 4) if counts["workers killed"] < count else 0):
                 _random_moment(rng, [process], folder / "sharp.mp4.parts")
-                workers = load.workers_of(process)
-                if workers and rng.random() > 0.1:
+                while process.is_alive() and not (workers := load.workers_of(process)):
+                    time.sleep(0.01)
+                if process.is_alive() and rng.random() > 0.1:
                     with contextlib.suppress(ProcessLookupError):
                         os.kill(rng.choice(workers), signal.SIGKILL)
                         counts["workers killed"] += 1
