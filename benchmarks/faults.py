@@ -14,22 +14,26 @@ import random
 import resource
 import shutil
 import signal
+import stat
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib import import_module
 from multiprocessing import get_context
 from multiprocessing.context import ForkProcess
 from pathlib import Path
-from types import ModuleType
+from types import SimpleNamespace
 from typing import Any
+from unittest import mock
 
 import numpy as np
 
 from benchmarks import load
 from rsdeblur import Camera, Deconvolver, PsfBank, cli
+from rsdeblur._util import workers
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.interrupts import ENDING
 from rsdeblur.choices import Planning
@@ -290,9 +294,12 @@ def _write_video(folder: Path) -> list[str]:
 
 
 def _start(folder: Path, *arguments: str) -> ForkProcess:
-    """Start a command of rsdeblur in a fork, which need not import its modules; its workers start as ever."""
-    for name in ("batch", "video"):
-        import_module(f"rsdeblur.cli.{name}")
+    """Start a command of rsdeblur in a fork, whose workers are forks too: imports take seconds, kills hit what follows.
+
+    Like spawned ones, the workers have no files of the command but their pipe.
+    """
+    for name in ("cli.batch", "cli.video", "pipeline.plan", "video.segments"):
+        import_module(f"rsdeblur.{name}")
     process = get_context("fork").Process(target=_command, args=(folder, arguments))
     process.start()
     return process
@@ -303,9 +310,32 @@ def _command(folder: Path, arguments: Sequence[str]) -> None:
     os.environ.update(load.UNDATED)
     for stream in (1, 2):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
-    # New processes import the main module, unless it has no name.
-    sys.modules["__main__"] = ModuleType("__main__")
-    cli.main(arguments, prog_name="rsdeblur")
+    fork = get_context("fork")
+    context = SimpleNamespace(Pipe=fork.Pipe, Process=partial(_worker, fork))
+    with mock.patch.object(workers, "get_context", return_value=context):
+        cli.main(arguments, prog_name="rsdeblur")
+
+
+def _worker(context: Any, target: Callable[..., None], args: tuple[Any, ...], daemon: bool) -> ForkProcess:
+    process: ForkProcess = context.Process(target=_alone, args=(target, args), daemon=daemon)
+    return process
+
+
+def _alone(serve: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+    """Close the locks and the other pipes, which are pairs of sockets, that were inherited."""
+    for file in map(int, os.listdir("/proc/self/fd")):
+        with contextlib.suppress(OSError):
+            kind = os.fstat(file).st_mode
+            if file > 2 and file != arguments[0].fileno() and (stat.S_ISREG(kind) or stat.S_ISSOCK(kind)):
+                os.close(file)
+    serve(*arguments)
+
+
+def _workers(process: ForkProcess) -> list[int]:
+    try:
+        return [int(pid) for pid in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
+    except OSError:
+        return []
 
 
 def _random_moment(rng: random.Random, processes: Sequence[ForkProcess], folder: Path) -> None:
@@ -314,7 +344,6 @@ def _random_moment(rng: random.Random, processes: Sequence[ForkProcess], folder:
     def names() -> set[str]:
         return set(os.listdir(folder)) if folder.is_dir() else set()
 
-    # Workers write for a short part of their lives, and take seconds to start.
     before, wanted = names(), rng.randint(0, 4)
     while len(names() - before) < wanted and any(process.is_alive() for process in processes):
         time.sleep(0.01)
@@ -336,11 +365,11 @@ def killed_videos(count: int, seed: int = 0) -> dict[str, int]:
             counts["runs"] += 1
             for _ in range(rng.randint(1, 4) if counts["workers killed"] < count else 0):
                 _random_moment(rng, [process], folder / "sharp.mp4.parts")
-                while process.is_alive() and not (workers := load.workers_of(process)):
+                while process.is_alive() and not (victims := _workers(process)):
                     time.sleep(0.01)
                 if process.is_alive() and rng.random() > 0.1:
                     with contextlib.suppress(ProcessLookupError):
-                        os.kill(rng.choice(workers), signal.SIGKILL)
+                        os.kill(rng.choice(victims), signal.SIGKILL)
                         counts["workers killed"] += 1
                 elif process.is_alive():
                     process.kill()

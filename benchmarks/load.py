@@ -23,7 +23,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from multiprocessing import get_context
-from multiprocessing.context import ForkProcess
 from pathlib import Path
 from typing import Any, Literal
 
@@ -169,7 +168,7 @@ def start(folder: Path, *arguments: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, cwd=folder, stdout=nowhere, stderr=nowhere, env=os.environ | UNDATED)
 
 
-def workers_of(process: subprocess.Popen[bytes] | ForkProcess) -> list[int]:
+def workers_of(process: subprocess.Popen[bytes]) -> list[int]:
     """Return the process ids of the workers of a command, without the helper process of multiprocessing."""
     try:
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
