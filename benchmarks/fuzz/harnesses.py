@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 import warnings
 from collections.abc import Callable, Sequence
@@ -15,20 +16,27 @@ from pathlib import Path
 import click
 import numpy as np
 
-from benchmarks.fuzz import seeds
+from benchmarks.fuzz import packets, seeds
 from benchmarks.fuzz.targets import TARGETS, WRITTEN
-from rsdeblur._util.records import Records
-from rsdeblur.cli._items import read_items
+from rsdeblur._util.records import Records, contents
+from rsdeblur.cli._items import Item, read_items
 from rsdeblur.cli._options import Defaults
 from rsdeblur.cli.deblur import command as deblur
-from rsdeblur.errors import LONGEST_MESSAGE, FileFormatError, RsdeblurError
+from rsdeblur.errors import LONGEST_MESSAGE, FileFormatError, OutputError, RsdeblurError
 from rsdeblur.io import directories, read_camera, read_captures
 from rsdeblur.io.camera_file import write_time_offset
-from rsdeblur.io.clocks import read_clocks
+from rsdeblur.io.clocks import is_clocks, read_clocks
 from rsdeblur.io.exif import Exif
+from rsdeblur.io.exif_times import capture_time, on_clock_of, shown_time
+from rsdeblur.io.gyro_logs import FORMATS as GYRO_FORMATS
+from rsdeblur.io.gyro_logs import open_gyro
+from rsdeblur.io.history import file_facts, with_history
 from rsdeblur.io.kernels import read_psfs
 from rsdeblur.io.pictures import Picture, read_picture, write_picture
+from rsdeblur.io.sessions import indices_of
+from rsdeblur.io.source import Source
 from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.gyro import GyroLog
 
 # Shape of the picture that PSFs are read for, px.
 SHAPE = (48, 64)
@@ -129,9 +137,14 @@ def _cameras(path: Path) -> None:
     assert repr(Camera.load(path)) == repr(replace(camera, time_offset=0.125))
 
 
+DEFAULTS = Defaults(**dict.fromkeys(Defaults.__slots__))
+
+
 def _manifest(path: Path) -> None:
-    defaults = Defaults(**dict.fromkeys(Defaults.__slots__))
-    items = read_items(path, replace(defaults, gyro=path), path.parent / "out", numbered_from=None)
+    _check_items(read_items(path, replace(DEFAULTS, gyro=path), path.parent, numbered_from=None))
+
+
+def _check_items(items: Sequence[Item]) -> None:
     outputs = [item.output for item in items if item.error is None]
     assert len(set(outputs)) == len(outputs)
     for item in items:
@@ -140,15 +153,65 @@ def _manifest(path: Path) -> None:
         assert ".." not in item.output.parts
 
 
+# What the files of a session contain, by the first word of a line.
+CONTENTS = {
+    "gyro": seeds.GYRO_TABLES["plain"][0],
+    "captures": seeds.CAPTURES["mars-captures"][0],
+    "given": seeds.CAPTURES["mars-captures"][0],
+    "stamps": seeds.CAPTURES["stamps"][0],
+    "one": seeds.CAPTURES["image-info"][0],
+    "photo": b"",
+}
+
+
+def _session(path: Path) -> None:
+    """Read the items of a folder; the input's lines are kinds and names of its files, or settings."""
+    folder = path.with_name("session")
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    defaults, numbered_from = replace(DEFAULTS, camera=path), None
+    for line in path.read_text("latin-1").splitlines()[:20]:
+        kind, _, name = line.partition(" ")
+        parts = name.split("/")[:3]
+        if kind in CONTENTS and not {"", ".", ".."} & {*parts}:
+            place = folder.joinpath(*parts)
+            with suppress(OSError, ValueError):
+                place.parent.mkdir(parents=True, exist_ok=True)
+                place.write_bytes(CONTENTS[kind])
+                if kind == "given":
+                    defaults = replace(defaults, capture=place)
+        elif kind == "exif":
+            defaults = replace(defaults, start="exif")
+        elif kind == "no-camera":
+            defaults = replace(defaults, camera=None)
+        elif kind in ("0", "1"):
+            numbered_from = int(kind)
+    items = read_items(folder, defaults, folder / "out", numbered_from=numbered_from)
+    _check_items(items)
+    if defaults.capture:
+        indices = {photo.index for photo in indices_of([item.photo for item in items], defaults.capture)}
+        assert indices <= {None, *range(5)}
+
+
 def _records(path: Path) -> None:
-    """Read a record that was changed: it is as it was written, or none."""
+    """Read a record that was changed: it is as it was written, or none, and no file of others is removed for it."""
     records = Records(path.parent / "records")
-    records.folder.mkdir(exist_ok=True)
-    records.finish("a.png", "mark", {"bytes": 3})
-    (place,) = records.folder.glob("*.json")
-    path.replace(place)
-    assert records.facts("a.png", "mark") in (None, {"bytes": 3})
-    assert isinstance(records.known("a.png"), bool)
+    shutil.rmtree(records.folder, ignore_errors=True)
+    with records.held():
+        records.claim("a.png", "mark")
+        records.finish("a.png", "mark", contents(path))
+        (place,) = records.folder.glob("*.json")
+        facts = records.facts("a.png", "mark")
+        path.replace(place)
+        assert records.facts("a.png", "mark") in (None, facts, {"bytes": 3})
+        assert isinstance(records.known("a.png"), bool)
+        other = records.folder / "b.png"
+        other.touch()
+        records.remove()
+    assert other.exists()
+    with suppress(OutputError):
+        records.check()
+        raise AssertionError("a folder of others is not refused")
 
 
 def _exif(path: Path) -> None:
@@ -157,7 +220,10 @@ def _exif(path: Path) -> None:
     exif = Exif(block)
     with suppress(RsdeblurError):
         exif.focal_px(40, 30)
-    _ = exif.exposure, exif.iso, exif.text(271), exif.text(272)
+    _ = exif.exposure, exif.iso, exif.text(271), exif.text(272), shown_time(exif)
+    for log in LOGS:
+        with suppress(RsdeblurError):
+            on_clock_of(capture_time(exif), log)
     turned = directories.read_block(directories.with_orientation(block, 6))
     assert directories.number(turned, directories.ORIENTATION) == 6
     renewed = directories.renewed(block, 5, 4)
@@ -180,6 +246,20 @@ def _exif(path: Path) -> None:
         raise AssertionError("a picture with this block cannot be written and read") from error
 
 
+def _packet(path: Path) -> None:
+    """Give an XMP packet to a picture, end its history with an entry, and send it through a picture's file."""
+    packet = path.read_bytes()
+    picture = Picture(np.zeros((4, 5, 3), np.uint8), xmp=packet, iptc=packet[::2] or None)
+    if len(packet) % 8 < 4:
+        picture = with_history(picture, file_facts(path))
+    result = path.with_name(f"result{WRITTEN[len(packet) % len(WRITTEN)]}")
+    try:
+        write_picture(result, picture.pixels, like=picture, force=True)
+        read_picture(result)
+    except RsdeblurError as error:
+        raise AssertionError("a picture with this packet cannot be written and read") from error
+
+
 def _psfs(path: Path) -> None:
     bank = read_psfs(path, SHAPE)
     assert np.allclose(bank.kernels.sum(axis=(-2, -1)), 1.0, atol=1e-3)
@@ -196,9 +276,17 @@ def _recording() -> list[str]:
 
 
 CLOCKS = [
-    b"# SENSOR_INFO_TIMESTAMP_SOURCE is %s\n1000500 500 1000000\n1000900 900 1000000\n" % name
-    for name in (b"REALTIME", b"UNKNOWN")
+    b"# SENSOR_INFO_TIMESTAMP_SOURCE is %s\n1000500 500 1000000\n%s\n" % (name, line)
+    for name, line in (
+        (b"REALTIME", b"1000900 900 1000000"),
+        (b"UNKNOWN", b"900 1000900 1000000"),
+        (b"UNKNOWN", b"9000900 900 9000000"),
+        (b"UNKNOWN", b"1000900 900 1"),
+        (b"UNKNOWN", b"1000900 900"),
+    )
 ]
+# A log on the photos' clock, and one that no photo's time is on.
+LOGS = [GyroLog(np.arange(100.0), np.zeros((100, 3)), epoch) for epoch in (seeds.EPOCH - 50 * 10**9, 0)]
 # Options that name no file and print nothing.
 OPTIONS = {
     name: option
@@ -224,6 +312,29 @@ def _options(path: Path) -> None:
         pass
 
 
+def _forced(path: Path) -> None:
+    """Read a file as a gyro log or camera of a format that it may not have; its size says which."""
+    names = [*(each.name for each in GYRO_FORMATS), "none"]
+    open_gyro(path, names[path.stat().st_size % len(names)], orientation="YxZ")
+
+
+def _forced_camera(path: Path) -> None:
+    names = ("exif", "gyroflow", "kalibr", "mars", "recording", "toml", "none")
+    size = path.stat().st_size
+    read_camera(path, names[size % len(names)], size=(360, 640), name=f"cam{size % 3}", focal_length=500.0)
+
+
+def _renamed(read: Callable[[Path], None], *names: str) -> Callable[[Path], None]:
+    """Return a function that reads a file under one of the names, which its size chooses."""
+    return lambda path: read(path.replace(path.with_name(names[path.stat().st_size % len(names)])))
+
+
+def _clocks(path: Path) -> None:
+    clocks = read_clocks(path)
+    assert is_clocks(Source(path, "clocks"))
+    assert np.isfinite(clocks.time_offset)
+
+
 def _of(*names: str) -> Callable[[], Sequence[bytes]]:
     """Return a function that makes the seeds of these targets."""
     return lambda: [*chain.from_iterable(TARGETS[name].seeds() for name in names)]
@@ -233,6 +344,7 @@ def _manifests() -> Sequence[bytes]:
     return [
         b"photo,output,gyro,camera,capture,index\na.jpg,b.png,g.csv,c.toml,f.csv,3\nd.heic,,,,,\n",
         b'photo;start;duration;time_offset;readout\n"a;b.png";1/20;50ms;-0.1;3ms\nc.png;0.5;;;\n',
+        b"photo,output,camera,start,capture\na.png,,c.toml,exif,\nb.png,a.png,c.toml,exif,f.csv\nc.png,input,c.toml,1,\n",
         b"\xef\xbb\xbfphoto\tgyro_format\tunit\torientation\tstart_ns\trate\tbias\n"
         b"x/../a.png\tplain\tdeg/s\tYxZ\t12345678901\t200\t1,2,3deg/s\n/b.tif\t\t\t\t\t\t0.1,0,0\n",
     ]
@@ -264,25 +376,51 @@ def _settings() -> Sequence[bytes]:
     ]
 
 
+def _sessions() -> Sequence[bytes]:
+    epoch = seeds.EPOCH
+    return [
+        b"gyro gyro_accel.csv\ncaptures movie_metadata.csv\nstamps frame_timestamps.txt\n"
+        b"photo frames/frame_0.png\nphoto frames/frame_9.jpg\nphoto x.heic\nphoto c.toml\n",
+        b"gyro imu.txt\nstamps a_timestamps.csv\nphoto IMG_%d.jpg\nphoto b_%d.png\nno-camera x\n" % (epoch, epoch * 2),
+        b"gyro gyro.csv\none images.txt\nphoto 1.png\nphoto 2.png\n",
+        b"gyro gyro.csv\none images.txt\nphoto 1.png\n1 x\n",
+        b"gyro gyro.csv\ngiven t.csv\nphoto 3.png\nphoto 7.dng\n",
+        b"gyro a/gyro.csv\nphoto a/1.png\nexif x\n",
+        b"given gyro.csv\nphoto a.png\n",
+        b"gyro gyro.csv\ngyro b.csv\nphoto a.png\n",
+        b"gyro gyro.csv\nstamps b.csv\n",
+        b"gyro gyro.csv\nstamps b.csv\nphoto a.png\n",
+    ]
+
+
+VIDEO = tuple(name for name in ("video",) if name in TARGETS)
+NAMES = ("input", "TotalAcceleration.csv", "GyroscopeUncalibrated.csv")
 HARNESSES: dict[str, Harness] = {
     "logs": Harness(
-        _logs,
-        _of(*seeds.GYRO_TABLES, "unstamped", "sensorlogger-json", "gyrodata", "zip-file", "gyroflow"),
+        _renamed(_each(_logs, _forced), *NAMES),
+        _of(*seeds.GYRO_TABLES, "unstamped", "sensorlogger-json", "gyrodata", "zip-file", "gyroflow", *VIDEO),
     ),
     "payloads": Harness(_payload, _payloads),
-    "accelerations": Harness(TARGETS["acceleration"].read, _of("acceleration")),
+    "accelerations": Harness(_renamed(TARGETS["acceleration"].read, *NAMES), _of("acceleration", *VIDEO)),
     "trajectories": Harness(TARGETS["trajectory"].read, _of("trajectory")),
     "captures": Harness(
-        _each(TARGETS["stamps"].read, partial(read_captures, duration=0.01), read_clocks),
+        _each(TARGETS["stamps"].read, read_captures, partial(read_captures, duration=0.01), _clocks),
         lambda: [*_of(*seeds.CAPTURES, "gyrodata-captures")(), *CLOCKS],
     ),
     "cameras": Harness(
-        _each(partial(read_camera, size=(640, 360)), partial(read_camera, size=(500, 500), fps=30.0), _cameras),
-        lambda: [*_of("toml", "kalibr", "gyroflow-lens")(), seeds.jpeg()],
+        _each(
+            partial(read_camera, size=(640, 360), sensor_width=4000),
+            partial(read_camera, size=(500, 500), fps=30.0),
+            _forced_camera,
+            _cameras,
+        ),
+        lambda: [*_of("toml", "kalibr", "gyroflow-lens", "mars-captures", "gcsv", *VIDEO)(), seeds.jpeg()],
     ),
     "manifest": Harness(_manifest, _manifests),
+    "sessions": Harness(_session, _sessions),
     "records": Harness(_records, _sealed),
-    "exif": Harness(_exif, _of("exif")),
+    "exif": Harness(_exif, packets.exifs),
+    "packets": Harness(_packet, lambda: packets.PACKETS),
     "psfs": Harness(_psfs, _psf_files),
     "options": Harness(_options, _settings),
     "pictures": Harness(TARGETS["png"].read, _of("jpeg", "png", "webp", "tiff", "npy", "heic", "dng")),

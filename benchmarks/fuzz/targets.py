@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.fuzz import seeds
+from benchmarks.fuzz import packets, seeds
 from benchmarks.fuzz.mutate import mutated
 from benchmarks.fuzz.video import excerpt
 from rsdeblur.cli._describe import (
@@ -24,10 +24,12 @@ from rsdeblur.cli._describe import (
     describe_trajectory,
 )
 from rsdeblur.io import read_acceleration, read_picture, write_picture
+from rsdeblur.io.pictures import picture_to_fill
 from rsdeblur.psf import PsfBank
 
 AS_IS: dict[str, Any] = dict.fromkeys(("format", "unit", "orientation"))
 WRITTEN = (".jpg", ".png", ".tif", ".webp")
+MAPPED = (".npy", ".tif", ".png")
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +114,10 @@ def _mapped(path: Path) -> None:
     picture = read_picture(path, in_place=True)
     # Mapped pixels are read from the file only when they are used.
     picture.pixels.sum()
+    again = path.with_name(f"again{MAPPED[path.stat().st_size % len(MAPPED)]}")
+    if np.isfinite(picture.pixels).all():
+        with picture_to_fill(again, picture.pixels.shape, like=picture, force=True, in_place=True) as out:
+            out[...] = picture.pixels
 
 
 def _bank(path: Path) -> None:
@@ -168,15 +174,15 @@ TARGETS: dict[str, Target] = {
     "exif": Target(_camera, lambda: [seeds.exif()], "a.jpg", pack=seeds.jpeg),
     **{name: _text(_captures, files, "captures.csv") for name, files in seeds.CAPTURES.items()},
     "gyrodata-captures": Target(_captures, lambda: [seeds.trailer()], "a.jpg"),
-    "jpeg": Target(_picture, seeds.jpegs, "a.jpg"),
+    "jpeg": Target(_picture, lambda: [*seeds.jpegs(), *packets.jpegs()], "a.jpg"),
     "jpeg-exif": Target(_picture, lambda: [seeds.exif()], "a.jpg", pack=seeds.jpeg),
-    "png": Target(_picture, seeds.pngs, "a.png"),
+    "png": Target(_picture, lambda: [*seeds.pngs(), *packets.pngs()], "a.png"),
     "png-mended": Target(_picture, seeds.pngs, "a.png", pack=seeds.mended_png),
-    "webp": Target(_picture, seeds.webps, "a.webp"),
-    "tiff": Target(_picture, seeds.tiffs, "a.tif"),
+    "webp": Target(_picture, lambda: [*seeds.webps(), *packets.webps()], "a.webp"),
+    "tiff": Target(_picture, lambda: [*seeds.tiffs(), *packets.tiffs()], "a.tif"),
     "npy": Target(_picture, seeds.npys, "a.npy"),
-    "mapped": Target(_mapped, lambda: [*seeds.npys(), *seeds.tiffs()], "a.npy"),
-    "heic": Target(_picture, lambda: [seeds.heic()], "a.heic"),
+    "mapped": Target(_mapped, lambda: [*seeds.npys(), *packets.npys(), *seeds.tiffs()], "a.npy"),
+    "heic": Target(_picture, lambda: [seeds.heic(), *packets.heics()], "a.heic"),
     "dng": Target(_picture, lambda: [seeds.dng()], "a.dng"),
     "psf-bank": Target(_bank, lambda: [seeds.bank()], "bank.npz"),
 }

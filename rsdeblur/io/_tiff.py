@@ -106,7 +106,8 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], Metadata]:
 def place(page: tifffile.TiffPage, file_size: int) -> dict[str, Any] | None:
     """Return offset, dtype and shape of grey or RGB samples; None if the page must be decoded."""
     kind = tifffile.PHOTOMETRIC(page.photometric)
-    plain = page.is_memmappable and page.axes in ("YX", "YXS") and kind in (kind.MINISBLACK, kind.RGB)
+    is_picture = all(page.shape) and (page.axes == "YX" or (page.axes == "YXS" and page.shape[2] in (2, 3, 4)))
+    plain = page.is_memmappable and is_picture and kind in (kind.MINISBLACK, kind.RGB)
     # A memory map needs whole bytes in this machine's order.
     if (
         not plain

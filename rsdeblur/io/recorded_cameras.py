@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rsdeblur._util import ffmpeg
 from rsdeblur.choices import Distortion, ReadoutDirection
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request
@@ -44,9 +45,12 @@ def read_mars(source: Source, request: Request) -> CameraFile:
     Raises
     ------
     FileFormatError
-        If the file contains no focal length, or neither it nor `request` the size of the picture.
+        If the file contains no focal length, or neither it nor `request` the size of the picture, or its numbers are no
+        camera's.
     """
     facts = mars_facts(source.text)
+    if not facts:
+        raise source.error("not MARS logger's metadata: no line names the columns fx[px] and fy[px]")
     size = request.size or facts.pop("size", None)
     if size is None:
         raise source.error(
@@ -75,9 +79,12 @@ def read_mars(source: Source, request: Request) -> CameraFile:
         Assumption("readout_direction", f"the readout direction {direction} is assumed, as of {shape} frames"),
         Assumption("imu_to_camera", f"the axes {axes} are assumed, as of {shape} frames of a rear camera"),
     ]
-    camera = Camera(
-        width, height, focal_length, readout_time=readout or 0.0, readout_direction=direction, imu_to_camera=axes
-    )
+    try:
+        camera = Camera(
+            width, height, focal_length, readout_time=readout or 0.0, readout_direction=direction, imu_to_camera=axes
+        )
+    except InputError as error:
+        raise source.error(str(error)) from error
     return CameraFile(camera, "mars", facts, tuple(assumptions))
 
 
@@ -187,7 +194,7 @@ def _video_size(source: Source) -> tuple[int, int] | None:
     except ModuleNotFoundError:
         return None
     try:
-        with av.open(str(source.path)) as container:
+        with av.open(**ffmpeg.existing(source.path)) as container:
             stream = container.streams.video[0]
             return stream.width, stream.height
     except (OSError, ValueError, IndexError, av.FFmpegError):

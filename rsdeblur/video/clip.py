@@ -13,13 +13,11 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from rsdeblur._util import ffmpeg
 from rsdeblur._util.files import open_file
 from rsdeblur.errors import FileFormatError, RsdeblurWarning
 from rsdeblur.video._av import av
 
-# FFmpeg's names of the containers that are read. It recognises a file by its content, and reads pictures as videos too,
-# and playlists, which make it open other files.
-CONTAINERS = ("mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm", "avi", "mpegts")
 HDR_DATA = ("MASTERING_DISPLAY_METADATA", "CONTENT_LIGHT_LEVEL")
 
 
@@ -102,13 +100,12 @@ def open_container(path: Path) -> Any:
     Raises
     ------
     FileFormatError
-        If FFmpeg cannot read the file, it is a pipe or a device, or not one of the `CONTAINERS`.
+        If FFmpeg cannot read the file, it is a pipe or a device, or not in one of the containers that are read.
     """
     # FFmpeg would wait for the writer of a pipe.
     open_file(path, "video").close()
     try:
-        # FFmpeg takes names for URLs: 10:30.mp4 has the protocol 10.
-        return av.open(f"file:{os.path.abspath(path)}", options={"format_whitelist": ",".join(CONTAINERS)})
+        return av.open(**ffmpeg.existing(path))
     except av.error.ArgumentError as error:
         raise FileFormatError(
             f"{path}: not a video in a container that is read; convert it to MP4, MOV, Matroska, WebM, AVI or MPEG-TS"

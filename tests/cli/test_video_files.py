@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from collections.abc import Callable
 from fractions import Fraction
@@ -14,6 +15,7 @@ import pytest
 from click.testing import Result
 from PIL import Image
 
+import rsdeblur
 from rsdeblur import Camera
 from rsdeblur._util import workers
 from rsdeblur._util.records import Records
@@ -177,6 +179,15 @@ def test_names_are_no_addresses(
         result = run("video", name, *recording, "-o", f"{i}:30.mp4")
         assert result.exit_code == 0, result.output
         assert len(open_clip(f"{i}:30.mp4")) == FRAMES
+
+
+def test_files_are_named_for_ffmpeg_in_one_place() -> None:
+    """Else a name could be an address again: a call reads the arguments of `_util.ffmpeg`, or writes."""
+    modules = Path(rsdeblur.__file__).parent.rglob("*.py")
+    calls = [call for module in modules for call in re.findall(r"\bav\.open\(.*", module.read_text("utf-8"))]
+    reading = [call for call in calls if '"w"' not in call]
+    assert reading
+    assert all(call.startswith("av.open(**ffmpeg.existing(") for call in reading)
 
 
 def playlist(path: Path) -> None:

@@ -126,3 +126,21 @@ def test_a_cut_tiff_is_refused_in_place_too(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(FileFormatError, match="ends within"):
         read_picture(path, in_place=True)
+
+
+@pytest.mark.parametrize(
+    ("tag", "value", "message"),
+    [
+        (tifffile.TIFF.TAGS["ImageWidth"], 0, "no pixels|damaged"),
+        (tifffile.TIFF.TAGS["SamplesPerPixel"], 1, "not supp|damaged"),
+    ],
+)
+def test_what_is_no_picture_is_refused_in_place_too(tmp_path: Path, tag: int, value: int, message: str) -> None:
+    """No width, or one sample per pixel along an axis of its own."""
+    path = tmp_path / "picture.tif"
+    tifffile.imwrite(path, pixels_of("uint8", (5, 7, 3)), photometric="rgb")
+    with tifffile.TiffFile(path, mode="r+b") as file:
+        file.pages.first.tags[tag].overwrite(value)
+    for in_place in (False, True):
+        with pytest.raises(FileFormatError, match=message):
+            read_picture(path, in_place=in_place)

@@ -56,6 +56,13 @@ def test_mars_ios_contains_the_size(mars: Path) -> None:
     assert any("no readout time" in assumption.text for assumption in file.assumptions)
 
 
+@pytest.mark.parametrize(("text", "message"), [(GCSV, "not MARS logger's"), (IOS.replace("1500.5", "1e-320"), "focal")])
+def test_mars_refuses_what_is_no_camera(mars: Path, text: str, message: str) -> None:
+    mars.write_text(text)
+    with pytest.raises(FileFormatError, match=f"{mars.name}.*{message}"):
+        open_camera(mars, "mars")
+
+
 def test_gcsv(tmp_path: Path) -> None:
     path = tmp_path / "clip.gcsv"
     path.write_text(GCSV + "".join(f"{5 * i},0.1,0.2,0.3\n" for i in range(20)))
