@@ -177,6 +177,17 @@ def test_compare_writes_everything(run: Run, files: Files, tmp_path: Path) -> No
     assert (report["modes"]["global"]["bands"], report["modes"]["global"]["strips"]) == (1, 1)
 
 
+def test_compare_of_some_modes_in_little_memory(run: Run, files: Files, tmp_path: Path) -> None:
+    common = ["compare", files.photo, *files.recording, "--prior", "wiener", "--mode", "banded"]
+    result = run(*common, "--mode", "global", "--max-memory", "1GiB", "-o", tmp_path / "out", "--json")
+    assert result.exit_code == 0, result.stderr
+    assert list(json.loads(result.stdout)["modes"]) == ["global", "banded"]
+    names = {"global.png", "banded.png", "side-by-side.png", "psfs.png", "compare.json"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == names
+    # The solver itself refuses memory that is too little.
+    assert "max_memory" in run(*common, "--max-memory", "1KiB", "-o", tmp_path / "none").stderr
+
+
 def test_compare_writes_a_report(run: Run, files: Files, tmp_path: Path) -> None:
     page = tmp_path / "report.html"
     # Rates as if in degrees: accepted with a warning, which the report repeats.
