@@ -29,8 +29,8 @@ DOCS = ROOT / "docs"
 # Beside the pages of the folder `tutorials`, this one is to be followed too.
 PAGES = (DOCS / "good-data.md", *sorted((DOCS / "tutorials").glob("*.md")))
 BLOCK = re.compile(r"^ *```(\w+)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
-# Limit of one command, s.
-PATIENCE = 900
+# Limit of one command, s; a busy machine takes ten times as long as an idle one.
+PATIENCE = 3600
 
 
 class Step(NamedTuple):
