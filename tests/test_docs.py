@@ -13,17 +13,15 @@ import pytest
 from click.testing import CliRunner
 
 import rsdeblur
+from benchmarks.tutorials import BLOCK, steps
 from rsdeblur._util import workers
 from rsdeblur.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 PAGES = sorted(page for page in [*ROOT.glob("*.md"), *DOCS.rglob("*.md")] if "generated" not in page.parts)
-BLOCK = re.compile(r"^ *```(\w+)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
-# Pages whose commands need only the files that `rsdeblur demo` writes.
+# Pages that follow each other, on the same files.
 WALKTHROUGH = ("tutorials/first-photo.md", "good-data.md")
-# Commands of tutorials that need another machine or change the installation.
-ELSEWHERE = re.compile("pip |.* --scheduler ")
 
 
 def name_of(page: Path) -> str:
@@ -32,9 +30,7 @@ def name_of(page: Path) -> str:
 
 def commands(page: Path) -> list[str]:
     """Return the commands in the shell blocks of a page."""
-    text = page.read_text(encoding="utf-8")
-    blocks = "".join(content for language, content in BLOCK.findall(text) if language == "sh")
-    return [command.strip() for command in re.findall(r"^(?!#)((?:.*\\\n)*.+)$", blocks, re.MULTILINE)]
+    return [step.text for step in steps(page) if step.language == "sh"]
 
 
 def slug(heading: str) -> str:
@@ -58,10 +54,14 @@ def test_the_commands_of_the_walkthrough_work(tmp_path: Path, monkeypatch: pytes
     assert rsdeblur.read_camera(tmp_path / "phone.toml").readout_time == 0.0056
 
 
-@pytest.mark.parametrize(("name", "made"), [("many-photos", "session-sharp/frame0003.png"), ("video", "stamped.mp4")])
+@pytest.mark.parametrize(
+    ("name", "made"),
+    [("many-photos", "session-sharp/frame0003.png"), ("own-kernels", "python.png"), ("video", "stamped.mp4")],
+)
 def test_a_tutorial_can_be_followed_from_an_empty_folder(
     name: str, made: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Short pages, in this process and on small pictures; ``python -m benchmarks.tutorials`` follows all as printed."""
     if name == "video":
         pytest.importorskip("av", reason="the extra [video] is not installed")
     monkeypatch.chdir(tmp_path)
@@ -71,17 +71,18 @@ def test_a_tutorial_can_be_followed_from_an_empty_folder(
             yield task, workers._attempt(work, task)
 
     monkeypatch.setattr(workers, "_in_processes", in_this_process)
-    for command in commands(DOCS / f"tutorials/{name}.md"):
-        if ELSEWHERE.match(command):
+    for step in steps(DOCS / f"tutorials/{name}.md"):
+        if step.needs:
             continue
-        if not command.startswith("rsdeblur "):
-            subprocess.run(command, shell=True, check=True)
-            continue
-        words = shlex.split(re.sub(r"--size \d+x\d+", "--size 80x64", command.replace("\\\n", "")))[1:]
-        result = CliRunner().invoke(main, words, catch_exceptions=False)
-        # One photo of the list is missing, as the page says.
-        assert result.exit_code in ((0, 3) if "list.csv" in words else (0,)), f"{command}: {result.stderr}"
-        assert "warning" not in result.stderr
+        if step.language == "python":
+            exec(compile(step.text, name, "exec"), {})
+        elif not step.text.startswith("rsdeblur "):
+            subprocess.run(step.text, shell=True, check=True)
+        else:
+            words = shlex.split(re.sub(r"--size \d+x\d+", "--size 80x64", step.text.replace("\\\n", "")))[1:]
+            result = CliRunner().invoke(main, words, catch_exceptions=False)
+            assert (result.exit_code != 0) == step.is_refused, f"{step.text}: {result.stderr}"
+            assert "warning" not in result.stderr
     assert (tmp_path / made).stat().st_size > 0
 
 

@@ -150,6 +150,8 @@ CALLS: dict[str, Call] = {
     "triage: camera": lambda x: rs.triage(LOG, x, [EXPOSURE]),
     **options(rs.triage, (LOG, CAMERA, [EXPOSURE]), "keep drop progress"),
     "find_time_offset: image": lambda x: rs.find_time_offset(x, LOG, CAMERA, EXPOSURE),
+    "find_shared_time_offset: image": lambda x: rs.find_shared_time_offset([x], LOG, CAMERA, [EXPOSURE]),
+    "find_shared_time_offset: exposure": lambda x: rs.find_shared_time_offset([IMAGE], LOG, CAMERA, [x]),
     "find_time_offset: search": lambda x: rs.find_time_offset(IMAGE, LOG, CAMERA, EXPOSURE, search=x),
     "simulate: sharp": lambda x: rs.simulate(x, LOG, CAMERA, EXPOSURE),
     **options(rs.simulate, (IMAGE, LOG, CAMERA, EXPOSURE), "noise samples translation transfer"),

@@ -1,8 +1,10 @@
-"""Simulated sessions of a logger app for `rsdeblur demo`: a log, the exposures, and photos or a video."""
+"""Simulated sessions for `rsdeblur demo`: what a logger app writes, or a camera app and a separate log."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,36 +18,48 @@ if TYPE_CHECKING:
     from rsdeblur.motion.gyro import GyroLog
 
 EPOCH = 1_560_000_000_000  # ns, of a phone that was started half an hour ago
-START = 0.25  # s, of the first exposure in the log
+UNIX_EPOCH = 1_780_000_000_000_000_000  # ns
+LATE = 0.41  # s, of the times in EXIF after the exposures: a camera app writes when it stores the photo
 MARGIN = 0.1  # of the scene beyond the frame, in longer sides
 STRENGTH = 0.4  # of a phone shaken on purpose
 FOCAL, READOUT, NOISE = 1.1, 0.02, 0.005  # picture widths, s, standard deviation in linear light
+FOCAL35 = 26  # mm, of the photos of a camera app
 LOG, CAMERA, CAPTURES, MOVIE = "gyro_accel.csv", "camera.toml", "movie_metadata.csv", "movie.mp4"
+UNIX_LOG = "Gyroscope.csv"
 
 
 class Kind(NamedTuple):
-    """Number of frames, their interval and duration in s, and the file of each; without files, they are a video."""
+    """Number of frames, their interval and duration in s, their files (none: a video), and the first start in s."""
 
     frames: int
     interval: Fraction
     duration: Fraction
     files: tuple[str, ...]
+    start: float = 0.25
+    epoch_ns: int = EPOCH
 
 
 KINDS = {
     "recording": Kind(4, Fraction(1, 2), Fraction(1, 20), tuple(f"frame{i:04}.png" for i in range(4))),
     "video": Kind(24, Fraction(1, 30), Fraction(1, 40), ()),
+    # The log extends beyond the search of `--start exif`.
+    "stock-camera": Kind(2, Fraction(2), Fraction(1, 20), ("IMG_1.jpg", "IMG_2.jpg"), 2.5, UNIX_EPOCH),
 }
 
 
 def names(kind: str) -> list[str]:
     """Return the names of the files that :func:`write` makes."""
-    return [LOG, CAMERA, CAPTURES, *(KINDS[kind].files or [MOVIE])]
+    others = [UNIX_LOG] if kind == "stock-camera" else [LOG, CAMERA, CAPTURES]
+    return [*others, *(KINDS[kind].files or [MOVIE])]
 
 
 def write(kind: str, size: tuple[int, int], seed: int, folder: Path, *, force: bool) -> None:
-    """Simulate a session and write its files as MARS logger does, with a camera file."""
-    from rsdeblur.io.pictures import write_picture
+    """Simulate a session and write its files.
+
+    They are those of MARS logger with a camera file, or photos with EXIF blocks and a log of Sensor Logger.
+    """
+    from rsdeblur.io.exif import FILM_DIAGONAL
+    from rsdeblur.io.pictures import Picture, write_picture
     from rsdeblur.motion.camera import Camera
     from rsdeblur.motion.exposure import Exposure
     from rsdeblur.motion.gyro import GyroLog
@@ -54,21 +68,50 @@ def write(kind: str, size: tuple[int, int], seed: int, folder: Path, *, force: b
     (width, height), session = size, KINDS[kind]
     if kind == "video":
         import rsdeblur.video._av  # noqa: F401  refuses a missing extra before the work
-    starts = [EPOCH + round(1e9 * (START + float(i * session.interval))) for i in range(session.frames)]
+    starts = [
+        session.epoch_ns + round(1e9 * (session.start + float(i * session.interval))) for i in range(session.frames)
+    ]
     exposures = [Exposure(0.0, float(session.duration), stamp) for stamp in starts]
-    shake = hand_shake(2 * START + float(session.frames * session.interval), strength=STRENGTH, seed=seed)
-    log = GyroLog(shake.t, shake.omega, EPOCH)
-    # The app logs in phone axes.
-    camera = Camera(width, height, FOCAL * width, readout_time=READOUT, imu_to_camera="phone-landscape")
+    shake = hand_shake(2 * session.start + float(session.frames * session.interval), strength=STRENGTH, seed=seed)
+    log = GyroLog(shake.t, shake.omega, session.epoch_ns)
+    stock = kind == "stock-camera"
+    focal = FOCAL35 / FILM_DIAGONAL * math.hypot(width, height) if stock else FOCAL * width
+    # The apps log in phone axes.
+    camera = Camera(width, height, focal, readout_time=READOUT, imu_to_camera="phone-landscape")
     frames = _frames(log, camera, exposures, seed)
     if session.files:
-        for name, frame in zip(session.files, frames, strict=True):
-            write_picture(folder / name, frame, force=force)
+        for name, frame, exposure in zip(session.files, frames, exposures, strict=True):
+            like = Picture(frame, _exif(exposure)) if stock else None
+            write_picture(folder / name, frame, like=like, bits=8, force=force)
     else:
         _write_movie(folder / MOVIE, frames, (width, height), session.interval)
+    if stock:
+        _write_log(folder / UNIX_LOG, log, "time,x,y,z")
+        return
     camera.save(folder / CAMERA)
-    _write_log(folder / LOG, log)
+    _write_log(folder / LOG, log, "Timestamp[nanosec], gx[rad/s], gy[rad/s], gz[rad/s]")
     _write_captures(folder / CAPTURES, exposures, camera)
+
+
+def _exif(exposure: Exposure) -> bytes:
+    """Return the EXIF block of a camera app."""
+    from PIL import Image
+
+    from rsdeblur.io import exif, exif_times
+
+    taken = datetime.fromtimestamp(exposure.epoch_ns * 1e-9 + LATE, UTC)
+    block = Image.Exif()
+    block[exif.MODEL] = "rsdeblur demo"
+    block.get_ifd(exif.CAMERA_IFD).update(
+        {
+            exif_times.DATE_TIME: f"{taken:%Y:%m:%d %H:%M:%S}",
+            exif_times.SUBSECONDS: f"{taken.microsecond // 1000:03}",
+            exif_times.OFFSET: "+00:00",
+            exif.EXPOSURE_TIME: exposure.duration,
+            exif.FOCAL_LENGTH_35: FOCAL35,
+        }
+    )
+    return block.tobytes()
 
 
 def _frames(log: GyroLog, camera: Camera, exposures: list[Exposure], seed: int) -> Iterator[NDArray[np.float32]]:
@@ -83,8 +126,7 @@ def _frames(log: GyroLog, camera: Camera, exposures: list[Exposure], seed: int) 
         yield from_linear(frame.clip(0.0, 1.0), "srgb")
 
 
-def _write_log(path: Path, log: GyroLog) -> None:
-    header = "Timestamp[nanosec], gx[rad/s], gy[rad/s], gz[rad/s]"
+def _write_log(path: Path, log: GyroLog, header: str) -> None:
     stamps = (log.epoch_ns + np.rint(1e9 * log.t)).astype(np.int64).tolist()
     rows = (f"{stamp},{x:.9f},{y:.9f},{z:.9f}" for stamp, (x, y, z) in zip(stamps, log.omega.tolist(), strict=True))
     _write_lines(path, [header, *rows])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import lru_cache
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from rsdeblur.video.clip import Clip
 
 
+# Options that mean one moment, so that several photos cannot share them.
+ONE_MOMENT = ("index", "start", "start_ns")
 # Frames by which telemetry and video may differ.
 MOST_MISSING = 2
 
@@ -80,19 +82,50 @@ def _with_offset(inputs: Inputs, photo: Path) -> Inputs:
         found = find_time_offset(
             picture.pixels, log, camera, exposure, search=EXIF_ERROR, transfer=picture.transfer, progress=move
         )
-    check_offset(found, photo)
+    check_offset(found, [photo])
     assert found.time_offset is not None
     say_detail(f"{photo}: time offset {1e3 * found.time_offset:.1f} ms, confidence {found.confidence:.2f}")
     return inputs._replace(camera=replace(camera, time_offset=found.time_offset))
 
 
-def check_offset(found: OffsetSearch, photo: Path) -> None:
-    """Raise `InputError` if the picture does not determine the time offset."""
+def check_offset(found: OffsetSearch, photos: Sequence[Path]) -> None:
+    """Raise `InputError` if the pictures do not determine the time offset."""
     if found.time_offset is None:
+        what = f"{photos[0]}: the picture does" if len(photos) == 1 else f"the {len(photos)} pictures do"
         raise InputError(
-            f"{photo}: the picture does not determine the time offset: {found.reason} "
+            f"{what} not determine the time offset: {found.reason} "
             f"(likeliest {1e3 * found.best:.1f} ms, confidence {found.confidence:.2f})"
         )
+
+
+def recordings_of(photos: Sequence[Path], recording: Recording) -> list[Recording]:
+    """Return the recording of each photo; several photos need moments of their own.
+
+    Raises
+    ------
+    click.UsageError
+        If the options give one moment for all of them.
+    FileFormatError
+        If the name of a photo does not determine its exposure in the capture file.
+    """
+    if len(photos) == 1:
+        return [recording]
+    given = [f"--{name.replace('_', '-')}" for name in ONE_MOMENT if getattr(recording, name) not in (None, "exif")]
+    if given or (recording.capture is None and recording.start is None):
+        found = f"{', '.join(given)} is one moment" if given else "no exposure is given"
+        raise _usage(
+            f"{len(photos)} photos, but {found}; use --start exif, --capture with photos named after their stamps or "
+            "frame numbers, or a manifest: rsdeblur batch"
+        )
+    if recording.capture is None or recording.start == "exif":
+        return [recording] * len(photos)
+    from rsdeblur.io.sessions import indices_of
+
+    matches = indices_of(list(photos), recording.capture)
+    for match in matches:
+        if match.error is not None:
+            raise FileFormatError(f"{match.path}: {match.error}")
+    return [replace(recording, index=match.index) for match in matches]
 
 
 def read_recording(recording: Recording, photo: Path | None = None) -> tuple[GyroLog, Camera, Exposure]:

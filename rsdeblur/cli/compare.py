@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,13 +44,18 @@ Examples:
       --truth rolling.png -o out
   rsdeblur compare photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4 -o out \\
       --report report.html
+  rsdeblur compare photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4 -o out \\
+      --mode global --mode banded --max-memory 1GiB
 """
 
 
 @click.command("compare", cls=Command, epilog=EXAMPLES)
 @click.argument("photo", type=_options.PATH)
 @_options.recording_options()
-@_options.solve_options(*_options.ONE_PHOTO[1:])
+@click.option(
+    "--mode", "modes", type=click.Choice(MODES), multiple=True, help="Mode to compare; repeat it.  [default: all]"
+)
+@_options.solve_options(*_options.ONE_PHOTO[1:], "max_memory")
 @_options.track_options
 @click.option("--truth", type=_options.PATH, metavar="FILE", help="Sharp picture, to measure PSNR and SSIM.")
 @_options.target_options("DIR", "Folder to write to.")
@@ -60,6 +66,7 @@ Examples:
 def command(
     photo: Path,
     recording: Recording,
+    modes: tuple[Mode, ...],
     options: Options,
     track: Track,
     truth: Path | None,
@@ -67,7 +74,7 @@ def command(
     report_paths: bool,
     target: Target,
 ) -> None:
-    """Deblur PHOTO in every mode and lay the results side by side.
+    """Deblur PHOTO in every mode, or those of --mode, and lay the results side by side.
 
     Writes to DIR the picture of each mode, side-by-side.png with enlarged details, psfs.png with the kernels at their
     places in the picture, and compare.json with times, memory and, with --truth, PSNR and SSIM.
@@ -76,11 +83,12 @@ def command(
     the gyroscope's rates with the exposure window of each row, figures for each band, all settings, and warnings.
     """
     output, force = target.output, target.force
-    prepare_folder(output, [*output_names(photo), REPORT], force=force)
+    modes = tuple(mode for mode in MODES if mode in (modes or MODES))
+    prepare_folder(output, [*output_names(photo, modes), REPORT], force=force)
     if report is not None:
         check_page(report, force=force)
     with capture_warnings() as remarks:
-        compared = compare_modes(photo, recording, options, track, truth=truth, output=output, force=force)
+        compared = compare_modes(photo, recording, options, track, target, truth=truth, modes=modes)
     if report is not None:
         from rsdeblur.report import write_page
 
@@ -95,10 +103,10 @@ def command(
             say("", f"Open {report} in a browser.")
 
 
-def output_names(photo: Path) -> list[str]:
+def output_names(photo: Path, modes: Sequence[Mode] = MODES) -> list[str]:
     """Return the names of the pictures that `compare_modes` writes: PNG, or TIFF if the photo may contain floats."""
     suffix = ".tif" if photo.suffix.lower() in (".tif", ".tiff") else ".png"
-    return [*(mode + suffix for mode in MODES), SHEET, MAP]
+    return [*(mode + suffix for mode in modes), SHEET, MAP]
 
 
 def compare_modes(
@@ -106,19 +114,19 @@ def compare_modes(
     recording: Recording,
     options: Options,
     track: Track,
+    target: Target,
     *,
     truth: Path | None,
-    output: Path,
-    force: bool,
+    modes: Sequence[Mode] = MODES,
 ) -> Compared:
-    """Deblur `photo` in every mode, write the pictures into the folder `output` and return the results."""
-    inputs = read_inputs(photo, recording)
+    """Deblur `photo` in each mode, write the pictures into the folder of `target` and return the results."""
+    inputs = read_inputs(photo, recording, in_place=options.max_memory is not None)
     picture = inputs.picture
     options = with_translation(options, track, inputs.camera, inputs.exposure)
     transfer = transfer_of(picture, options.transfer)
-    target = None if truth is None else _read_truth(truth, photo, picture, options.transfer)
+    sharp = None if truth is None else _read_truth(truth, photo, picture, options.transfer)
     # Options that a mode does not take are refused before the first mode is solved.
-    each_mode = [replace(options, mode=mode, transfer=transfer) for mode in MODES]
+    each_mode = [replace(options, mode=mode, transfer=transfer) for mode in modes]
 
     from rsdeblur.cli._measure import forget_peak_memory, peak_memory_mib, similarity
     from rsdeblur.io.pictures import write_picture
@@ -127,24 +135,24 @@ def compare_modes(
     shown = {"input": display_values(unit_range(picture.pixels), transfer)}
     banks: dict[Mode, PsfBank] = {}
     report: dict[str, Any] = {"photo": str(photo), "size_px": list(picture.pixels.shape[1::-1])}
-    if target is not None:
-        report |= {"truth": str(truth), "blurred": similarity(shown["input"], target)}
+    if sharp is not None:
+        report |= {"truth": str(truth), "blurred": similarity(shown["input"], sharp)}
     report["modes"] = {}
     with progress("plan") as move, naming(photo, recording):
         planned = plan_for(picture.pixels, inputs.log, inputs.camera, inputs.exposure, each_mode[0], progress=move)
     if planned.refinement is not None:
         report["refinement"] = refinement_facts(planned.refinement)
-    for mode, name in zip(MODES, output_names(photo), strict=False):
+    for mode, name in zip(modes, output_names(photo, modes), strict=False):
         forget_peak_memory()
         begin = time.perf_counter()
         with progress(mode) as move, naming(photo, recording):
             result = replace(planned, options=replace(planned.options, mode=mode)).apply(picture.pixels, progress=move)
         seconds, memory = time.perf_counter() - begin, peak_memory_mib()
-        write_picture(output / name, result.image, like=picture, force=force)
+        write_picture(target.output / name, result.image, like=picture, force=target.force)
         tall, wide = result.psfs.size
         shown[mode], banks[mode] = display_values(result.image, transfer), result.psfs
         report["modes"][mode] = {
-            "output": str(output / name),
+            "output": str(target.output / name),
             "bands": result.bands,
             "strips": result.strips,
             "psf_px": [wide, tall],
@@ -154,10 +162,10 @@ def compare_modes(
             "timings": result.timings,
             "check": None if result.check is None else asdict(result.check),
             "peak_memory_mib": memory,
-        } | ({} if target is None else similarity(shown[mode], target))
-    if target is not None:
-        shown["truth"] = target
-    _draw(output, shown, banks, report["modes"], force=force)
+        } | ({} if sharp is None else similarity(shown[mode], sharp))
+    if sharp is not None:
+        shown["truth"] = sharp
+    _draw(target, shown, banks, report["modes"])
     return Compared(report, inputs, shown, banks, 1.0 - float(result.coverage.mean()), transfer)
 
 
@@ -173,9 +181,7 @@ def _read_truth(truth: Path, photo: Path, picture: Picture, transfer: Transfer |
     return display_values(unit_range(sharp.pixels), transfer_of(sharp, transfer))
 
 
-def _draw(
-    output: Path, shown: dict[str, NDArray[Any]], banks: dict[Mode, PsfBank], modes: dict[str, Any], *, force: bool
-) -> None:
+def _draw(target: Target, shown: dict[str, NDArray[Any]], banks: dict[Mode, PsfBank], modes: dict[str, Any]) -> None:
     from rsdeblur.io.pictures import write_picture
     from rsdeblur.report import psf_map, side_by_side
 
@@ -184,9 +190,9 @@ def _draw(
         for mode, facts in modes.items()
     }
     panels = {labels.get(name, name): values for name, values in shown.items()}
-    write_picture(output / SHEET, side_by_side(panels), force=force)
-    drawing = psf_map(banks[MODES[-1]], shown["input"].shape, picture=shown["input"])
-    write_picture(output / MAP, drawing, force=force)
+    write_picture(target.output / SHEET, side_by_side(panels), force=target.force)
+    drawing = psf_map(list(banks.values())[-1], shown["input"].shape, picture=shown["input"])
+    write_picture(target.output / MAP, drawing, force=target.force)
 
 
 def print_report(report: dict[str, Any]) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,12 +11,13 @@ import click
 
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
+from rsdeblur.cli._inputs import recordings_of
 from rsdeblur.cli._items import result_name
 from rsdeblur.cli._kernel import check_sources, deconvolve_photo
 from rsdeblur.cli._options import PhotoChanges, PhotoTarget, Recording, Track
 from rsdeblur.cli._output import print_json, progress, refuse_inputs, say, say_aside
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
-from rsdeblur.errors import FileFormatError, OutputError, RsdeblurError
+from rsdeblur.errors import OutputError, RsdeblurError
 
 if TYPE_CHECKING:
     from rsdeblur.pipeline.options import Options
@@ -32,8 +32,6 @@ Examples:
 """
 
 
-# Options that mean one moment, so that several photos cannot share them.
-ONE_MOMENT = ("index", "start", "start_ns")
 # Appended to the name of a result beside its photo.
 SHARP = "-sharp"
 SOME_FAILED = 3
@@ -64,7 +62,7 @@ def command(
     """
     check_sources(click.get_current_context(), recording, psf)
     outputs = _outputs(photos, target.output)
-    recordings = [recording] if psf is not None or len(photos) == 1 else _recordings(photos, recording)
+    recordings = [recording] if psf is not None else recordings_of(photos, recording)
 
     def solve(i: int) -> dict[str, Any]:
         with progress("deblur") as move:
@@ -136,35 +134,6 @@ def _outputs(photos: Sequence[Path], output: Path | None) -> list[Path]:
         if result in results[:i]:
             raise OutputError(f"{result}: two photos have the same name; deblur them into different folders")
     return results
-
-
-def _recordings(photos: Sequence[Path], recording: Recording) -> list[Recording]:
-    """Return the recording of each of several photos.
-
-    Raises
-    ------
-    click.UsageError
-        If the options give one moment for all of them.
-    FileFormatError
-        If the name of a photo does not determine its exposure in the capture file.
-    """
-    given = [f"--{name.replace('_', '-')}" for name in ONE_MOMENT if getattr(recording, name) not in (None, "exif")]
-    if given or (recording.capture is None and recording.start is None):
-        found = f"{', '.join(given)} is one moment" if given else "no exposure is given"
-        raise click.UsageError(
-            f"{len(photos)} photos, but {found}; use --start exif, --capture with photos named after their stamps or "
-            "frame numbers, or a manifest: rsdeblur batch",
-            click.get_current_context(),
-        )
-    if recording.capture is None or recording.start == "exif":
-        return [recording] * len(photos)
-    from rsdeblur.io.sessions import indices_of
-
-    matches = indices_of(list(photos), recording.capture)
-    for match in matches:
-        if match.error is not None:
-            raise FileFormatError(f"{match.path}: {match.error}")
-    return [replace(recording, index=match.index) for match in matches]
 
 
 def _print(photo: Path, facts: dict[str, Any], options: Options) -> None:

@@ -44,6 +44,7 @@ Examples:
   rsdeblur demo --size 1600x1200 --seed 7 -o demo
   rsdeblur demo --recording --size 320x240 -o session
   rsdeblur demo --video --size 320x240 -o film
+  rsdeblur demo --stock-camera --size 640x480 -o holiday
 """
 
 
@@ -61,6 +62,12 @@ Examples:
 )
 @click.option("--recording", "session", flag_value="recording", help="Only simulate a logger's folder with 4 photos.")
 @click.option("--video", "session", flag_value="video", help="Only simulate a logger's folder with a video.")
+@click.option(
+    "--stock-camera",
+    "session",
+    flag_value="stock-camera",
+    help="Only simulate 2 photos of a camera app, and a log of Sensor Logger.",
+)
 @_options.target_options("DIR", "Folder to write to.")
 def command(size: tuple[int, int], seed: int, session: str | None, target: Target) -> None:
     """Simulate a capture and deblur it in every mode; needs no data.
@@ -68,7 +75,7 @@ def command(size: tuple[int, int], seed: int, session: str | None, target: Targe
     Writes to DIR the sharp and the blurred picture, the gyro log, the camera file, the picture of each mode,
     side-by-side.png, psfs.png and demo.json, and prints the command that deblurs the blurred picture again. With
     --recording or --video, writes what a logger app would: a gyro log, the exposures, photos or a video, and a camera
-    file; and prints the command that deblurs them.
+    file. With --stock-camera, writes photos with EXIF blocks and a gyro log. Both print the command that deblurs them.
     """
     if session:
         _write_session(session, size, seed, target)
@@ -83,7 +90,7 @@ def command(size: tuple[int, int], seed: int, session: str | None, target: Targe
     # From here on, the demo uses the files as a user does.
     recording = Recording(gyro, camera, start=START, duration=EXPOSURE)
     options = Options(prior=PRIOR, nsr=NSR)
-    report = compare_modes(blurred, recording, options, Track(), truth=rolling, output=output, force=force).report
+    report = compare_modes(blurred, recording, options, Track(), target, truth=rolling).report
     again = [*program(), "deblur", str(blurred), "--gyro", str(gyro), "--camera", str(camera)]
     again += ["--start", str(START), "--duration", str(EXPOSURE), "--prior", PRIOR, "--nsr", str(NSR)]
     again += ["--force", "-o", str(output / "again.png")]
@@ -104,15 +111,26 @@ def _write_session(kind: str, size: tuple[int, int], seed: int, target: Target) 
     prepare_folder(target.output, names, force=target.force)
     with progress("simulate"):
         _demo_session.write(kind, size, seed, target.output, force=target.force)
-    folder = target.output
-    sources = ["--gyro", str(folder / _demo_session.LOG), "--camera", str(folder / _demo_session.CAMERA)]
-    sources += ["--capture", str(folder / _demo_session.CAPTURES)]
-    movie = ["video", str(folder / _demo_session.MOVIE), *sources, "-o", f"{folder}-sharp.mp4"]
-    again = shlex.join([*program(), *(movie if kind == "video" else ["batch", str(folder), "-o", f"{folder}-sharp"])])
+    again = shlex.join([*program(), *_session_command(kind, target.output)])
     if target.as_json:
         print_json({"files": names, "command": again})
     else:
-        say("", f"The session is in {folder}. This command deblurs it:", "", f"  {again}")
+        say("", f"The session is in {target.output}. This command deblurs it:", "", f"  {again}")
+
+
+def _session_command(kind: str, folder: Path) -> list[str]:
+    """Return the arguments that deblur a session."""
+    from rsdeblur.cli import _demo_session
+
+    if kind == "recording":
+        return ["batch", str(folder), "-o", f"{folder}-sharp"]
+    if kind == "stock-camera":
+        photo, log = (str(folder / name) for name in (_demo_session.KINDS[kind].files[0], _demo_session.UNIX_LOG))
+        readout = f"{1e3 * _demo_session.READOUT:g}ms"
+        return ["deblur", photo, "--gyro", log, "--camera", photo, "--readout-time", readout, "--start", "exif"]
+    sources = ["--gyro", str(folder / _demo_session.LOG), "--camera", str(folder / _demo_session.CAMERA)]
+    sources += ["--capture", str(folder / _demo_session.CAPTURES)]
+    return ["video", str(folder / _demo_session.MOVIE), *sources, "-o", f"{folder}-sharp.mp4"]
 
 
 def program() -> list[str]:

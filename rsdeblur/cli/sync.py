@@ -1,21 +1,23 @@
-"""`rsdeblur sync`: estimate the clock offset from the blur of a picture."""
+"""`rsdeblur sync`: estimate the clock offset from the blur of one or several pictures."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
-from rsdeblur.cli._inputs import check_offset, naming, read_inputs, transfer_of
+from rsdeblur.cli._inputs import check_offset, naming, read_inputs, recordings_of, transfer_of
 from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import print_json, progress, say
 from rsdeblur.cli._types import SecondsType
 
 if TYPE_CHECKING:
     from rsdeblur.choices import Auto, Transfer
+    from rsdeblur.estimate.time_offset import OffsetSearch, SharedOffset
 
 # Shifts to try, s.
 SEARCH = (-0.06, 0.06)
@@ -25,11 +27,12 @@ Examples:
   rsdeblur sync photo.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --index 4
   rsdeblur sync photo.jpg --gyro gyro.csv --camera phone.toml --start 12.5 --duration 1/20 --from -100ms --to 100ms \\
       --write
+  rsdeblur sync frame2.jpg frame5.jpg frame9.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv
 """
 
 
 @click.command("sync", cls=Command, epilog=EXAMPLES)
-@click.argument("photo", type=_options.PATH)
+@click.argument("photos", type=_options.PATH, metavar="PHOTO...", nargs=-1, required=True)
 @_options.recording_options()
 @_options.transfer_option
 @click.option("--from", "first", type=SecondsType(), help="First shift.  [default: -60ms, or -2s with --start exif]")
@@ -37,7 +40,7 @@ Examples:
 @click.option("--write", is_flag=True, help="Write the time offset into the camera file.")
 @_options.json_option
 def command(
-    photo: Path,
+    photos: tuple[Path, ...],
     recording: Recording,
     transfer: Transfer | Auto,
     first: float | None,
@@ -45,44 +48,65 @@ def command(
     write: bool,
     as_json: bool,
 ) -> None:
-    """Estimate the clocks' time offset from the blur in PHOTO.
+    """Estimate the clocks' time offset from the blur in PHOTO, or the one that several photos share.
 
     The time offset is camera time minus gyro time. Shifts are relative to the camera file's time offset, or to
     --time-offset. Exit code 1 means that the picture does not determine the offset: use one with more blur, and with
-    motion that changes.
+    motion that changes; or that the photos disagree. The moments of several photos come from --capture, by the stamps
+    or frame numbers in their names.
     """
-    from rsdeblur.estimate.time_offset import find_time_offset
+    from rsdeblur.estimate.time_offset import find_shared_time_offset
     from rsdeblur.io.camera_file import write_time_offset
     from rsdeblur.io.exif_times import EXIF_ERROR
 
-    usual = EXIF_ERROR if recording.start == "exif" else SEARCH
-    picture, log, camera, exposure = read_inputs(photo, recording, search=False)
-    with progress("sync") as move, naming(photo, recording):
-        result = find_time_offset(
-            picture.pixels,
-            log,
-            camera,
-            exposure,
+    from_exif = recording.start == "exif"
+    if from_exif and len(photos) > 1:
+        raise click.UsageError("--start exif: times in EXIF differ from photo to photo; give one photo")
+    usual = EXIF_ERROR if from_exif else SEARCH
+    pairs = zip(photos, recordings_of(photos, recording), strict=True)
+    inputs = [read_inputs(photo, each, search=False) for photo, each in pairs]
+    with progress("sync") as move, naming(photos[0] if len(photos) == 1 else None, recording):
+        found = find_shared_time_offset(
+            [each.picture.pixels for each in inputs],
+            *(inputs[0].log, inputs[0].camera, [each.exposure for each in inputs]),
             search=(usual[0] if first is None else first, usual[1] if last is None else last),
-            transfer=transfer_of(picture, transfer),
+            transfer=transfer_of(inputs[0].picture, transfer),
             progress=move,
         )
+    result = found.joint
     is_written = write and result.time_offset is not None
     if is_written and result.time_offset is not None:
         write_time_offset(recording.camera, result.time_offset)
     if as_json:
-        print_json(
-            {
-                "time_offset_s": result.time_offset,
-                "best_s": result.best,
-                "confidence": result.confidence,
-                "reason": result.reason,
-                "written": str(recording.camera) if is_written else None,
-                "offsets_s": result.offsets.tolist(),
-                "scores": result.scores.tolist(),
-            }
-        )
-    check_offset(result, photo)
+        print_json(_facts(found, photos) | {"written": str(recording.camera) if is_written else None})
+    elif len(photos) > 1:
+        _print_photos(found, photos)
+    check_offset(result, photos)
     if not as_json and result.time_offset is not None:
         place = f"; written to {recording.camera}" if is_written else ""
         say(f"time offset {1e3 * result.time_offset:.1f} ms, confidence {result.confidence:.2f}{place}")
+
+
+def _facts(found: SharedOffset, photos: Sequence[Path]) -> dict[str, Any]:
+    """Return the facts about an offset, and those about each photo alone."""
+
+    def brief(result: OffsetSearch) -> dict[str, Any]:
+        return {
+            "time_offset_s": result.time_offset,
+            "best_s": result.best,
+            "confidence": result.confidence,
+            "reason": result.reason,
+        }
+
+    alone = zip(photos, found.pictures, strict=True)
+    return brief(found.joint) | {
+        "offsets_s": found.joint.offsets.tolist(),
+        "scores": found.joint.scores.tolist(),
+        "photos": [{"photo": str(photo)} | brief(result) for photo, result in alone],
+    }
+
+
+def _print_photos(found: SharedOffset, photos: Sequence[Path]) -> None:
+    for photo, result in zip(photos, found.pictures, strict=True):
+        doubt = "" if result.time_offset is not None else "; alone, it determines none"
+        say(f"{photo}: {1e3 * result.best:.1f} ms, confidence {result.confidence:.2f}{doubt}")

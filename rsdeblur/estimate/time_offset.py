@@ -8,8 +8,10 @@ of the log.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,12 +40,15 @@ MINIMA = 6
 MOST_SEARCH, LARGEST_OFFSET = 120.0, 1e9
 # Offsets nearer than this count as the same answer, s.
 SAME = 4e-3
+# Largest spread of the offsets of several pictures that agree, s. One picture may err by 2 ms, rarely by 5.
+MOST_SPREAD = 6e-3
 
 # Resamplings of the tiles from which the confidence follows, and the least confidence of an answer.
 RESAMPLES, CONFIDENT = 200, 0.8
 # Least lead over any other answer, in nats over the whole picture. A constant rate of rotation gives every offset the
 # same PSF, and then nothing leads.
 LEAST_LEAD = 30.0
+DISAGREE = "the pictures are sure of different offsets: do all exposures belong to this log, or do the clocks drift?"
 # Least fall of the logarithm of l1 / l2, see :mod:`rsdeblur.estimate.sharpness`.
 LEAST_FALL = 0.005
 
@@ -75,6 +80,24 @@ class OffsetSearch:
     reason: str
     offsets: FloatArray
     scores: FloatArray
+
+
+@one_line()
+@dataclass(frozen=True, slots=True, eq=False)
+class SharedOffset:
+    """Result of :func:`find_shared_time_offset`.
+
+    Parameters
+    ----------
+    joint : OffsetSearch
+        The answer of all pictures together; its `time_offset` is None if they do not determine it, or disagree.
+    pictures : tuple of OffsetSearch
+        The answer of each picture alone, among the candidates of the joint search. Those without a `time_offset`
+        determine none alone.
+    """
+
+    joint: OffsetSearch
+    pictures: tuple[OffsetSearch, ...]
 
 
 def find_time_offset(
@@ -130,30 +153,101 @@ def find_time_offset(
     """
     check_recording(log, camera, exposure)
     validate.callback("progress", progress)
+    return _find([EncodedImage.of(image, transfer)], [Recording(log, camera, exposure)], search, progress).joint
+
+
+def find_shared_time_offset(
+    images: Sequence[ArrayLike],
+    log: GyroLog,
+    camera: Camera,
+    exposures: Sequence[Exposure],
+    *,
+    search: tuple[float, float] = (-0.06, 0.06),
+    transfer: Transfer | Auto = "auto",
+    progress: Progress | None = None,
+) -> SharedOffset:
+    """Find the time offset that several pictures of one recording share.
+
+    Their log-likelihoods are added, so pictures that determine nothing alone may do so together; those that are sure
+    of different offsets are named.
+
+    Parameters
+    ----------
+    images : sequence of array_like, shape (H, W) or (H, W, C)
+        The blurred pictures.
+    log, camera
+        The motion and the camera.
+    exposures : sequence of Exposure
+        The time of the exposure of each picture.
+    search, transfer, progress
+        As for :func:`find_time_offset`. Candidates that the log does not cover for each picture are left out.
+
+    Returns
+    -------
+    SharedOffset
+        The joint answer, and those of the pictures.
+
+    Raises
+    ------
+    InputError
+        If an argument is out of range, a picture is too small, or there is none.
+    CoverageError, ClockError, GapError
+        If the log covers no candidate.
+
+    Examples
+    --------
+    >>> import rsdeblur
+    >>> log, camera = rsdeblur.read_gyro("gyro.csv"), rsdeblur.read_camera("camera.toml")  # doctest: +SKIP
+    >>> found = rsdeblur.find_shared_time_offset([one, two], log, camera, exposures)  # doctest: +SKIP
+    >>> found.joint.time_offset, [picture.best for picture in found.pictures]  # doctest: +SKIP
+    (0.0123, [0.0121, 0.0125])
+    """
+    if not 0 < len(images) == len(exposures):
+        raise InputError(f"give one exposure for each picture, got {len(images)} images and {len(exposures)} exposures")
+    for exposure in exposures:
+        check_recording(log, camera, exposure)
+    validate.callback("progress", progress)
+    encoded = [EncodedImage.of(image, transfer) for image in images]
+    return _find(encoded, [Recording(log, camera, exposure) for exposure in exposures], search, progress)
+
+
+def _find(
+    encoded: Sequence[EncodedImage],
+    recordings: Sequence[Recording],
+    search: tuple[float, float],
+    progress: Progress | None,
+) -> SharedOffset:
+    """Find the time offset of pictures of one camera, together and each alone."""
     first, last = validate.real_array("search", search, (2,), most=LARGEST_OFFSET).tolist()
     if last - first < 2 * COARSE_STEP:
         raise InputError(f"search must span at least {2 * COARSE_STEP:g} s, got {first:g} to {last:g}")
-    whole = _covered(log, camera, exposure, first, last)
-    encoded = EncodedImage.of(image, transfer)
-    check_size(encoded.shape, camera)
-    light = encoded.linear(slice(None)).mean(2)
-
-    recording = Recording(log, camera, exposure)
-    coarse = _Curve(TileSpectra(light, recording, side=COARSE_SIDE), recording, first)
+    camera = recordings[0].camera
+    covered = reduce(np.intersect1d, (_covered(r.log, camera, r.exposure, first, last) for r in recordings))
+    whole = covered if len(covered) else np.zeros(1, dtype=np.intp)
+    for image in encoded:
+        check_size(image.shape, camera)
+    lights = [image.linear(slice(None)).mean(2) for image in encoded]
+    coarse = _Curve(lights, recordings, first, side=COARSE_SIDE)
     coarse.extend(whole, lambda done: progress and progress("coarse", done))
-    fine_spectra = TileSpectra(light, recording, side=FINE_SIDE)
-    fine = _Curve(fine_spectra, recording, first)
-    candidates = _windows(coarse.minima()[:MINIMA], whole[-1])
+    fine = _Curve(lights, recordings, first, side=FINE_SIDE)
+    candidates = _windows(np.concatenate([coarse.minima(part)[:MINIMA] for part in coarse.parts]), whole[-1])
     while len(candidates):
         fine.extend(candidates, lambda done: progress and progress("fine", done))
-        # The minimum may lie beside the window that the coarse curve chose.
-        candidates = np.setdiff1d(_windows(fine.minima()[:1], whole[-1]), fine.tried)
-        candidates = candidates if fine.at_edge() else candidates[:0]
-    found = fine.result()
-    if found.time_offset is not None and abs(found.time_offset - camera.time_offset) > SAME:
-        reason = _objection(light, fine_spectra, recording, found.time_offset)
-        found = replace(found, time_offset=None if reason else found.time_offset, reason=reason)
-    return found
+        # A minimum may lie beside the window that the coarse curve chose.
+        beside = [_windows(fine.minima(part)[:1], whole[-1]) for part in fine.parts if fine.at_edge(part)]
+        candidates = np.setdiff1d(np.concatenate([candidates[:0], *beside]), fine.tried)
+    joint, *alone = (fine.result(part) for part in fine.parts)
+    reason = joint.reason
+    sure = [picture.time_offset for picture in alone if picture.time_offset is not None]
+    if np.ptp(sure or [0.0]) > MOST_SPREAD:
+        reason = DISAGREE
+    elif not reason and abs(joint.best - camera.time_offset) > SAME:
+        parts = zip(lights, fine.spectra, recordings, strict=True)
+        against = [objection for part in parts if (objection := _objection(*part, joint.best))]
+        # Of several pictures, one may move in a way that explains its blur.
+        reason = against[0] if 2 * len(against) > len(recordings) else ""
+    joint = replace(joint, time_offset=None if reason else joint.best, reason=reason)
+    return SharedOffset(joint, tuple(alone) or (joint,))
 
 
 def _covered(log: GyroLog, camera: Camera, exposure: Exposure, first: float, last: float) -> NDArray[np.intp]:
@@ -203,10 +297,22 @@ def _objection(light: NDArray[np.float32], spectra: TileSpectra, recording: Reco
 
 
 class _Curve:
-    """Scores of all tiles for the candidates tried so far; candidate k is the offset `first + k FINE_STEP`."""
+    """Scores of the tiles of all pictures for the candidates tried so far.
 
-    def __init__(self, spectra: TileSpectra, recording: Recording, first: float) -> None:
-        self._spectra, self._recording, self._first = spectra, recording, first
+    Candidate k is the offset `first + k FINE_STEP`. `parts` are ranges of tiles: of all pictures, and of each if there
+    are several.
+    """
+
+    def __init__(
+        self, lights: Sequence[NDArray[np.float32]], recordings: Sequence[Recording], first: float, *, side: int
+    ) -> None:
+        pairs = zip(lights, recordings, strict=True)
+        self.spectra = [TileSpectra(light, recording, side=side) for light, recording in pairs]
+        self._recordings, self._first = recordings, first
+        ends = np.cumsum([0, *(spectra.tiles for spectra in self.spectra)]).tolist()
+        self.parts = [slice(0, ends[-1])]
+        if len(lights) > 1:
+            self.parts += [slice(*pair) for pair in pairwise(ends)]
         self._scores: dict[int, FloatArray] = {}
         self.tried: list[int] = []
 
@@ -218,42 +324,43 @@ class _Curve:
         CoverageError
             If the log covers none of all candidates so far.
         """
-        recording = self._recording
         uncovered: CoverageError | None = None
         for i, place in enumerate(places.tolist()):
             progress(i / len(places))
             self.tried.append(place)
-            moved = recording.corrected(Correction(offset=self._first + place * FINE_STEP))
+            shift = Correction(offset=self._first + place * FINE_STEP)
+            moved = (recording.corrected(shift) for recording in self._recordings)
             try:
-                self._scores[place] = self._spectra.score(moved)
+                scores = [spectra.score(each) for spectra, each in zip(self.spectra, moved, strict=True)]
+                self._scores[place] = np.concatenate(scores)
             except CoverageError as error:
                 uncovered = error
         if uncovered and not self._scores:
             raise uncovered
 
-    def _table(self) -> tuple[NDArray[np.intp], FloatArray]:
+    def _table(self, part: slice) -> tuple[NDArray[np.intp], FloatArray]:
         places = np.array(sorted(self._scores))
-        return places, np.array([self._scores[place] for place in places.tolist()])
+        return places, np.array([self._scores[place][part] for place in places.tolist()])
 
-    def minima(self) -> NDArray[np.intp]:
-        """Return the places of the local minima, the deepest first."""
-        places, tiles = self._table()
+    def minima(self, part: slice) -> NDArray[np.intp]:
+        """Return the places of the local minima of a part, the deepest first."""
+        places, tiles = self._table(part)
         total = np.pad(tiles.sum(axis=1), 1, constant_values=np.inf)
         (minima,) = np.nonzero((total[1:-1] <= total[:-2]) & (total[1:-1] <= total[2:]))
         return places[minima[np.argsort(total[1:-1][minima])]]
 
-    def at_edge(self) -> bool:
-        """Return whether a neighbour of the best candidate has no score."""
-        best = int(self.minima()[0])
+    def at_edge(self, part: slice) -> bool:
+        """Return whether a neighbour of the best candidate of a part has no score."""
+        best = int(self.minima(part)[0])
         return best - 1 not in self._scores or best + 1 not in self._scores
 
-    def result(self) -> OffsetSearch:
-        """Return the best candidate, with its confidence from resampling the tiles."""
-        places, tiles = self._table()
+    def result(self, part: slice) -> OffsetSearch:
+        """Return the best candidate of a part, with its confidence from resampling the tiles."""
+        places, tiles = self._table(part)
         total = tiles.sum(axis=1)
         at = int(total.argmin())
-        edge = self.at_edge()
-        origin = self._recording.camera.time_offset + self._first
+        edge = self.at_edge(part)
+        origin = self._recordings[0].camera.time_offset + self._first
         best = origin + float(places[at] + (0.0 if edge else _vertex(total[at - 1 : at + 2]))) * FINE_STEP
         far = np.abs(places - places[at]) * FINE_STEP > SAME
         # Bootstrap: as many draws as there are tiles, with repetition, stand for another picture of the same motion.

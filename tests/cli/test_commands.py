@@ -7,6 +7,7 @@ import re
 import shlex
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from click.testing import Result
 from PIL import Image
 
 from rsdeblur.cli import demo
-from rsdeblur.estimate.time_offset import OffsetSearch
+from rsdeblur.estimate.time_offset import OffsetSearch, SharedOffset
 from rsdeblur.io import read_camera, read_picture
 from rsdeblur.pipeline.deconvolve import deconvolve
 from rsdeblur.psf import PsfBank
@@ -175,6 +176,17 @@ def test_compare_writes_everything(run: Run, files: Files, tmp_path: Path) -> No
         assert found["peak_memory_mib"] is None or found["peak_memory_mib"] > 10.0
         assert mode in result.stdout
     assert (report["modes"]["global"]["bands"], report["modes"]["global"]["strips"]) == (1, 1)
+
+
+def test_compare_of_some_modes_in_little_memory(run: Run, files: Files, tmp_path: Path) -> None:
+    common = ["compare", files.photo, *files.recording, "--prior", "wiener", "--mode", "banded"]
+    result = run(*common, "--mode", "global", "--max-memory", "1GiB", "-o", tmp_path / "out", "--json")
+    assert result.exit_code == 0, result.stderr
+    assert list(json.loads(result.stdout)["modes"]) == ["global", "banded"]
+    names = {"global.png", "banded.png", "side-by-side.png", "psfs.png", "compare.json"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == names
+    # The solver itself refuses memory that is too little.
+    assert "max_memory" in run(*common, "--max-memory", "1KiB", "-o", tmp_path / "none").stderr
 
 
 def test_compare_writes_a_report(run: Run, files: Files, tmp_path: Path) -> None:
@@ -361,6 +373,32 @@ def test_sync_refuses_to_guess(run, files):
     assert "does not determine the time offset" in result.stderr
     assert json.loads(result.stdout)["time_offset_s"] is None
     assert files.camera.read_text() == before
+
+
+def test_sync_of_several_photos(run, files, tmp_path, monkeypatch):
+    names = [tmp_path / name for name in ("frame_0.png", "frame_1.png")]
+    for name in names:
+        name.write_bytes(files.photo.read_bytes())
+    capture = ["--capture", files.captures]
+
+    def answer(images, log, camera, exposures, **_):
+        assert exposures[0].epoch_ns < exposures[1].epoch_ns
+        return SharedOffset(found, (found, replace(found, best=0.015)))
+
+    monkeypatch.setattr("rsdeblur.estimate.time_offset.find_shared_time_offset", answer)
+    found = OffsetSearch(0.012, 0.012, 0.98, "", np.zeros(1), np.zeros(1))
+    result = run("sync", *names, *files.sources, *capture)
+    assert result.exit_code == 0, result.stderr
+    assert result.stdout.splitlines()[1:] == [
+        f"{names[1]}: 15.0 ms, confidence 0.98",
+        "time offset 12.0 ms, confidence 0.98",
+    ]
+    found = OffsetSearch(None, 0.012, 0.98, "they disagree", np.zeros(1), np.zeros(1))
+    result = run("sync", *names, *files.sources, *capture, "--write", "--json")
+    assert result.exit_code == 1
+    assert "the 2 pictures do not determine the time offset: they disagree" in result.stderr
+    assert json.loads(result.stdout)["photos"][1]["best_s"] == 0.015
+    assert run("sync", *names, *files.sources, "--start", "exif").exit_code == 2
 
 
 def test_deblur_at_the_work_size(run, files, tmp_path):
