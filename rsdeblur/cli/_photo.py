@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -129,6 +131,18 @@ def refinement_facts(refinement: Refinement) -> dict[str, Any]:
         "gain": refinement.gain,
         "fall": refinement.fall,
     }
+
+
+def correction_text(facts: Mapping[str, Any]) -> str:
+    """Return a sentence about a correction of the recording, of which `refinement_facts` are given."""
+    if not facts["accepted"]:
+        return f"Recording not corrected: {facts['reason']}."
+    values = facts["values"]
+    return (
+        f"Recording corrected: focal length x {math.exp(values['scale']):.3f}, drift {values['drift_x']:+.1f} and "
+        f"{values['drift_y']:+.1f} px, time offset {1e3 * values['offset']:+.1f} ms, readout time x "
+        f"{math.exp(values['readout']):.2f}, roll bias {values['roll']:+.3f} rad/s."
+    )
 
 
 def _dry_run(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:

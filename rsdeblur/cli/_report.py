@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from rsdeblur.cli._photo import correction_text
 from rsdeblur.errors import RsdeblurWarning
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ class Compared(NamedTuple):
     """Results of a comparison.
 
     `shown` contains display values by label, the input first; `unseen` is the fraction of the pixels that were never
-    exposed.
+    exposed; `recorded` contains the PSFs of the recording before the picture corrected it.
     """
 
     report: dict[str, Any]
@@ -36,6 +37,7 @@ class Compared(NamedTuple):
     banks: Mapping[Mode, PsfBank]
     unseen: float
     transfer: Transfer
+    recorded: PsfBank | None = None
 
 
 @contextmanager
@@ -62,13 +64,13 @@ def report_page(
     """Fill the page of a comparison; it names files without their folders unless `with_paths` is set."""
     from rsdeblur.report import MotionPlot, Page, band_figures, findings
 
-    report, (picture, log, camera, exposure), shown, banks, unseen, transfer = compared
+    report, (picture, log, camera, exposure), shown, banks, unseen, transfer, recorded = compared
     tall, wide = (max(sides) for sides in zip(*(bank.size for bank in banks.values()), strict=True))
     psf = tall, wide
     return Page(
         photo=Path(report["photo"]).name,
         pictures=shown,
-        banks={str(mode): bank for mode, bank in banks.items()},
+        banks={str(mode): bank for mode, bank in banks.items()} | ({"as recorded": recorded} if recorded else {}),
         motion=MotionPlot.of(log, camera, exposure),
         bands=band_figures(shown, psf, across=camera.horizontal_readout),
         modes=report["modes"],
@@ -78,12 +80,34 @@ def report_page(
             psf=psf,
             checks={mode: facts["check"] for mode, facts in report["modes"].items() if facts["check"] is not None},
             unseen=unseen,
+            correction=_correction(report.get("refinement")),
             remarks=remarks if with_paths else [_without_folders(remark, compared, recording) for remark in remarks],
         ),
         blurred=report.get("blurred"),
         # Linear light is encoded as sRGB for display; stored values keep their profile.
         icc_profile=None if transfer == "linear" or picture.pixels.ndim == 2 else picture.icc_profile,
     )
+
+
+def _correction(refinement: Mapping[str, Any] | None) -> tuple[bool, str] | None:
+    """Return whether a requested correction of the recording was accepted, and a sentence about it."""
+    return None if refinement is None else (refinement["accepted"], correction_text(refinement))
+
+
+def _corrections(refinement: Mapping[str, Any]) -> dict[str, str]:
+    """Return the numbers of a correction of the recording with their standard deviations."""
+    units = {
+        "scale": (1.0, "focal length, logarithm of the factor"),
+        "drift_x": (1.0, "drift along x, px"),
+        "drift_y": (1.0, "drift along y, px"),
+        "offset": (1e3, "time offset, ms"),
+        "readout": (1.0, "readout time, logarithm of the factor"),
+        "roll": (1.0, "roll bias, rad/s"),
+    }
+    return {
+        label: f"{unit * refinement['values'][name]:+.3g} ± {unit * refinement['deviations'][name]:.2g}"
+        for name, (unit, label) in units.items()
+    } | {"accepted": "yes" if refinement["accepted"] else f"no: {refinement['reason']}"}
 
 
 def _without_folders(text: str, compared: Compared, recording: Recording) -> str:
@@ -103,7 +127,7 @@ def _settings(
     from rsdeblur.config import show_config
     from rsdeblur.io.exif import Exif
 
-    report, (picture, log, camera, exposure), *_, transfer = compared
+    report, (picture, log, camera, exposure), *_, transfer, _ = compared
     exif = Exif(picture.exif)
     about_picture = {
         "photo": Path(report["photo"]),
@@ -135,6 +159,7 @@ def _settings(
         "Picture": about_picture,
         "Recording": asdict(recording),
         "Blur and solver": asdict(options) | {"mode": ", ".join(report["modes"]), "transfer": transfer},
+        "Correction by the picture": _corrections(report["refinement"]) if "refinement" in report else {},
         "Exposure": times,
         "Gyro log": about_log,
         "Camera": {name: getattr(camera, name) for name in (*names, *lens)},
@@ -143,6 +168,7 @@ def _settings(
     return {
         title: {_label(name): text for name, value in rows.items() if (text := _text(value, with_paths))}
         for title, rows in tables.items()
+        if rows
     }
 
 

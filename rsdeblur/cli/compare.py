@@ -130,6 +130,7 @@ def compare_modes(
 
     from rsdeblur.cli._measure import forget_peak_memory, peak_memory_mib, similarity
     from rsdeblur.io.pictures import write_picture
+    from rsdeblur.pipeline.deblur import psfs
     from rsdeblur.pipeline.plan import plan_for
 
     shown = {"input": display_values(unit_range(picture.pixels), transfer)}
@@ -140,8 +141,11 @@ def compare_modes(
     report["modes"] = {}
     with progress("plan") as move, naming(photo, recording):
         planned = plan_for(picture.pixels, inputs.log, inputs.camera, inputs.exposure, each_mode[0], progress=move)
+    recorded: PsfBank | None = None
     if planned.refinement is not None:
         report["refinement"] = refinement_facts(planned.refinement)
+        if planned.refinement.accepted:
+            recorded = psfs(inputs.log, inputs.camera, inputs.exposure, translation=options.translation)
     for mode, name in zip(modes, output_names(photo, modes), strict=False):
         forget_peak_memory()
         begin = time.perf_counter()
@@ -166,7 +170,7 @@ def compare_modes(
     if sharp is not None:
         shown["truth"] = sharp
     _draw(target, shown, banks, report["modes"])
-    return Compared(report, inputs, shown, banks, 1.0 - float(result.coverage.mean()), transfer)
+    return Compared(report, inputs, shown, banks, 1.0 - float(result.coverage.mean()), transfer, recorded)
 
 
 def _read_truth(truth: Path, photo: Path, picture: Picture, transfer: Transfer | Auto) -> NDArray[Any]:

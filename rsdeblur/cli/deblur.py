@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +15,7 @@ from rsdeblur.cli._items import result_name
 from rsdeblur.cli._kernel import check_sources, deconvolve_photo
 from rsdeblur.cli._options import PhotoChanges, PhotoTarget, Recording, Track
 from rsdeblur.cli._output import print_json, progress, refuse_inputs, say, say_aside
-from rsdeblur.cli._photo import PhotoJob, deblur_photo
+from rsdeblur.cli._photo import PhotoJob, correction_text, deblur_photo
 from rsdeblur.errors import OutputError, RsdeblurError
 
 if TYPE_CHECKING:
@@ -155,7 +154,7 @@ def _print(photo: Path, facts: dict[str, Any], options: Options) -> None:
         f"{facts['output']}: {facts['mode']}, {kernels}, {options.prior}, {strength}, {seconds}{verdict}",
         *reasons,
         *_moment(facts.get("time_offset_s")),
-        *_correction(facts["refinement"]),
+        *(["  " + correction_text(facts["refinement"])] if facts["refinement"] else []),
     )
 
 
@@ -176,17 +175,3 @@ def _verdict(check: dict[str, Any] | None) -> tuple[str, list[str]]:
     # A good result has reasons too if a part of it could not be judged.
     reasons = [f"  {' '.join(check['reasons'])}"] if check["reasons"] else []
     return f"; {check['verdict']}{blended}", reasons
-
-
-def _correction(refinement: dict[str, Any] | None) -> list[str]:
-    """Return a line about the correction of the recording, if one was requested."""
-    if refinement is None:
-        return []
-    if not refinement["accepted"]:
-        return [f"  Recording not corrected: {refinement['reason']}."]
-    values = refinement["values"]
-    return [
-        f"  Recording corrected: focal length x {math.exp(values['scale']):.3f}, drift {values['drift_x']:+.1f} and "
-        f"{values['drift_y']:+.1f} px, time offset {1e3 * values['offset']:+.1f} ms, readout time x "
-        f"{math.exp(values['readout']):.2f}, roll bias {values['roll']:+.3f} rad/s."
-    ]

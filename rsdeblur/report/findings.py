@@ -58,6 +58,7 @@ def findings(
     psf: tuple[int, int],
     checks: Mapping[str, Mapping[str, Any]] | None = None,
     unseen: float = 0.0,
+    correction: tuple[bool, str] | None = None,
     remarks: Sequence[str] = (),
 ) -> tuple[Finding, ...]:
     """Check a capture that was deblurred.
@@ -74,6 +75,8 @@ def findings(
         For each mode, the fields of its :class:`rsdeblur.QualityCheck`.
     unseen : float, default 0.0
         Share of the result that was never exposed.
+    correction : (bool, str), optional
+        Whether the picture corrected the recording, and a sentence about it, if a correction was requested.
     remarks : sequence of str, default ()
         Warnings raised while the capture was read and deblurred.
 
@@ -89,6 +92,8 @@ def findings(
     outcomes += [_coverage(t, opens, closes), _gaps(log, t, opens, closes), _sampling(log, exposure)]
     outcomes += [_gyro_range(log, t, opens, closes), _saturation(pixels), _size(psf, pixels.shape)]
     outcomes += [_verdict(mode, check) for mode, check in (checks or {}).items()]
+    if correction is not None:
+        outcomes.append(Finding("good" if correction[0] else "note", "Motion", correction[1]))
     if unseen > 0:
         text = f"{unseen:.1%} of the straightened picture was never exposed and is filled in from its neighbours."
         outcomes.append(Finding("note", "Unexposed parts", text))
