@@ -332,6 +332,9 @@ def test_interrupt_leaves_nothing_unfinished(
     assert stderr == "rsdeblur: interrupted; no unfinished file is left\n"
     assert {item.suffix for item in out.iterdir()} == {".png", ""}
     assert ".rsdeblur-batch" in {item.name for item in out.iterdir()}
+    # The first items show that finished ones are kept and the next one is done.
+    finished = len(list(out.glob("*.png")))
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[: finished + 3]))
     again = states(entries(run, path, *files.sources, "-o", out))
     assert "skipped" in again
     assert again.endswith("done")
