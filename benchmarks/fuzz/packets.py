@@ -79,7 +79,9 @@ def exifs() -> list[bytes]:
     for block, value in ((blocks[1], (8000, 0)), (timed_exif(width=1), (2**32 - 1, 1))):
         (place,) = struct.unpack_from(">I", block, block.index(struct.pack(">HHI", 0xA20E, 5, 1)) + 8)
         blocks.append(block[: 6 + place] + struct.pack(">II", *value) + block[14 + place :])
-    # A second directory beyond the block.
+    # A thumbnail, and a second directory, beyond the block.
+    place = blocks[1].index(struct.pack(">HHI", 514, 4, 1)) + 8
+    blocks.append(blocks[1][:place] + b"\0\1\0\0" + blocks[1][place + 4 :])
     end = 6 + directories.read(BytesIO(blocks[1][6:])).end
     blocks.append(blocks[1][:end] + b"\xff" * 4 + blocks[1][end + 4 :])
     return [*blocks, *(blocks[1] + bytes(k) for k in range(1, 5))]
@@ -154,7 +156,7 @@ def heics() -> list[bytes]:
         picture.save(buffer, quality=50, xmp=PACKETS[0])
         files.append(buffer.getvalue())
     size = b"ispe" + bytes(4)
-    return [*files, files[0].replace(size + struct.pack(">II", 24, 16), size + struct.pack(">II", 30_000, 30_000))]
+    return [*files, files[0].replace(size + struct.pack(">II", 64, 64), size + struct.pack(">II", 30_000, 30_000))]
 
 
 def npys() -> list[bytes]:

@@ -195,8 +195,9 @@ VARIANTS: list[dict[str, Any]] = [
     {"use_opencv_standard": True, "calib_params": {}},
     {
         "fisheye_params": {
-            "camera_matrix": [[1755, 0, 1926], [0, 1755, 1091], [0, 0, 1]],
-            "distortion_coeffs": [-1, 0, 0, 0],
+            "camera_matrix": [[1867, 0, 1920], [0, 1867, 1080], [0, 0, 1]],
+            # The polynomial turns back between the sides and the corners of the picture.
+            "distortion_coeffs": [0.2637886549, -0.3408966786, 1.0797288906, -0.9412173671],
         }
     },
 ]
