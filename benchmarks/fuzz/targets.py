@@ -147,11 +147,11 @@ TARGETS: dict[str, Target] = {
     "acceleration": _text(_acceleration, seeds.ACCELERATIONS, "accel.csv"),
     "trajectory": _text(_trajectory, seeds.TRAJECTORIES, "poses.txt"),
     "sensorlogger-json": Target(_gyro, seeds.sensorlogger_jsons, "log.json", text=True),
-    "gyrodata": Target(_gyro, lambda: [seeds.trailer(), seeds.trailer(np.nan)], "a.jpg"),
+    "gyrodata": Target(_gyro, lambda: [seeds.trailer(), seeds.trailer(np.nan), seeds.jpeg()], "a.jpg"),
     "zip": Target(_gyro, lambda: [seeds.GYRO_TABLES["sensorlogger"][0]], "a.zip", text=True, pack=seeds.archive),
     "zip-file": Target(
         _gyro,
-        lambda: [seeds.archive(seeds.GYRO_TABLES["sensorlogger"][0]), seeds.archive(seeds.trailer(), "version\n")],
+        lambda: [seeds.archive(seeds.GYRO_TABLES["sensorlogger"][0]), seeds.archive(seeds.trailer(), "version")],
         "a.zip",
     ),
     "gyroflow": Target(
@@ -162,6 +162,7 @@ TARGETS: dict[str, Target] = {
             seeds.packed_project(seeds.cbor(), "file_metadata"),
             b'{"gyro_source": {"raw_imu": [[1e30, 1, 2, 3], [2e30, 1, 2, 3]]}}',
             b'{"gyro_source": {"raw_imu": []}}',
+            b'{"gyro_source": {"raw_imu": [[0.0, 1, 2, 3], [0.005, 1, 2, 3]]}}',
         ],
         "a.gyroflow",
         text=True,
