@@ -400,7 +400,8 @@ def shared_folder(count: int, seed: int = 0) -> dict[str, int]:
             time.sleep(rng.uniform(0, 1))
             pair.append(_start(folder, *arguments))
             _random_moment(rng, pair, sharp)
-            rng.choice(pair).kill()
+            # One of a pair may have been refused and have ended.
+            rng.choice([process for process in pair if process.is_alive()] or pair).kill()
             for process in pair:
                 process.join()
             codes = [process.exitcode for process in pair]

@@ -238,7 +238,7 @@ def _exif(path: Path) -> None:
     assert again.tables.keys() == main.tables.keys()
     extension = WRITTEN[len(block) % len(WRITTEN)]
     result = path.with_name(f"result{extension}")
-    pixels = np.zeros((4, 5, 3), np.uint8)
+    pixels = np.zeros((4, 5, 3), np.uint8) if len(block) % 2 else np.zeros((4, 5), np.float32)
     try:
         write_picture(result, pixels, like=Picture(pixels, exif=block), force=True)
         read_picture(result)
@@ -249,13 +249,12 @@ def _exif(path: Path) -> None:
 def _packet(path: Path) -> None:
     """Give an XMP packet to a picture, end its history with an entry, and send it through a picture's file."""
     packet = path.read_bytes()
-    picture = Picture(np.zeros((4, 5, 3), np.uint8), xmp=packet, iptc=packet[::2] or None)
-    if len(packet) % 8 < 4:
-        picture = with_history(picture, file_facts(path))
+    picture = Picture(np.zeros((4, 5, 3), np.uint8), xmp=packet, iptc=packet or None)
     result = path.with_name(f"result{WRITTEN[len(packet) % len(WRITTEN)]}")
     try:
-        write_picture(result, picture.pixels, like=picture, force=True)
-        read_picture(result)
+        for like in (picture, with_history(picture, file_facts(path))):
+            write_picture(result, like.pixels, like=like, force=True)
+            read_picture(result)
     except RsdeblurError as error:
         raise AssertionError("a picture with this packet cannot be written and read") from error
 
@@ -279,7 +278,7 @@ CLOCKS = [
     b"# SENSOR_INFO_TIMESTAMP_SOURCE is %s\n1000500 500 1000000\n%s\n" % (name, line)
     for name, line in (
         (b"REALTIME", b"1000900 900 1000000"),
-        (b"UNKNOWN", b"900 1000900 1000000"),
+        (b"UNKNOWN", b"1000900 900 1000000"),
         (b"UNKNOWN", b"9000900 900 9000000"),
         (b"UNKNOWN", b"1000900 900 1"),
         (b"UNKNOWN", b"1000900 900"),
@@ -327,6 +326,11 @@ def _forced_camera(path: Path) -> None:
 def _renamed(read: Callable[[Path], None], *names: str) -> Callable[[Path], None]:
     """Return a function that reads a file under one of the names, which its size chooses."""
     return lambda path: read(path.replace(path.with_name(names[path.stat().st_size % len(names)])))
+
+
+def _sized(files: Sequence[bytes]) -> list[bytes]:
+    """Return files in so many sizes that each is read under each of the names."""
+    return [file + b"\n" * k for file in files for k in range(len(NAMES))]
 
 
 def _clocks(path: Path) -> None:
@@ -394,14 +398,20 @@ def _sessions() -> Sequence[bytes]:
 
 
 VIDEO = tuple(name for name in ("video",) if name in TARGETS)
-NAMES = ("input", "TotalAcceleration.csv", "GyroscopeUncalibrated.csv")
+NAMES = ("input", "TotalAcceleration.csv", "GyroscopeUncalibrated.csv", "clip.mp4")
 HARNESSES: dict[str, Harness] = {
     "logs": Harness(
         _renamed(_each(_logs, _forced), *NAMES),
-        _of(*seeds.GYRO_TABLES, "unstamped", "sensorlogger-json", "gyrodata", "zip-file", "gyroflow", *VIDEO),
+        lambda: [
+            *_of(*seeds.GYRO_TABLES, "unstamped", "sensorlogger-json", "gyrodata", "zip-file", "gyroflow")(),
+            *_sized(_of("sensorlogger", *VIDEO)()),
+        ],
     ),
     "payloads": Harness(_payload, _payloads),
-    "accelerations": Harness(_renamed(TARGETS["acceleration"].read, *NAMES), _of("acceleration", *VIDEO)),
+    "accelerations": Harness(
+        _renamed(TARGETS["acceleration"].read, *NAMES),
+        lambda: [*_of("acceleration")(), *_sized([*_of(*VIDEO)(), seeds.ACCELERATIONS[-2]])],
+    ),
     "trajectories": Harness(TARGETS["trajectory"].read, _of("trajectory")),
     "captures": Harness(
         _each(TARGETS["stamps"].read, read_captures, partial(read_captures, duration=0.01), _clocks),
@@ -409,12 +419,18 @@ HARNESSES: dict[str, Harness] = {
     ),
     "cameras": Harness(
         _each(
+            read_camera,
             partial(read_camera, size=(640, 360), sensor_width=4000),
+            partial(read_camera, size=(640, 360), focal_length=500.0),
             partial(read_camera, size=(500, 500), fps=30.0),
             _forced_camera,
             _cameras,
         ),
-        lambda: [*_of("toml", "kalibr", "gyroflow-lens", "mars-captures", "gcsv", *VIDEO)(), seeds.jpeg()],
+        lambda: [
+            *_of("toml", "kalibr", "gyroflow-lens", "mars-captures", "gcsv")(),
+            *_sized(_of(*VIDEO)()),
+            *(seeds.jpeg(block) for block in packets.exifs()),
+        ],
     ),
     "manifest": Harness(_manifest, _manifests),
     "sessions": Harness(_session, _sessions),
@@ -423,6 +439,10 @@ HARNESSES: dict[str, Harness] = {
     "packets": Harness(_packet, lambda: packets.PACKETS),
     "psfs": Harness(_psfs, _psf_files),
     "options": Harness(_options, _settings),
-    "pictures": Harness(TARGETS["png"].read, _of("jpeg", "png", "webp", "tiff", "npy", "heic", "dng")),
+    # One in four is read as a raw file of TIFF's structure, if it is TIFF.
+    "pictures": Harness(
+        _renamed(TARGETS["png"].read, *["input"] * 3, "a.nef"),
+        _of("jpeg", "png", "webp", "tiff", "npy", "heic", "dng"),
+    ),
     "mapped": Harness(TARGETS["mapped"].read, _of("mapped")),
 }

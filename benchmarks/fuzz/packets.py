@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
+from PIL.TiffImagePlugin import IFDRational
 
 from benchmarks.fuzz import seeds
-from rsdeblur.io import _encode, _jpeg
+from rsdeblur.io import _encode, _jpeg, _stamps, directories
 from rsdeblur.io._metadata import C2PA_BOX, C2PA_TAG, PNG_IPTC, Metadata, png_iptc
 
 NAMESPACES = " ".join(
@@ -52,24 +53,38 @@ PACKETS = [
     b'<x xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#"><rdf:RDF/></x>',
     b'<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>',
     b"<a",
+    # Longer than a segment of a JPEG.
+    *(_packet("", "a" * (70_000 + k)) for k in range(5)),
 ]
 
 
-def timed_exif(zone: str | None = "+01:00", fix: bool = True) -> bytes:
-    """Return an EXIF block with the time of the logs, its time zone, a GPS fix, and a thumbnail's directory."""
+def timed_exif(zone: str | None = "+01:00", fix: float | None = 29.0, width: int = 4000) -> bytes:
+    """Return an EXIF block with the time of the logs, its time zone, the seconds of a GPS fix, and a thumbnail."""
     when = datetime.fromtimestamp(seeds.EPOCH // 10**9, UTC)
     block = Image.Exif()
     block[271], block[274], block[306] = "Maker", 1, when.strftime("%Y:%m:%d %H:%M:%S")
     texts = {0x9003: block[306], 0x9291: "427", 0x9290: "427"} | ({0x9010: zone, 0x9011: zone} if zone else {})
-    block.get_ifd(0x8769).update(texts | {0xA002: 4000, 0xA003: 3000, 0xA20E: 8000.0, 0xA20F: 8000.0, 0xA210: 3})
-    if fix:
-        block.get_ifd(0x8825).update({7: (float(when.hour), float(when.minute), 29.0), 29: when.strftime("%Y:%m:%d")})
-    return block.tobytes()
+    planes = dict.fromkeys((0xA20E, 0xA20F), IFDRational(8000))
+    block.get_ifd(0x8769).update({**texts, **planes, 0xA002: width, 0xA003: 3000, 0xA210: 3})
+    block.get_ifd(0x8769).update({0xA404: IFDRational(2), 0xA405: 26})
+    if fix is not None:
+        block.get_ifd(0x8825).update({7: (float(when.hour), float(when.minute), fix), 29: when.strftime("%Y:%m:%d")})
+    return _stamps.stamped(block.tobytes(), "a program", when, seeds.encoded("JPEG", seeds.picture((6, 8), "uint8")))
 
 
 def exifs() -> list[bytes]:
     """Return EXIF blocks of several kinds."""
-    return [seeds.exif(), timed_exif(), timed_exif(None), timed_exif(None, fix=False), timed_exif("+0:")]
+    blocks = [seeds.exif(), timed_exif(), timed_exif(None), timed_exif(None, None), timed_exif(None, 450), b""]
+    # A number of pixels per inch that is none, or beyond what 32 bits carry.
+    for block, value in ((blocks[1], (8000, 0)), (timed_exif(width=1), (2**32 - 1, 1))):
+        (place,) = struct.unpack_from(">I", block, block.index(struct.pack(">HHI", 0xA20E, 5, 1)) + 8)
+        blocks.append(block[: 6 + place] + struct.pack(">II", *value) + block[14 + place :])
+    # A thumbnail, and a second directory, beyond the block.
+    place = blocks[1].index(struct.pack(">HHI", 514, 4, 1)) + 8
+    blocks.append(blocks[1][:place] + b"\0\1\0\0" + blocks[1][place + 4 :])
+    end = 6 + directories.read(BytesIO(blocks[1][6:])).end
+    blocks.append(blocks[1][:end] + b"\xff" * 4 + blocks[1][end + 4 :])
+    return [*blocks, *(blocks[1] + bytes(k) for k in range(1, 5))]
 
 
 def jpegs() -> list[bytes]:
@@ -82,7 +97,7 @@ def jpegs() -> list[bytes]:
     ]
     marked = b"".join(struct.pack(">BBH", 0xFF, marker, len(body) + 2) + body for marker, body in segments)
     rotated = seeds.encoded("JPEG", seeds.picture((12, 20, 3), "uint8"), exif=timed_exif(), xmp=PACKETS[1])
-    return [_jpeg.with_iptc(plain, RECORD), plain[:2] + marked + plain[2:], rotated]
+    return [_jpeg.with_iptc(plain, RECORD), plain[:2] + marked + plain[2:], rotated, b""]
 
 
 def pngs() -> list[bytes]:
@@ -109,12 +124,25 @@ def tiffs() -> list[bytes]:
     """Return TIFFs with metadata, or of kinds that are refused."""
     rgb = seeds.picture((12, 20, 3), "uint8")
     manifest: Any = [(C2PA_TAG, 7, 4, bytes(4), True)]
+    floats = seeds.tiff(seeds.picture((12, 20), "float32"))
     return [
+        *(floats + bytes(k) for k in range(5)),
+        seeds.tiff(rgb, photometric="rgb", compression="jpeg2000"),
         _encode.encode("TIFF", rgb, Metadata(timed_exif(), None, PACKETS[0], RECORD)),
         seeds.tiff(rgb, photometric="rgb", extratags=manifest),
         seeds.tiff(seeds.picture((12, 20), "uint8").view(np.int8)),
-        seeds.tiff(rgb[..., 0]).replace(struct.pack("<HHII", 257, 4, 1, 12), struct.pack("<HHII", 257, 4, 1, 10**8)),
+        _taller(seeds.tiff(rgb[..., 0]), 12, 10**8),
+        _taller(seeds.tiff(np.zeros((12, 20, 5)), photometric="minisblack", planarconfig="contig"), 12, 600_000),
     ]
+
+
+def _taller(tiff: bytes, height: int, claimed: int) -> bytes:
+    return tiff.replace(struct.pack("<HHII", 257, 4, 1, height), struct.pack("<HHII", 257, 4, 1, claimed))
+
+
+def dngs() -> list[bytes]:
+    """Return a DNG that claims more pixels than are read."""
+    return [_taller(seeds.dng(), 24, 3_000_000)]
 
 
 def heics() -> list[bytes]:
@@ -127,7 +155,8 @@ def heics() -> list[bytes]:
         picture = pillow_heif.from_bytes(mode, (24, 16), seeds.picture((16, 24, 3), dtype).tobytes())
         picture.save(buffer, quality=50, xmp=PACKETS[0])
         files.append(buffer.getvalue())
-    return files
+    size = b"ispe" + bytes(4)
+    return [*files, files[0].replace(size + struct.pack(">II", 64, 64), size + struct.pack(">II", 30_000, 30_000))]
 
 
 def npys() -> list[bytes]:

@@ -43,7 +43,10 @@ GYRO_TABLES: dict[str, list[bytes]] = {
         b'"Time (s)";"Gyroscope x (rad/s)";"Gyroscope y (rad/s)";"Gyroscope z (rad/s)"\n'
         + rows("{s};{x};{y};{z}").replace(b".", b","),
     ],
-    "sensorlogger": [b"time,seconds_elapsed,z,y,x\n" + rows("{t},-0.1,{z},{y},{x}")],
+    "sensorlogger": [
+        b"time,seconds_elapsed,z,y,x\n" + rows("{t},-0.1,{z},{y},{x}"),
+        b"time,seconds_elapsed,gyroz,gyroy,gyrox\n" + rows("{t},-0.1,{z},{y},{x}"),
+    ],
     "deepgyro": [rows("4 {t} {x} {y} {z}\n1 {t} 0 0 9.8"), rows("gyro,{t},{x},{y},{z}")],
     "opencamera": [rows("{x},{y},{z},{t}")],
     "plain": [
@@ -79,26 +82,27 @@ TRAJECTORIES = [
 ]
 
 
-def sensorlogger_json() -> bytes:
-    """Return an export of Sensor Logger."""
+def sensorlogger_jsons() -> list[bytes]:
+    """Return exports of Sensor Logger, the second with a sample that is not finite."""
     entries: list[dict[str, Any]] = [{"sensor": "Metadata", "device name": "phone", "platform": "ios"}]
     for t, (x, y, z) in zip(TIMESTAMPS.tolist(), RATES.tolist(), strict=True):
         entries.append({"sensor": "Gyroscope", "time": str(t), "x": str(x), "y": y, "z": z})
-    return json.dumps(entries).encode()
+    return [json.dumps(entries).encode(), json.dumps([3, entries[1] | {"x": "nan"}]).encode()]
 
 
-def archive(member: bytes) -> bytes:
+def archive(member: bytes, metadata: str = "version,device name,platform\n3,phone,android\n") -> bytes:
     """Return a zip archive of a log and its metadata."""
     buffer = BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as file:
         file.writestr("session/Gyroscope.csv", member)
-        file.writestr("session/Metadata.csv", "version,device name,platform\n3,phone,android\n")
+        file.writestr("session/Metadata.csv", metadata)
     return buffer.getvalue()
 
 
-def trailer() -> bytes:
-    """Return a JPEG with a ring buffer of gyro samples."""
-    ring = [struct.pack("<q3fi", t, *rate, 0) for t, rate in zip(TIMESTAMPS.tolist(), RATES.tolist(), strict=True)]
+def trailer(factor: float = 1.0) -> bytes:
+    """Return a JPEG with a ring buffer of gyro samples, their rates times `factor`."""
+    rates = (factor * RATES).tolist()
+    ring = [struct.pack("<q3fi", t, *rate, 0) for t, rate in zip(TIMESTAMPS.tolist(), rates, strict=True)]
     header = struct.pack("<16sqIIq", b"GYRODATA", EPOCH + 99, len(ring), 0, EPOCH)
     return jpeg() + (header + b"".join(ring)).ljust(16384, b"\0")
 
@@ -145,7 +149,9 @@ def cbor() -> bytes:
     import cbor2
 
     samples = [{"timestamp_ms": 5.0 * i, "gyro": rate} for i, rate in enumerate(np.degrees(RATES).tolist())]
-    encoded: bytes = cbor2.dumps({"raw_imu": samples, "quaternions": {}, "imu_orientation": "XYZ"})
+    encoded: bytes = cbor2.dumps(
+        {"raw_imu": samples, "quaternions": {}, "imu_orientation": "XYZ", "detected_source": "a camera"}
+    )
     return encoded
 
 
@@ -177,7 +183,31 @@ PROFILE: dict[str, Any] = {
     ],
 }
 
+# What lens profiles may contain beside that: refused, or other ways through the reader.
+VARIANTS: list[dict[str, Any]] = [
+    {"distortion_model": "poly3"},
+    {"digital_lens": "gopro_superview"},
+    {"input_horizontal_stretch": 1.5},
+    {"global_shutter": True, "crop": 1e9},
+    {"global_shutter": True, "compatible_settings": None, "frame_readout_time": "a"},
+    {"frame_readout_time": 900.0, "compatible_settings": None},
+    {"frame_readout_time": 0.0, "compatible_settings": None, "calib_dimension": {"w": 38400, "h": 21600}},
+    {"use_opencv_standard": True, "calib_params": {}},
+    {
+        "fisheye_params": {
+            "camera_matrix": [[1867, 0, 1920], [0, 1867, 1080], [0, 0, 1]],
+            # The polynomial turns back between the sides and the corners of the picture.
+            "distortion_coeffs": [0.2637886549, -0.3408966786, 1.0797288906, -0.9412173671],
+        }
+    },
+]
+LENSES = [json.dumps(PROFILE | variant).encode() for variant in ({}, *VARIANTS)]
+
 KALIBR = [
+    b"cam0: {camera_model: omni}\n" + b"#" * 100_001,
+    b"cam0: {intrinsics: [700, 700, 240, 320], resolution: [640, 480]}\n",
+    b"cam0: {distortion_model: fov, intrinsics: [1, 1, 2, 3], resolution: [6, 4]}\n",
+    b"cameras: [1]\n",
     b"""cam0:
   T_cam_imu:
   - [0.01486554298, 0.9995572490, -0.0257744366, 0.06522290953]
@@ -239,18 +269,24 @@ timestamp_marks = "middle"
 """,
     b'width = 640\nheight = 480\nfocal_length = 700\nimu_to_camera = "YxZ"\ndistortion_model = "fisheye"\n'
     b"distortion = [0.04, 0.03, -0.03, 0.01]\n",
+    b"width = 640\r\nheight = 480\r\nfocal_length = 700\r\n",
 ]
 
 CAPTURES = {
     "mars-captures": [
         b"Timestamp[nanosec],fx[px],fy[px],Frame No.,Exposure time[nanosec],ISO\n"
-        + b"".join(b"%d,2943.75,2943.75,%d,20000000,null\n" % (EPOCH + i * 33_333_333, i) for i in range(5))
+        + b"".join(b"%d,2943.75,2943.75,%d,20000000,null\n" % (EPOCH + i * 33_333_333, i) for i in range(5)),
+        b"Timestamp[nanosec],fx[px],fy[px],cx[px],cy[px],exposure duration[nanosec],Frame readout time[nanosec],ISO\n"
+        b"1000000000,1500.5,1500.5,960.1,540.2,20000000,30000000,100\n",
+        b"Timestamp[nanosec],fx[px],fy[px]\n1000000000,null,null\n",
     ],
     "deepgyro-captures": [b"".join(b"%d 20000000\n" % (EPOCH + i * 33_333_333) for i in range(5))],
     "image-info": [b"%d 800 33333333 3182.59 3179.30 1458.69 2114.26 0\n" % EPOCH],
     "stamps": [
         b"".join(b"%d\n" % (EPOCH + i * 33_333_333) for i in range(5)),
         b"Frame timestamp[nanosec]\n%d\n%d\n" % (EPOCH, EPOCH + 33_333_333),
+        b"0.5\n100.25\n",
+        b"0.5\n0.533\n0.566\n",
     ],
 }
 

@@ -28,7 +28,7 @@ from rsdeblur.io.pictures import picture_to_fill
 from rsdeblur.psf import PsfBank
 
 AS_IS: dict[str, Any] = dict.fromkeys(("format", "unit", "orientation"))
-WRITTEN = (".jpg", ".png", ".tif", ".webp")
+WRITTEN = (".jpg", ".png", ".tif", ".webp", ".npy")
 MAPPED = (".npy", ".tif", ".png")
 
 
@@ -146,16 +146,23 @@ TARGETS: dict[str, Target] = {
     "unstamped": _text(_unstamped, seeds.UNSTAMPED, "log.csv"),
     "acceleration": _text(_acceleration, seeds.ACCELERATIONS, "accel.csv"),
     "trajectory": _text(_trajectory, seeds.TRAJECTORIES, "poses.txt"),
-    "sensorlogger-json": Target(_gyro, lambda: [seeds.sensorlogger_json()], "log.json", text=True),
-    "gyrodata": Target(_gyro, lambda: [seeds.trailer()], "a.jpg"),
+    "sensorlogger-json": Target(_gyro, seeds.sensorlogger_jsons, "log.json", text=True),
+    "gyrodata": Target(_gyro, lambda: [seeds.trailer(), seeds.trailer(np.nan), seeds.jpeg()], "a.jpg"),
     "zip": Target(_gyro, lambda: [seeds.GYRO_TABLES["sensorlogger"][0]], "a.zip", text=True, pack=seeds.archive),
-    "zip-file": Target(_gyro, lambda: [seeds.archive(seeds.GYRO_TABLES["sensorlogger"][0])], "a.zip"),
+    "zip-file": Target(
+        _gyro,
+        lambda: [seeds.archive(seeds.GYRO_TABLES["sensorlogger"][0]), seeds.archive(seeds.trailer(), "version")],
+        "a.zip",
+    ),
     "gyroflow": Target(
         _gyro,
         lambda: [
             seeds.project({"raw_imu": [[0.005 * i, *rate] for i, rate in enumerate(seeds.RATES.tolist())]}),
             seeds.project({"raw_imu": [{"timestamp_ms": 5 * i, "gyro": [1, 2, 3.5]} for i in range(9)]}),
             seeds.packed_project(seeds.cbor(), "file_metadata"),
+            b'{"gyro_source": {"raw_imu": [[1e30, 1, 2, 3], [2e30, 1, 2, 3]]}}',
+            b'{"gyro_source": {"raw_imu": []}}',
+            b'{"gyro_source": {"raw_imu": [[0.0, 1, 2, 3], [0.005, 1, 2, 3]]}}',
         ],
         "a.gyroflow",
         text=True,
@@ -168,9 +175,7 @@ TARGETS: dict[str, Target] = {
     ),
     "toml": _text(_camera, seeds.CAMERA_TOML, "camera.toml"),
     "kalibr": _text(_camera, seeds.KALIBR, "camera.yaml"),
-    "gyroflow-lens": Target(
-        _camera, lambda: [json.dumps(seeds.PROFILE).encode(), seeds.project({})], "lens.json", text=True
-    ),
+    "gyroflow-lens": Target(_camera, lambda: [*seeds.LENSES, seeds.project({})], "lens.json", text=True),
     "exif": Target(_camera, lambda: [seeds.exif()], "a.jpg", pack=seeds.jpeg),
     **{name: _text(_captures, files, "captures.csv") for name, files in seeds.CAPTURES.items()},
     "gyrodata-captures": Target(_captures, lambda: [seeds.trailer()], "a.jpg"),
@@ -183,7 +188,7 @@ TARGETS: dict[str, Target] = {
     "npy": Target(_picture, seeds.npys, "a.npy"),
     "mapped": Target(_mapped, lambda: [*seeds.npys(), *packets.npys(), *seeds.tiffs()], "a.npy"),
     "heic": Target(_picture, lambda: [seeds.heic(), *packets.heics()], "a.heic"),
-    "dng": Target(_picture, lambda: [seeds.dng()], "a.dng"),
+    "dng": Target(_picture, lambda: [seeds.dng(), *packets.dngs()], "a.dng"),
     "psf-bank": Target(_bank, lambda: [seeds.bank()], "bank.npz"),
 }
 # The video target is cut out of a real recording, which is not part of the repository.
