@@ -55,7 +55,6 @@ def test_photos_with_json_and_weights(run, burst: Path, tmp_path: Path) -> None:
         (["--frames", "1:0"], 2, "neither a list of numbers"),
         (["--frames", "1,1"], 2, "names a frame twice"),
         (["--frames", "0:2", "--reference", "5"], 2, "is not one of --frames"),
-        (["--frames", "0:2", "--mode", "rowwise"], 1, "cannot be deblurred with mode"),
         (["--frames", "0:2", "--from", "clip.mp4"], 2, "either photos or --from"),
     ],
 )
