@@ -28,7 +28,7 @@ from scipy import fft, ndimage
 from benchmarks.captures import DATA, READOUT, Image, quality, require_data
 from benchmarks.tables import markdown, write
 from rsdeblur import Camera, Exposure, GyroLog, deblur, deblur_burst, read_gyro, read_picture, simulate_clip, to_linear
-from rsdeblur.choices import Prior
+from rsdeblur.choices import Mode, Prior
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.motion.alignment import Alignment, burst_captures
 from rsdeblur.pipeline.burst_frames import Warp
@@ -76,15 +76,21 @@ class Case:
         Number of frames.
     decibels : float
         Noise of a frame; in a pair, that of the long one.
-    prior : str
-        Prior of all methods that deblur.
+    mode, prior : str
+        Mode and prior of all methods that deblur.
     """
 
     kind: str
     burst: int
     frames: int
     decibels: float
-    prior: Prior
+    mode: Mode = "banded"
+    prior: Prior = "wiener"
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Options of all methods that deblur."""
+        return {"mode": self.mode, "prior": self.prior, "check": False}
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +212,7 @@ def accumulated(pictures: Sequence[Image]) -> Image:
 def alone(case: Case, index: int) -> float:
     """Return the PSNR of one frame deblurred alone."""
     burst = burst_of(case)
-    result = deblur(burst.frames[index], recorded(), CAMERA, burst.exposures[index], prior=case.prior, check=False)
+    result = deblur(burst.frames[index], recorded(), CAMERA, burst.exposures[index], **case.options)
     return quality(burst.truths[index], result.image)[0]
 
 
@@ -220,7 +226,7 @@ def singles(case: Case) -> list[float]:
 def measure(case: Case) -> dict[str, float]:
     """Return the PSNR of all methods: best and mean single frame, the alternatives, and the frames together."""
     burst, single = burst_of(case), singles(case)
-    result = deblur_burst(burst.frames, recorded(), CAMERA, burst.exposures, prior=case.prior, check=False)
+    result = deblur_burst(burst.frames, recorded(), CAMERA, burst.exposures, **case.options)
     truth = burst.truths[result.reference]
     pictures = aligned(burst, result.reference)
     return {
@@ -234,35 +240,31 @@ def measure(case: Case) -> dict[str, float]:
 
 def cases(*, quick: bool) -> Iterator[Case]:
     """Yield the cases of all tables."""
-    # (frames, noise in dB) of the plain bursts
-    plain: dict[Prior, list[tuple[int, int]]] = {
-        "wiener": [(4, 40), (2, 40), (8, 40), (4, 35), (2, 35), (8, 35)],
-        "tv": [(4, 40)],
-    }
-    for prior in plain:
-        kinds = [("frames", count, decibels) for count, decibels in plain[prior][: 1 if quick else None]]
-        kinds += [("pair", 2, 40), *((kind, 4, 40) for kind in CHANGES)]
-        for kind, count, decibels in kinds:
-            for burst in range(2 if quick else len(MOMENTS)):
-                yield Case(kind, burst, count, decibels, prior)
-        if quick:
-            return
+    four = Case("frames", 0, 4, 40)
+    kinds = [four, replace(four, mode="rowwise"), *(replace(four, kind=kind) for kind in CHANGES)]
+    kinds += [Case("pair", 0, 2, 40), replace(four, frames=2), replace(four, frames=8)]
+    if not quick:
+        kinds += [replace(four, prior="tv"), *(replace(four, frames=count, decibels=35) for count in (4, 2, 8))]
+    for kind in kinds:
+        for burst in range(2 if quick else len(MOMENTS)):
+            yield replace(kind, burst=burst)
 
 
-def tables(rows: dict[Case, dict[str, float]]) -> str:
+def table(rows: dict[Case, dict[str, float]]) -> str:
     """Return the means over the bursts and, as the last column, the least gain over the best single frame."""
     methods = list(next(iter(rows.values())))
-    groups: dict[tuple[str, str, int, float], list[dict[str, float]]] = {}
+    groups: dict[Case, list[dict[str, float]]] = {}
     for case, scores in rows.items():
-        groups.setdefault((case.kind, case.prior, case.frames, case.decibels), []).append(scores)
+        groups.setdefault(replace(case, burst=0), []).append(scores)
     lines = []
-    for (kind, prior, count, decibels), scored in sorted(groups.items()):
+    for case, scored in groups.items():
         means = {method: np.mean([scores[method] for scores in scored]) for method in methods}
         gains = [scores["together"] - scores["best single"] for scores in scored]
-        name = {"frames": f"{count} frames", "pair": "a long and a short frame"}.get(kind, kind)
+        name = {"frames": f"{case.frames} frames", "pair": "a long and a short frame"}.get(case.kind, case.kind)
         gain = (f"{np.mean(gains):+.2f}", f"{min(gains):+.2f}")
-        lines.append((f"{name}, {decibels:g} dB", prior, *(f"{mean:.2f}" for mean in means.values()), *gain))
-    return markdown(("mean PSNR, dB", "prior", *methods, "gain", "least gain"), lines)
+        method = f"{case.mode}, {case.prior}"
+        lines.append((f"{name}, {case.decibels:g} dB", method, *(f"{mean:.2f}" for mean in means.values()), *gain))
+    return markdown(("PSNR, dB", "mode, prior", *methods, "gain", "least gain"), lines)
 
 
 def load(path: Path | None) -> dict[Case, dict[str, float]]:
@@ -286,11 +288,13 @@ def main() -> None:
         if case not in rows:
             rows[case] = measure(case)
             scores = ", ".join(f"{method} {value:.2f}" for method, value in rows[case].items())
-            console.print(f"{MOMENTS[case.burst][0]}, {case.frames} frames, {case.kind}, {case.prior}: {scores} dB")
+            console.print(
+                f"{MOMENTS[case.burst][0]}, {case.frames} frames, {case.kind}, {case.mode}, {case.prior}: {scores} dB"
+            )
             if options.records:
                 with options.records.open("a") as records:
                     records.write(json.dumps({"case": asdict(case), "psnr": rows[case]}) + "\n")
-    text = tables(rows)
+    text = table(rows)
     if options.markdown:
         write(options.markdown, text)
     console.print(text)
