@@ -1,17 +1,23 @@
-"""Frames deblurred together against alternatives: ``python -m benchmarks.burst [--frames 2,4,8] [--markdown FILE]``.
+"""Frames deblurred together against alternatives: ``python -m benchmarks.burst [--quick] [--records FILE]``.
 
-Eight simulated bursts of a real phone's shake, exposures from 1/30 to 1/8 s, 30 ms readout. Every method is scored
-against the sharp picture in the pose of its own frame: PSNR in sRGB. The alternatives use the places that rotation
-gives: the average of the aligned frames, and Fourier burst accumulation of the aligned frames (Delbracio and Sapiro,
-"Removing camera shake via weighted Fourier burst accumulation", IEEE Trans. Image Processing 24, 2015).
+Eight simulated bursts of a real phone's shake: Kodak pictures of half size, 256x192 px, exposures from 1/30 to 1/8 s,
+30 ms readout. Every method is scored against the sharp picture in the pose of its own frame: PSNR in sRGB. Bursts of 2
+and 4 frames are shaken like the first ones of those of 8.
+
+The alternatives use the places that rotation gives: the average of the aligned frames, and Fourier burst accumulation
+of the aligned frames (Delbracio and Sapiro, "Removing camera shake via weighted Fourier burst accumulation", IEEE
+Trans. Image Processing 24, 2015).
+
+Each row is appended to --records as soon as it is measured; rows that the file has are not measured again.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -21,19 +27,8 @@ from scipy import fft, ndimage
 
 from benchmarks.captures import DATA, READOUT, Image, quality, require_data
 from benchmarks.tables import markdown, write
-from rsdeblur import (
-    BurstResult,
-    Camera,
-    Exposure,
-    GyroLog,
-    deblur,
-    deblur_burst,
-    read_gyro,
-    read_picture,
-    simulate_clip,
-    to_linear,
-)
-from rsdeblur.choices import Prior
+from rsdeblur import Camera, Exposure, GyroLog, deblur, deblur_burst, read_gyro, read_picture, simulate_clip, to_linear
+from rsdeblur.choices import Mode, Prior
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.motion.alignment import Alignment, burst_captures
 from rsdeblur.pipeline.burst_frames import Warp
@@ -49,80 +44,152 @@ MOMENTS = [
     ("kodim03", 21.0),
     ("kodim20", 29.0),
 ]
-CAMERA = Camera(512, 384, 1.1 * 512, readout_time=READOUT)
+# The camera of benchmarks.captures at a quarter of its size.
+CAMERA = Camera(1024, 768, 1.1 * 1024, readout_time=READOUT).scaled(1 / 4)
+MOST_FRAMES = 8
 # Exposure times, s, and the time between exposures.
 SHORTEST, LONGEST, PAUSE = 1 / 30, 1 / 8, 0.04
+# Exposure times of the pair of a long and a short frame, s. Shot noise of equal brightness grows with the root of the
+# ratio of the times.
+PAIR = 1 / 8, 1 / 125
+# Warps per row: most paths are shorter than 30 px.
+WARPS = 32
 # Power of Fourier burst accumulation, and the smoothing of its weights as a share of the picture's side.
 POWER, SMOOTHING = 11.0, 1 / 50
-# Displacement of a near thing against the scene in the tests of robustness, px.
-PARALLAX = 10
+# Displacement of a near thing against the scene in the tests of robustness, px: 10 px at the pictures' own size.
+PARALLAX = 5
+# Frame that is disturbed in these tests.
+DISTURBED = 1
+
+
+@dataclass(frozen=True)
+class Case:
+    """A burst and what is done with it.
+
+    Parameters
+    ----------
+    kind : {"frames", "pair"} or a key of `CHANGES`
+        Frames of one scene, a long and a short one, or four frames of which one is disturbed.
+    burst : int
+        Index into `MOMENTS`.
+    frames : int
+        Number of frames.
+    decibels : float
+        Noise of a frame; in a pair, that of the long one.
+    mode, prior : str
+        Mode and prior of all methods that deblur.
+    """
+
+    kind: str
+    burst: int
+    frames: int
+    decibels: float
+    mode: Mode = "banded"
+    prior: Prior = "wiener"
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Options of all methods that deblur."""
+        return {"mode": self.mode, "prior": self.prior, "check": False}
 
 
 @dataclass(frozen=True, eq=False)
 class Burst:
-    """A simulated burst with its truth."""
+    """Frames of one scene with their truths."""
 
-    name: str
-    log: GyroLog
-    exposures: list[Exposure]
-    frames: list[Image]
-    truths: list[Image]
+    exposures: tuple[Exposure, ...]
+    frames: tuple[Image, ...]
+    truths: tuple[Image, ...]
 
 
-def burst(
-    index: int,
-    count: int,
-    noise: float,
-    *,
-    change: Callable[[Image], Image] | None = None,
-    reverse: bool = False,
-) -> Burst:
-    """Simulate a burst; frame 1 may show the scene that `change` returns, or be shaken in reverse."""
+def moved_part(top: int, left: int) -> Callable[[Image], Image]:
+    """Return the change of a scene whose middle shows another part of it."""
+
+    def change(sharp: Image) -> Image:
+        changed = sharp.copy()
+        changed[90:170, 140:230] = sharp[top : top + 80, left : left + 90]
+        return changed
+
+    return change
+
+
+# Disturbances by name; None reverses the motion.
+CHANGES: dict[str, Callable[[Image], Image] | None] = {
+    "motion of one frame reversed": None,
+    "a moving thing in one frame": moved_part(30, 240),
+    f"{PARALLAX} px of parallax in one frame": moved_part(90, 140 - PARALLAX),
+}
+
+
+@cache
+def recorded() -> GyroLog:
+    """Return the phone's log."""
+    return read_gyro(DATA / "gyro" / "phone-210hz.txt")
+
+
+@cache
+def sharp(name: str) -> Image:
+    """Return a picture of half size in linear light."""
+    light = to_linear((read_picture(DATA / "sharp" / f"{name}.png").pixels / 255).astype(np.float32), "srgb")
+    height, width, channels = light.shape
+    half: Image = light.reshape(height // 2, 2, width // 2, 2, channels).mean(axis=(1, 3))
+    return half
+
+
+@cache
+def simulated(index: int, count: int, pair: bool = False) -> Burst:
+    """Simulate a burst without noise."""
     name, start = MOMENTS[index]
-    log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
-    sharp = to_linear((read_picture(DATA / "sharp" / f"{name}.png").pixels / 255).astype(np.float32), "srgb")
-    durations = np.exp(np.random.default_rng(index).uniform(np.log(SHORTEST), np.log(LONGEST), count))
+    log = recorded()
+    drawn = np.exp(np.random.default_rng(index).uniform(np.log(SHORTEST), np.log(LONGEST), MOST_FRAMES))
+    durations = np.array(PAIR) if pair else drawn[:count]
     starts = start + np.concatenate([[0.0], np.cumsum(durations[:-1] + PAUSE)])
     exposures = [Exposure(float(t), float(d), log.epoch_ns) for t, d in zip(starts, durations, strict=True)]
-    during = (log.t >= exposures[1].start) & (log.t <= exposures[1].start + exposures[1].duration + READOUT)
-    other = replace(log, omega=np.where(during[:, None], -1, 1) * log.omega) if reverse else log
-
-    def seen(samples: int, noise: float) -> list[Image]:
-        """Return what the frames show; `samples` of 1 is the scene at mid-exposure."""
-        frames = list(simulate_clip(sharp, log, CAMERA, exposures, noise=noise, samples=samples))
-        if change is not None or (reverse and samples > 1):
-            scene = sharp if change is None else change(sharp)
-            frames[1] = list(simulate_clip(scene, other, CAMERA, exposures, noise=noise, samples=samples))[1]
-        return frames
-
-    return Burst(f"{name} {start:g} s", log, exposures, seen(64, noise), seen(1, 0.0))
+    blurred, truths = (tuple(simulate_clip(sharp(name), log, CAMERA, exposures, samples=n)) for n in (WARPS, 1))
+    return Burst(tuple(exposures), blurred, truths)
 
 
-def alone(case: Burst, prior: Prior) -> list[float]:
-    """Return the PSNR of each frame deblurred alone."""
-    return [
-        quality(truth, deblur(frame, case.log, CAMERA, exposure, prior=prior, check=False).image)[0]
-        for frame, truth, exposure in zip(case.frames, case.truths, case.exposures, strict=True)
-    ]
+@cache
+def disturbed(index: int, kind: str) -> tuple[Image, Image]:
+    """Return the disturbed frame of a burst without noise, and its truth."""
+    burst, log, change = simulated(index, 4), recorded(), CHANGES[kind]
+    own, scene = burst.exposures[DISTURBED], sharp(MOMENTS[index][0])
+    during = (log.t >= own.start) & (log.t <= own.start + own.duration + READOUT)
+    if change is None:
+        log = replace(log, omega=np.where(during[:, None], -1, 1) * log.omega)
+    else:
+        scene = change(scene)
+    # The scene's pose depends on the first and on the last exposure.
+    exposures = [own, burst.exposures[0], burst.exposures[-1]]
+    frame, truth = (next(simulate_clip(scene, log, CAMERA, exposures, samples=n)) for n in (WARPS, 1))
+    return frame, burst.truths[DISTURBED] if change is None else truth
 
 
-def together(case: Burst, prior: Prior, **keywords: Any) -> tuple[float, BurstResult]:
-    """Return the PSNR of the frames deblurred together, and the result."""
-    result = deblur_burst(case.frames, case.log, CAMERA, case.exposures, prior=prior, check=False, **keywords)
-    return quality(case.truths[result.reference], result.image)[0], result
+def burst_of(case: Case) -> Burst:
+    """Return the frames of a case, with noise."""
+    pair = case.kind == "pair"
+    clean = simulated(case.burst, case.frames, pair)
+    frames, truths = list(clean.frames), list(clean.truths)
+    if case.kind in CHANGES:
+        frames[DISTURBED], truths[DISTURBED] = disturbed(case.burst, case.kind)
+    for n, frame in enumerate(frames):
+        noise = 10 ** (-case.decibels / 20) * (PAIR[0] / PAIR[n] if pair else 1.0) ** 0.5
+        white: Image = np.random.default_rng([case.burst, n]).normal(0.0, noise, frame.shape).astype(np.float32)
+        frames[n] = frame + white
+    return Burst(clean.exposures, tuple(frames), tuple(truths))
 
 
-def aligned(case: Burst, reference: int) -> list[Image]:
+def aligned(burst: Burst, reference: int) -> list[Image]:
     """Return the frames resampled to the reference; what a frame does not show is taken from the reference."""
-    captures = burst_captures(case.log, CAMERA, case.exposures)
+    captures = burst_captures(recorded(), CAMERA, burst.exposures)
     rows, cols = np.arange(float(CAMERA.height)), np.arange(float(CAMERA.width))
     pictures = []
-    for capture, frame in zip(captures, case.frames, strict=True):
+    for capture, frame in zip(captures, burst.frames, strict=True):
         x, y = Warp.of(Alignment(capture, captures[reference])).at(rows, cols)
         light = EncodedImage.of(frame, "linear").linear(slice(None))
         moved = np.stack([ndimage.map_coordinates(part, [y, x], order=3) for part in np.moveaxis(light, -1, 0)], -1)
         seen = (x >= 0) & (x <= CAMERA.width - 1) & (y >= 0) & (y <= CAMERA.height - 1)
-        pictures.append(np.where(seen[..., None], moved, case.frames[reference]).astype(np.float32))
+        pictures.append(np.where(seen[..., None], moved, burst.frames[reference]).astype(np.float32))
     return pictures
 
 
@@ -143,71 +210,95 @@ def accumulated(pictures: Sequence[Image]) -> Image:
     return result
 
 
-def compare(count: int, noise: float, prior: Prior, bursts: int) -> list[tuple[str, ...]]:
-    """Return a row for each burst: best and mean single frame, the alternatives, and the frames together."""
-    rows: list[tuple[str, ...]] = []
-    for index in range(bursts):
-        case = burst(index, count, noise)
-        single = alone(case, prior)
-        score, result = together(case, prior)
-        pictures, truth = aligned(case, result.reference), case.truths[result.reference]
-        others = [quality(truth, method(pictures))[0] for method in (average, accumulated)]
-        rows.append((case.name, *(f"{v:.2f}" for v in (max(single), float(np.mean(single)), *others, score))))
-    values = np.array([[float(v) for v in row[1:]] for row in rows])
-    rows.append(("mean", *(f"{v:.2f}" for v in values.mean(axis=0))))
-    worst = float((values[:, -1] - values[:, 0]).min())
-    rows.append(("least gain over the best single frame", "", "", "", "", f"{worst:+.2f}"))
-    return rows
+@cache
+def alone(case: Case, index: int) -> float:
+    """Return the PSNR of one frame deblurred alone."""
+    burst = burst_of(case)
+    result = deblur(burst.frames[index], recorded(), CAMERA, burst.exposures[index], **case.options)
+    return quality(burst.truths[index], result.image)[0]
 
 
-def robust(noise: float, prior: Prior, bursts: int) -> list[tuple[str, ...]]:
-    """Return a row for each disturbance of one frame of four: the least gain over the best single frame."""
+def singles(case: Case) -> list[float]:
+    """Return the PSNR of each frame deblurred alone; frames that are not disturbed are deblurred once for all kinds."""
+    plain = replace(case, kind="frames") if case.kind in CHANGES else case
+    return [alone(case if n == DISTURBED else plain, n) for n in range(case.frames)]
 
-    def pasted(sharp: Image, top: int, left: int) -> Image:
-        """Return the scene with a part of it repeated in the middle."""
-        moved = sharp.copy()
-        moved[180:340, 280:460] = sharp[top : top + 160, left : left + 180]
-        return moved
 
-    disturbances: dict[str, dict[str, Any]] = {
-        "motion of one frame reversed": {"reverse": True},
-        "a moving thing in one frame": {"change": partial(pasted, top=60, left=480)},
-        f"{PARALLAX} px of parallax in one frame": {"change": partial(pasted, top=180, left=280 - PARALLAX)},
+def measure(case: Case) -> dict[str, float]:
+    """Return the PSNR of all methods: best and mean single frame, the alternatives, and the frames together."""
+    burst, single = burst_of(case), singles(case)
+    result = deblur_burst(burst.frames, recorded(), CAMERA, burst.exposures, **case.options)
+    truth = burst.truths[result.reference]
+    pictures = aligned(burst, result.reference)
+    return {
+        "best single": max(single),
+        "mean single": float(np.mean(single)),
+        "average": quality(truth, average(pictures))[0],
+        "accumulation": quality(truth, accumulated(pictures))[0],
+        "together": quality(truth, result.image)[0],
     }
-    rows: list[tuple[str, ...]] = []
-    for name, disturbance in disturbances.items():
-        gains = []
-        for index in range(bursts):
-            case = burst(index, 4, noise, **disturbance)
-            gains.append(together(case, prior)[0] - max(alone(case, prior)))
-        rows.append((name, f"{min(gains):+.2f}", f"{np.mean(gains):+.2f}"))
-    return rows
+
+
+def cases(*, quick: bool) -> Iterator[Case]:
+    """Yield the cases of all tables."""
+    four = Case("frames", 0, 4, 40)
+    kinds = [four, replace(four, mode="rowwise"), *(replace(four, kind=kind) for kind in CHANGES)]
+    kinds += [Case("pair", 0, 2, 40), replace(four, frames=2), replace(four, frames=8)]
+    if not quick:
+        kinds += [replace(four, prior="tv"), *(replace(four, frames=count, decibels=35) for count in (4, 2, 8))]
+    for kind in kinds:
+        for burst in range(2 if quick else len(MOMENTS)):
+            yield replace(kind, burst=burst)
+
+
+def table(rows: dict[Case, dict[str, float]]) -> str:
+    """Return the means over the bursts and, as the last column, the least gain over the best single frame."""
+    methods = list(next(iter(rows.values())))
+    groups: dict[Case, list[dict[str, float]]] = {}
+    for case, scores in rows.items():
+        groups.setdefault(replace(case, burst=0), []).append(scores)
+    lines = []
+    for case, scored in groups.items():
+        means = {method: np.mean([scores[method] for scores in scored]) for method in methods}
+        gains = [scores["together"] - scores["best single"] for scores in scored]
+        name = {"frames": f"{case.frames} frames", "pair": "a long and a short frame"}.get(case.kind, case.kind)
+        gain = (f"{np.mean(gains):+.2f}", f"{min(gains):+.2f}")
+        method = f"{case.mode}, {case.prior}"
+        lines.append((f"{name}, {case.decibels:g} dB", method, *(f"{mean:.2f}" for mean in means.values()), *gain))
+    return markdown(("PSNR, dB", "mode, prior", *methods, "gain", "least gain"), lines)
+
+
+def load(path: Path | None) -> dict[Case, dict[str, float]]:
+    """Return the rows of a file of records."""
+    if path is None or not path.exists():
+        return {}
+    records: list[dict[str, Any]] = [json.loads(line) for line in path.read_text().splitlines()]
+    return {Case(**record["case"]): record["psnr"] for record in records}
 
 
 def main() -> None:
     """Run the benchmark and print its tables."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--frames", default="2,4,8", help="numbers of frames (default: 2,4,8)")
-    parser.add_argument("--bursts", type=int, default=len(MOMENTS), help="only the first N of the 8 bursts")
-    parser.add_argument("--prior", default="tv", help="prior of all methods that deblur (default: tv)")
-    parser.add_argument("--noise", type=float, default=0.01, help="standard deviation of the noise (default: 0.01)")
-    parser.add_argument("--robust", action="store_true", help="disturb one frame of four instead")
-    parser.add_argument("--markdown", type=Path, help="write the tables as Markdown")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="two bursts with the Wiener filter")
+    parser.add_argument("--records", type=Path, help="file of records (JSON lines) to continue")
+    parser.add_argument("--markdown", type=Path, help="write the table as Markdown")
     options = parser.parse_args()
     require_data()
-    if options.robust:
-        heads = ("one frame of four", "least gain over the best single frame, dB", "mean gain, dB")
-        text = markdown(heads, robust(options.noise, options.prior, options.bursts))
-    else:
-        columns = ("PSNR, dB", "best single", "mean single", "average", "accumulation", "together")
-        text = "\n\n".join(
-            f"{count} frames, {options.prior}, noise {options.noise:g}:\n\n"
-            + markdown(columns, compare(int(count), options.noise, options.prior, options.bursts))
-            for count in options.frames.split(",")
-        )
+    rows, console = load(options.records), Console(width=200, highlight=False, markup=False)
+    for case in cases(quick=options.quick):
+        if case not in rows:
+            rows[case] = measure(case)
+            scores = ", ".join(f"{method} {value:.2f}" for method, value in rows[case].items())
+            console.print(
+                f"{MOMENTS[case.burst][0]}, {case.frames} frames, {case.kind}, {case.mode}, {case.prior}: {scores} dB"
+            )
+            if options.records:
+                with options.records.open("a") as records:
+                    records.write(json.dumps({"case": asdict(case), "psnr": rows[case]}) + "\n")
+    text = table(rows)
     if options.markdown:
         write(options.markdown, text)
-    Console(width=200, highlight=False, markup=False).print(text)
+    console.print(text)
 
 
 if __name__ == "__main__":

@@ -229,10 +229,11 @@ def recording_options(*, required: bool = True) -> Decorator:
     return gathered("recording", Recording, (log, *_LOG, _camera(required=required), *_EXPOSURE, *_OVERRIDES))
 
 
-_CLIP_LOG = (
-    click.option("--gyro", type=PATH, required=True, metavar="LOG", help="Gyro log; may be the video itself."),
-    *_LOG,
-)
+def _clip_log(*, required: bool = True) -> tuple[Decorator, ...]:
+    text = "Gyro log; may be the video itself."
+    return click.option("--gyro", type=PATH, required=required, metavar="LOG", help=text), *_LOG
+
+
 _CLIP_TIMES = (
     click.option("--capture", type=PATH, metavar="FILE", help="Metadata file with one line per frame."),
     click.option("--start-ns", type=int, metavar="NS", help="Timestamp of the first frame in ns, camera clock."),
@@ -241,8 +242,15 @@ _CLIP_TIMES = (
         "--duration", type=SecondsType(), help="Exposure time of a row; replaces that of --capture or of the video."
     ),
 )
-clip_options = gathered("recording", Recording, (*_CLIP_LOG, _camera(), *_CLIP_TIMES, *_OVERRIDES))
-clip_log_options = gathered("recording", ClipLog, (*_CLIP_LOG, *_CLIP_TIMES))
+
+
+def clip_options(*, required: bool = True) -> Decorator:
+    """Return a decorator that adds the options of a clip's recording; see `recording_options`."""
+    options = (*_clip_log(required=required), _camera(required=required), *_CLIP_TIMES, *_OVERRIDES)
+    return gathered("recording", Recording, options)
+
+
+clip_log_options = gathered("recording", ClipLog, (*_clip_log(), *_CLIP_TIMES))
 defaults_options = gathered(
     "defaults",
     Defaults,

@@ -6,21 +6,24 @@ import re
 import time
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
-from rsdeblur.cli._inputs import clip_exposures, naming, read_device, transfer_of
-from rsdeblur.cli._options import Recording, Target
-from rsdeblur.cli._output import print_json, progress, refuse_inputs, say
+from rsdeblur.cli._inputs import clip_exposures, naming, read_device, read_inputs, transfer_of
+from rsdeblur.cli._items import read_items
+from rsdeblur.cli._options import Defaults, Recording, Target
+from rsdeblur.cli._output import prepare_folder, print_json, progress, refuse_inputs, say, say_aside
 from rsdeblur.cli._photo import facts_of
-from rsdeblur.errors import InputError
+from rsdeblur.errors import InputError, RsdeblurError
 
 if TYPE_CHECKING:
     from rsdeblur.io.pictures import Picture
+    from rsdeblur.motion.camera import Camera
     from rsdeblur.motion.exposure import Exposure
+    from rsdeblur.motion.gyro import GyroLog
     from rsdeblur.pipeline.burst import BurstResult
     from rsdeblur.pipeline.options import Options
 
@@ -28,11 +31,14 @@ EXAMPLES = """\b
 Examples:
   rsdeblur burst a.jpg b.jpg c.jpg --gyro gyro.csv --camera phone.toml --capture frames.csv --frames 2,3,4 -o out.jpg
   rsdeblur burst --from clip.mp4 --frames 10:18 --gyro gyro.csv --camera phone.toml --duration 1/30 -o sharp.png
+  rsdeblur burst burst1/ burst2/ --camera phone.toml -o sharp/
 """
 
 
 # Options of the blur that a burst has.
 TILES = ("mode", "bands", "strips")
+# Exit code if bursts of some folders failed.
+SOME_FAILED = 3
 # Longest span of frames that is taken for no mistake; the burst itself has a lower limit.
 MOST_FRAMES = 1000
 
@@ -56,12 +62,11 @@ class FramesType(click.ParamType[list[int]]):
 
 
 @click.command("burst", cls=Command, epilog=EXAMPLES)
-@click.argument("photos", type=_options.PATH, nargs=-1)
+@click.argument("photos", type=_options.PATH, nargs=-1, metavar="[PHOTO|FOLDER]...")
 @click.option("--from", "clip", type=_options.PATH, metavar="VIDEO", help="Take the frames from a video.")
 @click.option(
     "--frames",
     type=FramesType(),
-    required=True,
     metavar="A:B|N,N,...",
     help="Numbers of the frames, from 0: lines of --capture, or frames of the video; 10:18 is 10 to 17.",
 )
@@ -72,15 +77,15 @@ class FramesType(click.ParamType[list[int]]):
     help="Number of the frame whose pose the result has, one of --frames.  [default: the best]",
 )
 @click.option("--weights", type=_options.PATH, metavar="PNG", help="Write the weights of the frames, side by side.")
-@_options.clip_options
+@_options.clip_options(required=False)
 @_options.solve_options(
     "mode", "bands", "strips", *_options.SOLVER, "normalize", *_options.ENGINE, *_options.ONE_RESULT
 )
-@_options.target_options("OUT", "Picture to write.")
+@_options.target_options("OUT|DIR", "Picture to write, or folder for the pictures of FOLDERs.")
 def command(
     photos: tuple[Path, ...],
     clip: Path | None,
-    frames: list[int],
+    frames: list[int] | None,
     reference: int | None,
     weights: Path | None,
     recording: Recording,
@@ -91,26 +96,62 @@ def command(
 
     Each shaken frame has lost other details; together they have almost all. Frames that do not fit, or places where
     something moves, do not count. EXIF, colour profile and bit depth are those of the reference.
+
+    Each FOLDER is one burst: a session of MARS logger, OpenCamera Sensors or DeepGyro with its photos. A burst that
+    fails does not stop the others; the exit code is then 3.
     """
-    from rsdeblur.io.pictures import check_writable, write_picture
-    from rsdeblur.pipeline.burst import deblur_burst
+    from rsdeblur.io.pictures import check_writable
 
     if (clip is None) == (not photos):
         raise click.UsageError("give either photos or --from VIDEO")
+    if photos and all(photo.is_dir() for photo in photos):
+        if not frames and reference is None and weights is None:
+            return _folders(photos, recording, options, target)
+        raise click.UsageError("folders have no --frames, --reference or --weights")
+    for name in ("gyro", "camera"):
+        if getattr(recording, name) is None:
+            raise click.UsageError(f"Missing option '--{name}'.")
+    if frames is None:
+        raise click.UsageError("Missing option '--frames'.")
     if reference is not None and reference not in frames:
         raise click.UsageError(f"--reference {reference} is not one of --frames")
     for path in filter(None, (target.output, weights)):
         refuse_inputs(path)
         check_writable(path, force=target.force)
-    log, camera = read_device(recording)
-    pictures, exposures = _from_clip(clip, frames, recording) if clip else _from_photos(photos, frames, recording)
+    shots = _from_clip(clip, frames, recording) if clip else _from_photos(photos, frames, recording)
+    with naming(None, recording):
+        facts = _deblurred(shots, options, target, reference=reference, weights=weights)
+    if target.as_json:
+        print_json(facts)
+    else:
+        _print(facts)
+
+
+class Shots(NamedTuple):
+    """Frames of a burst with their numbers and exposures, and their log and camera."""
+
+    pictures: list[Picture]
+    numbers: list[int]
+    exposures: list[Exposure]
+    log: GyroLog
+    camera: Camera
+
+
+def _deblurred(
+    shots: Shots, options: Options, target: Target, *, reference: int | None = None, weights: Path | None = None
+) -> dict[str, Any]:
+    """Deblur and write a burst, and return the facts to report."""
+    from rsdeblur.io.pictures import write_picture
+    from rsdeblur.pipeline.burst import deblur_burst
+
+    pictures, numbers, exposures, log, camera = shots
     options = replace(options, transfer=transfer_of(pictures[0], options.transfer))
     begin = time.perf_counter()
-    with progress("burst") as move, naming(None, recording):
+    with progress("burst") as move:
         result = deblur_burst(
             [picture.pixels for picture in pictures],
             *(log, camera, exposures),
-            reference="auto" if reference is None else frames.index(reference),
+            reference="auto" if reference is None else numbers.index(reference),
             progress=move,
             **{member.name: getattr(options, member.name) for member in fields(options)},
         )
@@ -119,16 +160,48 @@ def command(
         import numpy as np
 
         write_picture(weights, np.hstack([frame.weights for frame in result.frames]), force=target.force)
-    facts = _facts(result, frames, target.output, options, time.perf_counter() - begin)
+    return _facts(result, numbers, target.output, options, time.perf_counter() - begin)
+
+
+def _folders(folders: tuple[Path, ...], recording: Recording, options: Options, target: Target) -> None:
+    """Deblur the burst of each folder into the folder of results."""
+    outputs = [target.output / f"{folder.resolve().name}.png" for folder in folders]
+    if len(set(outputs)) < len(outputs):
+        raise click.UsageError("two folders have the same name, and so would their results")
+    prepare_folder(target.output, [output.name for output in outputs], force=target.force)
+    entries: list[dict[str, Any]] = []
+    for folder, output in zip(folders, outputs, strict=True):
+        try:
+            with naming(folder):
+                shots = _from_folder(folder, recording, target.output)
+                entries.append(_deblurred(shots, options, replace(target, output=output)))
+        except RsdeblurError as error:
+            entries.append({"output": str(output), "error": str(error)})
+        if not target.as_json:
+            if "error" in entries[-1]:
+                say_aside(f"error: {entries[-1]['error']}")
+            else:
+                _print(entries[-1])
     if target.as_json:
-        print_json(facts)
-    else:
-        _print(facts)
+        print_json({"bursts": entries})
+    if any("error" in entry for entry in entries):
+        click.get_current_context().exit(SOME_FAILED)
 
 
-def _from_photos(
-    photos: tuple[Path, ...], frames: list[int], recording: Recording
-) -> tuple[list[Picture], list[Exposure]]:
+def _from_folder(folder: Path, recording: Recording, output: Path) -> Shots:
+    """Read the photos of a session and their exposures."""
+    given = {member.name: getattr(recording, member.name) for member in fields(Defaults)}
+    items = read_items(folder, Defaults(**given), output, numbered_from=None)
+    inputs = []
+    for item in items:
+        if item.recording is None:
+            raise InputError(item.error or str(item.photo))
+        inputs.append(read_inputs(item.photo, item.recording))
+    pictures, exposures = [each.picture for each in inputs], [each.exposure for each in inputs]
+    return Shots(pictures, list(range(len(items))), exposures, inputs[0].log, inputs[0].camera)
+
+
+def _from_photos(photos: tuple[Path, ...], frames: list[int], recording: Recording) -> Shots:
     """Read photos, and their lines of the capture file."""
     from rsdeblur.io import read_captures
     from rsdeblur.io.pictures import read_picture
@@ -139,10 +212,12 @@ def _from_photos(
         raise click.UsageError(f"--frames names {len(frames)} exposures for {len(photos)} photos")
     captures = read_captures(recording.capture, duration=recording.duration)
     _check_range(frames, len(captures), f"{recording.capture}: there is no exposure")
-    return [read_picture(photo) for photo in photos], [captures[n] for n in frames]
+    # The small files come first, so that a wrong one shows before large pictures are read.
+    device = read_device(recording)
+    return Shots([read_picture(photo) for photo in photos], frames, [captures[n] for n in frames], *device)
 
 
-def _from_clip(clip: Path, frames: list[int], recording: Recording) -> tuple[list[Picture], list[Exposure]]:
+def _from_clip(clip: Path, frames: list[int], recording: Recording) -> Shots:
     """Decode frames of a video, and find their exposures."""
     from rsdeblur.io.pictures import Picture
     from rsdeblur.video.clip import frames as decoded
@@ -152,8 +227,9 @@ def _from_clip(clip: Path, frames: list[int], recording: Recording) -> tuple[lis
     opened = open_clip(clip)
     _check_range(frames, len(opened), f"{clip}: there is no frame")
     exposures = clip_exposures(opened, recording)
+    device = read_device(recording)
     pictures = [Picture(values_of(next(decoded(opened, n, n + 1)))) for n in frames]
-    return pictures, [exposures[n] for n in frames]
+    return Shots(pictures, frames, [exposures[n] for n in frames], *device)
 
 
 def _check_range(frames: list[int], count: int, problem: str) -> None:

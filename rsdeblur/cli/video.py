@@ -45,7 +45,7 @@ class Encode:
 
 @click.command("video", cls=Command, epilog=EXAMPLES, context_settings={"default_map": {"prior": PRIOR}})
 @click.argument("source", type=_options.PATH, metavar="VIDEO")
-@_options.clip_options
+@_options.clip_options()
 @_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ENGINE)
 @_options.gathered(
     "encode",

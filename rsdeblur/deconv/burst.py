@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
-from rsdeblur.choices import Border, Planning
+from rsdeblur.choices import Border, Planning, Solver
 from rsdeblur.deconv.priors import LatentPrior, check_prior
 from rsdeblur.deconv.quadratic import MARGIN
+from rsdeblur.deconv.rowwise import RowSolver
+from rsdeblur.deconv.rowwise_blur import RowBlur
 from rsdeblur.deconv.wiener import LEAST_NSR, TileFilter, decay_margin
 from rsdeblur.errors import InputError
+from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, Float32Array, FloatImage
 
@@ -64,7 +68,9 @@ class BurstQuadratic(TileFilter):
         planning: Planning = "estimate",
         threads: int | None = None,
     ) -> None:
-        check_frames(banks, shares)
+        for bank in banks:
+            validate.instance("bank", bank, PsfBank)
+        check_places(banks, shares)
         self.nsr = validate.finite("nsr", nsr, minimum=0.0, maximum=validate.MOST_STRENGTH)
         self.shares = tuple(map(float, shares))
         margin = MARGIN
@@ -116,12 +122,8 @@ class BurstQuadratic(TileFilter):
             If there is another number of pictures, or one has another shape, holds integers or is not finite.
         """
         validate.callback("progress", progress)
-        if len(images) != len(self.shares):
-            raise InputError(f"the solver is planned for {len(self.shares)} pictures, got {len(images)}")
         with self.lock:
-            self._observations = [
-                validate.linear_light(image, self.shape).reshape(self._channelled) for image in images
-            ]
+            self._observations = _checked(images, len(self.shares), self.shape)
             if prior is None:
                 latent = self.solve(0.0, None)
             else:
@@ -179,13 +181,94 @@ class BurstQuadratic(TileFilter):
         self._share_tiles(plan)
 
 
-def check_frames(banks: Sequence[PsfBank], shares: Sequence[float]) -> None:
-    """Raise `InputError` unless all banks have the same places, and the shares are positive and sum to 1."""
-    if not banks or len(banks) != len(shares):
-        raise InputError(f"a burst needs PSFs and a share for each frame, got {len(banks)} and {len(shares)}")
-    for bank in banks:
-        validate.instance("bank", bank, PsfBank)
-        if not (np.array_equal(bank.rows, banks[0].rows) and np.array_equal(bank.cols, banks[0].cols)):
+class RowBurst(RowSolver):
+    """Deconvolution of several pictures of one scene with the PSF of every row, planned once and applied often.
+
+    With one frame this is :class:`rsdeblur.RowDeconvolver`. The normal matrix is assembled from all frames, but
+    factored once, and its bandwidth is that of the frame whose paths are tallest.
+
+    Parameters
+    ----------
+    frames : sequence of BlurPaths
+        Paths of every row of each frame, in the same strips.
+    shares : sequence of float
+        Share of each frame, positive; their sum is 1.
+    shape : (H, W) or (H, W, C)
+        Shape of the pictures.
+    nsr, solver, border, planning, threads
+        See :class:`rsdeblur.RowDeconvolver`.
+
+    Raises
+    ------
+    InputError
+        As :class:`rsdeblur.RowDeconvolver` does, and if the frames have different strips or the shares do not fit.
+    """
+
+    def __init__(
+        self,
+        frames: Sequence[BlurPaths],
+        shares: Sequence[float],
+        shape: tuple[int, ...],
+        *,
+        nsr: float = 0.01,
+        solver: Solver = "auto",
+        border: Border = "blend",
+        planning: Planning = "estimate",
+        threads: int | None = None,
+    ) -> None:
+        check_places(frames, shares)
+        super().__init__(
+            *(frames, shares, shape), nsr=nsr, solver=solver, border=border, planning=planning, threads=threads
+        )
+        self._frames = tuple(frames)
+
+    def apply(
+        self,
+        images: Sequence[ArrayLike],
+        *,
+        prior: LatentPrior | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> NDArray[np.float32]:
+        """Deblur the pictures of one scene; see :meth:`BurstQuadratic.apply`."""
+        validate.callback("progress", progress)
+        pictures = _checked(images, len(self._frames), self.shape)
+        prior = None if prior is None else check_prior(prior).with_peak_of(pictures[0])
+        height, width, channels = pictures[0].shape
+        rows = np.empty((height, len(pictures), width, channels), dtype=np.float32)
+        for i, (factor, picture) in enumerate(zip(self._factors, pictures, strict=True)):
+            np.multiply(picture, np.float32(factor), out=rows[:, i])
+        out = np.empty((height, width, channels), dtype=np.float32)
+        self._restore(rows.reshape(-1, width, channels), out, prior, progress)
+        return out.reshape(self.shape)
+
+    def blurred(self, latent: FloatImage, frame: int) -> FloatImage:
+        """Return a latent picture (H, W, C) with the blur of a frame; beyond its borders it is reflected."""
+        paths, reach = self._frames[frame], self._reach
+        height, width, channels = latent.shape
+        blur = RowBlur(
+            replace(paths, cols=paths.cols + reach),
+            width + 2 * reach,
+            channels=channels,
+            threads=self._spectra.team.threads,
+        )
+        below = blur.latent_shape[0] + blur.top - height
+        extended = np.pad(latent, ((-blur.top, below), (reach, reach), (0, 0)), mode="reflect")
+        return blur.forward(extended)[:, reach : reach + width]
+
+
+def _checked(images: Sequence[ArrayLike], count: int, shape: tuple[int, ...]) -> list[FloatImage]:
+    """Return pictures of the planned shape as (H, W, C)."""
+    if len(images) != count:
+        raise InputError(f"the solver is planned for {count} pictures, got {len(images)}")
+    return [validate.linear_light(image, shape).reshape(*shape[:2], -1) for image in images]
+
+
+def check_places(blurs: Sequence[PsfBank] | Sequence[BlurPaths], shares: Sequence[float]) -> None:
+    """Raise `InputError` unless the blurs of all frames have the same places, and the shares suit them."""
+    if not blurs or len(blurs) != len(shares):
+        raise InputError(f"a burst needs PSFs and a share for each frame, got {len(blurs)} and {len(shares)}")
+    for blur in blurs:
+        if not (np.array_equal(blur.rows, blurs[0].rows) and np.array_equal(blur.cols, blurs[0].cols)):
             raise InputError("the PSFs of all frames of a burst must have the same places")
     if min(shares) <= 0 or abs(sum(shares) - 1) > SHARE_TOLERANCE:
         raise InputError(f"shares of frames must be positive and sum to 1, got {', '.join(map(str, shares))}")

@@ -12,7 +12,7 @@ and bottom the average of the outermost rows, smoothed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,7 +32,7 @@ from rsdeblur.errors import InputError
 from rsdeblur.kernels import rowwise
 from rsdeblur.kernels.rowwise import LANES
 from rsdeblur.motion.paths import BlurPaths
-from rsdeblur.types import Float32Array
+from rsdeblur.types import Float32Array, FloatImage
 
 # Largest margin of a strip, in PSF widths: the tiny `nsr` of gradient priors would ask for a hundred.
 MOST_MARGIN = 3.0
@@ -45,8 +45,209 @@ EDGE_FADE = 16
 LEAST_EXPECTED = 1e-3
 
 
+class RowSolver:
+    """Base of the rowwise solvers: minimises `sum_i a_i |A_i u - g_i|^2 + nsr |u - m|^2` for the frames of one scene.
+
+    Frames and their blurs are multiplied by the roots of the shares a_i. Row y of frame i is row `N y + i` of a picture
+    N times as tall. So the normal matrix is the sum of those of the frames; its bandwidth is that of the tallest paths.
+
+    Parameters
+    ----------
+    frames : sequence of BlurPaths
+        Paths of every row of each frame, at the same columns.
+    shares : sequence of float
+        Share a_i of each frame; their sum is 1.
+    shape, nsr, solver, border, planning, threads
+        See :class:`RowDeconvolver`.
+    """
+
+    def __init__(
+        self,
+        frames: Sequence[BlurPaths],
+        shares: Sequence[float],
+        shape: tuple[int, ...],
+        *,
+        nsr: float,
+        solver: Solver,
+        border: Border,
+        planning: Planning,
+        threads: int | None,
+    ) -> None:
+        self.shape = validate.shape(shape)
+        self.nsr = max(validate.strength("nsr", nsr), LEAST_NSR)
+        validate.choice("solver", solver, SOLVERS)
+        validate.choice("border", border, BORDERS)
+        validate.choice("planning", planning, PLANNINGS)
+        height, width = self.shape[:2]
+        self.top, latents = latent_rows(*frames)
+        self._factors = tuple(float(share) ** 0.5 for share in shares)
+        self._reach = max(int(np.floor(paths.extent[1])) + 1 for paths in frames)
+        if len(frames[0].rows) != height:
+            raise InputError(f"paths are those of {len(frames[0].rows)} rows, the picture has {height}")
+        kernel = 2 * self._reach + 1
+        if kernel > width:
+            raise InputError(f"the paths reach {self._reach} px sideways, more than the picture of {width} px can hold")
+        margin = int(np.ceil(min(decay_margin(self.nsr), MOST_MARGIN) * kernel))
+        self._periodic = border == "periodic"
+        cols = frames[0].cols
+        self._tiling = Tiling.plan(cols, width, kernel, margin, periodic=self._periodic)
+        threads = thread_count(threads)
+        self._strips = [
+            StripBlur.from_frames(frames, self._factors, s, self.top, latents, threads) for s in range(len(cols))
+        ]
+        channels = self.shape[2] if len(self.shape) == 3 else 1
+        self._spectra = RowSpectra(channels, self._tiling.length, planning=planning, threads=threads)
+        self._data, self._latent = self._spectra.empty(len(frames) * height), self._spectra.empty(latents)
+        blocks = range(self._spectra.blocks)
+        self._tables = [[strip.table(b, self._spectra.length) for b in blocks] for strip in self._strips]
+        if solver == "auto":
+            faster = any(is_faster(strip.model, channels, len(frames)) for strip in self._strips)
+            solver = "cg" if faster else "direct"
+        self.solver = solver
+        floats = max(strip.workspace_size(solve=self.solver == "direct") for strip in self._strips)
+        self._workspaces: list[Float32Array] = [empty((floats,), np.float32) for _ in range(self._spectra.team.threads)]
+        if planning == "measure":
+            remember()
+
+    @property
+    def blocks(self) -> int:
+        """Blocks of 16 frequencies, each solved by one thread."""
+        return self._spectra.blocks
+
+    @property
+    def coverage(self) -> NDArray[np.bool_]:
+        """Mask (H, W) of the pixels that some recorded row saw; the prior fills the others from their neighbours.
+
+        Paths with ``geometry="keep"`` see every row; those with ``geometry="rectify"`` may not.
+        """
+        covered = np.zeros(self.shape[:2], dtype=np.bool_)
+        for strip, tile in zip(self._strips, self._tiling.tiles, strict=True):
+            columns = slice(tile.first, tile.first + len(tile.weights))
+            covered[:, columns] |= strip.seen[-self.top : len(covered) - self.top, None]
+        return covered
+
+    @property
+    def memory(self) -> int:
+        """Bytes held between and during calls, not counting pictures."""
+        tables = [table for tables in self._tables for table in tables]
+        models = [array for strip in self._strips for array in strip.model]
+        return sum(array.nbytes for array in (self._data, self._latent, *self._workspaces, *tables, *models))
+
+    def _restore(
+        self,
+        source: FloatImage,
+        target: FloatImage,
+        prior: LatentPrior | None,
+        progress: Callable[[float], None] | None,
+    ) -> None:
+        """Deblur `source`, the rows of all frames (N H, W, C), into `target` (H, W, C), which is other memory."""
+        strips = len(self._strips)
+        if strips > 1:
+            target[...] = 0
+        with self._spectra.team.lock:
+            for s, tile in enumerate(self._tiling.tiles):
+                report = None if progress is None else _part_of(progress, s, strips)
+                term = self._observe(source, s)
+                if prior is None:
+                    term.filter()
+                    self._spectra.unload(self._latent, -self.top, target, tile, add=strips > 1)
+                    if report is not None:
+                        report(1.0)
+                else:
+                    latent = prior.restore(term, threads=self._spectra.team.threads, progress=report)
+                    self._place(latent, target, tile, add=strips > 1)
+
+    def _observe(self, source: Float32Array, strip: int) -> DataTerm:
+        """Transform a strip of the observation (H, W, C), and return the strip's data term."""
+        start, taper = self._tiling.tiles[strip].start, self._tiling.taper
+        self._spectra.load(source, self._data, start=start, taper=taper, periodic=self._periodic)
+        return DataTerm(self, strip)
+
+    def _place(self, latent: Float32Array, target: Float32Array, tile: Tile, *, add: bool) -> None:
+        """Write a strip's latent picture (L, N, C) to `target` (H, W, C), or add it, where `tile` contributes."""
+        columns, weights = slice(tile.first, tile.first + len(tile.weights)), tile.weights[:, None]
+        shown = slice(tile.first - tile.start, tile.first - tile.start + len(weights))
+        source = latent[-self.top : len(target) - self.top, shown]
+
+        def block(_: int, top: int) -> None:
+            rows = slice(top, top + ROWS)
+            part = weights * source[rows]
+            target[rows, columns] = target[rows, columns] + part if add else part
+
+        self._spectra.team.share(block, range(0, len(target), ROWS))
+
+    def _solve(self, strip: int, ridge: Float32Array, smooth: float, *, scale: float, pull: float) -> None:
+        """Minimise for all frequencies of `strip`, and leave the result in the latent spectra.
+
+        `ridge` has shape (blocks, 16). Unless `pull` is 0, the latent spectra hold `D^T w` or, where `smooth` is 0, v,
+        which enter the right-hand side times `pull`. The difference u - m is scaled in the end.
+        """
+        model, tables = self._strips[strip].model, self._tables[strip]
+
+        def block(thread: int, b: int) -> None:
+            data, latent, workspace = self._data[b], self._latent[b], self._workspaces[thread]
+            expected = self._expectation(b, edges=smooth == 0 and pull == 0)
+            if pull == 0:
+                latent[...] = 0
+            else:
+                # The unknown is u - m, and the gradient of m is zero.
+                if smooth == 0 and expected is not None:
+                    latent -= expected
+                latent *= np.float32(pull)
+            if expected is not None:
+                blurred = np.empty_like(data)
+                rowwise.forward(model, tables[b], blurred, expected, workspace)
+                data = data - blurred
+            if self.solver == "direct":
+                rowwise.solve(model, tables[b], data, latent, workspace, ridge[b], smooth)
+            else:
+                equations = NormalEquations(
+                    *(model, tables[b], data.shape[1], ridge[b], smooth, workspace), frames=len(self._factors)
+                )
+                right = np.empty_like(latent)
+                rowwise.adjoint(model, tables[b], data, right, workspace)
+                right += latent
+                latent[...] = conjugate_gradients(equations.multiply, equations.precondition, right)
+            latent *= scale
+            if expected is not None:
+                latent += expected
+
+        self._spectra.team.share(block, range(self._spectra.blocks))
+
+    def _expectation(self, block: int, *, edges: bool) -> Float32Array | None:
+        """Return the spectra of m in one block, without `edges` those of the mean; None where they are next to zero."""
+        frequency = (block * LANES + np.arange(LANES)) / self._spectra.length
+        left = np.exp(-2 * (np.pi * EDGE_ROWS * frequency) ** 2).astype(np.float32)
+        if left[0] < LEAST_EXPECTED or (block > 0 and not edges):
+            return None
+        data = self._average(self._data[block])
+        mean = np.zeros_like(data[:, :1])
+        if block == 0:
+            mean[..., 0, 0] = data[:, :, 0, 0].mean(axis=1, keepdims=True)
+        if not edges:
+            return np.repeat(mean, self._latent.shape[2], axis=1)
+        first, last = (left * (rows.mean(axis=1) - mean[:, 0]) for rows in (data[:, :EDGE_ROWS], data[:, -EDGE_ROWS:]))
+        expected = np.repeat(mean, self._latent.shape[2], axis=1)
+        # Positions are counted from the first and from the last row of the frame; beyond the frame the weight is 1.
+        above = _fading(self.top, EDGE_FADE - self.top)
+        below = _fading(data.shape[1] - self.top - expected.shape[1], EDGE_FADE - self.top)
+        expected[:, : len(above)] += (above * first[:, None])[:, : expected.shape[1]]
+        expected[:, ::-1][:, : len(below)] += (below * last[:, None])[:, : expected.shape[1]]
+        return expected
+
+    def _average(self, data: Float32Array) -> Float32Array:
+        """Return the average of the frames in one block, shape (C, H, 2, 16)."""
+        frames = len(self._factors)
+        if frames == 1:
+            return data
+        mean = np.zeros_like(data[:, ::frames])
+        for i, factor in enumerate(self._factors):
+            mean += np.float32(factor) * data[:, i::frames]
+        return mean
+
+
 @one_line("shape", "nsr", "solver")
-class RowDeconvolver:
+class RowDeconvolver(RowSolver):
     """Deconvolution with the PSF of every row, planned once and applied often.
 
     Minimises `|A u - g|^2 + nsr |u - m|^2` exactly. A is :class:`rsdeblur.RowBlur`; m is the picture's mean and, near
@@ -108,60 +309,9 @@ class RowDeconvolver:
         threads: int | None = None,
     ) -> None:
         validate.instance("paths", paths, BlurPaths)
-        self.shape = validate.shape(shape)
-        self.nsr = max(validate.strength("nsr", nsr), LEAST_NSR)
-        validate.choice("solver", solver, SOLVERS)
-        validate.choice("border", border, BORDERS)
-        validate.choice("planning", planning, PLANNINGS)
-        height, width = self.shape[:2]
-        self.top, latents = latent_rows(paths)
-        reach = int(np.floor(paths.extent[1])) + 1
-        if len(paths.rows) != height:
-            raise InputError(f"paths are those of {len(paths.rows)} rows, the picture has {height}")
-        if 2 * reach + 1 > width:
-            raise InputError(f"the paths reach {reach} px sideways, more than the picture of {width} px can hold")
-        kernel = 2 * reach + 1
-        margin = int(np.ceil(min(decay_margin(self.nsr), MOST_MARGIN) * kernel))
-        self._periodic = border == "periodic"
-        self._tiling = Tiling.plan(paths.cols, width, kernel, margin, periodic=self._periodic)
-        threads = thread_count(threads)
-        self._strips = [StripBlur.from_paths(paths, s, self.top, latents, threads) for s in range(len(paths.cols))]
-        channels = self.shape[2] if len(self.shape) == 3 else 1
-        self._spectra = RowSpectra(channels, self._tiling.length, planning=planning, threads=threads)
-        self._data, self._latent = self._spectra.empty(height), self._spectra.empty(latents)
-        blocks = range(self._spectra.blocks)
-        self._tables = [[strip.table(b, self._spectra.length) for b in blocks] for strip in self._strips]
-        if solver == "auto":
-            solver = "cg" if any(is_faster(strip.model, channels) for strip in self._strips) else "direct"
-        self.solver = solver
-        floats = max(strip.workspace_size(solve=self.solver == "direct") for strip in self._strips)
-        self._workspaces: list[Float32Array] = [empty((floats,), np.float32) for _ in range(self._spectra.team.threads)]
-        if planning == "measure":
-            remember()
-
-    @property
-    def blocks(self) -> int:
-        """Blocks of 16 frequencies, each solved by one thread."""
-        return self._spectra.blocks
-
-    @property
-    def coverage(self) -> NDArray[np.bool_]:
-        """Mask (H, W) of the pixels that some recorded row saw; the prior fills the others from their neighbours.
-
-        Paths with ``geometry="keep"`` see every row; those with ``geometry="rectify"`` may not.
-        """
-        covered = np.zeros(self.shape[:2], dtype=np.bool_)
-        for strip, tile in zip(self._strips, self._tiling.tiles, strict=True):
-            columns = slice(tile.first, tile.first + len(tile.weights))
-            covered[:, columns] |= strip.seen[-self.top : len(covered) - self.top, None]
-        return covered
-
-    @property
-    def memory(self) -> int:
-        """Bytes held between and during calls, not counting pictures."""
-        tables = [table for tables in self._tables for table in tables]
-        models = [array for strip in self._strips for array in strip.model]
-        return sum(array.nbytes for array in (self._data, self._latent, *self._workspaces, *tables, *models))
+        super().__init__(
+            *([paths], [1.0], shape), nsr=nsr, solver=solver, border=border, planning=planning, threads=threads
+        )
 
     def apply(
         self,
@@ -202,100 +352,11 @@ class RowDeconvolver:
         out = validate.output(out, self.shape)
         source, target = (array.reshape(*array.shape[:2], -1) for array in (picture, out))
         prior = None if prior is None else prior.with_peak_of(picture)
-        strips = len(self._strips)
-        if strips > 1:
-            # Strips are added up in `out`, so it cannot be the source as well.
-            source = source.copy() if np.shares_memory(source, target) else source
-            target[...] = 0
-        with self._spectra.team.lock:
-            for s, tile in enumerate(self._tiling.tiles):
-                report = None if progress is None else _part_of(progress, s, strips)
-                term = self._observe(source, s)
-                if prior is None:
-                    term.filter()
-                    self._spectra.unload(self._latent, -self.top, target, tile, add=strips > 1)
-                    if report is not None:
-                        report(1.0)
-                else:
-                    latent = prior.restore(term, threads=self._spectra.team.threads, progress=report)
-                    self._place(latent, target, tile, add=strips > 1)
+        # Strips are added up in `out`, so it cannot be the source as well.
+        if len(self._strips) > 1 and np.shares_memory(source, target):
+            source = source.copy()
+        self._restore(source, target, prior, progress)
         return out
-
-    def _observe(self, source: Float32Array, strip: int) -> DataTerm:
-        """Transform a strip of the observation (H, W, C), and return the strip's data term."""
-        start, taper = self._tiling.tiles[strip].start, self._tiling.taper
-        self._spectra.load(source, self._data, start=start, taper=taper, periodic=self._periodic)
-        return DataTerm(self, strip)
-
-    def _place(self, latent: Float32Array, target: Float32Array, tile: Tile, *, add: bool) -> None:
-        """Write a strip's latent picture (L, N, C) to `target` (H, W, C), or add it, where `tile` contributes."""
-        columns, weights = slice(tile.first, tile.first + len(tile.weights)), tile.weights[:, None]
-        shown = slice(tile.first - tile.start, tile.first - tile.start + len(weights))
-        source = latent[-self.top : len(target) - self.top, shown]
-
-        def block(_: int, top: int) -> None:
-            rows = slice(top, top + ROWS)
-            part = weights * source[rows]
-            target[rows, columns] = target[rows, columns] + part if add else part
-
-        self._spectra.team.share(block, range(0, len(target), ROWS))
-
-    def _solve(self, strip: int, ridge: Float32Array, smooth: float, *, scale: float, pull: float) -> None:
-        """Minimise for all frequencies of `strip`, and leave the result in the latent spectra.
-
-        `ridge` has shape (blocks, 16). Unless `pull` is 0, the latent spectra hold `D^T w` or, where `smooth` is 0, v,
-        which enter the right-hand side times `pull`. The difference u - m is scaled in the end.
-        """
-        model, tables = self._strips[strip].model, self._tables[strip]
-
-        def block(thread: int, b: int) -> None:
-            data, latent, workspace = self._data[b], self._latent[b], self._workspaces[thread]
-            expected = self._expectation(b, edges=smooth == 0 and pull == 0)
-            if pull == 0:
-                latent[...] = 0
-            else:
-                # The unknown is u - m, and the gradient of m is zero.
-                if smooth == 0 and expected is not None:
-                    latent -= expected
-                latent *= np.float32(pull)
-            if expected is not None:
-                blurred = np.empty_like(data)
-                rowwise.forward(model, tables[b], blurred, expected, workspace)
-                data = data - blurred
-            if self.solver == "direct":
-                rowwise.solve(model, tables[b], data, latent, workspace, ridge[b], smooth)
-            else:
-                equations = NormalEquations(model, tables[b], data.shape[1], ridge[b], smooth, workspace)
-                right = np.empty_like(latent)
-                rowwise.adjoint(model, tables[b], data, right, workspace)
-                right += latent
-                latent[...] = conjugate_gradients(equations.multiply, equations.precondition, right)
-            latent *= scale
-            if expected is not None:
-                latent += expected
-
-        self._spectra.team.share(block, range(self._spectra.blocks))
-
-    def _expectation(self, block: int, *, edges: bool) -> Float32Array | None:
-        """Return the spectra of m in one block, without `edges` those of the mean; None where they are next to zero."""
-        frequency = (block * LANES + np.arange(LANES)) / self._spectra.length
-        left = np.exp(-2 * (np.pi * EDGE_ROWS * frequency) ** 2).astype(np.float32)
-        if left[0] < LEAST_EXPECTED or (block > 0 and not edges):
-            return None
-        data = self._data[block]
-        mean = np.zeros_like(data[:, :1])
-        if block == 0:
-            mean[..., 0, 0] = data[:, :, 0, 0].mean(axis=1, keepdims=True)
-        if not edges:
-            return np.repeat(mean, self._latent.shape[2], axis=1)
-        first, last = (left * (rows.mean(axis=1) - mean[:, 0]) for rows in (data[:, :EDGE_ROWS], data[:, -EDGE_ROWS:]))
-        expected = np.repeat(mean, self._latent.shape[2], axis=1)
-        # Positions are counted from the first and from the last row of the frame; beyond the frame the weight is 1.
-        above = _fading(self.top, EDGE_FADE - self.top)
-        below = _fading(data.shape[1] - self.top - expected.shape[1], EDGE_FADE - self.top)
-        expected[:, : len(above)] += (above * first[:, None])[:, : expected.shape[1]]
-        expected[:, ::-1][:, : len(below)] += (below * last[:, None])[:, : expected.shape[1]]
-        return expected
 
 
 def _part_of(progress: Callable[[float], None], part: int, parts: int) -> Callable[[float], None]:
@@ -323,7 +384,7 @@ class DataTerm:
 
     periodic = False
 
-    def __init__(self, solver: RowDeconvolver, strip: int) -> None:
+    def __init__(self, solver: RowSolver, strip: int) -> None:
         self._solver, self._strip = solver, strip
         spectra = solver._spectra
         self.shape = (solver._latent.shape[2], spectra.length, spectra.channels)

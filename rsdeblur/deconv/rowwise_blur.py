@@ -12,7 +12,7 @@ the recorded one, and nothing wraps around in y.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -48,7 +48,7 @@ class StripBlur:
     model : RowModel
         Which latent rows each picture row gathers, with which weights and shifts.
     rows : int
-        Rows of the recorded picture.
+        Rows of the recorded picture, or of all pictures of a burst.
     top : int
         Row of the recorded picture at which the first latent row lies; 0 or less.
     first_shift, shifts : int
@@ -64,12 +64,28 @@ class StripBlur:
     @classmethod
     def from_paths(cls, paths: BlurPaths, strip: int, top: int, latents: int, threads: int | None = None) -> StripBlur:
         """Draw the PSF of every row of `strip`, and sort it by latent row; they are `latents` rows from `top` on."""
-        row, down, across, weight = _draw(paths.displacements[:, strip], threads)
-        # A PSF weighs displacements d = p - q of the recorded from the latent point.
-        latent = row - down - top
+        return cls.from_frames([paths], [1.0], strip, top, latents, threads)
+
+    @classmethod
+    def from_frames(
+        cls,
+        frames: Sequence[BlurPaths],
+        factors: Sequence[float],
+        strip: int,
+        top: int,
+        latents: int,
+        threads: int | None = None,
+    ) -> StripBlur:
+        """Draw the PSFs of N frames as one picture, whose row N y + i is row y of frame i times `factors[i]`."""
+        parts, rows = [], len(frames) * len(frames[0].rows)
+        for i, (paths, factor) in enumerate(zip(frames, factors, strict=True)):
+            row, down, across, weight = _draw(paths.displacements[:, strip], threads)
+            # A PSF weighs displacements d = p - q of the recorded from the latent point.
+            parts.append((len(frames) * row + i, row - down - top, across, np.float32(factor) * weight))
+        row, latent, across, weight = (np.concatenate(values) for values in zip(*parts, strict=True))
         first = int(across.min())
-        model = _sorted(row, latent, across - first, weight, latents, len(paths.rows))
-        return cls(model, len(paths.rows), top, first, int(across.max()) - first + 1)
+        model = _sorted(row, latent, across - first, weight, latents, rows)
+        return cls(model, rows, top, first, int(across.max()) - first + 1)
 
     def table(self, block: int, length: int) -> Float32Array:
         """Return the phases of the shifts at the 16 frequencies of `block`."""
@@ -229,22 +245,24 @@ class RowBlur:
         return array.reshape(shape)
 
 
-def latent_rows(paths: BlurPaths) -> tuple[int, int]:
+def latent_rows(*frames: BlurPaths) -> tuple[int, int]:
     """Return the first latent row, in rows of the picture, and the number of latent rows.
 
-    Latent rows are those that paths visit, and those of the frame.
+    Latent rows are those that paths of any frame visit, and those of the frame.
 
     Raises
     ------
     InputError
-        If `paths` do not belong to the rows 0, 1, 2 and so on.
+        If paths do not belong to the rows 0, 1, 2 and so on.
     """
-    rows = paths.rows
-    if not np.array_equal(rows, np.arange(len(rows))):
-        raise InputError("paths must be those of every row of the picture; trace them with BlurPaths.every_row")
-    visited = rows[:, None, None] - paths.displacements[..., 1]
-    top = min(0, int(np.floor(visited.min())) - 1)
-    end = max(len(rows), int(np.floor(visited.max())) + 3)
+    top = end = 0
+    for paths in frames:
+        rows = paths.rows
+        if not np.array_equal(rows, np.arange(len(rows))):
+            raise InputError("paths must be those of every row of the picture; trace them with BlurPaths.every_row")
+        visited = rows[:, None, None] - paths.displacements[..., 1]
+        top = min(top, int(np.floor(visited.min())) - 1)
+        end = max(end, len(rows), int(np.floor(visited.max())) + 3)
     return top, -(-(end - top) // BLOCK) * BLOCK
 
 

@@ -36,7 +36,8 @@ STEP_COST, STEP_COST_PER_ROW = 8e-7, 6e-9
 class NormalEquations:
     """`A^H A + diag(ridge) + smooth D^T D` for one block of frequencies, and an approximate inverse.
 
-    Vectors are latent spectra of one block, shape (C, L, 2, 16); the axis of 2 is real and imaginary part.
+    Vectors are latent spectra of one block, shape (C, L, 2, 16); the axis of 2 is real and imaginary part. The rows of
+    A are those of one picture, or row by row those of several `frames`.
     """
 
     def __init__(
@@ -47,8 +48,9 @@ class NormalEquations:
         ridge: Float32Array,
         smooth: float,
         workspace: Float32Array,
+        frames: int = 1,
     ) -> None:
-        self._model, self._table, self._workspace = model, table, workspace
+        self._model, self._table, self._workspace, self._frames = model, table, workspace, frames
         self._rows, self._ridge, self._smooth = rows, ridge, np.float32(smooth)
         self._plan()
 
@@ -81,28 +83,32 @@ class NormalEquations:
         count = max(1, round(latents / (SLAB_PITCH * tall)))
         windows = np.sqrt(hat_weights(tile_centres(count, latents), latents)).astype(np.float32)
         # Some rows of A, conjugated, one per channel: the adjoint of unit vectors.
-        unit = np.zeros((count, self._rows, 2, LANES), dtype=np.float32)
-        unit[np.arange(count), np.round(tile_centres(count, self._rows)).astype(int), 0] = 1.0
-        kernels = np.empty((count, latents, 2, LANES), dtype=np.float32)
-        rowwise.adjoint(self._model, self._table, unit, kernels, self._workspace)
+        unit = np.zeros((count, self._frames, self._rows, 2, LANES), dtype=np.float32)
+        middles = np.round(tile_centres(count, self._rows // self._frames)).astype(int)
+        for frame in range(self._frames):
+            unit[np.arange(count), frame, self._frames * middles + frame, 0] = 1.0
+        kernels = np.empty((count * self._frames, latents, 2, LANES), dtype=np.float32)
+        rowwise.adjoint(self._model, self._table, unit.reshape(-1, *unit.shape[2:]), kernels, self._workspace)
         self._blocks: list[tuple[slice, Float32Array, Float32Array]] = []
-        for window, kernel in zip(windows, kernels, strict=True):
+        for window, parts in zip(windows, kernels.reshape(count, self._frames, *kernels.shape[1:]), strict=True):
             at = np.flatnonzero(window)
             length = fft.next_fast_len(len(at) + tall)
-            # The power spectrum does not depend on where the kernel lies, as long as it is in one piece.
-            seen = np.flatnonzero(kernel.any(axis=(1, 2)))
-            part = kernel[seen[0] : seen[-1] + 1]
-            power = np.abs(fft.fft(part[:, 0] + 1j * part[:, 1], length, axis=0)) ** 2
+            power = np.zeros((length, LANES), dtype=np.float32)
+            for kernel in parts:
+                # The power spectrum does not depend on where the kernel lies, as long as it is in one piece.
+                seen = np.flatnonzero(kernel.any(axis=(1, 2)))
+                part = kernel[seen[0] : seen[-1] + 1]
+                power += np.abs(fft.fft(part[:, 0] + 1j * part[:, 1], length, axis=0)) ** 2
             turns = np.arange(length) / length
             power += self._ridge + self._smooth * (2 - 2 * np.cos(2 * np.pi * turns))[:, None]
             self._blocks.append((slice(at[0], at[-1] + 1), window[at][:, None], (1 / power).astype(np.float32)))
 
 
-def is_faster(model: RowModel, channels: int) -> bool:
+def is_faster(model: RowModel, channels: int, frames: int = 1) -> bool:
     """Return whether conjugate gradients are predicted to take less time than a factorisation."""
     heights = rowwise.BLOCK * (np.arange(len(model.coupled)) - model.coupled + 1.0)
     factor = FACTOR_COST * np.square(heights).mean()
-    return bool(STEPS * channels * (STEP_COST + STEP_COST_PER_ROW * heights.mean()) < factor)
+    return bool(STEPS * channels * (STEP_COST + STEP_COST_PER_ROW * frames * heights.mean()) < factor)
 
 
 def conjugate_gradients(

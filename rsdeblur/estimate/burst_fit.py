@@ -98,18 +98,8 @@ def fit_frame(
     expected : Expected
         Expected difference.
     """
-    height, width = reference.shape
-    shift = np.zeros((height, width, 2), dtype=np.float32)
-    gain = 1.0
-    for smoothing, part in LEVELS:
-        radius = None if part is None else max(8, round(part * min(height, width)))
-        here, there = (ndimage.gaussian_filter(picture, smoothing) for picture in (reference, frame))
-        level = _Level(here, there, known, radius, 4 * np.pi * (smoothing**2 + expected.blur), shift)
-        for _ in range(STEPS):
-            gain = level.gain(shift)
-            shift = level.step(shift, gain, MOST_STEP * smoothing)
-    moved = sampled(frame, shift) / np.float32(gain)
-    misfit, slope = np.square(moved - reference), _slope(reference)
+    shift, gain = _residual_shift(frame, reference, known, expected)
+    misfit, slope = np.square(sampled(frame, shift) / np.float32(gain) - reference), _slope(reference)
     mean = _window_mean(MISFIT_RADIUS)
     share = np.maximum(mean(known), 1e-6)
     path_error = expected.path_error + SHIFT_ERROR**2
@@ -128,19 +118,52 @@ def fit_frame(
     return FrameFit(gain, shift, weights, support, max(1.0, excess))
 
 
+def _residual_shift(
+    frame: Float32Array, reference: Float32Array, known: Float32Array, expected: Expected
+) -> tuple[Float32Array, float]:
+    """Return the shift (h, w, 2) of the frame in px, and its gain."""
+    shift: Float32Array = np.zeros((1, 1, 2), dtype=np.float32)
+    gain, last = 1.0, 1
+    for smoothing, part in LEVELS:
+        # Smoothed pictures need only one pixel per standard deviation.
+        step = round(smoothing)
+        here, there = (ndimage.gaussian_filter(picture, smoothing)[::step, ::step] for picture in (reference, frame))
+        shift = _resized(shift, here.shape, step / last)
+        radius = None if part is None else round(max(8, part * min(reference.shape)) / step)
+        spread = 4 * np.pi * (smoothing**2 + expected.blur) / step**2
+        level = _Level(here, there, known[::step, ::step], radius, spread, SHIFT_DEVIATION / step, shift)
+        for _ in range(STEPS):
+            shift, gain = level.step(shift, MOST_STEP * smoothing / step)
+        last = step
+    return shift, gain
+
+
+def _resized(shift: Float32Array, shape: tuple[int, ...], step: float) -> Float32Array:
+    """Return a shift field (h, w, 2), in px of its grid, on another grid whose pixels are `step` of these long."""
+    resized = np.empty((*shape, 2), dtype=np.float32)
+    for axis in range(2):
+        ndimage.map_coordinates(
+            shift[..., axis], step * np.indices(shape), output=resized[..., axis], order=1, mode="nearest"
+        )
+    resized /= np.float32(step)
+    return resized
+
+
 class _Level:
     """One level of smoothing, with the normal equations of the shift.
 
     Parameters
     ----------
     here, there : ndarray, shape (h, w), float32
-        Reference and frame, smoothed.
+        Reference and frame, smoothed and reduced. All lengths are in px of these.
     known : ndarray, shape (h, w), float32
         See :func:`fit_frame`.
     radius : int or None
         Half width of the windows.
     spread : float
         Area over which differences are alike, px: a window counts as so many times fewer pixels.
+    deviation : float
+        Standard deviation of the shift from that of the coarser level, px.
     start : ndarray, shape (h, w, 2), float32
         Shift of the coarser level.
     """
@@ -152,25 +175,28 @@ class _Level:
         known: Float32Array,
         radius: int | None,
         spread: float,
+        deviation: float,
         start: Float32Array,
     ) -> None:
         self._here, self._there, self._known, self._start = here, there, known, start
         self._dy, self._dx = _gradient(here)
         self._mean = _window_mean(radius)
         count = here.size if radius is None else (2 * radius + 1) ** 2
-        self._per_difference = 1.0 / (max(1.0, count / spread) * SHIFT_DEVIATION**2)
+        self._per_difference = 1.0 / (max(1.0, count / spread) * deviation**2)
 
-    def gain(self, shift: Float32Array) -> float:
-        """Return the median ratio of the frame to the reference, which no moving thing can change."""
+    def _gain(self, moved: Float32Array) -> float:
+        """Return the median ratio of the shifted frame to the reference, which no moving thing can change."""
         bright = (self._known > 0) & (self._here > LEAST_BRIGHT * self._here.mean())
         if not bright.any():
             return 1.0
-        ratio = float(np.median(sampled(self._there, shift)[bright] / self._here[bright]))
+        ratio = float(np.median(moved[bright] / self._here[bright]))
         return float(np.clip(ratio, 1 / MOST_GAIN, MOST_GAIN))
 
-    def step(self, shift: Float32Array, gain: float, most: float) -> Float32Array:
-        """Return the shift after a step of Newton's method; no part of it is longer than `most`."""
-        difference = self._here - sampled(self._there, shift) / np.float32(gain)
+    def step(self, shift: Float32Array, most: float) -> tuple[Float32Array, float]:
+        """Return the shift after a step of Newton's method, no part of it longer than `most`, and the frame's gain."""
+        there = sampled(self._there, shift)
+        gain = self._gain(there)
+        difference = self._here - there / np.float32(gain)
         # Outliers, such as a thing that moves, count less.
         typical = float(np.median(np.abs(difference[self._known > 0]))) if self._known.any() else 0.0
         trust = self._known / (1.0 + np.square(difference / max(3.0 * typical, 1e-12)))
@@ -188,8 +214,7 @@ class _Level:
         xx, yy = xx + ridge, yy + ridge
         determinant = xx * yy - xy * xy
         step = np.stack([yy * x - xy * y, xx * y - xy * x], axis=-1) / determinant[..., None]
-        moved: Float32Array = shift + step.clip(-most, most).astype(np.float32)
-        return moved
+        return shift + step.clip(-most, most).astype(np.float32), gain
 
 
 def _window_mean(radius: int | None) -> Callable[[NDArray[np.floating]], NDArray[np.floating]]:

@@ -27,6 +27,8 @@ from rsdeblur.types import FloatArray
 # Steps of the fixed-point iteration from the row of a point in one frame to its row in another. The rows may be
 # hundreds apart, which takes some steps more than within a frame.
 STEPS_BETWEEN_FRAMES = FIXED_POINT_STEPS + 3
+# Rows traced at a time, which bounds the memory for their orientations.
+ROWS_TOGETHER = 64
 
 
 def burst_captures(
@@ -120,6 +122,13 @@ class Alignment:
         return BlurPaths(self._displacements(rows, cols, samples), rows, cols)
 
     def _displacements(self, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
+        paths = np.empty((len(rows), len(cols), samples, 2))
+        for first in range(0, len(rows), ROWS_TOGETHER):
+            some = slice(first, first + ROWS_TOGETHER)
+            paths[some] = self._displacements_of(rows[some], cols, samples)
+        return paths
+
+    def _displacements_of(self, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
         points = np.stack(np.meshgrid(cols, rows), axis=-1)
         pixels = self.places(points)
         opens, closes = self.capture.exposure.window(pixels[..., 1], self.capture.camera)

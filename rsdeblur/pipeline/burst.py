@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur.choices import Auto
-from rsdeblur.deconv.burst import BurstQuadratic
+from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.priors import brightness
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.check import UndershootMeter, assess, fall_back
@@ -42,8 +42,9 @@ from rsdeblur.types import Float32Array, FloatArray, FloatImage, Progress, Stage
 LEAST_SUPPORT = 0.5
 # Most frames of a burst.
 MOST_FRAMES = 64
-# Bytes that the work may use by default, and the share of them that each frame adds to those of a single picture.
-MEMORY, MEMORY_PER_FRAME = 3 << 29, 0.4
+# Bytes that the work may use by default, and the share of them that each frame adds to those of a single picture: with
+# tiles, and with the PSF of every row.
+MEMORY, MEMORY_PER_FRAME, MEMORY_PER_ROW_FRAME = 3 << 29, 0.4, 0.8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,8 +139,8 @@ def deblur_burst(
     progress : callable, optional
         Called as ``progress(stage, fraction)``.
     **options
-        Fields of :class:`rsdeblur.Options`. ``mode="rowwise"``, ``motion="small-angle"``, ``refine=True``,
-        ``saturation="auto"`` and borders other than "blend" and "periodic" are not possible. By default the work uses
+        Fields of :class:`rsdeblur.Options`. ``motion="small-angle"``, ``refine=True``, ``saturation="auto"`` and
+        borders other than "blend" and "periodic" are not possible. By default the work uses
         up to 1.5 GiB in addition to the pictures, unless ``geometry="rectify"`` or ``normalize=True`` needs the whole
         picture at once.
 
@@ -234,7 +235,6 @@ def check_burst(
         if np.shape(image) != np.shape(images[0]):
             raise InputError(f"frame {n} has shape {np.shape(image)}, frame 0 has {np.shape(images[0])}")
     unsuited = {
-        'mode="rowwise"': options.mode == "rowwise",
         'motion="small-angle"': options.motion == "small-angle",
         "refine=True": options.refine,
         'saturation="auto"': options.saturation == "auto",
@@ -253,7 +253,8 @@ def _tuning(encoded: EncodedImage, capture: Capture, options: Options) -> Tuning
     paths = tile_paths(capture, "banded", min(KERNELS, height), min(KERNELS, width), 1.0)
     noise = None if options.noise == "auto" else options.noise
     bank = PsfBank.from_paths(paths, threads=options.threads)
-    return Tuning.of(light, bank, noise=noise, one_filter=options.mode == "global")
+    mode = options.mode
+    return Tuning.of(light, bank, noise=noise, one_filter=mode == "global", continued=mode != "rowwise")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -374,7 +375,8 @@ class _Solution:
             return light
 
         whole = options.geometry == "rectify" or options.normalize
-        memory = None if whole else int((options.max_memory or MEMORY) / (1 + MEMORY_PER_FRAME * len(self.frames)))
+        each = MEMORY_PER_ROW_FRAME if options.mode == "rowwise" else MEMORY_PER_FRAME
+        memory = None if whole else int((options.max_memory or MEMORY) / (1 + each * len(self.frames)))
         solve_chunks(
             HighlightSplit(reference.encoded),
             *(out, self.banks[0], replace(options, max_memory=memory), self.together, clock),
@@ -390,19 +392,12 @@ class _Solution:
         The reference is solved alone first. Where another frame does not show its scene, the pixels of that frame are
         replaced by those that this solution predicts. So they neither help nor harm, and priors see whole pictures.
         """
-        banks = [_cut(bank, chunk) for bank in self.banks]
-        single = self.alone.plan_solver(None, banks[0], light.shape)(light, lambda share: progress(share / 3))
+        first, capture = chunk.source.start, self.frames[0].alignment.capture
+        alone = self.alone.plan_solver(capture, _cut(self.banks[0], chunk), light.shape, first)
+        single = alone(light, lambda share: progress(share / 3))
         if len(self.frames) == 1:
             return single
-        settings = self.together
-        solver = BurstQuadratic(
-            *(banks, self.shares, light.shape),
-            nsr=settings.nsr,
-            wiener=settings.weight is None,
-            border=settings.border,
-            planning=settings.planning,
-            threads=settings.threads,
-        )
+        solver = self._plan_solver(chunk, light.shape)
         lights = [light]
         for n, frame in enumerate(self.frames[1:], 1):
             shown, weights = frame.light(chunk.source)
@@ -411,7 +406,21 @@ class _Solution:
                 shown = predicted + weights[..., None] * (shown - predicted)
             lights.append(shown)
         del single
-        return solver.apply(lights, prior=settings.latent_prior, progress=lambda share: progress((1 + 2 * share) / 3))
+        return solver.apply(
+            lights, prior=self.together.latent_prior, progress=lambda share: progress((1 + 2 * share) / 3)
+        )
+
+    def _plan_solver(self, chunk: Chunk, shape: tuple[int, int, int]) -> BurstQuadratic | RowBurst:
+        """Plan the solver of all frames together for a chunk whose light has the given shape."""
+        settings = self.together
+        engine: dict[str, Any] = {name: getattr(settings, name) for name in ("nsr", "border", "planning", "threads")}
+        if settings.mode != "rowwise":
+            banks = [_cut(bank, chunk) for bank in self.banks]
+            return BurstQuadratic(banks, self.shares, shape, wiener=settings.weight is None, **engine)
+        rows = np.arange(float(chunk.source.start), float(chunk.source.stop))
+        paths = [frame.alignment.paths(rows, self.banks[0].cols) for frame in self.frames]
+        paths = [replace(path, rows=path.rows - chunk.source.start) for path in paths]
+        return RowBurst(paths, self.shares, shape, solver=settings.solver, **engine)
 
 
 def _cut(bank: PsfBank, chunk: Chunk) -> PsfBank:

@@ -47,6 +47,19 @@ def test_photos_with_json_and_weights(run, burst: Path, tmp_path: Path) -> None:
     assert "2 of 2 frames" in result.stdout
 
 
+def test_each_folder_is_a_burst_and_a_bad_one_does_not_stop_the_others(run, burst: Path, tmp_path: Path) -> None:
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    result = run("burst", empty, burst, "--prior", "wiener", "-o", tmp_path / "sharp", "--json")
+    assert result.exit_code == 3, result.output
+    failed, done = json.loads(result.stdout)["bursts"]
+    assert "empty" in failed["error"]
+    assert len(done["frames"]) == 2
+    assert read_picture(tmp_path / "sharp" / f"{burst.name}.png").pixels.shape == (96, 112, 3)
+    result = run("burst", burst, "--frames", "0:2", "-o", tmp_path / "sharp")
+    assert result.exit_code == 2
+
+
 @pytest.mark.parametrize(
     ("more", "code", "message"),
     [
@@ -55,7 +68,6 @@ def test_photos_with_json_and_weights(run, burst: Path, tmp_path: Path) -> None:
         (["--frames", "1:0"], 2, "neither a list of numbers"),
         (["--frames", "1,1"], 2, "names a frame twice"),
         (["--frames", "0:2", "--reference", "5"], 2, "is not one of --frames"),
-        (["--frames", "0:2", "--mode", "rowwise"], 1, "cannot be deblurred with mode"),
         (["--frames", "0:2", "--from", "clip.mp4"], 2, "either photos or --from"),
     ],
 )

@@ -5,9 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur import Deconvolver, GradientPrior, InputError, PsfBank, TileQuadratic
-from rsdeblur.deconv.burst import BurstQuadratic
+from rsdeblur import (
+    BlurPaths,
+    Camera,
+    Deconvolver,
+    Exposure,
+    GradientPrior,
+    InputError,
+    PsfBank,
+    RowDeconvolver,
+    TileQuadratic,
+    hand_shake,
+)
+from rsdeblur.choices import Solver
+from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
+from rsdeblur.deconv.priors import LatentPrior
 from rsdeblur.deconv.wiener import TileBlur
+from rsdeblur.motion.alignment import Alignment, burst_captures
 from rsdeblur.simulation.scene import scene
 
 SHAPE = 96, 112, 3
@@ -64,6 +78,39 @@ def test_frames_restore_what_each_has_lost(picture: np.ndarray) -> None:
     alone = [error(Deconvolver(b, SHAPE, nsr=0.01).apply(g)) for b, g in zip(banks, noisy, strict=True)]
     # Noise alone would give half; what one bar has lost, the other has kept.
     assert error(solver.apply(noisy)) < 0.5 * min(alone)
+
+
+@pytest.fixture(scope="module")
+def paths() -> list[BlurPaths]:
+    """Paths of every row of two frames, bent differently."""
+    log, camera = hand_shake(0.5, seed=4), Camera(112, 96, 130.0, readout_time=0.02)
+    captures = burst_captures(log, camera, [Exposure(0.1, 1 / 20), Exposure(0.2, 1 / 25)])
+    rows, cols = np.arange(96.0), np.array([27.0, 83.0])
+    return [Alignment(capture, captures[0]).paths(rows, cols) for capture in captures]
+
+
+@pytest.mark.parametrize("solver", ["direct", "cg"])
+@pytest.mark.parametrize("prior", [None, GradientPrior("gradient", 1e-2)], ids=["wiener", "gradient"])
+def test_rowwise_frames_add_up(picture: np.ndarray, paths: list[BlurPaths], solver: Solver, prior: LatentPrior) -> None:
+    single = RowDeconvolver(paths[0], SHAPE, solver=solver).apply(picture, prior=prior)
+    once = RowBurst(paths[:1], [1.0], SHAPE, solver=solver).apply([picture], prior=prior)
+    np.testing.assert_array_equal(once, single)
+    # float32 and, for conjugate gradients, the tolerance of the residual.
+    twice = RowBurst([paths[0], paths[0]], [0.25, 0.75], SHAPE, solver=solver).apply([picture, picture], prior=prior)
+    np.testing.assert_allclose(twice, single, atol=2e-4 if solver == "direct" else 2e-2)
+
+
+def test_rowwise_frames_restore_what_each_has_lost(picture: np.ndarray, paths: list[BlurPaths]) -> None:
+    solver = RowBurst(paths, [0.5, 0.5], SHAPE, nsr=0.003)
+    rng = np.random.default_rng(1)
+    noisy = [solver.blurred(picture, n) + rng.normal(0, 0.01, SHAPE).astype(np.float32) for n in range(2)]
+    inner = np.s_[12:-12, 12:-12]
+
+    def error(result: np.ndarray) -> float:
+        return float(np.square(result - picture)[inner].mean())
+
+    alone = [error(RowDeconvolver(p, SHAPE, nsr=0.003).apply(g)) for p, g in zip(paths, noisy, strict=True)]
+    assert error(solver.apply(noisy)) < 0.6 * min(alone)
 
 
 def test_refusals(picture: np.ndarray) -> None:
