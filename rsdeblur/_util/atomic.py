@@ -72,7 +72,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     target = _target(path)
     remove_unfinished(target)
     try:
-        with _temporary(target) as file:
+        with temporary_beside(target) as file:
             yield file
             file.flush()
             os.fsync(file.fileno())
@@ -130,8 +130,11 @@ def _mark(target: Path) -> str:
 
 
 @contextmanager
-def _temporary(target: Path) -> Iterator[BinaryIO]:
-    """Open a new locked file beside `target`, with the mode, owner and extended attributes that `target` has."""
+def temporary_beside(target: Path) -> Iterator[BinaryIO]:
+    """Open a new locked file beside `target`, with the mode, owner and extended attributes that `target` has.
+
+    It is removed at the end, or if the process is killed, by the next :func:`atomic_write` to `target`.
+    """
     while True:
         # `tempfile` would give the file a mode of its own; this one has the mode of any new file.
         path = target.with_name(f"{_mark(target)}{secrets.token_hex(8)}.part")

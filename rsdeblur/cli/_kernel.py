@@ -12,7 +12,7 @@ from click.core import ParameterSource
 
 from rsdeblur.cli._history import recorded
 from rsdeblur.cli._inputs import naming, transfer_of
-from rsdeblur.cli._options import PhotoChanges, Recording, Target, Track
+from rsdeblur.cli._options import PhotoChanges, Recording, Signing, Target, Track
 from rsdeblur.cli._photo import facts_of, nsr_of_photo
 
 if TYPE_CHECKING:
@@ -40,7 +40,13 @@ def check_sources(context: click.Context, recording: Recording, psf: Path | None
 
 
 def deconvolve_photo(
-    photo: Path, psf: Path, options: Options, changes: PhotoChanges, target: Target, move: Progress | None = None
+    photo: Path,
+    psf: Path,
+    options: Options,
+    changes: PhotoChanges,
+    signing: Signing,
+    target: Target,
+    move: Progress | None = None,
 ) -> dict[str, Any]:
     """Deblur and write one photo, or only read and check its files, and return the facts to report.
 
@@ -53,7 +59,8 @@ def deconvolve_photo(
     from rsdeblur.io.pictures import check_writable, picture_to_fill, read_picture
     from rsdeblur.pipeline.deconvolve import check_bank, deconvolve_with, mode_of
 
-    check_writable(target.output, force=target.force)
+    credentials = signing.credentials()
+    check_writable(target.output, force=target.force, signed=credentials is not None)
     in_place = options.max_memory is not None
     picture = read_picture(photo, in_place=in_place)
     pixels, bank = picture.pixels, read_psfs(psf, picture.pixels.shape)
@@ -71,7 +78,7 @@ def deconvolve_photo(
             "prior": options.prior,
             "size_px": [pixels.shape[1], pixels.shape[0]],
         }
-    picture = recorded(picture, {"photo": photo, "psf": psf}, options, {})
+    picture = recorded(picture, photo, {"psf": psf}, options, {}, credentials)
     begin = time.perf_counter()
     with (
         picture_to_fill(target.output, pixels.shape, like=picture, force=target.force, in_place=in_place) as out,

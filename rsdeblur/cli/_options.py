@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -26,6 +26,9 @@ from rsdeblur.cli._types import (
     WorkSizeType,
 )
 from rsdeblur.pipeline.options import Options
+
+if TYPE_CHECKING:
+    from rsdeblur.io.claims import Credentials
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
@@ -129,6 +132,34 @@ class PhotoChanges:
 
     work_size: int | None = None
     nsr_from_iso: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Signing:
+    """Files of a signer's certificates and private key, and the address of a timestamp server."""
+
+    sign: Path | None = None
+    sign_key: Path | None = None
+    sign_time: str | None = None
+
+    def credentials(self) -> Credentials | None:
+        """Read the signer of the results, or return None if they are not signed.
+
+        Raises
+        ------
+        click.UsageError
+            If only some of the options are given.
+        RsdeblurError
+            If the files are refused, or the extra is not installed.
+        """
+        if self == Signing():
+            return None
+        if self.sign is None or self.sign_key is None:
+            missing = "--sign" if self.sign is None else "--sign-key"
+            raise click.UsageError(f"{missing} missing: signing needs certificates, --sign, and their key, --sign-key")
+        from rsdeblur.io.claims import read_credentials
+
+        return read_credentials(self.sign, self.sign_key, timestamps=self.sign_time)
 
 
 def gathered(name: str, kind: type, options: Sequence[Decorator], members: Sequence[str] | None = None) -> Decorator:
@@ -406,6 +437,20 @@ nsr_from_iso_option = click.option(
     "--nsr-from-iso", is_flag=True, help="Derive --nsr from the picture's EXIF sensitivity: 0.01 at ISO 100."
 )
 photo_options = gathered("changes", PhotoChanges, (work_size_option, nsr_from_iso_option))
+signing_options = gathered(
+    "signing",
+    Signing,
+    (
+        click.option(
+            "--sign",
+            type=PATH,
+            metavar="PEM",
+            help="Sign the result: a C2PA manifest names the photo and the parameters. Certificates of the signer.",
+        ),
+        click.option("--sign-key", type=PATH, metavar="PEM", help="Private key for --sign."),
+        click.option("--sign-time", metavar="URL", help="Timestamp server for --sign.  [default: none]"),
+    ),
+)
 force_option = click.option("--force", is_flag=True, help="Replace files that exist.")
 dry_run_option = click.option("--dry-run", is_flag=True, help="Read and check all inputs, and write nothing.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 from rsdeblur.cli._history import recorded
 from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of, with_translation
-from rsdeblur.cli._options import PhotoChanges, Recording, Track
+from rsdeblur.cli._options import PhotoChanges, Recording, Signing, Track
 from rsdeblur.cli._output import prepare_folder
 from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
     from rsdeblur.choices import Mode
     from rsdeblur.estimate.refine import Refinement
+    from rsdeblur.io.claims import Credentials
     from rsdeblur.io.pictures import Picture
     from rsdeblur.motion.exposure import Exposure
     from rsdeblur.pipeline.options import Options
@@ -35,6 +36,7 @@ class PhotoJob:
     changes: PhotoChanges
     output: Path
     track: Track = field(default_factory=Track)
+    signing: Signing = field(default_factory=Signing)
     force: bool = False
     dry_run: bool = False
     make_folder: bool = False
@@ -54,8 +56,9 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
 
     if job.make_folder and not job.dry_run:
         prepare_folder(job.output.parent, [], force=job.force)
+    credentials = job.signing.credentials()
     if not job.make_folder or job.output.parent.is_dir():
-        check_writable(job.output, force=job.force)
+        check_writable(job.output, force=job.force, signed=credentials is not None)
     in_place = job.options.max_memory is not None
     inputs = read_inputs(job.photo, job.recording, in_place=in_place)
     job = replace(job, options=with_translation(job.options, job.track, inputs.camera, inputs.exposure))
@@ -69,7 +72,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     options = replace(job.options, transfer=transfer_of(picture, job.options.transfer))
     if job.changes.nsr_from_iso:
         options = replace(options, nsr=nsr_of_photo(job.photo, picture))
-    picture = _recorded(job, picture, exposure, options)
+    picture = _recorded(job, picture, exposure, options, credentials)
     pixels = picture.pixels
     begin = time.perf_counter()
     if job.changes.work_size is not None:
@@ -87,9 +90,11 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     return facts | ({"time_offset_s": camera.time_offset} if job.recording.start == "exif" else {})
 
 
-def _recorded(job: PhotoJob, picture: Picture, exposure: Exposure, options: Options) -> Picture:
+def _recorded(
+    job: PhotoJob, picture: Picture, exposure: Exposure, options: Options, credentials: Credentials | None
+) -> Picture:
     """Return the picture with all that its result depends on in its history."""
-    named = {"photo": job.photo, "translation": job.track.translation}
+    named = {"translation": job.track.translation}
     named |= {name: getattr(job.recording, name) for name in ("gyro", "camera", "capture")}
     values = {name: value for name, value in asdict(job.recording).items() if name not in named}
     values |= {
@@ -98,7 +103,7 @@ def _recorded(job: PhotoJob, picture: Picture, exposure: Exposure, options: Opti
         "depth": job.track.depth,
         "drift": job.track.drift,
     }
-    return recorded(picture, named, options, values)
+    return recorded(picture, job.photo, named, options, values, credentials)
 
 
 def facts_of(result: DeblurResult, output: Path, mode: Mode, prior: str, seconds: float) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._items import COLUMNS, FILES, Item, read_items
 from rsdeblur.cli._jobs import Workers, shared_threads, workers_options
-from rsdeblur.cli._options import Defaults, PhotoChanges, Target
+from rsdeblur.cli._options import Defaults, PhotoChanges, Signing, Target
 from rsdeblur.cli._output import (
     check_page,
     level,
@@ -75,6 +75,7 @@ Examples:
 )
 @_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
 @_options.photo_options
+@_options.signing_options
 @workers_options
 @_options.target_options(
     "DIR",
@@ -89,6 +90,7 @@ def command(
     numbered_from: int | None,
     options: Options,
     changes: PhotoChanges,
+    signing: Signing,
     workers: Workers,
     target: Target,
     report: Path | None,
@@ -100,6 +102,7 @@ def command(
     items = read_items(source, defaults, target.output, numbered_from=numbered_from)
     if not items:
         raise InputError(f"{source}: there is nothing to do, because no photo is listed")
+    signing.credentials()
     if report is not None:
         check_page(report, force=target.force)
     jobs, threads = shared_threads(workers.jobs, options.threads, alone=workers.scheduler is None)
@@ -108,7 +111,7 @@ def command(
     if not target.dry_run:
         prepare_folder(target.output, [TABLE, REPORT], force=target.force or records.folder.is_dir())
     with nullcontext() if target.dry_run else records.held():
-        batch = _Batch(target, replace(options, threads=threads), changes, records)
+        batch = _Batch(target, replace(options, threads=threads), changes, signing, records)
         entries = batch.run(items, jobs, workers.scheduler, limits)
         counts = Counter(entry["state"] for entry in entries)
         verdicts = Counter(entry["check"]["verdict"] for entry in entries if entry.get("check"))
@@ -135,8 +138,11 @@ def command(
 class _Batch:
     """A batch in progress."""
 
-    def __init__(self, target: Target, options: Options, changes: PhotoChanges, records: Records) -> None:
+    def __init__(
+        self, target: Target, options: Options, changes: PhotoChanges, signing: Signing, records: Records
+    ) -> None:
         self._target, self._options, self._changes, self._records = target, options, changes, records
+        self._signing = signing
         self._under_way: dict[int, PhotoJob] = {}
         self._is_remote = False
         # Folders that do not exist before their items start.
@@ -198,6 +204,7 @@ class _Batch:
             make_folder=True,
             options=self._options,
             changes=self._changes,
+            signing=self._signing,
         )
 
     def _tasks(self, items: list[Item], entries: list[dict[str, Any]]) -> Iterator[tuple[int, PhotoJob]]:
@@ -273,6 +280,9 @@ def _absolute(job: PhotoJob) -> PhotoJob:
     """Return the job with absolute paths, for workers that run in another folder."""
     files = {name: path.absolute() for name in FILES if (path := getattr(job.recording, name)) is not None}
     recording = replace(job.recording, **files)
+    names = "sign", "sign_key"
+    keys = {name: path.absolute() for name in names if (path := getattr(job.signing, name)) is not None}
+    job = replace(job, signing=replace(job.signing, **keys))
     return replace(job, photo=job.photo.absolute(), output=job.output.absolute(), recording=recording)
 
 
@@ -290,7 +300,9 @@ def _fingerprint(job: PhotoJob) -> str:
     # Any number of threads gives the same bits.
     settings = [replace(job.options, threads=None), job.changes]
     recording = {name: value for name, value in asdict(job.recording).items() if name not in FILES}
-    return fingerprint([*settings, recording], [job.photo, *(getattr(job.recording, name) for name in FILES)])
+    signer = () if job.signing.sign is None else (job.signing.sign,)
+    files = [job.photo, *(getattr(job.recording, name) for name in FILES), *signer]
+    return fingerprint([*settings, recording], files)
 
 
 def _write_table(path: Path, entries: list[dict[str, Any]]) -> None:

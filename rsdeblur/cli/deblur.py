@@ -13,7 +13,7 @@ from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import recordings_of
 from rsdeblur.cli._items import result_name
 from rsdeblur.cli._kernel import check_sources, deconvolve_photo
-from rsdeblur.cli._options import PhotoChanges, PhotoTarget, Recording, Track
+from rsdeblur.cli._options import PhotoChanges, PhotoTarget, Recording, Signing, Track
 from rsdeblur.cli._output import print_json, progress, refuse_inputs, say, say_aside
 from rsdeblur.cli._photo import PhotoJob, correction_text, deblur_photo
 from rsdeblur.errors import OutputError, RsdeblurError
@@ -43,6 +43,7 @@ SOME_FAILED = 3
 @_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
 @_options.track_options
 @_options.photo_options
+@_options.signing_options
 @_options.photo_target_options
 def command(
     photos: tuple[Path, ...],
@@ -51,6 +52,7 @@ def command(
     options: Options,
     track: Track,
     changes: PhotoChanges,
+    signing: Signing,
     target: PhotoTarget,
 ) -> None:
     """Deblur each PHOTO; metadata, colour profile and bit depth are kept.
@@ -60,13 +62,14 @@ def command(
     numbers in their names. Exit code 3: some of them failed.
     """
     check_sources(click.get_current_context(), recording, psf)
+    signing.credentials()  # Before the work, a mistake in them is an error once, not for every photo.
     outputs = _outputs(photos, target.output)
     recordings = [recording] if psf is not None else recordings_of(photos, recording)
 
     def solve(i: int) -> dict[str, Any]:
         with progress("deblur") as move:
             if psf is not None:
-                return deconvolve_photo(photos[i], psf, options, changes, target.at(outputs[i]), move)
+                return deconvolve_photo(photos[i], psf, options, changes, signing, target.at(outputs[i]), move)
             job = PhotoJob(
                 photo=photos[i],
                 recording=recordings[i],
@@ -74,6 +77,7 @@ def command(
                 changes=changes,
                 output=outputs[i],
                 track=track,
+                signing=signing,
                 force=target.force,
                 dry_run=target.dry_run,
                 make_folder=target.output is not None and len(photos) > 1,

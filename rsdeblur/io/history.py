@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import warnings
 from collections.abc import Mapping
@@ -16,6 +15,7 @@ from rsdeblur._util.files import open_file
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.io import _stamps, _xmp
 from rsdeblur.io._metadata import AGENT
+from rsdeblur.io.claims import parameters_text
 from rsdeblur.io.pictures import Picture
 
 # Bytes that are read at a time.
@@ -69,7 +69,7 @@ def with_history(picture: Picture, parameters: Mapping[str, Any]) -> Picture:
     RsdeblurWarning
         If the packet is damaged; a new one takes its place.
     """
-    text = json.dumps(parameters, sort_keys=True, separators=(",", ":"), default=str)
+    text = parameters_text(parameters)
     try:
         return replace(picture, xmp=_xmp.with_history(picture.xmp, AGENT, text, _stamps.now()))
     except ValueError as error:

@@ -30,9 +30,10 @@ from rsdeblur._util.atomic import atomic_write, check_target
 from rsdeblur._util.files import checked_path, open_file, read_file
 from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import FileFormatError, InputError, OutputError
-from rsdeblur.io import _heif, _jpeg, _metadata, _raw, _tiff, mapped, untrusted
+from rsdeblur.io import _heif, _jpeg, _metadata, _raw, _tiff, claims, mapped, untrusted
 from rsdeblur.io._encode import encode, quantised
 from rsdeblur.io._metadata import Metadata
+from rsdeblur.io.claims import Claim
 from rsdeblur.io.source import Source
 
 KINDS = {
@@ -91,6 +92,8 @@ class Picture:
         Parts of the file that a copy cannot keep, in words, such as gain maps and C2PA manifests.
     modified_ns : int, optional
         Time of the file's last change, in ns since 1970.
+    claim : Claim, optional
+        Statement of a signed manifest for results; see :func:`rsdeblur.io.claims.with_claim`.
     """
 
     pixels: NDArray[Any]
@@ -101,6 +104,7 @@ class Picture:
     iptc: bytes | None = None
     losses: tuple[str, ...] = ()
     modified_ns: int | None = None
+    claim: Claim | None = None
 
     @property
     def transfer(self) -> Literal["srgb", "linear"]:
@@ -242,8 +246,9 @@ def write_picture(
         files. C is 2 (grey and alpha), 3 or 4.
     like : Picture, optional
         Source of the bit depth (or the next lower one that the format has), of EXIF, XMP and IPTC, of the file's time,
-        and of the colour profile if it fits the number of channels. Sizes, program, date of change and the thumbnail
-        are renewed; XMP properties that belong to other parts of the original file are left out.
+        of the colour profile if it fits the number of channels, and of the claim, which is signed. Sizes, program,
+        date of change and the thumbnail are renewed; XMP properties that belong to other parts of the original file
+        are left out.
     force : bool, default False
         Replace an existing file.
     bits : {8, 16, 32}, optional
@@ -254,8 +259,10 @@ def write_picture(
     InputError
         If `image` has a wrong shape or type, or contains NaN or infinity.
     OutputError
-        If the extension is unknown, the format does not support `bits` or the size of the picture, the file exists and
-        `force` is not set, or the file cannot be written.
+        If the extension is unknown, the format does not support `bits`, the size of the picture or a claim, the file
+        exists and `force` is not set, or the file cannot be written.
+    FileFormatError
+        If the result cannot be signed; see :func:`rsdeblur.io.claims.with_claim`.
 
     Warns
     -----
@@ -272,11 +279,10 @@ def write_picture(
     (48, 64)
     """
     path = checked_path(path)
-    check_writable(path, force=force)
+    claim = None if like is None else validate.instance("like", like, Picture).claim
+    check_writable(path, force=force, signed=claim is not None)
     kind = KINDS[path.suffix.lower()]
     _check_image(image)
-    if like is not None:
-        validate.instance("like", like, Picture)
     pixels = quantised(image, _depth(path, kind, like, bits))
     if pixels.ndim == 3 and kind == "JPEG" and pixels.shape[2] in (2, 4):
         pixels = pixels[..., 0] if pixels.shape[2] == 2 else pixels[..., :3]
@@ -287,7 +293,8 @@ def write_picture(
         height, width = pixels.shape[:2]
         raise OutputError(f"{path}: cannot write {width}x{height} pixels as {kind}: {error}") from error
     with atomic_write(path) as file:
-        file.write(data)
+        with claims.signed(file, path, kind, claim) as unsigned:
+            unsigned.write(data)
         _set_time(file, like)
 
 
@@ -322,7 +329,7 @@ def picture_to_fill(
         See `write_picture`. Also refused are floats most of which would become white in a file of integers.
     """
     path = checked_path(path)
-    check_writable(path, force=force)
+    check_writable(path, force=force, signed=like.claim is not None)
     _check_range(path, like.pixels, _depth(path, KINDS[path.suffix.lower()], like, None))
     if not in_place or path.suffix.lower() not in mapped.SUFFIXES:
         pixels = np.empty(shape, like.pixels.dtype)
@@ -332,7 +339,10 @@ def picture_to_fill(
     empty = np.broadcast_to(like.pixels.dtype.type(0), shape)
     with atomic_write(path) as file:
         metadata = _metadata_for(like, empty, grey=True, is_done=False)
-        with mapped.mapped_samples(file, path.suffix.lower(), shape, like.pixels.dtype, metadata) as out:
+        with (
+            claims.signed(file, path, KINDS[path.suffix.lower()], like.claim) as unsigned,
+            mapped.mapped_samples(unsigned, path.suffix.lower(), shape, like.pixels.dtype, metadata) as out,
+        ):
             yield out
         _set_time(file, like)
 
@@ -344,7 +354,7 @@ def _set_time(file: BinaryIO, like: Picture | None) -> None:
         os.utime(file.name, ns=(time.time_ns(), like.modified_ns))
 
 
-def check_writable(path: str | os.PathLike[str], *, force: bool) -> None:
+def check_writable(path: str | os.PathLike[str], *, force: bool, signed: bool = False) -> None:
     """Check that `write_picture` can write `path`, before the work that makes the picture.
 
     Parameters
@@ -353,16 +363,20 @@ def check_writable(path: str | os.PathLike[str], *, force: bool) -> None:
         The file to be written.
     force : bool
         Whether an existing file may be replaced.
+    signed : bool, default False
+        Whether the file will be signed.
 
     Raises
     ------
     OutputError
-        If the extension is unknown, the folder is missing or not writable, `path` is a folder, a pipe or a device, or
-        it exists and `force` is not set.
+        If the extension is unknown, or `signed` and that of a format that cannot be signed; if the folder is missing
+        or not writable; or if `path` is a folder, a pipe or a device, or it exists and `force` is not set.
     """
     path = checked_path(path)
     if path.suffix.lower() not in KINDS:
         raise OutputError(f"{path}: unknown picture extension {path.suffix!r}; use one of {', '.join(KINDS)}")
+    if signed:
+        claims.check_kind(path, KINDS[path.suffix.lower()])
     check_target(path, force=force)
 
 

@@ -1,0 +1,106 @@
+"""Light below black, which no scene has: where a result contains it, the result fades towards the blurred picture.
+
+Where things move otherwise than the motion says, because they are near or move themselves, the solve leaves waves
+beside their edges. In dark surroundings the waves fall below zero, and a file would store them as black stripes. How
+far they fall, compared with the light that was recorded there, tells how little the result is worth there. The right
+motion leaves hardly any such light, so it changes hardly anything.
+"""
+
+from __future__ import annotations
+
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from rsdeblur._util.threads import share
+from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.types import FloatImage
+
+# Standard deviation of the Gaussian that the weight of the blurred picture is smooth by, in lengths of the PSF, and at
+# least in px: the waves of a wrong motion are some tenths of the PSF wide.
+SPREAD, LEAST_SPREAD = 0.15, 1.5
+# Light below black, as a share of the recorded light, from which only the blurred picture is left; and the light that
+# is added to the recorded one, so that noise in black places is no evidence. Weights up to the last number count as 0.
+MOST, DARK, LEAST = 1 / 8, 0.01, 0.02
+# Rows of cells that a thread measures at a time, and side of the tiles that it fades, px.
+ROWS, TILE = 16, 128
+
+
+def fade_undershoot(
+    sharp: FloatImage, encoded: EncodedImage, first: int, size: tuple[int, int], *, threads: int | None = None
+) -> None:
+    """Fade a result in place where it contains light below black.
+
+    Parameters
+    ----------
+    sharp : ndarray, shape (h, W, C), float32
+        Linear light of the result, not clipped.
+    encoded : EncodedImage
+        The blurred picture, shape (H, W, C).
+    first : int
+        Its row that is the first of `sharp`.
+    size : (int, int)
+        Height and width of the largest PSF, px.
+    threads : int, optional
+        Number of threads; default all processors. Any number gives the same bits.
+    """
+    spread = max(LEAST_SPREAD, SPREAD * max(size))
+    step = max(1, int(spread / 2))
+    below = _below_black(sharp, step, threads)
+    if not below.any():
+        return
+    height, width, channels = sharp.shape
+    cells = encoded.values[first : first + height : step, ::step, :channels]
+    recorded = EncodedImage(cells, encoded.transfer).linear(slice(None)).mean(axis=2)
+    near, around = (ndimage.gaussian_filter(light, spread / step, mode="nearest") for light in (below, recorded))
+    weight = np.clip(near / (MOST * (np.maximum(around, 0.0) + DARK)) - LEAST, 0.0, 1.0)
+    down, across = (_between(n, len_cells, step) for n, len_cells in zip((height, width), weight.shape, strict=True))
+    tiles = [
+        (slice(top, min(top + TILE, height)), slice(left, min(left + TILE, width)))
+        for top in range(0, height, TILE)
+        for left in range(0, width, TILE)
+    ]
+
+    def fade(_: int, n: int) -> None:
+        rows, cols = tiles[n]
+        (above, under, low), (left, right, far) = ((a[rows] for a in down), (a[cols] for a in across))
+        corners = weight[above[0] : under[-1] + 1, left[0] : right[-1] + 1]
+        if not corners.any():
+            return
+        lines = weight[above] + low[:, None] * (weight[under] - weight[above])
+        here = (lines[:, left] + far * (lines[:, right] - lines[:, left]))[..., None]
+        values = encoded.values[first + rows.start : first + rows.stop, cols]
+        part = sharp[rows, cols]
+        part += here * (EncodedImage(values, encoded.transfer).linear(slice(None)) - part)
+
+    share(fade, range(len(tiles)), threads)
+
+
+def _between(n: int, cells: int, step: int) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
+    """Return, for each of `n` pixels, the cells before and after it and how near it is to the latter, from 0 to 1."""
+    place = np.clip((np.arange(n) + 0.5) / step - 0.5, 0.0, cells - 1.0)
+    before = np.minimum(place.astype(np.intp), max(cells - 2, 0))
+    return before, np.minimum(before + 1, cells - 1), (place - before).astype(np.float32)
+
+
+def _below_black(sharp: FloatImage, step: int, threads: int | None) -> NDArray[np.float32]:
+    """Return the mean depth below zero, of the channel where it is largest, in cells of `step` x `step` px."""
+    height, width, _ = sharp.shape
+    below = np.zeros((-(-height // step), -(-width // step)), dtype=np.float32)
+    counts = np.diff([*range(0, width, step), width])
+
+    def measure(_: int, top: int) -> None:
+        rows = sharp[top * step : (top + ROWS) * step]
+        # Several times as fast as min(axis=2).
+        lowest: NDArray[np.float32] = reduce(np.minimum, np.moveaxis(rows, 2, 0))
+        depth = -np.minimum(lowest, 0.0)
+        if not depth.any():
+            return
+        tall = np.add.reduceat(depth, np.arange(0, len(depth), step), axis=0)
+        cells = np.add.reduceat(tall, np.arange(0, width, step), axis=1)
+        below[top : top + ROWS] = cells / (counts * np.diff([*range(0, len(depth), step), len(depth)])[:, None])
+
+    share(measure, range(0, len(below), ROWS), threads)
+    return below
