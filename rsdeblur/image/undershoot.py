@@ -21,15 +21,22 @@ from rsdeblur.types import FloatImage
 # Standard deviation of the Gaussian that the weight of the blurred picture is smooth by, in lengths of the PSF, and at
 # least in px: the waves of a wrong motion are some tenths of the PSF wide.
 SPREAD, LEAST_SPREAD = 0.15, 1.5
-# Light below black, as a share of the recorded light, from which only the blurred picture is left; and the light that
-# is added to the recorded one, so that noise in black places is no evidence. Weights up to the last number count as 0.
-MOST, DARK, LEAST = 1 / 8, 0.01, 0.02
+# Light below black, as a share of the recorded light, from which only the blurred picture is left; the share of the
+# picture's bright parts that is added to the recorded light, so that noise in black places is no evidence; the weight
+# that counts as 0; and the least value of bright parts.
+MOST, DARK, LEAST, LEAST_PEAK = 1 / 8, 0.01, 0.02, 1e-9
 # Rows of cells that a thread measures at a time, and side of the tiles that it fades, px.
 ROWS, TILE = 16, 128
 
 
 def fade_undershoot(
-    sharp: FloatImage, encoded: EncodedImage, first: int, size: tuple[int, int], *, threads: int | None = None
+    sharp: FloatImage,
+    encoded: EncodedImage,
+    first: int,
+    size: tuple[int, int],
+    peak: float = 1.0,
+    *,
+    threads: int | None = None,
 ) -> None:
     """Fade a result in place where it contains light below black.
 
@@ -43,6 +50,8 @@ def fade_undershoot(
         Its row that is the first of `sharp`.
     size : (int, int)
         Height and width of the largest PSF, px.
+    peak : float, default 1.0
+        Value of the picture's bright parts.
     threads : int, optional
         Number of threads; default all processors. Any number gives the same bits.
     """
@@ -55,7 +64,7 @@ def fade_undershoot(
     cells = encoded.values[first : first + height : step, ::step, :channels]
     recorded = EncodedImage(cells, encoded.transfer).linear(slice(None)).mean(axis=2)
     near, around = (ndimage.gaussian_filter(light, spread / step, mode="nearest") for light in (below, recorded))
-    weight = np.clip(near / (MOST * (np.maximum(around, 0.0) + DARK)) - LEAST, 0.0, 1.0)
+    weight = np.clip(near / (MOST * (np.maximum(around, 0.0) + DARK * max(peak, LEAST_PEAK))) - LEAST, 0.0, 1.0)
     down, across = (_between(n, len_cells, step) for n, len_cells in zip((height, width), weight.shape, strict=True))
     tiles = [
         (slice(top, min(top + TILE, height)), slice(left, min(left + TILE, width)))

@@ -14,6 +14,7 @@ from rsdeblur.estimate.strength import Tuning
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.highlights import HighlightSplit, find_spots, separate_highlights
 from rsdeblur.image.transfer import normalized
+from rsdeblur.image.undershoot import fade_undershoot
 from rsdeblur.pipeline.memory import Chunk, plan_chunks
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.settings import Solve, SolverSettings
@@ -143,6 +144,8 @@ def solve_chunks(
     finish : callable, optional
         Changes the sharp light before it is encoded.
     """
+    # Linear methods, of which the published filter is one, stay linear.
+    peak = None if options.prior in ("wiener", "gradient") else brightness(split.remainder(slice(None), 4))
     memory = None if options.max_memory is None else options.max_memory - split.nbytes
     chunks, _ = plan_chunks(bank, split.encoded.shape, settings, memory)
     for n, chunk in enumerate(chunks):
@@ -157,6 +160,8 @@ def solve_chunks(
         split.add_highlights(linear, chunk.source.start)
         if meter is not None:
             meter.after(linear[inner], chunk.target)
+        if peak is not None:
+            fade_undershoot(linear, split.encoded, chunk.source.start, bank.size, peak, threads=options.threads)
         if finish is not None:
             linear = finish(linear)
         if options.normalize:
