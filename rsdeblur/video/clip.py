@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 from rsdeblur._util.files import open_file
 from rsdeblur.errors import FileFormatError, RsdeblurWarning
+from rsdeblur.io.sessions import PHOTOS
 from rsdeblur.video._av import av
 
 # FFmpeg's names of the containers that are read. It recognises a file by its content, and reads pictures as videos too,
@@ -110,9 +111,10 @@ def open_container(path: Path) -> Any:
         # FFmpeg takes names for URLs: 10:30.mp4 has the protocol 10.
         return av.open(f"file:{os.path.abspath(path)}", options={"format_whitelist": ",".join(CONTAINERS)})
     except av.error.ArgumentError as error:
-        raise FileFormatError(
-            f"{path}: not a video in a container that is read; convert it to MP4, MOV, Matroska, WebM, AVI or MPEG-TS"
-        ) from error
+        what = "not a video in a container that is read; convert it to MP4, MOV, Matroska, WebM, AVI or MPEG-TS"
+        if path.suffix.lower() in PHOTOS:
+            what = "a picture, not a video; use rsdeblur deblur for single pictures, rsdeblur batch for many"
+        raise FileFormatError(f"{path}: {what}") from error
     except av.error.FFmpegError as error:
         raise _unreadable(path, error) from error
 
