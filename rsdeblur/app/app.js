@@ -11,7 +11,7 @@ let box = null; // left, top, width, height of the crop
 let running = false;
 let next = null; // the request that waits; a later one replaces it
 let resting = 0;
-let pace = 0; // s for the crop at full size, by the last answer
+let draftSize = 1; // index of the size of drafts in SCALES
 let started = false;
 let rest = {}; // options of the command line that have no field
 
@@ -63,8 +63,7 @@ function showValues(strength) {
 }
 
 function solve(draft) {
-  const scale = draft ? (SCALES.find((s) => pace * s * s < QUICK) ?? SCALES.at(-1)) : 1;
-  next = { scale, check: !draft };
+  next = { scale: draft ? SCALES[draftSize] : 1, check: !draft };
   if (!running) work();
 }
 
@@ -86,9 +85,16 @@ async function work() {
   running = false;
 }
 
+// Drafts get the largest size that this machine solves quickly; other sizes take other times than their areas.
+function adapt({ scale }, { seconds }) {
+  const at = SCALES.indexOf(scale);
+  if (seconds > QUICK) draftSize = Math.max(draftSize, Math.min(at + 1, SCALES.length - 1));
+  else if (at <= draftSize && seconds < QUICK / 3) draftSize = Math.max(at - 1, 0);
+}
+
 async function show(answer, request) {
   const draft = request.scale < 1;
-  pace = answer.seconds / request.scale ** 2;
+  adapt(request, answer);
   const fresh = !started || answer.size.join() !== data.size.join();
   const banks = draft && data ? data.banks : answer.banks;
   for (const [label, uri] of Object.entries(answer.pictures)) {

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.image.encoded import reduced
+from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -21,6 +22,9 @@ from rsdeblur.psf import PsfBank
 
 # px around a crop that are solved with it and not shown: as far as the blur reaches, within these bounds.
 LEAST_MARGIN, MOST_MARGIN = 16, 64
+# Least side of a tile of a reduced crop, in kernels: a tile is solved with several kernels of picture around it, so
+# smaller ones cost more than they show.
+DRAFT_TILE = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,13 +35,15 @@ class Basis:
     ----------
     strengths : Strengths
         Strengths of the solution.
-    rows_per_band, cols_per_strip : float
-        Size of a tile in px of the upright frame.
+    tile : (float, float)
+        Height and width of a tile in px of the upright frame.
+    psf : (int, int)
+        Height and width of the kernels there, px.
     """
 
     strengths: Strengths
-    rows_per_band: float
-    cols_per_strip: float
+    tile: tuple[float, float]
+    psf: tuple[int, int]
 
     @property
     def strength(self) -> tuple[str, float]:
@@ -109,8 +115,8 @@ def derive_basis(pixels: NDArray[Any], log: GyroLog, camera: Camera, exposure: E
     prepared = plan(log, camera, exposure, options).prepare(pixels)
     assert prepared.strengths is not None
     assert prepared.grid is not None
-    upright = prepared.capture.camera
-    return Basis(prepared.strengths, upright.height / len(prepared.grid.rows), upright.width / len(prepared.grid.cols))
+    upright, grid = prepared.capture.camera, prepared.grid
+    return Basis(prepared.strengths, (upright.height / len(grid.rows), upright.width / len(grid.cols)), grid.size)
 
 
 def solve_crop(
@@ -139,7 +145,8 @@ def solve_crop(
     crop : Crop
         The part, within the picture.
     scale : float, default 1.0
-        Size at which the crop is solved, at most 1: a half takes a quarter of the time or less.
+        Size at which the crop is solved, at most 1: a half takes a quarter of the time or less. Below 1, tiles have at
+        least twice the size of the kernels.
 
     Returns
     -------
@@ -147,19 +154,20 @@ def solve_crop(
         Image and coverage of the crop. The places of its PSFs count from the crop's corner in px of the whole picture;
         the check covers the surroundings too.
     """
-    reach = plan(log, camera, exposure, options).capture.probe.extent
-    margin = int(np.clip(max(reach), LEAST_MARGIN, MOST_MARGIN))
-    outer = crop.padded(margin, camera)
+    outer = crop.padded(int(np.clip(max(basis.psf) // 2, LEAST_MARGIN, MOST_MARGIN)), camera)
     part, lens = outer.cut(pixels), outer.camera(camera)
     if scale < 1.0:
         part, lens = reduced(part, lens, max(16, round(scale * max(outer.width, outer.height))))
         scale = max(lens.width, lens.height) / max(outer.width, outer.height)
-    planned = plan(log, lens, exposure, options)
-    upright = planned.capture.camera
     if options.mode == "banded":
-        bands = min(math.ceil(upright.height / (scale * basis.rows_per_band)), upright.height)
-        strips = min(math.ceil(upright.width / (scale * basis.cols_per_strip)), upright.width)
-        planned = plan(log, lens, exposure, replace(options, bands=bands, strips=strips))
+        upright = ReadoutFrame(lens).camera
+        least = DRAFT_TILE if scale < 1.0 else 0
+        bands, strips = (
+            min(math.ceil(side / (scale * max(tile, least * psf))), side)
+            for side, tile, psf in zip((upright.height, upright.width), basis.tile, basis.psf, strict=True)
+        )
+        options = replace(options, bands=bands, strips=strips)
+    planned = plan(log, lens, exposure, options)
     bank = PsfBank.from_paths(planned.tile_paths(basis.strengths.nsr), threads=options.threads)
     result = replace(planned, strengths=basis.strengths, grid=Grid.of(bank)).apply(part)
     inner = Crop(crop.left - outer.left, crop.top - outer.top, crop.width, crop.height)

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 from rsdeblur._util import ffmpeg
 from rsdeblur._util.files import open_file
 from rsdeblur.errors import FileFormatError, RsdeblurWarning
+from rsdeblur.io.sessions import PHOTOS
 from rsdeblur.video._av import av
 
 HDR_DATA = ("MASTERING_DISPLAY_METADATA", "CONTENT_LIGHT_LEVEL")
@@ -107,9 +108,10 @@ def open_container(path: Path) -> Any:
     try:
         return av.open(**ffmpeg.existing(path))
     except av.error.ArgumentError as error:
-        raise FileFormatError(
-            f"{path}: not a video in a container that is read; convert it to MP4, MOV, Matroska, WebM, AVI or MPEG-TS"
-        ) from error
+        what = "not a video in a container that is read; convert it to MP4, MOV, Matroska, WebM, AVI or MPEG-TS"
+        if path.suffix.lower() in PHOTOS:
+            what = "a picture, not a video; use rsdeblur deblur for single pictures, rsdeblur batch for many"
+        raise FileFormatError(f"{path}: {what}") from error
     except av.error.FFmpegError as error:
         raise _unreadable(path, error) from error
 

@@ -201,7 +201,7 @@ def picture(kind: str, **options: Any) -> Callable[[Path], None]:
 NO_VIDEOS: dict[str, tuple[Callable[[Path], object], str]] = {
     "m3u8": (playlist, "not a video in a container that is read"),
     "concat": (lambda path: path.write_text("ffconcat version 1.0\nfile clip.mp4\n"), "not a video in a container"),
-    "jpeg": (picture("JPEG"), "not a video in a container that is read"),
+    "jpeg": (picture("JPEG"), "a picture, not a video; use rsdeblur deblur"),
     "gif": (picture("GIF"), "not a video in a container that is read"),
     "apng": (
         picture("PNG", save_all=True, append_images=[Image.new("RGB", (WIDTH, HEIGHT), "red")]),
