@@ -10,7 +10,10 @@ import numpy as np
 
 from benchmarks.fuzz import packets, seeds
 
+TRAILER = seeds.trailer()
 LOGS = [
+    # A ring of more samples than it has room for.
+    TRAILER[:-16360] + struct.pack("<I", 10**6) + TRAILER[-16356:],
     b'[3, {"sensor": "Gyroscope", "time": "1", "x": "nan", "y": 0, "z": 0}]',
     b'{"gyro_source": {"raw_imu": [[1e30, 1, 2, 3], [2e30, 1, 2, 3]]}}',
     b'{"gyro_source": {"raw_imu": []}}',
