@@ -16,7 +16,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from benchmarks.fuzz import packets, seeds
+from benchmarks.fuzz import packets, refused, seeds
 from benchmarks.fuzz.targets import TARGETS, WRITTEN
 from rsdeblur._util.records import Records, contents
 from rsdeblur.cli._items import Item, read_items
@@ -405,6 +405,7 @@ HARNESSES: dict[str, Harness] = {
         lambda: [
             *_of(*seeds.GYRO_TABLES, "unstamped", "sensorlogger-json", "gyrodata", "zip-file", "gyroflow")(),
             *_sized(_of("sensorlogger", *VIDEO)()),
+            *refused.LOGS,
         ],
     ),
     "payloads": Harness(_payload, _payloads),
@@ -415,7 +416,7 @@ HARNESSES: dict[str, Harness] = {
     "trajectories": Harness(TARGETS["trajectory"].read, _of("trajectory")),
     "captures": Harness(
         _each(TARGETS["stamps"].read, read_captures, partial(read_captures, duration=0.01), _clocks),
-        lambda: [*_of(*seeds.CAPTURES, "gyrodata-captures")(), *CLOCKS],
+        lambda: [*_of(*seeds.CAPTURES, "gyrodata-captures")(), *CLOCKS, *refused.CAPTURES],
     ),
     "cameras": Harness(
         _each(
@@ -430,6 +431,7 @@ HARNESSES: dict[str, Harness] = {
             *_of("toml", "kalibr", "gyroflow-lens", "mars-captures", "gcsv")(),
             *_sized(_of(*VIDEO)()),
             *(seeds.jpeg(block) for block in packets.exifs()),
+            *refused.CAMERAS,
         ],
     ),
     "manifest": Harness(_manifest, _manifests),
@@ -442,7 +444,7 @@ HARNESSES: dict[str, Harness] = {
     # One in four is read as a raw file of TIFF's structure, if it is TIFF.
     "pictures": Harness(
         _renamed(TARGETS["png"].read, *["input"] * 3, "a.nef"),
-        _of("jpeg", "png", "webp", "tiff", "npy", "heic", "dng"),
+        lambda: [*_of("jpeg", "png", "webp", "tiff", "npy", "heic", "dng")(), *refused.pictures()],
     ),
-    "mapped": Harness(TARGETS["mapped"].read, _of("mapped")),
+    "mapped": Harness(TARGETS["mapped"].read, lambda: [*_of("mapped")(), *refused.arrays()]),
 }
