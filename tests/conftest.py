@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import shutil
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +21,9 @@ from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.psf import PsfBank
 from rsdeblur.report import MotionPlot, Page, band_figures, findings
+from rsdeblur.simulation import scene as scenes
 from rsdeblur.simulation.shake import hand_shake
+from rsdeblur.types import FloatImage
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -48,6 +51,22 @@ os.environ["PYTHONSAFEPATH"] = "1"
 os.environ["SOURCE_DATE_EPOCH"] = "1700000000"
 # The benchmarks are not part of the installed package; last, for the same reason.
 sys.path.append(str(Path(__file__).resolve().parents[1]))
+
+
+def _drawn_once(draw: Callable[..., FloatImage]) -> Callable[..., FloatImage]:
+    """Return `draw` with a memory: to draw a scene takes half a second, and many tests take the same scenes."""
+    remembered = functools.cache(draw)
+
+    @functools.wraps(draw)
+    def scene(*size: Any, **options: Any) -> FloatImage:
+        if {type(value) for value in (*size, *options.values())} != {int}:
+            return draw(*size, **options)
+        return remembered(*size, **options).copy()
+
+    return scene
+
+
+scenes.scene = _drawn_once(scenes.scene)
 
 
 @pytest.fixture(scope="session", autouse=True)

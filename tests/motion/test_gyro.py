@@ -48,7 +48,7 @@ class TestIntegration:
 
     @pytest.mark.parametrize("seed", range(3))
     def test_linear_rates_are_integrated_to_fourth_order(self, seed):
-        n, substeps = 12, 1000
+        n, substeps = 12, 100
         t = irregular_times(n, 0.8, seed)
         omega = np.random.default_rng(seed).uniform(-2.8, 2.8, (n, 3))
         track = track_of(t, omega)

@@ -138,10 +138,10 @@ class TestMotion:
         middle = capture.track.at(capture.mid(np.array([0.0])))[0]
         for b, y in enumerate(rows):
             for s, x in enumerate(cols):
+                point = (np.array([x, y]) - camera.principal_point) / camera.focal_length
+                direction = point if model == "none" else _undistorted(point, camera)
+                direction = np.append(direction, 1.0)[:3]
                 for t, time in enumerate(times[b]):
-                    point = (np.array([x, y]) - camera.principal_point) / camera.focal_length
-                    direction = point if model == "none" else _undistorted(point, camera)
-                    direction = np.append(direction, 1.0)[:3]
                     moved = middle @ capture.track.at(np.array(time)).T @ direction
                     plane = moved[:2] / moved[2] if model == "none" else _distorted(moved, camera)
                     q = plane * camera.focal_length + camera.principal_point
