@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
     from rsdeblur.io.pictures import Picture
 
+__all__ = ["Claim", "Credentials", "read_credentials", "with_claim"]
+
 # Media types of the formats that can be signed, and of files by the bytes that they start with.
 TYPES = {"JPEG": "image/jpeg", "PNG": "image/png", "TIFF": "image/tiff", "WebP": "image/webp"}
 MAGIC = {b"\xff\xd8\xff": "image/jpeg", b"\x89PNG\r\n\x1a\n": "image/png"}
