@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,12 +42,15 @@ class PsfBank:
         Picture rows in px, increasing, at which the kernels are exact; results are blended between them.
     cols : array_like, shape (S,)
         The same for columns.
+    displacements : array_like, shape (B, S, T, 2), optional
+        Paths that the kernels draw, see :class:`BlurPaths`. Solvers of tiles then undo the paths themselves, because
+        kernels on pixels are less accurate.
 
     Raises
     ------
     InputError
-        If a size is even, a value is not finite, a sum is not 1, or `rows` or `cols` do not match the kernels or do not
-        increase.
+        If a size is even, a value is not finite, a sum is not 1, `rows`, `cols` or `displacements` do not match the
+        kernels, or `rows` or `cols` do not increase.
 
     See Also
     --------
@@ -64,6 +67,7 @@ class PsfBank:
     kernels: NDArray[np.float32]
     rows: FloatArray
     cols: FloatArray
+    displacements: FloatArray | None = None
 
     def __post_init__(self) -> None:
         kernels = _kernels(self.kernels)
@@ -74,6 +78,8 @@ class PsfBank:
                 i = int(np.argmax(np.diff(centres) <= 0))
                 raise InputError(f"{name} must increase, got {centres[i]:g} before {centres[i + 1]:g}")
             object.__setattr__(self, name, centres)
+        if self.displacements is not None:
+            object.__setattr__(self, "displacements", _paths_within(self.displacements, kernels))
 
     @classmethod
     def from_paths(cls, paths: BlurPaths, *, threads: int | None = None) -> PsfBank:
@@ -98,7 +104,7 @@ class PsfBank:
         bands, strips, samples, _ = paths.displacements.shape
         flat = np.ascontiguousarray(paths.displacements.reshape(bands * strips, samples, 2))
         kernels = rasterize(flat, half_height, half_width, threads)
-        return cls(kernels.reshape(bands, strips, *kernels.shape[1:]), paths.rows, paths.cols)
+        return cls(kernels.reshape(bands, strips, *kernels.shape[1:]), paths.rows, paths.cols, paths.displacements)
 
     @classmethod
     def for_picture(cls, kernels: ArrayLike, shape: tuple[int, ...]) -> PsfBank:
@@ -182,7 +188,7 @@ class PsfBank:
             Height and width of the kernels in px, odd, at least their own.
         """
         down, across = ((n - own) // 2 for n, own in zip(size, self.size, strict=True))
-        return PsfBank(np.pad(self.kernels, ((0, 0), (0, 0), (down, down), (across, across))), self.rows, self.cols)
+        return replace(self, kernels=np.pad(self.kernels, ((0, 0), (0, 0), (down, down), (across, across))))
 
     def cut(self, rows: slice, cols: slice) -> PsfBank:
         """Return the bank of the kernels that affect a part of the picture.
@@ -206,7 +212,9 @@ class PsfBank:
             )
             for centres, part in ((self.rows, rows), (self.cols, cols))
         )
-        return PsfBank(self.kernels[bands, strips], self.rows[bands], self.cols[strips])
+        paths = self.displacements
+        paths = None if paths is None else paths[bands, strips]
+        return PsfBank(self.kernels[bands, strips], self.rows[bands], self.cols[strips], paths)
 
     def turned(self, height: int) -> PsfBank:
         """Return the bank of the picture turned a quarter counter-clockwise (`numpy.rot90(picture)`).
@@ -223,7 +231,11 @@ class PsfBank:
         """
         height = validate.count("height", height, maximum=validate.MOST_VALUES)
         kernels = np.rot90(np.rot90(self.kernels, axes=(0, 1)), axes=(2, 3))
-        return PsfBank(kernels, (height - 1 - self.cols)[::-1], self.rows)
+        paths = self.displacements
+        if paths is not None:
+            # A step to the right becomes one upwards, a step down one to the right.
+            paths = np.rot90(paths, axes=(0, 1))[..., ::-1] * (1, -1)
+        return PsfBank(kernels, (height - 1 - self.cols)[::-1], self.rows, paths)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the bank as a compressed NumPy archive; the file is replaced atomically.
@@ -238,8 +250,9 @@ class PsfBank:
         OutputError
             If the file cannot be written.
         """
+        arrays = {field.name: getattr(self, field.name) for field in fields(self)}
         with atomic_write(path) as file:
-            np.savez_compressed(file, kernels=self.kernels, rows=self.rows, cols=self.cols)
+            np.savez_compressed(file, **{name: array for name, array in arrays.items() if array is not None})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> PsfBank:
@@ -263,7 +276,7 @@ class PsfBank:
         with open_file(path, "PSF bank") as file:
             try:
                 with np.load(file, allow_pickle=False) as archive:
-                    return cls(archive["kernels"], archive["rows"], archive["cols"])
+                    return cls(archive["kernels"], archive["rows"], archive["cols"], archive.get("displacements"))
             except Exception as error:  # zipfile, zlib and NumPy's header parser raise many kinds on damaged files
                 raise FileFormatError(f"{path}: not a PSF bank: {error}") from error
 
@@ -303,3 +316,16 @@ def _kernels(value: ArrayLike) -> NDArray[np.float32]:
     kernels /= sums[..., None, None].astype(np.float32)
     kernels.setflags(write=False)
     return kernels
+
+
+def _paths_within(value: ArrayLike, kernels: NDArray[np.float32]) -> FloatArray:
+    paths = validate.real_array("displacements", value)
+    bands, strips, height, width = kernels.shape
+    if paths.ndim != 4 or paths.shape[:2] != (bands, strips) or paths.shape[2] < 2 or paths.shape[3] != 2:
+        raise InputError(
+            f"displacements must have shape (B, S, T, 2) for {bands} x {strips} kernels and T >= 2 times, "
+            f"got {paths.shape}"
+        )
+    if (np.abs(paths).max(axis=(0, 1, 2)) > (width // 2, height // 2)).any():
+        raise InputError("displacements must lie within the kernels that draw them")
+    return paths

@@ -3,9 +3,9 @@
 Row y of the recorded picture is the gather `g(p) = mean_t u(p - d(y, t))` over the path of row y. Transformed along x,
 where the blur of a strip does not change, it is a sum over latent rows j for each frequency k:
 
-    G[y] = sum_j A[y, j] U[j],    A[y, j] = mean_t hat(y - d_y(y, t) - j) exp(-2 pi i k d_x(y, t) / N)
+    G[y] = sum_j A[y, j] U[j],    A[y, j] = mean_t w(y - d_y(y, t) - j) exp(-2 pi i k d_x(y, t) / N)
 
-where hat is linear interpolation between rows; between columns, too, PSFs are drawn by linear interpolation. Row y
+where w interpolates between rows by a windowed sinc; between columns, PSFs are drawn with the same window. Row y
 touches only the rows that its own path visits. Some of them lie beyond the frame, so the latent picture is taller than
 the recorded one, and nothing wraps around in y.
 """
@@ -27,8 +27,8 @@ from rsdeblur.deconv.rowwise_spectra import RowSpectra
 from rsdeblur.deconv.tiling import Tile, hat_weights
 from rsdeblur.errors import InputError
 from rsdeblur.kernels import rowwise
-from rsdeblur.kernels.raster import rasterize
 from rsdeblur.kernels.rowwise import BLOCK, RowModel
+from rsdeblur.kernels.spread import SINC_WIDTH, WIDTH, interpolated
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.types import Float32Array, FloatArray
 
@@ -261,8 +261,9 @@ def latent_rows(*frames: BlurPaths) -> tuple[int, int]:
         if not np.array_equal(rows, np.arange(len(rows))):
             raise InputError("paths must be those of every row of the picture; trace them with BlurPaths.every_row")
         visited = rows[:, None, None] - paths.displacements[..., 1]
-        top = min(top, int(np.floor(visited.min())) - 1)
-        end = max(end, len(rows), int(np.floor(visited.max())) + 3)
+        # The interpolating window, and a row more, into which rounding may lead a path.
+        top = min(top, int(np.floor(visited.min())) - SINC_WIDTH // 2)
+        end = max(end, len(rows), int(np.floor(visited.max())) + SINC_WIDTH // 2 + 2)
     return top, -(-(end - top) // BLOCK) * BLOCK
 
 
@@ -273,10 +274,10 @@ def _draw(
     # Rectifying puts paths far from zero, so each is drawn around the pixel nearest to its own centre.
     centres = np.round((paths.max(axis=1) + paths.min(axis=1)) / 2)
     local = np.ascontiguousarray(paths - centres[:, None])
-    half_width, half_height = (int(np.floor(reach)) + 1 for reach in np.abs(local).max(axis=(0, 1)))
+    half_width, half_height = (int(np.ceil(reach)) + WIDTH // 2 for reach in np.abs(local).max(axis=(0, 1)))
     taps = []
     for top in range(0, len(paths), ROWS_TOGETHER):
-        kernels = rasterize(local[top : top + ROWS_TOGETHER], half_height, half_width, threads)
+        kernels = interpolated(local[top : top + ROWS_TOGETHER], half_height, half_width, threads)
         row, i, j = np.nonzero(kernels)
         across, down = centres[top + row].astype(np.intp).T
         taps.append((top + row, down + i - half_height, across + j - half_width, kernels[row, i, j]))

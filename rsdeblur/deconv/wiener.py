@@ -17,8 +17,9 @@ from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import BORDERS, PLANNINGS, Border, Planning
-from rsdeblur.deconv.fft import LineTransform, RowTransform, remember
+from rsdeblur.deconv.fft import remember
 from rsdeblur.deconv.hybrid import Hybrid
+from rsdeblur.deconv.otf import COLUMNS, OtfPlanner
 from rsdeblur.deconv.tiling import Tiling
 from rsdeblur.errors import InputError
 from rsdeblur.psf import PsfBank
@@ -95,9 +96,7 @@ class TileFilter:
             8 * tiles * self._hybrid.padded_frequencies * self._bands.length,
             height * width,
         )
-        self._planners = [
-            _OtfPlanner(bank.size[0], self._bands.length, self._strips.length) for _ in range(min(threads, tiles))
-        ]
+        self._planners = [OtfPlanner(bank.size, (self._bands.length, self._strips.length)) for _ in range(threads)]
         self._centres, self._kernel_size = (bank.rows, bank.cols), bank.size
         self._copy: NDArray[np.float32] | None = None
         # The inverse transforms are not scaled, so every filter contains this factor.
@@ -203,11 +202,21 @@ class TileFilter:
 
     def _fill_otfs(self, bank: PsfBank, out: ComplexArray) -> None:
         """Fill `out` with the OTFs of all tiles."""
+        blocks = range(0, self._hybrid.frequencies, COLUMNS)
 
         def plan(thread: int, s: int, b: int) -> None:
-            self._planners[thread].plan(bank.kernels[b, s], out[s, b, : self._hybrid.frequencies])
+            planner, otf = self._planners[thread], out[s, b, : self._hybrid.frequencies]
+            spectrum = planner.rows(bank, b, s)
+            for first in blocks:
+                planner.columns(bank, spectrum, first, otf)
 
-        self._share_tiles(plan)
+        if len(out) * out.shape[1] > 1:
+            self._share_tiles(plan)
+            return
+        spectrum, otf = self._planners[0].rows(bank, 0, 0), out[0, 0, : self._hybrid.frequencies]
+        self._hybrid.team.share(
+            lambda thread, first: self._planners[thread].columns(bank, spectrum, first, otf), blocks
+        )
 
     def _share_tiles(self, work: Callable[[int, int, int], None]) -> None:
         """Call `work(thread, s, b)` for every strip s and band b, shared by the threads."""
@@ -366,29 +375,6 @@ def _wiener(otf: ComplexArray, nsr: np.float32, scale: np.float32) -> None:
     np.divide(scale, gain, out=gain)
     np.conjugate(otf, out=otf)
     otf *= gain
-
-
-class _OtfPlanner:
-    """Transforms kernels into OTFs, column by column."""
-
-    def __init__(self, kernel_height: int, slab_length: int, row_length: int) -> None:
-        self._rows = RowTransform((kernel_height, row_length))
-        self._columns = LineTransform((row_length // 2 + 1, slab_length))
-
-    def plan(self, kernel: NDArray[np.float32], out: ComplexArray) -> None:
-        """Fill `out` (K, L) with the OTF of `kernel`."""
-        # The kernel's centre goes to the origin; the rows and columns before it wrap around to the end.
-        down, across = (
-            (np.arange(n) - n // 2) % length
-            for n, length in zip(kernel.shape, (self._columns.data.shape[1], self._rows.real.shape[1]), strict=True)
-        )
-        self._rows.real[...] = 0
-        self._rows.real[: len(down), across] = kernel
-        self._rows.forward()
-        self._columns.data[...] = 0
-        self._columns.data[:, down] = self._rows.spectrum[: len(down)].T
-        self._columns.forward()
-        out[...] = self._columns.data
 
 
 def _check_fit(bank: PsfBank, height: int, width: int) -> None:

@@ -29,6 +29,7 @@ from scipy import fft
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Prior
+from rsdeblur.deconv.otf import OtfPlanner
 from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.wavelet import MOST_VARIANCE, Factors, WaveletPrior, frame_responses
 from rsdeblur.estimate.noise import gradient_energy, noise_level
@@ -41,7 +42,7 @@ from rsdeblur.types import FloatArray
 FINE_NOISE = 4.0
 # Softness of a sharp picture (lens, area of the pixels, demosaicing): standard deviation in px.
 LENS = 0.75
-# Errors of the paths: in px, from interpolation between tiles and within kernels, the same for any blur; and as a
+# Errors of the paths: in px, from interpolation between tiles and from the recording, the same for any blur; and as a
 # share of the PSF's radius, from focal length, time offset and rates.
 PATH_ERROR, PATH_ERROR_SHARE = 0.12, 0.005
 # The same share where frames of a burst are weighed against each other: real motion errs by that much, and an error
@@ -345,8 +346,8 @@ class Spectra:
         """Return the spectra of a few kernels that are spread over the bank; `one_filter` undoes the middle one."""
         side = fft.next_fast_len(max(128, *(n + n // 2 for n in bank.size)))
         rows, cols = (np.unique(np.linspace(0, n - 1, KERNELS).astype(int)) for n in bank.kernels.shape[:2])
-        kernels = bank.kernels[np.ix_(rows, cols)].reshape(-1, *bank.size)
-        otfs = [fft.fft2(kernel, (side, side)) for kernel in kernels]
+        planner = OtfPlanner(bank.size, (side, side))
+        otfs = [planner.whole(bank, b, s) for b in rows for s in cols]
         power = undone = match = np.mean([np.square(np.abs(otf)) for otf in otfs], axis=0)
         if one_filter:
             middle = otfs[len(otfs) // 2]

@@ -268,9 +268,9 @@ class _Box:
         return lost, numbers
 
     def blur(self, threads: int | None) -> TileBlur:
-        """Return the planned blur in the box."""
+        """Return the planned blur in the box, with kernels on pixels, which unlike paths are never negative."""
         bank = self.bank.cut(self.rows, self.cols)
-        bank = replace(bank, rows=bank.rows - self.rows.start, cols=bank.cols - self.cols.start)
+        bank = PsfBank(bank.kernels, bank.rows - self.rows.start, bank.cols - self.cols.start)
         return TileBlur(bank, (*self.shape, self.encoded.shape[2]), threads=threads)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,13 +12,16 @@ from rsdeblur.types import FloatArray
 
 # Rows mapped at a time, which bounds the memory for the float64 coordinates to some MB.
 CHUNK = 64
+# Order of the interpolating splines. Cubic ones cost pixel-sharp pictures 0.4 dB more, windowed sincs of 6 and 8 pixels
+# 0.3 to 1 dB (three simulated captures).
+ORDER: Final = 5
 
 
 def rectify(image: NDArray[np.float32], capture: Capture) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Return a sharp rolling-shutter picture resampled to one time, the mid-exposure of the middle row.
 
     Output pixel p shows the direction `C(ref)^T K^-1 p`; the rolling-shutter picture shows that direction at
-    `q = K C(mid(q_y)) C(ref)^T K^-1 p`, a fixed point in q_y. Values at q come from cubic spline interpolation.
+    `q = K C(mid(q_y)) C(ref)^T K^-1 p`, a fixed point in q_y. Values at q come from interpolation by quintic splines.
 
     Parameters
     ----------
@@ -35,7 +40,7 @@ def rectify(image: NDArray[np.float32], capture: Capture) -> tuple[NDArray[np.fl
     from scipy import ndimage  # imported here: it takes 0.2 s, which geometry="keep" need not spend
 
     height, width, channels = image.shape
-    splines = [ndimage.spline_filter(image[..., c], 3, output=np.float32, mode="mirror") for c in range(channels)]
+    splines = [ndimage.spline_filter(image[..., c], ORDER, output=np.float32, mode="mirror") for c in range(channels)]
     out = np.empty_like(image)
     coverage = np.empty((height, width), dtype=np.bool_)
     for top in range(0, height, CHUNK):
@@ -46,7 +51,7 @@ def rectify(image: NDArray[np.float32], capture: Capture) -> tuple[NDArray[np.fl
         coordinates = [y.clip(0, height - 1), x.clip(0, width - 1)]
         for c in range(channels):
             ndimage.map_coordinates(
-                splines[c], coordinates, output=out[rows, :, c], order=3, mode="mirror", prefilter=False
+                splines[c], coordinates, output=out[rows, :, c], order=ORDER, mode="mirror", prefilter=False
             )
     return out, coverage
 

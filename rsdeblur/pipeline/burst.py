@@ -426,7 +426,9 @@ class _Solution:
 def _cut(bank: PsfBank, chunk: Chunk) -> PsfBank:
     """Return the PSFs of a bank at the places of a chunk, counted from its first row."""
     first = int(np.searchsorted(bank.rows, chunk.bank.rows[0] + chunk.source.start - 0.5))
-    return PsfBank(bank.kernels[first : first + len(chunk.bank.rows)], chunk.bank.rows, chunk.bank.cols)
+    part, paths = slice(first, first + len(chunk.bank.rows)), bank.displacements
+    paths = None if paths is None else paths[part]
+    return PsfBank(bank.kernels[part], chunk.bank.rows, chunk.bank.cols, paths)
 
 
 def _banks(frames: Sequence[BurstFrame], rows: FloatArray, cols: FloatArray) -> tuple[PsfBank, ...]:

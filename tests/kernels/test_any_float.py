@@ -95,6 +95,8 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "columns_to_rows": lambda h: [h.pairs(3, 16, 9), h.pairs(3, 9, 30), 2, 5],
     "cut_lines": lambda h: [h.pairs(3, 16, 9), 7, 1, h(4), True, h.pairs(3, 16, 12)],
     "rasterize": lambda h: [h(7, 5, 2, dtype=np.float64), 4, 6],
+    "spread": lambda h: [h(7, 2, dtype=np.float64), (1.25, 1.5), h(21, 15, dtype=np.float64)],
+    "interpolated": lambda h: [h(7, 5, 2, dtype=np.float64), 8, 9],
     "responses": lambda h: [h.pairs(5, 6), h(5), h(6), h.number(), h.number(), h.number(), False, h.pairs(5, 6)],
     "spectra_to_lanes": lambda h: [h.pairs(2, 5, 20), 3, h(2, 2, 7, 2, LANES), 1],
     "lanes_to_spectra": lambda h: [h(2, 2, 7, 2, LANES), 1, h.pairs(2, 5, 20), 3],

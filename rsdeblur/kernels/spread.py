@@ -1,0 +1,185 @@
+"""Spreading paths over a grid by a smooth window: the Numba kernels and their NumPy twins.
+
+There are two windows. One interpolates between pixels. The other is for exact spectra: the spectrum of the grid is that
+of the path times that of the window, plus aliases that the window keeps small. Divided by the window's spectrum it is a
+non-uniform Fourier transform of the path [1]_. All segments between two samples have the same energy, spread evenly
+over time; Gauss points integrate them.
+
+.. [1] A. Dutt and V. Rokhlin, "Fast Fourier transforms for nonequispaced data", SIAM J. Sci. Comput. 14, 1993.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rsdeblur._util.threads import share_range
+from rsdeblur.kernels._jit import njit
+from rsdeblur.kernels.raster import GAUSS_HIGH, GAUSS_LOW
+from rsdeblur.types import FloatArray
+
+# Grid points per px along each axis at least, and grid points that the window covers. With these the aliases are below
+# 2e-4 of the OTF's largest value.
+OVERSAMPLING, WIDTH = 1.25, 8
+# Shape of the Kaiser-Bessel window with the smallest aliases (Beatty et al., IEEE Trans. Med. Imaging 24, 2005).
+SHAPE = math.pi * ((WIDTH / OVERSAMPLING) ** 2 * (OVERSAMPLING - 0.5) ** 2 - 0.8) ** 0.5
+# Pixels that the interpolating window covers, and its shape: amplitudes err by 0.1 % at a quarter of the highest
+# frequency and by 1 % at half of it, where linear interpolation errs by 6 and 21 %.
+SINC_WIDTH, SINC_SHAPE = 6, 5.0
+# Entries of the window's table per grid point; linear interpolation between them has an error of at most 1e-6.
+STEPS = 512
+# Longest part of a segment, in grid points along one axis, that two Gauss points integrate. The error of the highest
+# frequency along the axis is below 2e-4.
+MOST_STEP = 0.35
+
+
+def _window_table() -> FloatArray:
+    """Return the window at distances from 0 to half its width, where it is zero, and one step more."""
+    distance = np.arange(STEPS * WIDTH // 2) / (STEPS * WIDTH // 2)
+    return np.append(np.i0(SHAPE * np.sqrt(1 - distance**2)) / np.i0(SHAPE), [0.0, 0.0])
+
+
+def window_spectrum(turns: FloatArray) -> FloatArray:
+    """Return the spectrum of the window sampled at grid points; frequencies are in turns per grid point."""
+    distance = np.arange(1, WIDTH // 2 + 1)
+    spectrum: FloatArray = 1.0 + 2.0 * np.cos(2 * np.pi * np.multiply.outer(turns, distance)) @ _TABLE[distance * STEPS]
+    return spectrum
+
+
+def _sinc_table() -> FloatArray:
+    """Return the Kaiser-windowed sinc at the same distances."""
+    distance = np.arange(STEPS * WIDTH // 2 + 2) / STEPS
+    inside = np.clip(1 - (2 * distance / SINC_WIDTH) ** 2, 0, None)
+    table: FloatArray = np.sinc(distance) * np.i0(SINC_SHAPE * np.sqrt(inside)) / np.i0(SINC_SHAPE) * (inside > 0)
+    table[STEPS::STEPS] = 0.0  # zeros of the sinc, without rounding
+    return table
+
+
+_TABLE, _SINC = _window_table(), _sinc_table()
+
+
+@njit(nogil=True, error_model="numpy", inline="always")
+def _weigh(position, table, weights):
+    """Fill the weights of the grid points around a position; return the first of them."""
+    first = int(position) - WIDTH // 2 + 1
+    for i in range(WIDTH):
+        place = abs(first + i - position) * STEPS
+        n = int(place)
+        weights[i] = table[n] + (place - n) * (table[n + 1] - table[n])
+    return first
+
+
+@njit(nogil=True, error_model="numpy")
+def _spread(path, down, across, table, grid):
+    centre_y, centre_x = grid.shape[0] // 2, grid.shape[1] // 2
+    in_y, in_x = np.empty(WIDTH), np.empty(WIDTH)
+    segments = path.shape[0] - 1
+    for k in range(segments):
+        x0, y0 = path[k, 0] * across + centre_x, path[k, 1] * down + centre_y
+        vx, vy = path[k + 1, 0] * across + centre_x - x0, path[k + 1, 1] * down + centre_y - y0
+        parts = max(int(np.ceil(max(abs(vx), abs(vy)) / MOST_STEP)), 1)
+        energy = 0.5 / (parts * segments)
+        for point in range(2 * parts):
+            t = (point // 2 + (GAUSS_HIGH if point % 2 else GAUSS_LOW)) / parts
+            first_y, first_x = _weigh(y0 + t * vy, table, in_y), _weigh(x0 + t * vx, table, in_x)
+            for i in range(WIDTH):
+                of_row = energy * in_y[i]
+                for j in range(WIDTH):
+                    grid[first_y + i, first_x + j] += of_row * in_x[j]
+
+
+@njit(nogil=True, error_model="numpy")
+def _interpolate(first, stop, paths, table, kernels):
+    for n in range(first, stop):
+        kernel = np.zeros(kernels.shape[1:])
+        _spread(paths[n], 1.0, 1.0, table, kernel)
+        total = kernel.sum()
+        for i in range(kernel.shape[0]):
+            for j in range(kernel.shape[1]):
+                kernels[n, i, j] = kernel[i, j] / total
+
+
+def interpolated(
+    paths: NDArray[np.float64], half_height: int, half_width: int, threads: int | None = None
+) -> NDArray[np.float32]:
+    """Return the kernels of paths, drawn on pixels by the interpolating window.
+
+    Parameters
+    ----------
+    paths : ndarray, shape (N, T, 2), C-contiguous
+        Displacements (x, y) in px at T >= 2 evenly spaced times.
+    half_height, half_width : int
+        Distances in px from the centre to the border, 4 px more than the largest displacements.
+    threads : int, optional
+        Number of threads that share the paths; default all processors. Any number gives the same bits.
+
+    Returns
+    -------
+    ndarray, shape (N, 2 half_height + 1, 2 half_width + 1)
+        Kernels that sum to 1, with some negative values; NaN where a displacement is not within these bounds.
+    """
+    kernels = np.full((len(paths), 2 * half_height + 1, 2 * half_width + 1), np.nan, dtype=np.float32)
+    if _fits(paths, (1.0, 1.0), kernels[0]):
+        share_range(lambda first, stop: _interpolate(first, stop, paths, _SINC, kernels), len(paths), threads)
+    return kernels
+
+
+def interpolated_numpy(paths: NDArray[np.float64], half_height: int, half_width: int) -> NDArray[np.float32]:
+    """Readable twin of :func:`interpolated`."""
+    grids = np.full((len(paths), 2 * half_height + 1, 2 * half_width + 1), np.nan)
+    if _fits(paths, (1.0, 1.0), grids[0]):
+        grids[...] = 0
+        for path, grid in zip(paths, grids, strict=True):
+            _spread_numpy(path, (1.0, 1.0), _SINC, grid)
+    kernels: NDArray[np.float32] = (grids / grids.sum(axis=(1, 2), keepdims=True)).astype(np.float32)
+    return kernels
+
+
+def spread(path: NDArray[np.float64], pitches: tuple[float, float], grid: FloatArray) -> None:
+    """Spread a path of unit energy over a grid.
+
+    Parameters
+    ----------
+    path : ndarray, shape (T, 2)
+        Displacements (x, y) in px at T >= 2 evenly spaced times.
+    pitches : (float, float)
+        Grid points per px along y and x.
+    grid : ndarray, shape (n, m)
+        Output, of odd size, with no displacement at the centre; NaN if a displacement is less than half a window from
+        the border, or is NaN.
+    """
+    grid[...] = 0 if _fits(path, pitches, grid) else np.nan
+    if grid[0, 0] == 0:
+        _spread(path, *pitches, _TABLE, grid)
+
+
+def spread_numpy(path: NDArray[np.float64], pitches: tuple[float, float], grid: FloatArray) -> None:
+    """Readable twin of :func:`spread`: first all Gauss points, then a weighted histogram."""
+    grid[...] = 0 if _fits(path, pitches, grid) else np.nan
+    if grid[0, 0] == 0:
+        _spread_numpy(path, pitches, _TABLE, grid)
+
+
+def _spread_numpy(path: NDArray[np.float64], pitches: tuple[float, float], table: FloatArray, grid: FloatArray) -> None:
+    scaled = path * pitches[::-1]
+    steps = np.diff(scaled, axis=0)
+    parts = np.maximum(np.ceil(np.abs(steps).max(axis=1) / MOST_STEP), 1).astype(int)
+    segment = np.repeat(np.arange(len(steps)), parts)
+    part = np.arange(len(segment)) - np.repeat(np.cumsum(parts) - parts, parts)
+    for gauss in (GAUSS_LOW, GAUSS_HIGH):
+        at = scaled[segment] + ((part + gauss) / parts[segment])[:, None] * steps[segment]
+        first = np.floor(at).astype(int) - WIDTH // 2 + 1
+        place = first[..., None] + np.arange(WIDTH)
+        in_x, in_y = np.moveaxis(np.interp(np.abs(place - at[..., None]) * STEPS, np.arange(len(table)), table), 1, 0)
+        x, y = np.moveaxis(place, 1, 0)
+        energy = 0.5 / parts[segment] / len(steps)
+        at_points = y[:, :, None] + grid.shape[0] // 2, x[:, None] + grid.shape[1] // 2
+        np.add.at(grid, at_points, energy[:, None, None] * in_y[:, :, None] * in_x[:, None])
+
+
+def _fits(path: NDArray[np.float64], pitches: tuple[float, float], grid: FloatArray) -> bool:
+    """Return whether the grid holds the path with the window around it."""
+    down, across = ((n - 1 - WIDTH) / 2 / pitch for n, pitch in zip(grid.shape, pitches, strict=True))
+    return bool((np.abs(path) <= (across, down)).all())
