@@ -86,7 +86,7 @@ LINEAR: dict[str, dict[str, Any]] = {
 
 
 def solved(capture: Taken, image: np.ndarray[Any, Any], **options: Any) -> np.ndarray[Any, Any]:
-    return deblur(image, *capture.parts, bands=3, strips=2, **options).image
+    return deblur(image, *capture.parts, bands=3, strips=2, check=False, **options).image
 
 
 @several
@@ -110,7 +110,7 @@ def test_an_even_picture_stays_as_it_is(capture: Taken, mode: str, prior: str, l
 @given(captures())
 def test_the_mean_is_kept_where_the_picture_repeats(capture: Taken) -> None:
     image = capture.noise()
-    sharp = deblur(image, *capture.parts, mode="global", nsr=0.02, border="periodic").image
+    sharp = deblur(image, *capture.parts, mode="global", nsr=0.02, border="periodic", check=False).image
     assert abs(float(sharp.mean(dtype=np.float64) - image.mean(dtype=np.float64))) < 1e-6
 
 
@@ -186,7 +186,7 @@ def test_psfs_of_a_mirrored_camera_are_mirrored(capture: Taken, axis: int) -> No
 @given(captures(), st.sampled_from([0, 1]))
 def test_a_mirrored_picture_is_deblurred_into_its_mirror_image(capture: Taken, axis: int) -> None:
     image = capture.noise()
-    options = {"mode": "global", "nsr": 0.02, "border": "periodic"}
+    options = {"mode": "global", "nsr": 0.02, "border": "periodic", "check": False}
     sharp = deblur(image, *capture.parts, **options).image
     mirror = deblur(np.flip(image, axis), *mirrored(capture, axis).parts, **options).image
     # As in test_linear_in_the_picture: roundings of float32, times a gain of 3.5.
@@ -225,11 +225,11 @@ import sys
 import numpy as np
 from rsdeblur import Camera, Exposure, deblur
 from rsdeblur.simulation.shake import hand_shake
-image = np.random.default_rng(0).random((47, 53, 3), dtype=np.float32)
-log, camera = hand_shake(0.2, strength=0.5, seed=3), Camera(53, 47, 60.0, readout_time=0.03)
+image = np.random.default_rng(0).random((31, 37, 3), dtype=np.float32)
+log, camera = hand_shake(0.2, strength=0.5, seed=3), Camera(37, 31, 60.0, readout_time=0.03)
 np.savez(sys.argv[1], **{
     f"{mode} {prior}": deblur(image, log, camera, Exposure(0.05, 0.02), mode=mode, prior=prior, nsr=0.02,
-                              weight=0.01, bands=3, strips=2).image
+                              weight=0.01, bands=3, strips=2, check=False).image
     for mode in ("global", "banded", "rowwise") for prior in ("wiener", "tv")
 })
 """

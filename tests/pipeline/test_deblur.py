@@ -17,8 +17,9 @@ from rsdeblur.pipeline.deblur import psfs
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 
-# The published method's filter unless a test says otherwise: fast, and linear in the picture.
-deblur = partial(rsdeblur.deblur, prior="wiener")
+# Unless a test says otherwise: the published method's filter, which is fast and linear in the picture, and no check,
+# which changes no picture and has its own tests.
+deblur = partial(rsdeblur.deblur, prior="wiener", check=False)
 
 EXPOSURE = Exposure(0.05, 0.025)
 CAMERA = Camera(192, 160, 210.0, readout_time=0.03)
@@ -59,13 +60,14 @@ def test_rowwise_beats_banded(capture: Simulation, log: GyroLog) -> None:
 
 
 def test_rowwise_reports_its_rows(capture: Simulation, log: GyroLog) -> None:
-    result = deblur(capture.blurred, log, CAMERA, EXPOSURE, mode="rowwise", bands=3, strips=2)
+    grey = capture.blurred[..., 1]
+    result = deblur(grey, log, CAMERA, EXPOSURE, mode="rowwise", bands=3, strips=2)
     assert (result.bands, result.strips) == (CAMERA.height, 2)
     bank = psfs(log, CAMERA, EXPOSURE, mode="rowwise", strips=2)
     np.testing.assert_array_equal(bank.kernels, result.psfs.kernels)
     assert result.coverage.all()
     direct, cg = (
-        deblur(capture.blurred, log, CAMERA, EXPOSURE, mode="rowwise", strips=2, solver=solver).image
+        deblur(grey, log, CAMERA, EXPOSURE, mode="rowwise", strips=2, solver=solver).image
         for solver in ("direct", "cg")
     )
     np.testing.assert_array_equal(direct, result.image)
@@ -255,7 +257,10 @@ def test_brightness_is_only_a_factor(soft: tuple[Simulation, GyroLog]) -> None:
 def test_progress_and_timings(capture: Simulation, log: GyroLog) -> None:
     reports: list[tuple[str, float]] = []
     result = deblur(
-        capture.blurred, log, CAMERA, EXPOSURE, geometry="rectify", progress=lambda s, f: reports.append((s, f))
+        *(capture.blurred, log, CAMERA, EXPOSURE),
+        geometry="rectify",
+        check=True,
+        progress=lambda s, f: reports.append((s, f)),
     )
     assert list(result.timings) == ["tune", "psfs", "plan", "apply", "rectify", "check"]
     assert list(dict.fromkeys(stage for stage, _ in reports)) == list(result.timings)
