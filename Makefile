@@ -18,7 +18,7 @@ demo: $(VENV_PYTHON)
 test: $(VENV_PYTHON)
 	$(PIP) '.[test]' 'meson>=1.4' ninja
 	$(call run-c,plain,)
-	PYTHONSAFEPATH=1 $(BIN)/pytest -n auto --dist loadfile
+	PYTHONSAFEPATH=1 $(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
 
 lint: $(VENV_PYTHON)
 	$(PIP) '.[lint,test]'

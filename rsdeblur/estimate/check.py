@@ -41,8 +41,9 @@ CLEAR_LEAD = 2.0
 
 # Largest lead that a tile counts for, nats. The edge of a door, say, looks like a straight blur beyond doubt.
 MOST_NATS = 10.0
-# The picture is reduced until the blur is at most this long, px.
-REDUCED_BLUR = 16.0
+# The picture is reduced at least so often, because cameras denoise and sharpen the finest detail, and until the blur is
+# at most so long, px.
+LEAST_REDUCTION, REDUCED_BLUR = 2.0, 16.0
 # Most tiles along each axis of the picture.
 MOST_TILES = 6
 # Least standard deviation of the tiles over that of their noise; with less there is no detail to compare.
@@ -60,9 +61,9 @@ LEVELS = np.ones(1)
 # Distance of the rows that are measured for light below black, in pictures of at least 64 such rows.
 ROW_STEP = 8
 
-# Alternatives that do not make a result bad. If one wins, the motion is too small: too little blur is removed, which
-# does little harm.
-LARGER = tuple(f"{size:g} times" for size in SIZES if size > 1)
+# Alternatives that do not make a result bad. If the motion is too small, too little blur is removed, which does little
+# harm. And the edges of man-made things look like a straight blur.
+HARMLESS = (*(f"{size:g} times" for size in SIZES if size > 1), "straight")
 
 HINTS = {
     "still": "no blur at all.",
@@ -90,7 +91,7 @@ class QualityCheck:
         Log-likelihood of the blurred picture under the motion minus that under the best alternative, in nats per tile,
         where no tile counts for more than 10; negative if the alternative wins, None if it cannot be judged.
     alternative : str or None
-        The best alternative. The enlarged motion is excluded where another alternative makes the result bad.
+        The best alternative; where one makes the result bad, the best of those that can.
     weakest : float or None
         Lead in the two neighbouring rows of tiles where it is least. It shows where to look and does not enter the
         verdict: parts of a scene may look like an alternative.
@@ -103,7 +104,7 @@ class QualityCheck:
         standard deviation; None if the PSF is too large for a tile or the result was straightened.
     leads, ringings : tuple of float
         Lead and ringing in equal parts of the picture along the readout. A part's lead is over the alternative that is
-        best there, without the enlarged motion.
+        best there, of those that can make a result bad.
     blended : bool
         Whether the result was blended towards the input because of this check.
     """
@@ -203,13 +204,13 @@ def assess(
     if min(height, width) < CELL:
         reason = f"The picture is narrower than {CELL} px, too small to judge the motion by."
         return replace(_with_verdict(check, reason), verdict="bad" if ringing > BAD_RINGING else "doubtful")
-    step = int(np.clip(length / REDUCED_BLUR, 1, max(1, min(height, width) // (2 * CELL))))
+    step = int(max(1.0, min(max(length / REDUCED_BLUR, LEAST_REDUCTION), min(height, width) // (2 * CELL))))
     tiles = _Tiles(encoded, capture, step, threads)
     if not tiles.detailed:
         return _with_verdict(check, "The picture shows no detail to judge the motion by.")
     scores = tiles.alternatives()
     means = {name: float(score.mean()) for name, score in scores.items()}
-    harmful = {name: mean for name, mean in means.items() if name not in LARGER}
+    harmful = {name: mean for name, mean in means.items() if name not in HARMLESS}
     alternative = min(harmful if min(harmful.values()) < BAD_LEAD else means, key=means.__getitem__)
     gain, residual = tiles.compare(result, resampled=resampled)
     check = replace(
@@ -229,7 +230,7 @@ def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:
     lead = np.inf if check.lead is None else check.lead
     ringing = check.ringing / (2.0 if CLEAR_LEAD < lead < np.inf else 1.0)
     # Ringing is NaN in a result that is not finite.
-    bad = (lead < BAD_LEAD and check.alternative not in LARGER) or not ringing <= BAD_RINGING
+    bad = (lead < BAD_LEAD and check.alternative not in HARMLESS) or not ringing <= BAD_RINGING
     sentences = list(reasons)
     if lead < DOUBTFUL_LEAD and check.alternative is not None:
         sentences.append(

@@ -276,7 +276,7 @@ def test_a_clip_is_planned_with_the_documented_defaults(movie: Movie) -> None:
 
 
 def test_an_interrupted_video_continues_to_the_same_file(
-    run: Run, processes: Processes, movie: Movie, tmp_path: Path
+    run: Run, here: None, processes: Processes, movie: Movie, tmp_path: Path
 ) -> None:
     whole, again = tmp_path / "whole.mp4", tmp_path / "again.mp4"
     assert run(*movie.arguments(*movie.stamped, "-o", whole)).exit_code == 0

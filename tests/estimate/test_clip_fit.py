@@ -28,11 +28,12 @@ def matched(starts, log, *, camera=CAMERA, truth=TRUTH, noise=0.05, shake=0.0, s
     opens = np.stack([starts, starts + 1 / 30], axis=1)
     points = random.uniform((0, 0), (639, 479), (len(starts) * POINTS, 2))
     pair = np.repeat(np.arange(len(starts)), POINTS)
+    orientation = MeanOrientation(log.t, log.omega)
     moved = points
     # The row in the second frame decides its time, so the prediction is repeated until it stays.
     for _ in range(4):
         matches = ClipMatches(points, moved, pair, opens, np.full(opens.shape, 0.01))
-        moved = moved + ClipModel(matches, camera, MeanOrientation(log.t, log.omega), MOUNTING).residuals(truth)
+        moved = moved + ClipModel(matches, camera, orientation, MOUNTING).residuals(truth)
     moved = moved + random.normal(0.0, noise, moved.shape) + random.normal(0.0, shake, (len(starts), 2))[pair]
     return ClipMatches(points, moved, pair, opens, matches.durations)
 
@@ -42,10 +43,11 @@ def test_deviations_are_those_of_the_errors(shake):
     """With independent errors, of points and of pairs, scores have a deviation of 1/2: deviations are doubled."""
     log = hand_shake(2.5, strength=0.3, seed=1)
     starts = 0.3 + np.arange(30) / 30
+    orientation = MeanOrientation(log.t, log.omega)
     scores = []
     for seed in range(8):
         matches = matched(starts, log, shake=shake, seed=seed)
-        model = ClipModel(matches, CAMERA, MeanOrientation(log.t, log.omega), MOUNTING)
+        model = ClipModel(matches, CAMERA, orientation, MOUNTING)
         fit = fit_clip(model, TRUTH, FREE, np.ones(len(starts), bool), rounds=3)
         scores += [(getattr(fit.parameters, name) - getattr(TRUTH, name)) / fit.sd(**{name: 1.0}) for name in FREE]
     # 48 scores: their rms is known to 10 %; correlated parameters allow twice that and more.
