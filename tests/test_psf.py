@@ -134,6 +134,36 @@ class TestFromPaths:
         bank = PsfBank.from_paths(paths)
         assert bank.size == tuple(2 * math.floor(reach) + 3 for reach in paths.extent)
 
+    def test_paths_stay_with_their_kernels(self, paths, tmp_path):
+        """The kernels of every bank that is made from another one are those that its paths draw."""
+        bank = PsfBank.from_paths(paths)
+        bank.save(tmp_path / "bank.npz")
+        more = bank.padded((bank.size[0] + 4, bank.size[1] + 6))
+        for other in (
+            bank.cut(slice(0, 20), slice(40, 90)),
+            bank.turned(96),
+            PsfBank.load(tmp_path / "bank.npz"),
+            more,
+        ):
+            drawn = PsfBank.from_paths(BlurPaths(other.displacements, other.rows, other.cols))
+            # Rounded positions can move energy of 1e-9 across a grid line; entries are float32 below 1. A part of a
+            # bank may have shorter paths than the whole.
+            larger = tuple(max(a, b) for a, b in zip(drawn.size, other.size, strict=True))
+            np.testing.assert_allclose(other.padded(larger).kernels, drawn.padded(larger).kernels, atol=2e-7)
+
+    @pytest.mark.parametrize(
+        ("displacements", "message"),
+        [
+            (np.zeros((1, 1, 2)), r"displacements must have shape \(B, S, T, 2\) for 1 x 1 kernels"),
+            (np.zeros((1, 1, 1, 2)), "T >= 2 times"),
+            (np.full((1, 1, 2, 2), math.nan), "displacements must be finite"),
+            (np.array([[[[0.0, 0.0], [0.0, 1.2]]]]), "must lie within the kernels that draw them"),
+        ],
+    )
+    def test_refuses_paths_that_do_not_fit(self, displacements, message):
+        with pytest.raises(InputError, match=message):
+            PsfBank(np.ones((3, 3)) / 9, [4.0], [5.0], displacements)
+
     def test_standing_still_is_a_delta(self):
         paths = BlurPaths(np.zeros((2, 1, 5, 2)), np.array([1.0, 2.0]), np.array([4.0]))
         expected = np.zeros((2, 1, 3, 3))
