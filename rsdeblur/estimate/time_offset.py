@@ -48,6 +48,17 @@ RESAMPLES, CONFIDENT = 200, 0.8
 # Least lead over any other answer, in nats over the whole picture. A constant rate of rotation gives every offset the
 # same PSF, and then nothing leads.
 LEAST_LEAD = 30.0
+# Other axes of the gyro: one reversed, or x and y exchanged. Half a turn about z leaves all power spectra as they are.
+RIVALS = np.array(
+    [
+        [[-1, 0, 0], [0, 1, 0], [0, 0, -1]],
+        [[0, 1, 0], [1, 0, 0], [0, 0, -1]],
+        [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
+    ]
+)
+# Coarse candidates for which rivals are tried: they take three times as long as the search.
+MOST_RIVAL = 100
+OTHER_AXES = "other axes of the gyro explain the picture better: are imu_to_camera and the readout direction right?"
 DISAGREE = "the pictures are sure of different offsets: do all exposures belong to this log, or do the clocks drift?"
 # Least fall of the logarithm of l1 / l2, see :mod:`rsdeblur.estimate.sharpness`.
 LEAST_FALL = 0.005
@@ -246,6 +257,8 @@ def _find(
         against = [objection for part in parts if (objection := _objection(*part, joint.best))]
         # Of several pictures, one may move in a way that explains its blur.
         reason = against[0] if 2 * len(against) > len(recordings) else ""
+        if not reason and len(whole) <= MOST_RIVAL and _has_rival(lights, recordings, coarse, first, whole):
+            reason = OTHER_AXES
     joint = replace(joint, time_offset=None if reason else joint.best, reason=reason)
     return SharedOffset(joint, tuple(alone) or (joint,))
 
@@ -294,6 +307,25 @@ def _objection(light: NDArray[np.float32], spectra: TileSpectra, recording: Reco
         if posterior.lead(place, nats) > 0 or sharpness.of(posterior.corrected(place)) < reached:
             return "a steady motion that the log lacks, as of a hand that swings, explains the picture as well"
     return ""
+
+
+def _has_rival(
+    lights: Sequence[NDArray[np.float32]],
+    recordings: Sequence[Recording],
+    coarse: _Curve,
+    first: float,
+    whole: NDArray[np.intp],
+) -> bool:
+    """Return whether the pictures are likelier with other axes of the gyro, at any offset."""
+    best = coarse.lowest()
+    for turn in RIVALS:
+        camera = recordings[0].camera
+        camera = replace(camera, imu_to_camera=turn @ camera.imu_to_camera)
+        curve = _Curve(lights, [replace(each, camera=camera) for each in recordings], first, side=COARSE_SIDE)
+        curve.extend(whole, lambda done: None)
+        if curve.lowest() < best - LEAST_LEAD:
+            return True
+    return False
 
 
 class _Curve:
@@ -348,6 +380,10 @@ class _Curve:
         total = np.pad(tiles.sum(axis=1), 1, constant_values=np.inf)
         (minima,) = np.nonzero((total[1:-1] <= total[:-2]) & (total[1:-1] <= total[2:]))
         return places[minima[np.argsort(total[1:-1][minima])]]
+
+    def lowest(self) -> float:
+        """Return the score of the best candidate, nats."""
+        return min(float(tiles.sum()) for tiles in self._scores.values())
 
     def at_edge(self, part: slice) -> bool:
         """Return whether a neighbour of the best candidate of a part has no score."""

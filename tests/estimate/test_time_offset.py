@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rsdeblur import Camera, Exposure, GyroLog, InputError, simulate
-from rsdeblur.estimate.time_offset import MOST_SPREAD, find_shared_time_offset, find_time_offset
+from rsdeblur.estimate.time_offset import MOST_SPREAD, OTHER_AXES, find_shared_time_offset, find_time_offset
 from rsdeblur.image.transfer import to_linear
 from rsdeblur.io import read_camera, read_captures, read_gyro, read_picture
 from rsdeblur.io.camera_file import write_time_offset
@@ -78,6 +78,16 @@ def test_constant_rates_give_no_answer():
     search = find_time_offset(picture, log, CAMERA, EXPOSURE)
     assert search.time_offset is None
     assert search.reason
+
+
+def test_wrong_axes_give_no_answer():
+    """Its tiles agree on an offset, and the picture becomes sharper with it; only the right axes explain it better."""
+    log = hand_shake(1.0, seed=1, strength=0.7)
+    picture = simulate(SHARP, log, CAMERA, EXPOSURE, noise=0.005).blurred
+    wrong = replace(CAMERA, imu_to_camera=[[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+    found = find_time_offset(picture, log.shifted(-0.02), wrong, EXPOSURE, search=(-0.04, 0.03))
+    assert found.time_offset is None
+    assert found.reason == OTHER_AXES
 
 
 def test_stillness_gives_no_answer():
