@@ -11,7 +11,7 @@ let box = null; // left, top, width, height of the crop
 let running = false;
 let next = null; // the request that waits; a later one replaces it
 let resting = 0;
-let draftSize = 1; // index of the size of drafts in SCALES
+let draftSize = 0; // index of the size of drafts in SCALES; the first answer must contain the input too
 let started = false;
 let rest = {}; // options of the command line that have no field
 

@@ -134,6 +134,7 @@ def test_the_page_in_a_browser(browser, files, form, tmp_path):
         tab.goto(server.url)
         tab.wait_for_selector("#verdict:not(:empty)")
         assert tab.inner_text("h1") == "photo.png"
+        assert tab.is_visible("#viewer")
         assert tab.locator("#left option").all_inner_texts() == ["input", "result"]
         assert tab.evaluate("document.documentElement.scrollWidth") <= 390
         assert "--time-offset" not in tab.input_value("#line")
