@@ -233,7 +233,7 @@ def test_auto_does_a_still_picture_no_harm(soft: tuple[Simulation, GyroLog], pri
     sharp = soft[0].rolling
     taken = sharp + np.random.default_rng(6).normal(0, noise, sharp.shape).astype(np.float32)
     result = deblur(taken, still, CAMERA, EXPOSURE, prior=prior)
-    # To undo 0.1 px raises the noise by 0.02 dB; all priors but nlm, whose automatic weight is small, gain 2 dB and more.
+    # To undo 0.1 px raises the noise by 0.02 dB. All priors but nlm, whose automatic weight is small, gain 2 dB.
     assert psnr(sharp, result.image) > psnr(sharp, taken) - (0.03 if prior == "nlm" else 0.0)
 
 
