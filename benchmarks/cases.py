@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
@@ -56,11 +56,11 @@ class Case:
         return _log(self, bands, strips)
 
     def bank(self, bands: int, strips: int = 1) -> PsfBank:
-        """Return the PSFs of :meth:`log`."""
+        """Return the drawn PSFs of :meth:`log`, without the paths: other libraries take only kernels."""
         bank = psfs(self.log(bands, strips), self.camera, EXPOSURE, bands=bands, strips=strips)
         if bank.size != self.box[::-1]:
             raise AssertionError(f"the PSFs have size {bank.size}, expected {self.box[::-1]}")
-        return bank
+        return replace(bank, displacements=None)
 
     @property
     def sharp(self) -> Image:

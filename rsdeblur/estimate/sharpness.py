@@ -8,6 +8,8 @@ for blind deconvolution.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from skimage.transform import resize
 
@@ -49,7 +51,10 @@ class Sharpness:
 
     def _bank(self, recording: Recording) -> PsfBank:
         rows, cols = (tile_centres(n, size) for n, size in zip(TILES, self._light.shape, strict=False))
-        return PsfBank.from_paths(BlurPaths.from_capture(recording.capture(self._scale), rows, cols))
+        drawn = PsfBank.from_paths(BlurPaths.from_capture(recording.capture(self._scale), rows, cols))
+        # Without the paths, so that the solver takes the drawn kernels: they prefer clear pictures less where the lens
+        # is soft, and the bounds of those who compare were chosen with them.
+        return replace(drawn, displacements=None)
 
     def of(self, recording: Recording) -> float:
         """Return the logarithm of l1 / l2 of the gradient of the sharp picture; infinite without a motion."""
