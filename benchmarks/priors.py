@@ -17,6 +17,7 @@ import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import replace
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -75,12 +76,14 @@ def main() -> None:
     Console(width=200, highlight=False, markup=False).print(report["markdown"])
 
 
-def run(captures: Sequence[SimulatedCapture], *, modes: bool = True) -> dict[str, Any]:
+def run(
+    captures: Sequence[SimulatedCapture], *, modes: bool = True, situations: Sequence[tuple[int, bool]] = SITUATIONS
+) -> dict[str, Any]:
     """Score everything on captures without noise and return scores and tables."""
     # Every solve uses one thread.
     with ProcessPoolExecutor(thread_count(None), multiprocessing.get_context("spawn")) as pool:
         results = _scored(pool, modes_scores, captures, "modes and priors") if modes else {}
-        strengths = _scored(pool, strengths_scores, captures[::2], "strengths")
+        strengths = _scored(pool, partial(strengths_scores, situations=situations), captures[::2], "strengths")
     tables = [strengths_table(strengths), harm_table(strengths)]
     if modes:
         tables.insert(0, modes_table(results))
@@ -105,10 +108,10 @@ def modes_scores(capture: SimulatedCapture) -> dict[str, tuple[float, float]]:
     return scores
 
 
-def strengths_scores(capture: SimulatedCapture) -> dict[str, dict[str, float]]:
-    """Return the PSNR of every prior at every strength in every situation."""
+def strengths_scores(capture: SimulatedCapture, situations: Sequence[tuple[int, bool]]) -> dict[str, dict[str, float]]:
+    """Return the PSNR of every prior at every strength in some situations."""
     rows = {}
-    for decibels, wrong in SITUATIONS:
+    for decibels, wrong in situations:
         part = noisy(middle(capture), decibels)
         part = with_errors(part) if wrong else part
         row = {"blurred": quality(part.pictures.rolling, part.pictures.blurred)[0]}
