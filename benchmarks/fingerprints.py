@@ -408,9 +408,9 @@ def called(arguments: list[str]) -> Fingerprint:
         if result.exit_code:
             return {"error": f"exit {result.exit_code}: {result.stderr}".replace(name, "FOLDER")}
         written = sorted((*folder.glob("out.*"), *folder.glob("out/*.png")))
-        told = json.dumps(lasting(json.loads(result.stdout))).replace(name, "FOLDER")
+        facts = json.dumps(lasting(json.loads(result.stdout))).replace(name, "FOLDER")
         content = [part for path in written for part in (path.name, *decoded(path))]
-        return {("psfs" if "--bank" in arguments else "image"): digest(*content), "facts": digest(told)}
+        return {("psfs" if "--bank" in arguments else "image"): digest(*content), "facts": digest(facts)}
 
 
 @cache
@@ -422,11 +422,11 @@ def inputs() -> Path:
     return folder
 
 
-def lasting(told: Any) -> Any:
+def lasting(facts: Any) -> Any:
     """Return the values, without their names, that are the same in every run."""
-    if isinstance(told, dict):
-        return [lasting(value) for key, value in told.items() if key not in FLEETING]
-    return [lasting(value) for value in told] if isinstance(told, list) else told
+    if isinstance(facts, dict):
+        return [lasting(value) for key, value in facts.items() if key not in FLEETING]
+    return [lasting(value) for value in facts] if isinstance(facts, list) else facts
 
 
 def decoded(path: Path) -> list[Pixels]:

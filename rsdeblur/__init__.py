@@ -12,7 +12,7 @@ list::
     motion      gyro log, camera, exposure -> paths of the blur
     psf         PsfBank: kernels, drawn from paths or from elsewhere
     deconv      transforms, tiles, Wiener filter, priors, rowwise solver
-    image       pixel encoding, tone curves, clipped highlights
+    image       pixel encoding, tone curves, clipped highlights, light below black
     estimate    noise, strengths, time offset, check of a result
     simulation  forward model, test scene, hand shake
     pipeline    deblur(), deconvolve() and plan(): from photo and motion to the sharp picture

@@ -74,7 +74,7 @@ def timed_exif(zone: str | None = "+01:00", fix: float | None = 29.0, width: int
 def exifs() -> list[bytes]:
     """Return EXIF blocks of several kinds."""
     blocks = [seeds.exif(), timed_exif(), timed_exif(None), timed_exif(None, None), timed_exif(None, 450), b""]
-    # A number of pixels per inch that is none, or beyond what 32 bits carry.
+    # A resolution that divides by zero, or beyond what 32 bits carry.
     for block, value in ((blocks[1], (8000, 0)), (timed_exif(width=1), (2**32 - 1, 1))):
         (place,) = struct.unpack_from(">I", block, block.index(struct.pack(">HHI", 0xA20E, 5, 1)) + 8)
         blocks.append(block[: 6 + place] + struct.pack(">II", *value) + block[14 + place :])

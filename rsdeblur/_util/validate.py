@@ -174,7 +174,7 @@ def array(name: str, value: ArrayLike) -> NDArray[Any]:
 
 
 def _other_picture(value: object) -> str:
-    """Return how to make an array of a picture in another form; empty if `value` is none."""
+    """Return how to make an array of a picture in another form; empty for other values."""
     if isinstance(value, (str, os.PathLike)):
         return "rsdeblur.read_picture(path).pixels reads a file"
     return "pass its .pixels" if hasattr(value, "pixels") else ""

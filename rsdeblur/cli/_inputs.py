@@ -255,7 +255,10 @@ def with_translation(options: Options, track: Track, camera: Camera, exposure: E
         except CoverageError as error:
             raise type(error)(f"{track.translation}: {error}") from error
     if track.drift is not None:
-        translation = Translation.drift(track.drift, camera, exposure, known=translation)
+        try:
+            translation = Translation.drift(track.drift, camera, exposure, known=translation)
+        except InputError as error:
+            raise InputError(f"--drift: {error}") from error
     return replace(options, translation=translation)
 
 
@@ -307,7 +310,7 @@ def _missing(start: bool, duration: bool) -> str:
 
 
 def _exif_exposure(photo: Path | None) -> float | None:
-    """Return the exposure time in the picture's EXIF block; None if there is none."""
+    """Return the exposure time in the picture's EXIF block, or None."""
     if photo is None:
         return None
     from rsdeblur.io.exif import Exif

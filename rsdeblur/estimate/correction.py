@@ -27,7 +27,7 @@ class Correction:
         Logarithm of the factor on the focal length, and so on the size of the blur.
     drift_x, drift_y : float, default 0.0
         Shift of the scene in the picture during the exposure, at constant velocity, in px of the picture as stored. It
-        stands for any steady motion that the log lacks: translation at one depth, a bias about x or y, optical
+        represents any steady motion that the log lacks: translation at one depth, a bias about x or y, optical
         stabilisation.
     offset : float, default 0.0
         Added to the time offset, s.

@@ -78,7 +78,7 @@ def measure_flicker(
     Returns
     -------
     Flicker
-        The readout time, or why there is none.
+        The readout time, or the reason why it is unknown.
 
     Raises
     ------

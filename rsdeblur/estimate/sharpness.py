@@ -52,8 +52,7 @@ class Sharpness:
     def _bank(self, recording: Recording) -> PsfBank:
         rows, cols = (tile_centres(n, size) for n, size in zip(TILES, self._light.shape, strict=False))
         drawn = PsfBank.from_paths(BlurPaths.from_capture(recording.capture(self._scale), rows, cols))
-        # Without the paths, so that the solver takes the drawn kernels: they prefer clear pictures less where the lens
-        # is soft, and the bounds of those who compare were chosen with them.
+        # Drawn kernels, because the least falls of those who compare were chosen with them.
         return replace(drawn, displacements=None)
 
     def of(self, recording: Recording) -> float:

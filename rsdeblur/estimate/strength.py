@@ -240,8 +240,8 @@ class Tuning:
         Parameters
         ----------
         weight : float, optional
-            Weight of the prior, from 1e-20 to 1e20; default :attr:`gradient_weight`. A larger one stands for more
-            noise.
+            Weight of the prior, from 1e-20 to 1e20; default :attr:`gradient_weight`. A larger one means
+            more noise.
         """
         spectra, suited = self.spectra, self.gradient_weight
         weight = suited if weight is None else validate.strength("weight", weight)

@@ -201,7 +201,7 @@ def find_shared_time_offset(
     Raises
     ------
     InputError
-        If an argument is out of range, a picture is too small, or there is none.
+        If an argument is out of range, a picture is too small, or `images` is empty.
     CoverageError, ClockError, GapError
         If the log covers no candidate.
 

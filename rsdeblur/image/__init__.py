@@ -1,1 +1,1 @@
-"""Pictures: pixel encoding, tone curves, clipped highlights."""
+"""Pictures: pixel encoding, tone curves, clipped highlights, light below black."""

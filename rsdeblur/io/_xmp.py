@@ -126,7 +126,7 @@ def renewed(packet: bytes, width: int, height: int, when: datetime) -> bytes:
 
 
 def with_history(packet: bytes | None, agent: str, parameters: str, when: datetime) -> bytes:
-    """Return a packet, a new one if there is none, whose history ends with an entry for a filtered picture.
+    """Return a packet, a new one if it is missing, whose history ends with an entry for a filtered picture.
 
     Raises
     ------

@@ -53,7 +53,7 @@ class Assumption(NamedTuple):
     """Something assumed because a file does not contain it."""
 
     about: str
-    """Key of the camera file that replaces the assumption; empty if there is none."""
+    """Key of the camera file that replaces the assumption; or an empty text."""
     text: str
     """Message for the user."""
 

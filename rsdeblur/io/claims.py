@@ -278,7 +278,7 @@ def _manifest(title: str, claim: Claim) -> dict[str, Any]:
 
 
 def _title(path: Path) -> str:
-    """Return the name of a file as text; a name in another encoding than UTF-8 is none."""
+    """Return the name of a file as text; bytes that are not UTF-8 are replaced."""
     return os.fsencode(path.name).decode(errors="replace")
 
 

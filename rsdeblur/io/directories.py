@@ -150,7 +150,7 @@ def read_block(exif: bytes) -> Directory:
 
 
 def with_orientation(exif: bytes | None, orientation: int) -> bytes:
-    """Return the EXIF block with another orientation; a new block if there is none, or it is damaged."""
+    """Return the EXIF block with another orientation; a new block if it is missing or damaged."""
     try:
         main = read_block(exif or b"")
     except ValueError:
@@ -202,7 +202,7 @@ def _edited(exif: bytes, order: str, changes: Mapping[int, tuple[int, int, int]]
 
 
 def number(directory: Directory, tag: int) -> int:
-    """Return a whole number of a directory; 0 if there is none."""
+    """Return a whole number of a directory; 0 if it is missing."""
     entry = directory.entries.get(tag, Entry(LONG, 1, b""))
     return int.from_bytes(entry.value, "little") if entry.kind in (SHORT, LONG) and entry.items == 1 else 0
 

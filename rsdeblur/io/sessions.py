@@ -122,7 +122,7 @@ def files_in(folder: Path, *, without: Path | None = None) -> list[Path]:
 
 
 def photos_in(folder: Path, files: list[Path]) -> list[Path]:
-    """Return the photos among the files of a folder; `FileFormatError` if there is none."""
+    """Return the photos among the files of a folder; `FileFormatError` if it is missing."""
     photos = [path for path in files if path.suffix.lower() in PHOTOS]
     if not photos:
         raise FileFormatError(f"{folder}: no photo in the folder; save frames of the video there as pictures")
@@ -130,7 +130,7 @@ def photos_in(folder: Path, files: list[Path]) -> list[Path]:
 
 
 def gyro_log_in(folder: Path, files: list[Path]) -> Path:
-    """Return the gyro log among the files of a folder; `FileFormatError` if there is none."""
+    """Return the gyro log among the files of a folder; `FileFormatError` if it is missing."""
     for word in LOG_NAMES:
         for path in files:
             if word in path.name.lower() and path.suffix.lower() in TABLES and _is_log(path):

@@ -41,7 +41,7 @@ def project(directions: FloatArray, model: Distortion, k: tuple[float, ...]) -> 
 
 
 def rays(points: FloatArray, model: Distortion, k: tuple[float, ...]) -> FloatArray:
-    """Return the directions (..., 3) that the lens projects to points (..., 2); NaN where there is none."""
+    """Return the directions (..., 3) that the lens projects to points (..., 2); NaN where the lens has no image."""
     if model == "fisheye":
         bent = np.linalg.norm(points, axis=-1)
         with np.errstate(all="ignore"):
@@ -89,7 +89,7 @@ def _fisheye(theta: FloatArray | np.float64, k: tuple[float, ...]) -> tuple[Floa
 
 
 def _straightened(bent: FloatArray, k: tuple[float, ...]) -> FloatArray:
-    """Return theta for values `bent` of theta_d; NaN where there is none."""
+    """Return theta for values `bent` of theta_d; NaN where the lens has no image."""
     theta = np.minimum(bent, np.pi / 2)
     for _ in range(STEPS):
         value, slope = _fisheye(theta, k)
@@ -145,7 +145,7 @@ def _radtan(plane: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatA
 
 
 def _flattened(points: FloatArray, k: tuple[float, ...]) -> FloatArray:
-    """Return the undistorted points for distorted `points`; NaN where there is none."""
+    """Return the undistorted points for distorted `points`; NaN where the lens has no image."""
     plane = points
     for _ in range(STEPS):
         bent, j = _radtan(plane, k)

@@ -344,6 +344,7 @@ def test_a_drift_moves_the_kernels(run: Run, files: Files) -> None:
     # A kernel has a pixel on both sides.
     assert json.loads(run(*common, "--drift", "9,-5").stdout)["psf_px"] == [11, 7]
     assert "3,-2" in run(*common, "--drift", "8").stderr
+    assert "--drift: px must not be beyond 1e+06, got 1e+09" in run(*common, "--drift", "1e9,0").stderr
 
 
 def test_sync_refuses_to_guess(run, files):
