@@ -19,7 +19,8 @@ from scipy.fft import irfft2, rfft2
 
 from rsdeblur._util.one_line import one_line
 from rsdeblur.estimate.noise import noise_level
-from rsdeblur.estimate.spectra import TILE, TilePeriodograms
+from rsdeblur.estimate.periodograms import TILE
+from rsdeblur.estimate.spectra import TilePeriodograms
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.kernels.raster import rasterize
 from rsdeblur.motion.paths import BlurPaths, Capture

@@ -17,9 +17,10 @@ from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording, Uncertainty
+from rsdeblur.estimate.periodograms import TILE
 from rsdeblur.estimate.posterior import Posterior
 from rsdeblur.estimate.sharpness import Sharpness
-from rsdeblur.estimate.spectra import TILE, TileSpectra
+from rsdeblur.estimate.spectra import TileSpectra
 from rsdeblur.image.encoded import EncodedImage, check_size
 from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera

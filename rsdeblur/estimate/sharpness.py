@@ -17,7 +17,7 @@ from rsdeblur.deconv.priors import GradientPrior
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.posterior import UNDESCRIBED
-from rsdeblur.estimate.strength import Tuning
+from rsdeblur.estimate.strength import PATH_ERROR, Tuning
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank, tile_centres
@@ -46,7 +46,8 @@ class Sharpness:
         if self._scale < 1:
             light = resize(light, (small.height, small.width), order=1, anti_aliasing=True)
         self._light = np.ascontiguousarray(ReadoutFrame(small).image(light), dtype=np.float32)[..., None]
-        tuning = Tuning.of(self._light, self._bank(recording))
+        # An error that is measured would make the strength larger the worse the recording is.
+        tuning = replace(Tuning.of(self._light, self._bank(recording)), path_error=PATH_ERROR**2)
         self._nsr, self._prior = tuning.border_error, GradientPrior("tv", tuning.weight("tv", 1.0))
 
     def _bank(self, recording: Recording) -> PsfBank:

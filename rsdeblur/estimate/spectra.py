@@ -2,32 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 from skimage.transform import resize
 
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.correction import Recording
+from rsdeblur.estimate.periodograms import DIRECTION, DIRECTIONS, GRADIENT, RADIUS, TILE, periodograms, power_of
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.kernels import whittle
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
 
-# Side of the tiles whose spectra are compared, px: small enough for the PSF to be constant within a tile.
-TILE = 64
-
 # Frequencies that are compared, cycles/px. Below them the window smears; above them there are only the corners of the
 # spectrum.
 LOWEST, HIGHEST = 1.5 / TILE, 0.5
-# Directions of frequencies in which a scene has a power of its own: the power of a door's edges, say.
-DIRECTIONS = 8
 # Frequencies that mostly contain noise, cycles/px. Some directions may contain signal there, so the weakest is the
 # noise.
-NOISE_BAND = 0.35, 0.5
+NOISE_FROM, NOISE_TO = 0.35, 0.5
 # Candidates for the noise, as multiples of its first estimate.
 LEVELS = np.array([0.3, 1.0])
 # Weight, in nats, of squared differences between the logarithms of a scene's power in different directions, which
@@ -140,22 +133,19 @@ class TilePeriodograms:
     """
 
     def __init__(self, grey: NDArray[np.float32], tops: NDArray[np.intp], lefts: NDArray[np.intp]) -> None:
-        fy, fx = np.meshgrid(scipy.fft.fftfreq(TILE), scipy.fft.rfftfreq(TILE), indexing="ij")
-        radius, direction = np.hypot(fx, fy), _directions(fy, fx)
-        used = np.flatnonzero((radius > LOWEST) & (radius < HIGHEST))
-        self._used = used[np.argsort(direction.flat[used], kind="stable")]
-        self.sectors = np.searchsorted(direction.flat[self._used], np.arange(DIRECTIONS + 1))
-        # Squared response of both differences together.
-        gradient = 4 * np.sin(np.pi * fy) ** 2 + 4 * np.sin(np.pi * fx) ** 2
-        power = _periodograms(grey, tops, lefts)
-        noise = _noise(power, gradient, radius, direction).reshape(-1, 1)
+        used = np.flatnonzero((RADIUS > LOWEST) & (RADIUS < HIGHEST))
+        self._used = used[np.argsort(DIRECTION.flat[used], kind="stable")]
+        self.sectors = np.searchsorted(DIRECTION.flat[self._used], np.arange(DIRECTIONS + 1))
+        tiles = np.lib.stride_tricks.sliding_window_view(grey, (TILE, TILE))[np.ix_(tops, lefts)]
+        power = periodograms(tiles)
+        noise = _noise(power).reshape(-1, 1)
         self.power = np.ascontiguousarray(power.reshape(len(noise), -1)[:, self._used])
-        self.noise = (noise * gradient.flat[self._used]).astype(np.float32)
-        self._scene = (gradient / np.maximum(radius, LOWEST) ** 2).astype(np.float32).flat[self._used]
+        self.noise = (noise * GRADIENT.flat[self._used]).astype(np.float32)
+        self._scene = (GRADIENT / np.maximum(RADIUS, LOWEST) ** 2).astype(np.float32).flat[self._used]
 
     def expected(self, kernels: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the power of the scene under `kernels` (B, S, kh, kw), up to a gain, shape (B * S, F)."""
-        power = _power_of(kernels)
+        power = power_of(kernels)
         # A PSF can make a frequency vanish, but nothing is certain.
         expected: NDArray[np.float32] = np.maximum(power.reshape(-1, power[0, 0].size)[:, self._used], 1e-9)
         expected *= self._scene
@@ -178,54 +168,20 @@ class TilePeriodograms:
         return whittle.fit_gains(self.power, self.noise, expected, place, self.sectors, levels, STIFFNESS)
 
 
-def _directions(fy: FloatArray, fx: FloatArray) -> NDArray[np.intp]:
-    """Return the sector of each frequency, in [0, DIRECTIONS); opposite directions share one."""
-    turns = np.arctan2(fy, fx) / np.pi + 0.5
-    return np.minimum(np.floor(turns * DIRECTIONS).astype(np.intp), DIRECTIONS - 1)
-
-
 def _places(n: int) -> NDArray[np.intp]:
     """Return the first pixels of tiles that overlap by about half and span `n` px."""
     return np.round(np.linspace(0, n - TILE, -(-2 * (n - TILE) // TILE) + 1)).astype(np.intp)
 
 
-def _periodograms(grey: NDArray[np.float32], tops: NDArray[np.intp], lefts: NDArray[np.intp]) -> NDArray[np.float32]:
-    """Return the power of both differences in every tile under a Hann window, shape (B, S, TILE, TILE // 2 + 1)."""
-    hann = np.sin(np.pi * np.arange(TILE) / TILE) ** 2
-    window = (np.outer(hann, hann) / np.sum(hann**2)).astype(np.float32)
-    power = np.zeros((len(tops), len(lefts), TILE, TILE // 2 + 1), dtype=np.float32)
-    for axis in (0, 1):
-        difference = np.diff(grey, axis=axis, prepend=np.take(grey, [0], axis=axis)).astype(np.float32)
-        tiles = np.lib.stride_tricks.sliding_window_view(difference, (TILE, TILE))[np.ix_(tops, lefts)]
-        power += np.abs(scipy.fft.rfft2(tiles * window)) ** 2
-    return power
-
-
-def _noise(
-    power: NDArray[np.float32], gradient: FloatArray, radius: FloatArray, direction: NDArray[np.intp]
-) -> NDArray[np.float32]:
+def _noise(power: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the power of white noise in each tile: the least of several directions at high frequencies.
 
-    It is not :func:`rsdeblur.estimate.noise.noise_level`, which is the average over the picture: a likelihood needs the
-    noise of each tile, in the units of its periodogram, and not confused with detail that has a direction.
+    Noise of the picture's average does not do: a likelihood needs the noise of each tile, in the units of its
+    periodogram, and not confused with detail that has a direction.
     """
-    high = (radius > NOISE_BAND[0]) & (radius < NOISE_BAND[1])
-    white = power / np.maximum(gradient, 1e-9)
+    high = (RADIUS > NOISE_FROM) & (RADIUS < NOISE_TO)
+    white = power / np.maximum(GRADIENT, 1e-9)
     least: NDArray[np.float32] = np.min(
-        [white[..., high & (direction == sector)].mean(axis=-1) for sector in range(DIRECTIONS)], axis=0
+        [white[..., high & (sector == DIRECTION)].mean(axis=-1) for sector in range(DIRECTIONS)], axis=0
     )
     return np.maximum(least, 1e-12).astype(np.float32)
-
-
-def _power_of(kernels: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return |H|^2 as smoothed by the window, shape (B, S, TILE, TILE // 2 + 1)."""
-    tall, wide = kernels.shape[2:]
-    # A PSF larger than a tile wraps around, so that its spectrum has the same frequencies as the tile's.
-    down, across = (-(-n // TILE) for n in (tall, wide))
-    room = ((0, 0), (0, 0), (0, down * TILE - tall), (0, across * TILE - wide))
-    kernels = np.pad(kernels, room).reshape(*kernels.shape[:2], down, TILE, across, TILE).sum(axis=(2, 4))
-    power: NDArray[Any] = np.abs(scipy.fft.fft2(kernels)) ** 2
-    for axis in (2, 3):
-        # Power of the Hann window's transform at neighbouring frequencies: 1/6, 2/3, 1/6.
-        power = power * (2 / 3) + (np.roll(power, 1, axis) + np.roll(power, -1, axis)) / 6
-    return power[..., : TILE // 2 + 1]

@@ -32,6 +32,7 @@ from rsdeblur.choices import Prior
 from rsdeblur.deconv.otf import OtfPlanner
 from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.wavelet import MOST_VARIANCE, Factors, WaveletPrior, frame_responses
+from rsdeblur.estimate.floors import ABSORBED, ASSUMED, Floors, measure_floors
 from rsdeblur.estimate.noise import gradient_energy, noise_level
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
@@ -42,11 +43,10 @@ from rsdeblur.types import FloatArray
 FINE_NOISE = 4.0
 # Softness of a sharp picture (lens, area of the pixels, demosaicing): standard deviation in px.
 LENS = 0.75
-# Errors of the paths: in px, from interpolation between tiles and from the recording, the same for any blur; and as a
-# share of the PSF's radius, from focal length, time offset and rates.
-PATH_ERROR, PATH_ERROR_SHARE = 0.12, 0.005
-# The same share where frames of a burst are weighed against each other: real motion errs by that much, and an error
-# that a frame shaken less would not have made costs more than the frame adds.
+# Error of the paths in px, where the picture is too small to measure it.
+PATH_ERROR = ABSORBED * ASSUMED
+# The error of the paths as a share of the PSF's radius, where frames of a burst are weighed against each other: real
+# motion errs by that much, and an error that a frame shaken less would not have made costs more than the frame adds.
 FRAME_ERROR_SHARE = 0.03
 # Weight of total variation where that of the gradient prior is 1 and E is 1; other exponents scale it by their root.
 SPARSE_STRENGTH = 2.0
@@ -84,8 +84,8 @@ class Tuning:
         with priors on the gradient.
     spectra : Spectra
         Spectra of the PSFs.
-    path_error : float, optional
-        Mean square of the errors of the paths, px^2; by default it follows from `radius`.
+    path_error : float
+        Mean square of the errors of the paths, px^2.
 
     Examples
     --------
@@ -103,7 +103,7 @@ class Tuning:
     radius: float
     border_error: float
     spectra: Spectra = field(repr=False)
-    path_error: float | None = None
+    path_error: float
 
     @classmethod
     def of(
@@ -142,13 +142,14 @@ class Tuning:
         validate.instance("bank", bank, PsfBank)
         light = light.reshape(*light.shape[:2], -1)
         spectra = Spectra.of(bank, one_filter=one_filter)
-        noise = noise_level(light) if noise is None else validate.noise("noise", noise)
+        floors = measure_floors(light, bank) or Floors(noise_level(light), PATH_ERROR**2)
+        noise = floors.noise if noise is None else validate.noise("noise", noise)
         # A constant picture has nothing to restore, so any energy other than 0 will do.
         energy = gradient_energy(light, noise) / spectra.left_of_gradient or 1.0
         share = bank.size[1] / light.shape[1]
         if continued:
             share = max(share, bank.size[0] / light.shape[0])
-        return cls(noise, energy, _radius(bank), 0.0 if repeats else share**2 / 4, spectra)
+        return cls(noise, energy, _radius(bank), 0.0 if repeats else share**2 / 4, spectra, floors.path_error)
 
     @classmethod
     def of_burst(cls, frames: Sequence[Tuning]) -> tuple[Tuning, tuple[float, ...]]:
@@ -177,7 +178,7 @@ class Tuning:
 
         # Errors of the frames are independent, so they average out.
         noise = np.square(shares) @ np.square([frame.noise for frame in frames])
-        path_error = float(np.square(shares) @ np.array([frame.model_error for frame in frames]))
+        path_error = float(np.square(shares) @ np.array([frame.path_error for frame in frames]))
         tuning = cls(
             float(np.sqrt(noise)),
             first.energy,
@@ -196,7 +197,7 @@ class Tuning:
         energy : float
             E of the sharp picture.
         """
-        return FINE_NOISE * self.noise**2 + energy * (self.model_error + (FRAME_ERROR_SHARE * self.radius) ** 2)
+        return FINE_NOISE * self.noise**2 + energy * (self.path_error + (FRAME_ERROR_SHARE * self.radius) ** 2)
 
     def restoration_error(self, energy: float) -> float:
         """Return the expected mean squared error of the best linear restoration from this frame alone.
@@ -262,16 +263,9 @@ class Tuning:
     def _noise_spectrum(self) -> FloatArray:
         """Spectrum of the noise and of the errors of the model, which priors cannot distinguish from noise."""
         spectra = self.spectra
-        errors = self.model_error * spectra.gradient + self.border_error
+        errors = self.path_error * spectra.gradient + self.border_error
         wrong = errors * spectra.power + spectra.power - 2 * spectra.match + spectra.undone
         return self.noise**2 + self.energy * spectra.signal * wrong
-
-    @property
-    def model_error(self) -> float:
-        """Mean square of the errors of the paths, px^2."""
-        if self.path_error is not None:
-            return self.path_error
-        return PATH_ERROR**2 + (PATH_ERROR_SHARE * self.radius) ** 2
 
     @property
     def wiener_nsr(self) -> float:
@@ -283,7 +277,7 @@ class Tuning:
         spectra = self.spectra
         noise = (
             FINE_NOISE * self.noise**2 / self.energy
-            + (self.model_error * spectra.gradient + self.border_error) * spectra.signal
+            + (self.path_error * spectra.gradient + self.border_error) * spectra.signal
         )
 
         def error(strength: float) -> float:

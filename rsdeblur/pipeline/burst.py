@@ -325,7 +325,7 @@ def _fitted(
         if n != index:
             fit = frame.fitted(reference, (banks[n], banks[index]))
             tuning = replace(
-                frame.tuning, noise=frame.tuning.noise / fit.gain, path_error=frame.tuning.model_error * fit.misfit
+                frame.tuning, noise=frame.tuning.noise / fit.gain, path_error=frame.tuning.path_error * fit.misfit
             )
             frames[n] = replace(frame, fit=fit, tuning=tuning)
         report((n + 1) / len(frames))

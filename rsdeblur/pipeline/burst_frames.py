@@ -171,7 +171,7 @@ class BurstFrame:
         )
         energies = [float(np.square(bank.kernels).sum(axis=(2, 3)).mean()) for bank in (other, own)]
         noises = [noise_level(frame.grey[..., None]) ** 2 for frame in (self, reference)]
-        errors = self.tuning.model_error + reference.tuning.model_error
+        errors = self.tuning.path_error + reference.tuning.path_error
         blur = (self.tuning.radius**2 + reference.tuning.radius**2) / self.factor**2
         expected = Expected(float(np.dot(energies, noises)), errors / self.factor**2, blur)
         return fit_frame(blurred, equal, known, expected)

@@ -9,6 +9,7 @@ from scipy import fft
 from rsdeblur import Deconvolver, InputError, PsfBank
 from rsdeblur.deconv.priors import restore
 from rsdeblur.deconv.quadratic import TileQuadratic
+from rsdeblur.estimate import floors
 from rsdeblur.estimate import strength as tuning
 from rsdeblur.estimate.strength import Tuning, nsr_of_iso
 
@@ -28,8 +29,8 @@ def no_lens(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def as_modelled(monkeypatch: pytest.MonkeyPatch) -> None:
     """Set all corrections to zero: the pictures and blurs of these tests follow the equations exactly."""
-    for name, value in (("FINE_NOISE", 1.0), ("PATH_ERROR", 0.0), ("PATH_ERROR_SHARE", 0.0)):
-        monkeypatch.setattr(tuning, name, value)
+    monkeypatch.setattr(tuning, "FINE_NOISE", 1.0)
+    monkeypatch.setattr(floors, "ABSORBED", 0.0)
 
 
 @pytest.fixture(scope="module")

@@ -17,6 +17,7 @@ from numba.core.dispatcher import Dispatcher
 
 from rsdeblur import kernels
 from rsdeblur.kernels import native, nlm, rowwise
+from rsdeblur.kernels.floors import TilePowers
 from rsdeblur.kernels.frame import GATES, WORK
 from rsdeblur.kernels.rowwise import LANES, RowModel
 
@@ -106,6 +107,12 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "solve": lambda h: [*lanes(h), h(LANES), float(h.number())],
     "shrunk_grad_adjoint": lambda h: [h(5, 6, 3), 1, 3, h.number(), h(9), False, h(5, 6, 3)],
     "fit_gains": lambda h: [h(4, 9), h(4, 9), h(2, 9), *TILES, h(2, dtype=np.float64), float(h.number())],
+    "fit_floors": lambda h: [
+        TilePowers(*(h(*shape, dtype=np.float64) for shape in ((4, 9), (4, 9), (9,), (9,), (4,))), TILES[1]),
+        (1.0, 0.1),
+        3,
+        float(h.number()),
+    ],
     "information": lambda h: [
         *(h(4, 9), h(4, 9), h(2, 9), h(3, 2, 9), *TILES),
         (h(4, 3, dtype=np.float64), h(4, dtype=np.float64)),

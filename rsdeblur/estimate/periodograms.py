@@ -1,0 +1,62 @@
+"""Periodograms of square tiles of a picture, and the power that PSFs leave of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from rsdeblur.types import FloatArray
+
+# Side of the tiles, px: small enough for the PSF to be constant within a tile.
+TILE = 64
+# Directions of frequencies in which a scene has a power of its own: the power of a door's edges, say.
+DIRECTIONS = 8
+
+_DOWN, _ACROSS = np.meshgrid(scipy.fft.fftfreq(TILE), scipy.fft.rfftfreq(TILE), indexing="ij")
+# Frequencies of `numpy.fft.rfft2` of a tile, cycles/px, and the squared response of both differences together.
+RADIUS: FloatArray = np.hypot(_ACROSS, _DOWN)
+GRADIENT: FloatArray = 4 * np.sin(np.pi * _DOWN) ** 2 + 4 * np.sin(np.pi * _ACROSS) ** 2
+# Sector of each frequency, in [0, DIRECTIONS); opposite directions share one.
+DIRECTION: NDArray[np.intp] = np.minimum(
+    np.floor((np.arctan2(_DOWN, _ACROSS) / np.pi + 0.5) * DIRECTIONS).astype(np.intp), DIRECTIONS - 1
+)
+
+
+def periodograms(tiles: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the power of both differences of pictures under a Hann window; white noise has the power of GRADIENT.
+
+    Parameters
+    ----------
+    tiles : ndarray, shape (..., TILE, TILE)
+        The pictures.
+
+    Returns
+    -------
+    ndarray, shape (..., TILE, TILE // 2 + 1), float32
+        Power at the frequencies of `numpy.fft.rfft2`.
+    """
+    hann = np.sin(np.pi * np.arange(TILE) / TILE) ** 2
+    window = (np.outer(hann, hann) / np.sum(hann**2)).astype(np.float32)
+    power = np.zeros((*tiles.shape[:-1], TILE // 2 + 1), dtype=np.float32)
+    for axis in (-2, -1):
+        # The window is zero where a difference is missing.
+        difference = np.diff(tiles, axis=axis, prepend=np.take(tiles, [0], axis=axis)).astype(np.float32)
+        power += np.abs(scipy.fft.rfft2(difference * window)) ** 2
+    return power
+
+
+def power_of(kernels: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return |H|^2 of kernels (B, S, kh, kw) as smoothed by the window, shape (B, S, TILE, TILE // 2 + 1)."""
+    tall, wide = kernels.shape[2:]
+    # A PSF larger than a tile wraps around, so that its spectrum has the same frequencies as the tile's.
+    down, across = (-(-n // TILE) for n in (tall, wide))
+    room = ((0, 0), (0, 0), (0, down * TILE - tall), (0, across * TILE - wide))
+    kernels = np.pad(kernels, room).reshape(*kernels.shape[:2], down, TILE, across, TILE).sum(axis=(2, 4))
+    power: NDArray[Any] = np.abs(scipy.fft.fft2(kernels)) ** 2
+    for axis in (2, 3):
+        # Power of the Hann window's transform at neighbouring frequencies: 1/6, 2/3, 1/6.
+        power = power * (2 / 3) + (np.roll(power, 1, axis) + np.roll(power, -1, axis)) / 6
+    return power[..., : TILE // 2 + 1]

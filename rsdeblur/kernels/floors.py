@@ -1,0 +1,142 @@
+"""Noise and model error of tiles, fitted to their periodograms: the Numba kernel and its NumPy twin.
+
+The power expected of a tile is `V = g_c (E + e^2 D) + (a + b m) N`. E is the power of scene and blur, D that which an
+error of 1 px of the paths adds, N that of white noise, and m the tile's brightness. Each cell c of neighbouring
+frequencies has a gain g_c of its own, because scenes differ in scale and direction; the floors a, b and e^2 are those
+of all tiles. The fit minimises the sum of `P / V + log V`, the Itakura-Saito divergence from the periodogram P: each
+step multiplies a parameter by the ratio of the two parts of its derivative [1]_, without the square root there, which
+halves the steps.
+
+References
+----------
+.. [1] C. Fevotte, N. Bertin and J.-L. Durrieu, "Nonnegative matrix factorization with the Itakura-Saito divergence",
+       Neural Computation 21, 2009.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rsdeblur.kernels._jit import njit
+from rsdeblur.types import FloatArray
+
+
+class TilePowers(NamedTuple):
+    """Power of T tiles at F frequencies, sorted by cells; arrays of float64.
+
+    Attributes
+    ----------
+    measured : ndarray, shape (T, F)
+        Periodograms, positive.
+    blurred : ndarray, shape (T, F)
+        Power expected from the scene and the blur, up to a gain, positive.
+    error : ndarray, shape (F,)
+        Power that an error of the paths of 1 px adds, in the same unit.
+    noise : ndarray, shape (F,)
+        Power of white noise of variance 1.
+    brightness : ndarray, shape (T,)
+        Brightness of the tiles, positive.
+    cells : ndarray of int64, shape (C + 1,)
+        First frequency of each cell, and F.
+    """
+
+    measured: FloatArray
+    blurred: FloatArray
+    error: FloatArray
+    noise: FloatArray
+    brightness: FloatArray
+    cells: NDArray[np.int64]
+
+
+@njit(nogil=True, error_model="numpy")
+def _cell(measured, blurred, error, noise, squared, floor, gain):
+    """Return numerators and denominators of the ratios of a cell's gain, of its noise and of the error."""
+    up, down, noise_up, noise_down, error_up, error_down = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(len(measured)):
+        scene = blurred[i] + squared * error[i]
+        known = 1.0 / (gain * scene + floor * noise[i])
+        surprise = measured[i] * known * known
+        up += surprise * scene
+        down += known * scene
+        noise_up += surprise * noise[i]
+        noise_down += known * noise[i]
+        error_up += surprise * error[i]
+        error_down += known * error[i]
+    return up, down, noise_up, noise_down, gain * error_up, gain * error_down
+
+
+@njit(nogil=True, error_model="numpy")
+def _fit(tiles, floors, gains, steps, prior, weight):
+    measured, blurred, error, noise, brightness, cells = tiles
+    for _ in range(steps):
+        even_up, even_down, bright_up, bright_down = 0.0, 0.0, 0.0, 0.0
+        squared = floors[2]
+        error_up, error_down = weight * prior / squared**2, weight / squared
+        for tile in range(len(measured)):
+            floor = floors[0] + floors[1] * brightness[tile]
+            for cell in range(len(cells) - 1):
+                first, stop = cells[cell], cells[cell + 1]
+                powers = measured[tile, first:stop], blurred[tile, first:stop], error[first:stop], noise[first:stop]
+                ratios = _cell(*powers, squared, floor, gains[tile, cell])
+                gains[tile, cell] *= ratios[0] / ratios[1]
+                ratios = _cell(*powers, squared, floor, gains[tile, cell])
+                even_up += ratios[2]
+                even_down += ratios[3]
+                bright_up += ratios[2] * brightness[tile]
+                bright_down += ratios[3] * brightness[tile]
+                error_up += ratios[4]
+                error_down += ratios[5]
+        floors[0] *= even_up / even_down
+        floors[1] *= bright_up / bright_down
+        floors[2] *= error_up / error_down
+
+
+def fit_floors(tiles: TilePowers, start: tuple[float, float], steps: int, weight: float) -> tuple[float, float]:
+    """Return the mean variance of the noise and the mean square of the paths' errors, px^2.
+
+    Parameters
+    ----------
+    tiles : TilePowers
+        Power of the tiles.
+    start : (float, float)
+        Variance of the noise and mean square of the errors at which the fit starts, positive; the latter is also the
+        prior for it.
+    steps : int
+        Number of steps.
+    weight : float
+        Frequencies that the prior counts for.
+    """
+    floors = np.array([start[0] / 2, start[0] / 2 / tiles.brightness.mean(), start[1]])
+    _fit(tiles, floors, _first_gains(tiles), steps, start[1], weight)
+    return float(floors[0] + floors[1] * tiles.brightness.mean()), float(floors[2])
+
+
+def fit_floors_numpy(
+    tiles: TilePowers, start: tuple[float, float], steps: int, weight: float
+) -> tuple[float, float]:
+    """Readable twin of :func:`fit_floors`."""
+    starts, sizes = tiles.cells[:-1], np.diff(tiles.cells)
+    gains, prior, bright = _first_gains(tiles), start[1], tiles.brightness[:, None]
+    even, brighter, squared = start[0] / 2, start[0] / 2 / bright.mean(), prior
+    for _ in range(steps):
+        scene, floor = tiles.blurred + squared * tiles.error, even + brighter * bright
+        known = 1 / (np.repeat(gains, sizes, axis=1) * scene + floor * tiles.noise)
+        surprise = tiles.measured * known**2
+        gains = gains * np.add.reduceat(surprise * scene, starts, 1) / np.add.reduceat(known * scene, starts, 1)
+        each = np.repeat(gains, sizes, axis=1)
+        known = 1 / (each * scene + floor * tiles.noise)
+        surprise = tiles.measured * known**2
+        even *= (surprise * tiles.noise).sum() / (known * tiles.noise).sum()
+        brighter *= (surprise * tiles.noise * bright).sum() / (known * tiles.noise * bright).sum()
+        up, down = weight * prior / squared**2, weight / squared
+        squared *= (up + (each * surprise * tiles.error).sum()) / (down + (each * known * tiles.error).sum())
+    return float(even + brighter * bright.mean()), float(squared)
+
+
+def _first_gains(tiles: TilePowers) -> FloatArray:
+    measured, blurred = (np.add.reduceat(power, tiles.cells[:-1], axis=1) for power in (tiles.measured, tiles.blurred))
+    gains: FloatArray = measured / blurred
+    return gains
