@@ -114,9 +114,7 @@ def fit_floors(tiles: TilePowers, start: tuple[float, float], steps: int, weight
     return float(floors[0] + floors[1] * tiles.brightness.mean()), float(floors[2])
 
 
-def fit_floors_numpy(
-    tiles: TilePowers, start: tuple[float, float], steps: int, weight: float
-) -> tuple[float, float]:
+def fit_floors_numpy(tiles: TilePowers, start: tuple[float, float], steps: int, weight: float) -> tuple[float, float]:
     """Readable twin of :func:`fit_floors`."""
     starts, sizes = tiles.cells[:-1], np.diff(tiles.cells)
     gains, prior, bright = _first_gains(tiles), start[1], tiles.brightness[:, None]

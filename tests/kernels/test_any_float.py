@@ -108,7 +108,7 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "shrunk_grad_adjoint": lambda h: [h(5, 6, 3), 1, 3, h.number(), h(9), False, h(5, 6, 3)],
     "fit_gains": lambda h: [h(4, 9), h(4, 9), h(2, 9), *TILES, h(2, dtype=np.float64), float(h.number())],
     "fit_floors": lambda h: [
-        TilePowers(*(h(*shape, dtype=np.float64) for shape in ((4, 9), (4, 9), (9,), (9,), (4,))), TILES[1]),
+        TilePowers._make([*(h(*shape, dtype=np.float64) for shape in ((4, 9), (4, 9), (9,), (9,), (4,))), TILES[1]]),
         (1.0, 0.1),
         3,
         float(h.number()),
