@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from skimage.transform import rescale
 
-from rsdeblur import Camera, Exposure, GyroLog, Simulation, read_camera, read_captures, read_gyro, simulate
+from rsdeblur import Camera, Exposure, GyroLog, Simulation, Translation, read_camera, read_captures, read_gyro, simulate
 from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.io import read_picture
 from rsdeblur.simulation.scene import scene
@@ -40,6 +40,8 @@ class SimulatedCapture:
     camera: Camera
     exposure: Exposure
     pictures: Simulation
+    translation: Translation | None = None
+    """What the recording says of it; the simulated camera turns only."""
 
     @property
     def recording(self) -> tuple[GyroLog, Camera, Exposure]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
 
-from rsdeblur.image.transfer import from_linear
+from benchmarks.captures import SimulatedCapture
+from rsdeblur.image.transfer import from_linear, to_linear
 
 # Bilinear demosaicing of the green pixels, and of the red or blue ones.
 GREEN = np.array([[0, 1, 0], [1, 4, 1], [0, 1, 0]]) / 4
@@ -20,6 +22,24 @@ LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 # Softness of the denoised chroma, px; spread in px and in standard deviations of the noise of the bilateral filter of
 # the luma; amount and radius (px) of the sharpening.
 CHROMA, NEAR, ALIKE, SHARPER, RADIUS = 2.0, 1.5, 4.5, 0.6, 1.0
+# Photon noise at white of a series of pictures in turn: much, some and little light.
+NOISES = 0.004, 0.01, 0.02
+# Noise and JPEG quality of a sharp picture, with which results are compared.
+TRUTH_NOISE, TRUTH_QUALITY = 0.001, 97
+
+
+def phone_photo(light: NDArray[np.float32], n: int) -> NDArray[np.uint8]:
+    """Return what a phone would store of the linear light of the `n`-th picture of a series."""
+    return processed(light, np.random.default_rng(n), noise=NOISES[n % len(NOISES)])
+
+
+def from_phone(capture: SimulatedCapture, n: int) -> SimulatedCapture:
+    """Return the `n`-th capture of a series with its pictures as a phone would store them, in linear light."""
+    random = np.random.default_rng(n)
+    sharp = processed(capture.pictures.rolling, random, noise=TRUTH_NOISE, quality=TRUTH_QUALITY)
+    photos = {"rolling": sharp, "blurred": phone_photo(capture.pictures.blurred, n)}
+    light = {name: to_linear(photo.astype(np.float32) / np.float32(255), "srgb") for name, photo in photos.items()}
+    return replace(capture, pictures=capture.pictures._replace(**light))
 
 
 def processed(

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.captures import DATA, require_data
-from benchmarks.phone import processed
+from benchmarks.phone import phone_photo
 from rsdeblur import Camera, Correction, Exposure, RsdeblurError, read_gyro, refine, simulate
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.image.transfer import to_linear
@@ -62,8 +62,7 @@ def cases(count: int, seed: int) -> Iterator[Case]:
         light = simulate(
             to_linear(np.ascontiguousarray(stored, dtype=np.float32), "srgb"), log, camera, exposure
         ).blurred
-        picture = processed(light, np.random.default_rng(n), noise=(0.004, 0.01, 0.02)[n % 3])
-        yield Case(f"{name} {exposure.start:.1f} s", picture, Recording(log, camera, exposure))
+        yield Case(f"{name} {exposure.start:.1f} s", phone_photo(light, n), Recording(log, camera, exposure))
 
 
 def error(kind: str, random: np.random.Generator, recording: Recording) -> Correction:

@@ -1,69 +1,95 @@
-"""Reliability of the check of results: ``python -m benchmarks.verdict [--prior wiener] [--half odd]``.
+"""Reliability of the check, and worth of the fading: ``python -m benchmarks.verdict [--half all] [--phone]``.
 
 Simulated captures are deblurred with the right motion, with the small errors of real recordings, and with wrong motion.
-The first table counts the verdicts in each case. The second compares them with the truth: is the result better or worse
-than the blurred picture? The third shows the effect of ``fallback=True`` on results called bad.
+The first table counts the verdicts in each case, and lists the gain by the fading of light below black. The second
+compares the verdicts with the truth: is the result better or worse than the blurred picture? The third shows the effect
+of ``fallback=True`` on results called bad. With ``--phone`` the pictures are processed as by a phone.
 
 Thresholds were chosen on the captures of odd number (1st, 3rd, ...). The others, the default here, are held out.
-Processes share the captures.
+Processes share the captures. With ``--records`` each capture is appended to a file as soon as it is measured, and
+captures that the file has are not measured again.
 """
 
 from __future__ import annotations
 
 import json
 import multiprocessing
+import statistics
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
+from unittest.mock import patch
 
 import click
 import numpy as np
 from rich.progress import track
 
-from benchmarks.captures import SimulatedCapture, quality, simulated
+from benchmarks.captures import Image, SimulatedCapture, quality, simulated
+from benchmarks.phone import from_phone
 from benchmarks.priors import FOCAL_ERROR, OFFSET_ERROR, RATE_NOISE, jpeg, noisy
-from benchmarks.tables import markdown, write
-from rsdeblur import GyroLog, QualityCheck, RsdeblurError, deblur
+from benchmarks.tables import markdown
+from rsdeblur import Correction, GyroLog, QualityCheck, RsdeblurError, deblur
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import PRIORS, Prior
 from rsdeblur.estimate.check import Verdict, fall_back
+from rsdeblur.estimate.correction import Recording
 from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.image.undershoot import fade_undershoot
+from rsdeblur.pipeline import steps
 
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 # Least gain or loss, dB, at which a result counts as better or worse than the blurred picture.
 EQUAL = 0.5
 DECIBELS = 40
 SIZES = 0.5, 0.7, 1.5, 2.0
+# A motion that the log lacks: shift of the scene during the exposure, px.
+DRIFT = Correction(drift_x=4.0, drift_y=-2.0)
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One result: capture, case, PSNR gain over the blurred picture without and with fallback, check."""
+    """One result.
+
+    Parameters
+    ----------
+    capture, case : str
+        Their names.
+    gain, unfaded, blended : float
+        PSNR above that of the blurred picture, dB: of the result, without the fading of light below black, and with
+        `fallback`.
+    check : QualityCheck
+        Check of the result.
+    """
 
     capture: str
     case: str
     gain: float
+    unfaded: float
     blended: float
     check: QualityCheck
 
 
-def cases(clean: SimulatedCapture) -> Iterator[tuple[str, SimulatedCapture]]:
-    """Yield a capture with right, slightly wrong and wrong motion, each with the name of the case."""
-    for decibels in (30, 50):
-        yield f"right motion, {decibels} dB", noisy(clean, decibels)
-    capture = noisy(clean, DECIBELS)
+def right(clean: SimulatedCapture) -> dict[str, SimulatedCapture]:
+    """Return a capture with the right motion and different noise, the last one of `DECIBELS`."""
+    captures = {f"right motion, {decibels} dB": noisy(clean, decibels) for decibels in (30, 50, DECIBELS)}
+    pictures = captures[f"right motion, {DECIBELS} dB"].pictures
+    stored = replace(clean, pictures=pictures._replace(blurred=jpeg(pictures.blurred)))
+    return {"right motion, JPEG 90": stored} | captures
+
+
+def wrong(capture: SimulatedCapture) -> Iterator[tuple[str, SimulatedCapture]]:
+    """Yield a capture with slightly wrong and wrong motion, each with the name of the case."""
     log, camera, exposure = capture.recording
-    yield f"right motion, {DECIBELS} dB", capture
-    stored = jpeg(capture.pictures.blurred)
-    yield "right motion, JPEG 90", replace(capture, pictures=capture.pictures._replace(blurred=stored))
     yield "focal length + 1 %", focal_length(capture, 1 + FOCAL_ERROR)
     yield "2 ms late", replace(capture, log=GyroLog(log.t + OFFSET_ERROR, log.omega, log.epoch_ns))
     noise = np.random.default_rng(0).normal(0.0, RATE_NOISE, log.omega.shape)
     yield "rates + 0.01 rad/s noise", replace(capture, log=replace(log, omega=log.omega + noise))
+    drift = f"drift of {DRIFT.drift_x:g} and {DRIFT.drift_y:g} px"
+    yield drift, replace(capture, translation=Recording(*capture.recording).corrected(DRIFT).translation)
     for size in SIZES:
         yield f"focal length x {size:g}", focal_length(capture, size)
     for shift, name in ((1.0, "1 s later"), (0.04, "40 ms later")):
@@ -81,36 +107,54 @@ def focal_length(capture: SimulatedCapture, size: float) -> SimulatedCapture:
     return replace(capture, camera=replace(capture.camera, focal_length=(size * fx, size * fy)))
 
 
-def trials(clean: SimulatedCapture, prior: Prior) -> list[Trial]:
-    """Deblur a capture in all cases; leave out motion that is refused because the blur exceeds the picture."""
+def trials(captures: dict[str, SimulatedCapture], prior: Prior) -> list[Trial]:
+    """Deblur one capture with different noise, and the last of these also with wrong motion.
+
+    Motion that is refused because the blur exceeds the picture is left out.
+    """
+    unfaded = []
+
+    def fade(sharp: Image, *args: Any, **kwargs: Any) -> None:
+        unfaded.append(sharp.copy())
+        fade_undershoot(sharp, *args, **kwargs)
+
     all_trials = []
-    for case, capture in cases(clean):
+    for case, capture in (*captures.items(), *wrong(list(captures.values())[-1])):
         truth, blurred = capture.pictures.rolling, capture.pictures.blurred
         try:
-            result = deblur(blurred, *capture.recording, prior=prior, threads=1)
+            with patch.object(steps, "fade_undershoot", fade):
+                result = deblur(blurred, *capture.recording, prior=prior, translation=capture.translation, threads=1)
         except RsdeblurError:
             continue
         assert result.check is not None
-        before, after = quality(truth, blurred)[0], quality(truth, result.image)[0]
         blended = result.image.copy()
         if result.check.verdict == "bad":
             fall_back(EncodedImage(blurred, "linear"), result.check, blended)
-        all_trials.append(Trial(clean.name, case, after - before, quality(truth, blended)[0] - before, result.check))
+        # Linear priors do not fade.
+        images = blurred, result.image, unfaded.pop() if unfaded else result.image, blended
+        before, after, without, with_fallback = (quality(truth, image)[0] for image in images)
+        gains = (after - before, without - before, with_fallback - before)
+        all_trials.append(Trial(capture.name, case, *gains, result.check))
     return all_trials
 
 
 def report(all_trials: list[Trial]) -> str:
-    """Return the tables: verdicts by case, verdicts by outcome, and bad results with fallback."""
-    by_case = [[case, *_counts(some)] for case, some in _grouped(all_trials, lambda trial: trial.case).items()]
+    """Return the tables: verdicts and fading by case, verdicts by outcome, bad results with fallback, and fading."""
+    cases = _grouped(all_trials, lambda trial: trial.case)
+    by_case = [[case, *_counts(some), *_fading(some)] for case, some in cases.items()]
     outcomes = _grouped(sorted(all_trials, key=lambda trial: -trial.gain), _outcome)
     by_outcome = [[f"result {name}", *_counts(some)] for name, some in outcomes.items()]
-    tables = [markdown(["", "results", *VERDICTS], rows) for rows in (by_case, by_outcome)]
-    bad = np.array([(trial.gain, trial.blended) for trial in all_trials if trial.check.verdict == "bad"])
-    if len(bad):
-        rows = []
-        for name, column in zip(("as they are", "with fallback"), bad.T, strict=True):
-            rows.append([name, *(f"{x:+.2f}" for x in (column.min(), np.median(column), column.max()))])
+    columns = ["", "results", *VERDICTS]
+    tables = [markdown([*columns, "fading gains, dB", "least", "most"], by_case), markdown(columns, by_outcome)]
+    bad = [trial for trial in all_trials if trial.check.verdict == "bad"]
+    if bad:
+        gains = {"as they are": [t.gain for t in bad], "with fallback": [t.blended for t in bad]}
+        rows = [[name, *_signed(min(some), statistics.median(some), max(some))] for name, some in gains.items()]
         tables.append(markdown(["bad results, dB above the input", "least", "median", "most"], rows))
+    rows = []
+    for name, some in (("with fading", [t.gain for t in all_trials]), ("without", [t.unfaded for t in all_trials])):
+        rows.append([name, str(sum(gain < -EQUAL for gain in some)), *_signed(min(some), statistics.mean(some))])
+    tables.append(markdown(["results, dB above the input", "worse", "least", "mean"], rows))
     return "\n\n".join(tables)
 
 
@@ -118,6 +162,15 @@ def _outcome(trial: Trial) -> str:
     if abs(trial.gain) <= EQUAL:
         return f"within {EQUAL} dB"
     return "better" if trial.gain > 0 else "worse"
+
+
+def _fading(group: list[Trial]) -> list[str]:
+    gains = [trial.gain - trial.unfaded for trial in group]
+    return _signed(statistics.mean(gains), min(gains), max(gains))
+
+
+def _signed(*decibels: float) -> list[str]:
+    return [f"{value:+.2f}" for value in decibels]
 
 
 def _grouped(all_trials: list[Trial], key: Callable[[Trial], str]) -> dict[str, list[Trial]]:
@@ -132,23 +185,45 @@ def _counts(group: list[Trial]) -> list[str]:
     return [str(len(group)), *(str(verdicts[verdict]) for verdict in VERDICTS)]
 
 
+def load(path: Path | None) -> dict[tuple[str, ...], list[Trial]]:
+    """Return the trials in a file of records."""
+    if path is None or not path.exists():
+        return {}
+    records: list[dict[str, Any]] = [json.loads(line) for line in path.read_text().splitlines()]
+    return {
+        tuple(record["key"]): [Trial(**t | {"check": QualityCheck(**t["check"])}) for t in record["trials"]]
+        for record in records
+    }
+
+
 @click.command()
 @click.option(
-    "--half", type=click.Choice(["odd", "even"]), default="even", show_default=True, help="Half of the captures."
+    "--half", type=click.Choice(["odd", "even", "all"]), default="even", show_default=True, help="Half of the captures."
 )
 @click.option("--count", type=int, help="Only the first captures of that half.")
 @click.option("--prior", type=click.Choice(PRIORS), default="tv", show_default=True)
-@click.option("--json", "output", type=Path, help="Write every result to this file.")
-def main(half: str, count: int | None, prior: Prior, output: Path | None) -> None:
+@click.option("--phone", is_flag=True, help="Pictures processed as by a phone.")
+@click.option("--records", type=Path, help="File of records (JSON lines) to continue.")
+def main(half: str, count: int | None, prior: Prior, phone: bool, records: Path | None) -> None:
     """Check results of right and wrong motion, and print the confusion tables."""
-    captures = list(simulated(noise=0.0, enlarged=1))[half == "even" :: 2][:count]
+    part = {"odd": slice(0, None, 2), "even": slice(1, None, 2), "all": slice(None)}[half]
+    numbered = list(enumerate(simulated(noise=0.0, enlarged=1)))[part][:count]
+    keys = [(capture.name, prior, *(["phone"] if phone else [])) for _, capture in numbered]
+    known = load(records)
+    missing = {
+        key: {"right motion, phone": from_phone(capture, n)} if phone else right(capture)
+        for key, (n, capture) in zip(keys, numbered, strict=True)
+        if key not in known
+    }
     # Every solve uses one thread.
     with ProcessPoolExecutor(thread_count(None), multiprocessing.get_context("spawn")) as pool:
-        results = pool.map(partial(trials, prior=prior), captures)
-        all_trials = [trial for some in track(results, "checking", total=len(captures)) for trial in some]
-    if output:
-        write(output, json.dumps([asdict(trial) for trial in all_trials], indent=1))
-    print(report(all_trials))
+        results = pool.map(partial(trials, prior=prior), missing.values())
+        for key, some in zip(missing, track(results, "checking", total=len(missing)), strict=True):
+            known[key] = some
+            if records:
+                with records.open("a") as file:
+                    file.write(json.dumps({"key": key, "trials": [asdict(trial) for trial in some]}) + "\n")
+    print(report([trial for key in keys for trial in known[key]]))
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rsdeblur.choices import Auto, Transfer
-    from rsdeblur.cli._options import ClipLog, Recording, Track
+    from rsdeblur.cli._options import Moments, Recording, Track
     from rsdeblur.estimate.time_offset import OffsetSearch
     from rsdeblur.io.exif_times import CaptureTime
     from rsdeblur.io.pictures import Picture
@@ -164,7 +164,7 @@ def read_device(recording: Recording) -> tuple[GyroLog, Camera]:
     return file.log, camera
 
 
-def read_log(recording: Recording | ClipLog) -> GyroFile:
+def read_log(recording: Moments) -> GyroFile:
     """Read the log that the options name, without its bias, and show its warnings; see `read_inputs`."""
     reading = recording.gyro_format, recording.unit, recording.orientation, recording.rate
     file, messages = _gyro_file(recording.gyro, _state(recording.gyro), *reading)
@@ -343,7 +343,7 @@ def _chosen(captures: list[Exposure], recording: Recording) -> Exposure:
     return captures[index]
 
 
-def clip_exposures(clip: Clip, recording: Recording | ClipLog) -> list[Exposure]:
+def clip_exposures(clip: Clip, recording: Moments) -> list[Exposure]:
     """Return the exposure of each frame of a video, which the options give.
 
     Raises
@@ -411,7 +411,7 @@ def unit_range(pixels: NDArray[Any]) -> NDArray[Any]:
 
 
 @contextmanager
-def naming(file: Path | None, recording: Recording | ClipLog | None = None) -> Iterator[None]:
+def naming(file: Path | None, recording: Moments | None = None) -> Iterator[None]:
     """Put the name of the file at fault before errors of a computation."""
     try:
         yield

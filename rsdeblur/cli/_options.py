@@ -36,22 +36,28 @@ Decorator = Callable[[Command], Command]
 PATH = click.Path(path_type=Path)
 
 
-@dataclass(frozen=True, slots=True)
-class Recording:
-    """Files and values that give the log, the camera and the exposure."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Moments:
+    """The gyro log, and the moments of one exposure or of the frames of a clip."""
 
     gyro: Path
-    camera: Path
     gyro_format: str | None = None
     unit: str | None = None
     orientation: str | None = None
     rate: float | None = None
     bias: Bias | None = None
     capture: Path | None = None
-    index: int | None = None
     start_ns: int | None = None
     start: Start | None = None
     duration: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recording(Moments):
+    """Files and values that give the log, the camera and the exposure."""
+
+    camera: Path
+    index: int | None = None
     time_offset: float | None = None
     readout_time: float | None = None
     focal_length: float | None = None
@@ -65,22 +71,6 @@ class Track:
     translation_axes: str = "camera"
     depth: float | None = None
     drift: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class ClipLog:
-    """The log of a clip and the times of its frames; the names are those of `Recording`."""
-
-    gyro: Path
-    gyro_format: str | None = None
-    unit: str | None = None
-    orientation: str | None = None
-    rate: float | None = None
-    bias: Bias | None = None
-    capture: Path | None = None
-    start_ns: int | None = None
-    start: float | None = None
-    duration: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,7 +271,7 @@ def clip_options(*, required: bool = True) -> Decorator:
     return gathered("recording", Recording, options)
 
 
-clip_log_options = gathered("recording", ClipLog, (*_clip_log(), *_CLIP_TIMES))
+clip_log_options = gathered("recording", Moments, (*_clip_log(), *_CLIP_TIMES))
 defaults_options = gathered(
     "defaults",
     Defaults,

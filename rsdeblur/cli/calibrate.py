@@ -11,7 +11,7 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import clip_exposures, naming, read_log
-from rsdeblur.cli._options import ClipLog, Target
+from rsdeblur.cli._options import Moments, Target
 from rsdeblur.cli._output import print_json, print_table, progress, say
 from rsdeblur.cli._types import SecondsType
 
@@ -58,7 +58,7 @@ STATES = ("assumed", "determined")
 @_options.target_options("TOML", "Camera file to write.")
 def command(
     sources: tuple[Path, ...],
-    recording: ClipLog,
+    recording: Moments,
     camera_file: Path | None,
     index: int,
     first: float,
@@ -99,7 +99,7 @@ def command(
 
 
 def _film(
-    sources: Sequence[Path], recording: ClipLog, index: int, count: int
+    sources: Sequence[Path], recording: Moments, index: int, count: int
 ) -> tuple[Iterator[NDArray[Any]], list[Exposure], tuple[int, int]]:
     """Return the frames to use, their exposures, and their width and height."""
     from rsdeblur.io.pictures import is_picture
@@ -127,7 +127,7 @@ def _runs(length: int, count: int) -> list[range]:
 
 
 def _photos(
-    photos: Sequence[Path], recording: ClipLog, index: int
+    photos: Sequence[Path], recording: Moments, index: int
 ) -> tuple[Iterator[NDArray[Any]], list[Exposure], tuple[int, int]]:
     from rsdeblur.errors import InputError
     from rsdeblur.io import read_captures, read_picture

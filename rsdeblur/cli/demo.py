@@ -88,7 +88,7 @@ def command(size: tuple[int, int], seed: int, session: str | None, target: Targe
     with progress("simulate"):
         _capture(size, seed, output, force=force)
     # From here on, the demo uses the files as a user does.
-    recording = Recording(gyro, camera, start=START, duration=EXPOSURE)
+    recording = Recording(gyro=gyro, camera=camera, start=START, duration=EXPOSURE)
     options = Options(prior=PRIOR, nsr=NSR)
     report = compare_modes(blurred, recording, options, Track(), target, truth=rolling).report
     again = [*program(), "deblur", str(blurred), "--gyro", str(gyro), "--camera", str(camera)]

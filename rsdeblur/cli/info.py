@@ -109,7 +109,7 @@ def _coverage(
         opens, closes = exposure.span(camera)
         try:
             log.covering(opens - camera.time_offset, closes - camera.time_offset, exposure.epoch_ns)
-            state = "covered"
+            state = "complete"
         except CoverageError as error:
             state = str(error)
         start_ns = exposure.epoch_ns + round(exposure.start * 1e9)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -56,12 +57,82 @@ class RegionType(click.ParamType[Region]):
 
 
 Varied = Literal["offset", "scale", "readout", "drift"]
-# First and last value unless given: a shift in s, factors, px.
-RANGES: dict[Varied, tuple[float, float]] = {
-    "offset": (-0.1, 0.1),
-    "scale": (0.7, 1.4),
-    "readout": (0.5, 2.0),
-    "drift": (-6.0, 6.0),
+Value = tuple[float, ...]
+
+
+def _shifts(first: float, last: float, steps: int) -> list[Value]:
+    import numpy as np
+
+    return [(shift,) for shift in np.linspace(first, last, steps).tolist()]
+
+
+def _factors(first: float, last: float, steps: int) -> list[Value]:
+    import numpy as np
+
+    if not min(first, last) > 0:
+        raise InputError(f"--from and --to are factors, which must be positive, got {first:g} and {last:g}")
+    return [(factor,) for factor in np.geomspace(first, last, steps).tolist()]
+
+
+def _drifts(first: float, last: float, steps: int) -> list[Value]:
+    along = _shifts(first, last, math.isqrt(steps))
+    return [x + y for y, x in product(along, along)]
+
+
+@dataclass(frozen=True, slots=True)
+class Variation:
+    """A number of the recording that a sheet can vary.
+
+    Parameters
+    ----------
+    ends : (float, float)
+        First and last value unless given: a shift in s, factors, px.
+    values : callable
+        Returns the values, given the first, the last and their number.
+    correction : callable
+        Returns the fields of the correction that a value makes.
+    text : callable
+        Returns a value as text.
+    option : callable
+        Returns the option that other commands need, given the camera and the drift that result from a value.
+    """
+
+    ends: tuple[float, float]
+    values: Callable[[float, float, int], list[Value]]
+    correction: Callable[..., dict[str, float]]
+    text: Callable[..., str]
+    option: Callable[[Camera, tuple[float, float]], str]
+
+
+VARIATIONS: dict[Varied, Variation] = {
+    "offset": Variation(
+        (-0.1, 0.1),
+        _shifts,
+        lambda shift: {"offset": shift},
+        lambda shift: f"{1e3 * shift:+.1f} ms",
+        lambda camera, _: f"--time-offset {camera.time_offset:.7g}",
+    ),
+    "scale": Variation(
+        (0.7, 1.4),
+        _factors,
+        lambda factor: {"scale": math.log(factor)},
+        lambda factor: f"x {factor:.3g}",
+        lambda camera, _: f"--focal-length {camera.focal_length[0]:.7g}",
+    ),
+    "readout": Variation(
+        (0.5, 2.0),
+        _factors,
+        lambda factor: {"readout": math.log(factor)},
+        lambda factor: f"x {factor:.3g}",
+        lambda camera, _: f"--readout-time {camera.readout_time:.7g}",
+    ),
+    "drift": Variation(
+        (-6.0, 6.0),
+        _drifts,
+        lambda x, y: {"drift_x": x, "drift_y": y},
+        lambda x, y: f"{x:+.1f}, {y:+.1f} px",
+        lambda _, drift: f"--drift {drift[0]:.4g},{drift[1]:.4g}",
+    ),
 }
 
 
@@ -74,7 +145,12 @@ class Sweep:
     last: float | None
     steps: int
 
-    def values(self) -> list[tuple[float, ...]]:
+    @property
+    def variation(self) -> Variation:
+        """The variation that `vary` names."""
+        return VARIATIONS[self.vary]
+
+    def values(self) -> list[Value]:
         """Return the values, evenly spaced; factors by their ratio, and drifts along both axes.
 
         Raises
@@ -82,46 +158,27 @@ class Sweep:
         InputError
             If a factor is not positive.
         """
-        import numpy as np
-
         first, last = (
             default if given is None else given
-            for given, default in zip((self.first, self.last), RANGES[self.vary], strict=True)
+            for given, default in zip((self.first, self.last), self.variation.ends, strict=True)
         )
-        if self.vary == "drift":
-            along = np.linspace(first, last, math.isqrt(self.steps)).tolist()
-            return [(x, y) for y, x in product(along, along)]
-        if self.vary == "offset":
-            return [(shift,) for shift in np.linspace(first, last, self.steps).tolist()]
-        if not min(first, last) > 0:
-            raise InputError(f"--from and --to must be positive for --vary {self.vary}, got {first:g} and {last:g}")
-        return [(factor,) for factor in np.geomspace(first, last, self.steps).tolist()]
+        return self.variation.values(first, last, self.steps)
 
-    def correction(self, value: tuple[float, ...]) -> Correction:
+    def correction(self, value: Value) -> Correction:
         """Return the correction of the recording with a value."""
         from rsdeblur.estimate.correction import Correction
 
-        if self.vary == "offset":
-            return Correction(offset=value[0])
-        if self.vary == "scale":
-            return Correction(scale=math.log(value[0]))
-        if self.vary == "readout":
-            return Correction(readout=math.log(value[0]))
-        return Correction(drift_x=value[0], drift_y=value[1])
+        return Correction(**self.variation.correction(*value))
 
-    def label(self, value: tuple[float, ...]) -> str:
+    def label(self, value: Value) -> str:
         """Return a value as text."""
-        if self.vary == "offset":
-            return f"{1e3 * value[0]:+.1f} ms"
-        if self.vary == "drift":
-            return f"{value[0]:+.1f}, {value[1]:+.1f} px"
-        return f"x {value[0]:.3g}"
+        return self.variation.text(*value)
 
 
 class Cell(NamedTuple):
     """A result on the sheet, its value, the option that asks for it, and the kernel at the middle of the picture."""
 
-    value: tuple[float, ...]
+    value: Value
     option: str
     time_offset: float
     picture: NDArray[Any]
@@ -139,7 +196,7 @@ class Cell(NamedTuple):
     (
         click.option(
             "--vary",
-            type=click.Choice(list(RANGES)),
+            type=click.Choice(list(VARIATIONS)),
             default="offset",
             show_default=True,
             help="The clock, the size of the motion, the readout time, or a drift that the gyro does not measure.",
@@ -241,7 +298,8 @@ def _cells(
         for i, value in enumerate(values):
             if move is not None:
                 move(sweep.label(value), i / len(values))
-            varied = given.corrected(sweep.correction(value))
+            change = sweep.correction(value)
+            varied = given.corrected(change)
             try:
                 planned = plan(log, varied.camera, exposure, replace(options, translation=varied.translation))
             except CoverageError as uncovered:
@@ -251,24 +309,13 @@ def _cells(
             bands, strips = (n // 2 for n in result.psfs.kernels.shape[:2])
             shown = display_values(result.image, transfer)
             # A region has a readout and a clock of its own.
-            used = whole.corrected(sweep.correction(value)).camera
-            option = _option(sweep.vary, used, track, value)
+            used = whole.corrected(change).camera
+            x, y = track.drift or (0.0, 0.0)
+            option = sweep.variation.option(used, (x + change.drift_x, y + change.drift_y))
             cells.append(Cell(value, option, used.time_offset, shown, result.psfs.kernels[bands, strips]))
         if error is not None and not cells:
             raise error
     return cells
-
-
-def _option(vary: Varied, camera: Camera, track: Track, value: tuple[float, ...]) -> str:
-    """Return the option with which other commands use a value."""
-    if vary == "offset":
-        return f"--time-offset {camera.time_offset:.7g}"
-    if vary == "scale":
-        return f"--focal-length {camera.focal_length[0]:.7g}"
-    if vary == "readout":
-        return f"--readout-time {camera.readout_time:.7g}"
-    x, y = (given + more for given, more in zip(track.drift or (0.0, 0.0), value, strict=True))
-    return f"--drift {x:.4g},{y:.4g}"
 
 
 def _cut(inputs: Inputs, region: Region) -> Inputs:

@@ -109,9 +109,7 @@ class TileSpectra:
         """
         measured = self._periodograms
         _, gains, levels = measured.fit(expected, self._place)
-        return whittle.information(
-            measured.power, measured.noise, expected, slopes, self._place, measured.sectors, (gains, levels), STIFFNESS
-        )
+        return whittle.information(measured.tiles_under(expected, self._place), slopes, (gains, levels), STIFFNESS)
 
 
 class TilePeriodograms:
@@ -165,7 +163,11 @@ class TilePeriodograms:
         levels : ndarray, optional
             Candidates for the noise, as multiples of its first estimate.
         """
-        return whittle.fit_gains(self.power, self.noise, expected, place, self.sectors, levels, STIFFNESS)
+        return whittle.fit_gains(self.tiles_under(expected, place), levels, STIFFNESS)
+
+    def tiles_under(self, expected: NDArray[np.float32], place: NDArray[np.intp]) -> whittle.Tiles:
+        """Return the tiles with the power expected at K places and the index of each tile's place; see `fit`."""
+        return whittle.Tiles(self.power, self.noise, expected, place, self.sectors)
 
 
 def _places(n: int) -> NDArray[np.intp]:

@@ -26,6 +26,9 @@ TRAILER_SAMPLE = np.dtype([("ns", "<i8"), ("rates", "<f4", 3), ("extra", "<i4")]
 GOPRO_READOUT, GOPRO_STABILISED, GOPRO_STABILISER = "0x53524f54", "0x45495345", "0x45495341"
 # The diagonal field of view in degrees (ZFOV).
 GOPRO_VIEW = "0x5a464f56"
+# Camera whose exposures telemetry-parser returns as pairs of time and seconds. KanDao's are pairs too, but nothing
+# public documents their unit.
+TIMED_EXPOSURES = "Insta360"
 
 
 class Trailer(NamedTuple):
@@ -128,9 +131,12 @@ def telemetry_of(source: Source) -> Telemetry:
     return Telemetry(f"{parser.camera or 'camera'} {parser.model or ''}".strip(), blocks, samples)
 
 
-def _exposures(blocks: list[Mapping[str, Any]]) -> list[float]:
+def _exposures(telemetry: Telemetry) -> list[float]:
     """Return the exposure times of the frames of a video in s; none if they are missing or damaged."""
-    exposures = [seconds for block in blocks for seconds in block.get("Exposure", {}).get("Data", [])]
+    exposures = [entry for block in telemetry.blocks for entry in block.get("Exposure", {}).get("Data", [])]
+    if telemetry.camera.startswith(TIMED_EXPOSURES):
+        # `t` counts from the first frame of the video; the camera measures before it starts to record. `v` is in s.
+        exposures = [entry["v"] for entry in exposures if entry["t"] is not None and entry["t"] >= 0]
     return exposures if all(isinstance(seconds, float) and 0 < seconds < np.inf for seconds in exposures) else []
 
 
@@ -143,7 +149,7 @@ def frame_exposures(path: str | os.PathLike[str]) -> list[float]:
         If telemetry-parser is missing, or the video is damaged.
     """
     source = Source(path, "video")
-    return _exposures(telemetry_of(source).blocks) if is_video(source) else []
+    return _exposures(telemetry_of(source)) if is_video(source) else []
 
 
 def _read_video(source: Source) -> Samples:
@@ -151,19 +157,17 @@ def _read_video(source: Source) -> Samples:
     readings = [sample for sample in telemetry.samples if sample.get("gyro") is not None]
     if not readings:
         raise source.error(f"the video of this {telemetry.camera} has no gyro samples")
-    return _video_samples(source, telemetry.camera, telemetry.blocks, readings)
+    return _video_samples(source, telemetry, readings)
 
 
-def _video_samples(
-    source: Source, camera: str, blocks: list[Mapping[str, Any]], readings: list[Mapping[str, Any]]
-) -> Samples:
-    first = blocks[0].get("Default", {}) if blocks else {}
-    facts: dict[str, Any] = {"camera": camera}
+def _video_samples(source: Source, telemetry: Telemetry, readings: list[Mapping[str, Any]]) -> Samples:
+    first = telemetry.blocks[0].get("Default", {}) if telemetry.blocks else {}
+    facts: dict[str, Any] = {"camera": telemetry.camera}
     with contextlib.suppress(TypeError, ValueError, KeyError):
         facts["readout_time_s"] = float(first[GOPRO_READOUT]) / 1e3
     with contextlib.suppress(TypeError, ValueError, KeyError):
         facts["field_of_view_deg"] = float(first[GOPRO_VIEW])
-    if exposures := _exposures(blocks):
+    if exposures := _exposures(telemetry):
         facts["exposures_s"] = [min(exposures), max(exposures)]
     cautions = []
     if first.get(GOPRO_STABILISED) == "Y":

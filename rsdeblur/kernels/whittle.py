@@ -10,6 +10,8 @@ differences of their logarithms from the mean of these.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,9 +27,32 @@ LONGEST = 1.0
 FAINTEST = 3e-3
 
 
+class Tiles(NamedTuple):
+    """Periodograms of N tiles and their expectations, at F frequencies sorted by direction.
+
+    Parameters
+    ----------
+    power, noise : ndarray, shape (N, F)
+        Periodograms, and the power of the noise in them.
+    expected : ndarray, shape (K, F)
+        Power of scene and blur at K places, positive.
+    place : ndarray, shape (N,)
+        Index of each tile's place.
+    sectors : ndarray, shape (D + 1,)
+        First frequency of each of D directions, and F.
+    """
+
+    power: NDArray[np.float32]
+    noise: NDArray[np.float32]
+    expected: NDArray[np.float32]
+    place: NDArray[np.intp]
+    sectors: NDArray[np.intp]
+
+
 @njit(nogil=True, error_model="numpy")
-def _nats(power, noise, expected, sectors, gains, level):
+def _nats(tile, gains, level):
     """Return the sum over a tile, without the differences of the gains."""
+    power, noise, expected, sectors = tile
     total = 0.0
     for k in range(len(gains)):
         # One logarithm for several factors, which stay within the range of doubles.
@@ -44,8 +69,10 @@ def _nats(power, noise, expected, sectors, gains, level):
 
 
 @njit(nogil=True, error_model="numpy")
-def _newton(power, noise, expected, sectors, level, stiffness, logs, gains, slopes, bends):
+def _newton(tile, level, stiffness, gains, buffers):
     """Find the gains of a tile; return their differences' share of the nats."""
+    power, noise, expected, sectors = tile
+    logs, slopes, bends = buffers
     count = len(gains)
     scene, excess, floor = 0.0, 0.0, 0.0
     for i in range(sectors[0], sectors[count]):
@@ -88,43 +115,29 @@ def _newton(power, noise, expected, sectors, level, stiffness, logs, gains, slop
 
 
 @njit(nogil=True, error_model="numpy")
-def _fit(first, stop, power, noise, expected, place, sectors, levels, stiffness, nats, gains, chosen):
-    count = len(sectors) - 1
-    logs, trial, slopes, bends = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
-    for tile in range(first, stop):
-        of_tile = power[tile], noise[tile], expected[place[tile]], sectors
-        nats[tile] = np.inf
+def _fit(first, stop, tiles, levels, stiffness, nats, gains, chosen):
+    count = len(tiles.sectors) - 1
+    trial, buffers = np.empty(count), (np.empty(count), np.empty(count), np.empty(count))
+    for n in range(first, stop):
+        tile = tiles.power[n], tiles.noise[n], tiles.expected[tiles.place[n]], tiles.sectors
+        nats[n] = np.inf
         for level in levels:
-            apart = _newton(*of_tile, level, stiffness, logs, trial, slopes, bends)
-            total = apart + _nats(*of_tile, trial, level)
-            if total < nats[tile]:
-                nats[tile], chosen[tile] = total, level
-                gains[tile] = trial
+            apart = _newton(tile, level, stiffness, trial, buffers)
+            total = apart + _nats(tile, trial, level)
+            if total < nats[n]:
+                nats[n], chosen[n] = total, level
+                gains[n] = trial
 
 
 def fit_gains(
-    power: NDArray[np.float32],
-    noise: NDArray[np.float32],
-    expected: NDArray[np.float32],
-    place: NDArray[np.intp],
-    sectors: NDArray[np.intp],
-    levels: FloatArray,
-    stiffness: float,
-    *,
-    threads: int | None = None,
+    tiles: Tiles, levels: FloatArray, stiffness: float, *, threads: int | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the nats of all tiles, the gains, and the levels of the noise.
 
     Parameters
     ----------
-    power, noise : ndarray, shape (N, F)
-        Periodograms of N tiles and the power of the noise there, at F frequencies sorted by direction.
-    expected : ndarray, shape (K, F)
-        Power of scene and blur at K places, positive.
-    place : ndarray, shape (N,)
-        Index of each tile's place.
-    sectors : ndarray, shape (D + 1,)
-        First frequency of each of D directions, and F.
+    tiles : Tiles
+        The tiles.
     levels : ndarray
         Candidates for the level of the noise, positive.
     stiffness : float
@@ -135,33 +148,25 @@ def fit_gains(
     tuple of ndarray
         Nats, shape (N,), gains, shape (N, D), and levels, shape (N,).
     """
-    tiles = len(power)
-    nats, gains, chosen = np.empty(tiles), np.empty((tiles, len(sectors) - 1)), np.empty(tiles)
-    given = power, noise, expected, place, sectors, levels, stiffness
-    share_range(lambda first, stop: _fit(first, stop, *given, nats, gains, chosen), tiles, threads)
+    count = len(tiles.power)
+    nats, gains, chosen = np.empty(count), np.empty((count, len(tiles.sectors) - 1)), np.empty(count)
+    share_range(lambda first, stop: _fit(first, stop, tiles, levels, stiffness, nats, gains, chosen), count, threads)
     return nats, gains, chosen
 
 
-def fit_gains_numpy(
-    power: NDArray[np.float32],
-    noise: NDArray[np.float32],
-    expected: NDArray[np.float32],
-    place: NDArray[np.intp],
-    sectors: NDArray[np.intp],
-    levels: FloatArray,
-    stiffness: float,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def fit_gains_numpy(tiles: Tiles, levels: FloatArray, stiffness: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Readable twin of :func:`fit_gains`."""
+    power, noise, expected, place, sectors = tiles
     of_direction = np.repeat(np.arange(len(sectors) - 1), np.diff(sectors))
-    tiles = [
+    fits = [
         min(
             (_fit_tile(each, level * white, expected[at], sectors, of_direction, stiffness, white), level)
             for level in levels
         )
         for each, white, at in zip(*(a.astype(np.float64) for a in (power, noise)), place, strict=True)
     ]
-    nats, gains = zip(*((nats, gains) for (nats, gains), _ in tiles), strict=True)
-    return np.array(nats), np.array(gains), np.array([level for _, level in tiles])
+    nats, gains = zip(*((nats, gains) for (nats, gains), _ in fits), strict=True)
+    return np.array(nats), np.array(gains), np.array([level for _, level in fits])
 
 
 def _fit_tile(
@@ -197,9 +202,9 @@ def _fit_tile(
 
 
 @njit(nogil=True, error_model="numpy")
-def _information(
-    first, stop, power, noise, expected, slopes, place, sectors, gains, chosen, stiffness, gradient, fisher
-):
+def _information(first, stop, tiles, slopes, fitted, stiffness, gradient, fisher):
+    power, noise, expected, place, sectors = tiles
+    gains, chosen = fitted
     parameters, count = slopes.shape[0], len(sectors) - 1
     mixed, own = np.empty((count, parameters)), np.empty(count)
     change = np.empty(parameters)
@@ -234,12 +239,8 @@ def _information(
 
 
 def information(
-    power: NDArray[np.float32],
-    noise: NDArray[np.float32],
-    expected: NDArray[np.float32],
+    tiles: Tiles,
     slopes: NDArray[np.float32],
-    place: NDArray[np.intp],
-    sectors: NDArray[np.intp],
     fitted: tuple[FloatArray, FloatArray],
     stiffness: float,
     *,
@@ -249,36 +250,35 @@ def information(
 
     Parameters
     ----------
-    power, noise, expected, place, sectors, stiffness
-        See :func:`fit_gains`.
+    tiles : Tiles
+        The tiles.
     slopes : ndarray, shape (Q, K, F)
-        Derivatives of the logarithm of `expected` with respect to Q parameters.
+        Derivatives of the logarithm of `tiles.expected` with respect to Q parameters.
     fitted : tuple of ndarray
         Gains and levels that :func:`fit_gains` returned.
+    stiffness : float
+        See :func:`fit_gains`.
 
     Returns
     -------
     tuple of ndarray
         Gradient, shape (N, Q), and information, shape (N, Q, Q).
     """
-    tiles, parameters = len(power), len(slopes)
-    gradient, fisher = np.empty((tiles, parameters)), np.empty((tiles, parameters, parameters))
-    given = power, noise, expected, slopes, place, sectors, *fitted, stiffness
-    share_range(lambda first, stop: _information(first, stop, *given, gradient, fisher), tiles, threads)
+    count, parameters = len(tiles.power), len(slopes)
+    gradient, fisher = np.empty((count, parameters)), np.empty((count, parameters, parameters))
+    given = tiles, slopes, fitted, stiffness
+    share_range(lambda first, stop: _information(first, stop, *given, gradient, fisher), count, threads)
     return gradient, fisher
 
 
 def information_numpy(
-    power: NDArray[np.float32],
-    noise: NDArray[np.float32],
-    expected: NDArray[np.float32],
+    tiles: Tiles,
     slopes: NDArray[np.float32],
-    place: NDArray[np.intp],
-    sectors: NDArray[np.intp],
     fitted: tuple[FloatArray, FloatArray],
     stiffness: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Readable twin of :func:`information`."""
+    power, noise, expected, place, sectors = tiles
     gains, levels = fitted
     signal = np.repeat(gains, np.diff(sectors), axis=1) * expected[place]
     variance = signal + levels[:, None] * noise

@@ -75,7 +75,7 @@ def derive_strengths(
     tuning = Tuning.of(
         *(linear, bank()), noise=noise, one_filter=mode == "global", continued=mode != "rowwise", repeats=repeats
     )
-    peak = 1.0 if prior in ("wiener", "wavelet") else brightness(split.remainder(slice(None), 4))
+    peak = 1.0 if prior == "wiener" else brightness(split.remainder(slice(None), 4))
     return tuned_strengths(tuning, options, peak)
 
 
@@ -105,7 +105,7 @@ def tuned_strengths(tuning: Tuning, options: Options, peak: float) -> tuple[Stre
     nsr = tuning.border_error if options.nsr == "auto" else options.nsr
     if prior == "wavelet":
         wavelet = tuning.wavelet(None if options.weight == "auto" else options.weight)
-        return Strengths(nsr, wavelet.weight, 1.0, wavelet.variances, tuning.noise), tuning.gradient_nsr
+        return Strengths(nsr, wavelet.weight, peak, wavelet.variances, tuning.noise), tuning.gradient_nsr
     if options.weight != "auto":
         weight = options.weight
     else:
@@ -145,7 +145,7 @@ def solve_chunks(
         Changes the sharp light before it is encoded.
     """
     # Linear methods, of which the published filter is one, stay linear.
-    peak = None if options.prior in ("wiener", "gradient") else brightness(split.remainder(slice(None), 4))
+    fades = options.prior not in ("wiener", "gradient")
     memory = None if options.max_memory is None else options.max_memory - split.nbytes
     chunks, _ = plan_chunks(bank, split.encoded.shape, settings, memory)
     for n, chunk in enumerate(chunks):
@@ -160,8 +160,10 @@ def solve_chunks(
         split.add_highlights(linear, chunk.source.start)
         if meter is not None:
             meter.after(linear[inner], chunk.target)
-        if peak is not None:
-            fade_undershoot(linear, split.encoded, chunk.source.start, bank.size, peak, threads=options.threads)
+        if fades:
+            fade_undershoot(
+                linear, split.encoded, chunk.source.start, bank.size, settings.peak, threads=options.threads
+            )
         if finish is not None:
             linear = finish(linear)
         if options.normalize:

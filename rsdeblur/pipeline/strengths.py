@@ -16,7 +16,7 @@ class Strengths:
     weight : float or None
         Weight of the prior; None for the Wiener filter.
     peak : float
-        Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
+        Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`; 1 for the Wiener filter.
     variances : tuple of float
         Variances of :class:`rsdeblur.deconv.wavelet.WaveletPrior`; empty for other priors.
     noise : float, optional

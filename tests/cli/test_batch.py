@@ -261,7 +261,7 @@ def test_two_items_may_not_write_one_file(run: Run, files: Files, tmp_path: Path
 
 
 def test_a_log_is_read_once_unless_it_changes(files: Files) -> None:
-    recording = Recording(files.gyro, files.camera)
+    recording = Recording(gyro=files.gyro, camera=files.camera)
     log, _ = read_device(recording)
     assert read_device(recording)[0] is log
     samples = files.samples()

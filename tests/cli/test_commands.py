@@ -297,7 +297,7 @@ def test_info_reports_coverage_and_suspicious_units(run: Run, files: Files) -> N
     result = run("info", *files.sources, "--capture", files.captures, "--json")
     (entry,) = json.loads(result.stdout)
     states = [exposure["coverage"] for exposure in entry["exposures"]]
-    assert states[:2] == ["covered", "covered"]
+    assert states[:2] == ["complete", "complete"]
     assert "misses" in states[2]
     text = files.gyro.read_text().splitlines()
     degrees = [",".join([line.split(",")[0], "80.0", "0.0", "0.0"]) for line in text[1:]]

@@ -58,4 +58,4 @@ def test_preview_varies_sizes_and_drifts(run: Run, files: Files, tmp_path: Path)
     assert files.camera.read_text() == before
     result = run(*common, "--vary", "readout", "--from", 0)
     assert result.exit_code == 1
-    assert "--from and --to must be positive for --vary readout, got 0 and 2" in result.stderr
+    assert "--from and --to are factors, which must be positive, got 0 and 2" in result.stderr

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 from pathlib import Path
 
 import pytest
@@ -85,3 +86,20 @@ def test_gopro(data_dir: Path) -> None:
     x, y, z = camera.rays((camera.width - 0.5, camera.height - 0.5))
     assert math.degrees(math.atan2(math.hypot(x, y), z)) == pytest.approx(137.388 / 2, rel=1e-3)
     assert len(frame_exposures(video)) == 316
+
+
+def test_exposures_of_insta360(tmp_path: Path) -> None:
+    """The trailer is as telemetry-parser reads it; the first frame of the video is the third one measured."""
+    pytest.importorskip("telemetry_parser")
+    first_frame = b"\xc0\x01\x43"  # field 24 of a Protobuf message: 67 (ms)
+    gyro = b"".join(struct.pack("<Q6d", ms, *[0.0] * 6) for ms in range(20))
+    exposures = b"".join(
+        struct.pack("<Qd", ms, seconds) for ms, seconds in [(0, 0.5), (34, 0.5), (67, 0.01), (100, 0.02)]
+    )
+    records = b"".join(
+        data + struct.pack("<2BI", 0, kind, len(data)) for kind, data in [(4, exposures), (3, gyro), (1, first_frame)]
+    )
+    end = bytes(32) + struct.pack("<2I", len(records) + 72, 3) + b"8db42d694ccc418790edff439fe026bf"
+    video = tmp_path / "clip.mp4"
+    video.write_bytes(b"\0\0\0\x18ftypmp42" + bytes(99) + records + end)
+    assert frame_exposures(video) == [0.01, 0.02]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur.kernels.whittle import fit_gains, fit_gains_numpy, information, information_numpy
+from rsdeblur.kernels.whittle import Tiles, fit_gains, fit_gains_numpy, information, information_numpy
 
 TILES, FREQUENCIES = 12, 160
 SECTORS = np.arange(0, FREQUENCIES + 1, 20)
@@ -28,13 +28,17 @@ SIGNAL = np.repeat(GAINS, np.diff(SECTORS), axis=1) * expected((1.0, 0.3))[PLACE
 POWER = ((SIGNAL + NOISE) * RNG.exponential(size=SIGNAL.shape)).astype(np.float32)
 
 
+def tiles(theta, factor=1.0):
+    return Tiles(POWER, NOISE, factor * expected(theta), PLACE, SECTORS)
+
+
 def nats(theta, stiffness):
-    return fit_gains(POWER, NOISE, expected(theta), PLACE, SECTORS, LEVELS[1:], stiffness)[0].sum()
+    return fit_gains(tiles(theta), LEVELS[1:], stiffness)[0].sum()
 
 
 @pytest.mark.parametrize("stiffness", [0.0, 20.0, 1e4])
 def test_twins_agree(stiffness):
-    arguments = POWER, NOISE, expected((1.1, 0.2)), PLACE, SECTORS, LEVELS, stiffness
+    arguments = tiles((1.1, 0.2)), LEVELS, stiffness
     for fast, twin in zip(fit_gains(*arguments), fit_gains_numpy(*arguments), strict=True):
         # Both do the same steps in double precision.
         np.testing.assert_allclose(fast, twin, rtol=1e-8)
@@ -42,9 +46,9 @@ def test_twins_agree(stiffness):
 
 @pytest.mark.parametrize("stiffness", [0.0, 20.0, 1e4])
 def test_twins_of_the_information_agree(stiffness):
-    _, *fitted = fit_gains(POWER, NOISE, expected((1.1, 0.2)), PLACE, SECTORS, LEVELS, stiffness)
+    _, *fitted = fit_gains(tiles((1.1, 0.2)), LEVELS, stiffness)
     slopes = RNG.normal(size=(3, 2, FREQUENCIES))
-    arguments = POWER, NOISE, expected((1.1, 0.2)), slopes, PLACE, SECTORS, fitted, stiffness
+    arguments = tiles((1.1, 0.2)), slopes, tuple(fitted), stiffness
     for fast, twin in zip(information(*arguments), information_numpy(*arguments), strict=True):
         # The information that the gains take over is a difference of terms 1e4 times larger.
         np.testing.assert_allclose(fast, twin, rtol=1e-6, atol=1e-6 * np.abs(twin).max())
@@ -53,10 +57,10 @@ def test_twins_of_the_information_agree(stiffness):
 @pytest.mark.parametrize("stiffness", [0.0, 20.0, 1e4])
 def test_the_gradient_is_that_of_the_nats(stiffness):
     theta, step = np.array([1.1, 0.2]), 1e-3
-    _, *fitted = fit_gains(POWER, NOISE, expected(theta), PLACE, SECTORS, LEVELS[1:], stiffness)
+    _, *fitted = fit_gains(tiles(theta), LEVELS[1:], stiffness)
     axes = step * np.eye(2)
     slopes = np.array([np.log(expected(theta + axis) / expected(theta - axis)) / (2 * step) for axis in axes])
-    gradient, fisher = information(POWER, NOISE, expected(theta), slopes, PLACE, SECTORS, fitted, stiffness)
+    gradient, fisher = information(tiles(theta), slopes, tuple(fitted), stiffness)
     differences = [(nats(theta + axis, stiffness) - nats(theta - axis, stiffness)) / (2 * step) for axis in axes]
     # The gains are found to 2 percent, which changes the gradient at second order.
     np.testing.assert_allclose(gradient.sum(axis=0), differences, rtol=0.05)
@@ -65,9 +69,7 @@ def test_the_gradient_is_that_of_the_nats(stiffness):
 
 def test_power_of_the_scene_does_not_count():
     """Gains absorb any factor on the expected power."""
-    once, more = (
-        fit_gains(POWER, NOISE, factor * expected((1.0, 0.3)), PLACE, SECTORS, LEVELS, 20.0) for factor in (1.0, 5.0)
-    )
+    once, more = (fit_gains(tiles((1.0, 0.3), factor), LEVELS, 20.0) for factor in (1.0, 5.0))
     # Newton's steps end when the logarithms change by less than 0.02.
     np.testing.assert_allclose(once[0], more[0], rtol=1e-4)
 
@@ -77,9 +79,6 @@ def test_the_true_power_is_likelier():
 
 
 def test_threads_do_not_change_bits():
-    one, two = (
-        fit_gains(POWER, NOISE, expected((1.0, 0.3)), PLACE, SECTORS, LEVELS, 20.0, threads=threads)
-        for threads in (1, 2)
-    )
+    one, two = (fit_gains(tiles((1.0, 0.3)), LEVELS, 20.0, threads=threads) for threads in (1, 2))
     for a, b in zip(one, two, strict=True):
         np.testing.assert_array_equal(a, b)
