@@ -99,7 +99,9 @@ def _fit(first, stop, power, noise, expected, place, sectors, levels, stiffness,
             total = apart + _nats(*of_tile, trial, level)
             if total < nats[tile]:
                 nats[tile], chosen[tile] = total, level
-                gains[tile] = trial
+                # A loop: an assignment of arrays, with its error message, takes Numba seconds more to compile.
+                for k in range(count):
+                    gains[tile, k] = trial[k]
 
 
 def fit_gains(
