@@ -183,7 +183,10 @@ def combine(planes, variances, low_factors, factors, gates, work, out):
         rows, columns = height - HALO + step - 1, width - HALO + step - 1
         _join(total, sums[3 * level : 3 * level + 3], rows, columns, step, target)
         total = target
-    out[:] = total[HALO : height - HALO, HALO : width - HALO]
+    # Loops: an assignment of arrays, with its error message, takes Numba seconds more to compile.
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            out[y, x] = total[HALO + y, HALO + x]
 
 
 def terms(

@@ -85,8 +85,11 @@ def average_alike(planes, variance, softness, work, out):
                     mean = out[c, row]
                     for x in range(width):
                         mean[x] += weights[x] * there[x]
+    # Loops over pixels: an operation on arrays, with its error message, takes Numba seconds more to compile.
     for c in range(channels):
-        out[c] /= out[channels]
+        for y in range(height):
+            for x in range(width):
+                out[c, y, x] /= out[channels, y, x]
 
 
 def average_alike_numpy(

@@ -96,7 +96,9 @@ def shrunk_grad_adjoint(picture, top, rows, threshold, table, periodic, out):
         _scale(here, factors.reshape(n))
         _scale(down, factors.reshape(n))
         if y >= top:
-            across[:channels] = across[n:]
+            # A loop: an assignment of arrays, with its error message, takes Numba seconds more to compile.
+            for c in range(channels):
+                across[c] = across[n + c]
             _grad_adjoint(across[:n], here, above, down, adjoint[y])
         above, down = down, above
 

@@ -126,7 +126,9 @@ def _fit(first, stop, tiles, levels, stiffness, nats, gains, chosen):
             total = apart + _nats(tile, trial, level)
             if total < nats[n]:
                 nats[n], chosen[n] = total, level
-                gains[n] = trial
+                # A loop: an assignment of arrays, with its error message, takes Numba seconds more to compile.
+                for k in range(count):
+                    gains[n, k] = trial[k]
 
 
 def fit_gains(
