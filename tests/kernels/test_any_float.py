@@ -20,6 +20,7 @@ from rsdeblur.kernels import native, nlm, rowwise
 from rsdeblur.kernels.floors import TilePowers
 from rsdeblur.kernels.frame import GATES, WORK
 from rsdeblur.kernels.rowwise import LANES, RowModel
+from rsdeblur.kernels.whittle import Tiles
 
 Array = np.ndarray[Any, Any]
 
@@ -84,8 +85,14 @@ def lanes(hostile: Hostile) -> list[Any]:
     return [model(hostile), hostile(1, 2, LANES), *planes, hostile(4000)]
 
 
-# Places of four tiles, and the first frequencies of three directions.
-TILES = np.array([0, 1, 1, 0]), np.array([0, 2, 5, 9])
+# First frequencies of three directions.
+SECTORS = np.array([0, 2, 5, 9])
+
+
+def tiles(hostile: Hostile) -> Tiles:
+    """Return four tiles, which two places share."""
+    return Tiles(hostile(4, 9), hostile(4, 9), hostile(2, 9), np.array([0, 1, 1, 0]), SECTORS)
+
 
 ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "multiply": lambda h: [h.pairs(2, 5, 6), h.pairs(5, 6)],
@@ -106,15 +113,15 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "adjoint": lanes,
     "solve": lambda h: [*lanes(h), h(LANES), float(h.number())],
     "shrunk_grad_adjoint": lambda h: [h(5, 6, 3), 1, 3, h.number(), h(9), False, h(5, 6, 3)],
-    "fit_gains": lambda h: [h(4, 9), h(4, 9), h(2, 9), *TILES, h(2, dtype=np.float64), float(h.number())],
+    "fit_gains": lambda h: [tiles(h), h(2, dtype=np.float64), float(h.number())],
     "fit_floors": lambda h: [
-        TilePowers._make([*(h(*shape, dtype=np.float64) for shape in ((4, 9), (4, 9), (9,), (9,), (4,))), TILES[1]]),
+        TilePowers._make([*(h(*shape, dtype=np.float64) for shape in ((4, 9), (4, 9), (9,), (9,), (4,))), SECTORS]),
         (1.0, 0.1),
         3,
         float(h.number()),
     ],
     "information": lambda h: [
-        *(h(4, 9), h(4, 9), h(2, 9), h(3, 2, 9), *TILES),
+        *(tiles(h), h(3, 2, 9)),
         (h(4, 3, dtype=np.float64), h(4, dtype=np.float64)),
         float(h.number()),
     ],
