@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 Mode = Literal["global", "banded", "rowwise"]
 MODES: tuple[Mode, ...] = get_args(Mode)
 
 Prior = Literal["wiener", "gradient", "tv", "hyper-laplacian", "wavelet", "nlm"]
 PRIORS: tuple[Prior, ...] = get_args(Prior)
+
+# Sets mode and prior together, unless they are set themselves.
+Quality = Literal["fast", "balanced", "best"]
+QUALITIES: dict[Quality, tuple[Mode, Prior]] = {
+    "fast": ("banded", "wiener"),
+    "balanced": ("banded", "tv"),
+    "best": ("rowwise", "hyper-laplacian"),
+}
+# Default of mode and prior; of every type, because Options replaces it.
+BY_QUALITY: Any = None
 
 Solver = Literal["auto", "direct", "cg"]
 SOLVERS: tuple[Solver, ...] = get_args(Solver)

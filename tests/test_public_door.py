@@ -177,7 +177,7 @@ FITS = {
 # Arguments that may be None.
 OPTIONAL = {
     "translation", "threads", "max_memory", "out", "progress", "options", "principal_point", "size", "bits", "like",
-    "uncertainty",
+    "uncertainty", "mode", "prior",
 }  # fmt: skip
 
 

@@ -28,7 +28,7 @@ SECTIONS = {
     ),
     "Blur": ("mode", "bands", "strips", "motion", "geometry", "refine"),
     "Solver": (
-        *("prior", "weight", "exponent", "nsr", "nsr_from_iso", "noise", "solver", "border", "transfer"),
+        *("quality", "prior", "weight", "exponent", "nsr", "nsr_from_iso", "noise", "solver", "border", "transfer"),
         *("normalize", "saturation", "fallback", "work_size"),
     ),
     "Computing": (

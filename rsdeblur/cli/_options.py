@@ -318,9 +318,10 @@ track_options = gathered(
 _DEFAULTS: dict[str, Any] = {field.name: field.default for field in fields(Options)}
 
 
-def _choice(name: str, values: Sequence[str], text: str) -> Decorator:
+def _choice(name: str, values: Sequence[str], text: str, *, shown: str | bool = True) -> Decorator:
     """Return the option for a named choice of `Options`."""
-    return click.option(f"--{name}", type=click.Choice(values), default=_DEFAULTS[name], show_default=True, help=text)
+    default = _DEFAULTS[name]
+    return click.option(f"--{name}", type=click.Choice(values), default=default, show_default=shown, help=text)
 
 
 def _auto(name: str, kind: click.ParamType[Any], text: str) -> Decorator:
@@ -340,7 +341,12 @@ transfer_option = click.option(
 )
 # The options of `Options`, by its fields.
 _SOLVE: dict[str, Decorator] = {
-    "mode": _choice("mode", choices.MODES, "One PSF for the picture, one per tile, or one per row."),
+    "quality": _choice(
+        "quality",
+        tuple(choices.QUALITIES),
+        "Mode and prior together: banded with wiener, banded with tv, or rowwise with hyper-laplacian.",
+    ),
+    "mode": _choice("mode", choices.MODES, "One PSF for the picture, one per tile, or one per row.", shown="banded"),
     "bands": _auto("bands", AutoType(), "Number of bands, which divide the picture along the readout."),
     "strips": _auto("strips", AutoType(), "Number of strips, which divide it across the readout."),
     "motion": _choice("motion", choices.MOTIONS, "Full rotation, or small angles about x and y only."),
@@ -348,6 +354,7 @@ _SOLVE: dict[str, Decorator] = {
         "prior",
         choices.PRIORS,
         "Assumption about sharp pictures; wiener is the published filter, and the fastest.",
+        shown="by --quality",
     ),
     "weight": _auto(
         "weight", StrengthType(), "Weight of the prior (not wiener): a higher one gives a smoother picture."
@@ -405,7 +412,7 @@ _SOLVE: dict[str, Decorator] = {
     ),
 }
 BLUR = ("mode", "bands", "strips", "motion")
-SOLVER = ("prior", "weight", "exponent", "nsr", "noise", "solver", "geometry", "border", "transfer")
+SOLVER = ("quality", "prior", "weight", "exponent", "nsr", "noise", "solver", "geometry", "border", "transfer")
 ENGINE = ("planning", "threads")
 ONE_PICTURE = ("normalize", "saturation")
 ONE_PHOTO = (*BLUR, *SOLVER, "refine", *ONE_PICTURE, *ENGINE)

@@ -19,7 +19,7 @@ from rsdeblur.cli._jobs import jobs_option, shared_threads
 from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import print_json, progress, say, say_aside
 from rsdeblur.errors import RsdeblurWarning
-from rsdeblur.video import PRIOR
+from rsdeblur.video import QUALITY
 
 if TYPE_CHECKING:
     from rsdeblur.pipeline.options import Options
@@ -43,7 +43,7 @@ class Encode:
     segment: int
 
 
-@click.command("video", cls=Command, epilog=EXAMPLES, context_settings={"default_map": {"prior": PRIOR}})
+@click.command("video", cls=Command, epilog=EXAMPLES, context_settings={"default_map": {"quality": QUALITY}})
 @click.argument("source", type=_options.PATH, metavar="VIDEO")
 @_options.clip_options()
 @_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ENGINE)

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur.choices import (
+    BY_QUALITY,
     Auto,
     Border,
     Boundary,
@@ -17,6 +18,7 @@ from rsdeblur.choices import (
     Motion,
     Planning,
     Prior,
+    Quality,
     Saturation,
     Solver,
     Strength,
@@ -41,10 +43,11 @@ def deblur(
     camera: Camera,
     exposure: Exposure,
     *,
-    mode: Mode = "banded",
+    quality: Quality = "balanced",
+    mode: Mode = BY_QUALITY,
     bands: Count = "auto",
     strips: Count = "auto",
-    prior: Prior | Denoiser = "tv",
+    prior: Prior | Denoiser = BY_QUALITY,
     weight: Strength = "auto",
     exponent: float = 2 / 3,
     nsr: Strength = "auto",
@@ -78,17 +81,22 @@ def deblur(
         floats have the nominal range [0, 1] and at most 1e12. Alpha is copied.
     log, camera, exposure
         The motion, the camera, and when the picture was exposed and for how long.
-    mode : {"banded", "global", "rowwise"}
-        One PSF per tile; one for the whole picture (Sindelar and Sroubek 2013); or one per row, solved exactly.
+    quality : {"balanced", "fast", "best"}
+        Mode and prior, where they are not given: "banded" with "tv", "banded" with "wiener", which is the published
+        filter in tiles, or "rowwise" with "hyper-laplacian".
+    mode : {"banded", "global", "rowwise"}, optional
+        One PSF per tile; one for the whole picture (Sindelar and Sroubek 2013); or one per row, solved exactly. By
+        default that of `quality`.
     bands, strips : int or "auto"
         Number of tiles along the readout axis and across it; "auto" limits the change of the blur between neighbouring
         tiles. "global" ignores both, "rowwise" ignores `bands`.
-    prior : {"tv", "wiener", "gradient", "hyper-laplacian", "wavelet", "nlm"} or callable
-        Regularisation: the Wiener filter, a penalty on the gradient (:mod:`rsdeblur.deconv.priors`), learned shrinkage
-        in a wavelet frame (:mod:`rsdeblur.deconv.wavelet`), non-local means, or any other denoiser, called as
-        ``denoise(image, sigma)`` (:mod:`rsdeblur.deconv.plug_and_play`). "tv" and "hyper-laplacian" keep edges sharp
-        and even areas free of noise; "wiener" takes about a twentieth of their time. All but the linear ones, "wiener"
-        and "gradient", fade towards the input where light would be below black (:mod:`rsdeblur.image.undershoot`).
+    prior : {"tv", "wiener", "gradient", "hyper-laplacian", "wavelet", "nlm"} or callable, optional
+        Regularisation, by default that of `quality`: the Wiener filter, a penalty on the gradient
+        (:mod:`rsdeblur.deconv.priors`), learned shrinkage in a wavelet frame (:mod:`rsdeblur.deconv.wavelet`),
+        non-local means, or any other denoiser, called as ``denoise(image, sigma)``
+        (:mod:`rsdeblur.deconv.plug_and_play`). "tv" and "hyper-laplacian" keep edges sharp and even areas free of
+        noise; "wiener" takes about a twentieth of their time. All but the linear ones, "wiener" and "gradient", fade
+        towards the input where light would be below black (:mod:`rsdeblur.image.undershoot`).
     weight : float or "auto"
         Weight of the prior, from 1e-20 to 1e20: a larger weight gives a smoother picture. "auto" derives it from the
         picture's noise and the blur (:mod:`rsdeblur.estimate.strength`).
@@ -166,6 +174,7 @@ def deblur(
     ((72, 96, 3), True)
     """
     options = Options(
+        quality=quality,
         mode=mode,
         bands=bands,
         strips=strips,

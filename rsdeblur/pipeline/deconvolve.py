@@ -8,7 +8,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
-from rsdeblur.choices import Auto, Border, Boundary, Mode, Planning, Prior, Saturation, Strength, Transfer
+from rsdeblur.choices import (
+    BY_QUALITY,
+    Auto,
+    Border,
+    Boundary,
+    Mode,
+    Planning,
+    Prior,
+    Quality,
+    Saturation,
+    Strength,
+    Transfer,
+)
 from rsdeblur.errors import InputError
 from rsdeblur.image.encoded import EncodedImage, result_like
 from rsdeblur.pipeline.options import Options
@@ -24,7 +36,8 @@ def deconvolve(
     image: ArrayLike,
     psf: ArrayLike | PsfBank,
     *,
-    prior: Prior | Denoiser = "tv",
+    quality: Quality = "balanced",
+    prior: Prior | Denoiser = BY_QUALITY,
     weight: Strength = "auto",
     exponent: float = 2 / 3,
     nsr: Strength = "auto",
@@ -51,7 +64,7 @@ def deconvolve(
     psf : array_like, shape (kh, kw) or (B, S, kh, kw), or PsfBank
         The PSF, or PSFs that are exact at the centres of B x S equal tiles, or PSFs at given places. Sizes are odd, and
         each PSF sums to 1; see :class:`rsdeblur.PsfBank` for the orientation.
-    prior, weight, exponent, nsr, noise
+    quality, prior, weight, exponent, nsr, noise
         See :func:`rsdeblur.deblur`.
     border : {"blend", "periodic", "reflect", "edge-taper", "smooth"}
         See :func:`rsdeblur.deblur`. With "periodic", the automatic strengths take it that the picture was blurred so.
@@ -77,6 +90,7 @@ def deconvolve(
     (64, 64)
     """
     options = Options(
+        quality=quality,
         prior=prior,
         weight=weight,
         exponent=exponent,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from rsdeblur import choices
 from rsdeblur.choices import (
+    BY_QUALITY,
     Auto,
     Border,
     Boundary,
@@ -19,6 +20,7 @@ from rsdeblur.choices import (
     Motion,
     Planning,
     Prior,
+    Quality,
     Saturation,
     Solver,
     Strength,
@@ -48,10 +50,11 @@ class Options:
     ('banded', 'wiener')
     """
 
-    mode: Mode = "banded"
+    quality: Quality = "balanced"
+    mode: Mode = BY_QUALITY
     bands: Count = "auto"
     strips: Count = "auto"
-    prior: Prior | Denoiser = "tv"
+    prior: Prior | Denoiser = BY_QUALITY
     weight: Strength = "auto"
     exponent: float = 2 / 3
     nsr: Strength = "auto"
@@ -79,6 +82,10 @@ class Options:
     def _check_choices(self) -> None:
         from rsdeblur._util import validate
 
+        validate.choice("quality", self.quality, tuple(choices.QUALITIES))
+        for name, chosen in zip(("mode", "prior"), choices.QUALITIES[self.quality], strict=True):
+            if getattr(self, name) is BY_QUALITY:
+                object.__setattr__(self, name, chosen)
         allowed = {
             "mode": choices.MODES,
             "solver": choices.SOLVERS,

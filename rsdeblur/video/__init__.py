@@ -4,7 +4,7 @@
 once, `segments` deblurs and encodes a few frames at a time, and `joining` puts the segments and the sound together.
 """
 
-from rsdeblur.choices import Prior
+from rsdeblur.choices import Quality
 
 # The default for videos: the published method's filter takes about a twentieth of the time of the photos' default.
-PRIOR: Prior = "wiener"
+QUALITY: Quality = "fast"

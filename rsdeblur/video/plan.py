@@ -23,7 +23,7 @@ from rsdeblur.pipeline.plan import Plan, plan
 from rsdeblur.pipeline.strengths import Strengths
 from rsdeblur.pipeline.tiles import Grid, check_reach
 from rsdeblur.types import FloatArray, Progress
-from rsdeblur.video import PRIOR
+from rsdeblur.video import QUALITY
 from rsdeblur.video.clip import Clip, frames
 from rsdeblur.video.pixels import values_of
 
@@ -123,7 +123,7 @@ def plan_clip(
     clip, log, camera, exposures
         The video, the motion, the camera and the exposure of each frame.
     options : Options, optional
-        Default `Options(prior="wiener")`. A transfer of "auto" follows the video's tags.
+        Default `Options(quality="fast")`. A transfer of "auto" follows the video's tags.
     above : float, default 1.5
         Longest path in px of a frame that is left as it is; 0 deblurs all frames.
     progress : callable, optional
@@ -144,7 +144,7 @@ def plan_clip(
         `max_memory`.
     """
     check_size((clip.height, clip.width), camera)
-    options = options or Options(prior=PRIOR)
+    options = options or Options(quality=QUALITY)
     _check_options(options)
     above = validate.finite("above", above, minimum=0.0)
     options = replace(options, transfer=_clip_transfer(clip) if options.transfer == "auto" else options.transfer)

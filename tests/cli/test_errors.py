@@ -284,7 +284,7 @@ def test_an_own_kernel_excludes_a_recording(run: Run, files: Files, tmp_path: Pa
     kernel, out = tmp_path / "kernel.npy", tmp_path / "o.png"
     np.save(kernel, np.eye(5))
     for more, words in (
-        (files.recording, "no meaning: --gyro, --camera, --start, --duration"),
+        (files.recording, "no meaning: --gyro, --start, --duration, --camera"),
         (["--mode", "rowwise", "--work-size", "paper"], "no meaning: --mode, --work-size"),
     ):
         result = run("deblur", files.photo, "--psf", kernel, *more, "-o", out)

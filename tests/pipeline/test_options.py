@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import inspect
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import click
 import numpy as np
 import pytest
 
 from rsdeblur import Camera, Exposure, InputError, Options, deblur, find_time_offset, plan, simulate
+from rsdeblur.choices import QUALITIES, Quality
 from rsdeblur.cli.batch import command as batch
 from rsdeblur.cli.deblur import command as deblur_command
 from rsdeblur.cli.video import command as video
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
-from rsdeblur.video import PRIOR
+from rsdeblur.video import QUALITY
 
 DEFAULTS = {field.name: field.default for field in fields(Options)}
 CAMERA, EXPOSURE = Camera(96, 80, 110.0, readout_time=0.03), Exposure(0.05, 1 / 30)
@@ -42,7 +43,7 @@ def test_the_command_line_has_the_same_defaults(command: click.Command) -> None:
             with pytest.raises(InputError, match=f"{name} must be one of {', '.join(sorted(option.type.choices))}"):
                 Options(**{name: "?"})
     # The only exception, for speed.
-    assert video.context_settings["default_map"] == {"prior": PRIOR}
+    assert video.context_settings["default_map"] == {"quality": QUALITY}
 
 
 @pytest.mark.parametrize(
@@ -61,6 +62,22 @@ def test_the_command_line_has_the_same_defaults(command: click.Command) -> None:
 def test_refusals(options: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Options(**options)
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_quality_sets_mode_and_prior_unless_they_are_set(quality: Quality) -> None:
+    chosen = Options(quality=quality)
+    assert (chosen.mode, chosen.prior) == QUALITIES[quality]
+    assert Options(quality=quality, mode="global").mode == "global"
+    assert Options(quality=quality, prior="nlm").prior == "nlm"
+    assert replace(chosen, weight=1.0) == Options(mode=chosen.mode, prior=chosen.prior, quality=quality, weight=1.0)
+
+
+def test_quality_is_the_same_in_python_and_on_the_command_line() -> None:
+    for command in (deblur_command, batch, video):
+        (option,) = (option for option in command.params if option.name == "quality")
+        assert isinstance(option.type, click.Choice)
+        assert option.type.choices == tuple(QUALITIES)
 
 
 def test_auto_transfer_is_srgb_for_integers_and_linear_for_floats() -> None:
