@@ -14,7 +14,7 @@ PRIORS: tuple[Prior, ...] = get_args(Prior)
 Quality = Literal["fast", "balanced", "best"]
 QUALITIES: dict[Quality, tuple[Mode, Prior]] = {
     "fast": ("banded", "wiener"),
-    "balanced": ("banded", "tv"),
+    "balanced": ("banded", "hyper-laplacian"),
     "best": ("rowwise", "hyper-laplacian"),
 }
 # Default of mode and prior; of every type, because Options replaces it.

@@ -344,7 +344,7 @@ _SOLVE: dict[str, Decorator] = {
     "quality": _choice(
         "quality",
         tuple(choices.QUALITIES),
-        "Mode and prior together: banded with wiener, banded with tv, or rowwise with hyper-laplacian.",
+        "Mode and prior together: banded with wiener, or banded or rowwise with hyper-laplacian.",
     ),
     "mode": _choice("mode", choices.MODES, "One PSF for the picture, one per tile, or one per row.", shown="banded"),
     "bands": _auto("bands", AutoType(), "Number of bands, which divide the picture along the readout."),

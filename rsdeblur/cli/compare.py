@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -118,15 +119,19 @@ def compare_modes(
     *,
     truth: Path | None,
     modes: Sequence[Mode] = MODES,
+    changes: Mapping[Mode, Mapping[str, Any]] = MappingProxyType({}),
 ) -> Compared:
-    """Deblur `photo` in each mode, write the pictures into the folder of `target` and return the results."""
+    """Deblur `photo` in each mode, write the pictures into the folder of `target` and return the results.
+
+    `changes` holds fields of `options` that differ in a mode.
+    """
     inputs = read_inputs(photo, recording, in_place=options.max_memory is not None)
     picture = inputs.picture
     options = with_translation(options, track, inputs.camera, inputs.exposure)
     transfer = transfer_of(picture, options.transfer)
     sharp = None if truth is None else _read_truth(truth, photo, picture, options.transfer)
     # Options that a mode does not take are refused before the first mode is solved.
-    each_mode = [replace(options, mode=mode, transfer=transfer) for mode in modes]
+    each_mode = [replace(options, mode=mode, transfer=transfer, **changes.get(mode, {})) for mode in modes]
 
     from rsdeblur.cli._measure import forget_peak_memory, peak_memory_mib, similarity
     from rsdeblur.io.pictures import write_picture
@@ -146,11 +151,12 @@ def compare_modes(
         report["refinement"] = refinement_facts(planned.refinement)
         if planned.refinement.accepted:
             recorded = psfs(inputs.log, inputs.camera, inputs.exposure, translation=options.translation)
-    for mode, name in zip(modes, output_names(photo, modes), strict=False):
+    for mode, chosen, name in zip(modes, each_mode, output_names(photo, modes), strict=False):
+        chosen = replace(chosen, translation=planned.options.translation, refine=False)
         forget_peak_memory()
         begin = time.perf_counter()
         with progress(mode) as move, naming(photo, recording):
-            result = replace(planned, options=replace(planned.options, mode=mode)).apply(picture.pixels, progress=move)
+            result = replace(planned, options=chosen).apply(picture.pixels, progress=move)
         seconds, memory = time.perf_counter() - begin, peak_memory_mib()
         write_picture(target.output / name, result.image, like=picture, force=target.force)
         tall, wide = result.psfs.size

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rsdeblur.choices import Prior
+from rsdeblur.choices import Mode
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._options import Recording, Target, Track
@@ -30,8 +30,8 @@ START = 0.25  # s
 LOG = 0.6  # s
 STRENGTH = 0.2  # of a phone shaken on purpose: blurs by about 30 px at a width of 1024 px
 NOISE = 0.01  # standard deviation in linear light: 40 dB
-PRIOR: Prior = "wiener"  # the paper's
-NSR = 0.02
+# "global" shows the filter and the noise-to-signal ratio of Sindelar and Sroubek (2013).
+PUBLISHED = {"prior": "wiener", "nsr": 0.02}
 
 # The scene extends beyond the frame by this fraction of its longer side, further than the blur reaches.
 MARGIN = 0.1
@@ -72,6 +72,8 @@ Examples:
 def command(size: tuple[int, int], seed: int, session: str | None, target: Target) -> None:
     """Simulate a capture and deblur it in every mode; needs no data.
 
+    The mode global uses the published method's filter, the others the default prior.
+
     Writes to DIR the sharp and the blurred picture, the gyro log, the camera file, the picture of each mode,
     side-by-side.png, psfs.png and demo.json, and prints the command that deblurs the blurred picture again. With
     --recording or --video, writes what a logger app would: a gyro log, the exposures, photos or a video, and a camera
@@ -89,11 +91,10 @@ def command(size: tuple[int, int], seed: int, session: str | None, target: Targe
         _capture(size, seed, output, force=force)
     # From here on, the demo uses the files as a user does.
     recording = Recording(gyro=gyro, camera=camera, start=START, duration=EXPOSURE)
-    options = Options(prior=PRIOR, nsr=NSR)
-    report = compare_modes(blurred, recording, options, Track(), target, truth=rolling).report
+    changes: dict[Mode, dict[str, Any]] = {"global": PUBLISHED}
+    report = compare_modes(blurred, recording, Options(), Track(), target, truth=rolling, changes=changes).report
     again = [*program(), "deblur", str(blurred), "--gyro", str(gyro), "--camera", str(camera)]
-    again += ["--start", str(START), "--duration", str(EXPOSURE), "--prior", PRIOR, "--nsr", str(NSR)]
-    again += ["--force", "-o", str(output / "again.png")]
+    again += ["--start", str(START), "--duration", str(EXPOSURE), "--force", "-o", str(output / "again.png")]
     report["command"] = shlex.join(again)
     write_json(output / REPORT, report)
     if target.as_json:

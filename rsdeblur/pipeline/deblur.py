@@ -82,8 +82,8 @@ def deblur(
     log, camera, exposure
         The motion, the camera, and when the picture was exposed and for how long.
     quality : {"balanced", "fast", "best"}
-        Mode and prior, where they are not given: "banded" with "tv", "banded" with "wiener", which is the published
-        filter in tiles, or "rowwise" with "hyper-laplacian".
+        Mode and prior, where they are not given: "banded" with "hyper-laplacian", "banded" with "wiener", which is the
+        published filter in tiles, or "rowwise" with "hyper-laplacian".
     mode : {"banded", "global", "rowwise"}, optional
         One PSF per tile; one for the whole picture (Sindelar and Sroubek 2013); or one per row, solved exactly. By
         default that of `quality`.
