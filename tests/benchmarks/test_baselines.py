@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.signal import fftconvolve
@@ -11,9 +13,13 @@ from skimage.metrics import peak_signal_noise_ratio
 from benchmarks import baselines
 from rsdeblur import Deconvolver, InputError, PsfBank
 
-# A photograph that comes with scikit-image, roughly in linear light.
-SHARP = (data.camera()[32:416, 32:416] / 255.0) ** 2.2
 NOISE = 0.003
+
+
+@cache
+def photograph():
+    """Return a photograph that comes with scikit-image, roughly in linear light."""
+    return (data.camera()[32:416, 32:416] / 255.0) ** 2.2
 
 
 @pytest.fixture(scope="module")
@@ -27,11 +33,12 @@ def psf():
 
 @pytest.fixture(scope="module")
 def blurred(psf):
-    clean = fftconvolve(np.pad(SHARP, 16, mode="symmetric"), psf, mode="same")[16:-16, 16:-16]
+    clean = fftconvolve(np.pad(photograph(), 16, mode="symmetric"), psf, mode="same")[16:-16, 16:-16]
     return clean + np.random.default_rng(0).normal(0, NOISE, clean.shape)
 
 
-def psnr(image, truth=SHARP):
+def psnr(image):
+    truth = photograph()
     inside = np.s_[24:-24, 24:-24]
     return peak_signal_noise_ratio(truth[inside], image.clip(0, 1)[inside], data_range=1.0)
 
@@ -46,7 +53,7 @@ def test_a_known_psf_is_undone(name, psf, blurred):
 
 @pytest.mark.parametrize("name", ["tv_l1", "richardson_lucy"])
 def test_no_blur_is_left_alone(name):
-    picture = np.stack([SHARP[:64, :80], SHARP[64:128, :80]], axis=-1)
+    picture = np.stack([photograph()[:64, :80], photograph()[64:128, :80]], axis=-1)
     point = np.zeros((3, 3))
     point[1, 1] = 1
     result = getattr(baselines, name)(picture, point)
@@ -77,8 +84,8 @@ def test_invalid_pictures_and_psfs_are_refused(psf):
     with pytest.raises(InputError, match="larger than the picture"):
         baselines.tv_l1(np.zeros((10, 10)), psf)
     with pytest.raises(InputError, match="must be odd"):
-        baselines.estimate_psf(SHARP, 20)
+        baselines.estimate_psf(photograph(), 20)
     with pytest.raises(InputError, match="four kernels"):
-        baselines.estimate_psf(SHARP[:50], 21)
+        baselines.estimate_psf(photograph()[:50], 21)
     with pytest.raises(InputError, match="shape"):
         baselines.richardson_lucy(np.zeros(9), psf)

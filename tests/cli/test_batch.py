@@ -69,6 +69,7 @@ def states(items: list[dict[str, Any]]) -> str:
     return " ".join(item["state"] for item in items)
 
 
+@pytest.mark.usefixtures("here")
 def test_failures_are_listed_and_stop_nothing(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     result = run("batch", manifest, *files.sources, *FAST, "-o", out)

@@ -84,7 +84,7 @@ def test_one_pixel_that_float32_does_not_carry_is_refused(options: dict[str, Any
         run(image, **options)
 
 
-@pytest.mark.parametrize("scale", [1e12, 1e-12, 1e-38, 1e-45])
+@pytest.mark.parametrize("scale", [1e12, 1e-38, 1e-45])
 @pytest.mark.parametrize("prior", PRIORS)
 @pytest.mark.parametrize("mode", MODES)
 def test_pictures_of_any_scale_have_a_finite_result(mode: str, prior: str, scale: float) -> None:

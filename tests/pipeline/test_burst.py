@@ -15,15 +15,15 @@ from rsdeblur.simulation.scene import scene
 CAMERA = Camera(160, 128, 180.0, readout_time=0.02)
 EXPOSURES = [Exposure(0.1, 1 / 20), Exposure(0.2, 1 / 25), Exposure(0.3, 1 / 20)]
 LOG = hand_shake(0.5, seed=4)
-SHARP = scene(176, 208)
 INNER = np.s_[16:-16, 16:-16]
+PLAIN = np.zeros((128, 160, 3), np.float32)
 
 
 @cache
 def frames(noise: float = 0.01) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Return the blurred frames and the sharp ones, in linear light."""
-    blurred = simulate_clip(SHARP, LOG, CAMERA, EXPOSURES, noise=noise, samples=32)
-    return list(blurred), list(simulate_clip(SHARP, LOG, CAMERA, EXPOSURES, samples=1))
+    capture = scene(176, 208), LOG, CAMERA, EXPOSURES
+    return list(simulate_clip(*capture, noise=noise, samples=32)), list(simulate_clip(*capture, samples=1))
 
 
 def error(result: np.ndarray, truth: np.ndarray) -> float:
@@ -133,12 +133,12 @@ def test_horizontal_readout_and_rectify() -> None:
         ({"refine": True}, "refine"),
         ({"border": "smooth"}, "smooth"),
         ({"reference": 3}, "reference"),
-        ({"images": frames()[0][:1]}, "2 to 64 frames"),
-        ({"images": frames()[0][:2]}, "each frame needs an exposure"),
-        ({"images": [*frames()[0][:2], np.zeros((128, 160))]}, "frame 2 has shape"),
-        ({"images": [*frames()[0][:2], np.zeros((12, 160))]}, "frame 2: the picture is 160x12"),
+        ({"images": [PLAIN]}, "2 to 64 frames"),
+        ({"images": [PLAIN] * 2}, "each frame needs an exposure"),
+        ({"images": [PLAIN, PLAIN, np.zeros((128, 160))]}, "frame 2 has shape"),
+        ({"images": [PLAIN, PLAIN, np.zeros((12, 160))]}, "frame 2: the picture is 160x12"),
     ],
 )
 def test_refusals(options: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        together(**options)
+        together(**{"images": [PLAIN] * 3} | options)

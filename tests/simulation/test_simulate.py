@@ -214,9 +214,14 @@ class TestOracle:
 
     PLACES = ((22, 20), (58, 20), (21, 59), (57, 58))
 
-    @pytest.mark.parametrize("direction", ["top-down", "bottom-up"])
+    # Each axis alone, and all of them with both directions of the readout.
     @pytest.mark.parametrize(
-        "acceleration", [(110, 0, 0), (0, 110, 0), (0, 0, 300), (60, -80, 150)], ids=["x", "y", "z", "all"]
+        ("acceleration", "direction"),
+        [
+            *(((110, 0, 0), "top-down"), ((0, 110, 0), "bottom-up"), ((0, 0, 300), "top-down")),
+            *(((60, -80, 150), "top-down"), ((60, -80, 150), "bottom-up")),
+        ],
+        ids=["x", "y", "z", "all-top-down", "all-bottom-up"],
     )
     # About z, 13 rad/s are needed to see something at 30 px from the centre.
     @pytest.mark.filterwarnings("ignore:gyro rates look like degrees")
