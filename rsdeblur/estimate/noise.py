@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from rsdeblur.kernels.shrink import gradient
@@ -9,6 +11,8 @@ from rsdeblur.types import FloatImage
 
 # Side of the blocks whose noise is estimated one by one, px.
 BLOCK = 64
+# Most variance that detail adds to an estimate, in units of that of the noise; see `noise_level`.
+MOST_DETAIL = 3.0
 # Median magnitude of a standard normal variable.
 MEDIAN = 0.67449
 
@@ -39,6 +43,25 @@ def noise_level(light: FloatImage) -> float:
     """
     # Half of the estimate at half the size, times 2, because an average of four pixels has half the noise.
     return max(_blockwise(light), 0.5 * 2.0 * _blockwise(halved(light)))
+
+
+def noise_levels(estimates: Sequence[float], brightness: Sequence[float]) -> list[float]:
+    """Return the noise of several pictures of one scene, from that which was estimated in each.
+
+    Detail passes for noise, and the less a picture is blurred, the more. So only such noise counts as a picture's own
+    as its detail cannot explain; the rest of it is that of the picture with the least noise.
+
+    Parameters
+    ----------
+    estimates : sequence of float
+        :func:`noise_level` of each picture.
+    brightness : sequence of float
+        Mean of each picture, positive.
+    """
+    relative = np.square(np.divide(estimates, brightness))
+    least = relative.min()
+    levels = np.sqrt(np.maximum(relative - MOST_DETAIL * least, least)) * brightness
+    return [float(level) for level in levels]
 
 
 def gradient_energy(light: FloatImage, noise: float) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from rsdeblur.estimate.noise import gradient_energy, halved, noise_level
+from rsdeblur.estimate.noise import gradient_energy, halved, noise_level, noise_levels
 from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.simulation.scene import scene
 
@@ -48,6 +48,12 @@ def test_noise_that_was_smoothed_is_still_noticed(clean: np.ndarray) -> None:
     smoothed = clean + ndimage.gaussian_filter(grain(clean.shape, 0.03), (0.7, 0.7, 0))
     # White noise of the same level on coarse scales is 0.03; the finest scale alone shows a tenth of that.
     assert 0.005 < noise_level(smoothed) < 0.03
+
+
+def test_detail_of_the_sharper_picture_is_not_its_noise() -> None:
+    # The same noise, but an estimate that detail doubled; and a darker picture whose noise is really larger.
+    assert noise_levels([0.01, 0.02], [0.5, 0.5]) == pytest.approx([0.01, 0.01])
+    assert noise_levels([0.01, 0.05], [0.5, 0.25]) == pytest.approx([0.01, 0.05], rel=0.02)
 
 
 def test_energy_does_not_count_noise(clean: np.ndarray) -> None:

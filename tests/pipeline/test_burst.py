@@ -98,6 +98,21 @@ def test_shares_fall_with_noise_and_blur() -> None:
     _, shares = Tuning.of_burst([tuning, replace(tuning, noise=0.03), replace(tuning, radius=60.0)])
     assert shares[0] > max(shares[1:])
     assert tuning.restoration_error(1.0) < replace(tuning, noise=0.1).restoration_error(1.0)
+    # Errors that tiles add to a frame are its noise, but not that of the whole burst.
+    worse, shares = Tuning.of_burst([tuning, tuning], tile_errors=[0.0, 0.5])
+    assert shares[0] > shares[1]
+    assert worse.model_error > double.model_error
+
+
+def test_errors_of_paths_are_measured() -> None:
+    light = frames()[0][0]
+    tuning = Tuning.of(light, PsfBank.for_picture(np.full((1, 9), 1 / 9), light.shape), noise=0.01)
+    other = replace(tuning, radius=2 * tuning.radius)
+    share = tuning.path_error_share(
+        other, 0.01 * (tuning.radius**2 + other.radius**2) + 2 * tuning.with_path_errors(0.0).model_error
+    )
+    assert share == pytest.approx(0.1, rel=0.05)
+    assert tuning.with_path_errors(share).model_error > tuning.with_path_errors(0.0).model_error
 
 
 def test_rowwise_is_as_good_and_slabs_give_the_same_picture(monkeypatch: pytest.MonkeyPatch) -> None:
