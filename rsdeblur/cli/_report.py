@@ -27,17 +27,19 @@ if TYPE_CHECKING:
 class Compared(NamedTuple):
     """Results of a comparison.
 
-    `shown` contains display values by label, the input first; `unseen` is the fraction of the pixels that were never
-    exposed; `recorded` contains the PSFs of the recording before the picture corrected it.
+    `shown` contains display values by label, the input first; `banks` the PSFs by mode; `unseen` is the fraction of the
+    pixels that were never exposed; `recorded` contains the PSFs of the recording before the picture corrected it, and
+    `frames` the facts and weights of the frames of a burst.
     """
 
     report: dict[str, Any]
     inputs: Inputs
     shown: dict[str, NDArray[Any]]
-    banks: Mapping[Mode, PsfBank]
+    banks: Mapping[Mode, PsfBank] | Mapping[str, PsfBank]
     unseen: float
     transfer: Transfer
     recorded: PsfBank | None = None
+    frames: Sequence[Mapping[str, Any]] = ()
 
 
 @contextmanager
@@ -64,7 +66,7 @@ def report_page(
     """Fill the page of a comparison; it names files without their folders unless `with_paths` is set."""
     from rsdeblur.report import MotionPlot, Page, band_figures, findings
 
-    report, (picture, log, camera, exposure), shown, banks, unseen, transfer, recorded = compared
+    report, (picture, log, camera, exposure), shown, banks, unseen, transfer, recorded, frames = compared
     tall, wide = (max(sides) for sides in zip(*(bank.size for bank in banks.values()), strict=True))
     psf = tall, wide
     return Page(
@@ -83,6 +85,7 @@ def report_page(
             correction=_correction(report.get("refinement")),
             remarks=remarks if with_paths else [_without_folders(remark, compared, recording) for remark in remarks],
         ),
+        frames=frames,
         blurred=report.get("blurred"),
         # Linear light is encoded as sRGB for display; stored values keep their profile.
         icc_profile=None if transfer == "linear" or picture.pixels.ndim == 2 else picture.icc_profile,
@@ -127,7 +130,8 @@ def _settings(
     from rsdeblur.config import show_config
     from rsdeblur.io.exif import Exif
 
-    report, (picture, log, camera, exposure), *_, transfer, _ = compared
+    report, (picture, log, camera, exposure), *_ = compared
+    transfer = compared.transfer
     exif = Exif(picture.exif)
     about_picture = {
         "photo": Path(report["photo"]),

@@ -12,11 +12,21 @@ import click
 
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
-from rsdeblur.cli._inputs import clip_exposures, naming, read_device, read_inputs, transfer_of
+from rsdeblur.cli._inputs import (
+    Inputs,
+    clip_exposures,
+    display_values,
+    naming,
+    read_device,
+    read_inputs,
+    transfer_of,
+    unit_range,
+)
 from rsdeblur.cli._items import read_items
 from rsdeblur.cli._options import Defaults, Recording, Target
-from rsdeblur.cli._output import prepare_folder, print_json, progress, refuse_inputs, say, say_aside
+from rsdeblur.cli._output import check_page, prepare_folder, print_json, progress, refuse_inputs, say, say_aside
 from rsdeblur.cli._photo import facts_of
+from rsdeblur.cli._report import Compared, capture_warnings, report_page
 from rsdeblur.errors import InputError, RsdeblurError
 
 if TYPE_CHECKING:
@@ -77,6 +87,7 @@ class FramesType(click.ParamType[list[int]]):
     help="Number of the frame whose pose the result has, one of --frames.  [default: the best]",
 )
 @click.option("--weights", type=_options.PATH, metavar="PNG", help="Write the weights of the frames, side by side.")
+@click.option("--report", type=_options.PATH, metavar="HTML", help="Also write a page that shows result and weights.")
 @_options.clip_options(required=False)
 @_options.solve_options(
     "mode", "bands", "strips", *_options.SOLVER, "normalize", *_options.ENGINE, *_options.ONE_RESULT
@@ -88,6 +99,7 @@ def command(
     frames: list[int] | None,
     reference: int | None,
     weights: Path | None,
+    report: Path | None,
     recording: Recording,
     options: Options,
     target: Target,
@@ -105,9 +117,9 @@ def command(
     if (clip is None) == (not photos):
         raise click.UsageError("give either photos or --from VIDEO")
     if photos and all(photo.is_dir() for photo in photos):
-        if not frames and reference is None and weights is None:
+        if not frames and reference is None and weights is None and report is None:
             return _folders(photos, recording, options, target)
-        raise click.UsageError("folders have no --frames, --reference or --weights")
+        raise click.UsageError("folders have no --frames, --reference, --weights or --report")
     for name in ("gyro", "camera"):
         if getattr(recording, name) is None:
             raise click.UsageError(f"Missing option '--{name}'.")
@@ -118,9 +130,18 @@ def command(
     for path in filter(None, (target.output, weights)):
         refuse_inputs(path)
         check_writable(path, force=target.force)
+    if report is not None:
+        check_page(report, force=target.force)
     shots = _from_clip(clip, frames, recording) if clip else _from_photos(photos, frames, recording)
-    with naming(None, recording):
-        facts = _deblurred(shots, options, target, reference=reference, weights=weights)
+    with naming(None, recording), capture_warnings() as remarks:
+        facts, result = _deblurred(shots, options, target, reference=reference)
+    if weights is not None:
+        _write_weights(weights, result, force=target.force)
+    if report is not None:
+        from rsdeblur.report import write_page
+
+        compared = _compared(clip or photos[result.reference], shots, facts, result, options)
+        write_page(report, report_page(compared, recording, options, remarks))
     if target.as_json:
         print_json(facts)
     else:
@@ -138,9 +159,9 @@ class Shots(NamedTuple):
 
 
 def _deblurred(
-    shots: Shots, options: Options, target: Target, *, reference: int | None = None, weights: Path | None = None
-) -> dict[str, Any]:
-    """Deblur and write a burst, and return the facts to report."""
+    shots: Shots, options: Options, target: Target, *, reference: int | None = None
+) -> tuple[dict[str, Any], BurstResult]:
+    """Deblur and write a burst, and return the facts to report and the result."""
     from rsdeblur.io.pictures import write_picture
     from rsdeblur.pipeline.burst import deblur_burst
 
@@ -156,11 +177,37 @@ def _deblurred(
             **{member.name: getattr(options, member.name) for member in fields(options)},
         )
     write_picture(target.output, result.image, like=pictures[result.reference], force=target.force)
-    if weights is not None:
-        import numpy as np
+    return _facts(result, numbers, target.output, options, time.perf_counter() - begin), result
 
-        write_picture(weights, np.hstack([frame.weights for frame in result.frames]), force=target.force)
-    return _facts(result, numbers, target.output, options, time.perf_counter() - begin)
+
+def _write_weights(path: Path, result: BurstResult, *, force: bool) -> None:
+    """Write the weights of all frames side by side."""
+    import numpy as np
+
+    from rsdeblur.io.pictures import write_picture
+
+    write_picture(path, np.hstack([frame.weights for frame in result.frames]), force=force)
+
+
+def _compared(photo: Path, shots: Shots, facts: dict[str, Any], result: BurstResult, options: Options) -> Compared:
+    """Return the content of the page: the result beside the reference, and the weights of all frames."""
+    from rsdeblur.cli._measure import peak_memory_mib
+
+    index, label = result.reference, f"burst, {options.mode}"
+    picture = shots.pictures[index]
+    transfer = transfer_of(picture, options.transfer)
+    return Compared(
+        {"photo": str(photo), "modes": {label: facts | {"peak_memory_mib": peak_memory_mib()}}},
+        Inputs(picture, shots.log, shots.camera, shots.exposures[index]),
+        {
+            f"frame {facts['reference']}": display_values(unit_range(picture.pixels), transfer),
+            label: display_values(result.image, transfer),
+        },
+        {label: result.result.psfs},
+        1.0 - float(result.result.coverage.mean()),
+        transfer,
+        frames=[used | {"weights": frame.weights} for used, frame in zip(facts["frames"], result.frames, strict=True)],
+    )
 
 
 def _folders(folders: tuple[Path, ...], recording: Recording, options: Options, target: Target) -> None:
@@ -168,13 +215,14 @@ def _folders(folders: tuple[Path, ...], recording: Recording, options: Options, 
     outputs = [target.output / f"{folder.resolve().name}.png" for folder in folders]
     if len(set(outputs)) < len(outputs):
         raise click.UsageError("two folders have the same name, and so would their results")
+    is_new = not target.output.exists()
     prepare_folder(target.output, [output.name for output in outputs], force=target.force)
     entries: list[dict[str, Any]] = []
     for folder, output in zip(folders, outputs, strict=True):
         try:
             with naming(folder):
                 shots = _from_folder(folder, recording, target.output)
-                entries.append(_deblurred(shots, options, replace(target, output=output)))
+                entries.append(_deblurred(shots, options, replace(target, output=output))[0])
         except RsdeblurError as error:
             entries.append({"output": str(output), "error": str(error)})
         if not target.as_json:
@@ -182,6 +230,8 @@ def _folders(folders: tuple[Path, ...], recording: Recording, options: Options, 
                 say_aside(f"error: {entries[-1]['error']}")
             else:
                 _print(entries[-1])
+    if is_new and all("error" in entry for entry in entries):
+        target.output.rmdir()
     if target.as_json:
         print_json({"bursts": entries})
     if any("error" in entry for entry in entries):

@@ -51,15 +51,16 @@ class FrameFit:
         Weight from 0 to 1 of the frame at each pixel of the reduced reference.
     support : float
         Mean weight over the reference's detail, from 0 to 1.
-    misfit : float
-        Mean squared difference in units of the expected one where the frame counts, at least 1.
+    path_error : float
+        Mean square of the errors of both paths together, px^2 of the reduced picture: what is left of the difference
+        where the frame counts.
     """
 
     gain: float
     shift: Float32Array
     weights: Float32Array
     support: float
-    misfit: float
+    path_error: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,8 +115,9 @@ def fit_frame(
     detail = slope * known
     support = float((weights * detail).sum() / max(float(detail.sum()), np.finfo(np.float32).tiny))
     trust = weights * known
-    excess = float((trust * misfit).sum() / max(float((trust * least).sum()), np.finfo(np.float32).tiny))
-    return FrameFit(gain, shift, weights, support, max(1.0, excess))
+    left = float((trust * (misfit - np.float32(expected.noise))).sum())
+    path_errors = max(left, 0.0) / max(float((trust * slope).sum()), float(np.finfo(np.float32).tiny))
+    return FrameFit(gain, shift, weights, support, path_errors)
 
 
 def _residual_shift(

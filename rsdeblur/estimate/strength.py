@@ -45,8 +45,8 @@ FINE_NOISE = 4.0
 LENS = 0.75
 # Error of the paths in px, where the picture is too small to measure it.
 PATH_ERROR = ABSORBED * ASSUMED
-# The error of the paths as a share of the PSF's radius, where frames of a burst are weighed against each other: real
-# motion errs by that much, and an error that a frame shaken less would not have made costs more than the frame adds.
+# Error of the paths as a share of the PSF's radius, where the least blurred frame of a burst is chosen, before other
+# frames show how large the errors are: real motion errs by that much.
 FRAME_ERROR_SHARE = 0.03
 # Weight of total variation where that of the gradient prior is 1 and E is 1; other exponents scale it by their root.
 SPARSE_STRENGTH = 2.0
@@ -152,7 +152,9 @@ class Tuning:
         return cls(noise, energy, _radius(bank), 0.0 if repeats else share**2 / 4, spectra, floors.path_error)
 
     @classmethod
-    def of_burst(cls, frames: Sequence[Tuning]) -> tuple[Tuning, tuple[float, ...]]:
+    def of_burst(
+        cls, frames: Sequence[Tuning], *, tile_errors: Sequence[float] | None = None
+    ) -> tuple[Tuning, tuple[float, ...]]:
         """Combine the measurements of several frames of one scene.
 
         A frame counts by its share: the inverse of its :attr:`noise_power`, divided by the sum over all frames.
@@ -161,6 +163,9 @@ class Tuning:
         ----------
         frames : sequence of Tuning
             Measurements of each frame, the reference first, whose energy counts for all.
+        tile_errors : sequence of float, optional
+            Mean square of the path errors that tiles add to each frame, px^2. Only the shares depend on them, because
+            strengths were measured with tiles.
 
         Returns
         -------
@@ -170,7 +175,12 @@ class Tuning:
             Share of each frame; they sum to 1.
         """
         first = frames[0]
-        precision = 1.0 / np.array([frame.noise_power(first.energy) for frame in frames])
+        power = np.array([frame.noise_power(first.energy) for frame in frames])
+        if tile_errors is not None:
+            # A path that is wrong by e px changes the blurred picture by e times its gradient.
+            left = np.array([frame.spectra.gradient_left for frame in frames])
+            power += first.energy * left * np.array(tile_errors)
+        precision = 1.0 / power
         shares = precision / precision.sum()
 
         def mean(values: Sequence[float]) -> float:
@@ -189,6 +199,23 @@ class Tuning:
         )
         return tuning, tuple(shares.tolist())
 
+    def with_path_errors(self, share: float) -> Tuning:
+        """Return the measurements with further errors of the paths, of this share of the radius."""
+        return replace(self, path_error=self.path_error + (share * self.radius) ** 2)
+
+    def path_error_share(self, other: Tuning, error: float) -> float:
+        """Return the further errors of the paths as a share of both radii, up to 1.
+
+        Parameters
+        ----------
+        other : Tuning
+            Measurements of another frame.
+        error : float
+            Mean square of the errors of both frames together, px^2.
+        """
+        excess = max(error - self.path_error - other.path_error, 0.0)
+        return float(np.sqrt(min(excess / max(self.radius**2 + other.radius**2, PATH_ERROR**2), 1.0)))
+
     def noise_power(self, energy: float) -> float:
         """Return the power of noise and of the model's errors, which are nearly white and grow with the blur.
 
@@ -197,7 +224,7 @@ class Tuning:
         energy : float
             E of the sharp picture.
         """
-        return FINE_NOISE * self.noise**2 + energy * (self.path_error + (FRAME_ERROR_SHARE * self.radius) ** 2)
+        return FINE_NOISE * self.noise**2 + energy * self.path_error
 
     def restoration_error(self, energy: float) -> float:
         """Return the expected mean squared error of the best linear restoration from this frame alone.
@@ -208,7 +235,7 @@ class Tuning:
             E of the sharp picture.
         """
         signal = energy * self.spectra.signal
-        noise = self.noise_power(energy) + self.border_error * signal
+        noise = self.noise_power(energy) + energy * (FRAME_ERROR_SHARE * self.radius) ** 2 + self.border_error * signal
         known = noise + self.spectra.power * signal
         return float(np.divide(signal * noise, known, out=np.zeros_like(known), where=known > 0).mean())
 
@@ -325,6 +352,11 @@ class Spectra:
     undone: FloatArray
     match: FloatArray
     left_of_gradient: float
+
+    @property
+    def gradient_left(self) -> float:
+        """Share of the sharp gradient's energy that is left in the blurred picture."""
+        return float((self.signal * self.gradient * self.power).mean())
 
     @classmethod
     def mean(cls, frames: Sequence[Spectra], shares: FloatArray) -> Spectra:

@@ -33,8 +33,8 @@ from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.pipeline.settings import SolverSettings
 from rsdeblur.pipeline.stages import StageClock
-from rsdeblur.pipeline.steps import MOST_TUNED_PIXELS, solve_chunks, tuned_strengths
-from rsdeblur.pipeline.tiles import tile_paths
+from rsdeblur.pipeline.steps import solve_chunks, tuned_part, tuned_strengths
+from rsdeblur.pipeline.tiles import tile_error, tile_paths
 from rsdeblur.psf import PsfBank, tile_centres
 from rsdeblur.types import Float32Array, FloatArray, FloatImage, Progress, StageProgress
 
@@ -67,7 +67,8 @@ class FrameUse:
     blur : float
         Root mean square radius of its PSFs, px.
     weights : ndarray, shape (h, w), float32
-        Weight from 0 to 1 at each place of the reference as stored, reduced by a whole factor.
+        Weight from 0 to 1 at each place of the reference as stored, reduced by a whole factor; 0 where the frame does
+        not show the place.
     """
 
     share: float
@@ -248,13 +249,11 @@ def check_burst(
 def _tuning(encoded: EncodedImage, capture: Capture, options: Options) -> Tuning:
     """Measure a frame on its own."""
     height, width, _ = encoded.shape
-    half = min(height, max(1, MOST_TUNED_PIXELS // width)) // 2
-    light = encoded.linear(slice(height // 2 - half, height - height // 2 + half))
     paths = tile_paths(capture, "banded", min(KERNELS, height), min(KERNELS, width), 1.0)
     noise = None if options.noise == "auto" else options.noise
-    bank = PsfBank.from_paths(paths, threads=options.threads)
+    rows, bank = tuned_part(encoded.shape, PsfBank.from_paths(paths, threads=options.threads))
     mode = options.mode
-    return Tuning.of(light, bank, noise=noise, one_filter=mode == "global", continued=mode != "rowwise")
+    return Tuning.of(encoded.linear(rows), bank, noise=noise, one_filter=mode == "global", continued=mode != "rowwise")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -321,14 +320,19 @@ def _fitted(
     rows, cols = (tile_centres(min(tiles, n), n) for tiles, n in zip(FIT_TILES, (height, width), strict=True))
     report = clock.within("align")
     banks = [reduced_bank(frame.alignment.paths(rows, cols), reference.factor) for frame in frames]
+    shares = []
     for n, frame in enumerate(frames):
         if n != index:
             fit = frame.fitted(reference, (banks[n], banks[index]))
-            tuning = replace(
-                frame.tuning, noise=frame.tuning.noise / fit.gain, path_error=frame.tuning.path_error * fit.misfit
-            )
+            share = frame.tuning.path_error_share(reference.tuning, fit.path_error * frame.factor**2)
+            tuning = replace(frame.tuning, noise=frame.tuning.noise / fit.gain).with_path_errors(share)
             frames[n] = replace(frame, fit=fit, tuning=tuning)
+            if fit.support >= LEAST_SUPPORT:
+                shares.append(share)
         report((n + 1) / len(frames))
+    # The errors of the reference are in all differences, so they are not larger than the least of these.
+    tuning = reference.tuning.with_path_errors(min(shares, default=0.0))
+    frames[index] = replace(reference, tuning=tuning)
     return _Burst(index, tuple(frames))
 
 
@@ -352,7 +356,8 @@ class _Solution:
         few = _banks(frames, *(tile_centres(min(KERNELS, n), n) for n in (height, width)))
         spectra = [Spectra.of(bank, one_filter=mode == "global") for bank in few]
         tunings = [replace(frame.tuning, spectra=of) for frame, of in zip(frames, spectra, strict=True)]
-        tuning, shares = Tuning.of_burst(tunings)
+        errors = [tile_error(frame.alignment.capture) if mode == "banded" else 0.0 for frame in frames]
+        tuning, shares = Tuning.of_burst(tunings, tile_errors=errors)
         peak = brightness(HighlightSplit(burst.reference.encoded).remainder(slice(None), 4))
         strengths, nsr = tuned_strengths(tuning, options, peak)
         alone, _ = tuned_strengths(tunings[0], options, peak)
@@ -447,4 +452,4 @@ def _use(burst: _Burst, index: int, share: float, frame: ReadoutFrame) -> FrameU
         return FrameUse(share, 1.0, 1.0, 0.0, noise, blur, frame.back(weights))
     fit = own.fit
     shift = own.factor * float(np.sqrt(np.square(fit.shift).sum(axis=-1).mean()))
-    return FrameUse(share, fit.support, fit.gain, shift, noise * fit.gain, blur, frame.back(fit.weights))
+    return FrameUse(share, fit.support, fit.gain, shift, noise * fit.gain, blur, frame.back(own.shown_weights))

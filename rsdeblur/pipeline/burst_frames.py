@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from rsdeblur.deconv.wiener import TileBlur
@@ -122,7 +123,7 @@ class BurstFrame:
         assert self.fit is not None
         height, width, channels = self.encoded.shape
         x, y = self.warp.at(np.arange(rows.start, rows.stop, dtype=float), np.arange(width, dtype=float))
-        seen = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
+        seen = self._shows(x, y)
         weights = self._weights(rows)
         weights *= seen
         light = np.empty((*x.shape, channels), dtype=np.float32)
@@ -138,6 +139,25 @@ class BurstFrame:
             spline = ndimage.spline_filter(source[..., c], 3, output=np.float32, mode="mirror")
             ndimage.map_coordinates(spline, at, output=light[..., c], order=3, mode="mirror", prefilter=False)
         return light, weights
+
+    @property
+    def shown_weights(self) -> Float32Array:
+        """Weight at each pixel of the reduced reference, shape (h, w); 0 where the frame does not show the place."""
+        assert self.fit is not None
+        weights: Float32Array = self.fit.weights * self._shows(*self._reduced_places())
+        return weights
+
+    def _shows(self, x: Float32Array, y: Float32Array) -> NDArray[np.bool_]:
+        """Return whether places of the frame lie in it."""
+        height, width, _ = self.encoded.shape
+        shown: NDArray[np.bool_] = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
+        return shown
+
+    def _reduced_places(self) -> tuple[Float32Array, Float32Array]:
+        """Return the places in the frame of the pixels of the reduced reference."""
+        factor = self.factor
+        rows, cols = (np.arange(float(n // factor)) * factor + (factor - 1) / 2 for n in self.encoded.shape[:2])
+        return self.warp.at(rows, cols)
 
     def _weights(self, rows: slice) -> Float32Array:
         assert self.fit is not None
@@ -155,10 +175,8 @@ class BurstFrame:
         """Compare the frame with the reference; `banks` are their PSFs on the reduced picture."""
         own, other = banks
         shape = self.grey.shape
-        rows, cols = (np.arange(float(n)) * self.factor + (self.factor - 1) / 2 for n in shape)
-        x, y = self.warp.at(rows, cols)
-        height, width, _ = self.encoded.shape
-        seen = ((x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)).astype(np.float32)
+        x, y = self._reduced_places()
+        seen = self._shows(x, y).astype(np.float32)
         at = [(places - (self.factor - 1) / 2) / self.factor for places in (y, x)]
         resampled = ndimage.map_coordinates(self.grey, at, order=3, mode="nearest", output=np.float32)
         # Blur mixes pixels with what lies beyond the frame: only the rest can be compared.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from numpy.typing import NDArray
@@ -68,15 +69,30 @@ def derive_strengths(
     prior = options.prior
     if prior == "wiener" and options.nsr != "auto":
         return Strengths(options.nsr, None, 1.0), options.nsr
-    height, width, _ = split.encoded.shape
-    half = min(height, max(1, MOST_TUNED_PIXELS // width)) // 2
-    linear = split.remainder(slice(height // 2 - half, height - height // 2 + half))
+    rows, part = tuned_part(split.encoded.shape, bank())
     noise = None if options.noise == "auto" else options.noise
+    one_filter, continued = mode == "global", mode != "rowwise"
     tuning = Tuning.of(
-        *(linear, bank()), noise=noise, one_filter=mode == "global", continued=mode != "rowwise", repeats=repeats
+        split.remainder(rows), part, noise=noise, one_filter=one_filter, continued=continued, repeats=repeats
     )
     peak = 1.0 if prior == "wiener" else brightness(split.remainder(slice(None), 4))
     return tuned_strengths(tuning, options, peak)
+
+
+def tuned_part(shape: tuple[int, ...], bank: PsfBank) -> tuple[slice, PsfBank]:
+    """Return the middle rows that strengths are derived from, and the PSFs at places counted from the first of them.
+
+    Parameters
+    ----------
+    shape : (H, W, C)
+        Shape of the picture.
+    bank : PsfBank
+        PSFs of the whole picture.
+    """
+    height, width = shape[:2]
+    half = min(height, max(1, MOST_TUNED_PIXELS // width)) // 2
+    first = height // 2 - half
+    return slice(first, height - first), replace(bank, rows=bank.rows - first) if first else bank
 
 
 def tuned_strengths(tuning: Tuning, options: Options, peak: float) -> tuple[Strengths, float]:

@@ -106,6 +106,22 @@ def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: f
     return paths
 
 
+def tile_error(capture: Capture) -> float:
+    """Return the mean square of the path errors that tiles make, px^2.
+
+    A tile undoes one blur, but the pixels over which a point was spread have other paths than that point: as much as
+    paths change over the radius of the blur.
+    """
+    probe = capture.probe
+    paths, places = probe.displacements, (probe.rows, probe.cols)
+    error = 0.0
+    for axis, at in enumerate(places):
+        if len(at) > 1:
+            change = np.square(np.diff(paths, axis=axis)).sum(axis=-1).mean() / (at[1] - at[0]) ** 2
+            error += float(change * np.square(paths[..., 1 - axis]).mean())
+    return error
+
+
 def _automatic_counts(capture: Capture, nsr: float) -> tuple[int, int]:
     """Return the numbers of bands and strips that limit the change of the blur between neighbouring tiles."""
     probe, camera = capture.probe, capture.camera

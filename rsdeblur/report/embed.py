@@ -19,7 +19,7 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.psf import PsfBank
-from rsdeblur.report._draw import rgb8
+from rsdeblur.report._draw import MARKS, rgb8
 from rsdeblur.report.psf_map import visible_part
 from rsdeblur.types import FloatArray
 
@@ -30,6 +30,8 @@ MOST_PIXELS = 8_000_000
 QUALITY = 92
 # Most rows and columns of kernels embedded per mode: more would not fit on the picture.
 MOST_KERNELS = 17, 11
+# Longer side of a map of weights, px, and the share of the tint where a weight is 0.
+MAP_SIDE, TINT = 400, 0.7
 # Time that the plot shows before and after the exposure: this share of it, but at least this many s.
 AROUND, LEAST_AROUND = 0.5, 0.02
 MOST_SAMPLES = 4000
@@ -137,6 +139,18 @@ def picture_uris(pictures: Mapping[str, NDArray[np.floating]], icc_profile: byte
             return [_uri("image/jpeg", data) for data in encoded], scale
         # Smaller pictures need somewhat more bytes per pixel.
         scale *= 0.95 * math.sqrt(BUDGET / total)
+
+
+def weight_map_uri(picture: NDArray[np.floating], weights: NDArray[np.floating]) -> str:
+    """Encode a grey thumbnail of a picture, tinted where a frame of a burst does not count; weights are 0 to 1."""
+    image = rgb8("the picture", picture)
+    scale = min(1.0, MAP_SIDE / max(image.size))
+    width, height = (max(round(side * scale), 1) for side in image.size)
+    grey = np.asarray(image.convert("L").resize((width, height)), dtype=np.float32)[..., None]
+    mask = Image.fromarray(np.asarray(weights, dtype=np.float32)).resize((width, height), Image.Resampling.BILINEAR)
+    share = TINT * (1.0 - np.asarray(mask)[..., None].clip(0.0, 1.0))
+    tinted = grey + share * (np.array(MARKS[0], dtype=np.float32) - grey)
+    return _uri("image/jpeg", _jpeg(Image.fromarray(tinted.astype(np.uint8)), (width, height), None))
 
 
 def bank_data(bank: PsfBank) -> dict[str, Any]:

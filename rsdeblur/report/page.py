@@ -22,14 +22,22 @@ from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import InputError
 from rsdeblur.psf import PsfBank
 from rsdeblur.report.bands import BandFigures
-from rsdeblur.report.embed import MotionPlot, bank_data, motion_data, picture_uris, script_json, telling_place
+from rsdeblur.report.embed import (
+    MotionPlot,
+    bank_data,
+    motion_data,
+    picture_uris,
+    script_json,
+    telling_place,
+    weight_map_uri,
+)
 from rsdeblur.report.findings import Finding
 
 LEVELS = {"warning": "Warning", "note": "Note", "good": "Good"}
 PARTS = ("page.html", "page.css", "page_shared.js", "page_viewer.js", "page_plots.js")
 # Verdicts of the check, the worst first.
 VERDICTS = ("bad", "doubtful", "good")
-STAGES = ("highlights", "tune", "psfs", "plan", "apply", "rectify", "check")
+STAGES = ("highlights", "tune", "align", "psfs", "plan", "apply", "rectify", "check")
 TIMES, NONE = "\N{MULTIPLICATION SIGN}", "\N{EN DASH}"
 
 
@@ -56,6 +64,8 @@ class Page:
         Tables of names and values, by title.
     findings : sequence of Finding
         Outcomes of the checks, warnings first.
+    frames : sequence of mapping
+        Frames of a burst as `rsdeblur burst` reports them, each with its `weights` at the places of the input.
     blurred : mapping, optional
         `psnr_db` and `ssim` of the input, where the true picture is known.
     icc_profile : bytes, optional
@@ -75,6 +85,7 @@ class Page:
     modes: Mapping[str, Mapping[str, Any]]
     settings: Mapping[str, Mapping[str, str]]
     findings: Sequence[Finding]
+    frames: Sequence[Mapping[str, Any]] = ()
     blurred: Mapping[str, float | None] | None = None
     icc_profile: bytes | None = None
 
@@ -140,6 +151,7 @@ def render(page: Page) -> str:
         size=f"{width} {TIMES} {height} px",
         scale=_scale(scale, width, height),
         pictures="\n".join(_figure(label, uri) for label, uri in zip(page.pictures, uris, strict=True)),
+        frames=_frames(page),
         modes=_modes(page),
         bands=_bands(page.bands, page.motion.axis),
         findings="\n".join(map(_finding, page.findings)),
@@ -230,6 +242,28 @@ def _modes(page: Page) -> str:
             ]
         )
     return _table("Modes, strengths, times and memory", header, rows)
+
+
+def _frames(page: Page) -> str:
+    """Return the section about the frames of a burst; nothing if there was one picture."""
+    if not page.frames:
+        return ""
+    header = ["frame", "share", "fits %", "blur px", "shift px", "brightness", "noise"]
+    rows = [
+        [
+            str(use["frame"]),
+            f"{use['share']:.2f}",
+            f"{100 * use['support']:.0f}",
+            *(f"{use[name]:.1f}" for name in ("blur", "shift")),
+            f"{use['gain']:.2f}",
+            f"{use['noise']:.4f}",
+        ]
+        for use in page.frames
+    ]
+    picture = next(iter(page.pictures.values()))
+    maps = "\n".join(_figure(f"frame {use['frame']}", weight_map_uri(picture, use["weights"])) for use in page.frames)
+    table = _table("Frames and what they contribute", header, rows)
+    return Template(part("page_frames.html")).substitute(table=table, maps=maps)
 
 
 def _similarity(result: Mapping[str, Any]) -> list[str]:

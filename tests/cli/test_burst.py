@@ -33,9 +33,10 @@ def arguments(folder: Path, *more: object) -> list[object]:
     return ["burst", folder / "0.png", folder / "1.png", *recording, "--prior", "wiener", *more]
 
 
-def test_photos_with_json_and_weights(run, burst: Path, tmp_path: Path) -> None:
-    out, weights = tmp_path / "out.png", tmp_path / "weights.png"
-    result = run(*arguments(burst, "--frames", "0:2", "--reference", 1, "-o", out, "--weights", weights, "--json"))
+def test_photos_with_json_weights_and_report(run, burst: Path, tmp_path: Path) -> None:
+    out, weights, page = (tmp_path / name for name in ("out.png", "weights.png", "report.html"))
+    more = ["-o", out, "--weights", weights, "--report", page, "--json"]
+    result = run(*arguments(burst, "--frames", "0:2", "--reference", 1, *more))
     assert result.exit_code == 0, result.output
     facts = json.loads(result.stdout)
     assert facts["reference"] == 1
@@ -43,6 +44,9 @@ def test_photos_with_json_and_weights(run, burst: Path, tmp_path: Path) -> None:
     assert sum(frame["share"] for frame in facts["frames"]) == pytest.approx(1)
     assert read_picture(out).pixels.shape == (96, 112, 3)
     assert read_picture(weights).pixels.shape == (96, 224)
+    text = page.read_text()
+    assert "Frames and what they contribute" in text
+    assert text.count('alt="frame 1"') == 2
     result = run(*arguments(burst, "--frames", "0,1", "-o", out, "--force"))
     assert "2 of 2 frames" in result.stdout
 
@@ -58,6 +62,9 @@ def test_each_folder_is_a_burst_and_a_bad_one_does_not_stop_the_others(run, burs
     assert read_picture(tmp_path / "sharp" / f"{burst.name}.png").pixels.shape == (96, 112, 3)
     result = run("burst", burst, "--frames", "0:2", "-o", tmp_path / "sharp")
     assert result.exit_code == 2
+    result = run("burst", empty, "-o", tmp_path / "none")
+    assert result.exit_code == 3
+    assert not (tmp_path / "none").exists()
 
 
 @pytest.mark.parametrize(

@@ -95,9 +95,26 @@ def test_shares_fall_with_noise_and_blur() -> None:
     # Two frames are one with half the variance.
     assert double.noise == pytest.approx(0.01 / 2**0.5)
     assert double.gradient_weight <= tuning.gradient_weight
-    _, shares = Tuning.of_burst([tuning, replace(tuning, noise=0.03), replace(tuning, radius=60.0)])
+    _, shares = Tuning.of_burst([tuning, replace(tuning, noise=0.03), tuning.with_path_errors(0.5)])
     assert shares[0] > max(shares[1:])
     assert tuning.restoration_error(1.0) < replace(tuning, noise=0.1).restoration_error(1.0)
+    # Errors that tiles add to a frame are its noise, but not that of the whole burst.
+    worse, shares = Tuning.of_burst([tuning, tuning], tile_errors=[0.0, 0.5])
+    assert shares[0] > shares[1]
+    assert worse.path_error > double.path_error
+
+
+def test_errors_of_paths_are_measured() -> None:
+    light = frames()[0][0]
+    tuning = Tuning.of(light, PsfBank.for_picture(np.full((1, 9), 1 / 9), light.shape), noise=0.01)
+    other = replace(tuning, radius=2 * tuning.radius)
+    known = tuning.path_error + other.path_error
+    further = (0.1 * tuning.radius) ** 2 + (0.1 * other.radius) ** 2
+    share = tuning.path_error_share(other, known + further)
+    assert share == pytest.approx(0.1)
+    assert tuning.path_error_share(other, 0.5 * known) == 0
+    errors = [frame.with_path_errors(share).path_error for frame in (tuning, other)]
+    assert sum(errors) == pytest.approx(known + further)
 
 
 def test_rowwise_is_as_good_and_slabs_give_the_same_picture(monkeypatch: pytest.MonkeyPatch) -> None:
