@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,7 @@ class TileSpectra:
     Parameters
     ----------
     light : ndarray, shape (H, W)
-        Linear light, of the picture as stored.
+        Linear light, of the picture as stored, or already reduced, but not below `side`.
     recording : Recording
         Recording of the picture. Corrected ones can be scored.
     side : int
@@ -59,12 +60,13 @@ class TileSpectra:
     """
 
     def __init__(self, light: NDArray[np.float32], recording: Recording, *, side: int) -> None:
-        self._scale = min(1.0, side / max(light.shape))
-        small = recording.camera.scaled(self._scale)
+        camera = recording.camera
+        self._scale = min(1.0, side / max(camera.width, camera.height))
+        small = camera.scaled(self._scale)
         if min(small.width, small.height) < TILE:
             raise InputError(f"the picture must keep {TILE} px on its shorter side when its longer one has {side} px")
         grey = light
-        if self._scale < 1:
+        if light.shape != (small.height, small.width):
             grey = resize(light, (small.height, small.width), order=1, anti_aliasing=True)
         grey = ReadoutFrame(small).image(grey)
         tops, lefts = (_places(n) for n in grey.shape)
@@ -92,33 +94,55 @@ class TileSpectra:
         """
         capture = recording.capture(self._scale)
         paths = BlurPaths.from_capture(capture, self._rows, self._cols, samples=self._samples)
-        return self._periodograms.expected(PsfBank.from_paths(paths).kernels)
+        # So few PSFs are drawn sooner than threads start.
+        return self._periodograms.expected(PsfBank.from_paths(paths, threads=1).kernels)
 
-    def score(self, recording: Recording) -> FloatArray:
-        """Return the negative log-likelihood, in nats, of every tile under this motion.
+    def fit(self, recording: Recording) -> Fit:
+        """Return how likely every tile is under this motion.
 
         Raises
         ------
         CoverageError, ClockError, GapError
             If the log does not describe the exposure.
         """
-        return self._periodograms.fit(self.expected(recording), self._place)[0]
+        expected = self.expected(recording)
+        return Fit(expected, *self._periodograms.fit(expected, self._place))
 
-    def information(self, expected: NDArray[np.float32], slopes: NDArray[np.float32]) -> tuple[FloatArray, FloatArray]:
+    def score(self, recording: Recording) -> FloatArray:
+        """Return the nats of :meth:`fit`."""
+        return self.fit(recording).nats
+
+    def information(self, fit: Fit, slopes: NDArray[np.float32]) -> tuple[FloatArray, FloatArray]:
         """Return gradient and Fisher information of every tile, see :func:`rsdeblur.kernels.whittle.information`.
 
         Parameters
         ----------
-        expected : ndarray, shape (K, F)
-            Expected power.
+        fit : Fit
+            Result of :meth:`fit`.
         slopes : ndarray, shape (Q, K, F)
-            Derivatives of its logarithm.
+            Derivatives of the logarithm of its expected power.
         """
-        measured = self._periodograms
-        _, gains, levels = measured.fit(expected, self._place)
-        return whittle.information(
-            measured.power, measured.noise, expected, slopes, self._place, measured.sectors, (gains, levels), STIFFNESS
-        )
+        measured, fitted = self._periodograms, (fit.gains, fit.levels)
+        given = measured.power, measured.noise, fit.expected, slopes, self._place, measured.sectors
+        return whittle.information(*given, fitted, STIFFNESS)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """Scene and noise fitted to the tiles under one motion.
+
+    Parameters
+    ----------
+    expected : ndarray, shape (K, F), float32
+        Expected power, see :meth:`TilePeriodograms.expected`.
+    nats, gains, levels : ndarray
+        See :func:`rsdeblur.kernels.whittle.fit_gains`.
+    """
+
+    expected: NDArray[np.float32]
+    nats: FloatArray
+    gains: FloatArray
+    levels: FloatArray
 
 
 class TilePeriodograms:
@@ -217,14 +241,22 @@ def _noise(
     return np.maximum(least, 1e-12).astype(np.float32)
 
 
+def wrapped(kernels: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Return kernels (B, S, kh, kw) on a grid that repeats, shape (B, S, *shape); larger ones wrap around.
+
+    Their spectra have the frequencies of a tile of this shape.
+    """
+    (tall, wide), (height, width) = kernels.shape[2:], shape
+    down, across = -(-tall // height), -(-wide // width)
+    room = ((0, 0), (0, 0), (0, down * height - tall), (0, across * width - wide))
+    grid = np.pad(kernels, room).reshape(*kernels.shape[:2], down, height, across, width)
+    total: NDArray[np.float32] = grid.sum(axis=(2, 4))
+    return total
+
+
 def _power_of(kernels: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return |H|^2 as smoothed by the window, shape (B, S, TILE, TILE // 2 + 1)."""
-    tall, wide = kernels.shape[2:]
-    # A PSF larger than a tile wraps around, so that its spectrum has the same frequencies as the tile's.
-    down, across = (-(-n // TILE) for n in (tall, wide))
-    room = ((0, 0), (0, 0), (0, down * TILE - tall), (0, across * TILE - wide))
-    kernels = np.pad(kernels, room).reshape(*kernels.shape[:2], down, TILE, across, TILE).sum(axis=(2, 4))
-    power: NDArray[Any] = np.abs(scipy.fft.fft2(kernels)) ** 2
+    power: NDArray[Any] = np.abs(scipy.fft.fft2(wrapped(kernels, (TILE, TILE)))) ** 2
     for axis in (2, 3):
         # Power of the Hann window's transform at neighbouring frequencies: 1/6, 2/3, 1/6.
         power = power * (2 / 3) + (np.roll(power, 1, axis) + np.roll(power, -1, axis)) / 6
