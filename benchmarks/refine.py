@@ -58,6 +58,8 @@ sharpening, tone curve, JPEG. The constants of `refine` were chosen at other mom
 - **Recovered**: the share of the lost dB that refinement brings back. Refused corrections bring back nothing.
 - **Worst**: the largest loss of one capture against its result as recorded, dB.
 
+The table says how many captures were measured; means of few captures vary widely.
+
 Errors are random: offsets of 5 to 20 ms, readout times x 0.7 to x 1.4, focal lengths +-7 or 15 %, a bias of the
 gyroscope of 0.01 to 0.03 rad/s, an even translation of 3.6 to 9.6 px, and smaller ones of all kinds together.
 """
