@@ -44,12 +44,12 @@ TABLE = 2049
 ROWS = 64
 
 
-class QuadraticSolver(Protocol):
+class GradientSolver(Protocol):
     """Interface on which :func:`half_quadratic` builds a prior: a solver that holds its observation g.
 
     It minimises over latent pictures u
 
-        |A u - g|^2 + nsr |u|^2 + beta |D u - w|^2    or    |A u - g|^2 + nsr |u|^2 + beta |u - v|^2
+        |A u - g|^2 + nsr |u|^2 + beta |D u - w|^2
 
     D takes forward differences, which are zero across the last row and column or, if `periodic`, wrap around. The
     target gradient w enters only as `D^T w`, which is a picture like u.
@@ -69,6 +69,10 @@ class QuadraticSolver(Protocol):
         grad_adjoint : ndarray, shape (H', W', C), float32, or None
             `D^T w`; None is zero. The solver may overwrite it and return u in its memory.
         """
+
+
+class QuadraticSolver(GradientSolver, Protocol):
+    """A solver that also minimises `|A u - g|^2 + nsr |u|^2 + beta |u - v|^2`."""
 
     def solve_near(self, beta: float, target: FloatImage) -> FloatImage:
         """Return u (H', W', C) near a target picture.
@@ -334,13 +338,13 @@ def brightness(image: FloatImage) -> float:
 
 
 def half_quadratic(
-    solver: QuadraticSolver, *, weight: float, exponent: float, peak: float = 1.0, threads: int | None = None
+    solver: GradientSolver, *, weight: float, exponent: float, peak: float = 1.0, threads: int | None = None
 ) -> Iterator[Step]:
     """Yield the pictures of the splitting, one for each of `PENALTIES`; the caller may stop early.
 
     Parameters
     ----------
-    solver : QuadraticSolver
+    solver : GradientSolver
         Solver that holds its observation.
     weight : float
         Weight of the prior, positive.

@@ -48,14 +48,22 @@ def periodograms(tiles: NDArray[np.float32]) -> NDArray[np.float32]:
     return power
 
 
+def wrapped(kernels: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Return kernels (B, S, kh, kw) on a grid that repeats, shape (B, S, *shape); larger ones wrap around.
+
+    Their spectra have the frequencies of a tile of this shape.
+    """
+    (tall, wide), (height, width) = kernels.shape[2:], shape
+    down, across = -(-tall // height), -(-wide // width)
+    room = ((0, 0), (0, 0), (0, down * height - tall), (0, across * width - wide))
+    grid = np.pad(kernels, room).reshape(*kernels.shape[:2], down, height, across, width)
+    total: NDArray[np.float32] = grid.sum(axis=(2, 4))
+    return total
+
+
 def power_of(kernels: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return |H|^2 of kernels (B, S, kh, kw) as smoothed by the window, shape (B, S, TILE, TILE // 2 + 1)."""
-    tall, wide = kernels.shape[2:]
-    # A PSF larger than a tile wraps around, so that its spectrum has the same frequencies as the tile's.
-    down, across = (-(-n // TILE) for n in (tall, wide))
-    room = ((0, 0), (0, 0), (0, down * TILE - tall), (0, across * TILE - wide))
-    kernels = np.pad(kernels, room).reshape(*kernels.shape[:2], down, TILE, across, TILE).sum(axis=(2, 4))
-    power: NDArray[Any] = np.abs(scipy.fft.fft2(kernels)) ** 2
+    power: NDArray[Any] = np.abs(scipy.fft.fft2(wrapped(kernels, (TILE, TILE)))) ** 2
     for axis in (2, 3):
         # Power of the Hann window's transform at neighbouring frequencies: 1/6, 2/3, 1/6.
         power = power * (2 / 3) + (np.roll(power, 1, axis) + np.roll(power, -1, axis)) / 6

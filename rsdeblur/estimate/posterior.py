@@ -10,7 +10,7 @@ from scipy.special import ndtr, ndtri
 
 from rsdeblur.errors import ClockError, CoverageError, GapError
 from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording
-from rsdeblur.estimate.spectra import TileSpectra
+from rsdeblur.estimate.spectra import Fit, TileSpectra
 from rsdeblur.types import FloatArray
 
 # Errors of a log that does not describe the exposure.
@@ -53,6 +53,7 @@ class Posterior:
     def __init__(self, spectra: TileSpectra, recording: Recording, deviations: FloatArray) -> None:
         self._spectra, self._recording, self._deviations = spectra, recording, deviations
         self._nats: dict[bytes, FloatArray | None] = {}
+        self._last: tuple[bytes, Fit] | None = None
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -68,10 +69,17 @@ class Posterior:
         key = place.tobytes()
         if key not in self._nats:
             try:
-                self._nats[key] = self._spectra.score(self.corrected(place))
+                self._nats[key] = self._fit(place).nats
             except UNDESCRIBED:
                 self._nats[key] = None
         return self._nats[key]
+
+    def _fit(self, place: FloatArray) -> Fit:
+        """Return the fit of the spectra at a place; descents ask for that of the last place again."""
+        key = place.tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = key, self._spectra.fit(self.corrected(place))
+        return self._last[1]
 
     def gain(self, place: FloatArray, over: FloatArray) -> float:
         """Return how much more likely one correction is than another, in nats; infinite if one has no score."""
@@ -89,30 +97,36 @@ class Posterior:
         bounded = MOST_NATS * np.tanh((others - nats) / MOST_NATS)
         return float(bounded.sum() / (TILES_AS_ONE * self._spectra.tiles) - 0.5 * place @ place)
 
-    def search(self, free: Sequence[str]) -> list[FloatArray]:
-        """Return the local maxima that descents reach with some parameters free, from no correction and from samples.
+    def search(
+        self, free: Sequence[str], *, first: FloatArray | None = None, samples: int = SAMPLES
+    ) -> list[FloatArray]:
+        """Return the local maxima that descents reach with some parameters free, from one place and from samples.
 
         Parameters
         ----------
         free : sequence of str
             Names of parameters whose standard deviations are positive.
+        first : ndarray, optional
+            Place of the first descent; default no correction.
+        samples : int
+            Number of samples of the prior, a power of 2; the best of them and of no correction begin further descents.
         """
         from scipy.stats import qmc  # takes 0.5 s to import
 
         at = [PARAMETERS.index(name) for name in free]
         low = ndtr(-WIDEST)
-        quantiles = qmc.Sobol(len(at), seed=0).random(SAMPLES).clip(low, 1 - low)
-        samples = np.zeros((SAMPLES + 1, len(PARAMETERS)))
-        samples[1:, at] = ndtri(quantiles)
-        best = samples[0]
+        quantiles = qmc.Sobol(len(at), seed=0).random(samples).clip(low, 1 - low)
+        places = np.zeros((samples + 1, len(PARAMETERS)))
+        places[1:, at] = ndtri(quantiles)
+        starts = [np.zeros(len(PARAMETERS)) if first is None else first]
+        best = starts[0]
         for _ in range(2):
             # The gains of tiles are bounded, so the order may depend on what they are compared with.
-            gains = np.array([self.gain(sample, best) for sample in samples])
-            best = samples[gains.argmax()]
-        starts = [samples[0]]
-        for sample in samples[np.argsort(-gains)]:
-            if len(starts) <= STARTS and all(np.abs(sample - start).max() > APART for start in starts):
-                starts.append(sample)
+            gains = np.array([self.gain(place, best) for place in places])
+            best = places[gains.argmax()]
+        for place in places[np.argsort(-gains)]:
+            if len(starts) <= STARTS and all(np.abs(place - start).max() > APART for start in starts):
+                starts.append(place)
         return [self.descend(start, free) for start in starts if self.nats(start) is not None]
 
     def spread(self, place: FloatArray) -> FloatArray:
@@ -147,9 +161,9 @@ class Posterior:
 
     def _information(self, place: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return gradient and Fisher information of the tiles together for the parameters `at`."""
-        expected = self._spectra.expected(self.corrected(place))
-        slopes = [self._slope(place, index, expected) for index in at]
-        gradient, information = self._spectra.information(expected, np.array(slopes))
+        fit = self._fit(place)
+        slopes = [self._slope(place, index, fit.expected) for index in at]
+        gradient, information = self._spectra.information(fit, np.array(slopes))
         # A tile that alone would gain more than the bound has less weight.
         solved = np.linalg.solve(information + TILES_AS_ONE * np.eye(len(at)), gradient[..., None])[..., 0]
         weight = 1.0 / (1.0 + 0.5 * (solved * gradient).sum(axis=1) / MOST_NATS)

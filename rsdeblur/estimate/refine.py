@@ -8,7 +8,6 @@ sharp picture that they lead to: with the right motion, its gradient is concentr
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import count
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,9 +18,10 @@ from rsdeblur.choices import Auto, Transfer
 from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording, Uncertainty
 from rsdeblur.estimate.periodograms import TILE
 from rsdeblur.estimate.posterior import Posterior
+from rsdeblur.estimate.quick_sharpness import QuickSharpness
 from rsdeblur.estimate.sharpness import Sharpness
 from rsdeblur.estimate.spectra import TileSpectra
-from rsdeblur.image.encoded import EncodedImage, check_size
+from rsdeblur.image.encoded import EncodedImage, check_size, reduced
 from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
@@ -33,16 +33,23 @@ from rsdeblur.types import FloatArray, Progress
 # blur is at most so long, px; and the longer side is within these bounds, px.
 LEAST_REDUCTION, LONGEST_BLUR = 2.4, 20.0
 SPECTRA_SIDES = 320, 480
-# Rows that are converted to light at a time.
-PART = 256
+# Rows that are converted to light at a time, and the longer side to which larger pictures are then reduced, px: the
+# smoothing that smaller sizes need would take long.
+PART, SIDE = 256, 1600
 
-# Parameters that are searched together. A correction by few numbers is more credible than one by many.
-MODELS = (("drift_x", "drift_y"), ("scale", "drift_x", "drift_y"), PARAMETERS)
-# Parameters that are adjusted by the sharp picture, the evaluations that this takes, and its first step in standard
-# deviations.
-ADJUSTED, ADJUSTMENTS, FIRST_STEP = MODELS[1], 45, 0.6
-# Nats that a fall of the logarithm of l1 / l2 is worth, and that a parameter costs.
-NATS_PER_FALL, NATS_PER_PARAMETER = 1000.0, 3.0
+# Parameters that are searched together from the best place so far, and how many samples are searched as well. A
+# correction by few numbers is more credible than one by many.
+MODELS = (
+    (("offset",), 8),
+    (("drift_x", "drift_y"), 16),
+    (("scale", "drift_x", "drift_y"), 0),
+    (PARAMETERS, 0),
+)
+# Parameters that are adjusted by the sharp picture, the times each is, the first step, and the longest as multiples of
+# the current one. Steps are in standard deviations.
+ADJUSTED, ADJUSTMENTS, FIRST_STEP, LONGEST_STEP = MODELS[2][0], 2, 0.6, 2.0
+# Nats that a fall of the logarithm of l1 / l2 is worth, and that a parameter costs, and the least gain that counts.
+NATS_PER_FALL, NATS_PER_PARAMETER, WORST_GAIN = 1000.0, 3.0, -1000.0
 # Least worth (nats) and least fall of a correction that is accepted, and the most standard deviations of any parameter.
 LEAST_WORTH, LEAST_FALL, MOST_DEVIATIONS = 15.0, 0.01, 6.0
 
@@ -141,12 +148,13 @@ def refine(
     encoded = EncodedImage.of(image, transfer)
     check_size(encoded.shape, camera)
     light = np.concatenate([encoded.linear(rows).mean(2) for rows in _parts(encoded.shape[0])])
+    light, _ = reduced(light, camera, SIDE)
     recording = Recording(log, camera, exposure, translation)
     deviations = uncertainty.deviations(camera)
     spectra = TileSpectra(light, recording, side=_spectra_side(recording))
-    judge = _Judge(Posterior(spectra, recording, deviations), Sharpness(light, recording))
+    judge = _Judge(Posterior(spectra, recording, deviations), QuickSharpness(light, recording))
     best = judge.best(progress or (lambda *_: None))
-    reason = judge.objection(best)
+    fall, reason = judge.verdict(best, Sharpness(light, recording))
     used = recording if reason else judge.posterior.corrected(best)
     return Refinement(
         used.log,
@@ -158,7 +166,7 @@ def refine(
         correction=Correction(*(best * deviations).tolist()),
         deviation=Correction(*(judge.posterior.spread(best) * deviations).tolist()),
         gain=judge.gain(best),
-        fall=judge.fall(best),
+        fall=fall,
     )
 
 
@@ -179,7 +187,7 @@ def _spectra_side(recording: Recording) -> int:
 class _Judge:
     """Worth of corrections: by the spectra, and by the sharp picture that they lead to."""
 
-    def __init__(self, posterior: Posterior, sharpness: Sharpness) -> None:
+    def __init__(self, posterior: Posterior, sharpness: QuickSharpness) -> None:
         self.posterior, self._sharpness = posterior, sharpness
         self._nothing = np.zeros(len(PARAMETERS))
         self._sparsities: dict[bytes, float] = {}
@@ -201,48 +209,53 @@ class _Judge:
     def best(self, progress: Progress) -> FloatArray:
         """Return the best of all corrections that the spectra suggest, adjusted by the sharp picture."""
         best, worth = self._nothing, 0.0
-        models = [tuple(name for name in model if name in self.posterior.free) for model in MODELS]
-        for n, model in enumerate(dict.fromkeys(filter(None, models))):
+        for n, (names, samples) in enumerate(MODELS):
             progress("search", n / len(MODELS))
-            for place in self.posterior.search(model):
+            model = [name for name in names if name in self.posterior.free]
+            if not model:
+                continue
+            search, descend = self.posterior.search, self.posterior.descend
+            for place in search(model, first=best, samples=samples) if samples else [descend(best, model)]:
                 other = self._worth(place) - NATS_PER_PARAMETER * len(model)
                 if other > worth:
                     best, worth = place, other
-        at = [PARAMETERS.index(name) for name in ADJUSTED if name in self.posterior.free]
-        return self._adjusted(best, at, progress) if at else best
+        return self._adjusted(best, progress)
 
     def _worth(self, place: FloatArray) -> float:
-        gain = self.gain(place)
+        gain = max(self.gain(place), WORST_GAIN)
         # The sharp picture counts only where the spectra agree. Far from the truth it may be clear because little blur
         # was removed.
         return gain if gain < 0 else gain + NATS_PER_FALL * self.fall(place)
 
-    def _adjusted(self, place: FloatArray, at: list[int], progress: Progress) -> FloatArray:
-        """Return the place of most worth that the method of Nelder and Mead finds along some axes."""
-        from scipy.optimize import minimize  # takes 0.2 s to import
+    def _adjusted(self, place: FloatArray, progress: Progress) -> FloatArray:
+        """Return the place of most worth that parabolas along one axis after another lead to."""
+        axes = [PARAMETERS.index(name) for name in ADJUSTED if name in self.posterior.free]
+        worth, step = self._worth(place), FIRST_STEP
+        for n in range(ADJUSTMENTS):
+            progress("adjust", n / ADJUSTMENTS)
+            for axis in axes:
+                aside = step * np.eye(len(PARAMETERS))[axis]
+                below, above = self._worth(place - aside), self._worth(place + aside)
+                bend = 2 * worth - below - above
+                steps = 0.5 * (above - below) / bend if bend > 0 else np.sign(above - below) * LONGEST_STEP
+                vertex = place + np.clip(steps, -LONGEST_STEP, LONGEST_STEP) * aside
+                tried = (worth, place), (below, place - aside), (above, place + aside), (self._worth(vertex), vertex)
+                worth, place = max(tried, key=lambda pair: pair[0])
+            step /= 2
+        return place
 
-        tried = count()
-
-        def loss(values: FloatArray) -> float:
-            progress("adjust", min(next(tried) / ADJUSTMENTS, 1.0))
-            moved = place.copy()
-            moved[at] = values
-            return -self._worth(moved)
-
-        corners = place[at] + np.vstack([np.zeros(len(at)), FIRST_STEP * np.eye(len(at))])
-        found = minimize(
-            loss, place[at], method="Nelder-Mead", options={"maxfev": ADJUSTMENTS, "initial_simplex": corners}
-        )
-        moved = place.copy()
-        moved[at] = found.x
-        return moved
-
-    def objection(self, place: FloatArray) -> str:
-        """Return why a correction is not credible; nothing if it is."""
+    def verdict(self, place: FloatArray, sharpness: Sharpness) -> tuple[float, str]:
+        """Return the fall, and why a correction is not credible; nothing if it is."""
+        fall, unclear = self.fall(place), "the picture does not contradict the recording, or not clearly"
         if self._worth(place) < LEAST_WORTH:
-            return "the picture does not contradict the recording, or not clearly"
-        if self.fall(place) < LEAST_FALL:
-            return "the sharp picture does not become clearer"
+            return fall, unclear
+        # The search found the largest of many falls. The whole solve is free of what favoured it by chance.
+        before, after = (sharpness.of(self.posterior.corrected(each)) for each in (self._nothing, place))
+        fall = before - after
+        if self.gain(place) + NATS_PER_FALL * fall < LEAST_WORTH:
+            return fall, unclear
+        if fall < LEAST_FALL:
+            return fall, "the sharp picture does not become clearer"
         if np.abs(place).max() > MOST_DEVIATIONS:
-            return "the likeliest correction is too far from the recording"
-        return ""
+            return fall, "the likeliest correction is too far from the recording"
+        return fall, ""

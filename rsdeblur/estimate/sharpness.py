@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from skimage.transform import resize
 
 from rsdeblur.deconv.priors import GradientPrior
@@ -19,6 +20,7 @@ from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.posterior import UNDESCRIBED
 from rsdeblur.estimate.strength import PATH_ERROR, Tuning
 from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank, tile_centres
 from rsdeblur.types import FloatImage
@@ -41,11 +43,8 @@ class Sharpness:
     """
 
     def __init__(self, light: FloatImage, recording: Recording) -> None:
-        self._scale = min(1.0, max(SIDE / max(light.shape), LEAST_SIDE / min(light.shape)))
-        small = recording.camera.scaled(self._scale)
-        if self._scale < 1:
-            light = resize(light, (small.height, small.width), order=1, anti_aliasing=True)
-        self._light = np.ascontiguousarray(ReadoutFrame(small).image(light), dtype=np.float32)[..., None]
+        self._scale = scale_of(recording.camera)
+        self._light = upright(light, recording.camera, self._scale)[..., None]
         # An error that is measured would make the strength larger the worse the recording is.
         tuning = replace(Tuning.of(self._light, self._bank(recording)), path_error=PATH_ERROR**2)
         self._nsr, self._prior = tuning.border_error, GradientPrior("tv", tuning.weight("tv", 1.0))
@@ -65,6 +64,25 @@ class Sharpness:
         # The lines are too short to be worth sharing among threads.
         solver = TileQuadratic(bank, self._light.shape, nsr=self._nsr, threads=1)
         sharp = solver.apply(self._light, prior=self._prior)[..., 0]
-        inner = sharp[FRAME:-FRAME, FRAME:-FRAME]
-        slope = np.hypot(np.diff(inner, axis=0)[:, :-1], np.diff(inner, axis=1)[:-1])
-        return float(np.log(slope.mean() / np.sqrt(np.square(slope).mean())))
+        return concentration(sharp[FRAME:-FRAME, FRAME:-FRAME])
+
+
+def scale_of(camera: Camera, most: float = 1.0) -> float:
+    """Return the factor by which pictures of a camera are reduced, at most `most` unless they become too narrow."""
+    longer, shorter = max(camera.width, camera.height), min(camera.width, camera.height)
+    return min(1.0, max(min(SIDE / longer, most), LEAST_SIDE / shorter))
+
+
+def upright(light: FloatImage, camera: Camera, scale: float) -> NDArray[np.float32]:
+    """Return a picture as stored, reduced by a factor and with the readout along y."""
+    small = camera.scaled(scale)
+    if light.shape != (small.height, small.width):
+        light = resize(light, (small.height, small.width), order=1, anti_aliasing=True)
+    return np.ascontiguousarray(ReadoutFrame(small).image(light), dtype=np.float32)
+
+
+def concentration(pictures: FloatImage) -> float:
+    """Return the logarithm of l1 / l2 of the gradient of pictures, shape (..., H, W), all together."""
+    down, across = (np.diff(pictures, axis=axis) for axis in (-2, -1))
+    slope = np.hypot(down[..., :-1], across[..., :-1, :])
+    return float(np.log(slope.mean() / np.sqrt(np.square(slope).mean())))

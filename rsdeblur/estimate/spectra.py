@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from skimage.transform import resize
@@ -39,7 +41,7 @@ class TileSpectra:
     Parameters
     ----------
     light : ndarray, shape (H, W)
-        Linear light, of the picture as stored.
+        Linear light, of the picture as stored, or already reduced, but not below `side`.
     recording : Recording
         Recording of the picture. Corrected ones can be scored.
     side : int
@@ -52,12 +54,13 @@ class TileSpectra:
     """
 
     def __init__(self, light: NDArray[np.float32], recording: Recording, *, side: int) -> None:
-        self._scale = min(1.0, side / max(light.shape))
-        small = recording.camera.scaled(self._scale)
+        camera = recording.camera
+        self._scale = min(1.0, side / max(camera.width, camera.height))
+        small = camera.scaled(self._scale)
         if min(small.width, small.height) < TILE:
             raise InputError(f"the picture must keep {TILE} px on its shorter side when its longer one has {side} px")
         grey = light
-        if self._scale < 1:
+        if light.shape != (small.height, small.width):
             grey = resize(light, (small.height, small.width), order=1, anti_aliasing=True)
         grey = ReadoutFrame(small).image(grey)
         tops, lefts = (_places(n) for n in grey.shape)
@@ -85,31 +88,55 @@ class TileSpectra:
         """
         capture = recording.capture(self._scale)
         paths = BlurPaths.from_capture(capture, self._rows, self._cols, samples=self._samples)
-        return self._periodograms.expected(PsfBank.from_paths(paths).kernels)
+        # So few PSFs are drawn sooner than threads start.
+        return self._periodograms.expected(PsfBank.from_paths(paths, threads=1).kernels)
 
-    def score(self, recording: Recording) -> FloatArray:
-        """Return the negative log-likelihood, in nats, of every tile under this motion.
+    def fit(self, recording: Recording) -> Fit:
+        """Return how likely every tile is under this motion.
 
         Raises
         ------
         CoverageError, ClockError, GapError
             If the log does not describe the exposure.
         """
-        return self._periodograms.fit(self.expected(recording), self._place)[0]
+        expected = self.expected(recording)
+        return Fit(expected, *self._periodograms.fit(expected, self._place))
 
-    def information(self, expected: NDArray[np.float32], slopes: NDArray[np.float32]) -> tuple[FloatArray, FloatArray]:
+    def score(self, recording: Recording) -> FloatArray:
+        """Return the nats of :meth:`fit`."""
+        return self.fit(recording).nats
+
+    def information(self, fit: Fit, slopes: NDArray[np.float32]) -> tuple[FloatArray, FloatArray]:
         """Return gradient and Fisher information of every tile, see :func:`rsdeblur.kernels.whittle.information`.
 
         Parameters
         ----------
-        expected : ndarray, shape (K, F)
-            Expected power.
+        fit : Fit
+            Result of :meth:`fit`.
         slopes : ndarray, shape (Q, K, F)
-            Derivatives of its logarithm.
+            Derivatives of the logarithm of its expected power.
         """
         measured = self._periodograms
-        _, gains, levels = measured.fit(expected, self._place)
-        return whittle.information(measured.tiles_under(expected, self._place), slopes, (gains, levels), STIFFNESS)
+        tiles = measured.tiles_under(fit.expected, self._place)
+        return whittle.information(tiles, slopes, (fit.gains, fit.levels), STIFFNESS)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """Scene and noise fitted to the tiles under one motion.
+
+    Parameters
+    ----------
+    expected : ndarray, shape (K, F), float32
+        Expected power, see :meth:`TilePeriodograms.expected`.
+    nats, gains, levels : ndarray
+        See :func:`rsdeblur.kernels.whittle.fit_gains`.
+    """
+
+    expected: NDArray[np.float32]
+    nats: FloatArray
+    gains: FloatArray
+    levels: FloatArray
 
 
 class TilePeriodograms:

@@ -49,18 +49,41 @@ class Tiles(NamedTuple):
     sectors: NDArray[np.intp]
 
 
+# Divisions are in loops of their own, which become SIMD code; the sums keep the order of the frequencies.
+
+
 @njit(nogil=True, error_model="numpy")
-def _nats(tile, gains, level):
+def _ratios(power, noise, expected, gain, level, ratios):
+    """Compute what the nats are the logarithm of, at the frequencies of one direction."""
+    for i in range(len(ratios)):
+        variance = gain * expected[i] + level * noise[i]
+        doubled = variance + 0.5 * power[i]
+        ratios[i] = doubled * doubled / (variance * noise[i])
+
+
+@njit(nogil=True, error_model="numpy")
+def _derivatives(power, noise, expected, gain, level, firsts, seconds):
+    """Compute derivatives of the nats by the logarithm of the gain, at the frequencies of one direction."""
+    for i in range(len(firsts)):
+        signal = gain * expected[i]
+        variance = signal + level * noise[i]
+        share = signal / variance
+        firsts[i] = share * (variance - 0.5 * power[i]) / (variance + 0.5 * power[i])
+        seconds[i] = 0.5 * share * share
+
+
+@njit(nogil=True, error_model="numpy")
+def _nats(tile, gains, level, ratios):
     """Return the sum over a tile, without the differences of the gains."""
     power, noise, expected, sectors = tile
     total = 0.0
     for k in range(len(gains)):
+        a, b = sectors[k], sectors[k + 1]
+        _ratios(power[a:b], noise[a:b], expected[a:b], gains[k], level, ratios[a:b])
         # One logarithm for several factors, which stay within the range of doubles.
         product = 1.0
-        for i in range(sectors[k], sectors[k + 1]):
-            variance = gains[k] * expected[i] + level * noise[i]
-            doubled = variance + 0.5 * power[i]
-            product *= doubled * doubled / (variance * noise[i])
+        for i in range(a, b):
+            product *= ratios[i]
             if not 1e-100 < product < 1e100:
                 total += np.log(product)
                 product = 1.0
@@ -72,7 +95,7 @@ def _nats(tile, gains, level):
 def _newton(tile, level, stiffness, gains, buffers):
     """Find the gains of a tile; return their differences' share of the nats."""
     power, noise, expected, sectors = tile
-    logs, slopes, bends = buffers
+    logs, slopes, bends, firsts, seconds = buffers
     count = len(gains)
     scene, excess, floor = 0.0, 0.0, 0.0
     for i in range(sectors[0], sectors[count]):
@@ -87,13 +110,13 @@ def _newton(tile, level, stiffness, gains, buffers):
         ones, forces = 0.0, 0.0
         for k in range(count):
             gain = np.exp(logs[k])
-            slopes[k], bends[k] = stiffness * (logs[k] - mean), stiffness + 1e-6
-            for i in range(sectors[k], sectors[k + 1]):
-                signal = gain * expected[i]
-                variance = signal + level * noise[i]
-                share = signal / variance
-                slopes[k] += share * (variance - 0.5 * power[i]) / (variance + 0.5 * power[i])
-                bends[k] += 0.5 * share * share
+            slope, bend = stiffness * (logs[k] - mean), stiffness + 1e-6
+            a, b = sectors[k], sectors[k + 1]
+            _derivatives(power[a:b], noise[a:b], expected[a:b], gain, level, firsts[a:b], seconds[a:b])
+            for i in range(a, b):
+                slope += firsts[i]
+                bend += seconds[i]
+            slopes[k], bends[k] = slope, bend
             ones += 1.0 / bends[k]
             forces += slopes[k] / bends[k]
         # The Hessian is diag(bends) - stiffness / count, which the Sherman-Morrison formula inverts.
@@ -116,14 +139,15 @@ def _newton(tile, level, stiffness, gains, buffers):
 
 @njit(nogil=True, error_model="numpy")
 def _fit(first, stop, tiles, levels, stiffness, nats, gains, chosen):
-    count = len(tiles.sectors) - 1
-    trial, buffers = np.empty(count), (np.empty(count), np.empty(count), np.empty(count))
+    count, frequencies = len(tiles.sectors) - 1, tiles.power.shape[1]
+    trial, terms = np.empty(count), (np.empty(frequencies), np.empty(frequencies))
+    buffers = np.empty(count), np.empty(count), np.empty(count), terms[0], terms[1]
     for n in range(first, stop):
         tile = tiles.power[n], tiles.noise[n], tiles.expected[tiles.place[n]], tiles.sectors
         nats[n] = np.inf
         for level in levels:
             apart = _newton(tile, level, stiffness, trial, buffers)
-            total = apart + _nats(tile, trial, level)
+            total = apart + _nats(tile, trial, level, terms[0])
             if total < nats[n]:
                 nats[n], chosen[n] = total, level
                 # A loop: an assignment of arrays, with its error message, takes Numba seconds more to compile.

@@ -32,12 +32,6 @@ LOG = hand_shake(1.2, seed=5)
 DRIFT = Uncertainty(scale=0.0, offset=0.0, readout=0.0, roll=0.0)
 
 
-@pytest.fixture(autouse=True)
-def few_adjustments(monkeypatch):
-    """Keep the tests short; a drift alone has two numbers to adjust."""
-    monkeypatch.setattr("rsdeblur.estimate.refine.ADJUSTMENTS", 12)
-
-
 @pytest.fixture(scope="module")
 def picture():
     return simulate(scene(248, 320), LOG, CAMERA, EXPOSURE, noise=0.005).blurred

@@ -1,0 +1,143 @@
+"""A quick comparison of motions by the sharp picture that they lead to, for a search.
+
+It is the measure of :mod:`rsdeblur.estimate.sharpness`, of the first steps of total variation in tiles whose spectra
+serve for all motions.
+"""
+
+from __future__ import annotations
+
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from rsdeblur.deconv.priors import brightness, half_quadratic
+from rsdeblur.estimate.correction import Recording
+from rsdeblur.estimate.periodograms import wrapped
+from rsdeblur.estimate.posterior import UNDESCRIBED
+from rsdeblur.estimate.sharpness import concentration, scale_of, upright
+from rsdeblur.estimate.strength import Tuning
+from rsdeblur.motion.paths import BlurPaths
+from rsdeblur.psf import PsfBank, tile_centres
+from rsdeblur.types import FloatArray, FloatImage
+
+# The picture is reduced until the mean blur is no longer than this, px.
+LONGEST_BLUR = 12.0
+# Tiles along both axes, and the length over which their opposite ends fade into each other: in PSF sizes, and at most
+# as a share of the picture.
+TILES, FADE, MOST_FADE = (6, 4), 5.0, 0.3
+# Steps of total variation: more distinguish motions no better.
+STEPS = 2
+
+
+class QuickSharpness:
+    """How concentrated the gradient of the sharp picture is under several motions, with the same strength.
+
+    Parameters
+    ----------
+    light : ndarray, shape (H, W)
+        Linear light, of the picture as stored, or already reduced, but not below 640 px.
+    recording : Recording
+        Recording of the picture as given, from which the strength follows.
+    """
+
+    def __init__(self, light: FloatImage, recording: Recording) -> None:
+        length = max(float(recording.capture().probe.lengths.mean()), 1.0)
+        self._scale = scale_of(recording.camera, LONGEST_BLUR / length)
+        light = upright(light, recording.camera, self._scale)
+        bank = self._bank(
+            recording, *(tile_centres(count, side) for count, side in zip(TILES, light.shape, strict=True))
+        )
+        tuning = Tuning.of(light[..., None], bank)
+        self._tiles = _RepeatingTiles(light, bank.size, nsr=tuning.border_error)
+        self._weight, self._peak = tuning.weight("tv", 1.0), brightness(light)
+
+    def _bank(self, recording: Recording, rows: FloatArray, cols: FloatArray) -> PsfBank:
+        paths = BlurPaths.from_capture(recording.capture(self._scale), rows, cols)
+        # So few PSFs are drawn sooner than threads start.
+        return PsfBank.from_paths(paths, threads=1)
+
+    def of(self, recording: Recording) -> float:
+        """Return the logarithm of l1 / l2 of the gradient of the sharp picture; infinite without a motion."""
+        try:
+            self._tiles.replan(self._bank(recording, *self._tiles.centres).kernels)
+        except UNDESCRIBED:
+            return np.inf
+        steps = half_quadratic(self._tiles, weight=self._weight, exponent=1.0, peak=self._peak, threads=1)
+        *_, last = islice(steps, STEPS)
+        return concentration(self._tiles.parts(last.latent))
+
+
+class _RepeatingTiles:
+    """Tiles of a picture that repeat: a solver whose latent picture is a column of all of them.
+
+    Opposite ends of a tile fade into each other, whatever its PSF, so that a tile's spectrum serves for all motions.
+
+    Parameters
+    ----------
+    light : ndarray, shape (H, W), float32
+        Linear light.
+    size : (int, int)
+        Height and width of the PSFs.
+    nsr : float
+        See :class:`rsdeblur.TileQuadratic`.
+    """
+
+    periodic = True
+
+    def __init__(self, light: NDArray[np.float32], size: tuple[int, int], *, nsr: float) -> None:
+        sides = list(zip(light.shape, TILES, size, strict=True))
+        fades = [int(min(FADE * reach, MOST_FADE * side)) for side, _, reach in sides]
+        self._shape = tuple(
+            min(fft.next_fast_len(-(-(side - 2 * fade) // count) + fade, real=True), side - fade)
+            for (side, count, _), fade in zip(sides, fades, strict=True)
+        )
+        spans = [period + fade for period, fade in zip(self._shape, fades, strict=True)]
+        tops, lefts = (
+            np.round(np.linspace(0, side - span, count)).astype(np.intp)
+            for (side, count, _), span in zip(sides, spans, strict=True)
+        )
+        self.centres = tops + (spans[0] - 1) / 2, lefts + (spans[1] - 1) / 2
+        self._parts = tuple(
+            slice(fade - fade // 2, period - fade // 2) for fade, period in zip(fades, self._shape, strict=True)
+        )
+        tiles = np.lib.stride_tricks.sliding_window_view(light, spans)[np.ix_(tops, lefts)].reshape(-1, *spans)
+        for axis, fade in enumerate(fades, 1):
+            tiles = _faded(tiles, axis, fade)
+        self._observed: NDArray[np.complex64] = fft.rfft2(tiles)
+        self._nsr = np.float32(nsr)
+        # |exp(i w) - 1|^2 = 4 sin^2(w / 2)
+        frequencies = fft.fftfreq(self._shape[0]), fft.rfftfreq(self._shape[1])
+        self._coupling = np.add.outer(*(4 * np.sin(np.pi * f) ** 2 for f in frequencies)).astype(np.float32)
+
+    def replan(self, kernels: NDArray[np.float32]) -> None:
+        """Take the PSFs of all tiles, shape (B, S, kh, kw)."""
+        bands, strips, height, width = kernels.shape
+        grid = wrapped(kernels, self._shape).reshape(bands * strips, *self._shape)
+        transfer = fft.rfft2(np.roll(grid, (-(height // 2), -(width // 2)), axis=(1, 2)))
+        self._power = np.square(transfer.real) + np.square(transfer.imag) + self._nsr
+        self._data = (1 + self._nsr) * transfer.conj() * self._observed
+
+    def solve(self, beta: float, grad_adjoint: FloatImage | None) -> FloatImage:
+        """Return the minimiser, see :class:`rsdeblur.deconv.priors.GradientSolver`."""
+        signal = self._data
+        if grad_adjoint is not None:
+            signal = signal + np.float32(beta) * fft.rfft2(grad_adjoint.reshape(-1, *self._shape))
+        latent = fft.irfft2(signal / (self._power + np.float32(beta) * self._coupling), self._shape)
+        return np.ascontiguousarray(latent.reshape(-1, self._shape[1], 1))
+
+    def parts(self, latent: FloatImage) -> FloatImage:
+        """Return what the tiles show of the picture, without the ends that fade, shape (N, h, w)."""
+        return latent.reshape(-1, *self._shape)[:, *self._parts]
+
+
+def _faded(tiles: NDArray[np.float32], axis: int, fade: int) -> NDArray[np.float32]:
+    """Return tiles that repeat along an axis: their last `fade` values fade into the first ones."""
+    tiles = np.moveaxis(tiles, axis, -1)
+    period = tiles.shape[-1] - fade
+    rising = np.sin(0.5 * np.pi * (np.arange(fade, dtype=np.float32) + 0.5) / fade) ** 2
+    first = rising * tiles[..., :fade] + (1 - rising) * tiles[..., period:]
+    # The faded values lie half before the end and half after the beginning.
+    joined = np.concatenate([first, tiles[..., fade:period]], axis=-1)
+    return np.moveaxis(np.roll(joined, -(fade // 2), axis=-1), -1, axis)

@@ -1,0 +1,48 @@
+"""Comparison of motions by the sharp picture: its tiles, and the right motion against others."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rsdeblur import Camera, Correction, Exposure, simulate
+from rsdeblur.estimate.correction import Recording
+from rsdeblur.estimate.quick_sharpness import TILES, QuickSharpness, _RepeatingTiles
+from rsdeblur.simulation.scene import scene
+from rsdeblur.simulation.shake import hand_shake
+
+
+def test_tiles_without_blur_are_parts_of_the_picture():
+    light = np.random.default_rng(0).random((90, 140), dtype=np.float32)
+    tiles = _RepeatingTiles(light, (3, 5), nsr=0.01)
+    pixel = np.zeros((*TILES, 3, 5), np.float32)
+    pixel[:, :, 1, 2] = 1.0
+    tiles.replan(pixel)
+    parts = tiles.parts(tiles.solve(0.0, None))
+    height, width = parts.shape[1:]
+    parts = parts.reshape(*TILES, height, width)
+    for row, y in enumerate(tiles.centres[0]):
+        for column, x in enumerate(tiles.centres[1]):
+            top, left = round(y - (height - 1) / 2), round(x - (width - 1) / 2)
+            expected = light[top : top + height, left : left + width]
+            # Rounding of the transforms.
+            np.testing.assert_allclose(parts[row, column], expected, atol=1e-5)
+
+
+def test_a_flat_picture_stays():
+    """Under any kernel, even one that wraps around a tile."""
+    light = np.full((64, 64), 0.5, np.float32)
+    tiles = _RepeatingTiles(light, (3, 3), nsr=0.0)
+    tiles.replan(np.full((*TILES, 71, 83), 1 / (71 * 83), np.float32))
+    np.testing.assert_allclose(tiles.parts(tiles.solve(1.0, None)), 0.5, rtol=1e-4)
+
+
+def test_the_right_motion_is_the_sharpest():
+    log, camera, exposure = hand_shake(1.2, seed=5), Camera(192, 144, 280.0, readout_time=0.02), Exposure(0.5, 1 / 20)
+    true = Recording(log, camera, exposure)
+    picture = simulate(scene(172, 224), log, camera, exposure, noise=0.005).blurred.mean(axis=2)
+    sharpness = QuickSharpness(picture, true)
+    least = sharpness.of(true)
+    for wrong in (Correction(drift_x=3.0), Correction(drift_y=-3.0), Correction(scale=0.3), Correction(scale=-0.3)):
+        assert sharpness.of(true.corrected(wrong)) > least + 0.01
+    # A log that ends before the exposure describes no motion.
+    assert sharpness.of(true.corrected(Correction(offset=5.0))) == np.inf
