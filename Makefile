@@ -11,7 +11,7 @@ CBUILD = build/c
 .PHONY: demo test lint test-c docs dist clean
 
 demo: $(VENV_PYTHON)
-	@echo 'Installing rsdeblur and the libraries it needs into $(VENV): about a minute.'
+	@echo 'Installing rsdeblur and the libraries it needs into $(VENV): a minute or more.'
 	$(PIP) .
 	$(BIN)/rsdeblur demo --force -o demo-output
 
