@@ -16,8 +16,7 @@ from rsdeblur.deconv.priors import brightness, half_quadratic
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.periodograms import wrapped
 from rsdeblur.estimate.posterior import UNDESCRIBED
-from rsdeblur.estimate.sharpness import concentration, scale_of, upright
-from rsdeblur.estimate.strength import Tuning
+from rsdeblur.estimate.sharpness import assumed, concentration, scale_of, upright
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank, tile_centres
 from rsdeblur.types import FloatArray, FloatImage
@@ -49,7 +48,7 @@ class QuickSharpness:
         bank = self._bank(
             recording, *(tile_centres(count, side) for count, side in zip(TILES, light.shape, strict=True))
         )
-        tuning = Tuning.of(light[..., None], bank)
+        tuning = assumed(light[..., None], bank)
         self._tiles = _RepeatingTiles(light, bank.size, nsr=tuning.border_error)
         self._weight, self._peak = tuning.weight("tv", 1.0), brightness(light)
 

@@ -45,8 +45,7 @@ class Sharpness:
     def __init__(self, light: FloatImage, recording: Recording) -> None:
         self._scale = scale_of(recording.camera)
         self._light = upright(light, recording.camera, self._scale)[..., None]
-        # An error that is measured would make the strength larger the worse the recording is.
-        tuning = replace(Tuning.of(self._light, self._bank(recording)), path_error=PATH_ERROR**2)
+        tuning = assumed(self._light, self._bank(recording))
         self._nsr, self._prior = tuning.border_error, GradientPrior("tv", tuning.weight("tv", 1.0))
 
     def _bank(self, recording: Recording) -> PsfBank:
@@ -65,6 +64,14 @@ class Sharpness:
         solver = TileQuadratic(bank, self._light.shape, nsr=self._nsr, threads=1)
         sharp = solver.apply(self._light, prior=self._prior)[..., 0]
         return concentration(sharp[FRAME:-FRAME, FRAME:-FRAME])
+
+
+def assumed(light: FloatImage, bank: PsfBank) -> Tuning:
+    """Return the measurements of a picture with an assumed error of the paths.
+
+    A measured one would make the strength larger the worse the recording is.
+    """
+    return replace(Tuning.of(light, bank), path_error=PATH_ERROR**2)
 
 
 def scale_of(camera: Camera, most: float = 1.0) -> float:

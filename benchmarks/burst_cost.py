@@ -1,0 +1,100 @@
+"""Cost of frames deblurred together: ``python -m benchmarks.burst_cost [--memory]``.
+
+Processor time of N frames of 1 megapixel together, in units of that of one frame alone: median of rounds in which both
+are measured by turns. With --memory instead, the peak memory of 8 frames of 12 megapixels.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import time
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+
+from benchmarks.tables import markdown, write
+from rsdeblur import Camera, Exposure, GyroLog, deblur, deblur_burst, hand_shake, simulate_clip
+from rsdeblur.choices import Mode, Prior
+from rsdeblur.simulation.scene import scene
+
+# Megapixels and frames of both measurements; a camera has the aspect ratio 4 : 3.
+TIMED, TIMED_FRAMES, ROUNDS = 1, 4, 3
+LARGE, MANY_FRAMES = 12, 8
+METHODS: tuple[tuple[Mode, Prior], ...] = tuple(
+    (mode, prior) for mode in ("banded", "rowwise") for prior in ("wiener", "tv")
+)
+# Exposure times and the time from one exposure to the next, s.
+DURATION, STEP = 1 / 30, 0.1
+
+Burst = tuple[list[NDArray[np.uint8]], GyroLog, Camera, list[Exposure]]
+
+
+def burst_of(megapixels: int, count: int) -> Burst:
+    """Simulate frames of 8 bits at a quarter of their size, and enlarge them; the blur is that of the full size."""
+    width = 4 * round((megapixels * 1e6 * 4 / 3) ** 0.5 / 16) * 4
+    camera = Camera(width, width * 3 // 4, 1.1 * width, readout_time=0.03)
+    log = hand_shake(STEP * (count + 3), strength=0.3, seed=3)
+    exposures = [Exposure(STEP * (n + 1), DURATION) for n in range(count)]
+    small = camera.scaled(1 / 4)
+    sharp = scene(small.height + 40, small.width + 40)
+    frames = []
+    for frame in simulate_clip(sharp, log, small, exposures, noise=0.005, transfer="srgb"):
+        stored = (255 * frame.clip(0, 1)).astype(np.uint8)
+        frames.append(stored.repeat(4, axis=0).repeat(4, axis=1))
+    return frames, log, camera, exposures
+
+
+def seconds(burst: Burst, count: int, mode: Mode, prior: Prior) -> float:
+    """Return the processor time of one frame alone, or of several together."""
+    frames, log, camera, exposures = burst
+    begin = time.process_time()
+    if count == 1:
+        deblur(frames[0], log, camera, exposures[0], mode=mode, prior=prior, check=False)
+    else:
+        deblur_burst(frames[:count], log, camera, exposures[:count], mode=mode, prior=prior, check=False)
+    return time.process_time() - begin
+
+
+def time_table() -> str:
+    """Measure all modes and priors."""
+    burst, lines = burst_of(TIMED, TIMED_FRAMES), []
+    for mode, prior in METHODS:
+        times = [[seconds(burst, count, mode, prior) for count in (1, TIMED_FRAMES)] for _ in range(ROUNDS)]
+        one, several = (median(column) for column in zip(*times, strict=True))
+        lines.append((f"{mode}, {prior}", f"{one:.1f}", f"{several:.1f}", f"{several / one:.1f}"))
+    return markdown(("mode, prior", "one frame, s", f"{TIMED_FRAMES} frames, s", "ratio"), lines)
+
+
+def peak() -> float:
+    """Return the peak memory of this process, MiB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def memory_table() -> str:
+    """Measure the peak memory; each mode may only raise that of the modes in front of it."""
+    frames, log, camera, exposures = burst_of(LARGE, MANY_FRAMES)
+    out, lines = np.empty_like(frames[0]), []
+    for mode in ("banded", "rowwise"):
+        deblur_burst(frames, log, camera, exposures, mode=mode, prior="tv", check=False, out=out)
+        lines.append((f"{mode}, tv", f"{peak():.0f}"))
+    return markdown(("mode, prior", "peak memory, MiB"), lines)
+
+
+def main() -> None:
+    """Run one of the measurements and print its table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--memory", action="store_true", help="measure the peak memory instead of the time")
+    parser.add_argument("--markdown", type=Path, help="write the table as Markdown")
+    options = parser.parse_args()
+    text = memory_table() if options.memory else time_table()
+    if options.markdown:
+        write(options.markdown, text)
+    Console(width=200, highlight=False, markup=False).print(text)
+
+
+if __name__ == "__main__":
+    main()
