@@ -200,7 +200,13 @@ class Tuning:
         return tuning, tuple(shares.tolist())
 
     def with_path_errors(self, share: float) -> Tuning:
-        """Return the measurements with further errors of the paths, of this share of the radius."""
+        """Return the measurements with further errors of the paths.
+
+        Parameters
+        ----------
+        share : float
+            The errors as a share of the radius.
+        """
         return replace(self, path_error=self.path_error + (share * self.radius) ** 2)
 
     def path_error_share(self, other: Tuning, error: float) -> float:
