@@ -405,7 +405,7 @@ _SOLVE: dict[str, Decorator] = {
     "refine": click.option(
         "--refine",
         is_flag=True,
-        help="Correct focal length, clock, readout and motion by the picture first; takes half a minute.",
+        help="Correct focal length, clock, readout and motion by the picture first; takes some seconds.",
     ),
     "fallback": click.option(
         "--fallback", is_flag=True, help="Blend the result towards the photo if the check finds it bad."
