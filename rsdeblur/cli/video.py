@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 EXAMPLES = """\b
 Examples:
   rsdeblur video movie.mp4 --gyro gyro_accel.csv --camera phone.toml --capture movie_metadata.csv -o sharp.mp4
-  rsdeblur video clip.mov --gyro clip.gcsv --camera cam.toml --duration 1/50 --prior tv -o sharp.mov
+  rsdeblur video clip.mov --gyro clip.gcsv --camera cam.toml --duration 1/50 --quality balanced -o sharp.mov
   rsdeblur video hero.mp4 --gyro hero.mp4 --camera gopro.toml --duration 1/60 --start 12ms --dry-run -o sharp.mp4
 """
 
