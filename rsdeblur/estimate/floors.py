@@ -20,6 +20,9 @@ from rsdeblur.types import FloatImage
 
 # Most tiles that are compared: more take longer, and results hardly change.
 MOST_TILES = 32
+# Light that counts as clipped, as shares of the range from the darkest to the brightest; the largest share of such
+# light, and of pixels like their neighbours, in a tile that has the noise of the picture.
+DARKEST, BRIGHTEST, MOST_CLIPPED, MOST_EVEN = 0.0005, 0.98, 0.02, 0.5
 # Frequencies above those which the window smears, cycles/px, and the limits of octaves. A scene has a power of its own
 # in each octave and direction.
 LOWEST, OCTAVES = 1.5 / TILE, (0.125, 0.25)
@@ -47,7 +50,9 @@ class Floors(NamedTuple):
 
 
 def measure_floors(light: FloatImage, bank: PsfBank) -> Floors | None:
-    """Return the noise of a picture and the error of its PSFs, or None if the picture is smaller than a tile.
+    """Return the noise of a picture and the error of its PSFs, or None if they cannot be measured.
+
+    That is so if the picture is smaller than a tile, or all tiles are clipped or even.
 
     Parameters
     ----------
@@ -56,12 +61,17 @@ def measure_floors(light: FloatImage, bank: PsfBank) -> Floors | None:
     bank : PsfBank
         PSFs of the picture; a few that are spread over it are enough.
     """
-    peak = float(light.max()) - float(light.min())
+    least = light.min()
+    peak = light.max() - least
     if min(light.shape[:2]) < TILE or not peak > 0:
         return None
     places = _places(*light.shape[:2])
     # Scaled to 1, so that no power overflows.
-    tiles = np.stack([light[top : top + TILE, left : left + TILE] for top, left in places]) / np.float32(peak)
+    tiles = np.stack([light[top : top + TILE, left : left + TILE] for top, left in places]) / peak
+    kept = _noisy(tiles, least / peak)
+    if not kept.any():
+        return None
+    places, tiles = places[kept], tiles[kept]
     rows, cols = (
         np.abs(centres[:, None] - at - (TILE - 1) / 2).argmin(axis=0)
         for centres, at in zip((bank.rows, bank.cols), places.T, strict=True)
@@ -70,7 +80,17 @@ def measure_floors(light: FloatImage, bank: PsfBank) -> Floors | None:
     # Most frequencies contain little of the scene.
     noise = float(np.quantile(powers.measured / powers.noise, 0.2))
     variance, squared = fit_floors(powers, (noise, ASSUMED**2), STEPS, WEIGHT)
-    return Floors(peak * variance**0.5, ABSORBED**2 * squared)
+    return Floors(float(peak) * variance**0.5, ABSORBED**2 * squared)
+
+
+def _noisy(tiles: NDArray[np.float32], least: np.float32) -> NDArray[np.bool_]:
+    """Return which tiles (T, TILE, TILE, C) of a picture of range 1, whose minimum is `least`, have its noise."""
+    clipped = (tiles - least <= DARKEST) | (tiles - least >= BRIGHTEST)
+    even = (np.diff(tiles, axis=1)[:, :, 1:] == 0) & (np.diff(tiles, axis=2)[:, 1:] == 0)
+    noisy: NDArray[np.bool_] = (clipped.mean(axis=(1, 2, 3)) <= MOST_CLIPPED) & (
+        even.all(axis=3).mean(axis=(1, 2)) <= MOST_EVEN
+    )
+    return noisy
 
 
 def _places(height: int, width: int) -> NDArray[np.intp]:

@@ -61,3 +61,12 @@ def test_light_in_another_unit_has_noise_in_that_unit(blurred: np.ndarray) -> No
 def test_what_cannot_be_measured(shape: tuple[int, int, int]) -> None:
     even = np.full(shape, 0.5, np.float32)
     assert measure_floors(even, PsfBank(line(7), [10], [10])) is None
+
+
+@pytest.mark.parametrize("even", [0.0, 1.0])
+def test_even_and_clipped_parts_tell_nothing_of_the_noise(blurred: np.ndarray, even: float) -> None:
+    bank = PsfBank(line(7), [100], [140])
+    picture = noisy(blurred, 0.03).clip(0.0, 1.0)
+    picture[:120] = even
+    # Less than half of the tiles remain.
+    assert measure_floors(picture, bank).noise == pytest.approx(0.03, rel=0.1)
