@@ -11,24 +11,23 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur.choices import Border, Planning, Solver
 from rsdeblur.deconv.priors import LatentPrior, check_prior
-from rsdeblur.deconv.quadratic import MARGIN
+from rsdeblur.deconv.quadratic import MARGIN, TileNormal
 from rsdeblur.deconv.rowwise import RowSolver
 from rsdeblur.deconv.rowwise_blur import RowBlur
-from rsdeblur.deconv.wiener import LEAST_NSR, TileFilter, decay_margin
+from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import ComplexArray, Float32Array, FloatImage
+from rsdeblur.types import FloatImage
 
 # Shares of frames sum to 1 up to rounding.
 SHARE_TOLERANCE = 1e-6
 
 
-class BurstQuadratic(TileFilter):
+class BurstQuadratic(TileNormal):
     """Deconvolution of several pictures of one scene, planned once and applied often.
 
-    As a :class:`rsdeblur.deconv.priors.QuadraticSolver` it solves, by one pass of filters for each frame i and one for
-    the gradient,
+    As a :class:`rsdeblur.deconv.priors.QuadraticSolver` it solves, for the frames i,
 
         U = ((1 + nsr) sum_i a_i conj(H_i) G_i + beta V) / (sum_i a_i |H_i|^2 + nsr + beta |D|^2)
 
@@ -71,27 +70,16 @@ class BurstQuadratic(TileFilter):
         for bank in banks:
             validate.instance("bank", bank, PsfBank)
         check_places(banks, shares)
-        self.nsr = validate.finite("nsr", nsr, minimum=0.0, maximum=validate.MOST_STRENGTH)
-        self.shares = tuple(map(float, shares))
+        nsr = validate.finite("nsr", nsr, minimum=0.0, maximum=validate.MOST_STRENGTH)
         margin = MARGIN
         if wiener:
-            self.nsr = max(self.nsr, LEAST_NSR)
-            margin = decay_margin(self.nsr)
+            nsr = max(nsr, LEAST_NSR)
+            margin = decay_margin(nsr)
         tall, wide = np.max([bank.size for bank in banks], axis=0)
         banks = [bank.padded((int(tall), int(wide))) for bank in banks]
-        super().__init__(banks[0], shape, margin=margin, border=border, planning=planning, threads=threads)
-        self.periodic = border == "periodic"
-        self._otfs = [self._new_filters() for _ in banks]
-        for bank, otfs in zip(banks, self._otfs, strict=True):
-            self._fill_otfs(bank, otfs)
-        self._power = np.zeros(self._otfs[0].shape, dtype=np.float32)
-        for share, otfs in zip(self.shares, self._otfs, strict=True):
-            self._power += np.float32(share) * (np.square(otfs.real) + np.square(otfs.imag))
-        self._filters = self._new_filters()
-        # |exp(i w) - 1|^2 = 4 sin^2(w / 2)
-        across = 4 * np.sin(np.pi * np.arange(self._hybrid.padded_frequencies) / self._strips.length) ** 2
-        down = 4 * np.sin(np.pi * np.arange(self._bands.length) / self._bands.length) ** 2
-        self._differences = (across[:, None] + down).astype(np.float32)
+        super().__init__(
+            *(banks, shares, shape), nsr=nsr, margin=margin, border=border, planning=planning, threads=threads
+        )
 
     def apply(
         self,
@@ -122,63 +110,22 @@ class BurstQuadratic(TileFilter):
             If there is another number of pictures, or one has another shape, holds integers or is not finite.
         """
         validate.callback("progress", progress)
+        pictures = _checked(images, len(self.shares), self.shape)
         with self.lock:
-            self._observations = _checked(images, len(self.shares), self.shape)
+            self.prepare(*(picture.reshape(self.shape) for picture in pictures))
             if prior is None:
                 latent = self.solve(0.0, None)
             else:
-                prior = check_prior(prior).with_peak_of(self._observations[0])
+                prior = check_prior(prior).with_peak_of(pictures[0])
                 latent = prior.restore(self, threads=self.threads, progress=progress)
-            del self._observations
         return latent.reshape(self.shape)
-
-    def solve(self, beta: float, grad_adjoint: FloatImage | None = None) -> FloatImage:
-        """Return the minimiser for the observations, see :meth:`rsdeblur.TileQuadratic.solve`."""
-        return self._solve(beta, grad_adjoint, self._differences)
-
-    def solve_near(self, beta: float, target: FloatImage) -> FloatImage:
-        """Return the minimiser near a target, see :meth:`rsdeblur.TileQuadratic.solve_near`."""
-        return self._solve(beta, target, np.ones((1, 1), dtype=np.float32))
-
-    def _solve(self, beta: float, pull: FloatImage | None, coupling: Float32Array) -> FloatImage:
-        """Return the minimiser with a term `beta coupling`, whose right-hand side is `beta pull`."""
-        latent, part = np.empty((2, *self._channelled), dtype=np.float32)
-        for n, (share, otfs) in enumerate(zip(self.shares, self._otfs, strict=True)):
-            self._plan((1.0 + self.nsr) * share, beta * coupling, otfs)
-            self._filter(self._filters, self._observations[n], part if n else latent)
-            if n:
-                latent += part
-        if pull is None:
-            return latent
-        self._plan(beta, beta * coupling, None)
-        self._filter(self._filters, pull, pull)
-        pull += latent
-        return pull
 
     def blurred(self, latent: FloatImage, frame: int) -> FloatImage:
         """Return a latent picture (H, W, C) with the blur of a frame."""
         out = np.empty(self._channelled, dtype=np.float32)
-        with self.lock:
-            np.multiply(self._otfs[frame], np.float32(self._scale), out=self._filters)
-            self._filter(self._filters, latent, out)
+        self._filter(self._otfs[frame], latent, out)
+        out *= np.float32(self._scale)
         return out
-
-    def _plan(self, factor: float, term: Float32Array, otfs: ComplexArray | None) -> None:
-        """Compute the filters ``factor conj(H) / (power + nsr + term)``; `otfs` of None are 1."""
-
-        def plan(_: int, s: int, b: int) -> None:
-            gain = self._power[s, b] + term
-            gain += np.float32(self.nsr)
-            # Frequencies that pad the block, and zeros of all OTFs without a prior, have no signal.
-            np.maximum(gain, np.float32(np.finfo(np.float32).tiny), out=gain)
-            np.divide(np.float32(factor * self._scale), gain, out=gain)
-            if otfs is None:
-                self._filters[s, b] = gain
-            else:
-                np.conjugate(otfs[s, b], out=self._filters[s, b])
-                self._filters[s, b] *= gain
-
-        self._share_tiles(plan)
 
 
 class RowBurst(RowSolver):

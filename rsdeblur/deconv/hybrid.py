@@ -6,7 +6,7 @@ once:
 
 1. A few rows at a time are cut out of the picture and transformed into the spectra.
 2. A few columns of the spectra at a time are transposed into the cache. There all bands are cut, transformed, filtered,
-   transformed back and blended, and the columns go back to their place.
+   transformed back and blended, and the columns go to their place. Filters may combine the spectra of several pictures.
 3. A few rows of the spectra at a time are transformed back into the picture.
 
 Blocks are independent, so threads share them, and any number of threads gives the same bits.
@@ -14,8 +14,10 @@ Blocks are independent, so threads share them, and any number of threads gives t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Protocol
+
 import numpy as np
-from numpy.typing import NDArray
 
 from rsdeblur._util.threads import ThreadTeam
 from rsdeblur.choices import Border, Planning
@@ -34,8 +36,29 @@ COLUMNS = 16
 SLAB_BYTES = 400_000
 
 
+class Filter(Protocol):
+    """What happens to columns between the transforms: the filters of the tiles."""
+
+    def __call__(self, thread: int, source: int, bands: slice, columns: slice, slabs: ComplexArray) -> None:
+        """Change the slabs of a source in place.
+
+        Sources come in their order; the result is what the slabs of the last one hold then.
+
+        Parameters
+        ----------
+        thread : int
+            Number of the calling thread.
+        source : int
+            Number of the source.
+        bands, columns : slice
+            The B bands of the slabs, and their N columns among the padded frequencies.
+        slabs : ndarray, shape (B, C, N, L), complex64, C-contiguous
+            Spectra of these columns in these bands.
+        """
+
+
 class Hybrid:
-    """Transforms of pictures of one shape under one tiling, with the spectra and each thread's buffers and plans.
+    """Transforms of pictures of one shape under one tiling, with each thread's buffers and plans.
 
     Parameters
     ----------
@@ -49,6 +72,13 @@ class Hybrid:
         How FFTW plans.
     threads : int
         Number of threads.
+    sources : int, default 1
+        Largest number of pictures that are combined.
+
+    Attributes
+    ----------
+    spectra : ndarray, complex64
+        Memory for the spectra of all rows of one strip, see :meth:`new_spectra`.
     """
 
     def __init__(
@@ -60,27 +90,41 @@ class Hybrid:
         border: Border,
         planning: Planning,
         threads: int,
+        sources: int = 1,
     ) -> None:
-        self.height, _, channels = shape
+        self.height, _, self.channels = shape
         self.bands, self.strips = bands, strips
         self._periodic = border == "periodic"
         self.frequencies = strips.length // 2 + 1
-        # Whole blocks of columns; those that fill up the last block stay zero. The 8 columns more in `_spectra` make
-        # the number of cache lines in a row odd: with rows a multiple of 4096 bytes apart, all would share cache sets.
+        # Whole blocks of columns; those that fill up the last block stay zero.
         self.padded_frequencies = -(-self.frequencies // COLUMNS) * COLUMNS
-        padded_height = -(-self.height // ROWS) * ROWS
-        self._spectra: ComplexArray = empty((channels, padded_height, self.padded_frequencies + 8), np.complex64)
-        slab_bytes = channels * COLUMNS * bands.length * self._spectra.itemsize
-        together = max(1, min(len(bands.tiles), SLAB_BYTES // slab_bytes))
-        self._groups = [bands.tiles[g : g + together] for g in range(0, len(bands.tiles), together)]
+        slab_bytes = self.channels * COLUMNS * bands.length * np.dtype(np.complex64).itemsize
+        self.together = max(1, min(len(bands.tiles), SLAB_BYTES // slab_bytes))
+        self.spectra = self.new_spectra()
         self._workers = [
-            _Worker(self._rows(0), self.height, bands.length, strips.length, together, planning) for _ in range(threads)
+            _Worker(
+                self._rows(self.spectra, 0),
+                (sources, self.height),
+                bands.length,
+                strips.length,
+                self.together,
+                planning,
+            )
+            for _ in range(threads)
         ]
-        self._spectra[...] = 0
         self.team = ThreadTeam(threads)
 
-    def transform_rows(self, picture: Float32Array, strip: Tile) -> bool:
-        """Cut `strip` out of `picture` (H, W, C) and transform its rows.
+    def new_spectra(self) -> ComplexArray:
+        """Return zeros for the spectra of all rows of one strip."""
+        padded_height = -(-self.height // ROWS) * ROWS
+        # The 8 columns more make the number of cache lines in a row odd: with rows a multiple of 4096 bytes apart, all
+        # would share cache sets.
+        spectra: ComplexArray = empty((self.channels, padded_height, self.padded_frequencies + 8), np.complex64)
+        spectra[...] = 0
+        return spectra
+
+    def transform_rows(self, picture: Float32Array, strip: Tile, spectra: ComplexArray) -> bool:
+        """Cut `strip` out of `picture` (H, W, C) and transform its rows into `spectra`.
 
         Return whether all values that were read are finite. To check it here costs no further pass over the picture.
         """
@@ -92,66 +136,94 @@ class Hybrid:
             rows = min(ROWS, self.height - top)
             if not lines.picture_to_lines(picture, top, rows, strip.start, taper, self._periodic, worker.rows.real):
                 finite[0] = False
-            worker.rows.move(self._rows(top))
+            worker.rows.move(self._rows(spectra, top))
             worker.rows.forward()
 
         self.team.share(block, range(0, self.height, ROWS))
         return finite[0]
 
-    def filter_columns(self, filters: ComplexArray) -> None:
-        """Filter every band with `filters` (B, padded frequencies, L) and blend the bands, in place."""
-        single = len(self.bands.tiles) == 1
-        taper = fade(self.bands.taper)
+    def filter_columns(self, sources: Sequence[ComplexArray], target: ComplexArray, change: Filter) -> None:
+        """Filter every band of the spectra `sources` by `change`, and write the blend of all bands to `target`.
+
+        `target` may be one of the sources.
+        """
+        filter_block = self._filter_single if len(self.bands.tiles) == 1 else self._filter_bands
 
         def block(thread: int, first: int) -> None:
-            worker = self._workers[thread]
-            # A single tile is extended in place; several are cut out, and their sum is collected elsewhere.
-            columns = worker.slabs.data[0] if single else worker.columns
-            lines.rows_to_columns(self._spectra, first, self.height, columns)
-            if not single:
-                worker.blended.fill(0)
-            band = 0
-            for group in self._groups:
-                slabs = worker.slabs.data[: len(group)]
-                for slab, tile in zip(slabs, group, strict=True):
-                    lines.cut_lines(columns, self.height, tile.start, taper, self._periodic, slab)
-                worker.slabs.forward()
-                for slab in slabs:
-                    spectral.multiply(slab, filters[band, first : first + COLUMNS])
-                    band += 1
-                worker.slabs.inverse()
-                if not single:
-                    for slab, tile in zip(slabs, group, strict=True):
-                        spectral.blend(worker.blended, slab, tile.weights, tile.first, tile.first - tile.start)
-            lines.columns_to_rows(columns if single else worker.blended, self._spectra, first, self.height)
+            filter_block(thread, slice(first, first + COLUMNS), sources, target, change)
 
         self.team.share(block, range(0, self.padded_frequencies, COLUMNS))
 
-    def restore_rows(self, out: Float32Array, strip: Tile, *, add: bool) -> None:
-        """Transform rows back; write them to `out` (H, W, C), or add them, where `strip` contributes."""
+    def _filter_single(
+        self, thread: int, columns: slice, sources: Sequence[ComplexArray], target: ComplexArray, change: Filter
+    ) -> None:
+        """Filter a block of columns of a single tile, which is extended in place."""
+        slabs, (tile,), taper = self._workers[thread].slabs, self.bands.tiles, fade(self.bands.taper)
+        lines_of_tile = slabs.lines[0]
+        for n, source in enumerate(sources):
+            lines.rows_to_columns(source, columns.start, self.height, lines_of_tile)
+            lines.cut_lines(lines_of_tile, self.height, tile.start, taper, self._periodic, lines_of_tile)
+            slabs.forward()
+            change(thread, n, slice(0, 1), columns, slabs.spectra)
+        slabs.inverse()
+        lines.columns_to_rows(lines_of_tile, target, columns.start, self.height)
+
+    def _filter_bands(
+        self, thread: int, columns: slice, sources: Sequence[ComplexArray], target: ComplexArray, change: Filter
+    ) -> None:
+        """Filter a block of columns of several bands, which are cut out; their sum is collected elsewhere."""
+        worker, taper = self._workers[thread], fade(self.bands.taper)
+        for source, copy in zip(sources, worker.columns, strict=False):
+            lines.rows_to_columns(source, columns.start, self.height, copy)
+        worker.blended.fill(0)
+        for first in range(0, len(self.bands.tiles), self.together):
+            group = self.bands.tiles[first : first + self.together]
+            slabs = worker.slabs.lines[: len(group)]
+            for n in range(len(sources)):
+                for slab, tile in zip(slabs, group, strict=True):
+                    lines.cut_lines(worker.columns[n], self.height, tile.start, taper, self._periodic, slab)
+                worker.slabs.forward()
+                bands = slice(first, first + len(group))
+                change(thread, n, bands, columns, worker.slabs.spectra[: len(group)])
+            worker.slabs.inverse()
+            for slab, tile in zip(slabs, group, strict=True):
+                spectral.blend(worker.blended, slab, tile.weights, tile.first, tile.first - tile.start)
+        lines.columns_to_rows(worker.blended, target, columns.start, self.height)
+
+    def restore_rows(self, spectra: ComplexArray, out: Float32Array, strip: Tile, *, add: bool) -> None:
+        """Transform rows back, which destroys `spectra`.
+
+        Write them to `out` (H, W, C), or add them, where `strip` contributes.
+        """
 
         def block(thread: int, top: int) -> None:
             worker = self._workers[thread]
             rows, offset = min(ROWS, self.height - top), strip.first - strip.start
-            worker.rows.move(self._rows(top))
+            worker.rows.move(self._rows(spectra, top))
             worker.rows.inverse()
             lines.lines_to_picture(worker.rows.real, rows, offset, strip.weights, strip.first, add, out, top)
 
         self.team.share(block, range(0, self.height, ROWS))
 
-    def _rows(self, top: int) -> ComplexArray:
-        """Return a view of the spectra of a block of rows."""
-        return self._spectra[:, top : top + ROWS, : self.frequencies]
+    def _rows(self, spectra: ComplexArray, top: int) -> ComplexArray:
+        """Return a view of a block of rows."""
+        return spectra[:, top : top + ROWS, : self.frequencies]
 
 
 class _Worker:
     """Buffers of one thread: a block of rows and a group of slabs, with their transforms."""
 
     def __init__(
-        self, spectrum: ComplexArray, height: int, slab_length: int, row_length: int, slabs: int, planning: Planning
+        self,
+        spectrum: ComplexArray,
+        columns: tuple[int, int],
+        slab_length: int,
+        row_length: int,
+        slabs: int,
+        planning: Planning,
     ) -> None:
-        channels = spectrum.shape[0]
+        channels, (sources, height) = spectrum.shape[0], columns
         self.rows = RowTransform((channels, ROWS, row_length), planning, spectrum)
         self.slabs = LineTransform((slabs, channels, COLUMNS, slab_length), planning)
-        self.columns: NDArray[np.complex64] = empty((channels, COLUMNS, height), np.complex64)
-        self.blended: NDArray[np.complex64] = empty((channels, COLUMNS, height), np.complex64)
+        self.columns: ComplexArray = empty((sources, channels, COLUMNS, height), np.complex64)
+        self.blended: ComplexArray = empty((channels, COLUMNS, height), np.complex64)

@@ -101,12 +101,12 @@ class _GridTransform:
     def columns(self, spectrum: ComplexArray, first: int, out: ComplexArray) -> None:
         """Fill some columns of `out` (K, L) with the transform of the row spectra."""
         part, up = spectrum[:, first : first + COLUMNS].T, len(spectrum) // 2
-        columns = self._columns.data[: len(part)]
+        columns = self._columns.lines[: len(part)]
         columns[:, : len(spectrum) - up] = part[:, up:]
         columns[:, len(spectrum) - up : self._points[0] - up] = 0
         columns[:, self._points[0] - up :] = part[:, :up]
         self._columns.forward()
-        self._store(columns, out[first : first + COLUMNS])
+        self._store(self._columns.spectra[: len(part)], out[first : first + COLUMNS])
 
     def _store(self, columns: ComplexArray, out: ComplexArray) -> None:
         out[...] = columns

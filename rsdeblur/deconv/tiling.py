@@ -17,9 +17,10 @@ from rsdeblur.errors import InputError
 from rsdeblur.types import FloatArray
 
 # Share by which a transform may be longer than needed, so that FFTW is fast. Along both whole axes this adds at most
-# 8 % of pixels. Tiles overlap anyway, and a length of 256 instead of 243 is three times as fast.
+# 8 % of pixels. Bands are short and overlap anyway. Strips do, too, but each frequency of their rows is a column on
+# which all bands are filtered.
 WHOLE_EXCESS = 0.038
-TILE_EXCESS = 0.25
+BAND_EXCESS = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +61,16 @@ class Tiling:
     tiles: tuple[Tile, ...]
 
     @classmethod
-    def plan(cls, centres: FloatArray, n: int, kernel: int, margin: int, *, periodic: bool) -> Tiling:
+    def plan(
+        cls,
+        centres: FloatArray,
+        n: int,
+        kernel: int,
+        margin: int,
+        *,
+        periodic: bool,
+        excess: float = WHOLE_EXCESS,
+    ) -> Tiling:
         """Cut an axis into tiles.
 
         Parameters
@@ -75,6 +85,8 @@ class Tiling:
             By how much any other tile is longer than the part that it contributes, px.
         periodic : bool
             Whether the picture repeats; a single tile then has exactly its length.
+        excess : float
+            Share by which the transforms of several tiles may be longer than needed.
 
         Returns
         -------
@@ -96,7 +108,7 @@ class Tiling:
         whole = n if periodic else fast_length(n + kernel, excess=WHOLE_EXCESS)
         longest = max(len(support) for support in supports)
         # A margin may be larger than any picture; fast_length would search as far.
-        length = whole if longest + margin >= whole else fast_length(longest + margin, excess=TILE_EXCESS)
+        length = whole if longest + margin >= whole else fast_length(longest + margin, excess=excess)
         if len(centres) == 1 or length >= whole:
             tiles = tuple(Tile(0, int(s[0]), _part(w, s)) for w, s in zip(weights, supports, strict=True))
             return cls(whole, whole - n, tiles)

@@ -6,8 +6,9 @@ Global mode is one band and one strip; it has no code of its own.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,9 @@ from rsdeblur.choices import BORDERS, PLANNINGS, Border, Planning
 from rsdeblur.deconv.fft import remember
 from rsdeblur.deconv.hybrid import Hybrid
 from rsdeblur.deconv.otf import COLUMNS, OtfPlanner
-from rsdeblur.deconv.tiling import Tiling
+from rsdeblur.deconv.tiling import BAND_EXCESS, Tiling
 from rsdeblur.errors import InputError
+from rsdeblur.kernels import spectral
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, FloatImage
 
@@ -41,6 +43,10 @@ def decay_margin(nsr: float) -> float:
     return max(LEAST_MARGIN, DECAY_MARGIN / math.sqrt(max(nsr, LEAST_NSR)))
 
 
+# Called as ``change(strip, ...)`` with the arguments of :class:`rsdeblur.deconv.hybrid.Filter` after the strip.
+StripFilter = Callable[[int, int, int, slice, slice, ComplexArray], None]
+
+
 class TileFilter:
     """Base of all solvers of tiles: applies one filter per tile to pictures of one shape.
 
@@ -54,6 +60,8 @@ class TileFilter:
         Margin of a tile: by how much it is longer than the part that it contributes, in PSF sizes.
     border, planning, threads
         See :class:`Deconvolver`.
+    sources : int, default 1
+        Number of pictures that the filters of :meth:`_pass` combine at most.
 
     Raises
     ------
@@ -70,6 +78,7 @@ class TileFilter:
         border: Border,
         planning: Planning,
         threads: int | None,
+        sources: int = 1,
     ) -> None:
         validate.instance("bank", bank, PsfBank)
         self.shape = validate.shape(shape)
@@ -77,10 +86,10 @@ class TileFilter:
         validate.choice("planning", planning, PLANNINGS)
         height, width = self.shape[:2]
         _check_fit(bank, height, width)
-        self._bands, self._strips = (
-            Tiling.plan(centres, n, kernel, int(np.ceil(margin * kernel)), periodic=border == "periodic")
-            for centres, n, kernel in zip((bank.rows, bank.cols), (height, width), bank.size, strict=True)
-        )
+        tall, wide = (int(np.ceil(margin * kernel)) for kernel in bank.size)
+        periodic = border == "periodic"
+        self._bands = Tiling.plan(bank.rows, height, bank.size[0], tall, periodic=periodic, excess=BAND_EXCESS)
+        self._strips = Tiling.plan(bank.cols, width, bank.size[1], wide, periodic=periodic)
         threads = thread_count(threads)
         self._hybrid = Hybrid(
             self._channelled,
@@ -89,6 +98,7 @@ class TileFilter:
             border=border,
             planning=planning,
             threads=threads,
+            sources=sources,
         )
         tiles = bank.kernels[..., 0, 0].size
         validate.memory(
@@ -170,20 +180,44 @@ class TileFilter:
         progress: Callable[[float], None] | None = None,
     ) -> None:
         """Filter `source` into `target`, both (H, W, C), contiguous, possibly the same memory."""
+
+        def multiply(strip: int, _thread: int, _source: int, bands: slice, columns: slice, slabs: ComplexArray) -> None:
+            for slab, responses in zip(slabs, filters[strip, bands, columns], strict=True):
+                spectral.multiply(slab, responses)
+
+        # Several strips are added up in `target`: check all values before it is overwritten.
+        if len(self._strips.tiles) > 1 and not all(np.isfinite(row).all() for row in source):
+            raise InputError("image must be finite")
+        self._pass(source, target, multiply, progress=progress)
+
+    def _pass(
+        self,
+        source: FloatImage | None,
+        target: FloatImage,
+        change: StripFilter,
+        *,
+        kept: Sequence[Sequence[ComplexArray]] = (),
+        progress: Callable[[float], None] | None = None,
+    ) -> None:
+        """Filter pictures into `target`, strip by strip.
+
+        The sources of the filters are `kept`, for each of some pictures the spectra of its strips, and after them
+        `source`, unless it is None. `target` may be `source`.
+        """
         several = len(self._strips.tiles) > 1
         with self.lock:
             if several:
-                # Strips are added up in `target`, which may be `source`: check all values before it is overwritten, and
-                # work on a copy.
-                if not all(np.isfinite(row).all() for row in source):
-                    raise InputError("image must be finite")
-                source = self._aside(source) if np.shares_memory(source, target) else source
+                if source is not None and np.shares_memory(source, target):
+                    source = self._aside(source)
                 target[...] = 0
             for s, strip in enumerate(self._strips.tiles):
-                if not self._hybrid.transform_rows(source, strip):
-                    raise InputError("image must be finite")
-                self._hybrid.filter_columns(filters[s])
-                self._hybrid.restore_rows(target, strip, add=several)
+                sources = [spectra[s] for spectra in kept]
+                if source is not None:
+                    if not self._hybrid.transform_rows(source, strip, self._hybrid.spectra):
+                        raise InputError("image must be finite")
+                    sources.append(self._hybrid.spectra)
+                self._hybrid.filter_columns(sources, self._hybrid.spectra, partial(change, s))
+                self._hybrid.restore_rows(self._hybrid.spectra, target, strip, add=several)
                 if progress is not None:
                     progress((s + 1) / len(self._strips.tiles))
 

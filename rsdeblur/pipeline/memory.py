@@ -24,7 +24,7 @@ DECAY_REACH, LEAST_REACH = 0.64, 2.5
 MORE_THAN_MARGIN = 0.5
 PRIOR_REACH = 5.0
 # Number of arrays of a chunk's size in memory at a time (light, result, spectra, latents), by mode and prior.
-TILE_PICTURES, TILE_PRIOR_PICTURES = 3.3, 7.0
+TILE_PICTURES, TILE_PRIOR_PICTURES = 3.3, 5.0
 ROW_PICTURES, ROW_PRIOR_PICTURES = 4.6, 8.0
 # Bytes of the rowwise model for each row, strip and px of the kernel: paths, taps and workspaces.
 ROW_MODEL = 80.0
@@ -113,9 +113,10 @@ def _bytes(chunk: Chunk, shape: tuple[int, int, int], settings: SolverSettings) 
         _tile_length(centres, n, kernel, _margin(settings))
         for centres, n, kernel in ((chunk.bank.rows, rows, tall), (chunk.bank.cols, width, wide))
     )
-    # One complex value for every second frequency along x; with a prior, the OTFs are kept too.
-    filters = 4.0 * bands * strips * length * row * (1 if settings.weight is None else 2)
-    return int(FIXED + pictures * picture + filters + 8.0 * length * row)
+    # One complex value for every second frequency along x. With a prior, the spectra of the observed rows are kept.
+    filters = 4.0 * bands * strips * length * row
+    observed = 0.0 if settings.weight is None else 4.0 * strips * rows * row * channels
+    return int(FIXED + pictures * picture + filters + observed + 8.0 * length * row)
 
 
 def _tile_length(centres: FloatArray, n: int, kernel: int, margin: float) -> float:

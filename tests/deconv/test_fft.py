@@ -55,11 +55,11 @@ def test_lines_are_numpys_transform_and_come_back():
     rng = np.random.default_rng(0)
     lines = fft.LineTransform((4, 24))
     values = (rng.random((4, 24)) + 1j * rng.random((4, 24))).astype(np.complex64)
-    lines.data[...] = values
+    lines.lines[...] = values
     lines.forward()
-    np.testing.assert_allclose(lines.data, np.fft.fft(values), atol=1e-5)
+    np.testing.assert_allclose(lines.spectra, np.fft.fft(values), atol=1e-5)
     lines.inverse()
-    np.testing.assert_allclose(lines.data / 24, values, atol=1e-6)
+    np.testing.assert_allclose(lines.lines / 24, values, atol=1e-6)
 
 
 def test_measured_plans_are_kept_and_damage_is_harmless(cache_dir):
@@ -99,9 +99,9 @@ def test_what_was_measured_changes_no_estimated_transform(cache_dir, monkeypatch
 
     def transformed(planning="estimate"):
         lines = fft.LineTransform((4, length), planning)
-        lines.data[...] = values
+        lines.lines[...] = values
         lines.forward()
-        return lines.data
+        return lines.spectra
 
     alone = transformed()
     # Measured plans may or may not give other bits.

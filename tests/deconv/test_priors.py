@@ -19,7 +19,6 @@ from rsdeblur.deconv.priors import (
     threshold,
 )
 from rsdeblur.deconv.quadratic import TileQuadratic
-from rsdeblur.kernels import responses
 from rsdeblur.kernels.shrink import gradient
 from rsdeblur.simulation.scene import scene
 
@@ -88,17 +87,6 @@ def test_global_is_the_equation(blurred: np.ndarray, beta: float) -> None:
     expected = np.fft.ifft2(above / normal, axes=(0, 1)).real
     # float32 transforms, times a gain of at most 1 / (2 sqrt(nsr)) = 9.
     np.testing.assert_allclose(own.solve(beta, grad_adjoint), expected, atol=5e-5)
-
-
-def test_responses_twins_agree() -> None:
-    rng = np.random.default_rng(5)
-    otf = (rng.normal(size=(6, 10)) + 1j * rng.normal(size=(6, 10))).astype(np.complex64)
-    across, down = rng.random(6, dtype=np.float32), rng.random(10, dtype=np.float32)
-    for of_pull in (False, True):
-        fast, slow = np.empty_like(otf), np.empty_like(otf)
-        for fill, out in ((responses.responses, fast), (responses.responses_numpy, slow)):
-            fill(otf, across, down, np.float32(0.01), np.float32(0.3), np.float32(0.5), of_pull, out)
-        np.testing.assert_allclose(fast, slow, rtol=1e-5)
 
 
 @pytest.mark.parametrize("grid", [(1, 1), (4, 3)])

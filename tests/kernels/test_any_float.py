@@ -105,7 +105,11 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "rasterize": lambda h: [h(7, 5, 2, dtype=np.float64), 4, 6],
     "spread": lambda h: [h(7, 2, dtype=np.float64), (1.25, 1.5), h(21, 15, dtype=np.float64)],
     "interpolated": lambda h: [h(7, 5, 2, dtype=np.float64), 8, 9],
-    "responses": lambda h: [h.pairs(5, 6), h(5), h(6), h.number(), h.number(), h.number(), False, h.pairs(5, 6)],
+    "add_normal": lambda h: [h.pairs(2, 3, 5, 6), h.pairs(2, 5, 6), h.number(), False, h.pairs(2, 3, 5, 6), h(2, 5, 6)],
+    "solve_normal": lambda h: [
+        *(h.pairs(2, 3, 5, 6), h(2, 5, 6), h(5), h(6)),
+        *(h.number(), h.number(), h.number(), h.number(), h.pairs(2, 3, 5, 6)),
+    ],
     "spectra_to_lanes": lambda h: [h.pairs(2, 5, 20), 3, h(2, 2, 7, 2, LANES), 1],
     "lanes_to_spectra": lambda h: [h(2, 2, 7, 2, LANES), 1, h.pairs(2, 5, 20), 3],
     "workspace_size": lambda h: [model(h), h(1, 2, LANES), 6, True],
