@@ -21,6 +21,8 @@ QUARTERS = range(-48, 57)
 OLDEST_FIX_NS = 300 * SECOND_NS
 # Stamps before the year 2000 are not Unix time: clocks of phones count from their start.
 UNIX_SINCE_NS = 946_684_800 * SECOND_NS
+# Years of photos: cameras whose clock is not set write the year 0 or 1, and 64 bits of ns end in 2262.
+YEARS = range(1900, 2262)
 # Time in EXIF minus the start of the exposure, s: cameras write the command, the end or the storing of the picture, and
 # some whole seconds only.
 EXIF_ERROR = (-2.0, 1.0)
@@ -43,6 +45,8 @@ def capture_time(exif: Exif) -> CaptureTime:
     """
     try:
         local = datetime.strptime(_text(exif, DATE_TIME), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
+        if local.year not in YEARS:
+            raise ValueError
     except ValueError:
         raise InputError("the EXIF block contains no DateTimeOriginal; give --start or --start-ns") from None
     digits = _text(exif, SUBSECONDS)
@@ -53,9 +57,9 @@ def capture_time(exif: Exif) -> CaptureTime:
         return CaptureTime(ns - round((zone or timedelta()).total_seconds()) * SECOND_NS, True)
     fix = _gps_time(exif)
     if fix is not None:
-        zone_ns = round((ns - fix) / QUARTER_NS) * QUARTER_NS
-        if abs(ns - zone_ns - fix) < OLDEST_FIX_NS:
-            return CaptureTime(ns - zone_ns, True)
+        quarters = round((ns - fix) / QUARTER_NS)
+        if quarters in QUARTERS and abs(ns - quarters * QUARTER_NS - fix) < OLDEST_FIX_NS:
+            return CaptureTime(ns - quarters * QUARTER_NS, True)
     return CaptureTime(ns, False)
 
 

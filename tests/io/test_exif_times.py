@@ -8,7 +8,17 @@ from PIL import Image
 
 from rsdeblur.errors import ClockError, InputError
 from rsdeblur.io.exif import CAMERA_IFD, Exif
-from rsdeblur.io.exif_times import DATE_TIME, GPS_DATE, GPS_IFD, GPS_TIME, OFFSET, SUBSECONDS, capture_time, on_clock_of
+from rsdeblur.io.exif_times import (
+    DATE_TIME,
+    GPS_DATE,
+    GPS_IFD,
+    GPS_TIME,
+    OFFSET,
+    SUBSECONDS,
+    capture_time,
+    on_clock_of,
+    shown_time,
+)
 from rsdeblur.motion.gyro import GyroLog
 
 # 2025-12-22 06:42:29 UTC.
@@ -43,9 +53,17 @@ def test_the_zone_follows_from_offset_gps_or_log(exif: Exif) -> None:
     assert on_clock_of(capture_time(exif), log_at(NOON_NS - 10**9)) == NOON_NS + 250_000_000
 
 
+@pytest.mark.parametrize("hours", [6.0 + 24, 1e9])
+def test_a_fix_of_another_day_is_no_zone(hours: float) -> None:
+    block = exif_of({DATE_TIME: LOCAL}, {GPS_DATE: "2025:12:22", GPS_TIME: (hours, 42.0, 29.0)})
+    assert not capture_time(block).has_zone
+    assert shown_time(block) == "2025-12-22 08:42:29.000 local time"
+
+
 def test_times_without_a_place_are_refused() -> None:
-    with pytest.raises(InputError, match="no DateTimeOriginal"):
-        capture_time(exif_of({DATE_TIME: "0000:00:00 00:00:00"}))
+    for year in ("0000:00:00", "0001:01:01", "9999:12:31"):
+        with pytest.raises(InputError, match="no DateTimeOriginal"):
+            capture_time(exif_of({DATE_TIME: f"{year} 00:00:00", OFFSET: "-14:00"}))
     local = capture_time(exif_of({DATE_TIME: LOCAL}))
     with pytest.raises(ClockError, match="not Unix time"):
         on_clock_of(local, log_at(10**15))
