@@ -95,7 +95,7 @@ def deblur(
         (:mod:`rsdeblur.deconv.priors`), learned shrinkage in a wavelet frame (:mod:`rsdeblur.deconv.wavelet`),
         non-local means, or any other denoiser, called as ``denoise(image, sigma)``
         (:mod:`rsdeblur.deconv.plug_and_play`). "tv" and "hyper-laplacian" keep edges sharp and even areas free of
-        noise; "wiener" takes about a twentieth of their time. All but the linear ones, "wiener" and "gradient", fade
+        noise; "wiener" takes about a fifth of their time. All but the linear ones, "wiener" and "gradient", fade
         towards the input where light would be below black (:mod:`rsdeblur.image.undershoot`).
     weight : float or "auto"
         Weight of the prior, from 1e-20 to 1e20: a larger weight gives a smoother picture. "auto" derives it from the

@@ -6,5 +6,5 @@ once, `segments` deblurs and encodes a few frames at a time, and `joining` puts 
 
 from rsdeblur.choices import Quality
 
-# The default for videos: the published method's filter takes about a twentieth of the time of the photos' default.
+# The default for videos: the published method's filter takes about a fifth of the time of the photos' default.
 QUALITY: Quality = "fast"
