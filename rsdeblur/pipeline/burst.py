@@ -44,7 +44,7 @@ LEAST_SUPPORT = 0.5
 MOST_FRAMES = 64
 # Bytes that the work may use by default, and the share of them that each frame adds to those of a single picture: with
 # tiles, and with the PSF of every row.
-MEMORY, MEMORY_PER_FRAME, MEMORY_PER_ROW_FRAME = 3 << 29, 0.4, 0.8
+MEMORY, MEMORY_PER_FRAME, MEMORY_PER_ROW_FRAME = 3 << 29, 0.75, 0.8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
