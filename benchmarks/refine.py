@@ -260,7 +260,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--captures", type=int, default=15, help="captures with every kind of error")
     parser.add_argument("--right", type=int, default=30, help="captures whose recording is right")
-    parser.add_argument("--kinds", default=",".join(KINDS))
+    parser.add_argument("--kinds", default=",".join(KINDS), help="kinds of errors to measure, separated by commas")
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--records", type=Path, help="file of records (JSON lines) to continue")
     parser.add_argument("--page", type=Path, default=ROOT / "docs" / "benchmarks" / "refine.md")
