@@ -62,6 +62,8 @@ The table says how many captures were measured; means of few captures vary widel
 
 Errors are random: offsets of 5 to 20 ms, readout times x 0.7 to x 1.4, focal lengths +-7 or 15 %, a bias of the
 gyroscope of 0.01 to 0.03 rad/s, an even translation of 3.6 to 9.6 px, and smaller ones of all kinds together.
+
+In a brick wall, a motion shorter than the true one may look clearer: there one drift was corrected for the worse.
 """
 
 
