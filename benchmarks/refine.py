@@ -62,6 +62,8 @@ The table says how many captures were measured; means of few captures vary widel
 
 Errors are random: offsets of 5 to 20 ms, readout times x 0.7 to x 1.4, focal lengths +-7 or 15 %, a bias of the
 gyroscope of 0.01 to 0.03 rad/s, an even translation of 3.6 to 9.6 px, and smaller ones of all kinds together.
+
+In a brick wall, a motion shorter than the true one may look clearer: there one drift was corrected for the worse.
 """
 
 
@@ -260,7 +262,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--captures", type=int, default=15, help="captures with every kind of error")
     parser.add_argument("--right", type=int, default=30, help="captures whose recording is right")
-    parser.add_argument("--kinds", default=",".join(KINDS))
+    parser.add_argument("--kinds", default=",".join(KINDS), help="kinds of errors to measure, separated by commas")
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--records", type=Path, help="file of records (JSON lines) to continue")
     parser.add_argument("--page", type=Path, default=ROOT / "docs" / "benchmarks" / "refine.md")

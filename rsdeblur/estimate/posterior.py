@@ -22,7 +22,7 @@ MOST_NATS = 30.0
 # Tiles that together count as one observation. They overlap, their frequencies are correlated by the window, and no
 # scene follows its model exactly; with full weight, the errors of the model would outweigh the sensors.
 TILES_AS_ONE = 0.5
-# Samples of the search, all within this many standard deviations, and the best that descents begin from.
+# Samples of the search, a power of 2, all within this many standard deviations, and the best that descents begin from.
 SAMPLES, WIDEST, STARTS = 32, 2.0, 2
 # Samples closer than this are not both starts, standard deviations.
 APART = 0.7
@@ -97,28 +97,22 @@ class Posterior:
         bounded = MOST_NATS * np.tanh((others - nats) / MOST_NATS)
         return float(bounded.sum() / (TILES_AS_ONE * self._spectra.tiles) - 0.5 * place @ place)
 
-    def search(
-        self, free: Sequence[str], *, first: FloatArray | None = None, samples: int = SAMPLES
-    ) -> list[FloatArray]:
-        """Return the local maxima that descents reach with some parameters free, from one place and from samples.
+    def search(self, free: Sequence[str]) -> list[FloatArray]:
+        """Return the local maxima that descents reach with some parameters free, from no correction and from samples.
 
         Parameters
         ----------
         free : sequence of str
             Names of parameters whose standard deviations are positive.
-        first : ndarray, optional
-            Place of the first descent; default no correction.
-        samples : int
-            Number of samples of the prior, a power of 2; the best of them and of no correction begin further descents.
         """
         from scipy.stats import qmc  # takes 0.5 s to import
 
         at = [PARAMETERS.index(name) for name in free]
         low = ndtr(-WIDEST)
-        quantiles = qmc.Sobol(len(at), seed=0).random(samples).clip(low, 1 - low)
-        places = np.zeros((samples + 1, len(PARAMETERS)))
+        quantiles = qmc.Sobol(len(at), seed=0).random(SAMPLES).clip(low, 1 - low)
+        places = np.zeros((SAMPLES + 1, len(PARAMETERS)))
         places[1:, at] = ndtri(quantiles)
-        starts = [np.zeros(len(PARAMETERS)) if first is None else first]
+        starts = [np.zeros(len(PARAMETERS))]
         best = starts[0]
         for _ in range(2):
             # The gains of tiles are bounded, so the order may depend on what they are compared with.

@@ -1,7 +1,9 @@
 """A quick comparison of motions by the sharp picture that they lead to, for a search.
 
 It is the measure of :mod:`rsdeblur.estimate.sharpness`, of the first steps of total variation in tiles whose spectra
-serve for all motions.
+serve for all motions. Here every tile is measured by itself, so that one thing of much contrast does not decide alone.
+The sharp picture is free of the photo's softness as well: otherwise a longer motion that also undoes some of it would
+look better than the right one.
 """
 
 from __future__ import annotations
@@ -16,13 +18,14 @@ from rsdeblur.deconv.priors import brightness, half_quadratic
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.periodograms import wrapped
 from rsdeblur.estimate.posterior import UNDESCRIBED
-from rsdeblur.estimate.sharpness import assumed, concentration, scale_of, upright
+from rsdeblur.estimate.sharpness import assumed, contrast_shares, mean_concentration, scale_of, upright
+from rsdeblur.estimate.spectra import softness
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank, tile_centres
 from rsdeblur.types import FloatArray, FloatImage
 
 # The picture is reduced until the mean blur is no longer than this, px.
-LONGEST_BLUR = 12.0
+LONGEST_BLUR = 20.0
 # Tiles along both axes, and the length over which their opposite ends fade into each other: in PSF sizes, and at most
 # as a share of the picture.
 TILES, FADE, MOST_FADE = (6, 4), 5.0, 0.3
@@ -49,7 +52,8 @@ class QuickSharpness:
             recording, *(tile_centres(count, side) for count, side in zip(TILES, light.shape, strict=True))
         )
         tuning = assumed(light[..., None], bank)
-        self._tiles = _RepeatingTiles(light, bank.size, nsr=tuning.border_error)
+        self._tiles = _RepeatingTiles(light, bank.size, nsr=tuning.border_error, softness=softness(self._scale))
+        self._shares = contrast_shares(self._tiles.observed_parts())
         self._weight, self._peak = tuning.weight("tv", 1.0), brightness(light)
 
     def _bank(self, recording: Recording, rows: FloatArray, cols: FloatArray) -> PsfBank:
@@ -58,14 +62,14 @@ class QuickSharpness:
         return PsfBank.from_paths(paths, threads=1)
 
     def of(self, recording: Recording) -> float:
-        """Return the logarithm of l1 / l2 of the gradient of the sharp picture; infinite without a motion."""
+        """Return the mean logarithm of l1 / l2 of the gradient of the sharp tiles; infinite without a motion."""
         try:
             self._tiles.replan(self._bank(recording, *self._tiles.centres).kernels)
         except UNDESCRIBED:
             return np.inf
         steps = half_quadratic(self._tiles, weight=self._weight, exponent=1.0, peak=self._peak, threads=1)
         *_, last = islice(steps, STEPS)
-        return concentration(self._tiles.parts(last.latent))
+        return mean_concentration(self._tiles.parts(last.latent), self._shares)
 
 
 class _RepeatingTiles:
@@ -81,11 +85,13 @@ class _RepeatingTiles:
         Height and width of the PSFs.
     nsr : float
         See :class:`rsdeblur.TileQuadratic`.
+    softness : float
+        Standard deviation of a Gaussian under which the PSFs are taken, px.
     """
 
     periodic = True
 
-    def __init__(self, light: NDArray[np.float32], size: tuple[int, int], *, nsr: float) -> None:
+    def __init__(self, light: NDArray[np.float32], size: tuple[int, int], *, nsr: float, softness: float) -> None:
         sides = list(zip(light.shape, TILES, size, strict=True))
         fades = [int(min(FADE * reach, MOST_FADE * side)) for side, _, reach in sides]
         self._shape = tuple(
@@ -108,13 +114,15 @@ class _RepeatingTiles:
         self._nsr = np.float32(nsr)
         # |exp(i w) - 1|^2 = 4 sin^2(w / 2)
         frequencies = fft.fftfreq(self._shape[0]), fft.rfftfreq(self._shape[1])
+        squared = np.add.outer(*(np.square(f) for f in frequencies))
+        self._softening = np.exp(-0.5 * (2 * np.pi * softness) ** 2 * squared).astype(np.float32)
         self._coupling = np.add.outer(*(4 * np.sin(np.pi * f) ** 2 for f in frequencies)).astype(np.float32)
 
     def replan(self, kernels: NDArray[np.float32]) -> None:
         """Take the PSFs of all tiles, shape (B, S, kh, kw)."""
         bands, strips, height, width = kernels.shape
         grid = wrapped(kernels, self._shape).reshape(bands * strips, *self._shape)
-        transfer = fft.rfft2(np.roll(grid, (-(height // 2), -(width // 2)), axis=(1, 2)))
+        transfer = self._softening * fft.rfft2(np.roll(grid, (-(height // 2), -(width // 2)), axis=(1, 2)))
         self._power = np.square(transfer.real) + np.square(transfer.imag) + self._nsr
         self._data = (1 + self._nsr) * transfer.conj() * self._observed
 
@@ -125,6 +133,10 @@ class _RepeatingTiles:
             signal = signal + np.float32(beta) * fft.rfft2(grad_adjoint.reshape(-1, *self._shape))
         latent = fft.irfft2(signal / (self._power + np.float32(beta) * self._coupling), self._shape)
         return np.ascontiguousarray(latent.reshape(-1, self._shape[1], 1))
+
+    def observed_parts(self) -> FloatImage:
+        """Return what the tiles show of the blurred picture, shape (N, h, w)."""
+        return self.parts(fft.irfft2(self._observed, self._shape))
 
     def parts(self, latent: FloatImage) -> FloatImage:
         """Return what the tiles show of the picture, without the ends that fade, shape (N, h, w)."""

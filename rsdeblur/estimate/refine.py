@@ -37,21 +37,23 @@ SPECTRA_SIDES = 320, 480
 # smoothing that smaller sizes need would take long.
 PART, SIDE = 256, 1600
 
-# Parameters that are searched together from the best place so far, and how many samples are searched as well. A
-# correction by few numbers is more credible than one by many.
+# Parameters that are searched together from the best place so far, and how many values of each are tried as well, up
+# to how many standard deviations; from the best of these places, descents begin, too. A correction by few numbers is
+# more credible than one by many.
 MODELS = (
     (("offset",), 8),
-    (("drift_x", "drift_y"), 16),
+    (("drift_x", "drift_y"), 4),
     (("scale", "drift_x", "drift_y"), 0),
     (PARAMETERS, 0),
 )
+WIDEST, STARTS = 3.0, 2
 # Parameters that are adjusted by the sharp picture, the times each is, the first step, and the longest as multiples of
 # the current one. Steps are in standard deviations.
 ADJUSTED, ADJUSTMENTS, FIRST_STEP, LONGEST_STEP = MODELS[2][0], 2, 0.6, 2.0
 # Nats that a fall of the logarithm of l1 / l2 is worth, and that a parameter costs, and the least gain that counts.
 NATS_PER_FALL, NATS_PER_PARAMETER, WORST_GAIN = 1000.0, 3.0, -1000.0
 # Least worth (nats) and least fall of a correction that is accepted, and the most standard deviations of any parameter.
-LEAST_WORTH, LEAST_FALL, MOST_DEVIATIONS = 15.0, 0.01, 6.0
+LEAST_WORTH, LEAST_FALL, MOST_DEVIATIONS = 30.0, 0.01, 6.0
 
 
 @one_line()
@@ -151,10 +153,10 @@ def refine(
     light, _ = reduced(light, camera, SIDE)
     recording = Recording(log, camera, exposure, translation)
     deviations = uncertainty.deviations(camera)
-    spectra = TileSpectra(light, recording, side=_spectra_side(recording))
+    spectra = TileSpectra(light, recording, side=_spectra_side(recording), soft=True)
     judge = _Judge(Posterior(spectra, recording, deviations), QuickSharpness(light, recording))
     best = judge.best(progress or (lambda *_: None))
-    fall, reason = judge.verdict(best, Sharpness(light, recording))
+    reason = judge.verdict(best, Sharpness(light, recording, robust=True))
     used = recording if reason else judge.posterior.corrected(best)
     return Refinement(
         used.log,
@@ -166,7 +168,7 @@ def refine(
         correction=Correction(*(best * deviations).tolist()),
         deviation=Correction(*(judge.posterior.spread(best) * deviations).tolist()),
         gain=judge.gain(best),
-        fall=fall,
+        fall=judge.fall(best),
     )
 
 
@@ -209,17 +211,27 @@ class _Judge:
     def best(self, progress: Progress) -> FloatArray:
         """Return the best of all corrections that the spectra suggest, adjusted by the sharp picture."""
         best, worth = self._nothing, 0.0
-        for n, (names, samples) in enumerate(MODELS):
+        for n, (names, count) in enumerate(MODELS):
             progress("search", n / len(MODELS))
             model = [name for name in names if name in self.posterior.free]
             if not model:
                 continue
-            search, descend = self.posterior.search, self.posterior.descend
-            for place in search(model, first=best, samples=samples) if samples else [descend(best, model)]:
+            for start in [best, *self._starts(model, count)]:
+                place = self.posterior.descend(start, model)
                 other = self._worth(place) - NATS_PER_PARAMETER * len(model)
                 if other > worth:
                     best, worth = place, other
         return self._adjusted(best, progress)
+
+    def _starts(self, model: list[str], count: int) -> FloatArray:
+        """Return the best of places that are spread over the parameters of a model, `count` values of each."""
+        at = [PARAMETERS.index(name) for name in model]
+        values = np.meshgrid(*[np.linspace(-WIDEST, WIDEST, count)] * len(at))
+        places = np.zeros((count ** len(at), len(PARAMETERS)))
+        places[:, at] = np.stack(values, axis=-1).reshape(len(places), len(at))
+        places = places[[self.posterior.nats(place) is not None for place in places]]
+        likely = [self.gain(place) + NATS_PER_FALL * self.fall(place) for place in places]
+        return places[np.argsort(likely)[::-1][:STARTS]]
 
     def _worth(self, place: FloatArray) -> float:
         gain = max(self.gain(place), WORST_GAIN)
@@ -244,18 +256,14 @@ class _Judge:
             step /= 2
         return place
 
-    def verdict(self, place: FloatArray, sharpness: Sharpness) -> tuple[float, str]:
-        """Return the fall, and why a correction is not credible; nothing if it is."""
-        fall, unclear = self.fall(place), "the picture does not contradict the recording, or not clearly"
+    def verdict(self, place: FloatArray, sharpness: Sharpness) -> str:
+        """Return why a correction is not credible; nothing if it is."""
         if self._worth(place) < LEAST_WORTH:
-            return fall, unclear
+            return "the picture does not contradict the recording, or not clearly"
+        if np.abs(place).max() > MOST_DEVIATIONS:
+            return "the likeliest correction is too far from the recording"
         # The search found the largest of many falls. The whole solve is free of what favoured it by chance.
         before, after = (sharpness.of(self.posterior.corrected(each)) for each in (self._nothing, place))
-        fall = before - after
-        if self.gain(place) + NATS_PER_FALL * fall < LEAST_WORTH:
-            return fall, unclear
-        if fall < LEAST_FALL:
-            return fall, "the sharp picture does not become clearer"
-        if np.abs(place).max() > MOST_DEVIATIONS:
-            return fall, "the likeliest correction is too far from the recording"
-        return fall, ""
+        if min(self.fall(place), before - after) < LEAST_FALL:
+            return "the sharp picture does not become clearer"
+        return ""

@@ -12,23 +12,27 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 from skimage.transform import resize
 
 from rsdeblur.deconv.priors import GradientPrior
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.posterior import UNDESCRIBED
+from rsdeblur.estimate.spectra import softness
 from rsdeblur.estimate.strength import PATH_ERROR, Tuning
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank, tile_centres
-from rsdeblur.types import FloatImage
+from rsdeblur.types import FloatArray, FloatImage
 
 # Longer side of the picture that is made sharp and least shorter side, px, and the tiles there.
 SIDE, LEAST_SIDE, TILES = 640, 64, (8, 4)
-# Border that is not compared, px.
-FRAME = 16
+# Border that is not compared, px, and the parts along both axes that are measured by themselves.
+FRAME, PARTS = 16, (6, 4)
+# Least gradient that is told from none.
+FAINTEST = 1e-9
 
 
 class Sharpness:
@@ -40,11 +44,17 @@ class Sharpness:
         Linear light, of the picture as stored.
     recording : Recording
         Recording of the picture as given, from which the strength follows.
+    robust : bool, default False
+        Whether parts of the picture are measured by themselves, so that one thing of much contrast does not decide
+        alone, and the sharp picture is free of the photo's :func:`~rsdeblur.estimate.spectra.softness` as well, so that
+        a longer motion that also undoes some of it does not look better than the right one.
     """
 
-    def __init__(self, light: FloatImage, recording: Recording) -> None:
+    def __init__(self, light: FloatImage, recording: Recording, *, robust: bool = False) -> None:
         self._scale = scale_of(recording.camera)
+        self._softness = softness(self._scale) if robust else 0.0
         self._light = upright(light, recording.camera, self._scale)[..., None]
+        self._shares = contrast_shares(_parts(self._light[..., 0])) if robust else None
         tuning = assumed(self._light, self._bank(recording))
         self._nsr, self._prior = tuning.border_error, GradientPrior("tv", tuning.weight("tv", 1.0))
 
@@ -52,7 +62,7 @@ class Sharpness:
         rows, cols = (tile_centres(n, size) for n, size in zip(TILES, self._light.shape, strict=False))
         drawn = PsfBank.from_paths(BlurPaths.from_capture(recording.capture(self._scale), rows, cols))
         # Drawn kernels, because the least falls of those who compare were chosen with them.
-        return replace(drawn, displacements=None)
+        return replace(drawn, kernels=_softened(drawn.kernels, self._softness), displacements=None)
 
     def of(self, recording: Recording) -> float:
         """Return the logarithm of l1 / l2 of the gradient of the sharp picture; infinite without a motion."""
@@ -63,7 +73,19 @@ class Sharpness:
         # The lines are too short to be worth sharing among threads.
         solver = TileQuadratic(bank, self._light.shape, nsr=self._nsr, threads=1)
         sharp = solver.apply(self._light, prior=self._prior)[..., 0]
+        if self._shares is not None:
+            return mean_concentration(_parts(sharp), self._shares)
         return concentration(sharp[FRAME:-FRAME, FRAME:-FRAME])
+
+
+def _softened(kernels: NDArray[np.float32], deviation: float) -> NDArray[np.float32]:
+    """Return PSFs (B, S, kh, kw) under a Gaussian."""
+    if deviation == 0:
+        return kernels
+    room = int(np.ceil(3 * deviation))
+    larger = np.pad(kernels, ((0, 0), (0, 0), (room, room), (room, room)))
+    softened: NDArray[np.float32] = gaussian_filter(larger, (0, 0, deviation, deviation), radius=room)
+    return softened
 
 
 def assumed(light: FloatImage, bank: PsfBank) -> Tuning:
@@ -90,6 +112,36 @@ def upright(light: FloatImage, camera: Camera, scale: float) -> NDArray[np.float
 
 def concentration(pictures: FloatImage) -> float:
     """Return the logarithm of l1 / l2 of the gradient of pictures, shape (..., H, W), all together."""
-    down, across = (np.diff(pictures, axis=axis) for axis in (-2, -1))
-    slope = np.hypot(down[..., :-1], across[..., :-1, :])
+    slope = _gradient(pictures)
     return float(np.log(slope.mean() / np.sqrt(np.square(slope).mean())))
+
+
+def mean_concentration(tiles: FloatImage, shares: FloatArray) -> float:
+    """Return the mean of the logarithms of l1 / l2 of the gradient of tiles, shape (N, H, W), with their shares."""
+    slope = _gradient(tiles)
+    spread = slope.mean(axis=(1, 2)) / np.maximum(_root_mean_square(slope), FAINTEST)
+    return float(shares @ np.log(np.maximum(spread, FAINTEST)))
+
+
+def contrast_shares(tiles: FloatImage) -> FloatArray:
+    """Return the shares of tiles of a blurred picture, shape (N, H, W), in its contrast."""
+    contrast = _root_mean_square(_gradient(tiles))
+    return contrast / max(float(contrast.sum()), FAINTEST)
+
+
+def _parts(picture: FloatImage) -> FloatImage:
+    """Return equal parts of a picture within the frame, shape (N, h, w)."""
+    inside = picture[FRAME:-FRAME, FRAME:-FRAME]
+    (down, tall), (across, wide) = ((n, side // n) for n, side in zip(PARTS, inside.shape, strict=True))
+    grid = inside[: down * tall, : across * wide].reshape(down, tall, across, wide)
+    return grid.swapaxes(1, 2).reshape(-1, tall, wide)
+
+
+def _gradient(pictures: FloatImage) -> FloatImage:
+    down, across = (np.diff(pictures, axis=axis) for axis in (-2, -1))
+    return np.hypot(down[..., :-1], across[..., :-1, :])
+
+
+def _root_mean_square(slopes: FloatImage) -> FloatArray:
+    squares: FloatArray = np.square(slopes).mean(axis=(1, 2))
+    return np.sqrt(squares)

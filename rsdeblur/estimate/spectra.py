@@ -29,6 +29,10 @@ LEVELS = np.array([0.3, 1.0])
 # differs in natural scenes, but not by any factor.
 STIFFNESS = 20.0
 
+# Softness of photos that no motion explains, from lens, demosaicing and denoising: standard deviation, px of the
+# picture as stored.
+SOFTNESS = 0.7
+
 # Places across the picture at which PSFs are drawn; between them they change little.
 COLUMNS = 4
 # Time samples of the paths: at least, and per px of the longest one.
@@ -46,6 +50,8 @@ class TileSpectra:
         Recording of the picture. Corrected ones can be scored.
     side : int
         Longer side of the picture after reduction, px.
+    soft : bool, default False
+        Whether the power that is expected allows for :func:`softness`.
 
     Raises
     ------
@@ -53,7 +59,7 @@ class TileSpectra:
         If the reduced picture is smaller than a tile.
     """
 
-    def __init__(self, light: NDArray[np.float32], recording: Recording, *, side: int) -> None:
+    def __init__(self, light: NDArray[np.float32], recording: Recording, *, side: int, soft: bool = False) -> None:
         camera = recording.camera
         self._scale = min(1.0, side / max(camera.width, camera.height))
         small = camera.scaled(self._scale)
@@ -68,7 +74,7 @@ class TileSpectra:
         strips = min(COLUMNS, len(cols))
         self._cols = (np.arange(strips) + 0.5) * grey.shape[1] / strips - 0.5
         nearest = np.abs(cols[:, None] - self._cols).argmin(axis=1)
-        self._periodograms = TilePeriodograms(grey, tops, lefts)
+        self._periodograms = TilePeriodograms(grey, tops, lefts, softness=softness(self._scale) if soft else 0.0)
         self._place = (np.arange(len(tops))[:, None] * strips + nearest).ravel()
         longest = float(recording.capture(self._scale).probe.lengths.max())
         self._samples = max(LEAST_SAMPLES, int(SAMPLES_PER_PIXEL * longest) + 1)
@@ -148,6 +154,8 @@ class TilePeriodograms:
         Linear light.
     tops, lefts : ndarray, shape (B,) and (S,)
         First rows and first columns of the tiles.
+    softness : float, default 0.0
+        Standard deviation of a Gaussian that softens the scene, px.
 
     Attributes
     ----------
@@ -157,7 +165,9 @@ class TilePeriodograms:
         First frequency of each direction, and F.
     """
 
-    def __init__(self, grey: NDArray[np.float32], tops: NDArray[np.intp], lefts: NDArray[np.intp]) -> None:
+    def __init__(
+        self, grey: NDArray[np.float32], tops: NDArray[np.intp], lefts: NDArray[np.intp], *, softness: float = 0.0
+    ) -> None:
         used = np.flatnonzero((RADIUS > LOWEST) & (RADIUS < HIGHEST))
         self._used = used[np.argsort(DIRECTION.flat[used], kind="stable")]
         self.sectors = np.searchsorted(DIRECTION.flat[self._used], np.arange(DIRECTIONS + 1))
@@ -166,7 +176,8 @@ class TilePeriodograms:
         noise = _noise(power).reshape(-1, 1)
         self.power = np.ascontiguousarray(power.reshape(len(noise), -1)[:, self._used])
         self.noise = (noise * GRADIENT.flat[self._used]).astype(np.float32)
-        self._scene = (GRADIENT / np.maximum(RADIUS, LOWEST) ** 2).astype(np.float32).flat[self._used]
+        scene = GRADIENT / np.maximum(RADIUS, LOWEST) ** 2 * np.exp(-np.square(2 * np.pi * softness * RADIUS))
+        self._scene = scene.astype(np.float32).flat[self._used]
 
     def expected(self, kernels: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the power of the scene under `kernels` (B, S, kh, kw), up to a gain, shape (B * S, F)."""
@@ -195,6 +206,11 @@ class TilePeriodograms:
     def tiles_under(self, expected: NDArray[np.float32], place: NDArray[np.intp]) -> whittle.Tiles:
         """Return the tiles with the power expected at K places and the index of each tile's place; see `fit`."""
         return whittle.Tiles(self.power, self.noise, expected, place, self.sectors)
+
+
+def softness(scale: float) -> float:
+    """Return the standard deviation (px) of the softness of a photo that is smoothed and reduced by a factor."""
+    return float(np.hypot(SOFTNESS * scale, 0.5 * (1 - scale)))
 
 
 def _places(n: int) -> NDArray[np.intp]:
