@@ -28,7 +28,7 @@ from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import Capture
 from rsdeblur.motion.rectify import rectify
 from rsdeblur.pipeline.burst_frames import FIT_TILES, BurstFrame, reduced_bank
-from rsdeblur.pipeline.memory import Chunk
+from rsdeblur.pipeline.memory import FIXED, Chunk, least_memory
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.pipeline.settings import SolverSettings
@@ -45,6 +45,8 @@ MOST_FRAMES = 64
 # Bytes that the work may use by default, and the share of them that each frame adds to those of a single picture: with
 # tiles, and with the PSF of every row.
 MEMORY, MEMORY_PER_FRAME, MEMORY_PER_ROW_FRAME = 3 << 29, 0.75, 0.8
+# The default grows to this multiple of what the smallest chunks need.
+ABOVE_LEAST = 1.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -380,8 +382,7 @@ class _Solution:
             return light
 
         whole = options.geometry == "rectify" or options.normalize
-        each = MEMORY_PER_ROW_FRAME if options.mode == "rowwise" else MEMORY_PER_FRAME
-        memory = None if whole else int((options.max_memory or MEMORY) / (1 + each * len(self.frames)))
+        memory = None if whole else self._memory_of_one(options.max_memory)
         solve_chunks(
             HighlightSplit(reference.encoded),
             *(out, self.banks[0], replace(options, max_memory=memory), self.together, clock),
@@ -390,6 +391,22 @@ class _Solution:
             finish=rectified if options.geometry == "rectify" else None,
         )
         return coverage, meter
+
+    def _memory_of_one(self, most: int | None) -> int:
+        """Return the bytes that a chunk may take if it were solved with one frame."""
+        each = MEMORY_PER_ROW_FRAME if self.together.mode == "rowwise" else MEMORY_PER_FRAME
+        frames = 1 + each * len(self.frames)
+        share = FIXED + ((MEMORY if most is None else most) - FIXED) / frames
+        least = least_memory(self.banks[0], self.frames[0].encoded.shape, self.together)
+        if most is None:
+            # Nobody asked for a bound, so it is no reason to refuse, or to solve slivers with wide margins.
+            share = max(share, ABOVE_LEAST * least)
+        elif share < least:
+            raise InputError(
+                f"max_memory is {most / 2**20:.0f} MiB, but even a few rows of {len(self.frames)} frames need "
+                f"{(FIXED + (least - FIXED) * frames) / 2**20:.0f} MiB; fewer frames, strips or bands need less"
+            )
+        return int(share)
 
     def _solve(self, chunk: Chunk, light: FloatImage, progress: StageProgress) -> FloatImage:
         """Return the sharp light of a chunk of rows; `light` is that of the reference.

@@ -61,12 +61,9 @@ def plan_chunks(
     whole = Chunk(slice(0, height), slice(0, height), bank)
     if max_memory is None:
         return [whole], _bytes(whole, shape, settings)
-    reach = _reach(bank, settings)
-    count, most = 1, -(-height // LEAST_ROWS)
+    count, most = 1, _most_chunks(height)
     while True:
-        edges = [height * i // count for i in range(count + 1)]
-        chunks = [_chunk(bank, shape, a, b, reach) for a, b in pairwise(edges)]
-        needed = max(_bytes(chunk, shape, settings) for chunk in chunks)
+        chunks, needed = _equal_chunks(bank, shape, settings, count)
         if needed <= max_memory:
             return chunks, needed
         if count == most:
@@ -75,6 +72,25 @@ def plan_chunks(
                 f"{_mebibytes(needed)} with PSFs of {bank.size[1]}x{bank.size[0]} px; fewer strips or bands need less"
             )
         count = min(most, count + 1 + count // 8)
+
+
+def least_memory(bank: PsfBank, shape: tuple[int, int, int], settings: SolverSettings) -> int:
+    """Return the bytes that the smallest chunks of a picture need."""
+    return _equal_chunks(bank, shape, settings, _most_chunks(shape[0]))[1]
+
+
+def _most_chunks(height: int) -> int:
+    return -(-height // LEAST_ROWS)
+
+
+def _equal_chunks(
+    bank: PsfBank, shape: tuple[int, int, int], settings: SolverSettings, count: int
+) -> tuple[list[Chunk], int]:
+    """Return a number of equally tall chunks, and the bytes that the largest needs."""
+    reach = _reach(bank, settings)
+    edges = [shape[0] * i // count for i in range(count + 1)]
+    chunks = [_chunk(bank, shape, a, b, reach) for a, b in pairwise(edges)]
+    return chunks, max(_bytes(chunk, shape, settings) for chunk in chunks)
 
 
 def _chunk(bank: PsfBank, shape: tuple[int, int, int], first: int, stop: int, reach: int) -> Chunk:

@@ -117,23 +117,39 @@ def test_errors_of_paths_are_measured() -> None:
     assert sum(errors) == pytest.approx(known + further)
 
 
+def small_slabs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So small a picture is solved in slabs only if they read few rows more and fixed buffers do not count."""
+    monkeypatch.setattr("rsdeblur.pipeline.memory._reach", lambda *_: 24)
+    for module in ("memory", "burst"):
+        monkeypatch.setattr(f"rsdeblur.pipeline.{module}.FIXED", 0)
+
+
 def test_rowwise_is_as_good_and_slabs_give_the_same_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     truth = frames()[1][0]
     whole = together(reference=0, mode="rowwise").image
     assert error(whole, truth) < 1.1 * error(together(reference=0).image, truth)
-    # So small a picture is solved in slabs only if they read few rows more and fixed buffers do not count.
-    monkeypatch.setattr("rsdeblur.pipeline.memory._reach", lambda *_: 24)
-    monkeypatch.setattr("rsdeblur.pipeline.memory.FIXED", 0)
+    small_slabs(monkeypatch)
     slabs = together(reference=0, mode="rowwise", max_memory=7_400_000).image
     assert 0 < np.abs(slabs - whole)[INNER].max() < 0.02
 
 
-def test_slabs_give_the_same_picture_and_the_check_judges_it() -> None:
+def test_the_default_bound_grows_instead_of_refusing(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = together(reference=0, bands=2).image
+    monkeypatch.setattr("rsdeblur.pipeline.burst.MEMORY", 1)
+    # Strengths are the same; tiles end elsewhere.
+    assert np.abs(together(reference=0, bands=2).image - expected)[INNER].max() < 0.02
+    with pytest.raises(InputError, match="max_memory is 0 MiB, but even a few rows of 3 frames need"):
+        together(reference=0, bands=2, max_memory=4_000_000)
+
+
+def test_slabs_give_the_same_picture_and_the_check_judges_it(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = together(reference=0, check=True)
     assert whole.result.check is not None
-    slabs = together(reference=0, bands=2, max_memory=116 << 20)
+    expected = together(reference=0, bands=2).image
+    small_slabs(monkeypatch)
+    slabs = together(reference=0, bands=2, max_memory=4_000_000).image
     # Strengths are the same; tiles end elsewhere.
-    assert np.abs(slabs.image - together(reference=0, bands=2).image)[INNER].max() < 0.02
+    assert 0 < np.abs(slabs - expected)[INNER].max() < 0.02
 
 
 def test_horizontal_readout_and_rectify() -> None:
