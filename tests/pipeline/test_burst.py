@@ -139,7 +139,7 @@ def test_the_default_bound_grows_instead_of_refusing(monkeypatch: pytest.MonkeyP
     # Strengths are the same; tiles end elsewhere.
     assert np.abs(together(reference=0, bands=2).image - expected)[INNER].max() < 0.02
     with pytest.raises(InputError, match="max_memory is 0 MiB, but even a few rows of 3 frames need"):
-        together(reference=0, bands=2, max_memory=4_000_000)
+        together(reference=0, bands=2, max_memory=1)
 
 
 def test_slabs_give_the_same_picture_and_the_check_judges_it(monkeypatch: pytest.MonkeyPatch) -> None:
