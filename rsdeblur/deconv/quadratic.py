@@ -81,10 +81,9 @@ class TileNormal(TileFilter):
             )
         )
         # Each thread's sums for a few bands of a block of columns.
-        bands, _, channels = self._hybrid.together, *self._channelled[1:]
-        block = (COLUMNS, self._bands.length)
+        bands, block = self._hybrid.together, (COLUMNS, self._bands.length)
         self._sums = [
-            (np.empty((bands, channels, *block), np.complex64), np.empty((bands, *block), np.float32))
+            (np.empty((bands, self._channelled[2], *block), np.complex64), np.empty((bands, *block), np.float32))
             for _ in range(self.threads)
         ]
 
@@ -126,7 +125,7 @@ class TileNormal(TileFilter):
         Raises
         ------
         InputError
-            If `grad_adjoint` is not finite.
+            If `grad_adjoint` is not finite, or no observation was set.
         """
         return self._solve(beta, grad_adjoint, self._across, self._down)
 
@@ -147,7 +146,7 @@ class TileNormal(TileFilter):
         Raises
         ------
         InputError
-            If `target` is not finite.
+            If `target` is not finite, or no observation was set.
         """
         return self._solve(beta, target, np.full_like(self._across, 0.5), np.full_like(self._down, 0.5))
 
@@ -156,6 +155,8 @@ class TileNormal(TileFilter):
 
         The term's matrix is the sum of `across` and `down`: |D|^2, or 1.
         """
+        if not self._observed:
+            raise InputError("the solver holds no picture: call apply(), or prepare() before solve()")
         pictures, weight = len(self._otfs), np.float32(0.0 if pull is None else beta)
         last = pictures - (pull is None)
         nsr, term, scale = np.float32(self.nsr), np.float32(beta), np.float32(self._scale)

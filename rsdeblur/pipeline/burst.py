@@ -144,8 +144,8 @@ def deblur_burst(
     **options
         Fields of :class:`rsdeblur.Options`. ``motion="small-angle"``, ``refine=True``, ``saturation="auto"`` and
         borders other than "blend" and "periodic" are not possible. By default the work uses
-        up to 1.5 GiB in addition to the pictures, unless ``geometry="rectify"`` or ``normalize=True`` needs the whole
-        picture at once.
+        some 1.5 GiB in addition to the pictures, and more where the blur of many large frames is so tall that even a
+        few rows need more, or where ``geometry="rectify"`` or ``normalize=True`` needs the whole picture at once.
 
     Returns
     -------

@@ -196,6 +196,8 @@ def test_bad_arguments_are_refused(blurred: np.ndarray, kwargs: dict[str, object
 def test_bad_solvers_and_pictures_are_refused(blurred: np.ndarray) -> None:
     with pytest.raises(InputError, match="nsr must be at least 0"):
         solver(nsr=-1.0)
+    with pytest.raises(InputError, match="holds no picture"):
+        solver().solve(1.0)
     with pytest.raises(InputError, match="planned shape"):
         restore(solver(), blurred[1:], prior="gradient", weight=0.01)
     for bad in (np.full_like(blurred, np.nan), np.where(blurred == blurred[1, 1], np.inf, blurred)):
