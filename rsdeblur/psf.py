@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import gaussian_filter
 
 from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write
@@ -45,6 +46,9 @@ class PsfBank:
     displacements : array_like, shape (B, S, T, 2), optional
         Paths that the kernels draw, see :class:`BlurPaths`. Solvers of tiles then undo the paths themselves, because
         kernels on pixels are less accurate.
+    softness : float, default 0.0
+        Standard deviation in px, from 0 to 1, of the Gaussian that the kernels contain besides the paths; 0 without
+        paths.
 
     Raises
     ------
@@ -68,6 +72,7 @@ class PsfBank:
     rows: FloatArray
     cols: FloatArray
     displacements: FloatArray | None = None
+    softness: float = 0.0
 
     def __post_init__(self) -> None:
         kernels = _kernels(self.kernels)
@@ -80,6 +85,9 @@ class PsfBank:
             object.__setattr__(self, name, centres)
         if self.displacements is not None:
             object.__setattr__(self, "displacements", _paths_within(self.displacements, kernels))
+        object.__setattr__(self, "softness", validate.softness(self.softness))
+        if self.displacements is None and self.softness > 0:
+            raise InputError("softness belongs to displacements; kernels without them contain all of the blur")
 
     @classmethod
     def from_paths(cls, paths: BlurPaths, *, threads: int | None = None) -> PsfBank:
@@ -99,12 +107,17 @@ class PsfBank:
             Bank with one kernel per path.
         """
         validate.instance("paths", paths, BlurPaths)
-        # Bilinear weights reach the pixel beyond the last one.
+        # Bilinear weights reach the pixel beyond the last one; kernels are cut off where the Gaussian is.
         half_height, half_width = (int(np.floor(reach)) + 1 for reach in paths.extent)
         bands, strips, samples, _ = paths.displacements.shape
         flat = np.ascontiguousarray(paths.displacements.reshape(bands * strips, samples, 2))
-        kernels = rasterize(flat, half_height, half_width, threads)
-        return cls(kernels.reshape(bands, strips, *kernels.shape[1:]), paths.rows, paths.cols, paths.displacements)
+        kernels = rasterize(flat, half_height, half_width, threads).reshape(
+            bands, strips, 2 * half_height + 1, 2 * half_width + 1
+        )
+        if paths.softness > 0:
+            radius = int(np.ceil(3 * paths.softness))
+            kernels = gaussian_filter(kernels, paths.softness, mode="constant", radius=radius, axes=(2, 3))
+        return cls(kernels, paths.rows, paths.cols, paths.displacements, paths.softness)
 
     @classmethod
     def for_picture(cls, kernels: ArrayLike, shape: tuple[int, ...]) -> PsfBank:
@@ -190,6 +203,12 @@ class PsfBank:
         down, across = ((n - own) // 2 for n, own in zip(size, self.size, strict=True))
         return replace(self, kernels=np.pad(self.kernels, ((0, 0), (0, 0), (down, down), (across, across))))
 
+    def without_softness(self) -> PsfBank:
+        """Return the bank of the motion alone."""
+        if self.displacements is None or self.softness == 0:
+            return self
+        return PsfBank.from_paths(BlurPaths(self.displacements, self.rows, self.cols))
+
     def cut(self, rows: slice, cols: slice) -> PsfBank:
         """Return the bank of the kernels that affect a part of the picture.
 
@@ -214,7 +233,7 @@ class PsfBank:
         )
         paths = self.displacements
         paths = None if paths is None else paths[bands, strips]
-        return PsfBank(self.kernels[bands, strips], self.rows[bands], self.cols[strips], paths)
+        return PsfBank(self.kernels[bands, strips], self.rows[bands], self.cols[strips], paths, self.softness)
 
     def turned(self, height: int) -> PsfBank:
         """Return the bank of the picture turned a quarter counter-clockwise (`numpy.rot90(picture)`).
@@ -235,7 +254,7 @@ class PsfBank:
         if paths is not None:
             # A step to the right becomes one upwards, a step down one to the right.
             paths = np.rot90(paths, axes=(0, 1))[..., ::-1] * (1, -1)
-        return PsfBank(kernels, (height - 1 - self.cols)[::-1], self.rows, paths)
+        return PsfBank(kernels, (height - 1 - self.cols)[::-1], self.rows, paths, self.softness)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the bank as a compressed NumPy archive; the file is replaced atomically.
@@ -276,7 +295,8 @@ class PsfBank:
         with open_file(path, "PSF bank") as file:
             try:
                 with np.load(file, allow_pickle=False) as archive:
-                    return cls(archive["kernels"], archive["rows"], archive["cols"], archive.get("displacements"))
+                    paths, softness = archive.get("displacements"), float(archive.get("softness", 0.0))
+                    return cls(archive["kernels"], archive["rows"], archive["cols"], paths, softness)
             except Exception as error:  # zipfile, zlib and NumPy's header parser raise many kinds on damaged files
                 raise FileFormatError(f"{path}: not a PSF bank: {error}") from error
 

@@ -225,6 +225,17 @@ class TestFile:
         bank.save(tmp_path / "bank.npz")
         assert_same(PsfBank.load(tmp_path / "bank.npz"), bank)
 
+    def test_softness_stays_with_the_paths(self, tmp_path):
+        paths = BlurPaths(np.zeros((2, 1, 5, 2)), np.array([11.0, 22.0]), np.array([14.0]), softness=0.6)
+        bank = PsfBank.from_paths(paths)
+        bank.save(tmp_path / "bank.npz")
+        for other in (PsfBank.load(tmp_path / "bank.npz"), bank.turned(40), bank.cut(slice(0, 9), slice(0, 9))):
+            assert other.softness == 0.6
+        # What is drawn is cut off at three deviations.
+        np.testing.assert_allclose(np.abs(np.arange(-2, 3)) ** 2 @ bank.kernels[0, 0].sum(axis=0), 0.36, rtol=0.05)
+        with pytest.raises(InputError, match="softness belongs to displacements"):
+            PsfBank(bank.kernels, bank.rows, bank.cols, softness=0.6)
+
     def test_name_is_kept(self, tmp_path):
         random_bank().save(tmp_path / "bank.psf")
         assert [path.name for path in tmp_path.iterdir()] == ["bank.psf"]

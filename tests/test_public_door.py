@@ -61,8 +61,8 @@ CALLS: dict[str, Call] = {
     **options(
         rs.deblur,
         (IMAGE, LOG, CAMERA, EXPOSURE),
-        "mode bands strips prior weight exponent nsr noise solver geometry border motion translation transfer "
-        "normalize saturation check fallback planning threads max_memory out progress",
+        "mode bands strips prior weight exponent nsr noise solver geometry border motion translation softness "
+        "transfer normalize saturation check fallback planning threads max_memory out progress",
     ),
     "deconvolve: image": lambda x: rs.deconvolve(x, BANK),
     "deconvolve: psf": lambda x: rs.deconvolve(IMAGE, x),
@@ -71,7 +71,7 @@ CALLS: dict[str, Call] = {
         (IMAGE, BANK),
         "prior weight exponent nsr noise border transfer normalize saturation planning threads max_memory out progress",
     ),
-    **options(rs.psfs, (LOG, CAMERA, EXPOSURE), "mode bands strips nsr motion translation"),
+    **options(rs.psfs, (LOG, CAMERA, EXPOSURE), "mode bands strips nsr motion translation softness"),
     "plan: options": lambda x: rs.plan(LOG, CAMERA, EXPOSURE, x),
     "Plan.apply: image": lambda x: PLAN.apply(x),
     "Plan.prepare: image": lambda x: PLAN.prepare(x),

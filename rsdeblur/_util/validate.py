@@ -25,6 +25,8 @@ MEMORY, MEMORY_PER_PIXEL = 8 * 2**30, 1024
 
 # Most values of a picture: 500 megapixels of four channels.
 MOST_VALUES = 2_000_000_000
+# Largest standard deviation of lens, pixels and demosaicing, px. The window by which rows are drawn holds four of it.
+MOST_SOFTNESS = 1.0
 
 # Functions that read an object from a file, for those who pass the path of the file.
 READERS = {"GyroLog": "rsdeblur.read_gyro", "Camera": "rsdeblur.read_camera", "PsfBank": "rsdeblur.PsfBank.load"}
@@ -112,6 +114,11 @@ def exponent(value: Any) -> float:
     if number > 1.0:
         raise InputError(f'exponent must be at most 1, got {number:g}; for 2 use prior="gradient"')
     return number
+
+
+def softness(value: Any) -> float:
+    """Return a standard deviation of lens, pixels and demosaicing in px, which must be from 0 to `MOST_SOFTNESS`."""
+    return finite("softness", value, minimum=0.0, maximum=MOST_SOFTNESS)
 
 
 def count(name: str, value: Any, *, minimum: int = 1, maximum: int | None = None) -> int:

@@ -26,7 +26,7 @@ SECTIONS = {
         ),
         *("numbered_from", "psf"),
     ),
-    "Blur": ("mode", "bands", "strips", "motion", "geometry", "refine"),
+    "Blur": ("mode", "bands", "strips", "motion", "softness", "geometry", "refine"),
     "Solver": (
         *("quality", "prior", "weight", "exponent", "nsr", "nsr_from_iso", "noise", "solver", "border", "transfer"),
         *("normalize", "saturation", "fallback", "work_size"),

@@ -350,6 +350,14 @@ _SOLVE: dict[str, Decorator] = {
     "bands": _auto("bands", AutoType(), "Number of bands, which divide the picture along the readout."),
     "strips": _auto("strips", AutoType(), "Number of strips, which divide it across the readout."),
     "motion": _choice("motion", choices.MOTIONS, "Full rotation, or small angles about x and y only."),
+    "softness": click.option(
+        "--softness",
+        type=click.FloatRange(0.0, 1.0),
+        metavar="PX",
+        default=_DEFAULTS["softness"],
+        show_default=True,
+        help="Blur of lens, pixels and demosaicing to undo as well: the standard deviation of a Gaussian, up to 1 px.",
+    ),
     "prior": _choice(
         "prior",
         choices.PRIORS,
@@ -411,7 +419,7 @@ _SOLVE: dict[str, Decorator] = {
         "--fallback", is_flag=True, help="Blend the result towards the photo if the check finds it bad."
     ),
 }
-BLUR = ("mode", "bands", "strips", "motion")
+BLUR = ("mode", "bands", "strips", "motion", "softness")
 SOLVER = ("quality", "prior", "weight", "exponent", "nsr", "noise", "solver", "geometry", "border", "transfer")
 ENGINE = ("planning", "threads")
 ONE_PICTURE = ("normalize", "saturation")

@@ -170,6 +170,7 @@ def _dry_run(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:
             strips=options.strips,
             motion=options.motion,
             translation=options.translation,
+            softness=options.softness,
         )
     return {
         "output": str(job.output),

@@ -1,7 +1,8 @@
 """Optical transfer functions of tiles: of kernels, or of the paths themselves where a bank has them.
 
 An OTF is the spectrum of the PSF. That of a path is `H(k) = mean_t exp(-2 pi i k . d(t))`, without the error of drawing
-the path on pixels. It is computed at the cost of an FFT by :mod:`rsdeblur.kernels.spread`.
+the path on pixels, times that of the softness, a Gaussian. It is computed at the cost of an FFT by
+:mod:`rsdeblur.kernels.spread`.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ class OtfPlanner:
         if bank.displacements is None:
             return self._of_kernels.rows(bank.kernels[band, strip])
         path = self._of_paths
+        path.soften(bank.softness)
         spread(bank.displacements[band, strip], path.pitches, path.grid)
         # The mean is the brightness of the picture, so it must be exact.
         path.grid /= path.grid.sum() / path.mean
@@ -124,8 +126,21 @@ class _PathTransform(_GridTransform):
         super().__init__(len(self.grid), lengths, (points[0], points[1]))
         down, across = (np.fft.fftfreq(n) * n / m for n, m in zip(lengths, points, strict=True))
         self.mean = float(window_spectrum(np.zeros(1))[0]) ** 2
+        self._windows = [window_spectrum(turns) for turns in (down, across[: lengths[1] // 2 + 1])]
+        self._softness = -1.0
+        self.soften(0.0)
+
+    def soften(self, softness: float) -> None:
+        """Let later paths have a softness, px."""
+        if softness == self._softness:
+            return
+        self._softness = softness
+        down, across = (
+            np.exp(-2 * np.square(np.pi * softness * frequencies))
+            for frequencies in (np.fft.fftfreq(self._lengths[0]), np.fft.rfftfreq(self._lengths[1]))
+        )
         self._down, self._across = (
-            (1 / window_spectrum(turns)).astype(np.float32) for turns in (down, across[: lengths[1] // 2 + 1])
+            (gain / window).astype(np.float32) for gain, window in zip((down, across), self._windows, strict=True)
         )
 
     def rows(self, grid: NDArray[np.floating]) -> ComplexArray:

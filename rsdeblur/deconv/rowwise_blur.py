@@ -79,7 +79,7 @@ class StripBlur:
         """Draw the PSFs of N frames as one picture, whose row N y + i is row y of frame i times `factors[i]`."""
         parts, rows = [], len(frames) * len(frames[0].rows)
         for i, (paths, factor) in enumerate(zip(frames, factors, strict=True)):
-            row, down, across, weight = _draw(paths.displacements[:, strip], threads)
+            row, down, across, weight = _draw(paths.displacements[:, strip], paths.softness, threads)
             # A PSF weighs displacements d = p - q of the recorded from the latent point.
             parts.append((len(frames) * row + i, row - down - top, across, np.float32(factor) * weight))
         row, latent, across, weight = (np.concatenate(values) for values in zip(*parts, strict=True))
@@ -262,13 +262,14 @@ def latent_rows(*frames: BlurPaths) -> tuple[int, int]:
             raise InputError("paths must be those of every row of the picture; trace them with BlurPaths.every_row")
         visited = rows[:, None, None] - paths.displacements[..., 1]
         # The interpolating window, and a row more, into which rounding may lead a path.
-        top = min(top, int(np.floor(visited.min())) - SINC_WIDTH // 2)
-        end = max(end, len(rows), int(np.floor(visited.max())) + SINC_WIDTH // 2 + 2)
+        reach = (WIDTH if paths.softness else SINC_WIDTH) // 2
+        top = min(top, int(np.floor(visited.min())) - reach)
+        end = max(end, len(rows), int(np.floor(visited.max())) + reach + 2)
     return top, -(-(end - top) // BLOCK) * BLOCK
 
 
 def _draw(
-    paths: FloatArray, threads: int | None
+    paths: FloatArray, softness: float, threads: int | None
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], Float32Array]:
     """Draw paths (H, T, 2); return the row, the displacement down and across in px, and the weight of every pixel."""
     # Rectifying puts paths far from zero, so each is drawn around the pixel nearest to its own centre.
@@ -277,7 +278,7 @@ def _draw(
     half_width, half_height = (int(np.ceil(reach)) + WIDTH // 2 for reach in np.abs(local).max(axis=(0, 1)))
     taps = []
     for top in range(0, len(paths), ROWS_TOGETHER):
-        kernels = interpolated(local[top : top + ROWS_TOGETHER], half_height, half_width, threads)
+        kernels = interpolated(local[top : top + ROWS_TOGETHER], half_height, half_width, softness, threads)
         row, i, j = np.nonzero(kernels)
         across, down = centres[top + row].astype(np.intp).T
         taps.append((top + row, down + i - half_height, across + j - half_width, kernels[row, i, j]))

@@ -260,7 +260,8 @@ class _Tiles:
         self._blurred, finest = self._cells(encoded)
         self._noise = noise_level(_mosaic(finest)[..., None])
         rows, cols = (corners + (CELL + 1) / 2 for corners in self._corners)
-        smaller = replace(capture, camera=capture.camera.scaled(1 / step))
+        # In the reduced picture, a softness of up to 1 px hardly counts.
+        smaller = replace(capture, camera=capture.camera.scaled(1 / step), softness=0.0)
         self._paths = BlurPaths.from_capture(smaller, rows, cols)
         self._kernels = PsfBank.from_paths(self._paths, threads=threads).kernels
 

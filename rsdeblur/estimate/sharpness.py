@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 from skimage.transform import resize
 
 from rsdeblur.deconv.priors import GradientPrior
@@ -60,9 +59,10 @@ class Sharpness:
 
     def _bank(self, recording: Recording) -> PsfBank:
         rows, cols = (tile_centres(n, size) for n, size in zip(TILES, self._light.shape, strict=False))
-        drawn = PsfBank.from_paths(BlurPaths.from_capture(recording.capture(self._scale), rows, cols))
+        paths = BlurPaths.from_capture(recording.capture(self._scale), rows, cols)
+        drawn = PsfBank.from_paths(replace(paths, softness=self._softness))
         # Drawn kernels, because the least falls of those who compare were chosen with them.
-        return replace(drawn, kernels=_softened(drawn.kernels, self._softness), displacements=None)
+        return PsfBank(drawn.kernels, rows, cols)
 
     def of(self, recording: Recording) -> float:
         """Return the logarithm of l1 / l2 of the gradient of the sharp picture; infinite without a motion."""
@@ -76,16 +76,6 @@ class Sharpness:
         if self._shares is not None:
             return mean_concentration(_parts(sharp), self._shares)
         return concentration(sharp[FRAME:-FRAME, FRAME:-FRAME])
-
-
-def _softened(kernels: NDArray[np.float32], deviation: float) -> NDArray[np.float32]:
-    """Return PSFs (B, S, kh, kw) under a Gaussian."""
-    if deviation == 0:
-        return kernels
-    room = int(np.ceil(3 * deviation))
-    larger = np.pad(kernels, ((0, 0), (0, 0), (room, room), (room, room)))
-    softened: NDArray[np.float32] = gaussian_filter(larger, (0, 0, deviation, deviation), radius=room)
-    return softened
 
 
 def assumed(light: FloatImage, bank: PsfBank) -> Tuning:

@@ -142,7 +142,8 @@ class Tuning:
         validate.instance("bank", bank, PsfBank)
         light = light.reshape(*light.shape[:2], -1)
         spectra = Spectra.of(bank, one_filter=one_filter)
-        floors = measure_floors(light, bank) or Floors(noise_level(light), PATH_ERROR**2)
+        # The scene is taken as the lens shows it, which has a power of its own in each octave.
+        floors = measure_floors(light, bank.without_softness()) or Floors(noise_level(light), PATH_ERROR**2)
         noise = floors.noise if noise is None else validate.noise("noise", noise)
         # A constant picture has nothing to restore, so any energy other than 0 will do.
         energy = gradient_energy(light, noise) / spectra.left_of_gradient or 1.0

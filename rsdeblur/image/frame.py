@@ -43,12 +43,18 @@ class ReadoutFrame:
         return self.stored.turned() if self.quarter else self.stored
 
     def capture(
-        self, log: GyroLog, exposure: Exposure, translation: Translation | None = None, *, motion: Motion = "rotation"
+        self,
+        log: GyroLog,
+        exposure: Exposure,
+        translation: Translation | None = None,
+        *,
+        motion: Motion = "rotation",
+        softness: float = 0.0,
     ) -> Capture:
         """Return the capture of the upright camera; parameters and errors are those of `Capture.from_log`."""
         if translation is not None and self.quarter:
             translation = translation.turned()
-        return Capture.from_log(log, self.camera, exposure, translation, motion=motion)
+        return Capture.from_log(log, self.camera, exposure, translation, motion=motion, softness=softness)
 
     def image(self, array: NDArray[Any]) -> NDArray[Any]:
         """Return the upright view of a stored array of shape (H, W) or (H, W, C)."""

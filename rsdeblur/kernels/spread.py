@@ -11,9 +11,11 @@ over time; Gauss points integrate them.
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from rsdeblur._util.threads import share_range
 from rsdeblur.kernels._jit import njit
@@ -48,16 +50,20 @@ def window_spectrum(turns: FloatArray) -> FloatArray:
     return spectrum
 
 
-def _sinc_table() -> FloatArray:
-    """Return the Kaiser-windowed sinc at the same distances."""
+@cache
+def _sinc_table(softness: float = 0.0) -> FloatArray:
+    """Return the Kaiser-windowed sinc at the same distances, under a Gaussian of up to 1 px."""
     distance = np.arange(STEPS * WIDTH // 2 + 2) / STEPS
     inside = np.clip(1 - (2 * distance / SINC_WIDTH) ** 2, 0, None)
     table: FloatArray = np.sinc(distance) * np.i0(SINC_SHAPE * np.sqrt(inside)) / np.i0(SINC_SHAPE) * (inside > 0)
     table[STEPS::STEPS] = 0.0  # zeros of the sinc, without rounding
+    if softness > 0:
+        table = gaussian_filter1d(table, softness * STEPS, mode="mirror")
+        table[STEPS * WIDTH // 2 :] = 0.0
     return table
 
 
-_TABLE, _SINC = _window_table(), _sinc_table()
+_TABLE = _window_table()
 
 
 @njit(nogil=True, error_model="numpy", inline="always")
@@ -102,7 +108,11 @@ def _interpolate(first, stop, paths, table, kernels):
 
 
 def interpolated(
-    paths: NDArray[np.float64], half_height: int, half_width: int, threads: int | None = None
+    paths: NDArray[np.float64],
+    half_height: int,
+    half_width: int,
+    softness: float = 0.0,
+    threads: int | None = None,
 ) -> NDArray[np.float32]:
     """Return the kernels of paths, drawn on pixels by the interpolating window.
 
@@ -112,6 +122,8 @@ def interpolated(
         Displacements (x, y) in px at T >= 2 evenly spaced times.
     half_height, half_width : int
         Distances in px from the centre to the border, 4 px more than the largest displacements.
+    softness : float, default 0.0
+        Standard deviation in px, from 0 to 1, of a Gaussian around the paths.
     threads : int, optional
         Number of threads that share the paths; default all processors. Any number gives the same bits.
 
@@ -122,17 +134,20 @@ def interpolated(
     """
     kernels = np.full((len(paths), 2 * half_height + 1, 2 * half_width + 1), np.nan, dtype=np.float32)
     if _fits(paths, (1.0, 1.0), kernels[0]):
-        share_range(lambda first, stop: _interpolate(first, stop, paths, _SINC, kernels), len(paths), threads)
+        table = _sinc_table(softness)
+        share_range(lambda first, stop: _interpolate(first, stop, paths, table, kernels), len(paths), threads)
     return kernels
 
 
-def interpolated_numpy(paths: NDArray[np.float64], half_height: int, half_width: int) -> NDArray[np.float32]:
+def interpolated_numpy(
+    paths: NDArray[np.float64], half_height: int, half_width: int, softness: float = 0.0
+) -> NDArray[np.float32]:
     """Readable twin of :func:`interpolated`."""
     grids = np.full((len(paths), 2 * half_height + 1, 2 * half_width + 1), np.nan)
     if _fits(paths, (1.0, 1.0), grids[0]):
         grids[...] = 0
         for path, grid in zip(paths, grids, strict=True):
-            _spread_numpy(path, (1.0, 1.0), _SINC, grid)
+            _spread_numpy(path, (1.0, 1.0), _sinc_table(softness), grid)
     kernels: NDArray[np.float32] = (grids / grids.sum(axis=(1, 2), keepdims=True)).astype(np.float32)
     return kernels
 

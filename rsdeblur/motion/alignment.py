@@ -32,7 +32,12 @@ ROWS_TOGETHER = 64
 
 
 def burst_captures(
-    log: GyroLog, camera: Camera, exposures: Sequence[Exposure], translation: Translation | None = None
+    log: GyroLog,
+    camera: Camera,
+    exposures: Sequence[Exposure],
+    translation: Translation | None = None,
+    *,
+    softness: float = 0.0,
 ) -> list[Capture]:
     """Return the captures of several exposures, whose orientations count from one moment.
 
@@ -46,6 +51,8 @@ def burst_captures(
         Time of each frame, in any order.
     translation : Translation, optional
         Positions that cover all exposures.
+    softness : float, default 0.0
+        Blur of lens, pixels and demosaicing, px, see :class:`rsdeblur.Capture`.
 
     Returns
     -------
@@ -64,7 +71,10 @@ def burst_captures(
     track = OrientationTrack.from_log(log, camera, opens, closes, epoch)
     if translation is not None:
         translation = translation.covering(opens, closes, epoch)
-    return [Capture(_during(track, *span), camera, e, translation) for e, span in zip(moved, spans, strict=True)]
+    return [
+        Capture(_during(track, *span), camera, e, translation, softness=softness)
+        for e, span in zip(moved, spans, strict=True)
+    ]
 
 
 def _during(track: OrientationTrack, opens: float, closes: float) -> OrientationTrack:
@@ -119,7 +129,7 @@ class Alignment:
         samples = 2 * len(self.capture.track.t) + 1
         coarse = BlurPaths(self._displacements(rows, cols, samples), rows, cols)
         samples = max(samples, int(np.ceil(SAMPLES_PER_PIXEL * coarse.lengths.max())) + 1)
-        return BlurPaths(self._displacements(rows, cols, samples), rows, cols)
+        return BlurPaths(self._displacements(rows, cols, samples), rows, cols, self.capture.softness)
 
     def _displacements(self, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
         paths = np.empty((len(rows), len(cols), samples, 2))

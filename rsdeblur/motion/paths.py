@@ -39,7 +39,6 @@ from rsdeblur.types import FloatArray
 
 # Time samples per pixel of path. Rasterisation draws segments between them, so they need to follow the curve only.
 SAMPLES_PER_PIXEL = 4
-
 # The same where every row has a path: samples may be a pixel apart, because paths of neighbouring rows differ by more.
 ROW_SAMPLES_PER_PIXEL = 1
 # Rows traced at a time, which bounds the memory for the poses along their paths.
@@ -78,6 +77,9 @@ class Capture:
     motion : {"rotation", "small-angle"}
         Model of the paths: the full homography; or Sindelar and Sroubek (2013), eq. 6, for small angles about x and y,
         with paths that are the same over the whole width.
+    softness : float, default 0.0
+        Standard deviation in px, from 0 to 1, of the Gaussian by which lens, pixels and demosaicing blur the picture
+        besides the motion.
 
     Examples
     --------
@@ -93,6 +95,7 @@ class Capture:
     exposure: Exposure
     translation: Translation | None = None
     motion: Motion = "rotation"
+    softness: float = 0.0
 
     @classmethod
     def from_log(
@@ -103,6 +106,7 @@ class Capture:
         translation: Translation | None = None,
         *,
         motion: Motion = "rotation",
+        softness: float = 0.0,
     ) -> Capture:
         """Return the capture, with the orientation integrated from a gyro log.
 
@@ -118,6 +122,8 @@ class Capture:
             Positions that cover the exposure; without them, the camera only rotates.
         motion : {"rotation", "small-angle"}
             Model of the paths, see :class:`Capture`.
+        softness : float, default 0.0
+            Blur of lens, pixels and demosaicing, px, see :class:`Capture`.
 
         Returns
         -------
@@ -127,13 +133,14 @@ class Capture:
         Raises
         ------
         InputError
-            If `motion` is unknown, the readout runs along x, or there is a translation but the lens sees 180 degrees
-            or more.
+            If `motion` or `softness` is out of range, the readout runs along x, or there is a translation but the lens
+            sees 180 degrees or more.
         CoverageError, ClockError, GapError
             If the log or the translation does not describe the exposure, see :meth:`rsdeblur.GyroLog.covering`.
         """
         check_recording(log, camera, exposure, translation)
         validate.choice("motion", motion, MOTIONS)
+        softness = validate.softness(softness)
         if camera.horizontal_readout and camera.readout_time > 0:
             raise InputError(f"the camera is read {camera.readout_direction}; trace paths with camera.turned()")
         opens, closes = exposure.span(camera)
@@ -146,7 +153,7 @@ class Capture:
                     "a translation needs a scene at one depth, which a lens that sees 180 degrees or more cannot show "
                     "whole; use no translation"
                 )
-        return cls(track, camera, exposure, translation, motion)
+        return cls(track, camera, exposure, translation, motion, softness)
 
     @cached_property
     def probe(self) -> BlurPaths:
@@ -248,11 +255,14 @@ class BlurPaths:
         Picture rows of the grid in px.
     cols : ndarray, shape (S,)
         Picture columns of the grid in px.
+    softness : float, default 0.0
+        Standard deviation in px, from 0 to 1, of a Gaussian by which the picture is blurred besides the motion.
     """
 
     displacements: FloatArray
     rows: FloatArray
     cols: FloatArray
+    softness: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("displacements", "rows", "cols"):
@@ -316,7 +326,7 @@ class BlurPaths:
             raise InputError(f"paths at {len(rows)} x {len(cols)} places have {points} points, more than {MOST_POINTS}")
         displacements = trace(capture, rows, cols, samples, geometry)
         displacements.setflags(write=False)
-        return cls(displacements, rows, cols)
+        return cls(displacements, rows, cols, capture.softness)
 
     @classmethod
     def every_row(
@@ -364,7 +374,7 @@ class BlurPaths:
         ]
         displacements = np.concatenate([part.displacements for part in parts])
         displacements.setflags(write=False)
-        return cls(displacements, rows, parts[0].cols)
+        return cls(displacements, rows, parts[0].cols, capture.softness)
 
     @property
     def change_down(self) -> float:
@@ -399,8 +409,8 @@ class BlurPaths:
 
     @property
     def extent(self) -> tuple[float, float]:
-        """Largest displacement along y and along x in px."""
-        dx, dy = np.abs(self.displacements).max(axis=(0, 1, 2))
+        """Largest displacement along y and along x in px, with three standard deviations of the softness."""
+        dx, dy = np.abs(self.displacements).max(axis=(0, 1, 2)) + 3 * self.softness
         return float(dy), float(dx)
 
 

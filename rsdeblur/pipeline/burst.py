@@ -183,7 +183,7 @@ def deblur_burst(
     translation = chosen.translation
     if translation is not None and frame.quarter:
         translation = translation.turned()
-    captures = burst_captures(log, frame.camera, exposures, translation)
+    captures = burst_captures(log, frame.camera, exposures, translation, softness=chosen.softness)
     with clock.stage("tune"):
         tunings = [_tuning(e, capture, chosen) for e, capture in zip(encoded, captures, strict=True)]
     with clock.stage("align"):

@@ -210,6 +210,5 @@ def _between(places: FloatArray, count: int) -> Float32Array:
 def reduced_bank(paths: BlurPaths, factor: int) -> PsfBank:
     """Return the PSFs of a picture reduced by a whole factor."""
     centre = (factor - 1) / 2
-    return PsfBank.from_paths(
-        BlurPaths(paths.displacements / factor, (paths.rows - centre) / factor, (paths.cols - centre) / factor)
-    )
+    rows, cols = ((places - centre) / factor for places in (paths.rows, paths.cols))
+    return PsfBank.from_paths(BlurPaths(paths.displacements / factor, rows, cols, paths.softness / factor))

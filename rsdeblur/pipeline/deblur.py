@@ -57,6 +57,7 @@ def deblur(
     border: Border | Boundary = "blend",
     motion: Motion = "rotation",
     translation: Translation | None = None,
+    softness: float = 0.0,
     refine: bool = False,
     transfer: Transfer | Auto = "auto",
     normalize: bool = False,
@@ -122,6 +123,9 @@ def deblur(
         Paths of the full homography, or the approximation of eq. 6 of Sindelar and Sroubek (2013).
     translation : Translation, optional
         Positions of the camera and distance of the scene (eq. 3 in full); without it only rotation counts.
+    softness : float, default 0.0
+        Standard deviation in px, from 0 to 1, of the Gaussian by which lens, pixels and demosaicing blur the picture;
+        it is undone together with the motion.
     refine : bool, default False
         Correct focal length, clock, readout and motion by the picture first, see :func:`rsdeblur.refine`.
     transfer : {"auto", "linear", "srgb"} or float
@@ -188,6 +192,7 @@ def deblur(
         border=border,
         motion=motion,
         translation=translation,
+        softness=softness,
         refine=refine,
         transfer=transfer,
         normalize=normalize,
@@ -213,6 +218,7 @@ def psfs(
     nsr: float = NSR,
     motion: Motion = "rotation",
     translation: Translation | None = None,
+    softness: float = 0.0,
 ) -> PsfBank:
     """Return the PSFs that :func:`deblur` would undo, without a picture.
 
@@ -222,7 +228,7 @@ def psfs(
         See :func:`deblur`.
     nsr : float, default 0.01
         Noise-to-signal ratio that decides the automatic number of bands; :func:`deblur` derives it from the picture.
-    motion, translation
+    motion, translation, softness
         See :func:`deblur`.
 
     Returns
@@ -244,6 +250,6 @@ def psfs(
     ((4, 2), 1.0)
     """
     nsr = validate.strength("nsr", nsr)
-    options = Options(mode=mode, bands=bands, strips=strips, motion=motion, translation=translation)
+    options = Options(mode=mode, bands=bands, strips=strips, motion=motion, translation=translation, softness=softness)
     planned = plan(log, camera, exposure, options)
     return planned.frame.bank(PsfBank.from_paths(planned.tile_paths(nsr)))

@@ -64,6 +64,7 @@ class Options:
     border: Border | Boundary = "blend"
     motion: Motion = "rotation"
     translation: Translation | None = None
+    softness: float = 0.0
     refine: bool = False
     transfer: Transfer | Auto = "auto"
     normalize: bool = False
@@ -116,6 +117,7 @@ class Options:
         if not validate.is_auto(self.noise):
             checked["noise"] = validate.noise("noise", self.noise)
         checked["exponent"] = validate.exponent(self.exponent)
+        checked["softness"] = validate.softness(self.softness)
         for name in ("threads", "max_memory"):
             if getattr(self, name) is not None:
                 checked[name] = validate.count(name, getattr(self, name))

@@ -170,8 +170,7 @@ class Plan:
             If the log does not cover the exposure, is on another clock, or has a gap inside the exposure.
         """
         check_recording(log, self.frame.stored, exposure)
-        capture = self.frame.capture(log, exposure, self.options.translation, motion=self.options.motion)
-        return replace(self, capture=capture)
+        return replace(self, capture=captured(self.frame, log, exposure, self.options))
 
     def apply(
         self, image: ArrayLike, *, out: NDArray[Any] | None = None, progress: Progress | None = None
@@ -348,6 +347,11 @@ class _KeptSolver:
         return _KeptSolver, ()
 
 
+def captured(frame: ReadoutFrame, log: GyroLog, exposure: Exposure, options: Options) -> Capture:
+    """Return the capture with all that the options say of its blur."""
+    return frame.capture(log, exposure, options.translation, motion=options.motion, softness=options.softness)
+
+
 def plan(log: GyroLog, camera: Camera, exposure: Exposure, options: Options | None = None) -> Plan:
     """Plan the deblurring of pictures of one capture.
 
@@ -390,7 +394,7 @@ def plan(log: GyroLog, camera: Camera, exposure: Exposure, options: Options | No
     if (doubt := too_wide(camera)) is not None:
         warnings.warn(doubt, RsdeblurWarning, stacklevel=2)
     frame = ReadoutFrame(camera)
-    return Plan(frame, frame.capture(log, exposure, options.translation, motion=options.motion), options)
+    return Plan(frame, captured(frame, log, exposure, options), options)
 
 
 def plan_for(

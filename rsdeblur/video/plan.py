@@ -19,7 +19,7 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.plan import Plan, plan
+from rsdeblur.pipeline.plan import Plan, captured, plan
 from rsdeblur.pipeline.strengths import Strengths
 from rsdeblur.pipeline.tiles import Grid, check_reach
 from rsdeblur.types import FloatArray, Progress
@@ -244,7 +244,7 @@ def _measure(
     first_error: CoverageError | InputError | None = None
     for i, exposure in enumerate(exposures):
         try:
-            capture = frame.capture(log, exposure, options.translation, motion=options.motion)
+            capture = captured(frame, log, exposure, options)
             # A kernel reaches up to 1 px further than its paths.
             check_reach(capture, spare=1 + SPARE)
         except (CoverageError, InputError) as error:

@@ -35,6 +35,21 @@ def test_otf_of_a_path_is_its_fourier_transform(path, lengths):
     assert found[0, 0] == pytest.approx(1, abs=1e-6)
 
 
+def test_softness_is_a_gaussian():
+    sharp = bank_of(CURVE)
+    soft = PsfBank.from_paths(BlurPaths(sharp.displacements, sharp.rows, sharp.cols, softness=0.8))
+    planner = OtfPlanner((41, 41), (64, 48))
+    down, across = (np.exp(-2 * np.square(np.pi * 0.8 * np.fft.fftfreq(n))) for n in (64, 48))
+    expected = planner.whole(sharp, 0, 0) * np.outer(down, across)
+    # Rounding by float32.
+    np.testing.assert_allclose(planner.whole(soft, 0, 0), expected, atol=1e-6)
+    # Drawn, each is spread by bilinear weights as well; cut off at 3 deviations, the Gaussian's spectrum errs by 0.6 %.
+    drawn = [
+        OtfPlanner(b.size, (64, 48)).whole(replace(b, displacements=None, softness=0.0), 0, 0) for b in (sharp, soft)
+    ]
+    np.testing.assert_allclose(drawn[1], drawn[0] * np.outer(down, across), atol=0.008)
+
+
 @pytest.mark.parametrize("lengths", [(64, 48), (45, 63)])
 def test_otf_of_a_kernel_is_its_transform(lengths):
     bank = PsfBank.for_picture(np.random.default_rng(0).dirichlet(np.ones(35)).reshape(5, 7), lengths)

@@ -57,6 +57,7 @@ def test_the_command_line_has_the_same_defaults(command: click.Command) -> None:
         ({"normalize": "yes"}, "normalize must be True or False"),
         ({"max_memory": 0.5}, "max_memory must be a whole number"),
         ({"exponent": 0}, "exponent must be greater than 0"),
+        ({"softness": 1.5}, "softness must be at most 1"),
     ],
 )
 def test_refusals(options: dict[str, object], message: str) -> None:
