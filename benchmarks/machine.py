@@ -65,7 +65,7 @@ def forget_peak() -> int | None:
 
 
 def _busy_seconds() -> float | None:
-    """Return the time that all processors have worked, or worked for other virtual machines, s; None without `/proc`."""
+    """Return the time that all processors have worked, here or for other guests, s; None without `/proc`."""
     try:
         first = Path("/proc/stat").read_text().split("\n", 1)[0]
     except OSError:

@@ -2,28 +2,30 @@
 Let the picture correct its recording
 =====================================
 
-A focal length that is wrong by a tenth, or a camera that also moves sideways, spoils the kernels.
-:func:`rsdeblur.refine` finds such errors in the blurred picture, or refuses to correct anything.
+A gyroscope does not measure that the hand also moves sideways. :func:`rsdeblur.refine` finds such a drift in the
+blurred picture, and errors of the clock and the focal length, or refuses to correct anything.
 """
 
 import rsdeblur
 import rsdeblur.plot
 
-log = rsdeblur.hand_shake(1.0, strength=0.8, seed=2)
-camera = rsdeblur.Camera(384, 288, 360.0, readout_time=0.02)
-exposure = rsdeblur.Exposure(start=0.4, duration=1 / 15)
-blurred, _, truth = rsdeblur.simulate(rsdeblur.scene(340, 450, seed=1), log, camera, exposure, noise=0.003)
+log = rsdeblur.hand_shake(1.2, seed=5)
+camera = rsdeblur.Camera(288, 216, 420.0, readout_time=0.02)
+exposure = rsdeblur.Exposure(start=0.5, duration=1 / 20)
+drift = rsdeblur.Translation.drift((3.0, -2.0), camera, exposure)
+scene = rsdeblur.scene(248, 320)
+blurred, _, truth = rsdeblur.simulate(scene, log, camera, exposure, translation=drift, noise=0.005)
 
 # %%
-# The camera file says a focal length that is 12 % too short:
+# Only the drift is unknown here, which makes the search short:
 
-wrong = rsdeblur.Camera(384, 288, 0.88 * 360.0, readout_time=0.02)
-found = rsdeblur.refine(blurred, log, wrong, exposure)
-print(f"accepted: {found.accepted}; focal length {found.camera.focal_length[0]:.0f} px")
+unknown = rsdeblur.Uncertainty(scale=0.0, offset=0.0, readout=0.0, roll=0.0)
+found = rsdeblur.refine(blurred, log, camera, exposure, uncertainty=unknown)
+print(found.accepted, found.correction)
 
 pictures = {
     "blurred": blurred,
-    "as recorded": rsdeblur.deblur(blurred, log, wrong, exposure).image,
-    "corrected": rsdeblur.deblur(blurred, found.log, found.camera, found.exposure).image,
+    "gyro alone": rsdeblur.deblur(blurred, log, camera, exposure).image,
+    "corrected": rsdeblur.deblur(blurred, log, camera, exposure, translation=found.translation).image,
 }
 axes = rsdeblur.plot.comparison(pictures, reference=truth)
