@@ -74,7 +74,8 @@ def run(folder: Path, size: tuple[int, int], mode: str, max_memory: str) -> tupl
     with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as process:
         peak = _watch(process)
         output = process.stdout.read().strip() if process.stdout else ""
-    return peak, time.perf_counter() - begin, output.split(": ", 1)[-1] or f"refused, exit code {process.returncode}"
+    first = output.partition("\n")[0].partition(": ")[2]
+    return peak, time.perf_counter() - begin, first or f"refused, exit code {process.returncode}"
 
 
 def capture(folder: Path, size: tuple[int, int]) -> tuple[Camera, GyroLog]:
