@@ -32,7 +32,7 @@ LOG = 0.6  # s
 STRENGTH = 0.2  # of a phone shaken on purpose: blurs by about 30 px at a width of 1024 px
 NOISE = 0.01  # standard deviation in linear light: 40 dB
 # "global" shows the filter and the noise-to-signal ratio of Sindelar and Sroubek (2013).
-PUBLISHED = {"prior": "wiener", "nsr": 0.02}
+PUBLISHED: dict[str, Any] = {"prior": "wiener", "nsr": 0.02}
 
 # The scene extends beyond the frame by this fraction of its longer side, further than the blur reaches.
 MARGIN = 0.1
