@@ -12,8 +12,8 @@ CBUILD = build/c
 
 demo: $(VENV_PYTHON)
 	@echo 'Installing rsdeblur and the libraries it needs into $(VENV): a minute or more.'
-	$(PIP) .
-	$(BIN)/rsdeblur demo --force -o demo-output
+	$(BIN)/python -m pip install .
+	$(BIN)/rsdeblur demo -v --force -o demo-output
 
 # Safe path: programs that tests start here must find the installed package, not the bare source folder.
 test: $(VENV_PYTHON)

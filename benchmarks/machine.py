@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import time
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -11,6 +12,8 @@ import rsdeblur
 
 # Load above which other processes disturb the times.
 BUSY = 0.5
+# Time over which the load is measured, s.
+SPAN = 5.0
 PEERS = ("scikit-image", "opencv-python-headless", "mkl_fft", "mkl", "regularizepsf")
 
 
@@ -28,8 +31,16 @@ def facts() -> dict[str, str]:
 
 
 def load() -> float:
-    """Return the average number of running processes in the last minute; 0 where the system does not report it."""
-    return os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
+    """Return how many processors other processes keep busy, measured for 5 s.
+
+    The load average of the system would contain this process's own past. It serves without Linux's `/proc`, and 0
+    where there is none.
+    """
+    before = _busy_seconds()
+    if before is None:
+        return os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
+    time.sleep(SPAN)
+    return ((_busy_seconds() or before) - before) / SPAN
 
 
 def busy(load: float) -> list[str]:
@@ -51,6 +62,17 @@ def forget_peak() -> int | None:
     except OSError:
         return None
     return _status("VmRSS")
+
+
+def _busy_seconds() -> float | None:
+    """Return the time that all processors have worked, here or for other guests, s; None without `/proc`."""
+    try:
+        first = Path("/proc/stat").read_text().split("\n", 1)[0]
+    except OSError:
+        return None
+    # proc(5): user, nice, system, idle, iowait, irq, softirq, steal; the guests' times are part of user and nice.
+    ticks = [int(number) for number in first.split()[1:9]]
+    return (sum(ticks) - sum(ticks[3:5])) / os.sysconf("SC_CLK_TCK")
 
 
 def _status(field: str) -> int | None:

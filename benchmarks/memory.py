@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import tifffile
 
+from benchmarks import machine
 from benchmarks.cases import EXPOSURE, NSR, READOUT, Case
 from benchmarks.tables import print_table
 from rsdeblur import Camera, GyroLog
@@ -42,7 +43,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help="folder for the pictures (the system's temporary folder)")
     options = parser.parse_args()
     width, height = map(int, options.size.split("x"))
-    rows = []
+    rows, load = [], machine.load()
     with tempfile.TemporaryDirectory(dir=options.folder) as folder:
         for name in options.mode or MODES:
             small, _, _ = run(Path(folder), SMALL, name, "1GiB")
@@ -50,6 +51,8 @@ def main() -> None:
             extra = (peak - small) / 2**20
             rows.append([name, options.size, options.max_memory, f"{extra:.0f}", f"{seconds:.1f}", output])
     print_table(["mode", "size", "bound", "extra MiB", "seconds", "output"], rows)
+    for note in machine.busy(load):
+        print(note)
 
 
 def run(folder: Path, size: tuple[int, int], mode: str, max_memory: str) -> tuple[int, float, str]:
@@ -74,7 +77,8 @@ def run(folder: Path, size: tuple[int, int], mode: str, max_memory: str) -> tupl
     with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as process:
         peak = _watch(process)
         output = process.stdout.read().strip() if process.stdout else ""
-    return peak, time.perf_counter() - begin, output.split(": ", 1)[-1] or f"refused, exit code {process.returncode}"
+    first = output.partition("\n")[0].partition(": ")[2]
+    return peak, time.perf_counter() - begin, first or f"refused, exit code {process.returncode}"
 
 
 def capture(folder: Path, size: tuple[int, int]) -> tuple[Camera, GyroLog]:

@@ -17,9 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks import machine
 from benchmarks.cases import EXPOSURE, Case
 from benchmarks.tables import print_table
-from benchmarks.timing import interleave
+from benchmarks.timing import Times, interleave, refuse_noise
 from rsdeblur.io import write_picture
 
 SIZE = 1632, 1224
@@ -38,13 +39,18 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5, help="times that each command is run (5)")
     parser.add_argument("--quick", action="store_true", help="a small picture, once, to see that it runs")
     options = parser.parse_args()
+    load = machine.load()
     with tempfile.TemporaryDirectory() as folder:
-        rows = run(Path(folder), QUICK if options.quick else SIZE, 1 if options.quick else options.rounds)
+        times = run(Path(folder), QUICK if options.quick else SIZE, 1 if options.quick else options.rounds)
+    if not options.quick:
+        refuse_noise(load, {f"{name}, {'cold' if cold else 'warm'}": each for (name, cold), each in times.items()})
+    names = dict.fromkeys(name for name, _ in times)
+    rows = [[name, *(f"{times[name, cold].median:.2f}" for cold in (False, True))] for name in names]
     print_table(["command", "warm s", "cold s"], rows)
 
 
-def run(folder: Path, size: tuple[int, int], rounds: int) -> list[list[str]]:
-    """Return the rows of the table."""
+def run(folder: Path, size: tuple[int, int], rounds: int) -> dict[tuple[str, bool], Times]:
+    """Return the times of each command, warm and cold."""
     case = Case(*size, BOX)
     write_picture(folder / "photo.jpg", case.blurred)
     case.camera.save(folder / "camera.toml")
@@ -65,10 +71,7 @@ def run(folder: Path, size: tuple[int, int], rounds: int) -> list[list[str]]:
             subprocess.run(command, cwd=folder, env=os.environ | places, stdout=subprocess.DEVNULL, check=True)
 
     # The first round, which is not counted, fills the caches.
-    times = interleave(
-        {(name, cold): partial(start, name, cold) for name in commands for cold in (False, True)}, rounds
-    )
-    return [[name, *(f"{times[name, cold].median:.2f}" for cold in (False, True))] for name in commands]
+    return interleave({(name, cold): partial(start, name, cold) for name in commands for cold in (False, True)}, rounds)
 
 
 if __name__ == "__main__":

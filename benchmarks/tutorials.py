@@ -115,6 +115,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", metavar="TEXT", default="", help="only pages whose name contains TEXT")
     only = parser.parse_args().only
+    # A shell's background jobs ignore Ctrl-C, and the app would inherit that.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     counts = {"done": 0, "left out": 0, "failed": 0}
     for page in (page for page in PAGES if only in page.stem):
         print(f"\n{page.relative_to(ROOT)}")

@@ -1,5 +1,6 @@
 """The documentation site: `make docs`. Pages are Markdown that reads well on a code host too."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -67,6 +68,7 @@ copybutton_prompt_is_regexp = True
 copybutton_exclude = ".linenos, .gp, .go"
 
 html_theme = "pydata_sphinx_theme"
+LOGO = "_static/favicon.svg"
 html_title = "rsdeblur"
 html_context = {"default_mode": "auto"}
 html_favicon = "_static/favicon.svg"
@@ -81,5 +83,11 @@ html_theme_options = {
     "footer_start": ["copyright"],
     "footer_end": [],
     "secondary_sidebar_items": {"**": ["page-toc"], "comparison": []},  # its tables need the room
-    "icon_links": [],
+    "logo": {"text": f"rsdeblur {version}", "image_light": LOGO, "image_dark": LOGO},
+    "icon_links": [
+        # Read the Docs names the repository that it builds; other builders do not know one.
+        {"name": "Repository", "url": url.removesuffix(".git"), "icon": "fa-solid fa-code"}
+        for url in (os.environ.get("READTHEDOCS_GIT_CLONE_URL", ""),)
+        if url.startswith("https://")
+    ],
 }

@@ -82,6 +82,8 @@ def report_page(
             psf=psf,
             checks={mode: facts["check"] for mode, facts in report["modes"].items() if facts["check"] is not None},
             unseen=unseen,
+            # A burst cannot be solved in that way.
+            can_split=options.saturation == "ignore" and not frames,
             correction=_correction(report.get("refinement")),
             remarks=remarks if with_paths else [_without_folders(remark, compared, recording) for remark in remarks],
         ),

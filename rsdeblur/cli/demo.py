@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rsdeblur.choices import Mode
+from rsdeblur.choices import MODES, Mode
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._options import Recording, Target, Track
@@ -22,6 +22,7 @@ from rsdeblur.pipeline.options import Options
 
 if TYPE_CHECKING:
     from rsdeblur.motion.gyro import GyroLog
+    from rsdeblur.types import Progress
 
 EXPOSURE = 0.05  # s
 READOUT = 0.03  # s, a slow phone sensor
@@ -31,12 +32,15 @@ LOG = 0.6  # s
 STRENGTH = 0.2  # of a phone shaken on purpose: blurs by about 30 px at a width of 1024 px
 NOISE = 0.01  # standard deviation in linear light: 40 dB
 # "global" shows the filter and the noise-to-signal ratio of Sindelar and Sroubek (2013).
-PUBLISHED = {"prior": "wiener", "nsr": 0.02}
+PUBLISHED: dict[str, Any] = {"prior": "wiener", "nsr": 0.02}
 
 # The scene extends beyond the frame by this fraction of its longer side, further than the blur reaches.
 MARGIN = 0.1
 
 REPORT = "demo.json"
+
+# Size in px from which a picture takes every step that a large one takes.
+LEAST_SIZE = 320, 240
 
 EXAMPLES = """\b
 Examples:
@@ -89,6 +93,8 @@ def command(size: tuple[int, int], seed: int, session: str | None, target: Targe
     prepare_folder(output, [*(path.name for path in own), *output_names(blurred), REPORT], force=force)
     with progress("simulate"):
         _capture(size, seed, output, force=force)
+    with progress("compile") as move:
+        _compile(move)
     # From here on, the demo uses the files as a user does.
     recording = Recording(gyro=gyro, camera=camera, start=START, duration=EXPOSURE)
     changes: dict[Mode, dict[str, Any]] = {"global": PUBLISHED}
@@ -166,6 +172,24 @@ def _capture(size: tuple[int, int], seed: int, output: Path, *, force: bool) -> 
         write_picture(output / f"{name}.png", from_linear(light.clip(0.0, 1.0), "srgb"), force=force)
     camera.save(output / "camera.toml")
     _write_gyro(output / "gyro.csv", log)
+
+
+def _compile(move: Progress | None) -> None:
+    """Deblur a small picture in every mode, so that the times of the table contain no compilation."""
+    import numpy as np
+
+    from rsdeblur.motion.camera import Camera
+    from rsdeblur.motion.exposure import Exposure
+    from rsdeblur.pipeline.deblur import deblur
+    from rsdeblur.simulation.scene import scene
+    from rsdeblur.simulation.shake import hand_shake
+
+    width, height = LEAST_SIZE
+    picture = np.rint(255 * scene(height, width)).astype(np.uint8)
+    log = hand_shake(LOG, strength=STRENGTH)
+    camera, exposure = Camera(width, height, FOCAL * width, readout_time=READOUT), Exposure(START, EXPOSURE)
+    for mode in MODES:
+        deblur(picture, log, camera, exposure, mode=mode, **(PUBLISHED if mode == "global" else {}), progress=move)
 
 
 def _write_gyro(path: Path, log: GyroLog) -> None:

@@ -132,8 +132,10 @@ class Options:
 
     def _check_combinations(self) -> None:
         if self.mode == "rowwise" and self.boundary is not None:
+            by_quality = choices.QUALITIES[self.quality][0] == self.mode
+            given = f'quality="{self.quality}"' if by_quality else 'mode="rowwise"'
             raise InputError(
-                f'mode="rowwise" takes no border="{self.border}", because it solves for the rows beyond the frame; '
+                f'{given} takes no border="{self.border}", because it solves for the rows beyond the frame; '
                 'use border="blend" or "periodic"'
             )
         if self.fallback and self.geometry == "rectify":

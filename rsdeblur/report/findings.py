@@ -58,6 +58,7 @@ def findings(
     psf: tuple[int, int],
     checks: Mapping[str, Mapping[str, Any]] | None = None,
     unseen: float = 0.0,
+    can_split: bool = False,
     correction: tuple[bool, str] | None = None,
     remarks: Sequence[str] = (),
 ) -> tuple[Finding, ...]:
@@ -75,6 +76,8 @@ def findings(
         For each mode, the fields of its :class:`rsdeblur.QualityCheck`.
     unseen : float, default 0.0
         Share of the result that was never exposed.
+    can_split : bool, default False
+        Whether ``--saturation auto`` would solve the capture in another way.
     correction : (bool, str), optional
         Whether the picture corrected the recording, and a sentence about it, if a correction was requested.
     remarks : sequence of str, default ()
@@ -90,7 +93,7 @@ def findings(
     t = log.t + (log.epoch_ns - exposure.epoch_ns) * 1e-9
     outcomes = [Finding("warning", "Remark", remark) for remark in remarks]
     outcomes += [_coverage(t, opens, closes), _gaps(log, t, opens, closes), _sampling(log, exposure)]
-    outcomes += [_gyro_range(log, t, opens, closes), _saturation(pixels), _size(psf, pixels.shape)]
+    outcomes += [_gyro_range(log, t, opens, closes), _saturation(pixels, can_split), _size(psf, pixels.shape)]
     outcomes += [_verdict(mode, check) for mode, check in (checks or {}).items()]
     if correction is not None:
         outcomes.append(Finding("good" if correction[0] else "note", "Motion", correction[1]))
@@ -144,13 +147,14 @@ def _gyro_range(log: GyroLog, t: NDArray[np.float64], opens: float, closes: floa
     return Finding("good", "Gyro saturation", f"The fastest rate during the exposure is {peak:.3g} rad/s.")
 
 
-def _saturation(pixels: NDArray[Any]) -> Finding:
+def _saturation(pixels: NDArray[Any], can_split: bool) -> Finding:
     colours = pixels if pixels.ndim == 2 else pixels[..., : 3 if pixels.shape[2] >= 3 else 1]
     clipped = at_full_scale(colours)
     share = float(np.mean(clipped if clipped.ndim == 2 else clipped.any(axis=2)))
     text = f"{share:.2%} of the pixels are clipped at white."
     if share > MUCH_CLIPPED:
-        text += " Their brightness is unknown: expect waves around highlights, fewer with --saturation auto."
+        remedy = ", fewer with --saturation auto" if can_split else ""
+        text += f" Their brightness is unknown: expect waves around highlights{remedy}."
         return Finding("warning", "Saturation", text)
     return Finding("good", "Saturation", text)
 

@@ -50,6 +50,7 @@ def test_the_command_line_has_the_same_defaults(command: click.Command) -> None:
     ("options", "message"),
     [
         ({"mode": "rowwise", "border": "smooth"}, 'mode="rowwise" takes no border="smooth"'),
+        ({"quality": "best", "border": "smooth"}, 'quality="best" takes no border="smooth"'),
         ({"fallback": True, "geometry": "rectify"}, "changes its shape"),
         ({"max_memory": 2**30, "normalize": True}, "normalize=True needs the whole picture"),
         ({"max_memory": 2**30, "border": "reflect"}, 'border="reflect" needs the whole picture'),

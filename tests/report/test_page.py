@@ -245,6 +245,10 @@ def test_findings_of_a_good_and_of_a_bad_capture() -> None:
     }
     texts = {finding.subject: finding.text for finding in bad}
     assert "0.75%" in texts["Saturation"]
+    # Advice only where it can be followed: not for a burst, nor where the option is set.
+    assert "--saturation" not in texts["Saturation"]
+    advised = findings(grey, GyroLog(t, omega), camera, exposure, psf=(9, 9), can_split=True)
+    assert any("fewer with --saturation auto" in finding.text for finding in advised)
     assert "195 ms away" in texts["Gaps"]
     assert re.search(r"ends 0\.1 ms after", texts["Coverage"])
 
