@@ -37,10 +37,12 @@ class TileNormal(TileFilter):
         Shape of the pictures.
     nsr : float
         See :class:`TileQuadratic`.
-    margin, sources
+    margin : float
         See :class:`rsdeblur.deconv.wiener.TileFilter`.
     border, planning, threads
         See :class:`rsdeblur.Deconvolver`.
+    sources : int
+        See :class:`rsdeblur.deconv.wiener.TileFilter`.
 
     Raises
     ------

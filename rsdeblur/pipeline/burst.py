@@ -421,7 +421,7 @@ class _Solution:
         """
         yield light
         for n, frame in enumerate(self.frames[1:], 1):
-            shown, weights = frame.light(rows)
+            shown, weights = frame.light(rows, self.together.threads)
             if weights.min() < 1:
                 # predicted + weights (shown - predicted)
                 blurred = predicted(n)

@@ -51,7 +51,8 @@ def test_frames_together_are_sharper_than_the_best_alone() -> None:
 
 def test_order_and_brightness_of_frames_do_not_matter() -> None:
     images = frames()[0]
-    expected = together(reference=0).image
+    separate = together(reference=0)
+    expected = separate.image
     mixed = deblur_burst(
         [images[2] * np.float32(0.5), images[0], images[1]],
         *(LOG, CAMERA, [EXPOSURES[n] for n in (2, 0, 1)]),
@@ -60,6 +61,8 @@ def test_order_and_brightness_of_frames_do_not_matter() -> None:
         check=False,
     )
     assert mixed.frames[0].gain == pytest.approx(0.5, rel=0.01)
+    # Half the light with half the noise counts as much.
+    assert mixed.frames[0].share == pytest.approx(separate.frames[2].share, rel=0.02)
     # The gain is estimated from noisy pictures; other rounding may change an iteration of the fit.
     assert np.abs(mixed.image - expected)[INNER].max() < 0.03
     assert np.sqrt(np.square(mixed.image - expected)[INNER].mean()) < 0.003
