@@ -353,6 +353,7 @@ class _Solution:
         mode = "global" if options.mode == "banded" and options.bands == options.strips == 1 else options.mode
         height, width, _ = burst.reference.encoded.shape
         few = _banks(frames, *(tile_centres(min(KERNELS, n), n) for n in (height, width)))
+        few = [bank.padded(_largest(few)) for bank in few]
         spectra = [Spectra.of(bank, one_filter=mode == "global") for bank in few]
         tunings = [replace(frame.tuning, spectra=of) for frame, of in zip(frames, spectra, strict=True)]
         errors = [tile_error(frame.alignment.capture) if mode == "banded" else 0.0 for frame in frames]
@@ -363,8 +364,10 @@ class _Solution:
         own = [tile_paths(f.alignment.capture, mode, options.bands, options.strips, nsr) for f in frames]
         bands, strips = (max(len(getattr(paths, axis)) for paths in own) for axis in ("rows", "cols"))
         banks = _banks(frames, tile_centres(bands, height), tile_centres(strips, width))
+        # Chunks reach as far as the largest PSF of any frame. Those of the others stay small until they are used.
+        banks[0] = banks[0].padded(_largest(banks))
         settings, single = (SolverSettings.of(options, mode, chosen) for chosen in (strengths, alone))
-        return cls(frames, banks, shares, settings, single, strengths.noise)
+        return cls(frames, tuple(banks), shares, settings, single, strengths.noise)
 
     def run(self, out: NDArray[Any], options: Options, clock: StageClock) -> tuple[NDArray[np.bool_], UndershootMeter]:
         """Solve chunk by chunk into `out`, which is upright; return a mask of the pixels that were exposed."""
@@ -437,8 +440,8 @@ class _Solution:
         if settings.mode != "rowwise":
             banks = [_cut(bank, chunk) for bank in self.banks]
             return BurstQuadratic(banks, self.shares, shape, wiener=settings.weight is None, **engine)
-        rows = np.arange(float(chunk.source.start), float(chunk.source.stop))
-        paths = [frame.alignment.paths(rows, self.banks[0].cols) for frame in self.frames]
+        rows = chunk.source
+        paths = [frame.alignment.every_row(rows.start, rows.stop, self.banks[0].cols) for frame in self.frames]
         paths = [replace(path, rows=path.rows - chunk.source.start) for path in paths]
         return RowBurst(paths, self.shares, shape, solver=settings.solver, **engine)
 
@@ -451,11 +454,15 @@ def _cut(bank: PsfBank, chunk: Chunk) -> PsfBank:
     return PsfBank(bank.kernels[part], chunk.bank.rows, chunk.bank.cols, paths)
 
 
-def _banks(frames: Sequence[BurstFrame], rows: FloatArray, cols: FloatArray) -> tuple[PsfBank, ...]:
-    """Return the PSFs of the resampled frames on one grid, all of one size."""
-    banks = [PsfBank.from_paths(frame.alignment.paths(rows, cols)) for frame in frames]
+def _banks(frames: Sequence[BurstFrame], rows: FloatArray, cols: FloatArray) -> list[PsfBank]:
+    """Return the PSFs of the resampled frames on one grid."""
+    return [PsfBank.from_paths(frame.alignment.paths(rows, cols)) for frame in frames]
+
+
+def _largest(banks: Sequence[PsfBank]) -> tuple[int, int]:
+    """Return the height and the width that hold every PSF."""
     tall, wide = (max(bank.size[axis] for bank in banks) for axis in (0, 1))
-    return tuple(bank.padded((tall, wide)) for bank in banks)
+    return tall, wide
 
 
 def _use(burst: _Burst, index: int, share: float, frame: ReadoutFrame) -> FrameUse:
