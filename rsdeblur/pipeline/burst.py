@@ -42,8 +42,9 @@ from rsdeblur.types import Float32Array, FloatArray, FloatImage, Progress, Stage
 LEAST_SUPPORT = 0.5
 # Most frames of a burst.
 MOST_FRAMES = 64
-# Bytes that the work may use by default; the default grows to this multiple of what the smallest chunks need.
-MEMORY, ABOVE_LEAST = 3 << 29, 1.25
+# Bytes that the solve may use by default: with eight frames of 12 megapixels, their PSFs and Python, a process then
+# takes less than 2 GiB. The default grows to this multiple of what the smallest chunks need.
+MEMORY, ABOVE_LEAST = 9 << 27, 1.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,7 +142,7 @@ def deblur_burst(
     **options
         Fields of :class:`rsdeblur.Options`. ``motion="small-angle"``, ``refine=True``, ``saturation="auto"`` and
         borders other than "blend" and "periodic" are not possible. By default the work uses
-        some 1.5 GiB in addition to the pictures, and more where the blur of many large frames is so tall that even a
+        some 1.1 GiB in addition to the pictures, and more where the blur of many large frames is so tall that even a
         few rows need more, or where ``geometry="rectify"`` or ``normalize=True`` needs the whole picture at once.
 
     Returns
