@@ -224,13 +224,7 @@ class PsfBank:
         """
         for name, part in (("rows", rows), ("cols", cols)):
             validate.instance(name, part, slice)
-        bands, strips = (
-            slice(
-                max(int(np.searchsorted(centres, part.start, side="right")) - 1, 0),
-                min(int(np.searchsorted(centres, part.stop - 1)), len(centres) - 1) + 1,
-            )
-            for centres, part in ((self.rows, rows), (self.cols, cols))
-        )
+        bands, strips = (affecting(centres, part) for centres, part in ((self.rows, rows), (self.cols, cols)))
         paths = self.displacements
         paths = None if paths is None else paths[bands, strips]
         return PsfBank(self.kernels[bands, strips], self.rows[bands], self.cols[strips], paths, self.softness)
@@ -315,6 +309,14 @@ def tile_centres(tiles: int, length: int) -> FloatArray:
     """Return the centres in px of `tiles` equal parts of `length` pixels; pixel centres are at integers."""
     centres: FloatArray = (np.arange(tiles) + 0.5) * length / tiles - 0.5
     return centres
+
+
+def affecting(centres: FloatArray, part: slice) -> slice:
+    """Return which of the PSFs at `centres` along an axis affect a part of the axis, a slice with start and stop."""
+    return slice(
+        max(int(np.searchsorted(centres, part.start, side="right")) - 1, 0),
+        min(int(np.searchsorted(centres, part.stop - 1)), len(centres) - 1) + 1,
+    )
 
 
 def _kernels(value: ArrayLike) -> NDArray[np.float32]:

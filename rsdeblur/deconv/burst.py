@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,15 +10,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur.choices import Border, Planning, Solver
+from rsdeblur.deconv.fft import empty
+from rsdeblur.deconv.hybrid import COLUMNS
 from rsdeblur.deconv.priors import LatentPrior, check_prior
 from rsdeblur.deconv.quadratic import MARGIN, TileNormal
 from rsdeblur.deconv.rowwise import RowSolver
 from rsdeblur.deconv.rowwise_blur import RowBlur
 from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
+from rsdeblur.kernels.normal import add_normal, solve_normal
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import FloatImage
+from rsdeblur.types import ComplexArray, Float32Array, FloatImage
 
 # Shares of frames sum to 1 up to rounding.
 SHARE_TOLERANCE = 1e-6
@@ -33,6 +36,9 @@ class BurstQuadratic(TileNormal):
 
     The share a_i of a frame is the inverse of its noise power, divided by the sum of these over all frames. With one
     frame this is :class:`rsdeblur.TileQuadratic`, or without a prior :class:`rsdeblur.Deconvolver`.
+
+    Both sums are computed once for each frequency of each tile, frame by frame, and kept. So memory, and the time of a
+    solve, do not grow with the number of frames.
 
     Parameters
     ----------
@@ -76,14 +82,28 @@ class BurstQuadratic(TileNormal):
             nsr = max(nsr, LEAST_NSR)
             margin = decay_margin(nsr)
         tall, wide = np.max([bank.size for bank in banks], axis=0)
-        banks = [bank.padded((int(tall), int(wide))) for bank in banks]
+        self._banks = [bank.padded((int(tall), int(wide))) for bank in banks]
         super().__init__(
-            *(banks, shares, shape), nsr=nsr, margin=margin, border=border, planning=planning, threads=threads
+            *(self._banks[0], shape),
+            nsr=nsr,
+            margin=margin,
+            border=border,
+            planning=planning,
+            threads=threads,
+            sources=1,
         )
+        self.shares = tuple(map(float, shares))
+        # Frame whose OTFs are held.
+        self._held: int | None = None
+        # Sums of the normal equations: each block of columns has its own place, so that a pass reads them in order.
+        blocks, tiles = self._hybrid.padded_frequencies // COLUMNS, (COLUMNS, self._bands.length)
+        strips, bands = len(self._strips.tiles), len(self._bands.tiles)
+        self._signal: ComplexArray = empty((strips, blocks, bands, self._channelled[2], *tiles), np.complex64)
+        self._power: Float32Array = empty((strips, blocks, bands, *tiles), np.float32)
 
     def apply(
         self,
-        images: Sequence[ArrayLike],
+        images: Iterable[ArrayLike],
         *,
         prior: LatentPrior | None = None,
         progress: Callable[[float], None] | None = None,
@@ -92,8 +112,8 @@ class BurstQuadratic(TileNormal):
 
         Parameters
         ----------
-        images : sequence of array_like of the planned shape
-            Linear light of each frame, floats; converted to float32.
+        images : iterable of array_like of the planned shape
+            Linear light of each frame, floats; converted to float32. Each is needed only until the next one comes.
         prior : GradientPrior, WaveletPrior or PlugAndPlayPrior, optional
             Assumption about the sharp picture; without it the result is that of the Wiener filter.
         progress : callable, optional
@@ -110,22 +130,61 @@ class BurstQuadratic(TileNormal):
             If there is another number of pictures, or one has another shape, holds integers or is not finite.
         """
         validate.callback("progress", progress)
-        pictures = _checked(images, len(self.shares), self.shape)
         with self.lock:
-            self.prepare(*(picture.reshape(self.shape) for picture in pictures))
+            prior = self._observe(images, prior)
             if prior is None:
                 latent = self.solve(0.0, None)
             else:
-                prior = check_prior(prior).with_peak_of(pictures[0])
                 latent = prior.restore(self, threads=self.threads, progress=progress)
         return latent.reshape(self.shape)
 
     def blurred(self, latent: FloatImage, frame: int) -> FloatImage:
         """Return a latent picture (H, W, C) with the blur of a frame."""
         out = np.empty(self._channelled, dtype=np.float32)
-        self._filter(self._otfs[frame], latent, out)
+        with self.lock:
+            self._hold(frame)
+            self._filter(self._otfs, latent, out)
         out *= np.float32(self._scale)
         return out
+
+    def _observe(self, images: Iterable[ArrayLike], prior: LatentPrior | None) -> LatentPrior | None:
+        """Sum up the normal equations of all frames; return the prior with the brightness of the first one."""
+        for frame, picture in enumerate(_checked(images, len(self.shares), self.shape)):
+            if frame == 0 and prior is not None:
+                prior = check_prior(prior).with_peak_of(picture)
+            self._add(frame, picture)
+        return prior
+
+    def _add(self, frame: int, picture: FloatImage) -> None:
+        """Add the normal equations of a frame; the first one starts the sums."""
+        self._hold(frame)
+        share, first = np.float32(self.shares[frame]), frame == 0
+
+        def add(strip: int, _thread: int, _source: int, bands: slice, columns: slice, slabs: ComplexArray) -> None:
+            place = strip, columns.start // COLUMNS, bands
+            add_normal(slabs, self._otfs[strip, bands, columns], share, first, self._signal[place], self._power[place])
+
+        self._pass(picture, None, add)
+
+    def _hold(self, frame: int) -> None:
+        """Compute the OTFs of a frame, unless they are at hand."""
+        if frame != self._held:
+            self._held = None
+            self._fill_otfs(self._banks[frame], self._otfs)
+            self._held = frame
+
+    def _solve(self, beta: float, pull: FloatImage | None, across: Float32Array, down: Float32Array) -> FloatImage:
+        weight = np.float32(0.0 if pull is None else beta)
+        nsr, term, scale = np.float32(self.nsr), np.float32(beta), np.float32(self._scale)
+
+        def restore(strip: int, thread: int, _source: int, bands: slice, columns: slice, slabs: ComplexArray) -> None:
+            place, power = (strip, columns.start // COLUMNS, bands), self._powers[thread][: len(slabs)]
+            np.copyto(power, self._power[place])
+            solve_normal(self._signal[place], power, across[columns], down, nsr, term, weight, scale, slabs)
+
+        latent = np.empty(self._channelled, dtype=np.float32) if pull is None else pull
+        self._pass(pull, latent, restore)
+        return latent
 
 
 class RowBurst(RowSolver):
@@ -171,19 +230,20 @@ class RowBurst(RowSolver):
 
     def apply(
         self,
-        images: Sequence[ArrayLike],
+        images: Iterable[ArrayLike],
         *,
         prior: LatentPrior | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> NDArray[np.float32]:
         """Deblur the pictures of one scene; see :meth:`BurstQuadratic.apply`."""
         validate.callback("progress", progress)
-        pictures = _checked(images, len(self._frames), self.shape)
-        prior = None if prior is None else check_prior(prior).with_peak_of(pictures[0])
-        height, width, channels = pictures[0].shape
-        rows = np.empty((height, len(pictures), width, channels), dtype=np.float32)
-        for i, (factor, picture) in enumerate(zip(self._factors, pictures, strict=True)):
-            np.multiply(picture, np.float32(factor), out=rows[:, i])
+        frames, (height, width, *channelled) = len(self._frames), self.shape
+        channels = channelled[0] if channelled else 1
+        rows = np.empty((height, frames, width, channels), dtype=np.float32)
+        for i, picture in enumerate(_checked(images, frames, self.shape)):
+            if i == 0 and prior is not None:
+                prior = check_prior(prior).with_peak_of(picture)
+            np.multiply(picture, np.float32(self._factors[i]), out=rows[:, i])
         out = np.empty((height, width, channels), dtype=np.float32)
         self._restore(rows.reshape(-1, width, channels), out, prior, progress)
         return out.reshape(self.shape)
@@ -203,11 +263,15 @@ class RowBurst(RowSolver):
         return blur.forward(extended)[:, reach : reach + width]
 
 
-def _checked(images: Sequence[ArrayLike], count: int, shape: tuple[int, ...]) -> list[FloatImage]:
-    """Return pictures of the planned shape as (H, W, C)."""
-    if len(images) != count:
-        raise InputError(f"the solver is planned for {count} pictures, got {len(images)}")
-    return [validate.linear_light(image, shape).reshape(*shape[:2], -1) for image in images]
+def _checked(images: Iterable[ArrayLike], count: int, shape: tuple[int, ...]) -> Iterator[FloatImage]:
+    """Yield `count` pictures of the planned shape as (H, W, C)."""
+    pictures = 0
+    for image in images:
+        pictures += 1
+        if pictures <= count:
+            yield validate.linear_light(image, shape).reshape(*shape[:2], -1)
+    if pictures != count:
+        raise InputError(f"the solver is planned for {count} pictures, got {pictures}")
 
 
 def check_places(blurs: Sequence[PsfBank] | Sequence[BlurPaths], shares: Sequence[float]) -> None:

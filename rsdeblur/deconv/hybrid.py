@@ -42,7 +42,8 @@ class Filter(Protocol):
     def __call__(self, thread: int, source: int, bands: slice, columns: slice, slabs: ComplexArray) -> None:
         """Change the slabs of a source in place.
 
-        Sources come in their order; the result is what the slabs of the last one hold then.
+        Sources come in their order; the result is what the slabs of the last one hold then. Without a source the slabs
+        are zero.
 
         Parameters
         ----------
@@ -142,10 +143,10 @@ class Hybrid:
         self.team.share(block, range(0, self.height, ROWS))
         return finite[0]
 
-    def filter_columns(self, sources: Sequence[ComplexArray], target: ComplexArray, change: Filter) -> None:
+    def filter_columns(self, sources: Sequence[ComplexArray], target: ComplexArray | None, change: Filter) -> None:
         """Filter every band of the spectra `sources` by `change`, and write the blend of all bands to `target`.
 
-        `target` may be one of the sources.
+        `target` may be one of the sources; None writes nothing.
         """
         filter_block = self._filter_single if len(self.bands.tiles) == 1 else self._filter_bands
 
@@ -155,7 +156,7 @@ class Hybrid:
         self.team.share(block, range(0, self.padded_frequencies, COLUMNS))
 
     def _filter_single(
-        self, thread: int, columns: slice, sources: Sequence[ComplexArray], target: ComplexArray, change: Filter
+        self, thread: int, columns: slice, sources: Sequence[ComplexArray], target: ComplexArray | None, change: Filter
     ) -> None:
         """Filter a block of columns of a single tile, which is extended in place."""
         slabs, (tile,), taper = self._workers[thread].slabs, self.bands.tiles, fade(self.bands.taper)
@@ -165,11 +166,15 @@ class Hybrid:
             lines.cut_lines(lines_of_tile, self.height, tile.start, taper, self._periodic, lines_of_tile)
             slabs.forward()
             change(thread, n, slice(0, 1), columns, slabs.spectra)
-        slabs.inverse()
-        lines.columns_to_rows(lines_of_tile, target, columns.start, self.height)
+        if not sources:
+            slabs.spectra.fill(0)
+            change(thread, 0, slice(0, 1), columns, slabs.spectra)
+        if target is not None:
+            slabs.inverse()
+            lines.columns_to_rows(lines_of_tile, target, columns.start, self.height)
 
     def _filter_bands(
-        self, thread: int, columns: slice, sources: Sequence[ComplexArray], target: ComplexArray, change: Filter
+        self, thread: int, columns: slice, sources: Sequence[ComplexArray], target: ComplexArray | None, change: Filter
     ) -> None:
         """Filter a block of columns of several bands, which are cut out; their sum is collected elsewhere."""
         worker, taper = self._workers[thread], fade(self.bands.taper)
@@ -178,17 +183,23 @@ class Hybrid:
         worker.blended.fill(0)
         for first in range(0, len(self.bands.tiles), self.together):
             group = self.bands.tiles[first : first + self.together]
-            slabs = worker.slabs.lines[: len(group)]
+            slabs, spectra = worker.slabs.lines[: len(group)], worker.slabs.spectra[: len(group)]
+            bands = slice(first, first + len(group))
             for n in range(len(sources)):
                 for slab, tile in zip(slabs, group, strict=True):
                     lines.cut_lines(worker.columns[n], self.height, tile.start, taper, self._periodic, slab)
                 worker.slabs.forward()
-                bands = slice(first, first + len(group))
-                change(thread, n, bands, columns, worker.slabs.spectra[: len(group)])
+                change(thread, n, bands, columns, spectra)
+            if not sources:
+                spectra.fill(0)
+                change(thread, 0, bands, columns, spectra)
+            if target is None:
+                continue
             worker.slabs.inverse()
             for slab, tile in zip(slabs, group, strict=True):
                 spectral.blend(worker.blended, slab, tile.weights, tile.first, tile.first - tile.start)
-        lines.columns_to_rows(worker.blended, target, columns.start, self.height)
+        if target is not None:
+            lines.columns_to_rows(worker.blended, target, columns.start, self.height)
 
     def restore_rows(self, spectra: ComplexArray, out: Float32Array, strip: Tile, *, add: bool) -> None:
         """Transform rows back, which destroys `spectra`.

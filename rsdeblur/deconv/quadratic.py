@@ -6,7 +6,7 @@ while their columns are in the cache.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,14 +27,12 @@ MARGIN = 1.5
 
 
 class TileNormal(TileFilter):
-    """Base of the quadratic solvers of tiles: the normal equations of one or several pictures of a scene.
+    """Base of the quadratic solvers of tiles: normal equations per tile, of one or several pictures of a scene.
 
     Parameters
     ----------
-    banks : sequence of PsfBank
-        PSFs of each picture, at the same places and of the same size.
-    shares : sequence of float
-        Weight of each picture.
+    bank : PsfBank
+        PSFs of a picture; those of all pictures have these places, and at most this size.
     shape : (H, W) or (H, W, C)
         Shape of the pictures.
     nsr : float
@@ -43,6 +41,8 @@ class TileNormal(TileFilter):
         See :class:`rsdeblur.deconv.wiener.TileFilter`.
     border, planning, threads
         See :class:`rsdeblur.Deconvolver`.
+    sources : int
+        See :class:`rsdeblur.deconv.wiener.TileFilter`.
 
     Raises
     ------
@@ -52,8 +52,7 @@ class TileNormal(TileFilter):
 
     def __init__(
         self,
-        banks: Sequence[PsfBank],
-        shares: Sequence[float],
+        bank: PsfBank,
         shape: tuple[int, ...],
         *,
         nsr: float,
@@ -61,17 +60,13 @@ class TileNormal(TileFilter):
         border: Border,
         planning: Planning,
         threads: int | None,
+        sources: int,
     ) -> None:
         super().__init__(
-            *(banks[0], shape), margin=margin, border=border, planning=planning, threads=threads, sources=len(banks) + 1
+            *(bank, shape), margin=margin, border=border, planning=planning, threads=threads, sources=sources
         )
         self.nsr, self.periodic = nsr, border == "periodic"
-        self.shares = tuple(map(float, shares))
-        self._otfs = [self._new_filters() for _ in banks]
-        for bank, otfs in zip(banks, self._otfs, strict=True):
-            self._fill_otfs(bank, otfs)
-        # For each picture the spectra of its strips; made when there is one.
-        self._observed: list[list[ComplexArray]] = []
+        self._otfs = self._new_filters()
         # |exp(i w) - 1|^2 = 4 sin^2(w / 2)
         self._across, self._down = (
             (4 * np.sin(np.pi * np.arange(count) / length) ** 2).astype(np.float32)
@@ -80,33 +75,10 @@ class TileNormal(TileFilter):
                 (self._bands.length, self._bands.length),
             )
         )
-        # Each thread's sums for a few bands of a block of columns.
-        bands, block = self._hybrid.together, (COLUMNS, self._bands.length)
-        self._sums = [
-            (np.empty((bands, self._channelled[2], *block), np.complex64), np.empty((bands, *block), np.float32))
-            for _ in range(self.threads)
+        # Each thread's matrices of a few bands of a block of columns.
+        self._powers = [
+            np.empty((self._hybrid.together, COLUMNS, self._bands.length), np.float32) for _ in range(self.threads)
         ]
-
-    def prepare(self, *images: ArrayLike) -> None:
-        """Set the observations, one for each bank.
-
-        Parameters
-        ----------
-        *images : array_like of the planned shape
-            Linear light, floats.
-
-        Raises
-        ------
-        InputError
-            If one has another shape, holds integers or is not finite.
-        """
-        if not self._observed:
-            self._observed = [[self._hybrid.new_spectra() for _ in self._strips.tiles] for _ in self.shares]
-        for image, spectra in zip(images, self._observed, strict=True):
-            picture = validate.linear_light(image, self.shape).reshape(self._channelled)
-            for strip, part in zip(self._strips.tiles, spectra, strict=True):
-                if not self._hybrid.transform_rows(picture, strip, part):
-                    raise InputError("image must be finite")
 
     def solve(self, beta: float, grad_adjoint: FloatImage | None = None) -> FloatImage:
         """Return the minimiser for the observations.
@@ -155,23 +127,7 @@ class TileNormal(TileFilter):
 
         The term's matrix is the sum of `across` and `down`: |D|^2, or 1.
         """
-        if not self._observed:
-            raise InputError("the solver holds no picture: call apply(), or prepare() before solve()")
-        pictures, weight = len(self._otfs), np.float32(0.0 if pull is None else beta)
-        last = pictures - (pull is None)
-        nsr, term, scale = np.float32(self.nsr), np.float32(beta), np.float32(self._scale)
-
-        def restore(strip: int, thread: int, source: int, bands: slice, columns: slice, slabs: ComplexArray) -> None:
-            signal, power = (sums[: len(slabs)] for sums in self._sums[thread])
-            if source < pictures:
-                otfs, share = self._otfs[source][strip, bands, columns], np.float32(self.shares[source])
-                add_normal(slabs, otfs, share, source == 0, signal, power)
-            if source == last:
-                solve_normal(signal, power, across[columns], down, nsr, term, weight, scale, slabs)
-
-        latent = np.empty(self._channelled, dtype=np.float32) if pull is None else pull
-        self._pass(pull, latent, restore, kept=self._observed)
-        return latent
+        raise NotImplementedError
 
 
 @one_line("shape", "nsr", "_kernel_size")
@@ -221,14 +177,19 @@ class TileQuadratic(TileNormal):
         planning: Planning = "estimate",
         threads: int | None = None,
     ) -> None:
-        validate.instance("bank", bank, PsfBank)
         nsr = validate.finite("nsr", nsr, minimum=0.0, maximum=validate.MOST_STRENGTH)
         super().__init__(
-            *([bank], [1.0], shape), nsr=nsr, margin=MARGIN, border=border, planning=planning, threads=threads
+            *(bank, shape), nsr=nsr, margin=MARGIN, border=border, planning=planning, threads=threads, sources=2
         )
+        self._take(bank)
+        # The spectra of its strips; made when there is a picture.
+        self._observed: list[ComplexArray] = []
+        # Each thread's right-hand sides of a few bands of a block of columns.
+        block = self._hybrid.together, self._channelled[2], COLUMNS, self._bands.length
+        self._signals = [np.empty(block, np.complex64) for _ in range(self.threads)]
 
     def _take(self, bank: PsfBank) -> None:
-        self._fill_otfs(bank, self._otfs[0])
+        self._fill_otfs(bank, self._otfs)
 
     def apply(
         self,
@@ -275,3 +236,40 @@ class TileQuadratic(TileNormal):
             return latent
         out[...] = latent
         return out
+
+    def prepare(self, image: ArrayLike) -> None:
+        """Set the observation.
+
+        Parameters
+        ----------
+        image : array_like of the planned shape
+            Linear light, floats.
+
+        Raises
+        ------
+        InputError
+            If it has another shape, holds integers or is not finite.
+        """
+        if not self._observed:
+            self._observed = [self._hybrid.new_spectra() for _ in self._strips.tiles]
+        picture = validate.linear_light(image, self.shape).reshape(self._channelled)
+        for strip, spectra in zip(self._strips.tiles, self._observed, strict=True):
+            if not self._hybrid.transform_rows(picture, strip, spectra):
+                raise InputError("image must be finite")
+
+    def _solve(self, beta: float, pull: FloatImage | None, across: Float32Array, down: Float32Array) -> FloatImage:
+        if not self._observed:
+            raise InputError("the solver holds no picture: call apply(), or prepare() before solve()")
+        weight, last = np.float32(0.0 if pull is None else beta), 0 if pull is None else 1
+        nsr, term, scale = np.float32(self.nsr), np.float32(beta), np.float32(self._scale)
+
+        def restore(strip: int, thread: int, source: int, bands: slice, columns: slice, slabs: ComplexArray) -> None:
+            signal, power = self._signals[thread][: len(slabs)], self._powers[thread][: len(slabs)]
+            if source == 0:
+                add_normal(slabs, self._otfs[strip, bands, columns], np.float32(1.0), True, signal, power)
+            if source == last:
+                solve_normal(signal, power, across[columns], down, nsr, term, weight, scale, slabs)
+
+        latent = np.empty(self._channelled, dtype=np.float32) if pull is None else pull
+        self._pass(pull, latent, restore, kept=self._observed)
+        return latent

@@ -193,31 +193,33 @@ class TileFilter:
     def _pass(
         self,
         source: FloatImage | None,
-        target: FloatImage,
+        target: FloatImage | None,
         change: StripFilter,
         *,
-        kept: Sequence[Sequence[ComplexArray]] = (),
+        kept: Sequence[ComplexArray] = (),
         progress: Callable[[float], None] | None = None,
     ) -> None:
         """Filter pictures into `target`, strip by strip.
 
-        The sources of the filters are `kept`, for each of some pictures the spectra of its strips, and after them
-        `source`, unless it is None. `target` may be `source`.
+        The sources of the filters are `kept`, the spectra of the strips of another picture, and after it `source`,
+        unless it is None. `target` may be `source`; None writes nothing.
         """
         several = len(self._strips.tiles) > 1
         with self.lock:
-            if several:
+            if several and target is not None:
                 if source is not None and np.shares_memory(source, target):
                     source = self._aside(source)
                 target[...] = 0
             for s, strip in enumerate(self._strips.tiles):
-                sources = [spectra[s] for spectra in kept]
+                sources = [kept[s]] if kept else []
                 if source is not None:
                     if not self._hybrid.transform_rows(source, strip, self._hybrid.spectra):
                         raise InputError("image must be finite")
                     sources.append(self._hybrid.spectra)
-                self._hybrid.filter_columns(sources, self._hybrid.spectra, partial(change, s))
-                self._hybrid.restore_rows(self._hybrid.spectra, target, strip, add=several)
+                filtered = None if target is None else self._hybrid.spectra
+                self._hybrid.filter_columns(sources, filtered, partial(change, s))
+                if target is not None:
+                    self._hybrid.restore_rows(self._hybrid.spectra, target, strip, add=several)
                 if progress is not None:
                     progress((s + 1) / len(self._strips.tiles))
 

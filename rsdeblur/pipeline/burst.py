@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -28,7 +28,7 @@ from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import Capture
 from rsdeblur.motion.rectify import rectify
 from rsdeblur.pipeline.burst_frames import FIT_TILES, BurstFrame, reduced_bank
-from rsdeblur.pipeline.memory import FIXED, Chunk, least_memory
+from rsdeblur.pipeline.memory import Chunk, least_memory
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.pipeline.settings import SolverSettings
@@ -42,11 +42,9 @@ from rsdeblur.types import Float32Array, FloatArray, FloatImage, Progress, Stage
 LEAST_SUPPORT = 0.5
 # Most frames of a burst.
 MOST_FRAMES = 64
-# Bytes that the work may use by default, and the share of them that each frame adds to those of a single picture: with
-# tiles, and with the PSF of every row.
-MEMORY, MEMORY_PER_FRAME, MEMORY_PER_ROW_FRAME = 3 << 29, 0.75, 0.8
-# The default grows to this multiple of what the smallest chunks need.
-ABOVE_LEAST = 1.25
+# Bytes that the solve may use by default: with eight frames of 12 megapixels, their PSFs and Python, a process then
+# takes less than 2 GiB. The default grows to this multiple of what the smallest chunks need.
+MEMORY, ABOVE_LEAST = 9 << 27, 1.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,7 +142,7 @@ def deblur_burst(
     **options
         Fields of :class:`rsdeblur.Options`. ``motion="small-angle"``, ``refine=True``, ``saturation="auto"`` and
         borders other than "blend" and "periodic" are not possible. By default the work uses
-        some 1.5 GiB in addition to the pictures, and more where the blur of many large frames is so tall that even a
+        some 1.1 GiB in addition to the pictures, and more where the blur of many large frames is so tall that even a
         few rows need more, or where ``geometry="rectify"`` or ``normalize=True`` needs the whole picture at once.
 
     Returns
@@ -356,6 +354,7 @@ class _Solution:
         mode = "global" if options.mode == "banded" and options.bands == options.strips == 1 else options.mode
         height, width, _ = burst.reference.encoded.shape
         few = _banks(frames, *(tile_centres(min(KERNELS, n), n) for n in (height, width)))
+        few = [bank.padded(_largest(few)) for bank in few]
         spectra = [Spectra.of(bank, one_filter=mode == "global") for bank in few]
         tunings = [replace(frame.tuning, spectra=of) for frame, of in zip(frames, spectra, strict=True)]
         errors = [tile_error(frame.alignment.capture) if mode == "banded" else 0.0 for frame in frames]
@@ -366,8 +365,10 @@ class _Solution:
         own = [tile_paths(f.alignment.capture, mode, options.bands, options.strips, nsr) for f in frames]
         bands, strips = (max(len(getattr(paths, axis)) for paths in own) for axis in ("rows", "cols"))
         banks = _banks(frames, tile_centres(bands, height), tile_centres(strips, width))
+        # Chunks reach as far as the largest PSF of any frame. Those of the others stay small until they are used.
+        banks[0] = banks[0].padded(_largest(banks))
         settings, single = (SolverSettings.of(options, mode, chosen) for chosen in (strengths, alone))
-        return cls(frames, banks, shares, settings, single, strengths.noise)
+        return cls(frames, tuple(banks), shares, settings, single, strengths.noise)
 
     def run(self, out: NDArray[Any], options: Options, clock: StageClock) -> tuple[NDArray[np.bool_], UndershootMeter]:
         """Solve chunk by chunk into `out`, which is upright; return a mask of the pixels that were exposed."""
@@ -382,55 +383,56 @@ class _Solution:
             return light
 
         whole = options.geometry == "rectify" or options.normalize
-        memory = None if whole else self._memory_of_one(options.max_memory)
+        memory = None if whole else self._memory(options.max_memory)
         solve_chunks(
             HighlightSplit(reference.encoded),
             *(out, self.banks[0], replace(options, max_memory=memory), self.together, clock),
             plan_solver=lambda chunk, _: partial(self._solve, chunk),
+            frames=len(self.frames),
             meter=meter,
             finish=rectified if options.geometry == "rectify" else None,
         )
         return coverage, meter
 
-    def _memory_of_one(self, most: int | None) -> int:
-        """Return the bytes that a chunk may take if it were solved with one frame."""
-        each = MEMORY_PER_ROW_FRAME if self.together.mode == "rowwise" else MEMORY_PER_FRAME
-        frames = 1 + each * len(self.frames)
-        share = FIXED + ((MEMORY if most is None else most) - FIXED) / frames
-        least = least_memory(self.banks[0], self.frames[0].encoded.shape, self.together)
-        if most is None:
-            # Nobody asked for a bound, so it is no reason to refuse, or to solve slivers with wide margins.
-            share = max(share, ABOVE_LEAST * least)
-        elif share < least:
-            raise InputError(
-                f"max_memory is {most / 2**20:.0f} MiB, but even a few rows of {len(self.frames)} frames need "
-                f"{(FIXED + (least - FIXED) * frames) / 2**20:.0f} MiB; fewer frames, strips or bands need less"
-            )
-        return int(share)
+    def _memory(self, most: int | None) -> int:
+        """Return the bytes that a chunk may take."""
+        if most is not None:
+            return most
+        # Nobody asked for a bound, so it is no reason to refuse, or to solve slivers with wide margins.
+        least = least_memory(self.banks[0], self.frames[0].encoded.shape, self.together, len(self.frames))
+        return max(MEMORY, int(ABOVE_LEAST * least))
 
     def _solve(self, chunk: Chunk, light: FloatImage, progress: StageProgress) -> FloatImage:
-        """Return the sharp light of a chunk of rows; `light` is that of the reference.
-
-        The reference is solved alone first. Where another frame does not show its scene, the pixels of that frame are
-        replaced by those that this solution predicts. So they neither help nor harm, and priors see whole pictures.
-        """
+        """Return the sharp light of a chunk of rows; `light` is that of the reference, which is solved alone first."""
         first, capture = chunk.source.start, self.frames[0].alignment.capture
         alone = self.alone.plan_solver(capture, _cut(self.banks[0], chunk), light.shape, first)
         single = alone(light, lambda share: progress(share / 3))
         if len(self.frames) == 1:
             return single
+        # Free its memory before the next solver is planned.
+        del alone
         solver = self._plan_solver(chunk, light.shape)
-        lights = [light]
-        for n, frame in enumerate(self.frames[1:], 1):
-            shown, weights = frame.light(chunk.source)
-            if weights.min() < 1:
-                predicted = solver.blurred(single, n)
-                shown = predicted + weights[..., None] * (shown - predicted)
-            lights.append(shown)
-        del single
+        lights = self._lights(chunk.source, light, partial(solver.blurred, single))
         return solver.apply(
             lights, prior=self.together.latent_prior, progress=lambda share: progress((1 + 2 * share) / 3)
         )
+
+    def _lights(self, rows: slice, light: FloatImage, predicted: Callable[[int], FloatImage]) -> Iterator[FloatImage]:
+        """Yield the light of all frames at some rows of the reference, that of the reference first.
+
+        Where another frame does not show the scene of the reference, its pixels are replaced by those that the solution
+        of the reference alone predicts. So they neither help nor harm, and priors see whole pictures.
+        """
+        yield light
+        for n, frame in enumerate(self.frames[1:], 1):
+            shown, weights = frame.light(rows, self.together.threads)
+            if weights.min() < 1:
+                # predicted + weights (shown - predicted)
+                blurred = predicted(n)
+                shown -= blurred
+                shown *= weights[..., None]
+                shown += blurred
+            yield shown
 
     def _plan_solver(self, chunk: Chunk, shape: tuple[int, int, int]) -> BurstQuadratic | RowBurst:
         """Plan the solver of all frames together for a chunk whose light has the given shape."""
@@ -439,8 +441,8 @@ class _Solution:
         if settings.mode != "rowwise":
             banks = [_cut(bank, chunk) for bank in self.banks]
             return BurstQuadratic(banks, self.shares, shape, wiener=settings.weight is None, **engine)
-        rows = np.arange(float(chunk.source.start), float(chunk.source.stop))
-        paths = [frame.alignment.paths(rows, self.banks[0].cols) for frame in self.frames]
+        rows = chunk.source
+        paths = [frame.alignment.every_row(rows.start, rows.stop, self.banks[0].cols) for frame in self.frames]
         paths = [replace(path, rows=path.rows - chunk.source.start) for path in paths]
         return RowBurst(paths, self.shares, shape, solver=settings.solver, **engine)
 
@@ -453,11 +455,15 @@ def _cut(bank: PsfBank, chunk: Chunk) -> PsfBank:
     return PsfBank(bank.kernels[part], chunk.bank.rows, chunk.bank.cols, paths)
 
 
-def _banks(frames: Sequence[BurstFrame], rows: FloatArray, cols: FloatArray) -> tuple[PsfBank, ...]:
-    """Return the PSFs of the resampled frames on one grid, all of one size."""
-    banks = [PsfBank.from_paths(frame.alignment.paths(rows, cols)) for frame in frames]
+def _banks(frames: Sequence[BurstFrame], rows: FloatArray, cols: FloatArray) -> list[PsfBank]:
+    """Return the PSFs of the resampled frames on one grid."""
+    return [PsfBank.from_paths(frame.alignment.paths(rows, cols)) for frame in frames]
+
+
+def _largest(banks: Sequence[PsfBank]) -> tuple[int, int]:
+    """Return the height and the width that hold every PSF."""
     tall, wide = (max(bank.size[axis] for bank in banks) for axis in (0, 1))
-    return tuple(bank.padded((tall, wide)) for bank in banks)
+    return tall, wide
 
 
 def _use(burst: _Burst, index: int, share: float, frame: ReadoutFrame) -> FrameUse:

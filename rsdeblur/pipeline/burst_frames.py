@@ -14,6 +14,7 @@ from rsdeblur.estimate.burst_fit import Expected, FrameFit, fit_frame
 from rsdeblur.estimate.noise import noise_level
 from rsdeblur.estimate.strength import Tuning
 from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.kernels.resample import ORDER, sample
 from rsdeblur.motion.alignment import Alignment
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
@@ -24,8 +25,8 @@ SIDE = 640
 # Distance in px between the points whose places are traced; between them, interpolation errs by less than 0.01 px for
 # shifts of up to 100 px.
 NODE_STEP = 16
-# Rows beyond a part that the spline of its pixels depends on: it decays by 0.27 from row to row.
-SPLINE_ROWS = 12
+# Rows beyond a part that the spline of its pixels depends on: it decays by 0.43 from row to row.
+SPLINE_ROWS = 16
 # Bands and strips in which equally blurred pictures are computed.
 FIT_TILES = 8, 4
 
@@ -110,8 +111,8 @@ class BurstFrame:
             out[top:stop] = light.reshape(stop - top, factor, w, factor).mean(axis=(1, 3))
         return out
 
-    def light(self, rows: slice) -> tuple[FloatImage, Float32Array]:
-        """Return the frame at the `rows` of the reference, and its weight.
+    def light(self, rows: slice, threads: int | None = None) -> tuple[FloatImage, Float32Array]:
+        """Return the frame at the `rows` of the reference, and its weight; `threads` share the work.
 
         Returns
         -------
@@ -126,19 +127,15 @@ class BurstFrame:
         seen = self._shows(x, y)
         weights = self._weights(rows)
         weights *= seen
-        light = np.empty((*x.shape, channels), dtype=np.float32)
         if not seen.any():
-            light[...] = 0
-            return light, weights
+            return np.zeros((*x.shape, channels), dtype=np.float32), weights
         top = max(int(y[seen].min()) - SPLINE_ROWS, 0)
         stop = min(int(y[seen].max()) + 1 + SPLINE_ROWS, height)
         source = self.encoded.linear(slice(top, stop))
         source /= np.float32(self.fit.gain)
-        at = [np.clip(y - top, 0, stop - 1 - top), np.clip(x, 0, width - 1)]
         for c in range(channels):
-            spline = ndimage.spline_filter(source[..., c], 3, output=np.float32, mode="mirror")
-            ndimage.map_coordinates(spline, at, output=light[..., c], order=3, mode="mirror", prefilter=False)
-        return light, weights
+            source[..., c] = ndimage.spline_filter(source[..., c], ORDER, output=np.float32, mode="mirror")
+        return sample(source, x.clip(0, width - 1), (y - top).clip(0, stop - 1 - top), threads), weights
 
     @property
     def shown_weights(self) -> Float32Array:

@@ -15,17 +15,21 @@ from rsdeblur.deconv.quadratic import MARGIN
 from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
 from rsdeblur.pipeline.settings import SolverSettings
-from rsdeblur.psf import PsfBank
+from rsdeblur.psf import PsfBank, affecting
 from rsdeblur.types import FloatArray
 
 # Rows read beyond those written, in heights K of the PSF. The filter's response decays over K / (2 pi sqrt(nsr)), and
-# the modes "global" and "rowwise" read four times that. Tiles read no further than their margin.
+# the modes "global" and "rowwise" read four times that. Tiles read no further than their margin; with priors, that of
+# tiles is enough in every mode (docs/developer/decisions.md).
 DECAY_REACH, LEAST_REACH = 0.64, 2.5
 MORE_THAN_MARGIN = 0.5
-PRIOR_REACH = 5.0
-# Number of arrays of a chunk's size in memory at a time (light, result, spectra, latents), by mode and prior.
+PRIOR_REACH = MARGIN
+# Number of arrays of a chunk's size in memory at a time (light, result, spectra, latents), by mode and prior. Those of
+# several frames solved together are more: the next one, the solution of the first one and its blur; rowwise keeps the
+# rows of all frames and their spectra.
 TILE_PICTURES, TILE_PRIOR_PICTURES = 3.3, 5.0
 ROW_PICTURES, ROW_PRIOR_PICTURES = 4.6, 8.0
+BURST_PICTURES, ROW_FRAME_PICTURES = 4.0, 2.5
 # Bytes of the rowwise model for each row, strip and px of the kernel: paths, taps and workspaces.
 ROW_MODEL = 80.0
 # Bytes that do not grow with the chunk: buffers of threads and of libraries.
@@ -48,9 +52,11 @@ class Chunk:
 
 
 def plan_chunks(
-    bank: PsfBank, shape: tuple[int, int, int], settings: SolverSettings, max_memory: int | None
+    bank: PsfBank, shape: tuple[int, int, int], settings: SolverSettings, max_memory: int | None, frames: int = 1
 ) -> tuple[list[Chunk], int]:
     """Return the fewest chunks of a picture that need at most `max_memory` bytes each, and the bytes that they need.
+
+    `frames` pictures of one scene are solved together.
 
     Raises
     ------
@@ -58,46 +64,44 @@ def plan_chunks(
         If the smallest chunk needs more.
     """
     height = shape[0]
-    whole = Chunk(slice(0, height), slice(0, height), bank)
     if max_memory is None:
-        return [whole], _bytes(whole, shape, settings)
+        whole = slice(0, height)
+        return [Chunk(whole, whole, bank)], _bytes(bank, whole, shape, settings, frames)
     count, most = 1, _most_chunks(height)
     while True:
-        chunks, needed = _equal_chunks(bank, shape, settings, count)
+        parts = _parts(bank, height, settings, count)
+        needed = max(_bytes(bank, source, shape, settings, frames) for source, _ in parts)
         if needed <= max_memory:
-            return chunks, needed
+            return [_chunk(bank, source, target, shape[1]) for source, target in parts], needed
         if count == most:
             raise InputError(
-                f"max_memory is {_mebibytes(max_memory)}, but even {LEAST_ROWS} rows of this picture need "
-                f"{_mebibytes(needed)} with PSFs of {bank.size[1]}x{bank.size[0]} px; fewer strips or bands need less"
+                f"max_memory is {_mebibytes(max_memory)}, but even {LEAST_ROWS} rows of "
+                f"{'this picture' if frames == 1 else f'{frames} frames'} need {_mebibytes(needed)} with PSFs of "
+                f"{bank.size[1]}x{bank.size[0]} px; fewer strips or bands need less"
             )
         count = min(most, count + 1 + count // 8)
 
 
-def least_memory(bank: PsfBank, shape: tuple[int, int, int], settings: SolverSettings) -> int:
-    """Return the bytes that the smallest chunks of a picture need."""
-    return _equal_chunks(bank, shape, settings, _most_chunks(shape[0]))[1]
+def least_memory(bank: PsfBank, shape: tuple[int, int, int], settings: SolverSettings, frames: int = 1) -> int:
+    """Return the bytes that the smallest chunks of a picture need; `frames` of one scene are solved together."""
+    parts = _parts(bank, shape[0], settings, _most_chunks(shape[0]))
+    return max(_bytes(bank, source, shape, settings, frames) for source, _ in parts)
 
 
 def _most_chunks(height: int) -> int:
     return -(-height // LEAST_ROWS)
 
 
-def _equal_chunks(
-    bank: PsfBank, shape: tuple[int, int, int], settings: SolverSettings, count: int
-) -> tuple[list[Chunk], int]:
-    """Return a number of equally tall chunks, and the bytes that the largest needs."""
+def _parts(bank: PsfBank, height: int, settings: SolverSettings, count: int) -> list[tuple[slice, slice]]:
+    """Return the rows that a number of equally tall chunks read, and those that they write."""
     reach = _reach(bank, settings)
-    edges = [shape[0] * i // count for i in range(count + 1)]
-    chunks = [_chunk(bank, shape, a, b, reach) for a, b in pairwise(edges)]
-    return chunks, max(_bytes(chunk, shape, settings) for chunk in chunks)
+    edges = [height * i // count for i in range(count + 1)]
+    return [(slice(max(a - reach, 0), min(b + reach, height)), slice(a, b)) for a, b in pairwise(edges)]
 
 
-def _chunk(bank: PsfBank, shape: tuple[int, int, int], first: int, stop: int, reach: int) -> Chunk:
-    height, width, _ = shape
-    source = slice(max(first - reach, 0), min(stop + reach, height))
-    part = bank.cut(slice(first, stop), slice(0, width))
-    return Chunk(source, slice(first, stop), replace(part, rows=part.rows - source.start))
+def _chunk(bank: PsfBank, source: slice, target: slice, width: int) -> Chunk:
+    part = bank.cut(source, slice(0, width))
+    return Chunk(source, target, replace(part, rows=part.rows - source.start))
 
 
 def _margin(settings: SolverSettings) -> float:
@@ -115,23 +119,29 @@ def _reach(bank: PsfBank, settings: SolverSettings) -> int:
     return int(np.ceil(reach * bank.size[0]))
 
 
-def _bytes(chunk: Chunk, shape: tuple[int, int, int], settings: SolverSettings) -> int:
-    """Predict the bytes that solving a chunk takes."""
-    rows, (_, width, channels) = chunk.source.stop - chunk.source.start, shape
-    bands, strips = chunk.bank.kernels.shape[:2]
-    tall, wide = chunk.bank.size
+def _bytes(bank: PsfBank, source: slice, shape: tuple[int, int, int], settings: SolverSettings, frames: int) -> int:
+    """Predict the bytes that solving the rows `source` of one or several frames takes."""
+    rows, (_, width, channels) = source.stop - source.start, shape
+    centres = bank.rows[affecting(bank.rows, source)] - source.start
+    bands, strips, (tall, wide) = len(centres), len(bank.cols), bank.size
     picture = 4.0 * rows * width * channels
     if settings.mode == "rowwise":
         pictures = ROW_PICTURES if settings.weight is None else ROW_PRIOR_PICTURES
-        return int(FIXED + pictures * picture + ROW_MODEL * rows * strips * (tall + wide))
+        pictures += ROW_FRAME_PICTURES * (frames - 1)
+        return int(FIXED + pictures * picture + frames * ROW_MODEL * rows * strips * (tall + wide))
     pictures = TILE_PICTURES if settings.weight is None else TILE_PRIOR_PICTURES
     length, row = (
-        _tile_length(centres, n, kernel, _margin(settings))
-        for centres, n, kernel in ((chunk.bank.rows, rows, tall), (chunk.bank.cols, width, wide))
+        _tile_length(places, n, kernel, _margin(settings))
+        for places, n, kernel in ((centres, rows, tall), (bank.cols, width, wide))
     )
-    # One complex value for every second frequency along x. With a prior, the spectra of the observed rows are kept.
-    filters = 4.0 * bands * strips * length * row
-    observed = 0.0 if settings.weight is None else 4.0 * strips * rows * row * channels
+    # One complex value for every second frequency along x. With a prior, the spectra of the observed rows are kept; of
+    # several frames, the sums of the normal equations of each tile.
+    tiles = float(bands * strips * length * row)
+    filters, observed = 4.0 * tiles, 0.0
+    if frames > 1:
+        pictures, observed = pictures + BURST_PICTURES, (4.0 * channels + 2.0) * tiles
+    elif settings.weight is not None:
+        observed = 4.0 * strips * rows * row * channels
     return int(FIXED + pictures * picture + filters + observed + 8.0 * length * row)
 
 

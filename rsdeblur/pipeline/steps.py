@@ -138,6 +138,7 @@ def solve_chunks(
     clock: StageClock,
     *,
     plan_solver: Callable[[Chunk, tuple[int, int, int]], Solve],
+    frames: int = 1,
     meter: UndershootMeter | None = None,
     finish: Callable[[FloatImage], FloatImage] | None = None,
 ) -> None:
@@ -155,6 +156,8 @@ def solve_chunks(
         Times the stages.
     plan_solver : callable
         Plans the solver of a chunk whose light has the given shape.
+    frames : int, default 1
+        Number of pictures of the scene that it solves together.
     meter : UndershootMeter, optional
         Measures light before and after the solve.
     finish : callable, optional
@@ -163,7 +166,7 @@ def solve_chunks(
     # Linear methods, of which the published filter is one, stay linear.
     fades = options.prior not in ("wiener", "gradient")
     memory = None if options.max_memory is None else options.max_memory - split.nbytes
-    chunks, _ = plan_chunks(bank, split.encoded.shape, settings, memory)
+    chunks, _ = plan_chunks(bank, split.encoded.shape, settings, memory, frames)
     for n, chunk in enumerate(chunks):
         linear = split.remainder(chunk.source)
         inner = slice(chunk.target.start - chunk.source.start, chunk.target.stop - chunk.source.start)

@@ -41,3 +41,15 @@ def test_paths_of_resampled_frames_start_and_end_around_their_middle() -> None:
     np.testing.assert_allclose(paths[:, :, 32], 0, atol=1e-3)
     own = BlurPaths.from_capture(second, ROWS, COLS)
     assert Alignment(second, first).paths(ROWS, COLS).extent[1] < 1.5 * own.extent[1] + 0.5
+
+
+def test_rows_between_traced_ones_have_the_paths_that_tracing_gives() -> None:
+    first, second, _ = burst_captures(LOG, CAMERA, EXPOSURES)
+    alignment = Alignment(second, first)
+    got = alignment.every_row(30, 71, COLS)
+    expected = alignment.paths(np.arange(30.0, 71.0), COLS)
+    np.testing.assert_array_equal(got.rows, expected.rows)
+    # Each row takes 0.25 ms to read.
+    np.testing.assert_allclose(got.displacements, expected.displacements, atol=0.01)
+    single = alignment.every_row(30, 31, COLS), alignment.paths(np.array([30.0]), COLS)
+    np.testing.assert_array_equal(single[0].displacements, single[1].displacements)

@@ -1,0 +1,40 @@
+"""Resampling of pictures by splines."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from rsdeblur.kernels.resample import ORDER, sample, sample_numpy
+
+HEIGHT, WIDTH = 24, 31
+
+
+@pytest.fixture
+def coefficients() -> np.ndarray:
+    picture = np.random.default_rng(0).uniform(size=(HEIGHT, WIDTH, 3)).astype(np.float32)
+    channels = [ndimage.spline_filter(picture[..., c], ORDER, output=np.float32, mode="mirror") for c in range(3)]
+    return np.stack(channels, axis=-1)
+
+
+def test_numba_and_numpy_agree_also_beyond_the_edges(coefficients: np.ndarray) -> None:
+    rng = np.random.default_rng(1)
+    x, y = (rng.uniform(-40, n + 40, (15, 17)).astype(np.float32) for n in (WIDTH, HEIGHT))
+    x[3, 4] = np.nan
+    y[5, 6] = 1e12
+    got = sample(coefficients, x, y)
+    # float32 sums of 36 terms.
+    np.testing.assert_allclose(got, sample_numpy(coefficients, x, y), atol=1e-5)
+    np.testing.assert_array_equal(sample(coefficients, x, y, 3), got)
+    assert np.argwhere(np.isnan(got[..., 0])).tolist() == [[3, 4], [5, 6]]
+
+
+def test_polynomials_of_the_degree_of_the_spline_are_exact() -> None:
+    y, x = np.indices((60, 60)) / 60
+    picture = (x**5 - 2 * y**4 * x + y).astype(np.float32)
+    spline = ndimage.spline_filter(picture, ORDER, output=np.float32, mode="mirror")[..., None]
+    across, down = np.meshgrid(np.linspace(25, 35, 9, dtype=np.float32), np.linspace(26, 34, 7, dtype=np.float32))
+    expected = (across / 60) ** 5 - 2 * (down / 60) ** 4 * (across / 60) + down / 60
+    # The mirrored edges are 25 px away: the spline decays by 0.43 per px.
+    np.testing.assert_allclose(sample(spline, across, down)[..., 0], expected, atol=1e-5)
