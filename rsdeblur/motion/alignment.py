@@ -140,13 +140,13 @@ class Alignment:
         Every `ROW_STEP`-th row is traced; between them, paths are interpolated linearly.
         """
         traced = np.append(np.arange(float(first), stop - 1, ROW_STEP), stop - 1.0)
-        nodes = self.paths(traced, cols).displacements
+        nodes = self.paths(traced, cols)
         rows = np.arange(float(first), stop)
         above = np.minimum((rows - first).astype(np.intp) // ROW_STEP, max(len(traced) - 2, 0))
         below = np.minimum(above + 1, len(traced) - 1)
         part = (rows - traced[above]) / np.maximum(traced[below] - traced[above], 1.0)
-        paths = nodes[above] + part[:, None, None, None] * (nodes[below] - nodes[above])
-        return BlurPaths(paths, rows, cols)
+        before, after = nodes.displacements[above], nodes.displacements[below]
+        return BlurPaths(before + part[:, None, None, None] * (after - before), rows, cols, nodes.softness)
 
     def _displacements(self, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
         paths = np.empty((len(rows), len(cols), samples, 2))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
+from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Auto
 from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.priors import brightness
@@ -47,6 +48,7 @@ MOST_FRAMES = 64
 MEMORY, ABOVE_LEAST = 9 << 27, 1.25
 
 
+@one_line()
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameUse:
     """What a frame contributed to a result of :func:`rsdeblur.deblur_burst`.
@@ -80,6 +82,7 @@ class FrameUse:
     weights: Float32Array
 
 
+@one_line()
 @dataclass(frozen=True, slots=True, eq=False)
 class BurstResult:
     """A picture deblurred from several frames.
@@ -452,7 +455,7 @@ def _cut(bank: PsfBank, chunk: Chunk) -> PsfBank:
     first = int(np.searchsorted(bank.rows, chunk.bank.rows[0] + chunk.source.start - 0.5))
     part, paths = slice(first, first + len(chunk.bank.rows)), bank.displacements
     paths = None if paths is None else paths[part]
-    return PsfBank(bank.kernels[part], chunk.bank.rows, chunk.bank.cols, paths)
+    return PsfBank(bank.kernels[part], chunk.bank.rows, chunk.bank.cols, paths, bank.softness)
 
 
 def _banks(frames: Sequence[BurstFrame], rows: FloatArray, cols: FloatArray) -> list[PsfBank]:

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from rsdeblur import BurstResult, Camera, Exposure, InputError, Tuning, deblur, deblur_burst, hand_shake, simulate_clip
 from rsdeblur.psf import PsfBank
@@ -47,6 +48,16 @@ def test_frames_together_are_sharper_than_the_best_alone() -> None:
     assert error(result.image, frames()[1][result.reference]) < 0.8 * best
     assert sum(frame.share for frame in result.frames) == pytest.approx(1)
     assert all(frame.support > 0.9 and abs(frame.gain - 1) < 0.01 and frame.shift < 0.3 for frame in result.frames)
+
+
+def test_softness_of_the_lens_is_undone() -> None:
+    blurred, sharp = frames(noise=0.002)
+    soft = [gaussian_filter(image, (0.8, 0.8, 0)) for image in blurred]
+    for mode in ("banded", "rowwise"):
+        plain, undone = (together(soft, mode=mode, reference=0, softness=softness) for softness in (0.0, 0.8))
+        # Measured 0.52 and 0.51 times.
+        assert error(undone.image, sharp[0]) < 0.8 * error(plain.image, sharp[0])
+    assert "\n" not in repr(undone)
 
 
 def test_order_and_brightness_of_frames_do_not_matter() -> None:
