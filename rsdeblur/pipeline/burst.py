@@ -45,7 +45,7 @@ LEAST_SUPPORT = 0.5
 MOST_FRAMES = 64
 # Bytes that the solve may use by default: with eight frames of 12 megapixels, their PSFs and Python, a process then
 # takes less than 2 GiB. The default grows to this multiple of what the smallest chunks need.
-MEMORY, ABOVE_LEAST = 9 << 27, 1.25
+MEMORY, ABOVE_LEAST = 1 << 30, 1.25
 
 
 @one_line()
@@ -145,7 +145,7 @@ def deblur_burst(
     **options
         Fields of :class:`rsdeblur.Options`. ``motion="small-angle"``, ``refine=True``, ``saturation="auto"`` and
         borders other than "blend" and "periodic" are not possible. By default the work uses
-        some 1.1 GiB in addition to the pictures, and more where the blur of many large frames is so tall that even a
+        some 1 GiB in addition to the pictures, and more where the blur of many large frames is so tall that even a
         few rows need more, or where ``geometry="rectify"`` or ``normalize=True`` needs the whole picture at once.
 
     Returns
