@@ -11,7 +11,7 @@ over time; Gauss points integrate them.
 from __future__ import annotations
 
 import math
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ def window_spectrum(turns: FloatArray) -> FloatArray:
     return spectrum
 
 
-@cache
+@lru_cache(8)
 def _sinc_table(softness: float = 0.0) -> FloatArray:
     """Return the Kaiser-windowed sinc at the same distances, under a Gaussian of up to 1 px."""
     distance = np.arange(STEPS * WIDTH // 2 + 2) / STEPS

@@ -43,8 +43,8 @@ from rsdeblur.types import Float32Array, FloatArray, FloatImage, Progress, Stage
 LEAST_SUPPORT = 0.5
 # Most frames of a burst.
 MOST_FRAMES = 64
-# Bytes that the solve may use by default: with eight frames of 12 megapixels, their PSFs and Python, a process then
-# takes less than 2 GiB. The default grows to this multiple of what the smallest chunks need.
+# Bytes that the solve may use by default: with eight frames of 12 megapixels, their PSFs and Python, the private memory
+# of a process then stays below 2 GiB. The default grows to this multiple of what the smallest chunks need.
 MEMORY, ABOVE_LEAST = 1 << 30, 1.25
 
 
