@@ -5,7 +5,7 @@ const REST = 350; // ms without a change before the crop is solved at full size 
 const QUICK = 0.2; // s for a draft; while a slider moves, slower crops are solved at a smaller size
 const SCALES = [1, 0.5, 0.35, 0.25];
 const FILES = ["photo", "gyro", "camera", "capture"];
-const SLIDERS = ["power", "time_offset", "readout_time", "focal_length"];
+const SLIDERS = ["power", "time_offset", "readout_time", "focal_length", "softness"];
 let opened = null; // the answer to "open"
 let box = null; // left, top, width, height of the crop
 let running = false;
@@ -49,6 +49,7 @@ function form() {
   if (moved("time_offset")) values.moved.time_offset = `${offset().toFixed(2)}ms`;
   if (moved("readout_time")) values.moved.readout_time = `${find("readout_time").value}ms`;
   if (moved("focal_length")) values.moved.focal_length = focal().toFixed(1);
+  if (moved("softness")) values.moved.softness = find("softness").value;
   return values;
 }
 
@@ -59,6 +60,7 @@ function showValues(strength) {
   find("time_offset-value").value = `${offset().toFixed(1)} ms`;
   find("readout_time-value").value = `${Number(find("readout_time").value).toFixed(1)} ms`;
   find("focal_length-value").value = `${focal().toFixed(0)} px`;
+  find("softness-value").value = `${Number(find("softness").value).toFixed(2)} px`;
   if (strength) find("power-value").value = `${strength.name} ${strength.value.toPrecision(3)}${strength.power ? "" : " (auto)"}`;
 }
 

@@ -159,6 +159,8 @@ def solve_crop(
     if scale < 1.0:
         part, lens = reduced(part, lens, max(16, round(scale * max(outer.width, outer.height))))
         scale = max(lens.width, lens.height) / max(outer.width, outer.height)
+        # A Gaussian of the whole picture is narrower in px of the reduced one.
+        options = replace(options, softness=scale * options.softness)
     if options.mode == "banded":
         upright = ReadoutFrame(lens).camera
         least = DRAFT_TILE if scale < 1.0 else 0

@@ -46,8 +46,8 @@ if TYPE_CHECKING:
 RECORDING = tuple(field.name for field in fields(Recording))
 FILES = ("gyro", "camera", "capture")
 # Options that have a slider; the strengths of the whole picture are derived without them, and so stay while they move.
-MOVED = ("time_offset", "readout_time", "focal_length")
-FORM = (*RECORDING, "mode", "prior")
+MOVED = ("time_offset", "readout_time", "focal_length", "softness")
+FORM = (*RECORDING, "mode", "prior", "softness")
 # Longer side of the overview, px.
 OVERVIEW = 560
 # Largest crop, px, and the least scale at which it is solved while a slider moves.

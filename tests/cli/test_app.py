@@ -49,7 +49,7 @@ def saved(desk, form):
 
 
 def test_the_saved_picture_is_that_of_the_copied_command(desk, form, run):
-    moved = {"time_offset": "-2.5ms", "readout_time": "21ms", "focal_length": "104.5"}
+    moved = {"time_offset": "-2.5ms", "readout_time": "21ms", "focal_length": "104.5", "softness": "0.5"}
     form |= {"power": 0.5, "moved": moved, "more": "--threads 1"}
     command = shlex.split(desk.actions["solve"](form)["command"])
     assert command[:2] == ["rsdeblur", "deblur"]
