@@ -250,7 +250,7 @@ def cases(*, quick: bool) -> Iterator[Case]:
     kinds.append(replace(four, mode="rowwise"))
     if not quick:
         kinds += [replace(four, frames=count, decibels=35) for count in (4, 2, 8)]
-        kinds += [replace(case, prior="tv") for case in (four, pair)]
+        kinds += [replace(case, prior="tv") for case in (four, pair, replace(pair, mode="rowwise"))]
     for kind in kinds:
         for burst in range(2 if quick else len(MOMENTS)):
             yield replace(kind, burst=burst)
