@@ -102,9 +102,10 @@ def main() -> None:
     options = parser.parse_args()
     rounds = options.rounds or (2 if options.quick else 5)
     if options.point:
-        print(json.dumps(measure(Point(**json.loads(options.point)), rounds, options.threads)))
+        point = Point(**json.loads(options.point))
+        print(json.dumps(measure(point, rounds, options.threads, steady=not options.quick)))
         return
-    record = run(QUICK if options.quick else FULL, rounds, options.threads)
+    record = run(QUICK if options.quick else FULL, rounds, options.threads, steady=not options.quick)
     record["command"] = "python -m benchmarks.growth " + " ".join(sys.argv[1:])
     for curve in record["series"]:
         print()
@@ -118,11 +119,11 @@ def main() -> None:
             print(f"drew {path}")
 
 
-def run(planned: Sequence[Series], rounds: int, threads: int) -> Record:
+def run(planned: Sequence[Series], rounds: int, threads: int, *, steady: bool = False) -> Record:
     """Measure every point in a separate process."""
     load = machine.load()
     points = list(dict.fromkeys(point for s in planned for mode in s.modes.values() for point in mode))
-    by_point = {point: _in_new_process(point, rounds, threads) for point in progress(points, "measuring")}
+    by_point = {point: _in_new_process(point, rounds, threads, steady) for point in progress(points, "measuring")}
     return {
         "machine": machine.facts(),
         "load": load,
@@ -140,7 +141,7 @@ def run(planned: Sequence[Series], rounds: int, threads: int) -> Record:
     }
 
 
-def measure(point: Point, rounds: int, threads: int) -> Record:
+def measure(point: Point, rounds: int, threads: int, *, steady: bool = False) -> Record:
     """Return the time and the extra memory of one point; memory is None where the system does not report it."""
     case = Case(point.width, point.height, (point.psf_width, point.psf_height))
     bank = case.bank(point.bands, point.strips)
@@ -152,12 +153,13 @@ def measure(point: Point, rounds: int, threads: int) -> Record:
     solver.apply(picture, out=out)
     peak = machine.peak_memory()
     extra = None if before is None or peak is None else peak - before
-    times = interleave({"apply": lambda: solver.apply(picture, out=out)}, rounds)["apply"]
+    times = interleave({"apply": lambda: solver.apply(picture, out=out)}, rounds, steady=steady)["apply"]
     return {**asdict(point), "plan_seconds": planned, "apply_seconds": asdict(times), "extra_bytes": extra}
 
 
-def _in_new_process(point: Point, rounds: int, threads: int) -> Record:
+def _in_new_process(point: Point, rounds: int, threads: int, steady: bool = False) -> Record:
     task = ["--point", json.dumps(asdict(point)), "--rounds", str(rounds), "--threads", str(threads)]
+    task += [] if steady else ["--quick"]
     done = subprocess.run(
         [sys.executable, "-m", "benchmarks.growth", *task], stdout=subprocess.PIPE, check=True, text=True
     )

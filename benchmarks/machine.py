@@ -64,15 +64,29 @@ def forget_peak() -> int | None:
     return _status("VmRSS")
 
 
+def stolen() -> float:
+    """Return the time that the host of this virtual machine has given to others while this one had work, s.
+
+    It is 0 without Linux's `/proc`, and where the host does not tell.
+    """
+    seconds = _processor_seconds()
+    return 0.0 if seconds is None else seconds[-1]
+
+
 def _busy_seconds() -> float | None:
     """Return the time that all processors have worked, here or for other guests, s; None without `/proc`."""
+    seconds = _processor_seconds()
+    return None if seconds is None else sum(seconds) - sum(seconds[3:5])
+
+
+def _processor_seconds() -> list[float] | None:
+    """Return the seconds of user, nice, system, idle, iowait, irq, softirq, steal of all processors, if known."""
     try:
         first = Path("/proc/stat").read_text().split("\n", 1)[0]
     except OSError:
         return None
-    # proc(5): user, nice, system, idle, iowait, irq, softirq, steal; the guests' times are part of user and nice.
-    ticks = [int(number) for number in first.split()[1:9]]
-    return (sum(ticks) - sum(ticks[3:5])) / os.sysconf("SC_CLK_TCK")
+    # proc(5); the guests' times are part of user and nice.
+    return [int(number) / os.sysconf("SC_CLK_TCK") for number in first.split()[1:9]]
 
 
 def _status(field: str) -> int | None:

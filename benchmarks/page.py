@@ -30,7 +30,9 @@ those:
 ```
 
 Compare ratios, not milliseconds. One process on one machine timed all rows of a table in turns, in a new random order
-for every round. Other machines have other ratios; run the commands to see yours.
+for every round. A measurement is the fastest call of half a second in which the host of this virtual machine took no
+processor away; rounds went on until those that count agreed. Other machines have other ratios; run the commands to see
+yours.
 
 ## Compared with other libraries
 

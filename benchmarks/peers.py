@@ -74,7 +74,7 @@ PER_PIXEL = 1.5
 def main() -> None:
     """Run the benchmark and print its tables."""
     options = arguments()
-    record = run(options.size, options.large, options.rounds, options.threads)
+    record = run(options.size, options.large, options.rounds, options.threads, steady=not options.quick)
     record["command"] = "python -m benchmarks.peers " + " ".join(sys.argv[1:])
     for case in record["cases"]:
         print(f"\n{heading(record, case)}\n")
@@ -122,8 +122,10 @@ def size(text: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def run(size: tuple[int, int], large: tuple[int, int], rounds: int, threads: Sequence[int]) -> Record:
-    """Time everything and return the record."""
+def run(
+    size: tuple[int, int], large: tuple[int, int], rounds: int, threads: Sequence[int], *, steady: bool = False
+) -> Record:
+    """Time everything, steadily where the figures mean something, and return the record."""
     record: Record = {
         "machine": machine.facts(),
         "load": machine.load(),
@@ -131,7 +133,7 @@ def run(size: tuple[int, int], large: tuple[int, int], rounds: int, threads: Seq
         "rounds": rounds,
         "threads": list(threads),
     }
-    duels = [duel(Case(*size, box), rounds, threads) for box in BOXES]
+    duels = [duel(Case(*size, box), rounds, threads, steady=steady) for box in BOXES]
     record["cases"] = duels
     record["scaling"] = scaling(size, large, max(2, rounds // LARGE_SHARE), threads[-1])
     record["skipped"] = sorted({reason for case in duels for reason in case.pop("skipped")})
@@ -147,12 +149,12 @@ def all_times(record: Record) -> dict[str, Times]:
     }
 
 
-def duel(case: Case, rounds: int, threads: Sequence[int]) -> Record:
+def duel(case: Case, rounds: int, threads: Sequence[int], *, steady: bool = False) -> Record:
     """Build, compare and time all alternatives for one PSF size."""
     tasks, builds, skipped = build(case, threads)
     pictures = {key: task.comparable(p) for key, task in tasks.items() if isinstance(p := task.run(), np.ndarray)}
     deviations = {key: deviation(key, pictures) for key in tasks}
-    times = interleave({key: task.run for key, task in tasks.items()}, rounds)
+    times = interleave({key: task.run for key, task in tasks.items()}, rounds, steady=steady)
     medians = {name: t.median for (name, n), t in times.items() if n == threads[-1]}
     return {
         "psf": case.box,

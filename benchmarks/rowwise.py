@@ -61,6 +61,7 @@ def main() -> None:
         options.size or (QUICK_SIZE if options.quick else SIZE),
         options.rounds or (3 if options.quick else 11),
         options.threads,
+        steady=not options.quick,
     )
     record["command"] = "python -m benchmarks.rowwise " + " ".join(sys.argv[1:])
     print_table(COLUMNS, rows(record))
@@ -72,7 +73,7 @@ def main() -> None:
         write(options.markdown, markdown(COLUMNS, rows(record)) + "\n\n" + summary(record))
 
 
-def run(size: tuple[int, int], rounds: int, threads: int) -> Record:
+def run(size: tuple[int, int], rounds: int, threads: int, *, steady: bool = False) -> Record:
     """Time everything and return the record."""
     record: Record = {"machine": machine.facts(), "load": machine.load(), "size": size, "threads": threads}
     case = Case(*size, (WIDTH, WIDTH))
@@ -90,7 +91,7 @@ def run(size: tuple[int, int], rounds: int, threads: int) -> Record:
         for name, part in (("block", paths), ("cached", few)):
             jobs[name, height], work[name, height] = one_block(part, size[0])
     jobs["sparse", SPARSE] = lambda: solvers[SPARSE].apply(picture, out, prior=PRIOR)
-    times = interleave(jobs, rounds)
+    times = interleave(jobs, rounds, steady=steady)
     record["times"] = {f"{name}, PSF of {height} rows": asdict(each) for (name, height), each in times.items()}
     record["sparse_s"] = times["sparse", SPARSE].median
     record["sparse_ratio"] = times["sparse", SPARSE] / times["apply", SPARSE]

@@ -71,7 +71,8 @@ def run(folder: Path, size: tuple[int, int], rounds: int) -> dict[tuple[str, boo
             subprocess.run(command, cwd=folder, env=os.environ | places, stdout=subprocess.DEVNULL, check=True)
 
     # The first round, which is not counted, fills the caches.
-    return interleave({(name, cold): partial(start, name, cold) for name in commands for cold in (False, True)}, rounds)
+    jobs = {(name, cold): partial(start, name, cold) for name in commands for cold in (False, True)}
+    return interleave(jobs, rounds, steady=rounds > 1)
 
 
 if __name__ == "__main__":

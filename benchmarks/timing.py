@@ -15,6 +15,15 @@ from benchmarks import machine
 
 # Largest distance of the quartiles, as a share of the median, of figures that are published.
 MOST_SPREAD = 0.15
+# A steady measurement is the fastest of calls that last this long together, s.
+LENGTH = 0.5
+# Most of a call's time that the host of a virtual machine may take away. Its clock ticks every 0.01 s, so short calls
+# bear no tick, and long ones bear what does not matter.
+MOST_STOLEN = 0.01
+# Disturbed calls of one measurement may last this long together, s; they are used if there are no others.
+PATIENCE = 1.5
+# Most rounds until the quartiles of all jobs agree, as a multiple of those that count.
+MOST_ROUNDS = 6
 
 Job = Callable[[], object]
 T = TypeVar("T")
@@ -68,9 +77,15 @@ def refuse_noise(load: float, times: Mapping[str, Times]) -> None:
 
 
 def interleave(
-    jobs: Mapping[Key, Job], rounds: int, *, clock: Callable[[], float] = time.perf_counter, seed: int = 0
+    jobs: Mapping[Key, Job],
+    rounds: int,
+    *,
+    steady: bool = False,
+    clock: Callable[[], float] = time.perf_counter,
+    stolen: Callable[[], float] = machine.stolen,
+    seed: int = 0,
 ) -> dict[Key, Times]:
-    """Time all jobs, one call of each per round.
+    """Time all jobs, one measurement of each per round.
 
     Each round has a new random order, so that no job always runs with the caches and the clock rate that the same job
     left behind. A first round is not counted.
@@ -80,25 +95,52 @@ def interleave(
     jobs : mapping to callable
     rounds : int
         Number of counted rounds, at least 1.
-    clock : callable
-        Returns the time in s.
+    steady : bool, default False
+        Whether figures are to be published: calls are then repeated, see :func:`fastest`, and rounds go on, up to 6
+        times `rounds`, until in the last ones no job's quartiles are more than 15 % of its median apart. Otherwise a
+        measurement is one call.
+    clock, stolen : callable
+        Return the time, and the time that the host has taken away, in s.
     seed : int
         Seed of the random orders.
 
     Returns
     -------
     dict of Times
-        In the order of `jobs`.
+        In the order of `jobs`, of the last `rounds`.
     """
     random = np.random.default_rng(seed)
     keys = list(jobs)
     seconds: dict[Key, list[float]] = {key: [] for key in keys}
-    for _ in progress(range(rounds + 1), "measuring"):
+    times: dict[Key, Times] = {}
+    for done in progress(range((MOST_ROUNDS if steady else 1) * rounds + 1), "measuring"):
         for i in random.permutation(len(keys)):
-            begin = clock()
-            jobs[keys[i]]()
-            seconds[keys[i]].append(clock() - begin)
-    return {key: Times.of(all_rounds[1:]) for key, all_rounds in seconds.items()}
+            job = jobs[keys[i]]
+            seconds[keys[i]].append(fastest(job, clock, stolen) if steady else _seconds(job, clock))
+        if done >= rounds:
+            times = {key: Times.of(measured[-rounds:]) for key, measured in seconds.items()}
+            if max(each.spread for each in times.values()) <= MOST_SPREAD:
+                break
+    return times
+
+
+def fastest(job: Job, clock: Callable[[], float], stolen: Callable[[], float]) -> float:
+    """Return the time of the fastest of calls that last 0.5 s together, s.
+
+    What slows a call down is not the job, but interrupts and other work of the machine or of its host. Calls during
+    which the host of a virtual machine gave a processor to others do not count, unless they are all that 1.5 s bring.
+    """
+    undisturbed, disturbed = list[float](), list[float]()
+    while sum(undisturbed) < LENGTH and sum(disturbed) < PATIENCE:
+        lost, took = stolen(), _seconds(job, clock)
+        (undisturbed if stolen() - lost <= MOST_STOLEN * took else disturbed).append(took)
+    return min(undisturbed or disturbed)
+
+
+def _seconds(job: Job, clock: Callable[[], float]) -> float:
+    begin = clock()
+    job()
+    return clock() - begin
 
 
 def progress(items: Sequence[T], title: str) -> Iterable[T]:

@@ -47,7 +47,7 @@ def figures(quick: bool) -> Iterator[Figure]:
             jobs["deconvolution", threads] = lambda solver=solver: solver.apply(case.blurred)  # type: ignore[misc]
             jobs["whole", threads] = process(case, Path(folder), threads)
         load = machine.load()
-        measured = interleave(jobs, 2 if quick else ROUNDS)
+        measured = interleave(jobs, 2 if quick else ROUNDS, steady=not quick)
     if not quick:
         refuse_noise(load, {f"{what}, {threads} threads": each for (what, threads), each in measured.items()})
     times = {key: 1e3 * time.median for key, time in measured.items()}

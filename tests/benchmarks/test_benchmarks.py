@@ -36,6 +36,11 @@ class FakeClock:
         return run
 
 
+def never():
+    """Return the time that a host took away: none."""
+    return 0.0
+
+
 def test_first_round_is_not_counted_and_the_rest_is_summarised(module):
     timing, clock = module("timing"), FakeClock()
     jobs = {"steady": clock.job("steady", [100, 4, 4, 4, 4, 4]), "rising": clock.job("rising", [100, 1, 2, 3, 4, 50])}
@@ -45,6 +50,34 @@ def test_first_round_is_not_counted_and_the_rest_is_summarised(module):
     # One outlier moves neither the median nor a quartile.
     assert times["rising"] == timing.Times(median=3, low=2, high=4)
     assert times["steady"] / times["rising"] == pytest.approx(4 / 3)
+
+
+def test_calls_that_the_host_interrupted_are_measured_again(module):
+    clock = FakeClock()
+    # Two undisturbed calls last 0.5 s; the faster one counts. The host interrupts the first and the third.
+    job = clock.job("job", [0.75, 0.25, 0.1, 0.375, 9.0])
+    lost = iter([0.0, 0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5])
+    assert module("timing").fastest(job, clock, lambda: next(lost)) == 0.25
+    assert len(clock.calls) == 4
+
+
+def test_steady_rounds_go_on_until_a_quiet_time(module):
+    timing, clock = module("timing"), FakeClock()
+    jobs = {"a": clock.job("a", [9, 1, 2, 1, 2, 2, 2, 9]), "b": clock.job("b", [9.0] * 9)}
+    times = timing.interleave(jobs, 3, steady=True, clock=clock, stolen=never)
+    assert times == {"a": timing.Times(2, 2, 2), "b": timing.Times(9, 9, 9)}
+    assert clock.calls.count("a") == 7
+    # Without a quiet time, the last rounds count.
+    noisy = {"a": clock.job("a", [2.0**n for n in range(50)])}
+    last = timing.interleave(noisy, 3, steady=True, clock=clock, stolen=never)["a"]
+    assert last.median == 2.0 ** (3 * timing.MOST_ROUNDS - 1)
+
+
+def test_machine_that_is_always_interrupted_is_measured_as_it_is(module):
+    clock, ticks = FakeClock(), iter(range(1000))
+    seconds = module("timing").fastest(clock.job("job", [1.0] * 100), clock, lambda: float(next(ticks)))
+    assert seconds == 1.0
+    assert len(clock.calls) == 2  # 1.5 s
 
 
 def test_noisy_figures_are_not_published(module):
