@@ -30,7 +30,7 @@ those:
 ```
 
 Compare ratios, not milliseconds. One process on one machine timed all rows of a table in turns, in a new random order
-for every round. A measurement is the fastest call of half a second in which the host of this virtual machine took no
+for every round. A measurement is the fastest call of half a second in which the host of a virtual machine took no
 processor away; rounds went on until those that count agreed. Other machines have other ratios; run the commands to see
 yours.
 
