@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import subprocess
 import sys
 import time
@@ -182,20 +183,16 @@ def rows(curve: Record) -> list[list[str]]:
 
 
 def _cells(point: Record) -> list[str]:
-    seconds = Times(**point["apply_seconds"]).median
+    seconds = _steady_seconds(point)
     extra = "-" if point["extra_bytes"] is None else f"{point['extra_bytes'] / 2**20:.0f}"
     per_pixel = 1e9 * seconds / (point["width"] * point["height"])
-    return [f"{1e3 * seconds:.1f}", f"{per_pixel:.1f}", extra]
+    return [*("-" if math.isnan(figure) else f"{figure:.1f}" for figure in (1e3 * seconds, per_pixel)), extra]
 
 
-def all_times(record: Record) -> dict[str, Times]:
-    """Return all measured times of a record by what was measured."""
-    return {
-        f"{mode}, {curve['label']} {x:g}": Times(**point["apply_seconds"])
-        for curve in record["series"]
-        for mode, points in curve["modes"].items()
-        for x, point in zip(curve["x"], points, strict=True)
-    }
+def _steady_seconds(point: Record) -> float:
+    """Return the time of a point, or NaN where its repetitions disagree."""
+    times = Times(**point["apply_seconds"])
+    return times.median if times.is_steady else math.nan
 
 
 def plot_names(record: Record) -> list[str]:
@@ -234,7 +231,7 @@ def draw(record: Record, folder: Path) -> list[Path]:
 
 def _value(point: Record, quantity: str) -> float:
     if quantity.startswith("time"):
-        return 1e3 * float(point["apply_seconds"]["median"])
+        return 1e3 * _steady_seconds(point)
     return float("nan") if point["extra_bytes"] is None else point["extra_bytes"] / 2**20
 
 

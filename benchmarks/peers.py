@@ -7,7 +7,8 @@ compared before timing, so that every alternative does the same work. Missing li
 PSFs are 17x59 and 73x77 px (width x height): 16x59 and 72x76 of Sindelar and Sroubek (2013), rounded up to odd sizes
 because kernels here have a centre pixel. They are the paths of a shaken hand, scaled to fill that box.
 
-``--quick`` uses small pictures; its times mean nothing. The exit code is 1 if an alternative returns another picture. A
+With ``--psf``, only these PSFs are measured; the file of ``--json`` keeps what it has of the others. ``--quick`` uses
+small pictures; its times mean nothing. The exit code is 1 if an alternative returns another picture. A
 missed target is only reported.
 """
 
@@ -74,8 +75,12 @@ PER_PIXEL = 1.5
 def main() -> None:
     """Run the benchmark and print its tables."""
     options = arguments()
-    record = run(options.size, options.large, options.rounds, options.threads, steady=not options.quick)
+    record = run(
+        *(options.size, options.large, options.rounds, options.threads), boxes=options.psf, steady=not options.quick
+    )
     record["command"] = "python -m benchmarks.peers " + " ".join(sys.argv[1:])
+    if options.json and options.json.exists() and len(options.psf) < len(BOXES):
+        record = merged(json.loads(options.json.read_text()), record)
     for case in record["cases"]:
         print(f"\n{heading(record, case)}\n")
         print_table(COLUMNS, rows(case))
@@ -106,6 +111,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument(
         "--threads", type=int, nargs="+", default=[1, 2], help="threads; targets are for the last (1 2)"
     )
+    parser.add_argument("--psf", type=size, nargs="+", choices=BOXES, default=BOXES, help="only PSFs of these sizes")
     parser.add_argument("--quick", action="store_true", help="small pictures and 3 rounds, to see that it runs")
     parser.add_argument("--json", type=Path, help="write the record")
     parser.add_argument("--markdown", type=Path, help="write the tables")
@@ -123,7 +129,13 @@ def size(text: str) -> tuple[int, int]:
 
 
 def run(
-    size: tuple[int, int], large: tuple[int, int], rounds: int, threads: Sequence[int], *, steady: bool = False
+    size: tuple[int, int],
+    large: tuple[int, int],
+    rounds: int,
+    threads: Sequence[int],
+    *,
+    boxes: Sequence[tuple[int, int]] = BOXES,
+    steady: bool = False,
 ) -> Record:
     """Time everything, steadily where the figures mean something, and return the record."""
     record: Record = {
@@ -133,20 +145,60 @@ def run(
         "rounds": rounds,
         "threads": list(threads),
     }
-    duels = [duel(Case(*size, box), rounds, threads, steady=steady) for box in BOXES]
+    duels = [duel(Case(*size, box), rounds, threads, steady=steady) for box in boxes]
     record["cases"] = duels
     record["scaling"] = scaling(size, large, max(2, rounds // LARGE_SHARE), threads[-1])
     record["skipped"] = sorted({reason for case in duels for reason in case.pop("skipped")})
     return record
 
 
-def all_times(record: Record) -> dict[str, Times]:
-    """Return all measured times of a record by what was measured."""
-    return {
-        f"{row['name']}, {row['threads'] or 'own'} threads, PSF {_by(case['psf'])}": Times(**row["seconds"])
-        for case in record["cases"]
-        for row in case["alternatives"]
+def merged(earlier: Record, record: Record) -> Record:
+    """Return a record with those cases of an earlier one, of the same machine, that were not measured again.
+
+    Raises
+    ------
+    SystemExit
+        If machine, sizes or rounds differ.
+    """
+    for name in ("machine", "size", "rounds", "threads"):
+        # Files have lists for tuples.
+        if json.dumps(earlier[name]) != json.dumps(record[name]):
+            raise SystemExit(f"{name} of the record is {earlier[name]}, now {record[name]}; measure all PSFs")
+    cases = {tuple(case["psf"]): case for case in (*earlier["cases"], *record["cases"])}
+    return record | {
+        "load": max(earlier["load"], record["load"]),
+        "cases": [cases[box] for box in BOXES if box in cases],
+        "skipped": sorted({*earlier["skipped"], *record["skipped"]}),
+        "command": "\n".join([earlier["command"], record["command"]]),
     }
+
+
+def steady_figures(record: Record) -> Record:
+    """Return a record without the times whose repetitions disagree, and without the ratios to them: None instead."""
+    return record | {"cases": [_steady_case(case, record["threads"]) for case in record["cases"]]}
+
+
+def _steady_case(case: Record, threads: Sequence[int]) -> Record:
+    steady = {
+        (row["name"], n)
+        for row in case["alternatives"]
+        for n in threads
+        if row["threads"] in (n, None) and Times(**row["seconds"]).is_steady
+    }
+
+    def kept(row: Record) -> Record:
+        n = row["threads"] or threads[-1]
+        if (row["name"], n) not in steady:
+            return row | {"seconds": row["seconds"] | {"median": None}, "to_bare": None, "to_global": None}
+        ratios = {"to_bare": c.BARE, "to_global": c.GLOBAL}
+        return row | {key: row[key] if (name, n) in steady else None for key, name in ratios.items()}
+
+    pairs = {target.text: {(target.over, threads[-1]), (target.under, threads[-1])} for target in TARGETS}
+    targets = [
+        target if pairs[target["text"]] <= steady else target | {"ratio": None, "met": None}
+        for target in case["targets"]
+    ]
+    return case | {"alternatives": [kept(row) for row in case["alternatives"]], "targets": targets}
 
 
 def duel(case: Case, rounds: int, threads: Sequence[int], *, steady: bool = False) -> Record:
@@ -240,10 +292,10 @@ def rows(case: Record) -> list[list[str]]:
         [
             row["name"],
             str(row["threads"] or "-"),
-            f"{1e3 * row['seconds']['median']:.1f}",
+            _figure(row["seconds"]["median"], 1e3, ".1f"),
             f"{1e3 * row['seconds']['low']:.1f} - {1e3 * row['seconds']['high']:.1f}",
-            f"{row['to_bare']:.2f}",
-            f"{row['to_global']:.2f}",
+            _figure(row["to_bare"]),
+            _figure(row["to_global"]),
             f"{row['build_seconds']:.2f}",
             _difference(row),
         ]
@@ -261,7 +313,7 @@ def target_rows(record: Record) -> list[list[str]]:
             target["text"],
             _by(case["psf"]),
             f"{'at least' if target['at_least'] else 'at most'} {target['bound']:g}",
-            "-" if target["ratio"] is None else f"{target['ratio']:.2f}",
+            _figure(target["ratio"]),
             "not measured" if target["met"] is None else ("met" if target["met"] else "missed"),
         ]
         for case in record["cases"]
@@ -292,6 +344,10 @@ def notes(record: Record) -> list[str]:
     """Return remarks that limit the validity of the figures."""
     remarks = [f"Skipped: {reason}." for reason in record["skipped"]]
     return remarks + machine.busy(record["load"])
+
+
+def _figure(value: float | None, unit: float = 1.0, form: str = ".2f") -> str:
+    return "-" if value is None else f"{unit * value:{form}}"
 
 
 def _difference(row: Record) -> str:

@@ -130,10 +130,10 @@ def strengths() -> Iterator[tuple[Prior, Any]]:
             yield prior, strength
 
 
-def middle(capture: SimulatedCapture) -> SimulatedCapture:
+def middle(capture: SimulatedCapture, size: tuple[int, int] = MIDDLE) -> SimulatedCapture:
     """Return the middle of a capture, or all of a smaller one."""
     camera = capture.camera
-    width, height = (min(n, most) for n, most in zip((camera.width, camera.height), MIDDLE, strict=True))
+    width, height = (min(n, most) for n, most in zip((camera.width, camera.height), size, strict=True))
     left, top = (camera.width - width) // 2, (camera.height - height) // 2
     pictures = Simulation(*(p[top : top + height, left : left + width] for p in capture.pictures))
     return replace(capture, camera=camera.cropped(left, top, width, height), pictures=pictures)

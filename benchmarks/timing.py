@@ -49,6 +49,11 @@ class Times:
         """Distance of the quartiles as a share of the median."""
         return (self.high - self.low) / self.median
 
+    @property
+    def is_steady(self) -> bool:
+        """Whether the quartiles are close enough for a figure that is published."""
+        return self.spread <= MOST_SPREAD
+
     def __truediv__(self, other: Times) -> float:
         """Return the ratio of the medians."""
         return self.median / other.median
@@ -70,7 +75,7 @@ def refuse_noise(load: float, times: Mapping[str, Times]) -> None:
         If the load exceeds :data:`benchmarks.machine.BUSY`, or a spread exceeds 15 %.
     """
     reasons = [f"the load was {load:.1f}, more than {machine.BUSY}"] if load > machine.BUSY else []
-    wide = {name: each.spread for name, each in times.items() if each.spread > MOST_SPREAD}
+    wide = {name: each.spread for name, each in times.items() if not each.is_steady}
     reasons += [f"{name}: the quartiles are {spread:.0%} of the median apart" for name, spread in wide.items()]
     if reasons:
         raise SystemExit("\n".join(["not published; measure again on an idle machine:", *reasons]))
@@ -97,8 +102,9 @@ def interleave(
         Number of counted rounds, at least 1.
     steady : bool, default False
         Whether figures are to be published: calls are then repeated, see :func:`fastest`, and rounds go on, up to 6
-        times `rounds`, until in the last ones no job's quartiles are more than 15 % of its median apart. Otherwise a
-        measurement is one call.
+        times `rounds`, until in the last ones no job's quartiles are more than 15 % of its median apart. Where they
+        never agree, those `rounds` in sequence count that took the least time: other machines of the same host, whose
+        work slows all jobs down, were quietest then. Otherwise a measurement is one call.
     clock, stolen : callable
         Return the time, and the time that the host has taken away, in s.
     seed : int
@@ -107,21 +113,27 @@ def interleave(
     Returns
     -------
     dict of Times
-        In the order of `jobs`, of the last `rounds`.
+        In the order of `jobs`, of the `rounds` that count.
     """
     random = np.random.default_rng(seed)
     keys = list(jobs)
     seconds: dict[Key, list[float]] = {key: [] for key in keys}
-    times: dict[Key, Times] = {}
     for done in progress(range((MOST_ROUNDS if steady else 1) * rounds + 1), "measuring"):
         for i in random.permutation(len(keys)):
             job = jobs[keys[i]]
             seconds[keys[i]].append(fastest(job, clock, stolen) if steady else _seconds(job, clock))
         if done >= rounds:
             times = {key: Times.of(measured[-rounds:]) for key, measured in seconds.items()}
-            if max(each.spread for each in times.values()) <= MOST_SPREAD:
-                break
-    return times
+            if all(each.is_steady for each in times.values()):
+                return times
+    begin = _quietest(list(seconds.values()), rounds)
+    return {key: Times.of(measured[begin : begin + rounds]) for key, measured in seconds.items()}
+
+
+def _quietest(seconds: Sequence[Sequence[float]], rounds: int) -> int:
+    """Return the first of so many rounds in sequence that took the least time, all jobs alike; round 0 never counts."""
+    relative = np.mean([np.divide(measured, np.median(measured)) for measured in seconds], axis=0)
+    return 1 + int(np.argmin(np.convolve(relative[1:], np.ones(rounds), mode="valid")))
 
 
 def fastest(job: Job, clock: Callable[[], float], stolen: Callable[[], float]) -> float:

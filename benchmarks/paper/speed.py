@@ -48,15 +48,18 @@ def figures(quick: bool) -> Iterator[Figure]:
             jobs["whole", threads] = process(case, Path(folder), threads)
         load = machine.load()
         measured = interleave(jobs, 2 if quick else ROUNDS, steady=not quick)
+    compared = [measured[size, 1] for size in sizes[2:0:-1]]
     if not quick:
-        refuse_noise(load, {f"{what}, {threads} threads": each for (what, threads), each in measured.items()})
-    times = {key: 1e3 * time.median for key, time in measured.items()}
+        refuse_noise(load, {f"FFT {size}": each for size, each in zip(sizes[2:0:-1], compared, strict=True)})
+    times: dict[tuple[object, int], Cell] = {
+        key: 1e3 * time.median if quick or time.is_steady else "-" for key, time in measured.items()
+    }
     rows: list[tuple[Cell, ...]] = []
     for size, theirs in zip(sizes, THEIRS.values(), strict=True):
         rows.append((f"FFT, grey {size[0]}x{size[1]}", *theirs, times[size, 1], times[size, 2]))
     for (label, theirs_ms), key in zip(WHOLE.items(), ("deconvolution", "whole"), strict=True):
         rows.append((label, "-", "-", theirs_ms, times[key, 1], times[key, 2]))
-    penalty = times[sizes[2], 1] / times[sizes[1], 1]
+    penalty = compared[0] / compared[1]
 
     def draw(canvas: Any) -> None:
         axes = canvas.subplots()
@@ -74,7 +77,8 @@ def figures(quick: bool) -> Iterator[Figure]:
         "Milliseconds: theirs on a phone of 2012 without NEON, with NEON on one core and on two; ours (FFTW, float32, "
         "measured plans) with one thread and with two, on this machine. A colour picture takes 7 transforms, one of "
         "the PSF and 2 of each channel; the times here are those of the latter 6, after planning. The whole process "
-        "reads a JPEG of 3264x2448, reduces it to 2048x1536, makes the PSF, deconvolves and writes a JPEG.",
+        "reads a JPEG of 3264x2448, reduces it to 2048x1536, makes the PSF, deconvolves and writes a JPEG. Times whose "
+        'quartiles are more than 15 % of the median apart are left out ("-").',
         f"Holds: a size with large prime factors (2050x1538) takes {penalty:.1f} times as long as its neighbour "
         "(theirs: 3.0), which is why a work size is chosen; absolute times are not comparable between machines.",
         ("what", "theirs, no NEON", "theirs, 1 core", "theirs, 2 cores", "ours, 1 thread", "ours, 2 threads"),

@@ -67,10 +67,13 @@ def test_steady_rounds_go_on_until_a_quiet_time(module):
     times = timing.interleave(jobs, 3, steady=True, clock=clock, stolen=never)
     assert times == {"a": timing.Times(2, 2, 2), "b": timing.Times(9, 9, 9)}
     assert clock.calls.count("a") == 7
-    # Without a quiet time, the last rounds count.
-    noisy = {"a": clock.job("a", [2.0**n for n in range(50)])}
-    last = timing.interleave(noisy, 3, steady=True, clock=clock, stolen=never)["a"]
-    assert last.median == 2.0 ** (3 * timing.MOST_ROUNDS - 1)
+    # Without such a time, the fastest rounds in sequence count, all jobs alike: here the 5th to the 7th.
+    lengths = [1, *(5 * [8, 16]), *(5 * [8, 16])]
+    lengths[5:8] = 4, 8, 4
+    noisy = {name: clock.job(name, [factor * n for n in lengths]) for name, factor in (("a", 1.0), ("b", 3.0))}
+    noisy["c"] = clock.job("c", [1.0, *range(50, 90)])
+    times = timing.interleave(noisy, 3, steady=True, clock=clock, stolen=never)
+    assert (times["a"].median, times["b"].median, times["c"].median) == (4, 12, 55)
 
 
 def test_machine_that_is_always_interrupted_is_measured_as_it_is(module):
@@ -125,6 +128,25 @@ def test_target_that_lacks_an_alternative_is_not_judged(module):
     assert at_most.assess({"a": 3.0, "b": 1.0})["met"] is False
     assert at_least.assess({"a": 3.0, "b": 1.0})["met"] is True
     assert at_most.assess({"a": 3.0}) == {"text": "", "bound": 2.0, "at_least": False, "ratio": None, "met": None}
+
+
+def test_times_that_disagree_are_left_out_with_their_ratios(module):
+    peers = module("peers")
+
+    def row(name, threads, spread):
+        seconds = {"median": 1.0, "low": 1.0 - spread / 2, "high": 1.0 + spread / 2}
+        return {"name": name, "threads": threads, "seconds": seconds, "to_bare": 1.0, "to_global": 1.0}
+
+    rows = [row(peers.c.BARE, 2, 0.3), row(peers.c.GLOBAL, 2, 0.1), row(peers.c.SKIMAGE_AS_IS, None, 0.0)]
+    target = peers.TARGETS[0]
+    case = {"alternatives": rows, "targets": [target.assess({peers.c.BARE: 1.0, peers.c.GLOBAL: 1.0})]}
+    (left,) = peers.steady_figures({"threads": [1, 2], "cases": [case]})["cases"]
+    bare, ours, other = left["alternatives"]
+    assert bare["seconds"] == {"median": None, "low": 0.85, "high": 1.15}
+    assert (bare["to_bare"], bare["to_global"]) == (None, None)
+    assert ours["seconds"]["median"] == other["seconds"]["median"] == 1.0
+    assert (ours["to_bare"], ours["to_global"]) == (other["to_bare"], other["to_global"]) == (None, 1.0)
+    assert left["targets"][0]["ratio"] is left["targets"][0]["met"] is None
 
 
 def test_another_picture_is_noticed(module):
