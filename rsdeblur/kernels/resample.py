@@ -1,7 +1,6 @@
 """Values of a spline between the pixels of a picture: the Numba kernel and its NumPy twin.
 
-The picture is given as quintic B-spline coefficients (``scipy.ndimage.spline_filter``, ``mode="mirror"``). Beyond its
-edges it is mirrored.
+The picture is given as quintic B-spline coefficients. Beyond its edges it is mirrored.
 """
 
 from __future__ import annotations
@@ -40,28 +39,45 @@ def _spline_weights(f, out):
 @njit(nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "arcp", "nsz"})
 def _sample(first, stop, coefficients, x, y, out):
     height, width, channels = coefficients.shape
+    rows = coefficients.reshape(height, width * channels)
     wx, wy = np.empty(6, np.float32), np.empty(6, np.float32)
-    value = np.empty(channels, np.float32)
+    # Sums over the six rows, of all channels of the six columns.
+    sums = np.empty(6 * channels, np.float32)
     for r in range(first, stop):
         for s in range(out.shape[1]):
             qx, qy = x[r, s], y[r, s]
-            value[:] = np.float32(0.0)
             if not (abs(qx) < FARTHEST and abs(qy) < FARTHEST):
-                out[r, s] = np.float32(np.nan)
+                for c in range(channels):
+                    out[r, s, c] = np.float32(np.nan)
                 continue
             i0, j0 = int(np.floor(qy)) - 2, int(np.floor(qx)) - 2
             _spline_weights(np.float32(qx - j0 - 2), wx)
             _spline_weights(np.float32(qy - i0 - 2), wy)
-            inside = 0 <= i0 < height - 5 and 0 <= j0 < width - 5
-            for a in range(6):
-                i = i0 + a if inside else _mirror(i0 + a, height)
-                for b in range(6):
-                    j = j0 + b if inside else _mirror(j0 + b, width)
-                    weight = wy[a] * wx[b]
-                    for c in range(channels):
-                        value[c] += weight * coefficients[i, j, c]
+            for k in range(6 * channels):
+                sums[k] = np.float32(0.0)
+            if 0 <= i0 < height - 5 and 0 <= j0 < width - 5:
+                left = j0 * channels
+                for a in range(6):
+                    for k in range(6 * channels):
+                        sums[k] += wy[a] * rows[i0 + a, left + k]
+            else:
+                for a in range(6):
+                    i = _mirror(i0 + a, height)
+                    for b in range(6):
+                        j = _mirror(j0 + b, width)
+                        for c in range(channels):
+                            sums[b * channels + c] += wy[a] * coefficients[i, j, c]
             for c in range(channels):
-                out[r, s, c] = value[c]
+                value = np.float32(0.0)
+                for b in range(6):
+                    value += wx[b] * sums[b * channels + c]
+                out[r, s, c] = value
+
+
+def to_spline(picture: FloatImage) -> None:
+    """Replace a picture (h, w, C) by the coefficients of the quintic spline through its pixels."""
+    for c in range(picture.shape[2]):
+        picture[..., c] = ndimage.spline_filter(picture[..., c], ORDER, output=np.float32, mode="mirror")
 
 
 def sample(
@@ -71,8 +87,8 @@ def sample(
 
     Parameters
     ----------
-    coefficients : ndarray, shape (h, w, C), float32
-        Quintic spline coefficients of the picture.
+    coefficients : ndarray, shape (h, w, C), float32, C-contiguous
+        Quintic spline coefficients of the picture, see :func:`to_spline`.
     x, y : ndarray, shape (H, W), float32
         Places in px.
     threads : int, optional

@@ -14,7 +14,7 @@ from rsdeblur.estimate.burst_fit import Expected, FrameFit, fit_frame
 from rsdeblur.estimate.noise import noise_level
 from rsdeblur.estimate.strength import Tuning
 from rsdeblur.image.encoded import EncodedImage
-from rsdeblur.kernels.resample import ORDER, sample
+from rsdeblur.kernels.resample import sample, to_spline
 from rsdeblur.motion.alignment import Alignment
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
@@ -61,8 +61,7 @@ class Warp:
 
     def at(self, rows: FloatArray, cols: FloatArray) -> tuple[Float32Array, Float32Array]:
         """Return the places x and y in the frame of a grid of the reference, each of shape (len(rows), len(cols))."""
-        down, across = (_between(to / NODE_STEP, n) for to, n in zip((rows, cols), self.offsets.shape, strict=False))
-        x, y = (down @ part @ across.T for part in np.moveaxis(self.offsets, -1, 0))
+        x, y = (_interpolated(part, rows / NODE_STEP, cols / NODE_STEP) for part in np.moveaxis(self.offsets, -1, 0))
         return x + cols.astype(np.float32), y + rows.astype(np.float32)[:, None]
 
 
@@ -111,6 +110,11 @@ class BurstFrame:
             out[top:stop] = light.reshape(stop - top, factor, w, factor).mean(axis=(1, 3))
         return out
 
+    @cached_property
+    def grey_noise(self) -> float:
+        """Standard deviation of the noise of :attr:`grey`."""
+        return noise_level(self.grey[..., None])
+
     def light(self, rows: slice, threads: int | None = None) -> tuple[FloatImage, Float32Array]:
         """Return the frame at the `rows` of the reference, and its weight; `threads` share the work.
 
@@ -133,8 +137,7 @@ class BurstFrame:
         stop = min(int(y[seen].max()) + 1 + SPLINE_ROWS, height)
         source = self.encoded.linear(slice(top, stop))
         source /= np.float32(self.fit.gain)
-        for c in range(channels):
-            source[..., c] = ndimage.spline_filter(source[..., c], ORDER, output=np.float32, mode="mirror")
+        to_spline(source)
         return sample(source, x.clip(0, width - 1), (y - top).clip(0, stop - 1 - top), threads), weights
 
     @property
@@ -158,15 +161,12 @@ class BurstFrame:
 
     def _weights(self, rows: slice) -> Float32Array:
         assert self.fit is not None
-        reduced, width = self.fit.weights, self.encoded.shape[1]
-        centre = (self.factor - 1) / 2
+        width, centre = self.encoded.shape[1], (self.factor - 1) / 2
         down, across = (
-            _between((np.arange(float(first), float(stop)) - centre) / self.factor, count)
-            for first, stop, count in ((rows.start, rows.stop, reduced.shape[0]), (0, width, reduced.shape[1]))
+            (np.arange(float(first), float(stop)) - centre) / self.factor
+            for first, stop in ((rows.start, rows.stop), (0, width))
         )
-        along: Float32Array = reduced @ across.T
-        weights: Float32Array = np.matmul(down, along)
-        return weights
+        return _interpolated(self.fit.weights, down, across)
 
     def fitted(self, reference: BurstFrame, banks: tuple[PsfBank, PsfBank]) -> FrameFit:
         """Compare the frame with the reference; `banks` are their PSFs on the reduced picture."""
@@ -185,23 +185,26 @@ class BurstFrame:
             TileBlur(bank, shape).forward(picture) for bank, picture in ((other, resampled), (own, reference.grey))
         )
         energies = [float(np.square(bank.kernels).sum(axis=(2, 3)).mean()) for bank in (other, own)]
-        noises = [noise_level(frame.grey[..., None]) ** 2 for frame in (self, reference)]
+        noises = [frame.grey_noise**2 for frame in (self, reference)]
         errors = self.tuning.path_error + reference.tuning.path_error
         blur = (self.tuning.radius**2 + reference.tuning.radius**2) / self.factor**2
         expected = Expected(float(np.dot(energies, noises)), errors / self.factor**2, blur)
         return fit_frame(blurred, equal, known, expected)
 
 
-def _between(places: FloatArray, count: int) -> Float32Array:
-    """Return the weights of linear interpolation from `count` pixels to `places`, shape (len(places), count)."""
-    place = np.clip(places, 0, count - 1)
-    first = np.minimum(place.astype(np.intp), max(count - 2, 0))
-    weights = np.zeros((len(places), count), dtype=np.float32)
-    at = np.arange(len(places))
-    weights[at, first] = 1 - (place - first)
-    if count > 1:
-        weights[at, first + 1] = place - first
-    return weights
+def _interpolated(values: Float32Array, rows: FloatArray, cols: FloatArray) -> Float32Array:
+    """Return `values` on a grid of places, linearly interpolated; beyond the edges the nearest value."""
+    for axis, places in enumerate((rows, cols)):
+        last = values.shape[axis] - 1
+        place = np.clip(places, 0, last)
+        first = place.astype(np.intp)
+        part = np.expand_dims((place - first).astype(np.float32), 1 - axis)
+        before, after = (values.take(nodes, axis) for nodes in (first, np.minimum(first + 1, last)))
+        after -= before
+        after *= part
+        after += before
+        values = after
+    return values
 
 
 def reduced_bank(paths: BlurPaths, factor: int) -> PsfBank:
