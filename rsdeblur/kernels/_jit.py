@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 class _ToleratedCache:
@@ -51,3 +55,13 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         return dispatcher
 
     return compiled
+
+
+def read_only(array: NDArray[Scalar]) -> NDArray[Scalar]:
+    """Return a read-only view of an array, or a C-contiguous copy of one in another order.
+
+    Numba compiles a kernel anew for arrays that may be written and for those that may not, which takes a second.
+    """
+    view = np.ascontiguousarray(array).view()
+    view.flags.writeable = False
+    return view

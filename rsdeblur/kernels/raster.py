@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.threads import share_range
-from rsdeblur.kernels._jit import njit
+from rsdeblur.kernels._jit import njit, read_only
 
 # Two-point Gauss-Legendre nodes on [0, 1].
 GAUSS_LOW = 0.5 - 0.5 / 3.0**0.5
@@ -109,6 +109,7 @@ def rasterize(
         Kernels that sum to 1; NaN where a displacement is not within these bounds, or is NaN.
     """
     kernels = np.empty((len(paths), 2 * half_height + 1, 2 * half_width + 1), dtype=np.float32)
+    paths = read_only(paths)
     share_range(lambda first, stop: _rasterize(first, stop, paths, kernels), len(paths), threads)
     return kernels
 

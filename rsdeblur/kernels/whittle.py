@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.threads import share_range
-from rsdeblur.kernels._jit import njit
+from rsdeblur.kernels._jit import njit, read_only
 from rsdeblur.types import FloatArray
 
 # Newton steps for the gains of a tile, and the change of a logarithm that ends them.
@@ -175,6 +175,8 @@ def fit_gains(
         Nats, shape (N,), gains, shape (N, D), and levels, shape (N,).
     """
     count = len(tiles.power)
+    floats = [read_only(values) for values in (tiles.power, tiles.noise, tiles.expected)]
+    tiles = Tiles(floats[0], floats[1], floats[2], read_only(tiles.place), read_only(tiles.sectors))
     nats, gains, chosen = np.empty(count), np.empty((count, len(tiles.sectors) - 1)), np.empty(count)
     share_range(lambda first, stop: _fit(first, stop, tiles, levels, stiffness, nats, gains, chosen), count, threads)
     return nats, gains, chosen
