@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +14,6 @@ from rsdeblur.deconv.hybrid import COLUMNS
 from rsdeblur.deconv.priors import LatentPrior, check_prior
 from rsdeblur.deconv.quadratic import MARGIN, TileNormal
 from rsdeblur.deconv.rowwise import RowSolver
-from rsdeblur.deconv.rowwise_blur import RowBlur
 from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.normal import add_normal, solve_normal
@@ -226,7 +224,6 @@ class RowBurst(RowSolver):
         super().__init__(
             *(frames, shares, shape), nsr=nsr, solver=solver, border=border, planning=planning, threads=threads
         )
-        self._frames = tuple(frames)
 
     def apply(
         self,
@@ -237,7 +234,7 @@ class RowBurst(RowSolver):
     ) -> NDArray[np.float32]:
         """Deblur the pictures of one scene; see :meth:`BurstQuadratic.apply`."""
         validate.callback("progress", progress)
-        frames, (height, width, *channelled) = len(self._frames), self.shape
+        frames, (height, width, *channelled) = len(self._factors), self.shape
         channels = channelled[0] if channelled else 1
         rows = np.empty((height, frames, width, channels), dtype=np.float32)
         for i, picture in enumerate(_checked(images, frames, self.shape)):
@@ -247,20 +244,6 @@ class RowBurst(RowSolver):
         out = np.empty((height, width, channels), dtype=np.float32)
         self._restore(rows.reshape(-1, width, channels), out, prior, progress)
         return out.reshape(self.shape)
-
-    def blurred(self, latent: FloatImage, frame: int) -> FloatImage:
-        """Return a latent picture (H, W, C) with the blur of a frame; beyond its borders it is reflected."""
-        paths, reach = self._frames[frame], self._reach
-        height, width, channels = latent.shape
-        blur = RowBlur(
-            replace(paths, cols=paths.cols + reach),
-            width + 2 * reach,
-            channels=channels,
-            threads=self._spectra.team.threads,
-        )
-        below = blur.latent_shape[0] + blur.top - height
-        extended = np.pad(latent, ((-blur.top, below), (reach, reach), (0, 0)), mode="reflect")
-        return blur.forward(extended)[:, reach : reach + width]
 
 
 def _checked(images: Iterable[ArrayLike], count: int, shape: tuple[int, ...]) -> Iterator[FloatImage]:

@@ -15,6 +15,7 @@ from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Auto
 from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.priors import brightness
+from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.check import UndershootMeter, assess, fall_back
 from rsdeblur.estimate.strength import KERNELS, Spectra, Tuning
@@ -422,9 +423,20 @@ class _Solution:
         # Free its memory before the next solver is planned.
         del alone
         solver = self._plan_solver(chunk, light.shape)
-        lights = self._lights(chunk.source, light, partial(solver.blurred, single))
+        lights = self._lights(chunk.source, light, self._predicted(solver, chunk, single))
         return solver.apply(
             lights, prior=self.together.latent_prior, progress=lambda share: progress((1 + 2 * share) / 3)
+        )
+
+    def _predicted(
+        self, solver: BurstQuadratic | RowBurst, chunk: Chunk, single: FloatImage
+    ) -> Callable[[int], FloatImage]:
+        """Return a function that predicts what a frame shows of a solution for the reference alone."""
+        if isinstance(solver, BurstQuadratic):
+            return partial(solver.blurred, single)
+        # The blur of every row would be drawn once more, and gains 0.01 dB (tv, eight simulated bursts).
+        return lambda n: TileBlur(_cut(self.banks[n], chunk), single.shape, threads=self.together.threads).forward(
+            single
         )
 
     def _lights(self, rows: slice, light: FloatImage, predicted: Callable[[int], FloatImage]) -> Iterator[FloatImage]:
