@@ -412,10 +412,15 @@ def unit_range(pixels: NDArray[Any]) -> NDArray[Any]:
 
 @contextmanager
 def naming(file: Path | None, recording: Moments | None = None) -> Iterator[None]:
-    """Put the name of the file at fault before errors of a computation."""
+    """Put the name of the file at fault before errors of a computation, unless they name it already."""
+
+    def named(fault: Path | None, error: Exception) -> str:
+        name = f"{fault}: " if fault else ""
+        return name + str(error).removeprefix(name)
+
     try:
         yield
     except CoverageError as error:
-        raise type(error)(f"{recording.gyro}: {error}" if recording else str(error)) from error
+        raise type(error)(named(recording.gyro if recording else None, error)) from error
     except InputError as error:
-        raise InputError(f"{file}: {error}" if file else str(error)) from error
+        raise InputError(named(file, error)) from error

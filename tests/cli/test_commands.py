@@ -480,6 +480,9 @@ def test_times_from_exif(run: Run, files: Files, tmp_path: Path, monkeypatch: py
     found = OffsetSearch(late, late, 1.0, "", np.zeros(1), np.zeros(1))
     monkeypatch.setattr("rsdeblur.estimate.time_offset.find_time_offset", lambda *_, **__: found)
     base = ["deblur", photo, "--gyro", log, "--camera", files.camera, "--prior", "wiener"]
+    without = run("deblur", files.photo, *base[2:], "--start", "exif", "--duration", "1/25", "-o", tmp_path / "a.png")
+    assert without.exit_code == 1
+    assert without.stderr.count(str(files.photo)) == 1
     result = run(*base, "--start", "exif", "-o", tmp_path / "a.png")
     assert "The exposure began 0.500 s before the time in EXIF." in result.stdout
     start_ns = noon_ns + round(1e9 * START)
