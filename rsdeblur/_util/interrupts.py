@@ -5,7 +5,9 @@ All of them raise KeyboardInterrupt, so that unfinished files are removed on the
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +15,8 @@ from typing import Any, NoReturn
 
 # Windows has no SIGHUP.
 ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+# Time until an interrupt that was lost is delivered again, s.
+RETRY = 0.01
 
 
 class Interrupt(KeyboardInterrupt):
@@ -33,7 +37,20 @@ def interrupt_once(number: int, _: object = None) -> NoReturn:
     """Signal handler: raise `Interrupt`, and ignore further signals, which would stop the cleanup."""
     for each in ENDING:
         signal.signal(each, signal.SIG_IGN)
+    sys.unraisablehook = _deliver_again
     raise Interrupt(number)
+
+
+def _deliver_again(lost: sys.UnraisableHookArgs) -> None:
+    """Repeat a signal whose handler raised where Python only prints errors: in destructors and callbacks."""
+    if not isinstance(lost.exc_value, Interrupt):
+        sys.__unraisablehook__(lost)
+        return
+    number = lost.exc_value.number
+    signal.signal(number, interrupt_once)
+    timer = threading.Timer(RETRY, os.kill, (os.getpid(), number))
+    timer.daemon = True
+    timer.start()
 
 
 @contextmanager
@@ -56,9 +73,11 @@ def _handlers(handlers: dict[int, Any]) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    hook = sys.unraisablehook
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
         yield
     finally:
+        sys.unraisablehook = hook
         for number, handler in before.items():
             signal.signal(number, handler)
