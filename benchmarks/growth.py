@@ -30,6 +30,8 @@ from benchmarks.timing import Times, interleave, progress
 from rsdeblur import Deconvolver
 
 Record = dict[str, Any]
+# Passes over all points where times are published.
+PASSES = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,10 +123,18 @@ def main() -> None:
 
 
 def run(planned: Sequence[Series], rounds: int, threads: int, *, steady: bool = False) -> Record:
-    """Measure every point in a separate process."""
+    """Measure every point in a separate process.
+
+    Where times are to be steady, there are two passes over all points, of which the faster counts for each.
+    """
     load = machine.load()
     points = list(dict.fromkeys(point for s in planned for mode in s.modes.values() for point in mode))
-    by_point = {point: _in_new_process(point, rounds, threads, steady) for point in progress(points, "measuring")}
+    # A process lasts seconds, and the work of other machines of the host minutes: no process can avoid it.
+    passes = PASSES if steady else 1
+    by_point: dict[Point, Record] = {}
+    for point in progress(passes * points, "measuring"):
+        record = _in_new_process(point, rounds, threads, steady)
+        by_point[point] = min(by_point.get(point, record), record, key=lambda each: each["apply_seconds"]["median"])
     return {
         "machine": machine.facts(),
         "load": load,

@@ -63,8 +63,8 @@ tiles differ, it is the rms difference over the inner half: of *ours, global* fr
 GROWTH = """\
 ## Growth
 
-Each point is measured in a separate process with `threads={threads}`. Extra memory is the peak of the process while it
-planned and applied, less the pictures in and out.
+Each point is measured in a separate process with `threads={threads}`, twice, minutes apart; the faster counts. Extra
+memory is the peak of the process while it planned and applied, less the pictures in and out.
 """
 
 
