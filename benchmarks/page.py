@@ -88,7 +88,7 @@ def page(beside: Record, grown: Record) -> str:
     for series, plot in zip(grown["series"], growth.plot_names(grown), strict=True):
         table = markdown(growth.columns(series), growth.rows(series))
         curves.append(f"### Over {series['label']}\n\n![time and extra memory]({plot})\n\n{table}")
-    facts = markdown(("machine", ""), ((name, fact) for name, fact in beside["machine"].items()))
+    facts = markdown(("machine", "fact"), ((name, fact) for name, fact in beside["machine"].items()))
     introduction = INTRODUCTION.format(commands="\n".join((beside["command"], grown["command"])))
     parts = [
         introduction.rstrip(),

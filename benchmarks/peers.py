@@ -303,7 +303,7 @@ def rows(case: Record) -> list[list[str]]:
     ]
 
 
-TARGET_COLUMNS = ("target", "PSF", "bound", "reached", "")
+TARGET_COLUMNS = ("target", "PSF", "bound", "reached", "outcome")
 
 
 def target_rows(record: Record) -> list[list[str]]:

@@ -85,7 +85,7 @@ def page(folder: Path, load: float) -> str:
     records = [json.loads(file.read_text()) for file in folder.glob("*.json")]
     records.sort(key=lambda record: (list(GROUPS).index(record["group"]), record["place"]))
     seconds, busy = (sum(record[key] for record in records) for key in ("seconds", "processor_seconds"))
-    facts = markdown(("machine", ""), list(machine.facts().items()))
+    facts = markdown(("machine", "fact"), list(machine.facts().items()))
     times = f"All figures together took {seconds:.0f} s, and {busy:.0f} s of processor time."
     return "\n\n".join([INTRODUCTION.rstrip(), facts, *machine.busy(load), times, *map(section, records)])
 
