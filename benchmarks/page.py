@@ -31,9 +31,9 @@ those:
 
 Compare ratios, not milliseconds. One process on one machine timed all rows of a table in turns, in a new random order
 for every round. A measurement is the fastest call of half a second in which the host of a virtual machine took no
-processor away; rounds went on until those that count agreed, six times as long at most. A time whose quartiles are
-still more than 15 % of the median apart is left out, with its ratios: "-". Other machines have other ratios; run the
-commands to see yours.
+processor away. Rounds went on until the last ones agreed, six times as long at most; without agreement, those in
+sequence that took the least time count. A time whose quartiles are still more than 15 % of the median apart is left
+out, with its ratios: "-". Other machines have other ratios; run the commands to see yours.
 
 ## Compared with other libraries
 
