@@ -2,8 +2,9 @@
 
 Four series for RGB float32, each starting from 2048x1536, a PSF of 17x59 px and 16 bands: over the size of the picture,
 the height of the PSF, the number of bands and the number of strips. Each point is measured in a separate process, which
-has its own peak of memory and its own plans. Time is the median of `apply` into a given array. Extra memory is the peak
-of the process while the solver was built and applied, less the pictures in and out.
+has its own peak of memory and its own plans, and twice, minutes apart: the faster process counts. Time is the median of
+`apply` into a given array. Extra memory is the peak of the process while the solver was built and applied, less the
+pictures in and out.
 
 ``--quick`` uses small pictures; its times mean nothing.
 """

@@ -76,7 +76,7 @@ def main() -> None:
     )
     folder = parser.parse_args().folder
     beside, grown = (json.loads((folder / name).read_text()) for name in ("peers.json", "growth.json"))
-    refuse_noise(max(beside["load"], grown["load"]), {})
+    refuse_noise(max(beside["load"], grown["load"]))
     target = folder / "speed.md"
     target.write_text(page(beside, grown))
     print(f"wrote {target}")

@@ -75,12 +75,16 @@ PER_PIXEL = 1.5
 def main() -> None:
     """Run the benchmark and print its tables."""
     options = arguments()
+    earlier = None
+    if options.json and options.json.exists() and len(options.psf) < len(BOXES):
+        earlier = json.loads(options.json.read_text())
+        refuse_other_settings(earlier, settings(options.size, options.rounds, options.threads))
     record = run(
         *(options.size, options.large, options.rounds, options.threads), boxes=options.psf, steady=not options.quick
     )
     record["command"] = "python -m benchmarks.peers " + " ".join(sys.argv[1:])
-    if options.json and options.json.exists() and len(options.psf) < len(BOXES):
-        record = merged(json.loads(options.json.read_text()), record)
+    if earlier:
+        record = merged(earlier, record)
     for case in record["cases"]:
         print(f"\n{heading(record, case)}\n")
         print_table(COLUMNS, rows(case))
@@ -111,7 +115,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument(
         "--threads", type=int, nargs="+", default=[1, 2], help="threads; targets are for the last (1 2)"
     )
-    parser.add_argument("--psf", type=size, nargs="+", choices=BOXES, default=BOXES, help="only PSFs of these sizes")
+    parser.add_argument(
+        "--psf", type=size, nargs="+", choices=BOXES, default=BOXES, metavar="WxH", help="only PSFs of these sizes"
+    )
     parser.add_argument("--quick", action="store_true", help="small pictures and 3 rounds, to see that it runs")
     parser.add_argument("--json", type=Path, help="write the record")
     parser.add_argument("--markdown", type=Path, help="write the tables")
@@ -138,13 +144,7 @@ def run(
     steady: bool = False,
 ) -> Record:
     """Time everything, steadily where the figures mean something, and return the record."""
-    record: Record = {
-        "machine": machine.facts(),
-        "load": machine.load(),
-        "size": size,
-        "rounds": rounds,
-        "threads": list(threads),
-    }
+    record = settings(size, rounds, threads) | {"load": machine.load()}
     duels = [duel(Case(*size, box), rounds, threads, steady=steady) for box in boxes]
     record["cases"] = duels
     record["scaling"] = scaling(size, large, max(2, rounds // LARGE_SHARE), threads[-1])
@@ -152,18 +152,20 @@ def run(
     return record
 
 
-def merged(earlier: Record, record: Record) -> Record:
-    """Return a record with those cases of an earlier one, of the same machine, that were not measured again.
+def settings(size: tuple[int, int], rounds: int, threads: Sequence[int]) -> Record:
+    """Return what all cases of a record have in common."""
+    return {"machine": machine.facts(), "size": list(size), "rounds": rounds, "threads": list(threads)}
 
-    Raises
-    ------
-    SystemExit
-        If machine, sizes or rounds differ.
-    """
-    for name in ("machine", "size", "rounds", "threads"):
-        # Files have lists for tuples.
-        if json.dumps(earlier[name]) != json.dumps(record[name]):
-            raise SystemExit(f"{name} of the record is {earlier[name]}, now {record[name]}; measure all PSFs")
+
+def refuse_other_settings(earlier: Record, now: Record) -> None:
+    """Exit with a message if a record is of another machine, or was measured in another way."""
+    for name, value in now.items():
+        if earlier[name] != value:
+            sys.exit(f"{name} of the record is {earlier[name]}, now {value}; measure all PSFs")
+
+
+def merged(earlier: Record, record: Record) -> Record:
+    """Return a record with those cases of an earlier one that were not measured again."""
     cases = {tuple(case["psf"]): case for case in (*earlier["cases"], *record["cases"])}
     return record | {
         "load": max(earlier["load"], record["load"]),

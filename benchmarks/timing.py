@@ -59,14 +59,14 @@ class Times:
         return self.median / other.median
 
 
-def refuse_noise(load: float, times: Mapping[str, Times]) -> None:
+def refuse_noise(load: float, times: Mapping[str, Times] | None = None) -> None:
     """Exit instead of publishing figures of a busy machine, or of repetitions that disagree.
 
     Parameters
     ----------
     load : float
         Average number of running processes before the measurement.
-    times : mapping of str to Times
+    times : mapping of str to Times, optional
         What was measured, by the name to report.
 
     Raises
@@ -75,7 +75,7 @@ def refuse_noise(load: float, times: Mapping[str, Times]) -> None:
         If the load exceeds :data:`benchmarks.machine.BUSY`, or a spread exceeds 15 %.
     """
     reasons = [f"the load was {load:.1f}, more than {machine.BUSY}"] if load > machine.BUSY else []
-    wide = {name: each.spread for name, each in times.items() if not each.is_steady}
+    wide = {name: each.spread for name, each in (times or {}).items() if not each.is_steady}
     reasons += [f"{name}: the quartiles are {spread:.0%} of the median apart" for name, spread in wide.items()]
     if reasons:
         raise SystemExit("\n".join(["not published; measure again on an idle machine:", *reasons]))

@@ -174,9 +174,9 @@ def fit_gains(
     tuple of ndarray
         Nats, shape (N,), gains, shape (N, D), and levels, shape (N,).
     """
-    count = len(tiles.power)
-    floats = [read_only(values) for values in (tiles.power, tiles.noise, tiles.expected)]
-    tiles = Tiles(floats[0], floats[1], floats[2], read_only(tiles.place), read_only(tiles.sectors))
+    power, noise, expected, place, sectors = tiles
+    count = len(power)
+    tiles = Tiles(read_only(power), read_only(noise), read_only(expected), read_only(place), read_only(sectors))
     nats, gains, chosen = np.empty(count), np.empty((count, len(tiles.sectors) - 1)), np.empty(count)
     share_range(lambda first, stop: _fit(first, stop, tiles, levels, stiffness, nats, gains, chosen), count, threads)
     return nats, gains, chosen

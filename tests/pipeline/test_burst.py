@@ -100,6 +100,17 @@ def test_a_moving_thing_counts_where_it_is_not() -> None:
     assert error(result.image, frames()[1][0]) < 1.05 * alone(0)
 
 
+def test_where_only_the_reference_shows_the_scene_the_result_has_its_prior() -> None:
+    blurred, sharp = frames()
+    images, area = [image.copy() for image in blurred[:2]], np.s_[45:75, 65:105]
+    images[1][40:80, 60:110] = 0.9
+    single = deblur(images[0], LOG, CAMERA, EXPOSURES[0], prior="tv", check=False).image
+    both = deblur_burst(images, LOG, CAMERA, EXPOSURES[:2], reference=0, prior="tv", check=False).image
+    errors = [float(np.square(result - sharp[0])[area].mean()) for result in (both, single)]
+    # Measured 0.97 times; 1.11 times if the Wiener filter predicts what the other frame does not show.
+    assert errors[0] < 1.03 * errors[1]
+
+
 def test_shares_fall_with_noise_and_blur() -> None:
     light = frames()[0][0]
     bank = PsfBank.for_picture(np.full((1, 9), 1 / 9), light.shape)
