@@ -17,6 +17,8 @@ from .errors import RsdeblurWarning as RsdeblurWarning
 from .estimate.calibrate import Calibration as Calibration
 from .estimate.calibrate import Estimate as Estimate
 from .estimate.calibrate import calibrate as calibrate
+from .estimate.calibrate_photos import PhotoCalibration as PhotoCalibration
+from .estimate.calibrate_photos import calibrate_photos as calibrate_photos
 from .estimate.check import QualityCheck as QualityCheck
 from .estimate.correction import Correction as Correction
 from .estimate.correction import Uncertainty as Uncertainty

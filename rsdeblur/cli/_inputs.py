@@ -128,10 +128,15 @@ def recordings_of(photos: Sequence[Path], recording: Recording) -> list[Recordin
     return [replace(recording, index=match.index) for match in matches]
 
 
-def read_recording(recording: Recording, photo: Path | None = None) -> tuple[GyroLog, Camera, Exposure]:
-    """Read the log, the camera and the exposure that the options name; see `read_inputs`."""
+def read_recording(
+    recording: Recording, photo: Path | None = None, *, known_axes: bool = True
+) -> tuple[GyroLog, Camera, Exposure]:
+    """Read the log, the camera and the exposure that the options name; see `read_inputs`.
+
+    Unless the axes of the camera file should be known, nothing is said of them.
+    """
     exposure = _exposure(recording, photo)
-    log, camera = read_device(recording)
+    log, camera = read_device(recording, known_axes=known_axes)
     _refuse_longer(recording.duration, log.span[1] - log.span[0], recording.gyro)
     if recording.start == "exif":
         from rsdeblur.io.exif_times import on_clock_of
@@ -146,8 +151,8 @@ def read_recording(recording: Recording, photo: Path | None = None) -> tuple[Gyr
     return log, camera, exposure
 
 
-def read_device(recording: Recording) -> tuple[GyroLog, Camera]:
-    """Read the log and the camera that the options name; see `read_inputs`."""
+def read_device(recording: Recording, *, known_axes: bool = True) -> tuple[GyroLog, Camera]:
+    """Read the log and the camera that the options name; see `read_recording`."""
     from rsdeblur.io import open_camera
 
     camera_file = open_camera(recording.camera)
@@ -158,7 +163,8 @@ def read_device(recording: Recording) -> tuple[GyroLog, Camera]:
     overrides = {"time_offset": recording.time_offset, "readout_time": recording.readout_time}
     camera = camera_file.with_overrides(**overrides, focal_length=focal_length).warn(recording.camera)
     file = read_log(recording)
-    _check_axes(file, camera, recording)
+    if known_axes:
+        _check_axes(file, camera, recording)
     first, last = file.log.span
     say_detail(f"log: {file.format}, {len(file.log)} samples at {file.log.rate:.1f} Hz, {first:.3f} to {last:.3f} s")
     return file.log, camera

@@ -271,7 +271,7 @@ def clip_options(*, required: bool = True) -> Decorator:
     return gathered("recording", Recording, options)
 
 
-clip_log_options = gathered("recording", Moments, (*_clip_log(), *_CLIP_TIMES))
+calibration_options = gathered("recording", Moments, (*_clip_log(required=False), *_CLIP_TIMES))
 defaults_options = gathered(
     "defaults",
     Defaults,

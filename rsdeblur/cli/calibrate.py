@@ -1,17 +1,19 @@
-"""`rsdeblur calibrate`: calibrate camera, clock and axes from a clip."""
+"""`rsdeblur calibrate`: calibrate camera, clock and axes from a clip or from photos."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
-from rsdeblur.cli._inputs import clip_exposures, naming, read_log
-from rsdeblur.cli._options import Moments, Target
+from rsdeblur.cli._inputs import clip_exposures, naming, read_log, read_recording
+from rsdeblur.cli._options import Defaults, Moments, Target
 from rsdeblur.cli._output import print_json, print_table, progress, say
 from rsdeblur.cli._types import SecondsType
 
@@ -19,14 +21,17 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rsdeblur.estimate.calibrate import Calibration
+    from rsdeblur.estimate.calibrate_photos import PhotoCalibration
     from rsdeblur.motion.camera import Camera
     from rsdeblur.motion.exposure import Exposure
+    from rsdeblur.motion.gyro import GyroLog
 
 EXAMPLES = """\b
 Examples:
   rsdeblur calibrate clip.mp4 --gyro gyro_accel.csv --capture movie_metadata.csv -o phone.toml
   rsdeblur calibrate clip.mov --gyro clip.gcsv --camera start.toml --duration 1/500 --from -3s --to 3s -o camera.toml
   rsdeblur calibrate burst/*.jpg --gyro imu.txt --capture images.txt -o tablet.toml
+  rsdeblur calibrate photos.csv --camera start.toml -o phone.toml
 """
 
 # Focal length over the longer side where no file gives one: 27 mm equivalent, with a little cut off for a video.
@@ -37,17 +42,35 @@ RUN = 16
 UNITS = {"s": (1e3, "ms", 3), "px": (1.0, "px", 1), "rad": (57.29578, "deg", 2), "rad/s": (1.0, "rad/s", 4)}
 UNITS |= {"s/s": (1e6, "us/s", 1)}
 STATES = ("assumed", "determined")
+# First and last time offset, s: of clips, and of photos, which are less precise.
+SEARCH, PHOTO_SEARCH = (-1.0, 1.0), (-0.03, 0.03)
+
+
+class Photos(NamedTuple):
+    """Photos or frames, and what is known of each."""
+
+    pictures: Iterator[NDArray[Any]]
+    exposures: list[Exposure]
+    logs: list[GyroLog]
+    start: Camera
 
 
 @click.command("calibrate", cls=Command, epilog=EXAMPLES)
-@click.argument("sources", type=_options.PATH, metavar="CLIP|PHOTO...", nargs=-1, required=True)
-@_options.clip_log_options
+@click.argument("sources", type=_options.PATH, metavar="CLIP|PHOTO...|MANIFEST", nargs=-1, required=True)
+@_options.calibration_options
 @click.option("--camera", "camera_file", type=_options.PATH, metavar="FILE", help="Camera file with start values.")
 @click.option(
-    "--index", type=click.IntRange(min=0), default=0, show_default=True, help="Number of the first PHOTO in --capture."
+    "--index",
+    type=click.IntRange(min=0),
+    help="Number of the first PHOTO in --capture; the others follow.  [default: by the names of the photos, "
+    "or 0 if there are as many]",
 )
-@click.option("--from", "first", type=SecondsType(), default=-1.0, help="First time offset.  [default: -1s]")
-@click.option("--to", "last", type=SecondsType(), default=1.0, help="Last time offset.  [default: 1s]")
+@click.option(
+    "--from", "first", type=SecondsType(), help="First time offset.  [default: -1s, of photos with their blur -30ms]"
+)
+@click.option(
+    "--to", "last", type=SecondsType(), help="Last time offset.  [default: 1s, of photos with their blur 30ms]"
+)
 @click.option(
     "--frames",
     type=click.IntRange(min=RUN),
@@ -60,32 +83,43 @@ def command(
     sources: tuple[Path, ...],
     recording: Moments,
     camera_file: Path | None,
-    index: int,
-    first: float,
-    last: float,
+    index: int | None,
+    first: float | None,
+    last: float | None,
     frames: int,
     target: Target,
 ) -> None:
-    """Calibrate a camera from a CLIP, or from several PHOTOs of one recording, and the gyro log.
+    """Calibrate a camera from a CLIP, or from several PHOTOs, and the gyro log.
 
     The motion between frames against the log gives the clock offset, the mounting of the gyro (all 24, and left-handed
     logs by name), the readout time and its direction, the focal length, and the gyro's bias. The clip may be blurred.
     Turn the camera unevenly about all of its axes, some seconds long, before a distant scene with texture; switch off
     stabilisation. --from and --to are relative to the time offset in the camera file.
 
-    A value that the clip does not determine is assumed: it keeps its start value. Exit code 1 means that the fit is
+    Photos of a burst are frames. Of other photos, at least three, the blur gives the same numbers but the bias, less
+    precisely. A MANIFEST or a session folder, as for `batch`, lists photos with logs of their own.
+
+    A value that the pictures do not determine is assumed: it keeps its start value. Exit code 1 means that the fit is
     not trustworthy; then no file is written.
     """
     from rsdeblur._util.atomic import check_target
     from rsdeblur.errors import InputError
     from rsdeblur.estimate.calibrate import calibrate
+    from rsdeblur.estimate.calibrate_photos import calibrate_photos
 
     check_target(target.output, force=target.force)
-    log = read_log(recording).log
-    with progress("calibrate") as move, naming(sources[0], recording):
-        pictures, exposures, size = _film(sources, recording, index, frames)
-        camera = _start(camera_file, sources[0], size)
-        result = calibrate(pictures, exposures, log, camera, search=(first, last), progress=move)
+    name = sources[0]
+    with progress("calibrate") as move, naming(name, recording):
+        film = _film(sources, recording, camera_file, index, frames, target.output)
+        result: Calibration | PhotoCalibration
+        if _is_clip(film):
+            search = _search(SEARCH, first, last)
+            result = calibrate(film.pictures, film.exposures, film.logs[0], film.start, search=search, progress=move)
+        else:
+            search = _search(PHOTO_SEARCH, first, last)
+            result = calibrate_photos(
+                film.pictures, film.exposures, film.logs, film.start, search=search, progress=move
+            )
     if result.accepted:
         result.camera.save(target.output)
     if target.as_json:
@@ -93,28 +127,49 @@ def command(
     elif result.values:
         _print(result)
     if not result.accepted:
-        raise InputError(f"{sources[0]}: no camera file is written: {result.reason}")
+        raise InputError(f"{name}: no camera file is written: {result.reason}")
     if not target.as_json:
         say(f"{target.output}: written")
 
 
+def _search(usual: tuple[float, float], first: float | None, last: float | None) -> tuple[float, float]:
+    return usual[0] if first is None else first, usual[1] if last is None else last
+
+
+def _is_clip(film: Photos) -> bool:
+    """Return whether enough neighbouring pictures, of one log, are so near in time that they show the same things."""
+    from rsdeblur.estimate.calibrate import LEAST_PAIRS
+    from rsdeblur.estimate.clip_matches import LONGEST_STEP
+
+    times = [1e-9 * each.epoch_ns + each.start for each in film.exposures]
+    near = sum(0 < after - before <= LONGEST_STEP for before, after in pairwise(times))
+    return near >= LEAST_PAIRS and all(log is film.logs[0] for log in film.logs)
+
+
 def _film(
-    sources: Sequence[Path], recording: Moments, index: int, count: int
-) -> tuple[Iterator[NDArray[Any]], list[Exposure], tuple[int, int]]:
-    """Return the frames to use, their exposures, and their width and height."""
+    sources: Sequence[Path], recording: Moments, camera_file: Path | None, index: int | None, count: int, output: Path
+) -> Photos:
+    """Return the pictures to use, their exposures and logs, and the camera with the start values."""
     from rsdeblur.io.pictures import is_picture
     from rsdeblur.io.source import Source
 
+    if len(sources) == 1 and (sources[0].is_dir() or sources[0].suffix.lower() == ".csv"):
+        return _listed(sources[0], recording, camera_file, output)
+    if recording.gyro is None:
+        raise click.UsageError("Missing option '--gyro'", ctx=click.get_current_context())
+    log = read_log(recording).log
     if len(sources) > 1 or is_picture(Source(sources[0], "video or picture")):
-        return _photos(sources, recording, index)
-    from rsdeblur.video.clip import frames, open_clip
-    from rsdeblur.video.pixels import values_of
+        pictures, exposures, size = _photos(sources, recording, index)
+    else:
+        from rsdeblur.video.clip import frames, open_clip
+        from rsdeblur.video.pixels import values_of
 
-    clip = open_clip(sources[0])
-    exposures = clip_exposures(clip, recording)
-    runs = _runs(len(clip), count)
-    pictures = (values_of(frame) for run in runs for frame in frames(clip, run.start, run.stop))
-    return pictures, [exposures[i] for run in runs for i in run], (clip.width, clip.height)
+        clip = open_clip(sources[0])
+        every = clip_exposures(clip, recording)
+        runs = _runs(len(clip), count)
+        pictures = (values_of(frame) for run in runs for frame in frames(clip, run.start, run.stop))
+        exposures, size = [every[i] for run in runs for i in run], (clip.width, clip.height)
+    return Photos(pictures, exposures, [log] * len(exposures), _start(camera_file, sources[0], size))
 
 
 def _runs(length: int, count: int) -> list[range]:
@@ -127,24 +182,53 @@ def _runs(length: int, count: int) -> list[range]:
 
 
 def _photos(
-    photos: Sequence[Path], recording: Moments, index: int
+    photos: Sequence[Path], recording: Moments, index: int | None
 ) -> tuple[Iterator[NDArray[Any]], list[Exposure], tuple[int, int]]:
-    from rsdeblur.errors import InputError
+    from rsdeblur.errors import FileFormatError, InputError
     from rsdeblur.io import read_captures, read_picture
     from rsdeblur.io.pictures import read_header
+    from rsdeblur.io.sessions import indices_of
 
     if recording.capture is None:
         raise click.UsageError(
-            "photos need --capture FILE, which lists their exposures", ctx=click.get_current_context()
+            "photos need --capture FILE, which lists their exposures, or a manifest", ctx=click.get_current_context()
         )
-    exposures = read_captures(recording.capture, duration=recording.duration)[index:]
+    exposures = read_captures(recording.capture, duration=recording.duration)
+    if index is None and len(exposures) != len(photos):
+        matches = indices_of(list(photos), recording.capture)
+        for match in matches:
+            if match.error is not None or match.index is None:
+                raise FileFormatError(f"{match.path}: {match.error}; or give --index, the number of the first photo")
+        exposures = [exposures[match.index] for match in matches if match.index is not None]
+    exposures = exposures[index or 0 :]
     if len(exposures) < len(photos):
         raise InputError(
-            f"{recording.capture}: the file lists {len(exposures)} exposures from --index {index} on, but there are "
-            f"{len(photos)} photos"
+            f"{recording.capture}: the file lists {len(exposures)} exposures from --index {index or 0} on, but there "
+            f"are {len(photos)} photos"
         )
     width, height, _ = read_header(photos[0])
     return (read_picture(photo).pixels for photo in photos), exposures[: len(photos)], (width, height)
+
+
+def _listed(source: Path, recording: Moments, camera_file: Path | None, output: Path) -> Photos:
+    """Return the photos of a manifest or of a session folder."""
+    from rsdeblur.cli._items import read_items
+    from rsdeblur.errors import FileFormatError
+    from rsdeblur.io import read_picture
+
+    known = asdict(recording) | dict.fromkeys(("time_offset", "readout_time", "focal_length"))
+    del known["start_ns"]
+    items = read_items(source, Defaults(camera=camera_file, **known), output, numbered_from=None)
+    if not items:
+        raise FileFormatError(f"{source}: no photo is listed")
+    found = []
+    for item in items:
+        if item.recording is None:
+            raise FileFormatError(str(item.error))
+        with naming(item.photo, item.recording):
+            found.append(read_recording(item.recording, item.photo, known_axes=False))
+    logs, cameras, exposures = (list(each) for each in zip(*found, strict=True))
+    return Photos((read_picture(item.photo).pixels for item in items), exposures, logs, cameras[0])
 
 
 def _start(path: Path | None, source: Path, size: tuple[int, int]) -> Camera:
@@ -161,7 +245,7 @@ def _start(path: Path | None, source: Path, size: tuple[int, int]) -> Camera:
         return Camera(*size, GUESSED_FOCAL * max(size))
 
 
-def _facts(result: Calibration, output: Path) -> dict[str, Any]:
+def _facts(result: Calibration | PhotoCalibration, output: Path) -> dict[str, Any]:
     values = {
         name: {"value": each.value, "sd": each.sd, "unit": each.unit, "determined": each.determined}
         for name, each in result.values.items()
@@ -173,16 +257,32 @@ def _facts(result: Calibration, output: Path) -> dict[str, Any]:
         "mounting": result.mounting,
         "readout_direction": result.camera.readout_direction,
         "confidence": result.confidence,
-        "explained": result.explained,
-        "pairs": result.pairs,
-        "matches": result.matches,
+        **_grounds(result),
         "values": values,
     }
 
 
-def _print(result: Calibration) -> None:
-    from rsdeblur.estimate.calibrate import SIGNIFICANT
+def _grounds(result: Calibration | PhotoCalibration) -> dict[str, Any]:
+    """Return what the result rests on."""
+    from rsdeblur.estimate.calibrate import Calibration
 
+    if isinstance(result, Calibration):
+        return {"explained": result.explained, "pairs": result.pairs, "matches": result.matches}
+    return {"photos": result.photos}
+
+
+def _is_directed(result: Calibration | PhotoCalibration) -> bool:
+    """Return whether the pictures determine the direction of the readout."""
+    from rsdeblur.estimate.calibrate import SIGNIFICANT, Calibration
+
+    if not isinstance(result, Calibration):
+        return result.directed
+    # A global shutter has a readout time of 0, and no direction.
+    readout = result.values["readout_time"]
+    return readout.sd is not None and readout.value > SIGNIFICANT * readout.sd
+
+
+def _print(result: Calibration | PhotoCalibration) -> None:
     rows = [["axes", result.mounting, f"confidence {result.confidence:.2f}", "determined"]]
     for name, each in result.values.items():
         factor, unit, digits = UNITS[each.unit]
@@ -191,9 +291,11 @@ def _print(result: Calibration) -> None:
             [name.replace("_", " "), f"{factor * each.value:.{digits}f} {unit}", deviation, STATES[each.determined]]
         )
         if name == "readout_time":
-            # A global shutter has a readout time of 0, and no direction.
-            known = each.sd is not None and each.value > SIGNIFICANT * each.sd
-            rows.append(["readout direction", result.camera.readout_direction, "", STATES[known]])
+            rows.append(["readout direction", result.camera.readout_direction, "", STATES[_is_directed(result)]])
     print_table(("", "value", "deviation", ""), rows)
-    explained = f"the log explains {result.explained:.1%} of the motion"
-    say(f"{result.pairs} pairs of frames, {result.matches} matches; {explained}")
+    grounds = _grounds(result)
+    if "photos" in grounds:
+        say(f"{grounds['photos']} photos")
+    else:
+        explained = f"the log explains {grounds['explained']:.1%} of the motion"
+        say(f"{grounds['pairs']} pairs of frames, {grounds['matches']} matches; {explained}")

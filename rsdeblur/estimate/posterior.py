@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,32 +129,28 @@ class Posterior:
         if not self.free:
             return spread
         at = np.array([PARAMETERS.index(name) for name in self.free])
-        precision = self._information(place, at)[1] + np.eye(len(at))
+        precision = self.information(place, at)[1] + np.eye(len(at))
         spread[at] = np.sqrt(np.diag(np.linalg.inv(precision)))
         return spread
 
     def descend(self, place: FloatArray, free: Sequence[str], *, steps: int = 6) -> FloatArray:
         """Return the local maximum that Fisher scoring reaches with some parameters free, the others as they are."""
         at = np.array([PARAMETERS.index(name) for name in free])
-        damping, trust = 0.01, FIRST_TRUST
-        for _ in range(steps):
-            gradient, information = self._information(place, at)
-            gain, step = 0.0, np.zeros(len(place))
-            while trust > SETTLED and not gain > 0:
-                damped = information + np.eye(len(at)) + damping * np.diag(np.diag(information) + 1)
-                step[at] = -np.linalg.solve(damped, gradient + place[at])
-                step *= min(1.0, trust / max(float(np.abs(step).max()), 1e-9))
-                gain = self.gain(place + step, place)
-                damping, trust = (damping / 4, trust * 1.3) if gain > 0 else (max(6 * damping, 0.05), trust / 2)
-            if not gain > 0:
-                break
-            place, damping, trust = place + step, max(damping, 1e-3), min(trust, MOST_TRUST)
-            if np.abs(step).max() < SETTLED or gain < LEAST_STEP_GAIN:
-                break
-        return place
 
-    def _information(self, place: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return gradient and Fisher information of the tiles together for the parameters `at`."""
+        def scoring(place: FloatArray) -> Callable[[float], FloatArray]:
+            gradient, information = self.information(place, at)
+
+            def step(damping: float) -> FloatArray:
+                step = np.zeros(len(place))
+                step[at] = -np.linalg.solve(damped(information, damping), gradient + place[at])
+                return step
+
+            return step
+
+        return climb(place, scoring, self.gain, steps=steps)
+
+    def information(self, place: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return gradient and Fisher information of the tiles together for the parameters `at`, without the prior."""
         fit = self._fit(place)
         slopes = [self._slope(place, index, fit.expected) for index in at]
         gradient, information = self._spectra.information(fit, np.array(slopes))
@@ -174,3 +170,46 @@ class Posterior:
                 continue
             return slope.clip(-STEEPEST, STEEPEST)
         return np.zeros_like(expected)
+
+
+def climb(
+    place: FloatArray,
+    scoring: Callable[[FloatArray], Callable[[float], FloatArray]],
+    gain: Callable[[FloatArray, FloatArray], float],
+    *,
+    steps: int,
+) -> FloatArray:
+    """Return the local maximum that damped steps of bounded length reach.
+
+    Parameters
+    ----------
+    place : ndarray
+        Where to begin, in standard deviations.
+    scoring : callable
+        Takes a place, and returns the function that takes a damping and returns the step from there.
+    gain : callable
+        Takes a place and another one, and returns how much more likely the first is, nats.
+    steps : int
+        Most steps.
+    """
+    damping, trust = 0.01, FIRST_TRUST
+    for _ in range(steps):
+        step_with = scoring(place)
+        gained, step = 0.0, np.zeros_like(place)
+        while trust > SETTLED and not gained > 0:
+            step = step_with(damping)
+            step *= min(1.0, trust / max(float(np.abs(step).max()), 1e-9))
+            gained = gain(place + step, place)
+            damping, trust = (damping / 4, trust * 1.3) if gained > 0 else (max(6 * damping, 0.05), trust / 2)
+        if not gained > 0:
+            break
+        place, damping, trust = place + step, max(damping, 1e-3), min(trust, MOST_TRUST)
+        if np.abs(step).max() < SETTLED or gained < LEAST_STEP_GAIN:
+            break
+    return place
+
+
+def damped(information: FloatArray, damping: float) -> FloatArray:
+    """Return an information matrix with the prior's, damped as Levenberg and Marquardt do."""
+    matrix: FloatArray = information + np.eye(len(information)) + damping * np.diag(np.diag(information) + 1)
+    return matrix

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
@@ -147,13 +147,10 @@ def refine(
     """
     check_recording(log, camera, exposure, translation)
     uncertainty = Uncertainty() if uncertainty is None else validate.instance("uncertainty", uncertainty, Uncertainty)
-    encoded = EncodedImage.of(image, transfer)
-    check_size(encoded.shape, camera)
-    light = np.concatenate([encoded.linear(rows).mean(2) for rows in _parts(encoded.shape[0])])
-    light, _ = reduced(light, camera, SIDE)
+    light = grey_light(image, transfer, camera)
     recording = Recording(log, camera, exposure, translation)
     deviations = uncertainty.deviations(camera)
-    spectra = TileSpectra(light, recording, side=_spectra_side(recording), soft=True)
+    spectra = TileSpectra(light, recording, side=spectra_side(recording), soft=True)
     judge = _Judge(Posterior(spectra, recording, deviations), QuickSharpness(light, recording))
     best = judge.best(progress or (lambda *_: None))
     reason = judge.verdict(best, Sharpness(light, recording, robust=True))
@@ -172,13 +169,25 @@ def refine(
     )
 
 
-def _parts(height: int) -> list[slice]:
-    """Return parts of the rows, so that not all channels of a picture are in memory as floats at once."""
-    return [slice(top, min(top + PART, height)) for top in range(0, height, PART)]
+def grey_light(image: ArrayLike, transfer: Transfer | Auto, camera: Camera) -> NDArray[np.float32]:
+    """Return the mean linear light of a picture's channels, reduced to `SIDE` px.
+
+    Raises
+    ------
+    InputError
+        If it is not a picture, or not of the camera's size.
+    """
+    encoded = EncodedImage.of(image, transfer)
+    check_size(encoded.shape, camera)
+    height = encoded.shape[0]
+    # In parts, so that not all channels are in memory as floats at once.
+    parts = [slice(top, min(top + PART, height)) for top in range(0, height, PART)]
+    light = np.concatenate([encoded.linear(rows).mean(2) for rows in parts])
+    return reduced(light, camera, SIDE)[0]
 
 
-def _spectra_side(recording: Recording) -> int:
-    """Return the longer side to which the picture is reduced for its spectra, px."""
+def spectra_side(recording: Recording) -> int:
+    """Return the longer side to which a picture is reduced for its spectra, px."""
     camera = recording.camera
     longer, shorter = max(camera.width, camera.height), min(camera.width, camera.height)
     length = float(recording.capture().probe.lengths.mean())

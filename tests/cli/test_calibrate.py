@@ -13,7 +13,17 @@ import pytest
 from click.testing import Result
 from numpy.typing import NDArray
 
-from rsdeblur import Camera, Exposure, hand_shake, scene, simulate_clip, write_picture
+from rsdeblur import (
+    Camera,
+    Estimate,
+    Exposure,
+    GyroLog,
+    PhotoCalibration,
+    hand_shake,
+    scene,
+    simulate_clip,
+    write_picture,
+)
 from rsdeblur.cli.calibrate import RUN, _runs
 
 Run = Callable[..., Result]
@@ -69,12 +79,16 @@ def test_photos_give_a_camera_file(run: Run, film: Film, tmp_path):
 
 def test_a_refused_fit_writes_nothing(run: Run, film: Film, tmp_path):
     output = tmp_path / "camera.toml"
-    options = ("--gyro", film.gyro, "--capture", film.capture, "--index", 1, "-o", output, "--json")
-    result = run("calibrate", *film.photos[:4], *options)
+    still = tmp_path / "still.csv"
+    np.savetxt(
+        still, np.column_stack([np.arange(5, 7.6, 0.005), *np.zeros((3, 520))]), "%.9f", ",", header="t,wx,wy,wz"
+    )
+    options = ("--gyro", still, "--capture", film.capture, "--index", 1, "-o", output, "--json")
+    result = run("calibrate", *film.photos, *options)
     assert result.exit_code == 1
-    assert "no camera file is written: only 3 pairs" in result.stderr
+    assert "no camera file is written: " in result.stderr
     facts = json.loads(result.stdout)
-    assert (facts["accepted"], facts["written"], facts["pairs"]) == (False, None, 3)
+    assert (facts["accepted"], facts["written"], facts["pairs"]) == (False, None, FRAMES - 1)
     assert not output.exists()
 
 
@@ -86,6 +100,98 @@ def test_usage(run: Run, film: Film, tmp_path):
     result = run("calibrate", *film.photos, *options, "--capture", film.capture, "--index", 9)
     assert result.exit_code == 1
     assert "there are 14 photos" in result.stderr
+    result = run("calibrate", *film.photos, "--capture", film.capture, "-o", tmp_path / "camera.toml")
+    assert result.exit_code == 2
+    assert "--gyro" in result.stderr
+    result = run("calibrate", *film.photos[:2], *options, "--capture", film.capture, "--index", 1)
+    assert result.exit_code == 1
+    assert "at least 3 photos, got 2" in result.stderr
+
+
+class Given(NamedTuple):
+    """What the command passes on."""
+
+    pictures: list[NDArray[np.uint8]]
+    exposures: list[Exposure]
+    logs: list[GyroLog]
+    start: Camera
+    search: tuple[float, float]
+
+
+@pytest.fixture
+def given(monkeypatch) -> list[Given]:
+    """Let photos be calibrated at once, and return what was given."""
+    calls = []
+
+    def found(pictures, exposures, log, camera, *, search, progress):
+        calls.append(Given(list(pictures), exposures, log, camera, search))
+        values = {
+            "time_offset": Estimate(0.002, 0.001, "s"),
+            "focal_length": Estimate(200.0, None, "px"),
+            "readout_time": Estimate(0.02, None, "s"),
+        }
+        return PhotoCalibration(True, "", TRUTH, 0.99, len(exposures), "XYZ", False, values)
+
+    monkeypatch.setattr("rsdeblur.estimate.calibrate_photos.calibrate_photos", found)
+    return calls
+
+
+def test_photos_that_are_no_burst_give_their_blur(run: Run, film: Film, given, tmp_path):
+    output = tmp_path / "camera.toml"
+    options = ("--gyro", film.gyro, "--capture", film.capture, "--index", 3, "--to", "50ms", "-o", output)
+    result = run("calibrate", *film.photos[2:6], *options)
+    assert result.exit_code == 0, result.output
+    for text in ("XYZ", "confidence 0.99", "readout direction", "assumed", "4 photos", "written"):
+        assert text in result.stdout
+    assert Camera.load(output).time_offset == TRUTH.time_offset
+    call = given[0]
+    assert all(np.array_equal(*pair) for pair in zip(call.pictures, film.pictures[2:6], strict=True))
+    # --index 3 is the fourth line, and the file has one line more at the start.
+    assert [each.start + 1e-9 * each.epoch_ns for each in call.exposures] == pytest.approx(
+        [6.0 + i / RATE for i in range(2, 6)], abs=1e-6
+    )
+    assert call.search == (-0.03, 0.05)
+    facts = json.loads(run("calibrate", *film.photos[2:6], *options, "--force", "--json").stdout)
+    assert (facts["photos"], facts["values"]["focal_length"]["determined"]) == (4, False)
+
+
+def test_photos_are_found_by_their_names(run: Run, film: Film, given, tmp_path):
+    """Named after their stamps; names without a number ask for --index."""
+    stamps = [EPOCH + round(1e9 * (1.0 + i / RATE)) for i in (7, 2, 9)]
+    photos = [tmp_path / f"{stamp}.png" for stamp in stamps]
+    for photo, number in zip(photos, (7, 2, 9), strict=True):
+        write_picture(photo, film.pictures[number])
+    options = ("--gyro", film.gyro, "--capture", film.capture, "-o", tmp_path / "camera.toml")
+    assert run("calibrate", *photos, *options).exit_code == 0
+    starts = [each.start + 1e-9 * each.epoch_ns for each in given[0].exposures]
+    assert starts == pytest.approx([1e-9 * stamp for stamp in stamps], abs=1e-6)
+    unnamed = [photo.rename(photo.with_name(f"{name}.png")) for photo, name in zip(photos, "abc", strict=True)]
+    result = run("calibrate", *unnamed, *options, "--force")
+    assert result.exit_code == 1
+    assert "--index" in result.stderr
+    assert result.stderr.count(str(unnamed[0])) == 1
+
+
+def test_a_manifest_names_a_log_for_each_photo(run: Run, film: Film, given, tmp_path):
+    camera = tmp_path / "start.toml"
+    Camera(176, 128, 170.0).save(camera)
+    manifest = tmp_path / "photos.csv"
+    other = tmp_path / "other.csv"
+    other.write_bytes(film.gyro.read_bytes())
+    rows = [
+        f"{film.photos[i]},{log},{6.0 + i / RATE},{DURATION}" for i, log in ((2, film.gyro), (5, other), (8, other))
+    ]
+    manifest.write_text("\n".join(["photo,gyro,start,duration", *rows]))
+    result = run("calibrate", manifest, "--camera", camera, "-o", tmp_path / "camera.toml")
+    assert result.exit_code == 0, result.output
+    call = given[0]
+    assert [each.start for each in call.exposures] == pytest.approx([6.0 + i / RATE for i in (2, 5, 8)])
+    assert len(call.logs) == len(call.pictures) == 3
+    assert call.start.focal_length[0] == 170.0
+    manifest.write_text("photo,gyro,start,duration\nlost.png,lost.csv,1,0.1")
+    result = run("calibrate", manifest, "--camera", camera, "-o", tmp_path / "camera.toml", "--force")
+    assert result.exit_code == 1
+    assert "lost" in result.stderr
 
 
 @pytest.mark.parametrize(("length", "count"), [(90, 128), (128, 128), (129, 128), (5000, 128), (100, 16), (100, 40)])
