@@ -12,7 +12,7 @@ import argparse
 import json
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 
@@ -26,12 +26,13 @@ from benchmarks.phone import processed
 from benchmarks.tables import markdown, write
 from rsdeblur import Camera, Correction, Exposure, RsdeblurError, Simulation, deblur, read_gyro, refine, simulate
 from rsdeblur.estimate.correction import Recording
+from rsdeblur.estimate.mounting import mountings
 from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.io import read_picture
 from rsdeblur.motion.paths import BlurPaths, Capture
 
 PICTURES = ("kodim01", "kodim03", "kodim05", "kodim07", "kodim13", "kodim19", "kodim20", "kodim23")
-KINDS = ("none", "offset", "readout", "scale", "bias", "drift", "all")
+KINDS = ("none", "offset", "readout", "scale", "bias", "drift", "all", "axes")
 # Mean length of the paths that are used, px.
 LENGTHS = 4.0, 35.0
 # Softness of the pictures that are aligned, px, and the steps that this takes.
@@ -61,7 +62,8 @@ sharpening, tone curve, JPEG. The constants of `refine` were chosen at other mom
 The table says how many captures were measured; means of few captures vary widely.
 
 Errors are random: offsets of 5 to 20 ms, readout times x 0.7 to x 1.4, focal lengths +-7 or 15 %, a bias of the
-gyroscope of 0.01 to 0.03 rad/s, an even translation of 3.6 to 9.6 px, and smaller ones of all kinds together.
+gyroscope of 0.01 to 0.03 rad/s, an even translation of 3.6 to 9.6 px, and smaller ones of all kinds together. Wrong
+axes of the gyro (one of the other 23 mountings) no correction can undo: they should be refused.
 
 In a brick wall, a motion shorter than the true one may look clearer: there one drift was corrected for the worse.
 """
@@ -159,6 +161,13 @@ def error(kind: str, random: np.random.Generator, recording: Recording) -> Corre
     return Correction()
 
 
+def mounted(random: np.random.Generator, recording: Recording) -> Recording:
+    """Return a recording with another mounting of the gyro."""
+    turns = [turn for turn in mountings() if np.linalg.det(turn) > 0 and not np.array_equal(turn, np.eye(3))]
+    camera = recording.camera
+    return replace(recording, camera=replace(camera, imu_to_camera=random.choice(turns) @ camera.imu_to_camera))
+
+
 def paths(recording: Recording) -> NDArray[np.float64]:
     """Return the paths at 9 x 5 places, each about its mean."""
     capture = recording.capture()
@@ -205,7 +214,7 @@ def measured(case: Case, kind: str, seed: int) -> Row | None:
     """Return what refinement does to a capture with an error; None where the log does not describe that recording."""
     random = np.random.default_rng((seed, case.number, KINDS.index(kind)))
     try:
-        given = case.true if kind == "none" else case.true.corrected(error(kind, random, case.true))
+        given = mounted(random, case.true) if kind == "axes" else case.true.corrected(error(kind, random, case.true))
         given_px = distance(given, case.true)
     except RsdeblurError:
         return None
@@ -240,7 +249,7 @@ def table(rows: list[Row]) -> str:
             if name != "kind"
         }
         lost = means["true"] - means["given"]
-        recovered = "-" if kind == "none" else f"{(means['refined'] - means['given']) / lost:.0%}"
+        recovered = "-" if kind in ("none", "axes") else f"{(means['refined'] - means['given']) / lost:.0%}"
         worst = max(row.given - row.refined for row in group)
         lines.append(
             (

@@ -14,8 +14,8 @@ from rsdeblur._util.threads import share
 from rsdeblur.errors import CoverageError
 from rsdeblur.estimate.correction import PARAMETERS, Recording, Uncertainty
 from rsdeblur.estimate.posterior import MOST_NATS, TILES_AS_ONE, UNDESCRIBED, Posterior
-from rsdeblur.estimate.quick_sharpness import QuickSharpness
-from rsdeblur.estimate.refine import NATS_PER_FALL, spectra_side
+from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, QuickSharpness
+from rsdeblur.estimate.refine import spectra_side
 from rsdeblur.estimate.shared_posterior import SHARED, SharedPosterior
 from rsdeblur.estimate.spectra import TileSpectra
 from rsdeblur.motion.camera import Camera

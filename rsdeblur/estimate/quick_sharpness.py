@@ -31,6 +31,8 @@ LONGEST_BLUR = 20.0
 TILES, FADE, MOST_FADE = (6, 4), 5.0, 0.3
 # Steps of total variation: more distinguish motions no better.
 STEPS = 2
+# Nats of the spectra that a fall of the logarithm of l1 / l2 is worth.
+NATS_PER_FALL = 1000.0
 
 
 class QuickSharpness:

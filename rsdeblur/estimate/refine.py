@@ -18,7 +18,8 @@ from rsdeblur.choices import Auto, Transfer
 from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording, Uncertainty
 from rsdeblur.estimate.periodograms import TILE
 from rsdeblur.estimate.posterior import Posterior
-from rsdeblur.estimate.quick_sharpness import QuickSharpness
+from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, QuickSharpness
+from rsdeblur.estimate.rival_axes import OTHER_AXES, rival_lead
 from rsdeblur.estimate.sharpness import Sharpness
 from rsdeblur.estimate.spectra import TileSpectra
 from rsdeblur.image.encoded import EncodedImage, check_size, reduced
@@ -50,8 +51,8 @@ WIDEST, STARTS = 3.0, 2
 # Parameters that are adjusted by the sharp picture, the times each is, the first step, and the longest as multiples of
 # the current one. Steps are in standard deviations.
 ADJUSTED, ADJUSTMENTS, FIRST_STEP, LONGEST_STEP = MODELS[2][0], 2, 0.6, 2.0
-# Nats that a fall of the logarithm of l1 / l2 is worth, and that a parameter costs, and the least gain that counts.
-NATS_PER_FALL, NATS_PER_PARAMETER, WORST_GAIN = 1000.0, 3.0, -1000.0
+# Nats that a parameter costs, and the least gain that counts.
+NATS_PER_PARAMETER, WORST_GAIN = 3.0, -1000.0
 # Least worth (nats) and least fall of a correction that is accepted, and the most standard deviations of any parameter.
 LEAST_WORTH, LEAST_FALL, MOST_DEVIATIONS = 30.0, 0.01, 6.0
 
@@ -151,10 +152,15 @@ def refine(
     recording = Recording(log, camera, exposure, translation)
     deviations = uncertainty.deviations(camera)
     spectra = TileSpectra(light, recording, side=spectra_side(recording), soft=True)
-    judge = _Judge(Posterior(spectra, recording, deviations), QuickSharpness(light, recording))
+    quick = QuickSharpness(light, recording)
+    judge = _Judge(Posterior(spectra, recording, deviations), quick)
     best = judge.best(progress or (lambda *_: None))
     reason = judge.verdict(best, Sharpness(light, recording, robust=True))
-    used = recording if reason else judge.posterior.corrected(best)
+    found = judge.posterior.corrected(best)
+    # With wrong axes, a correction may make the motion more like the right one, but never right.
+    if not reason and rival_lead(spectra, quick, found, recording, deviations) > 0:
+        reason = OTHER_AXES
+    used = recording if reason else found
     return Refinement(
         used.log,
         used.camera,

@@ -22,6 +22,7 @@ from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.estimate.correction import Correction, Recording, Uncertainty
 from rsdeblur.estimate.posterior import Posterior
+from rsdeblur.estimate.rival_axes import OTHER_AXES
 from rsdeblur.estimate.sharpness import Sharpness
 from rsdeblur.estimate.spectra import TileSpectra
 from rsdeblur.image.encoded import EncodedImage, check_size
@@ -58,7 +59,6 @@ RIVALS = np.array(
 )
 # Coarse candidates for which rivals are tried: they take three times as long as the search.
 MOST_RIVAL = 100
-OTHER_AXES = "other axes of the gyro explain the picture better: are imu_to_camera and the readout direction right?"
 DISAGREE = "the pictures are sure of different offsets: do all exposures belong to this log, or do the clocks drift?"
 # Least fall of the logarithm of l1 / l2, see :mod:`rsdeblur.estimate.sharpness`.
 LEAST_FALL = 0.005

@@ -21,6 +21,7 @@ from rsdeblur import (
     simulate,
 )
 from rsdeblur.estimate.correction import Recording
+from rsdeblur.estimate.rival_axes import OTHER_AXES
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -90,6 +91,16 @@ def test_a_right_recording_stays(picture):
     assert found.camera is CAMERA
     assert found.log is LOG
     assert found.translation is None
+
+
+def test_wrong_axes_are_named(picture):
+    """A correction of a motion about the wrong axes makes the picture clearer, but the right axes do so more."""
+    wrong = replace(CAMERA, imu_to_camera="YxZ")
+    assert not np.array_equal(wrong.imu_to_camera, CAMERA.imu_to_camera)
+    found = refine(picture, LOG, wrong, EXPOSURE)
+    assert not found.accepted
+    assert found.camera is wrong
+    assert found.reason == OTHER_AXES
 
 
 def test_deblur_uses_the_corrected_recording(picture, monkeypatch):

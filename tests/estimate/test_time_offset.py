@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from rsdeblur import Camera, Exposure, GyroLog, InputError, simulate
-from rsdeblur.estimate.time_offset import MOST_SPREAD, OTHER_AXES, find_shared_time_offset, find_time_offset
+from rsdeblur.estimate.rival_axes import OTHER_AXES
+from rsdeblur.estimate.time_offset import MOST_SPREAD, find_shared_time_offset, find_time_offset
 from rsdeblur.image.transfer import to_linear
 from rsdeblur.io import read_camera, read_captures, read_gyro, read_picture
 from rsdeblur.io.camera_file import write_time_offset
