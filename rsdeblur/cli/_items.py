@@ -35,6 +35,11 @@ FILES = ("gyro", "camera", "capture")
 # Characters; no path is longer.
 LONGEST_CELL = 4096
 Place = tuple[int, int]
+numbered_from_option = click.option(
+    "--numbered-from",
+    type=click.IntRange(0, 1),
+    help="Number of the first frame in the photos' names.  [default: derived from the names]",
+)
 # Results keep these formats; those of other pictures, HEIC and raw, are written as PNG.
 WRITABLE = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".npy")
 

@@ -17,7 +17,7 @@ import click
 
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
-from rsdeblur.cli._items import COLUMNS, FILES, Item, read_items
+from rsdeblur.cli._items import COLUMNS, FILES, Item, numbered_from_option, read_items
 from rsdeblur.cli._jobs import Workers, shared_threads, workers_options
 from rsdeblur.cli._options import Defaults, PhotoChanges, Signing, Target
 from rsdeblur.cli._output import (
@@ -68,11 +68,7 @@ Examples:
 @click.command("batch", cls=Command, help=HELP, epilog=EXAMPLES)
 @click.argument("source", type=_options.PATH, metavar="MANIFEST|FOLDER")
 @_options.defaults_options
-@click.option(
-    "--numbered-from",
-    type=click.IntRange(0, 1),
-    help="FOLDER: number of the first frame in the photos' names.  [default: derived from the names]",
-)
+@numbered_from_option
 @_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
 @_options.photo_options
 @_options.signing_options

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -13,6 +13,7 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import clip_exposures, naming, read_log, read_recording
+from rsdeblur.cli._items import numbered_from_option, read_items
 from rsdeblur.cli._options import Defaults, Moments, Target
 from rsdeblur.cli._output import print_json, print_table, progress, say
 from rsdeblur.cli._types import SecondsType
@@ -46,6 +47,14 @@ STATES = ("assumed", "determined")
 SEARCH, PHOTO_SEARCH = (-1.0, 1.0), (-0.03, 0.03)
 
 
+@dataclass(frozen=True, slots=True)
+class Numbering:
+    """Number of the first photo in the capture file, and that of the first frame in the names of photos."""
+
+    index: int | None
+    numbered_from: int | None
+
+
 class Photos(NamedTuple):
     """Photos or frames, and what is known of each."""
 
@@ -59,11 +68,18 @@ class Photos(NamedTuple):
 @click.argument("sources", type=_options.PATH, metavar="CLIP|PHOTO...|MANIFEST", nargs=-1, required=True)
 @_options.calibration_options
 @click.option("--camera", "camera_file", type=_options.PATH, metavar="FILE", help="Camera file with start values.")
-@click.option(
-    "--index",
-    type=click.IntRange(min=0),
-    help="Number of the first PHOTO in --capture; the others follow.  [default: by the names of the photos, "
-    "or 0 if there are as many]",
+@_options.gathered(
+    "numbering",
+    Numbering,
+    (
+        click.option(
+            "--index",
+            type=click.IntRange(min=0),
+            help="Number of the first PHOTO in --capture; the others follow.  [default: by the names of the photos, "
+            "or 0 if there are as many]",
+        ),
+        numbered_from_option,
+    ),
 )
 @click.option(
     "--from", "first", type=SecondsType(), help="First time offset.  [default: -1s, of photos with their blur -30ms]"
@@ -83,7 +99,7 @@ def command(
     sources: tuple[Path, ...],
     recording: Moments,
     camera_file: Path | None,
-    index: int | None,
+    numbering: Numbering,
     first: float | None,
     last: float | None,
     frames: int,
@@ -110,7 +126,7 @@ def command(
     check_target(target.output, force=target.force)
     name = sources[0]
     with progress("calibrate") as move, naming(name, recording):
-        film = _film(sources, recording, camera_file, index, frames, target.output)
+        film = _film(sources, recording, camera_file, numbering, frames, target.output)
         result: Calibration | PhotoCalibration
         if _is_clip(film):
             search = _search(SEARCH, first, last)
@@ -147,19 +163,24 @@ def _is_clip(film: Photos) -> bool:
 
 
 def _film(
-    sources: Sequence[Path], recording: Moments, camera_file: Path | None, index: int | None, count: int, output: Path
+    sources: Sequence[Path],
+    recording: Moments,
+    camera_file: Path | None,
+    numbering: Numbering,
+    count: int,
+    output: Path,
 ) -> Photos:
     """Return the pictures to use, their exposures and logs, and the camera with the start values."""
     from rsdeblur.io.pictures import is_picture
     from rsdeblur.io.source import Source
 
     if len(sources) == 1 and (sources[0].is_dir() or sources[0].suffix.lower() == ".csv"):
-        return _listed(sources[0], recording, camera_file, output)
+        return _listed(sources[0], recording, camera_file, numbering, output)
     if recording.gyro is None:
         raise click.UsageError("Missing option '--gyro'", ctx=click.get_current_context())
     log = read_log(recording).log
     if len(sources) > 1 or is_picture(Source(sources[0], "video or picture")):
-        pictures, exposures, size = _photos(sources, recording, index)
+        pictures, exposures, size = _photos(sources, recording, numbering)
     else:
         from rsdeblur.video.clip import frames, open_clip
         from rsdeblur.video.pixels import values_of
@@ -182,7 +203,7 @@ def _runs(length: int, count: int) -> list[range]:
 
 
 def _photos(
-    photos: Sequence[Path], recording: Moments, index: int | None
+    photos: Sequence[Path], recording: Moments, numbering: Numbering
 ) -> tuple[Iterator[NDArray[Any]], list[Exposure], tuple[int, int]]:
     from rsdeblur.errors import FileFormatError, InputError
     from rsdeblur.io import read_captures, read_picture
@@ -194,8 +215,9 @@ def _photos(
             "photos need --capture FILE, which lists their exposures, or a manifest", ctx=click.get_current_context()
         )
     exposures = read_captures(recording.capture, duration=recording.duration)
+    index = numbering.index
     if index is None and len(exposures) != len(photos):
-        matches = indices_of(list(photos), recording.capture)
+        matches = indices_of(list(photos), recording.capture, numbered_from=numbering.numbered_from)
         for match in matches:
             if match.error is not None or match.index is None:
                 raise FileFormatError(f"{match.path}: {match.error}; or give --index, the number of the first photo")
@@ -210,15 +232,14 @@ def _photos(
     return (read_picture(photo).pixels for photo in photos), exposures[: len(photos)], (width, height)
 
 
-def _listed(source: Path, recording: Moments, camera_file: Path | None, output: Path) -> Photos:
+def _listed(source: Path, recording: Moments, camera_file: Path | None, numbering: Numbering, output: Path) -> Photos:
     """Return the photos of a manifest or of a session folder."""
-    from rsdeblur.cli._items import read_items
     from rsdeblur.errors import FileFormatError
     from rsdeblur.io import read_picture
 
     known = asdict(recording) | dict.fromkeys(("time_offset", "readout_time", "focal_length"))
     del known["start_ns"]
-    items = read_items(source, Defaults(camera=camera_file, **known), output, numbered_from=None)
+    items = read_items(source, Defaults(camera=camera_file, **known), output, numbered_from=numbering.numbered_from)
     if not items:
         raise FileFormatError(f"{source}: no photo is listed")
     found = []

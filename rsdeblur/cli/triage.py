@@ -15,7 +15,7 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import clip_exposures, read_device, read_recording
-from rsdeblur.cli._items import read_items
+from rsdeblur.cli._items import numbered_from_option, read_items
 from rsdeblur.cli._options import Defaults, Recording
 from rsdeblur.cli._output import plain_cell, prepare_folder, print_json, progress, say, write_json
 from rsdeblur.errors import RsdeblurError
@@ -48,11 +48,7 @@ class _Shot(NamedTuple):
 @click.command("triage", cls=Command, epilog=EXAMPLES)
 @click.argument("source", type=_options.PATH, metavar="FOLDER|CLIP")
 @_options.recording_options(required=False)
-@click.option(
-    "--numbered-from",
-    type=click.IntRange(0, 1),
-    help="FOLDER: number of the first frame in the photos' names.  [default: derived from the names]",
-)
+@numbered_from_option
 @click.option(
     "--keep",
     type=click.FloatRange(min=0.0),

@@ -208,9 +208,9 @@ def _matched(
     return matched
 
 
-def indices_of(photos: list[Path], capture: Path) -> list[SessionPhoto]:
+def indices_of(photos: list[Path], capture: Path, *, numbered_from: int | None = None) -> list[SessionPhoto]:
     """Return the exposure of each photo in a capture file, by the stamps or frame numbers in the photos' names."""
-    return _matched(photos, open_captures(capture).stamps, encoded_stamps(capture), None)
+    return _matched(photos, open_captures(capture).stamps, encoded_stamps(capture), numbered_from)
 
 
 def _nearest(path: Path, time: int, captures: FloatArray) -> SessionPhoto:

@@ -172,6 +172,21 @@ def test_photos_are_found_by_their_names(run: Run, film: Film, given, tmp_path):
     assert result.stderr.count(str(unnamed[0])) == 1
 
 
+def test_photos_are_found_by_their_numbers(run: Run, film: Film, given, tmp_path):
+    """Neither 0 nor the last frame is among them, so the names leave open from where they count."""
+    photos = [tmp_path / f"frame{number}.png" for number in (3, 5, 8)]
+    for photo in photos:
+        write_picture(photo, film.pictures[0])
+    options = ("--gyro", film.gyro, "--capture", film.capture, "-o", tmp_path / "camera.toml")
+    result = run("calibrate", *photos, *options)
+    assert result.exit_code == 1
+    assert "--numbered-from 0 or 1" in result.stderr
+    assert run("calibrate", *photos, *options, "--numbered-from", 1).exit_code == 0
+    # Line n of the file is n - 1 of the frames, counted from 0.
+    starts = [each.start + 1e-9 * each.epoch_ns for each in given[0].exposures]
+    assert starts == pytest.approx([6.0 + (number - 2) / RATE for number in (3, 5, 8)], abs=1e-6)
+
+
 def test_a_manifest_names_a_log_for_each_photo(run: Run, film: Film, given, tmp_path):
     camera = tmp_path / "start.toml"
     Camera(176, 128, 170.0).save(camera)
