@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from benchmarks.captures import DATA, require_data
 from benchmarks.phone import phone_photo
-from benchmarks.refine import LENGTHS, PICTURES
+from benchmarks.refine import LENGTHS, PICTURES, landscape
 from benchmarks.tables import markdown, write
 from rsdeblur import (
     Camera,
@@ -40,9 +40,7 @@ from rsdeblur import (
 )
 from rsdeblur.choices import READOUT_DIRECTIONS
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.mounting import mountings
-from rsdeblur.image.transfer import to_linear
-from rsdeblur.io import read_picture
+from rsdeblur.estimate.mounting import rotations
 from rsdeblur.motion.axes import letters
 from rsdeblur.types import FloatArray
 
@@ -92,7 +90,7 @@ def taken(seed: int, *, moving: bool) -> PhotoSet:
         WIDTH * random.uniform(0.75, 1.1),
         readout_time=float(random.choice([0.01, 0.02, 0.03])),
         readout_direction=READOUT_DIRECTIONS[random.integers(4)],
-        imu_to_camera=mountings()[random.integers(24)],
+        imu_to_camera=rotations()[random.integers(24)],
     )
     photos, exposures = [], []
     for number, name in enumerate(random.permutation(PICTURES)[:PHOTOS]):
@@ -102,7 +100,7 @@ def taken(seed: int, *, moving: bool) -> PhotoSet:
             turn = random.uniform(0, 2 * np.pi)
             px = random.uniform(0, 0.15) * length + random.uniform(0, 1)
             translation = Translation.drift((px * np.cos(turn), px * np.sin(turn)), camera, exposure)
-        blurred = simulate(_scene(name), log, camera, exposure, translation=translation).blurred
+        blurred = simulate(landscape(name), log, camera, exposure, translation=translation).blurred
         photos.append(phone_photo(blurred, 10 * seed + number))
         exposures.append(exposure)
     offset, zoom = random.uniform(-12e-3, 12e-3), np.exp(random.uniform(-0.3, 0.3))
@@ -124,13 +122,6 @@ def _exposed(random: np.random.Generator, log: GyroLog, camera: Camera) -> tuple
     return exposure, length
 
 
-def _scene(name: str) -> NDArray[np.float32]:
-    stored = np.asarray(read_picture(DATA / "sharp" / f"{name}.png").pixels, np.float32) / 255
-    if stored.shape[0] > stored.shape[1]:
-        stored = np.rot90(stored)
-    return to_linear(np.ascontiguousarray(stored), "srgb")
-
-
 def measured(seed: int, *, moving: bool) -> Row:
     """Return what comes of a set."""
     photos = taken(seed, moving=moving)
@@ -143,7 +134,6 @@ def measured(seed: int, *, moving: bool) -> Row:
     errors = {name: (each.value - truth[name], each.sd) for name, each in found.values.items() if each.sd is not None}
     log = photos.log
     mirrored = GyroLog(log.t, log.omega * (1, 1, -1), log.epoch_ns)
-    # The same recording at other moments.
     other = log.shifted(1.7)
     row = Row(
         accepted=found.accepted,

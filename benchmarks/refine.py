@@ -26,7 +26,7 @@ from benchmarks.phone import processed
 from benchmarks.tables import markdown, write
 from rsdeblur import Camera, Correction, Exposure, RsdeblurError, Simulation, deblur, read_gyro, refine, simulate
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.mounting import mountings
+from rsdeblur.estimate.mounting import rotations
 from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.io import read_picture
 from rsdeblur.motion.paths import BlurPaths, Capture
@@ -114,10 +114,8 @@ def cases(count: int, seed: int) -> Iterator[Case]:
     random = np.random.default_rng(seed)
     for n in range(count):
         name = PICTURES[n % len(PICTURES)]
-        stored = np.asarray(read_picture(DATA / "sharp" / f"{name}.png").pixels, np.float32) / 255
-        if stored.shape[0] > stored.shape[1]:
-            stored = np.rot90(stored)
-        height, width, _ = stored.shape
+        scene = landscape(name)
+        height, width, _ = scene.shape
         while True:
             readout_time, duration = random.choice([0.01, 0.02, 0.03]), random.choice([1 / 30, 1 / 20, 1 / 15, 1 / 10])
             camera = Camera(width, height, width * random.uniform(0.75, 1.1), readout_time=float(readout_time))
@@ -128,8 +126,15 @@ def cases(count: int, seed: int) -> Iterator[Case]:
                 continue
             if LENGTHS[0] < capture.probe.lengths.mean() < LENGTHS[1]:
                 break
-        scene = to_linear(np.ascontiguousarray(stored, dtype=np.float32), "srgb")
         yield Case(f"{name} {exposure.start:.1f} s", scene, Recording(log, camera, exposure), n)
+
+
+def landscape(name: str) -> Image:
+    """Return a picture in linear light, wider than tall."""
+    stored = np.asarray(read_picture(DATA / "sharp" / f"{name}.png").pixels, np.float32) / 255
+    if stored.shape[0] > stored.shape[1]:
+        stored = np.rot90(stored)
+    return to_linear(np.ascontiguousarray(stored, dtype=np.float32), "srgb")
 
 
 def error(kind: str, random: np.random.Generator, recording: Recording) -> Correction:
@@ -165,7 +170,7 @@ def error(kind: str, random: np.random.Generator, recording: Recording) -> Corre
 
 def mounted(random: np.random.Generator, recording: Recording) -> Recording:
     """Return a recording with another mounting of the gyro."""
-    turns = [turn for turn in mountings() if np.linalg.det(turn) > 0 and not np.array_equal(turn, np.eye(3))]
+    turns = [turn for turn in rotations() if not np.array_equal(turn, np.eye(3))]
     camera = recording.camera
     return replace(recording, camera=replace(camera, imu_to_camera=random.choice(turns) @ camera.imu_to_camera))
 

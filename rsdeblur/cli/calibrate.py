@@ -237,6 +237,13 @@ def _listed(source: Path, recording: Moments, camera_file: Path | None, numberin
     from rsdeblur.errors import FileFormatError
     from rsdeblur.io import read_picture
 
+    moments = {"index": numbering.index, "start": recording.start, "start-ns": recording.start_ns}
+    given = [f"--{name}" for name, value in moments.items() if value is not None]
+    if given:
+        raise click.UsageError(
+            f"{given[0]} is one moment; a manifest or a folder gives one for each photo",
+            ctx=click.get_current_context(),
+        )
     known = asdict(recording) | dict.fromkeys(("time_offset", "readout_time", "focal_length"))
     del known["start_ns"]
     items = read_items(source, Defaults(camera=camera_file, **known), output, numbered_from=numbering.numbered_from)

@@ -21,11 +21,11 @@ from rsdeblur.choices import READOUT_DIRECTIONS, Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.calibrate import Estimate
 from rsdeblur.estimate.correction import PARAMETERS, Recording
-from rsdeblur.estimate.mounting import CONFIDENT, RESAMPLES, mounting_name, mountings
+from rsdeblur.estimate.mounting import CONFIDENT, RESAMPLES, mounting_name, rotations
 from rsdeblur.estimate.photo_fit import START, PhotoFit, PhotoSet
 from rsdeblur.estimate.refine import grey_light
 from rsdeblur.motion.arguments import check_recording
-from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.camera import TIMESTAMP_SHARES, Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.types import FloatArray, Progress
@@ -142,7 +142,7 @@ def calibrate_photos(
     -----
     Half a turn about the optical axis changes neither the spectra nor, without roll, anything but the phase of the
     blur; so the spectra propose mountings, and the concentration of the gradient of the sharp pictures decides as well.
-    The readout's direction follows from the spectra alone. See :func:`rsdeblur.refine` for both measures.
+    See :func:`rsdeblur.refine` for both measures.
 
     Examples
     --------
@@ -156,7 +156,7 @@ def calibrate_photos(
     first, last = validate.real_array("search", search, (2,)).tolist()
     if not 0 <= last - first <= MOST_SEARCH:
         raise InputError(f"search must span 0 to {MOST_SEARCH:g} s, got {first:g} to {last:g}")
-    logs = [log] * len(exposures) if isinstance(log, GyroLog) else list(log)
+    logs = list(log) if isinstance(log, Sequence) else [log] * len(exposures)
     if len(logs) != len(exposures):
         raise InputError(f"give one log, or one for each photo, got {len(logs)} logs and {len(exposures)} exposures")
     if len(exposures) < LEAST_PHOTOS:
@@ -210,7 +210,7 @@ class _Search:
         fits = self._mounted(search)
         photos, first = self._photos, fits[0].camera
         # What all are compared with, in either frame: without a readout, all directions are one.
-        still = replace(first, readout_time=0.0, time_offset=first.time_offset - 0.5 * first.readout_time)
+        still = _read_in(first, 0.0)
         leads = np.array([self._leads(fit, still) for fit in fits])
         order = np.argsort(leads.sum(axis=1))[::-1]
         # Where the lead is small, the nearest rival gets the right readout as well.
@@ -242,7 +242,7 @@ class _Search:
         """Return the fits with the likeliest mountings."""
         photos, start = self._photos, self._photos.start
         own = start.imu_to_camera
-        every = [matrix for matrix in mountings() if np.linalg.det(matrix) > 0]
+        every = rotations()
         if not any(np.array_equal(own, matrix) for matrix in every):
             every.append(own)
         offsets = start.time_offset + np.linspace(*search, int(np.ceil((search[1] - search[0]) / STEP)) + 1)
@@ -268,17 +268,11 @@ class _Search:
 
     def _read(self, fit: PhotoFit, still: Camera) -> _Reading:
         """Return fits with all readout directions from a fit on, compared with a camera."""
-        photos, camera = self._photos, fit.camera
-        middle = camera.time_offset - 0.5 * camera.readout_time
-        fits = []
+        photos, fits = self._photos, []
         for n, direction in enumerate(READOUT_DIRECTIONS):
             self._progress("readout", n / len(READOUT_DIRECTIONS))
-            cameras = [
-                replace(
-                    camera, readout_direction=direction, readout_time=time, time_offset=middle + 0.5 * time + beside
-                )
-                for time, beside in product(READOUTS, BESIDE)
-            ]
+            camera = replace(fit.camera, readout_direction=direction)
+            cameras = [_later(_read_in(camera, time), beside) for time, beside in product(READOUTS, BESIDE)]
             fits.append(photos.fit(cameras[photos.best(cameras)[0]]))
         leads = np.array([self._leads(each, still) for each in fits])
         best = (_resampled(len(photos)) @ leads.T).argmax(axis=1)
@@ -293,12 +287,7 @@ class _Search:
         kept = []
         for each in (fits[n] for n in likely):
             # Far from the right focal length, the fit may have ended at a local maximum.
-            cameras = [
-                replace(
-                    each.camera, focal_length=_zoomed(each.camera, zoom), time_offset=each.camera.time_offset + beside
-                )
-                for zoom, beside in product(ZOOMS, BESIDE)
-            ]
+            cameras = [_later(_zoomed(each.camera, zoom), beside) for zoom, beside in product(ZOOMS, BESIDE)]
             kept.append(photos.likeliest([each, photos.fit(cameras[photos.best(cameras)[0]])]))
         return kept, shares[likely] / shares[likely].sum()
 
@@ -320,8 +309,9 @@ class _Search:
         camera = fits[0].camera
         offset = values["offset"]
         if offset.sd is not None and not values["readout"].determined:
-            # The photos determine when the middle row was exposed; the offset is that of the first row.
-            offset = offset._replace(sd=float(np.hypot(offset.sd, 0.5 * START.readout * camera.readout_time)))
+            # The photos determine when the middle row was exposed; the timestamp marks another one.
+            late = _middle(camera) * START.readout * camera.readout_time
+            offset = offset._replace(sd=float(np.hypot(offset.sd, late)))
         return camera, {
             "time_offset": offset,
             "focal_length": values["scale"],
@@ -382,19 +372,33 @@ def _numbers(camera: Camera) -> tuple[float, float, float]:
     return camera.time_offset, np.log(camera.focal_length[0]), np.log(max(camera.readout_time, 1e-9))
 
 
-def _zoomed(camera: Camera, zoom: float) -> tuple[float, float]:
+def _zoomed(camera: Camera, zoom: float) -> Camera:
     fx, fy = camera.focal_length
-    return zoom * fx, zoom * fy
+    return replace(camera, focal_length=(zoom * fx, zoom * fy))
+
+
+def _later(camera: Camera, seconds: float) -> Camera:
+    return replace(camera, time_offset=camera.time_offset + seconds)
+
+
+def _read_in(camera: Camera, readout_time: float) -> Camera:
+    """Return a camera with another readout time; the middle row keeps its time on the log's clock."""
+    later = _later(camera, _middle(camera) * (readout_time - camera.readout_time))
+    return replace(later, readout_time=readout_time)
+
+
+def _middle(camera: Camera) -> float:
+    """Return the share of the readout time from the row that a timestamp marks to the middle one."""
+    return 0.5 - TIMESTAMP_SHARES[camera.timestamp_marks]
 
 
 def _without(camera: Camera, name: str, start: Camera) -> Camera:
-    """Return a camera with the start's value of a number; the middle row's time stays with another readout time."""
+    """Return a camera with the start's value of a number; see `_read_in` for the readout time."""
     if name == "scale":
         return replace(camera, focal_length=start.focal_length)
     if name == "offset":
         return replace(camera, time_offset=start.time_offset)
-    later = 0.5 * (start.readout_time - camera.readout_time)
-    return replace(camera, readout_time=start.readout_time, time_offset=camera.time_offset + later)
+    return _read_in(camera, start.readout_time)
 
 
 def _excess(name: str, estimate: Estimate) -> float:

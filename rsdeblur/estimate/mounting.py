@@ -69,6 +69,11 @@ def mountings() -> list[FloatArray]:
     return sorted(matrices, key=lambda matrix: -round(float(np.linalg.det(matrix))))
 
 
+def rotations() -> list[FloatArray]:
+    """Return the 24 mountings of right-handed logs."""
+    return mountings()[:24]
+
+
 def frame_rotations(matches: ClipMatches, camera: Camera) -> FloatArray:
     """Return the camera's rotation vector between the frames of each pair, rad, camera axes, shape (pairs, 3)."""
     rays = camera.rays(matches.points)

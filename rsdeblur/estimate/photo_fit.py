@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
@@ -92,18 +93,21 @@ class PhotoSet:
             ]
         return self._spectra[key]
 
-    def nats(self, recordings: Sequence[Recording]) -> list[FloatArray] | None:
-        """Return the nats of the tiles of each photo; None if a log does not describe an exposure."""
+    def nats(self, recordings: Sequence[Recording]) -> list[FloatArray]:
+        """Return the nats of the tiles of each photo.
+
+        Raises
+        ------
+        CoverageError, ClockError, GapError
+            If a log does not describe an exposure.
+        """
         spectra = self.spectra(recordings[0].camera)
         found: list[FloatArray] = [np.zeros(0)] * len(spectra)
 
         def score(_: int, n: int) -> None:
             found[n] = spectra[n].score(recordings[n])
 
-        try:
-            share(score, range(len(spectra)), None)
-        except UNDESCRIBED:
-            return None
+        share(score, range(len(spectra)), None)
         return found
 
     def best(self, cameras: Sequence[Camera]) -> list[int]:
@@ -114,14 +118,17 @@ class PhotoSet:
         CoverageError
             If the logs describe the exposures under none of them.
         """
-        every = [self.nats([replace(each, camera=camera) for each in self.recordings]) for camera in cameras]
-        described = [place for place, nats in enumerate(every) if nats is not None]
+        described, every = [], []
+        for place, camera in enumerate(cameras):
+            with suppress(*UNDESCRIBED):
+                every.append(self.nats([replace(each, camera=camera) for each in self.recordings]))
+                described.append(place)
         if not described:
             raise CoverageError(
                 "the logs cover the exposures under no offset of the search; widen it, or check the clocks"
             )
         costs = np.zeros(len(described))
-        for photo in zip(*(nats for nats in every if nats is not None), strict=True):
+        for photo in zip(*every, strict=True):
             tiles = np.array(photo)
             # No tile decides alone.
             costs += np.minimum(tiles - tiles.min(axis=0), MOST_NATS).mean(axis=1) / TILES_AS_ONE
@@ -139,7 +146,7 @@ class PhotoSet:
         if free:
             place = posterior.descend(place, free)
         recordings = [photo.corrected(place) for photo in photos]
-        return PhotoFit(posterior, place, recordings, self.nats(recordings) or [], free)
+        return PhotoFit(posterior, place, recordings, self.nats(recordings), free)
 
     def leads(self, fit: PhotoFit, other: PhotoFit) -> FloatArray:
         """Return how much more likely the spectra and the sharpness of each photo are with one fit than another, nats.
@@ -177,9 +184,6 @@ class PhotoSet:
 
 
 def mirrored_log(recording: Recording) -> Recording:
-    """Return a recording whose log and translation are reversed: every path is."""
-    log, translation = recording.log, recording.translation
-    log = GyroLog(log.t, -log.omega, log.epoch_ns)
-    if translation is not None:
-        translation = replace(translation, position=-translation.position)
-    return replace(recording, log=log, translation=translation)
+    """Return a recording whose log is reversed, and so every path of the blur."""
+    log = recording.log
+    return replace(recording, log=GyroLog(log.t, -log.omega, log.epoch_ns))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from rsdeblur.estimate.correction import PARAMETERS, Recording
-from rsdeblur.estimate.mounting import mountings
+from rsdeblur.estimate.mounting import rotations
 from rsdeblur.estimate.posterior import UNDESCRIBED, Posterior
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, QuickSharpness
 from rsdeblur.estimate.spectra import TileSpectra
@@ -44,12 +44,12 @@ def rival_lead(
     places[:, PARAMETERS.index("offset")] = OFFSETS
     tried: list[tuple[float, Posterior, FloatArray]] = []
     # Left-handed axes have the spectra of right-handed ones.
-    for turn in mountings():
-        if np.linalg.det(turn) < 0 or np.array_equal(turn, np.eye(3)):
+    for turn in rotations():
+        if np.array_equal(turn, np.eye(3)):
             continue
         camera = replace(recording.camera, imu_to_camera=turn @ own)
         posterior = Posterior(spectra, replace(recording, camera=camera), deviations)
-        lead, best = max(((posterior.lead(place, nats), n) for n, place in enumerate(places)))
+        lead, best = max((posterior.lead(place, nats), n) for n, place in enumerate(places))
         tried.append((lead, posterior, places[best]))
     tried.sort(key=lambda each: -each[0])
     leads = []

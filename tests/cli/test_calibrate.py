@@ -203,6 +203,9 @@ def test_a_manifest_names_a_log_for_each_photo(run: Run, film: Film, given, tmp_
     assert [each.start for each in call.exposures] == pytest.approx([6.0 + i / RATE for i in (2, 5, 8)])
     assert len(call.logs) == len(call.pictures) == 3
     assert call.start.focal_length[0] == 170.0
+    result = run("calibrate", manifest, "--camera", camera, "-o", tmp_path / "other.toml", "--index", 1)
+    assert result.exit_code == 2
+    assert "--index is one moment" in result.stderr
     manifest.write_text("photo,gyro,start,duration\nlost.png,lost.csv,1,0.1")
     result = run("calibrate", manifest, "--camera", camera, "-o", tmp_path / "camera.toml", "--force")
     assert result.exit_code == 1

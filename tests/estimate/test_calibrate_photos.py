@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rsdeblur import Camera, CoverageError, Exposure, GyroLog, InputError, calibrate_photos, hand_shake, scene, simulate
-from rsdeblur.estimate.calibrate_photos import _decided
+from rsdeblur.estimate.calibrate_photos import _decided, _without
 from rsdeblur.estimate.correction import PARAMETERS, Recording, Uncertainty
 from rsdeblur.estimate.posterior import Posterior
 from rsdeblur.estimate.shared_posterior import SHARED, SharedPosterior
@@ -60,11 +60,20 @@ def test_what_is_determined_is_within_three_deviations(calibration):
     assert (camera.width, camera.height) == (WIDTH, HEIGHT)
 
 
-def test_what_is_assumed_has_its_start_value(calibration):
-    starts = {"focal_length": START.focal_length[0], "readout_time": START.readout_time}
-    for name, start in starts.items():
-        each = calibration.values[name]
-        assert each.determined or each.value == pytest.approx(start)
+@pytest.mark.parametrize("marks", ["start", "middle", "end"])
+def test_the_middle_row_keeps_its_time(marks):
+    """An assumed readout time moves the offset so that the middle row is exposed when the photos say."""
+    camera = replace(TRUTH, timestamp_marks=marks)
+    assumed = _without(camera, "readout", replace(START, readout_time=0.008))
+    assert assumed.readout_time == 0.008
+    middle, again = (sum(EXPOSURES[0].span(each)) / 2 - each.time_offset for each in (camera, assumed))
+    # `span` ends with the last row, which opens a row's time before the readout ends: half of 12 ms / 192.
+    assert again == pytest.approx(middle, abs=4e-5)
+
+
+@pytest.mark.parametrize(("name", "field"), [("scale", "focal_length"), ("offset", "time_offset")])
+def test_what_is_assumed_has_its_start_value(name, field):
+    assert getattr(_without(TRUTH, name, START), field) == getattr(START, field)
 
 
 def test_a_left_handed_log_is_refused(photos):
@@ -108,6 +117,7 @@ def test_a_left_handed_rival_is_named():
     [
         ({"exposures": EXPOSURES[:2]}, "at least 3 photos, got 2"),
         ({"exposures": [*EXPOSURES, EXPOSURES[0]]}, "got 4 photos and 5 exposures"),
+        ({"log": None}, "log must be a GyroLog"),
         ({"log": [LOG, LOG]}, "got 2 logs and 4 exposures"),
         ({"search": (0.01, -0.01)}, "search must span"),
         ({"search": (-1.0, 1.0)}, "search must span"),
