@@ -26,9 +26,10 @@ from rich.console import Console
 from scipy import fft, ndimage
 
 from benchmarks.captures import DATA, READOUT, Image, quality, require_data
+from benchmarks.priors import jpeg, with_recording_errors
 from benchmarks.tables import markdown, write
 from rsdeblur import Camera, Exposure, GyroLog, deblur, deblur_burst, read_gyro, read_picture, simulate_clip, to_linear
-from rsdeblur.choices import Mode, Prior
+from rsdeblur.choices import Auto, Mode, Prior
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.motion.alignment import Alignment, burst_captures
 from rsdeblur.pipeline.burst_frames import Warp
@@ -77,20 +78,28 @@ class Case:
     decibels : float
         Noise of a frame; in a pair, that of the long one.
     mode, prior : str
-        Mode and prior of all methods that deblur.
+        Mode and prior of all methods that deblur; the mode "auto" of bursts is "banded" for a single frame.
+    wrong : bool
+        Whether camera and log have the errors of :func:`benchmarks.priors.with_errors`, and the frames are JPEG.
     """
 
     kind: str
     burst: int
     frames: int
     decibels: float
-    mode: Mode = "banded"
+    mode: Mode | Auto = "banded"
     prior: Prior = "wiener"
+    wrong: bool = False
 
     @property
     def options(self) -> dict[str, Any]:
-        """Options of all methods that deblur."""
+        """Options of :func:`rsdeblur.deblur_burst`."""
         return {"mode": self.mode, "prior": self.prior, "check": False}
+
+    @property
+    def single(self) -> dict[str, Any]:
+        """Options of :func:`rsdeblur.deblur`."""
+        return self.options | {"mode": "banded" if self.mode == "auto" else self.mode}
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +135,12 @@ CHANGES: dict[str, Callable[[Image], Image] | None] = {
 def recorded() -> GyroLog:
     """Return the phone's log."""
     return read_gyro(DATA / "gyro" / "phone-210hz.txt")
+
+
+@cache
+def recording(wrong: bool) -> tuple[GyroLog, Camera]:
+    """Return the log and the camera that the methods are given."""
+    return with_recording_errors(recorded(), CAMERA) if wrong else (recorded(), CAMERA)
 
 
 @cache
@@ -176,13 +191,13 @@ def burst_of(case: Case) -> Burst:
     for n, frame in enumerate(frames):
         noise = 10 ** (-case.decibels / 20) * (PAIR[0] / PAIR[n] if pair else 1.0) ** 0.5
         white: Image = np.random.default_rng([case.burst, n]).normal(0.0, noise, frame.shape).astype(np.float32)
-        frames[n] = frame + white
+        frames[n] = jpeg(frame + white) if case.wrong else frame + white
     return Burst(clean.exposures[: case.frames], tuple(frames), tuple(truths))
 
 
-def aligned(burst: Burst, reference: int) -> list[Image]:
+def aligned(burst: Burst, log: GyroLog, camera: Camera, reference: int) -> list[Image]:
     """Return the frames resampled to the reference; what a frame does not show is taken from the reference."""
-    captures = burst_captures(recorded(), CAMERA, burst.exposures)
+    captures = burst_captures(log, camera, burst.exposures)
     rows, cols = np.arange(float(CAMERA.height)), np.arange(float(CAMERA.width))
     pictures = []
     for capture, frame in zip(captures, burst.frames, strict=True):
@@ -217,7 +232,7 @@ def alone(case: Case, index: int) -> float:
     if case.kind == "frames" and case.frames < MOST_FRAMES:
         return alone(replace(case, frames=MOST_FRAMES), index)
     burst = burst_of(case)
-    result = deblur(burst.frames[index], recorded(), CAMERA, burst.exposures[index], **case.options)
+    result = deblur(burst.frames[index], *recording(case.wrong), burst.exposures[index], **case.single)
     return quality(burst.truths[index], result.image)[0]
 
 
@@ -230,9 +245,10 @@ def singles(case: Case) -> list[float]:
 def measure(case: Case) -> dict[str, float]:
     """Return the PSNR of all methods: best and mean single frame, the alternatives, and the frames together."""
     burst, single = burst_of(case), singles(case)
-    result = deblur_burst(burst.frames, recorded(), CAMERA, burst.exposures, **case.options)
+    log, camera = recording(case.wrong)
+    result = deblur_burst(burst.frames, log, camera, burst.exposures, **case.options)
     truth = burst.truths[result.reference]
-    pictures = aligned(burst, result.reference)
+    pictures = aligned(burst, log, camera, result.reference)
     return {
         "best single": max(single),
         "mean single": float(np.mean(single)),
@@ -250,7 +266,11 @@ def cases(*, quick: bool) -> Iterator[Case]:
     kinds.append(replace(four, mode="rowwise"))
     if not quick:
         kinds += [replace(four, frames=count, decibels=35) for count in (4, 2, 8)]
-        kinds += [replace(case, prior="tv") for case in (four, pair, replace(pair, mode="rowwise"))]
+        default = replace(four, mode="auto", prior="hyper-laplacian")
+        kinds += [replace(default, frames=count) for count in (2, 4, 8)]
+        kinds += [replace(default, kind=kind) for kind in CHANGES]
+        defaults = (default, replace(default, kind="pair", frames=2))
+        kinds += [defaults[1], *(replace(case, wrong=True) for case in defaults)]
     for kind in kinds:
         for burst in range(2 if quick else len(MOMENTS)):
             yield replace(kind, burst=burst)
@@ -268,7 +288,7 @@ def table(rows: dict[Case, dict[str, float]]) -> str:
         gains = [scores["together"] - scores["best single"] for scores in scored]
         name = {"frames": f"{case.frames} frames", "pair": "a long and a short frame"}.get(case.kind, case.kind)
         gain = (f"{np.mean(gains):+.2f}", f"{min(gains):+.2f}")
-        method = f"{case.mode}, {case.prior}"
+        method = f"{case.mode}, {case.prior}" + ", wrong model" * case.wrong
         lines.append((f"{name}, {case.decibels:g} dB", method, *(f"{mean:.2f}" for mean in means.values()), *gain))
     return markdown(("PSNR, dB", "mode, prior", *methods, "gain", "least gain"), lines)
 

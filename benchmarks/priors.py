@@ -29,7 +29,7 @@ from rich.progress import track
 
 from benchmarks.captures import Image, SimulatedCapture, quality, simulated
 from benchmarks.tables import markdown, write
-from rsdeblur import GyroLog, Simulation, deblur
+from rsdeblur import Camera, GyroLog, Simulation, deblur
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import PRIORS, Prior
 from rsdeblur.image.transfer import from_linear, to_linear
@@ -148,15 +148,17 @@ def noisy(capture: SimulatedCapture, decibels: float) -> SimulatedCapture:
 
 def with_errors(capture: SimulatedCapture) -> SimulatedCapture:
     """Return the capture with the typical errors of real recordings."""
-    log, camera = capture.log, capture.camera
+    log, camera = with_recording_errors(capture.log, capture.camera)
+    pictures = capture.pictures._replace(blurred=jpeg(capture.pictures.blurred))
+    return replace(capture, log=log, camera=camera, pictures=pictures)
+
+
+def with_recording_errors(log: GyroLog, camera: Camera) -> tuple[GyroLog, Camera]:
+    """Return a log and a camera with the typical errors of real ones."""
     noise = np.random.default_rng(0).normal(0.0, RATE_NOISE, log.omega.shape)
     fx, fy = camera.focal_length
-    return replace(
-        capture,
-        log=GyroLog(log.t + OFFSET_ERROR, log.omega + noise, log.epoch_ns),
-        camera=replace(camera, focal_length=(fx * (1 + FOCAL_ERROR), fy * (1 + FOCAL_ERROR))),
-        pictures=capture.pictures._replace(blurred=jpeg(capture.pictures.blurred)),
-    )
+    wrong = GyroLog(log.t + OFFSET_ERROR, log.omega + noise, log.epoch_ns)
+    return wrong, replace(camera, focal_length=(fx * (1 + FOCAL_ERROR), fy * (1 + FOCAL_ERROR)))
 
 
 def jpeg(light: Image) -> Image:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from rsdeblur import choices
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import (
@@ -30,6 +31,7 @@ from rsdeblur.cli._report import Compared, capture_warnings, report_page
 from rsdeblur.errors import InputError, RsdeblurError
 
 if TYPE_CHECKING:
+    from rsdeblur.choices import Auto, Mode
     from rsdeblur.io.pictures import Picture
     from rsdeblur.motion.camera import Camera
     from rsdeblur.motion.exposure import Exposure
@@ -45,8 +47,6 @@ Examples:
 """
 
 
-# Options of the blur that a burst has.
-TILES = ("mode", "bands", "strips")
 # Exit code if bursts of some folders failed.
 SOME_FAILED = 3
 # Longest span of frames that is taken for no mistake; the burst itself has a lower limit.
@@ -89,9 +89,14 @@ class FramesType(click.ParamType[list[int]]):
 @click.option("--weights", type=_options.PATH, metavar="PNG", help="Write the weights of the frames, side by side.")
 @click.option("--report", type=_options.PATH, metavar="HTML", help="Also write a page that shows result and weights.")
 @_options.clip_options(required=False)
-@_options.solve_options(
-    "mode", "bands", "strips", *_options.SOLVER, "normalize", *_options.ENGINE, *_options.ONE_RESULT
+@click.option(
+    "--mode",
+    type=click.Choice(("auto", *choices.MODES)),
+    default="auto",
+    show_default=True,
+    help="One PSF for the picture, one per tile, or one per row; auto takes rows where tiles cannot follow the blur.",
 )
+@_options.solve_options("bands", "strips", *_options.SOLVER, "normalize", *_options.ENGINE, *_options.ONE_RESULT)
 @_options.target_options("OUT|DIR", "Picture to write, or folder for the pictures of FOLDERs.")
 def command(
     photos: tuple[Path, ...],
@@ -100,6 +105,7 @@ def command(
     reference: int | None,
     weights: Path | None,
     report: Path | None,
+    mode: Mode | Auto,
     recording: Recording,
     options: Options,
     target: Target,
@@ -118,7 +124,7 @@ def command(
         raise click.UsageError("give either photos or --from VIDEO")
     if photos and all(photo.is_dir() for photo in photos):
         if not frames and reference is None and weights is None and report is None:
-            return _folders(photos, recording, options, target)
+            return _folders(photos, recording, mode, options, target)
         raise click.UsageError("folders have no --frames, --reference, --weights or --report")
     for name in ("gyro", "camera"):
         if getattr(recording, name) is None:
@@ -134,7 +140,7 @@ def command(
         check_page(report, force=target.force)
     shots = _from_clip(clip, frames, recording) if clip else _from_photos(photos, frames, recording)
     with naming(None, recording), capture_warnings() as remarks:
-        facts, result = _deblurred(shots, options, target, reference=reference)
+        facts, result = _deblurred(shots, mode, options, target, reference=reference)
     if weights is not None:
         _write_weights(weights, result, force=target.force)
     if report is not None:
@@ -159,7 +165,7 @@ class Shots(NamedTuple):
 
 
 def _deblurred(
-    shots: Shots, options: Options, target: Target, *, reference: int | None = None
+    shots: Shots, mode: Mode | Auto, options: Options, target: Target, *, reference: int | None = None
 ) -> tuple[dict[str, Any], BurstResult]:
     """Deblur and write a burst, and return the facts to report and the result."""
     from rsdeblur.io.pictures import write_picture
@@ -173,8 +179,9 @@ def _deblurred(
             [picture.pixels for picture in pictures],
             *(log, camera, exposures),
             reference="auto" if reference is None else numbers.index(reference),
+            mode=mode,
             progress=move,
-            **{member.name: getattr(options, member.name) for member in fields(options)},
+            **{member.name: getattr(options, member.name) for member in fields(options) if member.name != "mode"},
         )
     write_picture(target.output, result.image, like=pictures[result.reference], force=target.force)
     return _facts(result, numbers, target.output, options, time.perf_counter() - begin), result
@@ -193,7 +200,7 @@ def _compared(photo: Path, shots: Shots, facts: dict[str, Any], result: BurstRes
     """Return the content of the page: the result beside the reference, and the weights of all frames."""
     from rsdeblur.cli._measure import peak_memory_mib
 
-    index, label = result.reference, f"burst, {options.mode}"
+    index, label = result.reference, f"burst, {result.mode}"
     picture = shots.pictures[index]
     transfer = transfer_of(picture, options.transfer)
     return Compared(
@@ -210,7 +217,9 @@ def _compared(photo: Path, shots: Shots, facts: dict[str, Any], result: BurstRes
     )
 
 
-def _folders(folders: tuple[Path, ...], recording: Recording, options: Options, target: Target) -> None:
+def _folders(
+    folders: tuple[Path, ...], recording: Recording, mode: Mode | Auto, options: Options, target: Target
+) -> None:
     """Deblur the burst of each folder into the folder of results."""
     outputs = [target.output / f"{folder.resolve().name}.png" for folder in folders]
     if len(set(outputs)) < len(outputs):
@@ -222,7 +231,7 @@ def _folders(folders: tuple[Path, ...], recording: Recording, options: Options, 
         try:
             with naming(folder):
                 shots = _from_folder(folder, recording, target.output)
-                entries.append(_deblurred(shots, options, replace(target, output=output))[0])
+                entries.append(_deblurred(shots, mode, options, replace(target, output=output))[0])
         except RsdeblurError as error:
             entries.append({"output": str(output), "error": str(error)})
         if not target.as_json:
@@ -294,7 +303,7 @@ def _facts(result: BurstResult, frames: list[int], output: Path, options: Option
         {"frame": number} | {m.name: getattr(use, m.name) for m in fields(use) if m.name != "weights"}
         for number, use in zip(frames, result.frames, strict=True)
     ]
-    facts = facts_of(result.result, output, options.mode, options.prior_name, seconds)
+    facts = facts_of(result.result, output, result.mode, options.prior_name, seconds)
     return facts | {"reference": frames[result.reference], "frames": used}
 
 

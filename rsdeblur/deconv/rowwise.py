@@ -374,7 +374,8 @@ class DataTerm:
     """Data term `|A u - g|^2 + nsr |u - m|^2` of one strip of one picture, to which a prior adds a gradient term.
 
     It is a :class:`rsdeblur.deconv.priors.QuadraticSolver`, valid until the solver observes the next strip. With a
-    gradient term m is the picture's mean. Rows beyond the frame are unknowns, so no gradient crosses an end.
+    gradient term m is the picture's mean. Rows beyond the frame are unknowns, so no gradient crosses an end. The
+    difference of g from the blurred m counts (1 + nsr) times, so that contrast does not depend on nsr.
 
     Attributes
     ----------
@@ -435,16 +436,16 @@ class DataTerm:
             raise InputError(f"the target must have shape {self.shape}, got {target.shape}")
         else:
             spectra.load(target, latent)
-        self._minimise(ridge, smooth, pull=pull)
+        self._minimise(ridge, smooth, pull)
         spectra.unload(latent, 0, target, Tile(0, 0, np.ones(spectra.length, dtype=np.float32)))
         return target
 
     def filter(self) -> None:
         """Minimise the term alone, and leave the result in the solver's latent spectra."""
-        nsr = self._solver.nsr
-        # With this factor no motion is the identity at any nsr.
-        self._minimise(nsr, 0.0, scale=1.0 + nsr)
+        self._minimise(self._solver.nsr, 0.0, 0.0)
 
-    def _minimise(self, ridge: float, smooth: float, *, scale: float = 1.0, pull: float = 0.0) -> None:
+    def _minimise(self, ridge: float, smooth: float, pull: float) -> None:
         ridges = np.float32(ridge) + np.float32(smooth) * self._wavenumbers
-        self._solver._solve(self._strip, ridges, smooth, scale=scale, pull=pull)
+        # Scaled like this, no motion is the identity at any nsr, with and without a prior.
+        scale = 1.0 + self._solver.nsr
+        self._solver._solve(self._strip, ridges, smooth, scale=scale, pull=pull / scale)

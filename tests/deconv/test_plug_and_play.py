@@ -47,8 +47,9 @@ def test_rows_solve_near_a_target(solver: str, monkeypatch: pytest.MonkeyPatch) 
     target = rng.random(term.shape, dtype=np.float32)
     found = term.solve_near(beta, target.copy()).ravel()
     blur = dense_blur(paths)
-    right = blur.T @ grey.ravel() + nsr * grey.mean(dtype=float) + beta * target.ravel()
-    expected = np.linalg.solve(blur.T @ blur + (nsr + beta) * np.eye(blur.shape[1]), right)
+    mean = np.full(blur.shape[1], grey.mean(dtype=float))
+    right = (1 + nsr) * (blur.T @ (grey.ravel() - blur @ mean)) + beta * (target.ravel() - mean)
+    expected = mean + np.linalg.solve(blur.T @ blur + (nsr + beta) * np.eye(blur.shape[1]), right)
     np.testing.assert_allclose(found, expected, atol=1e-4)  # float32 factorisation of a system of condition 1e1
 
 

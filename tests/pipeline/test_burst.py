@@ -60,6 +60,23 @@ def test_softness_of_the_lens_is_undone() -> None:
     assert "\n" not in repr(undone)
 
 
+def test_tall_blur_that_changes_is_solved_row_by_row() -> None:
+    """Four times the shake makes tiles wrong by up to 0.6 px, where 0.3 px are allowed; the other log by 0.04 px."""
+    capture = scene(176, 208), hand_shake(0.5, seed=4, strength=4.0), CAMERA, EXPOSURES[:2]
+    images = list(simulate_clip(*capture, samples=32))
+
+    def mode(log=capture[1], **options) -> str:
+        return deblur_burst(images, log, CAMERA, EXPOSURES[:2], prior="wiener", check=False, **options).mode
+
+    assert mode() == "rowwise"
+    assert mode(log=LOG) == "banded"
+    # What is given explicitly is kept.
+    assert mode(mode="banded") == mode(quality="fast") == mode(bands=4) == "banded"
+    assert mode(log=LOG, mode="rowwise") == mode(log=LOG, quality="best") == "rowwise"
+    with pytest.raises(InputError, match="mode must be one of auto, banded, global, rowwise"):
+        mode(mode="rows")
+
+
 def test_order_and_brightness_of_frames_do_not_matter() -> None:
     images = frames()[0]
     separate = together(reference=0)
@@ -159,7 +176,7 @@ def test_rowwise_is_as_good_and_slabs_give_the_same_picture(monkeypatch: pytest.
 
 def test_the_default_bound_grows_instead_of_refusing(monkeypatch: pytest.MonkeyPatch) -> None:
     expected = together(reference=0, bands=2).image
-    monkeypatch.setattr("rsdeblur.pipeline.burst.MEMORY", 1)
+    monkeypatch.setattr("rsdeblur.pipeline.burst_solution.MEMORY", 1)
     # Strengths are the same; tiles end elsewhere.
     assert np.abs(together(reference=0, bands=2).image - expected)[INNER].max() < 0.02
     with pytest.raises(InputError, match="max_memory is 0 MiB, but even 16 rows of 3 frames need"):

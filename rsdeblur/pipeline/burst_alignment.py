@@ -1,0 +1,115 @@
+"""Frames of a burst, measured one by one and aligned with one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rsdeblur._util import validate
+from rsdeblur.choices import Auto
+from rsdeblur.estimate.strength import KERNELS, Tuning
+from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.motion.alignment import Alignment
+from rsdeblur.motion.paths import Capture
+from rsdeblur.pipeline.burst_frames import FIT_TILES, BurstFrame, reduced_bank
+from rsdeblur.pipeline.options import Options
+from rsdeblur.pipeline.stages import StageClock
+from rsdeblur.pipeline.steps import tuned_part
+from rsdeblur.pipeline.tiles import tile_paths
+from rsdeblur.psf import PsfBank, tile_centres
+
+# A frame whose mean weight over the reference's detail is less contributes nothing: its motion or its scene is another.
+LEAST_SUPPORT = 0.5
+
+
+def measured(encoded: EncodedImage, capture: Capture, options: Options) -> Tuning:
+    """Measure a frame on its own."""
+    height, width, _ = encoded.shape
+    paths = tile_paths(capture, "banded", min(KERNELS, height), min(KERNELS, width), 1.0)
+    noise = None if options.noise == "auto" else options.noise
+    rows, bank = tuned_part(encoded.shape, PsfBank.from_paths(paths, threads=options.threads))
+    mode = options.mode
+    return Tuning.of(encoded.linear(rows), bank, noise=noise, one_filter=mode == "global", continued=mode != "rowwise")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AlignedBurst:
+    """Frames aligned with the reference, whose index is `index`."""
+
+    index: int
+    frames: tuple[BurstFrame, ...]
+
+    @property
+    def reference(self) -> BurstFrame:
+        """The frame whose pose the result has."""
+        return self.frames[self.index]
+
+    @property
+    def used(self) -> list[int]:
+        """Indices of the frames that contribute, the reference first."""
+        others = [n for n, frame in enumerate(self.frames) if frame.fit and frame.fit.support >= LEAST_SUPPORT]
+        return [self.index, *others]
+
+    @property
+    def agreement(self) -> float:
+        """Sum of the supports of all other frames."""
+        return sum(frame.fit.support for frame in self.frames if frame.fit)
+
+
+def aligned(
+    encoded: Sequence[EncodedImage],
+    captures: Sequence[Capture],
+    tunings: Sequence[Tuning],
+    reference: int | Auto,
+    clock: StageClock,
+) -> AlignedBurst:
+    """Fit all frames to the reference, or to the best candidate that most others agree with."""
+    if not validate.is_auto(reference):
+        candidates = [int(reference)]
+    else:
+        energy = float(np.mean([tuning.energy for tuning in tunings]))
+        errors = [tuning.restoration_error(energy) for tuning in tunings]
+        candidates = [int(n) for n in np.argsort(errors, kind="stable")]
+    best: AlignedBurst | None = None
+    for index in candidates:
+        burst = _fitted(index, encoded, captures, tunings, clock)
+        if best is None or burst.agreement > best.agreement:
+            best = burst
+        if 2 * (len(burst.used) - 1) >= len(encoded) - 1:
+            break
+    assert best is not None
+    return best
+
+
+def _fitted(
+    index: int,
+    encoded: Sequence[EncodedImage],
+    captures: Sequence[Capture],
+    tunings: Sequence[Tuning],
+    clock: StageClock,
+) -> AlignedBurst:
+    frames = [
+        BurstFrame(picture, Alignment(capture, captures[index]), tuning)
+        for picture, capture, tuning in zip(encoded, captures, tunings, strict=True)
+    ]
+    reference = frames[index]
+    height, width, _ = reference.encoded.shape
+    rows, cols = (tile_centres(min(tiles, n), n) for tiles, n in zip(FIT_TILES, (height, width), strict=True))
+    report = clock.within("align")
+    banks = [reduced_bank(frame.alignment.paths(rows, cols), reference.factor) for frame in frames]
+    shares = []
+    for n, frame in enumerate(frames):
+        if n != index:
+            fit = frame.fitted(reference, (banks[n], banks[index]))
+            share = frame.tuning.path_error_share(reference.tuning, fit.path_error * frame.factor**2)
+            tuning = replace(frame.tuning, noise=frame.tuning.noise / fit.gain).with_path_errors(share)
+            frames[n] = replace(frame, fit=fit, tuning=tuning)
+            if fit.support >= LEAST_SUPPORT:
+                shares.append(share)
+        report((n + 1) / len(frames))
+    # The errors of the reference are in all differences, so they are not larger than the least of these.
+    tuning = reference.tuning.with_path_errors(min(shares, default=0.0))
+    frames[index] = replace(reference, tuning=tuning)
+    return AlignedBurst(index, tuple(frames))
