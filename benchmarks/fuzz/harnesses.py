@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import shutil
 import tempfile
 import warnings
@@ -193,6 +195,16 @@ def _session(path: Path) -> None:
         assert indices <= {None, *range(5)}
 
 
+def _is_sealed(content: bytes) -> bool:
+    """Return whether a record has its own digest."""
+    try:
+        record = json.loads(content)
+        seal = record.pop("seal")
+    except (ValueError, RecursionError, AttributeError, KeyError, TypeError):
+        return False
+    return bool(seal == hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest())
+
+
 def _records(path: Path) -> None:
     """Read a record that was changed: it is as it was written, or none, and no file of others is removed for it."""
     records = Records(path.parent / "records")
@@ -202,8 +214,10 @@ def _records(path: Path) -> None:
         records.finish("a.png", "mark", contents(path))
         (place,) = records.folder.glob("*.json")
         facts = records.facts("a.png", "mark")
+        # A fuzzer that watches comparisons finds the digest of any record; such a one was not changed, but made.
+        made = _is_sealed(path.read_bytes())
         path.replace(place)
-        assert records.facts("a.png", "mark") in (None, facts, {"bytes": 3})
+        assert made or records.facts("a.png", "mark") in (None, facts, {"bytes": 3})
         assert isinstance(records.known("a.png"), bool)
         other = records.folder / "b.png"
         other.touch()

@@ -13,6 +13,7 @@ import numpy as np
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io import untrusted
 from rsdeblur.io.formats import Format
+from rsdeblur.io.sample_tables import check_sample_sizes
 from rsdeblur.io.samples import Samples, nanoseconds
 from rsdeblur.io.source import Source
 
@@ -116,6 +117,7 @@ def telemetry_of(source: Source) -> Telemetry:
         ) from None
     except untrusted.Blocked as error:
         raise source.error(str(error)) from None
+    check_sample_sizes(source)
     try:
         with _silence():
             parser = telemetry_parser.Parser(str(source.path))
