@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -68,18 +68,28 @@ MOMENTS = [
 ]
 
 
+# Twenty more, which no threshold was chosen on.
+OTHER_MOMENTS = [(MOMENTS[n % 8][0], 1.7 + 2.6 * n, 1 / (15, 20, 30, 60)[(n + n // 8) % 4]) for n in range(20)]
+
+
 def require_data() -> None:
     """Exit with a message if the recordings are missing."""
     if not DATA.is_dir():
         sys.exit(f"no recordings in {DATA}: set RSDEBLUR_DATA to their folder")
 
 
-def simulated(count: int | None = None, *, noise: float = NOISE, enlarged: int = 2) -> Iterator[SimulatedCapture]:
+def simulated(
+    count: int | None = None,
+    *,
+    noise: float = NOISE,
+    enlarged: int = 2,
+    moments: Sequence[tuple[str, float, float]] = MOMENTS,
+) -> Iterator[SimulatedCapture]:
     """Simulate captures from Kodak pictures and a real phone's shake, 1024x768 px, or 512x384 with `enlarged=1`."""
     require_data()
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
     camera = Camera(1024, 768, 1.1 * 1024, readout_time=READOUT).scaled(enlarged / 2)
-    for picture, start, duration in MOMENTS[:count]:
+    for picture, start, duration in moments[:count]:
         stored = _float32(read_picture(DATA / "sharp" / f"{picture}.png").pixels / 255)
         shown = _float32(rescale(stored, enlarged, order=3, channel_axis=-1).clip(0, 1)) if enlarged > 1 else stored
         sharp = to_linear(shown, "srgb")

@@ -32,8 +32,8 @@ Verdict = Literal["good", "doubtful", "bad"]
 # Bounds of "doubtful" and "bad": lead of the motion over the best alternative, nats per tile, and light below black as
 # a share of the picture's contrast. docs/developer/reliability.md says how they were chosen and how often they are
 # right.
-DOUBTFUL_LEAD, BAD_LEAD = -1.5, -4.0
-DOUBTFUL_RINGING, BAD_RINGING = 0.045, 0.09
+DOUBTFUL_LEAD, BAD_LEAD = -1.5, -6.0
+DOUBTFUL_RINGING, BAD_RINGING = 0.045, 0.15
 # Residual from which hardly anything of the picture is left in the result; 1 is that of an even result.
 LOST = 0.9
 # Lead over every alternative, nats per tile, from which twice the ringing is allowed: such motion is right, and hard
