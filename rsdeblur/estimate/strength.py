@@ -45,9 +45,10 @@ FINE_NOISE = 4.0
 LENS = 0.75
 # Error of the paths in px, where the picture is too small to measure it.
 PATH_ERROR = ABSORBED * ASSUMED
-# Largest error of the paths, as a share of the PSF's radius and in px. In a photo that is nearly still, what a phone's
-# processing leaves looks like an error larger than the motion itself, and its detail would be taken for noise.
-MOST_PATH_ERROR_SHARE, MOST_PATH_ERROR = 0.25, 0.15
+# Largest error of the paths as a share of the PSF's radius, where that is more than `PATH_ERROR`. In a photo that is
+# nearly still, what a phone's processing leaves looks like an error larger than the motion itself, and its detail would
+# be taken for noise.
+MOST_PATH_ERROR_SHARE = 0.25
 # Error of the paths as a share of the PSF's radius, where the least blurred frame of a burst is chosen, before other
 # frames show how large the errors are: real motion errs by that much.
 FRAME_ERROR_SHARE = 0.03
@@ -154,7 +155,7 @@ class Tuning:
         if continued:
             share = max(share, bank.size[0] / light.shape[0])
         radius = _radius(bank)
-        path_error = min(floors.path_error, max(MOST_PATH_ERROR_SHARE * radius, MOST_PATH_ERROR) ** 2)
+        path_error = min(floors.path_error, max(MOST_PATH_ERROR_SHARE * radius, PATH_ERROR) ** 2)
         return cls(noise, energy, radius, 0.0 if repeats else share**2 / 4, spectra, path_error)
 
     @classmethod
