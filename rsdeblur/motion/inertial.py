@@ -204,7 +204,7 @@ class InertialTrack:
         self,
         exposure: Exposure,
         camera: Camera,
-        depth: float,
+        depth: float | FloatArray,
         velocity: ArrayLike,
         gravity: ArrayLike | None = None,
     ) -> Translation:
@@ -216,8 +216,8 @@ class InertialTrack:
             The exposure, within the track.
         camera : Camera
             The camera.
-        depth : float
-            Distance of the scene along the optical axis in m, positive.
+        depth : float or ndarray, shape (R, C)
+            Distance of the scene along the optical axis in m, or a map of it, see :class:`rsdeblur.Translation`.
         velocity, gravity
             See :meth:`position`: the velocity is that at the start of the track.
 

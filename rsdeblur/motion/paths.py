@@ -12,9 +12,10 @@ where K is the projection of the camera, with its lens distortion, and C(t) its 
 
     q = K C(mid(q_y)) (C(t)^T K^-1 p + (P(t) - P(mid(q_y))) / Z)
 
-The reference time depends on the row that q falls on. Fixed-point iteration finds it in a few steps, because a picture
-moves by far less than a row while a row is read. With `geometry="rectify"`, u is the picture of a global shutter at the
-mid-exposure of the middle row, `q = K C(mid) C(t)^T K^-1 p`, and the paths contain the skew in addition to the blur.
+With a map of depths, Z is that of the point that p sees. The reference time depends on the row that q falls on.
+Fixed-point iteration finds it in a few steps, because a picture moves by far less than a row while a row is read. With
+`geometry="rectify"`, u is the picture of a global shutter at the mid-exposure of the middle row, `q = K C(mid) C(t)^T
+K^-1 p`, and the paths contain the skew in addition to the blur.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog, OrientationTrack
+from rsdeblur.motion.row_poses import RowPoses
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
 
@@ -200,7 +202,25 @@ class Capture:
             In camera axes: points in units of the scene's depth, or only their directions if there is no translation.
         """
         rays = self.camera.rays(pixels)
-        return rays if self.translation is None else rays / rays[..., 2:]
+        return rays if self.translation is None else self.depth(pixels)[..., None] * rays / rays[..., 2:]
+
+    def depth(self, pixels: FloatArray) -> FloatArray:
+        """Return the depth of the scene at pixels; 1 without a translation.
+
+        Parameters
+        ----------
+        pixels : ndarray, shape (..., 2)
+            (x, y) in px.
+
+        Returns
+        -------
+        ndarray, shape (...)
+            In units of the median of the scene's depths.
+        """
+        if self.translation is None:
+            return np.ones(pixels.shape[:-1])
+        last = np.maximum(np.array([self.camera.width, self.camera.height]) - 1.0, 1.0)
+        return self.translation.relative_depth(*np.moveaxis(pixels / last, -1, 0))
 
     def mid(self, rows: FloatArray) -> FloatArray:
         """Return the mid-exposure times of rows.
@@ -452,49 +472,8 @@ def _small_angle_paths(
     times = capture.times(rows, samples)
     angles = capture.track.angles(times) - capture.track.angles(reference)[:, None]
     shifts = capture.position(times) - capture.position(reference)[:, None]
-    fx, fy = capture.camera.focal_length
+    depth = capture.depth(np.stack(np.meshgrid(cols, rows), axis=-1))
     # The picture moves by f (-theta_y, +theta_x), and opposite to the camera's translation.
-    d = np.stack([-fx * (angles[..., 1] + shifts[..., 0]), fy * (angles[..., 0] - shifts[..., 1])], axis=-1)
-    return np.repeat(d[:, None], len(cols), axis=1)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RowPoses:
-    """Camera poses at the mid-exposures of all rows, for projection.
-
-    Parameters
-    ----------
-    camera : Camera
-        The camera, with a picture of H rows.
-    matrices : ndarray, shape (2 H, 12)
-        Matrices `C(mid(y)) [I | -P(mid(y))]` for the rows y from -H/2 on.
-    """
-
-    camera: Camera
-    matrices: FloatArray
-
-    def project(self, world: FloatArray, rows: FloatArray) -> FloatArray:
-        """Return the pixels at which points appear, each with the pose of a row.
-
-        Poses are interpolated linearly between rows; from row to row they differ by at most 1e-4 rad in a picture of
-        thousands of rows.
-
-        Parameters
-        ----------
-        world : ndarray, shape (..., 3)
-            Directions in world axes, or points in units of the scene's depth.
-        rows : ndarray, shape (...)
-            Rows in px, fractions allowed.
-
-        Returns
-        -------
-        ndarray, shape (..., 2)
-            (x, y) in px.
-        """
-        half = len(self.matrices) // 4
-        place = np.clip(rows + half, 0.0, len(self.matrices) - 1.0)
-        # A point that the lens does not show has no row: any pose will do, as its position stays NaN.
-        i = np.minimum(np.nan_to_num(place).astype(np.intp), len(self.matrices) - 2)
-        pose = self.matrices[i] + (place - i)[..., None] * (self.matrices[i + 1] - self.matrices[i])
-        pose = pose.reshape(*rows.shape, 3, 4)
-        return self.camera.project(np.einsum("...ij,...j->...i", pose[..., :3], world) + pose[..., 3])
+    turns = np.stack([-angles[..., 1], angles[..., 0]], axis=-1)[:, None]
+    d: FloatArray = (turns - shifts[:, None, :, :2] / depth[..., None, None]) * capture.camera.focal_length
+    return d

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -69,7 +69,9 @@ class Trajectory:
                 raise InputError(f"quaternion {i} has the norm {np.linalg.norm(quaternion[i]):.3g} instead of 1")
             object.__setattr__(self, "quaternion", quaternion)
 
-    def translation(self, exposure: Exposure, camera: Camera, depth: float, *, axes: str = "camera") -> Translation:
+    def translation(
+        self, exposure: Exposure, camera: Camera, depth: float | FloatArray, *, axes: str = "camera"
+    ) -> Translation:
         """Return the translation during an exposure, for :func:`rsdeblur.deblur`.
 
         Positions are taken as they are, interpolated linearly. A body beside the camera's centre moves otherwise than
@@ -81,8 +83,8 @@ class Trajectory:
             The exposure.
         camera : Camera
             The camera.
-        depth : float
-            Distance of the scene along the optical axis in m, positive.
+        depth : float or ndarray, shape (R, C)
+            Distance of the scene along the optical axis in m, or a map of it, see :class:`rsdeblur.Translation`.
         axes : str, default "camera"
             Axes of the body: "camera" (x right, y down, z forward in the picture as stored), "imu" (those of the gyro
             log, by the camera's `imu_to_camera`), or a preset or an orientation string of
@@ -104,9 +106,9 @@ class Trajectory:
         to_camera = np.eye(3) if axes == "camera" else camera.imu_to_camera if axes == "imu" else imu_to_camera(axes)
         opens, closes = exposure.span(camera)
         track = Translation(self.t, self.position, depth, self.epoch_ns).covering(opens, closes, exposure.epoch_ns)
-        start = track.at(np.array(opens)) * depth
+        start = track.at(np.array(opens)) * track.middle_depth
         moved = (track.position - start) @ self._orientation(opens, track.t) @ to_camera.T
-        return Translation(track.t, moved, depth, exposure.epoch_ns)
+        return replace(track, position=moved)
 
     def _orientation(self, time: float, times: FloatArray) -> FloatArray:
         """Return the orientation, world from body, at a time among the trajectory's `times`."""

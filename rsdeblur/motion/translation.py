@@ -1,4 +1,4 @@
-"""Positions of the camera: the part of its motion that a gyroscope does not measure, for scenes at one depth."""
+"""Positions of the camera: the part of its motion that a gyroscope does not measure, with the depth of the scene."""
 
 from __future__ import annotations
 
@@ -32,15 +32,17 @@ class Translation:
     position : array_like, shape (n, 3)
         Positions of the camera's centre in m, in the camera's axes (x right, y down, z forward) at the start of the
         exposure, from any origin; interpolated linearly between the times.
-    depth : float
-        Distance of the whole scene along the optical axis in m, positive.
+    depth : float or array_like, shape (R, C)
+        Distance of the scene along the optical axis in m, positive: of the whole scene, or at R x C places that are
+        spread evenly over the picture as stored, from corner to corner. Between them its inverse is interpolated
+        linearly, which is exact for planes.
     epoch_ns : int, default 0
         Origin of `t`, in nanoseconds, within 64 bits.
 
     Raises
     ------
     InputError
-        If an array has a wrong shape, a value is not finite, the times do not increase, the depth is not positive, or
+        If an array has a wrong shape, a value is not finite, the times do not increase, a depth is not positive, or
         `epoch_ns` does not fit into 64 bits.
 
     Examples
@@ -55,7 +57,7 @@ class Translation:
 
     t: FloatArray
     position: FloatArray
-    depth: float
+    depth: float | FloatArray
     epoch_ns: int = 0
 
     def __post_init__(self) -> None:
@@ -67,7 +69,7 @@ class Translation:
             raise InputError("t must increase")
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "position", position)
-        object.__setattr__(self, "depth", validate.finite("depth", self.depth, above=0.0))
+        object.__setattr__(self, "depth", _depths(self.depth))
         object.__setattr__(self, "epoch_ns", validate.nanoseconds("epoch_ns", self.epoch_ns))
 
     @classmethod
@@ -79,7 +81,8 @@ class Translation:
         Parameters
         ----------
         px : array_like, shape (2,)
-            Shift of the scene in the picture, (x, y) in px, from -1e6 to 1e6, during the exposure of a row.
+            Shift of the scene in the picture, (x, y) in px, from -1e6 to 1e6, during the exposure of a row; of what is
+            at the median depth, if a map of depths is known.
         camera : Camera
             Camera of the picture as stored.
         exposure : Exposure
@@ -114,7 +117,7 @@ class Translation:
             known = cls(np.array([opens - margin, closes + margin]), np.zeros((2, 3)), 1.0, exposure.epoch_ns)
         px = validate.real_array("px", px, (2,), most=MOST_DRIFT)
         # The scene moves against the camera.
-        velocity = np.append(-px / np.array(camera.focal_length), 0.0) * known.depth / exposure.duration
+        velocity = np.append(-px / np.array(camera.focal_length), 0.0) * known.middle_depth / exposure.duration
         return replace(known, position=known.position + known.t[:, None] * velocity)
 
     def covering(self, t0: float, t1: float, epoch_ns: int) -> Translation:
@@ -147,6 +150,11 @@ class Translation:
             )
         return replace(self, t=t, epoch_ns=epoch_ns)
 
+    @property
+    def middle_depth(self) -> float:
+        """The depth, or the median of the depths, in m."""
+        return float(np.median(self.depth))
+
     def at(self, times: FloatArray) -> FloatArray:
         """Return the positions at given times.
 
@@ -158,12 +166,46 @@ class Translation:
         Returns
         -------
         ndarray, shape ``times.shape + (3,)``
-            Positions in units of `depth`.
+            Positions in units of `middle_depth`.
         """
         times = validate.array("times", times)
-        return np.stack([np.interp(times, self.t, axis) for axis in self.position.T], axis=-1) / self.depth
+        return np.stack([np.interp(times, self.t, axis) for axis in self.position.T], axis=-1) / self.middle_depth
+
+    def relative_depth(self, across: FloatArray, down: FloatArray) -> FloatArray:
+        """Return the depth at places of the picture, in units of `middle_depth`.
+
+        Parameters
+        ----------
+        across, down : ndarray
+            Places as shares of the way from the first to the last column, and from the first to the last row. Beyond
+            the picture, the depth of its border continues.
+
+        Returns
+        -------
+        ndarray, shaped like `across`
+            The depths.
+        """
+        if isinstance(self.depth, float):
+            return np.ones(np.shape(across))
+        from scipy import ndimage  # imported here: it takes 0.2 s, which other recordings need not spend
+
+        nearness = self.middle_depth / self.depth
+        places = [place * (n - 1) for place, n in zip((down, across), nearness.shape, strict=True)]
+        depth: FloatArray = 1 / ndimage.map_coordinates(nearness, places, order=1, mode="nearest")
+        return depth
 
     def turned(self) -> Translation:
         """Return the track in the axes of the turned camera, see :meth:`rsdeblur.Camera.turned`."""
         x, y, z = self.position.T
-        return replace(self, position=np.stack([-y, x, z], axis=-1))
+        depth = self.depth if isinstance(self.depth, float) else np.rot90(self.depth, -1)
+        return replace(self, position=np.stack([-y, x, z], axis=-1), depth=depth)
+
+
+def _depths(depth: float | ArrayLike) -> float | FloatArray:
+    """Return one positive depth, or a grid of them."""
+    if validate.array("depth", depth).ndim == 0:
+        return validate.finite("depth", depth, above=0.0)
+    depths = validate.real_array("depth", depth, (None, None))
+    if not depths.size or (depths <= 0).any():
+        raise InputError(f"depth must be positive, got {depths.min() if depths.size else 'no number'}")
+    return depths

@@ -91,7 +91,7 @@ def simulate(
         Number of warps per row, at least 1; "auto" takes at least 2 per pixel of the longest path.
     translation : Translation, optional
         Positions of the camera. The scene is then a plane at `translation.depth`, perpendicular to the optical axis at
-        the mid-exposure of the middle row.
+        the mid-exposure of the middle row; a map of depths is refused.
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light, as for :func:`rsdeblur.deblur`: "auto" is sRGB for integers and linear for floats.
 
@@ -203,6 +203,8 @@ class CameraPath:
         *,
         steps_per_second: int = STEPS_PER_SECOND,
     ) -> None:
+        if translation is not None and not isinstance(translation.depth, float):
+            raise InputError("translation must have one depth to be simulated, got a map of depths")
         if (t1 - t0) * STEPS_PER_SECOND > MOST_STEPS:
             raise InputError(f"the exposure of {t1 - t0:g} s is too long to be simulated; is its duration in s?")
         samples = log.covering(t0 - camera.time_offset, t1 - camera.time_offset, epoch_ns)

@@ -1,4 +1,4 @@
-"""A camera that moves sideways in front of a scene at one depth: paths and restoration, checked by simulation."""
+"""A camera that moves sideways in front of a scene: paths and restoration, checked by simulation."""
 
 from __future__ import annotations
 
@@ -59,6 +59,63 @@ def test_only_position_over_depth_counts():
     np.testing.assert_allclose(paths(STILL, near).displacements, paths(STILL, far).displacements, atol=1e-9)
 
 
+def to_the_right(depth):
+    return Translation([0.0, 0.2], [[0, 0, 0], [0.02, 0, 0]], depth)
+
+
+@pytest.mark.parametrize("motion", ["rotation", "small-angle"])
+def test_a_map_of_one_depth_is_that_depth(shaky_log, motion):
+    log, known = shaky_log(), sway()
+    flat = replace(known, depth=np.full((3, 4), DEPTH))
+    expected = paths(log, known, motion=motion).displacements
+    np.testing.assert_allclose(paths(log, flat, motion=motion).displacements, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("motion", ["rotation", "small-angle"])
+def test_near_things_move_more_than_far_ones(motion):
+    # A wall that comes nearer to the right and downwards: its inverse depth is linear.
+    corners = 1 / np.array([[2.0, 4.0], [3.0, 5.0]])
+    camera = replace(CAMERA, readout_time=0.0)
+    shifts = np.diff(paths(STILL, to_the_right(corners), camera, motion).displacements[..., [0, -1], :], axis=2)[
+        :, :, 0
+    ]
+    down, across = np.array([10.0, 60.0, 110.0])[:, None] / 119, np.array([20.0, 80.0]) / 159
+    speed, inverse = 0.1, 2 + 2 * across + down
+    # Exact for a translation parallel to the picture.
+    np.testing.assert_allclose(shifts[..., 0], -200 * speed * EXPOSURE.duration * inverse, atol=1e-9)
+    np.testing.assert_allclose(shifts[..., 1], 0, atol=1e-9)
+
+
+def test_a_map_turns_with_the_picture():
+    depths = np.array([[0.5, 1.0, 2.0], [0.7, 1.5, 3.0]])
+    camera = replace(CAMERA, readout_time=0.0)
+    track = replace(sway(), depth=depths)
+    stored = BlurPaths.from_capture(Capture.from_log(STILL, camera, EXPOSURE, track), [30.0], [50.0], samples=9)
+    capture = Capture.from_log(STILL, camera.turned(), EXPOSURE, track.turned())
+    turned = BlurPaths.from_capture(capture, [50.0], [119 - 30.0], samples=9).displacements[0, 0]
+    # A quarter clockwise: the new x is the old -y, the new y the old x.
+    x, y = stored.displacements[0, 0].T
+    np.testing.assert_allclose(turned, np.stack([-y, x], axis=-1), atol=1e-9)
+
+
+def test_two_depths_are_restored_at_once(shaky_log):
+    log, track = shaky_log((0.5, 0.5, 0.5)), sway(0.01)
+    sharp = scene(200, 240)[..., 1]
+    near, far = (replace(track, depth=depth) for depth in (0.5, 1.5))
+    left, right = (simulate(sharp, log, CAMERA, EXPOSURE, noise=1e-3, translation=each) for each in (near, far))
+    halves = np.arange(160) < 80
+    blurred, truth = (np.where(halves, getattr(left, n), getattr(right, n)) for n in ("blurred", "rolling"))
+    step = replace(track, depth=np.where(np.linspace(0, 159, 54) < 80, 0.5, 1.5)[None].repeat(2, axis=0))
+    scores = [
+        quality(
+            deblur(blurred, log, CAMERA, EXPOSURE, translation=known, strips=8, prior="tv", check=False).image, truth
+        )
+        for known in (step, near, far, None)
+    ]
+    # The map is better than any one depth, by 1 dB and more.
+    assert scores[0] > max(scores[1:]) + 1, scores
+
+
 def test_no_translation_is_none(shaky_log):
     log = shaky_log()
     rest = Translation([0.0, 0.4], np.zeros((2, 3)), DEPTH)
@@ -103,6 +160,13 @@ def test_at_rest_nothing_moves_whatever_the_lens(geometry):
 def test_what_is_no_track_is_refused():
     with pytest.raises(InputError, match="depth"):
         Translation([0, 1], np.zeros((2, 3)), 0.0)
+    with pytest.raises(InputError, match="depth must be positive, got -1"):
+        Translation([0, 1], np.zeros((2, 3)), [[1.0, -1.0]])
+    for depth in ([1.0, 2.0], np.ones((2, 2, 2)), [[1.0], [1.0, 2.0]], [[np.nan]], "near", np.zeros((0, 3))):
+        with pytest.raises(InputError, match="depth"):
+            Translation([0, 1], np.zeros((2, 3)), depth)
+    with pytest.raises(InputError, match="one depth to be simulated"):
+        simulate(scene(200, 240), STILL, CAMERA, EXPOSURE, translation=to_the_right(np.ones((2, 2))))
     with pytest.raises(InputError, match="same length"):
         Translation([0, 1, 2], np.zeros((2, 3)), 1.0)
     with pytest.raises(InputError, match="increase"):
