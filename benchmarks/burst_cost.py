@@ -34,14 +34,14 @@ DURATION, STEP = 1 / 30, 0.1
 Burst = tuple[list[NDArray[np.uint8]], GyroLog, Camera, list[Exposure]]
 
 
-def burst_of(megapixels: int, count: int) -> Burst:
+def burst_of(megapixels: int, count: int, *, strength: float = 0.3) -> Burst:
     """Simulate frames of 8 bits at a quarter of their size, and enlarge them; the blur is that of the full size.
 
     They are enlarged smoothly: equal pixels beside each other would show the sensor, not the scene, and so misfit.
     """
     width = 4 * round((megapixels * 1e6 * 4 / 3) ** 0.5 / 16) * 4
     camera = Camera(width, width * 3 // 4, 1.1 * width, readout_time=0.03)
-    log = hand_shake(STEP * (count + 3), strength=0.3, seed=3)
+    log = hand_shake(STEP * (count + 3), strength=strength, seed=3)
     exposures = [Exposure(STEP * (n + 1), DURATION) for n in range(count)]
     small = camera.scaled(1 / 4)
     sharp = scene(small.height + 40, small.width + 40)
