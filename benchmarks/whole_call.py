@@ -25,19 +25,18 @@ from rsdeblur.choices import Quality
 
 # Megapixels, and the strength of the shake that makes PSFs of some 50 x 65 px.
 SIZES = {3: 0.55, 12: 0.27}
-# "best" takes the time of benchmarks.rowwise.
-QUALITIES: tuple[Quality, ...] = ("fast", "balanced")
+# The solve of "best" has a benchmark of its own, benchmarks.rowwise.
+TIMED: tuple[Quality, ...] = ("fast", "balanced")
 
 
-def rows(megapixels: int, strength: float, rounds: int) -> list[tuple[str, ...]]:
-    """Measure one size."""
-    (photo,), log, camera, (exposure,) = burst_of(megapixels, 1, strength=strength)
-    results = {quality: deblur(photo, log, camera, exposure, quality=quality) for quality in QUALITIES}
+def rows(megapixels: int, rounds: int, load: float) -> list[tuple[str, ...]]:
+    """Measure one size; `load` is that of the machine before."""
+    (photo,), log, camera, (exposure,) = burst_of(megapixels, 1, strength=SIZES[megapixels])
+    results = {quality: deblur(photo, log, camera, exposure, quality=quality) for quality in TIMED}
     tall, wide = results["balanced"].psfs.size
     jobs = {quality: partial(deblur, photo, log, camera, exposure, quality=quality) for quality in results} | {
         "bare": bare(Case(camera.width, camera.height, (wide, tall)), thread_count(None)).run
     }
-    load = machine.load()
     times = interleave(jobs, rounds, steady=True)
     refuse_noise(load, times)
     return [
@@ -60,7 +59,8 @@ def main() -> None:
     )
     parser.add_argument("--markdown", type=Path, help="write the table as Markdown")
     options = parser.parse_args()
-    table = [row for size in options.megapixels for row in rows(size, SIZES[size], options.rounds)]
+    load = machine.load()
+    table = [row for size in options.megapixels for row in rows(size, options.rounds, load)]
     text = markdown(("picture and quality", "bands x strips", "s", "/ bare FFTs"), table)
     if options.markdown:
         write(options.markdown, text)

@@ -184,7 +184,7 @@ class Capture:
         Returns
         -------
         ndarray, shape ``times.shape + (3,)``
-            Positions in units of the scene's depth.
+            Positions in units of the scene's depth, of a map its median.
         """
         return np.zeros((*times.shape, 3)) if self.translation is None else self.translation.at(times)
 
@@ -199,13 +199,13 @@ class Capture:
         Returns
         -------
         ndarray, shape (..., 3)
-            In camera axes: points in units of the scene's depth, or only their directions if there is no translation.
+            In camera axes: points in the units of :meth:`position`, or only their directions without a translation.
         """
         rays = self.camera.rays(pixels)
         return rays if self.translation is None else self.depth(pixels)[..., None] * rays / rays[..., 2:]
 
     def depth(self, pixels: FloatArray) -> FloatArray:
-        """Return the depth of the scene at pixels; 1 without a translation.
+        """Return the depth of the scene that pixels see; 1 without a translation.
 
         Parameters
         ----------
@@ -215,7 +215,7 @@ class Capture:
         Returns
         -------
         ndarray, shape (...)
-            In units of the median of the scene's depths.
+            In the units of :meth:`position`.
         """
         if self.translation is None:
             return np.ones(pixels.shape[:-1])

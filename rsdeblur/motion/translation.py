@@ -189,9 +189,9 @@ class Translation:
             return np.ones(np.shape(across))
         from scipy import ndimage  # imported here: it takes 0.2 s, which other recordings need not spend
 
-        nearness = self.middle_depth / self.depth
-        places = [place * (n - 1) for place, n in zip((down, across), nearness.shape, strict=True)]
-        depth: FloatArray = 1 / ndimage.map_coordinates(nearness, places, order=1, mode="nearest")
+        inverse = self.middle_depth / self.depth
+        places = [place * (n - 1) for place, n in zip((down, across), inverse.shape, strict=True)]
+        depth: FloatArray = 1 / ndimage.map_coordinates(inverse, places, order=1, mode="nearest")
         return depth
 
     def turned(self) -> Translation:
