@@ -79,8 +79,9 @@ def test_tasks_are_taken_as_workers_get_free():
 def test_closing_interrupts_the_tasks_under_way(tmp_path):
     # The task cleans up after an interrupt, as atomic writing does.
     begun, mark = tmp_path / "begun", tmp_path / "tidy"
-    # Folders, because an interrupt in the finalizer of a file that is not closed would be lost.
-    code = f"import os, time\ntry:\n os.mkdir({str(begun)!r})\n time.sleep(60)\nfinally:\n os.mkdir({str(mark)!r})"
+    # Short sleeps: an interrupt that comes just before a long one waits for its end.
+    rest = "while True:\n  time.sleep(0.01)"
+    code = f"import os, time\ntry:\n os.mkdir({str(begun)!r})\n {rest}\nfinally:\n os.mkdir({str(mark)!r})"
     task = f"exec({code!r})"
     done = workers.run(eval, [task, "1"], jobs=2)
     next(done)
