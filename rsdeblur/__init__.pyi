@@ -36,6 +36,7 @@ from .image.transfer import to_linear as to_linear
 from .io import read_acceleration as read_acceleration
 from .io import read_camera as read_camera
 from .io import read_captures as read_captures
+from .io import read_depths as read_depths
 from .io import read_gyro as read_gyro
 from .io import read_picture as read_picture
 from .io import read_trajectory as read_trajectory

@@ -253,11 +253,12 @@ def with_translation(options: Options, track: Track, camera: Camera, exposure: E
     if (track.translation is None) != (track.depth is None):
         raise _usage("--translation and --depth are needed together")
     if track.translation is not None and track.depth is not None:
-        from rsdeblur.io import read_trajectory
+        from rsdeblur.io import read_depths, read_trajectory
 
         trajectory = read_trajectory(track.translation)
+        depth = read_depths(track.depth) if isinstance(track.depth, Path) else track.depth
         try:
-            translation = trajectory.translation(exposure, camera, track.depth, axes=track.translation_axes)
+            translation = trajectory.translation(exposure, camera, depth, axes=track.translation_axes)
         except CoverageError as error:
             raise type(error)(f"{track.translation}: {error}") from error
     if track.drift is not None:

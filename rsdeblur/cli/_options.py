@@ -17,6 +17,7 @@ from rsdeblur.cli._types import (
     Bias,
     BiasType,
     BytesType,
+    DepthType,
     PairType,
     SecondsType,
     Start,
@@ -65,11 +66,11 @@ class Recording(Moments):
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """File of the camera's positions, its axes, and the depth of the scene in m."""
+    """File of the camera's positions, its axes, and the depth of the scene: m, or a map's file."""
 
     translation: Path | None = None
     translation_axes: str = "camera"
-    depth: float | None = None
+    depth: float | Path | None = None
     drift: tuple[float, float] | None = None
 
 
@@ -304,9 +305,9 @@ track_options = gathered(
         ),
         click.option(
             "--depth",
-            type=click.FloatRange(min=0.0, min_open=True),
-            metavar="METRES",
-            help="Distance of the scene, for --translation.",
+            type=DepthType(),
+            help="Distance of the scene, for --translation, or a file that maps it over the photo as stored: 16 bits "
+            "in mm, floats in m.",
         ),
         click.option(
             "--drift",

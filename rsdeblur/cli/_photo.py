@@ -94,14 +94,16 @@ def _recorded(
     job: PhotoJob, picture: Picture, exposure: Exposure, options: Options, credentials: Credentials | None
 ) -> Picture:
     """Return the picture with all that its result depends on in its history."""
-    named = {"translation": job.track.translation}
+    track = job.track
+    mapped = track.depth if isinstance(track.depth, Path) else None
+    named: dict[str, Path | None] = {"translation": track.translation, "depth_map": mapped}
     named |= {name: getattr(job.recording, name) for name in ("gyro", "camera", "capture")}
     values = {name: value for name, value in asdict(job.recording).items() if name not in named}
     values |= {
         "exposure": asdict(exposure),
         "work_size": job.changes.work_size,
-        "depth": job.track.depth,
-        "drift": job.track.drift,
+        "depth": None if mapped else track.depth,
+        "drift": track.drift,
     }
     return recorded(picture, job.photo, named, options, values, credentials)
 

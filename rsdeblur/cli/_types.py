@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import click
@@ -62,6 +63,20 @@ class PairType(click.ParamType[tuple[float, float]]):
         except ValueError:
             self.fail(f"{value!r} is not a pair of numbers; write 3,-2", param, ctx)
         return x, y
+
+
+class DepthType(click.ParamType[Any]):
+    """A distance in m, or the file of a map of depths."""
+
+    name = "METRES|FILE"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | Path:
+        """Return the distance, or the file's path."""
+        try:
+            number = float(value)
+        except ValueError:
+            return Path(value)
+        return click.FloatRange(min=0.0, min_open=True).convert(number, param, ctx)
 
 
 class AutoType(click.ParamType[Any]):

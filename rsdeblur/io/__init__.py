@@ -3,13 +3,15 @@
 `source` opens a file, `formats` finds its format, and `text` reads numbers and names a line that cannot be read. The
 readers of gyro logs are grouped by family: `gyro_tables` (text), `gyroflow`, `gyro_binary` (pictures and videos) and
 `archives`; `columns` finds the columns of tables, and `samples` makes a log from what they return. `accelerations`
-reads accelerometers from the same files, and `trajectories` reads poses that other programs found.
+reads accelerometers from the same files, `trajectories` reads poses that other programs found, and
+`depths` maps of depths.
 """
 
 from rsdeblur.io.accelerations import read_acceleration
 from rsdeblur.io.cameras import open_camera, read_camera
 from rsdeblur.io.captures import read_captures
 from rsdeblur.io.clocks import Clocks, read_clocks
+from rsdeblur.io.depths import read_depths
 from rsdeblur.io.gyro_logs import detect_gyro_format, open_gyro, read_gyro
 from rsdeblur.io.pictures import Picture, check_writable, read_picture, write_picture
 from rsdeblur.io.trajectories import read_trajectory
@@ -25,6 +27,7 @@ __all__ = [
     "read_camera",
     "read_captures",
     "read_clocks",
+    "read_depths",
     "read_gyro",
     "read_picture",
     "read_trajectory",

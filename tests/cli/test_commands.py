@@ -123,6 +123,16 @@ def test_a_track_from_another_program(run: Run, files: Files, tmp_path: Path) ->
     out = tmp_path / "sharp.png"
     result = run("deblur", files.photo, *common, "--translation", track, "--depth", 0.5, "-o", out, "--dry-run")
     assert result.exit_code == 0, result.stderr
+    depths = tmp_path / "depths.npy"
+    np.save(depths, np.full((2, 3), 500, dtype=np.uint16))
+    mapped = ["--translation", track, "--depth", depths]
+    assert json.loads(run("psf", *common, "--json", *mapped).stdout)["psf_px"] == moved
+    sharp = tmp_path / "mapped.png"
+    assert run("deblur", files.photo, *common, *mapped, "-o", sharp).exit_code == 0
+    assert b"depth_map" in (read_picture(sharp).xmp or b"")
+    result = run("psf", *common, "--translation", track, "--depth", "near")
+    assert result.exit_code == 1
+    assert "near: cannot read the depth map" in result.stderr
     turned = ["--translation", track, "--depth", 0.5, "--translation-axes", "sideways"]
     assert "no IMU orientation 'sideways'" in run("psf", *common, *turned).stderr
     assert run("psf", *common, "--depth", 0.5).exit_code == 2
