@@ -18,6 +18,7 @@ import argparse
 import json
 import multiprocessing
 import os
+from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cache
@@ -73,6 +74,11 @@ def pictures() -> list[Image]:
         **{bundled / name: (1,) for name in ("astronaut.png", "chelsea.png", "coffee.png", "rocket.jpg")},
         bundled / "motorcycle_left.png": (1, 2),
     }
+    return reduced(sources)
+
+
+def reduced(sources: Mapping[Path, tuple[int, ...]]) -> list[Image]:
+    """Return pictures reduced by each of their factors, values in [0, 1]."""
     found = []
     for path, factors in sources.items():
         with Pillow.open(path) as stored:
@@ -87,7 +93,7 @@ def drawn(rng: np.random.Generator) -> Case:
     """Draw a case."""
     sources = pictures()
     areas = np.sqrt([picture.shape[0] * picture.shape[1] for picture in sources])
-    kernel, true = kernels(rng)
+    believed, true = kernels(rng)
     tall, wide = SIDE + true.shape[0] - 1, SIDE + true.shape[1] - 1
     source = sources[rng.choice(len(sources), p=areas / areas.sum())]
     top, left = (int(rng.integers(0, n - side + 1)) for n, side in zip(source.shape, (tall, wide), strict=False))
@@ -102,7 +108,7 @@ def drawn(rng: np.random.Generator) -> Case:
     if encoded and rng.random() < JPEG_SHARE and blurred.shape[2] == 3:
         blurred, known = jpeg(blurred), False
     inside = tuple(slice(n // 2, n // 2 + SIDE) for n in true.shape)
-    return Case(light[inside], blurred, kernel, noise if known else None, encoded)
+    return Case(light[inside], blurred, believed, noise if known else None, encoded)
 
 
 def kernels(rng: np.random.Generator) -> tuple[Image, Image]:
@@ -112,11 +118,20 @@ def kernels(rng: np.random.Generator) -> tuple[Image, Image]:
     aim = float(np.exp(rng.uniform(*np.log(SIZES))))
     reach = max(psfs(shake, camera, EXPOSURE, mode="global").size)
     error, delay = rng.uniform(-1, 1, 2) * (SIZE_ERROR, DELAY) * (rng.random() < 0.5)
-    drawn = []
-    for size, start in ((1.0, 0.0), (1.0 + error, delay)):
-        log = GyroLog(shake.t, shake.omega * (*(2 * [aim / reach * size]), 0.0))
-        drawn.append(psfs(log, camera, EXPOSURE.shifted(start), mode="global").kernels[0, 0])
-    return drawn[0], drawn[1]
+    size = aim / reach
+    return kernel(shake, camera, size), kernel(shake, camera, size * (1.0 + error), delay)
+
+
+def kernel(
+    shake: GyroLog, camera: Camera, size: float, delay: float = 0.0, drift: tuple[float, float] = (0.0, 0.0)
+) -> Image:
+    """Return the PSF of a shake: so many times larger, later by `delay` s, and with a drift (px per exposure)."""
+    across, down = drift
+    # A turn about y moves the picture along x.
+    rate = np.array([down, across, 0.0]) / (camera.focal_length[0] * EXPOSURE.duration)
+    log = GyroLog(shake.t, shake.omega * (size, size, 0.0) + rate)
+    drawn: Image = psfs(log, camera, EXPOSURE.shifted(delay), mode="global").kernels[0, 0]
+    return drawn
 
 
 def equations(seed: tuple[int, int]) -> list[tuple[int, float, FloatArray, FloatArray]]:

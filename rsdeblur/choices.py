@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 Mode = Literal["global", "banded", "rowwise"]
 MODES: tuple[Mode, ...] = get_args(Mode)
 
-Prior = Literal["wiener", "gradient", "tv", "hyper-laplacian", "wavelet", "nlm"]
+Prior = Literal["wiener", "gradient", "tv", "hyper-laplacian", "wavelet", "nlm", "cnn"]
 PRIORS: tuple[Prior, ...] = get_args(Prior)
 
 # Sets mode and prior together, unless they are set themselves.

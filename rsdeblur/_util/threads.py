@@ -38,7 +38,7 @@ class ThreadTeam:
     Parameters
     ----------
     threads : int
-        Number of threads; with 1 the calling thread does all the work.
+        Number of threads, of which the calling thread is one.
 
     Attributes
     ----------
@@ -61,7 +61,8 @@ class ThreadTeam:
     def share(self, work: Callable[[int, int], None], tasks: Sequence[int]) -> None:
         """Call `work(thread, task)` for every task.
 
-        Each thread takes the next task that is left. Threads are numbered from 0; there are never more than tasks.
+        Each thread takes the next task that is left. Threads are numbered from 0, the calling one; there are never more
+        than tasks.
         """
         if self._pool is None:
             for task in tasks:
@@ -102,7 +103,7 @@ def share_range(work: Callable[[int, int], None], count: int, threads: int | Non
 
 
 def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="rsdeblur")
+    return ThreadPoolExecutor(threads - 1, thread_name_prefix="rsdeblur")
 
 
 def _share(pool: ThreadPoolExecutor, threads: int, work: Callable[[int, int], None], tasks: Sequence[int]) -> None:
@@ -116,8 +117,10 @@ def _share(pool: ThreadPoolExecutor, threads: int, work: Callable[[int, int], No
                 return
             work(thread, task)
 
-    runs = [pool.submit(run, thread) for thread in range(min(threads, len(tasks)))]
+    runs = [pool.submit(run, thread) for thread in range(1, min(threads, len(tasks)))]
     try:
+        # The calling thread works, too: it need not wait until another one has started.
+        run(0)
         for each in runs:
             each.result()
     finally:

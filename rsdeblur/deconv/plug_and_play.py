@@ -15,16 +15,20 @@ The second step is the removal of white noise of the standard deviation sigma fr
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rsdeblur._util import validate
+from rsdeblur.deconv.cnn import cnn_denoise
+from rsdeblur.deconv.non_local_means import non_local_means
 from rsdeblur.deconv.priors import LEAST_PEAK, QuadraticSolver, brightness
 from rsdeblur.errors import InputError
 from rsdeblur.types import Denoiser, FloatImage
 
+# Denoisers of the package by the name of their prior; called with `threads=`, too.
+DENOISERS: Mapping[str, Callable[..., FloatImage]] = {"nlm": non_local_means, "cnn": cnn_denoise}
 # Steps, and the first sigma where the bright parts of the picture have the value 1. Zhang et al. use both.
 STEPS, COARSEST = 8, 49 / 255
 # The weight is this multiple of the variance of the noise, as in Zhang et al. With 0.15 some results of non-local means

@@ -192,6 +192,7 @@ class GradientPrior:
             "wiener": "rsdeblur.Deconvolver",
             "wavelet": "rsdeblur.Tuning.wavelet",
             "nlm": "rsdeblur.PlugAndPlayPrior",
+            "cnn": "rsdeblur.PlugAndPlayPrior",
         }
         other = others.get(self.kind)
         if other is not None:

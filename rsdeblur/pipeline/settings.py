@@ -9,8 +9,7 @@ from typing import Any
 
 from rsdeblur.choices import Border, Boundary, Mode, Planning, Prior, Solver
 from rsdeblur.deconv.boundary import extended, extended_shape
-from rsdeblur.deconv.non_local_means import non_local_means
-from rsdeblur.deconv.plug_and_play import PlugAndPlayPrior
+from rsdeblur.deconv.plug_and_play import DENOISERS, PlugAndPlayPrior
 from rsdeblur.deconv.priors import GradientPrior, LatentPrior
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.deconv.rowwise import RowDeconvolver
@@ -85,8 +84,8 @@ class SolverSettings:
             return None
         if callable(self.prior):
             return PlugAndPlayPrior(self.prior, self.weight, self.peak)
-        if self.prior == "nlm":
-            return PlugAndPlayPrior(partial(non_local_means, threads=self.threads), self.weight, self.peak)
+        if self.prior in DENOISERS:
+            return PlugAndPlayPrior(partial(DENOISERS[self.prior], threads=self.threads), self.weight, self.peak)
         if self.prior == "wavelet":
             return WaveletPrior(self.weight, self.variances)
         return GradientPrior(self.prior, self.weight, self.exponent, self.peak)

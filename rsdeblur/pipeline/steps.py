@@ -9,6 +9,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from rsdeblur.choices import Mode
+from rsdeblur.deconv.plug_and_play import DENOISERS
 from rsdeblur.deconv.priors import brightness
 from rsdeblur.estimate.check import UndershootMeter
 from rsdeblur.estimate.strength import Tuning
@@ -125,7 +126,9 @@ def tuned_strengths(tuning: Tuning, options: Options, peak: float) -> tuple[Stre
     if options.weight != "auto":
         weight = options.weight
     else:
-        weight = tuning.denoiser_weight if callable(prior) or prior == "nlm" else tuning.weight(prior, options.exponent)
+        weight = (
+            tuning.denoiser_weight if callable(prior) or prior in DENOISERS else tuning.weight(prior, options.exponent)
+        )
     return Strengths(nsr, weight, peak, noise=tuning.noise), tuning.gradient_nsr
 
 

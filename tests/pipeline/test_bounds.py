@@ -32,8 +32,9 @@ from rsdeblur import (
     scene,
     simulate,
 )
-from rsdeblur.choices import DISTORTIONS, MODES, PRIORS
+from rsdeblur.choices import DISTORTIONS, MODES
 from rsdeblur.io.kernels import read_psfs
+from tests.installed import PRIORS
 
 HEIGHT, WIDTH = 36, 48
 LOG = hand_shake(0.2, strength=1.0, seed=3)

@@ -11,11 +11,11 @@ from skimage.metrics import peak_signal_noise_ratio
 
 import rsdeblur
 from rsdeblur import Camera, CoverageError, Exposure, GyroLog, InputError, RsdeblurWarning, Simulation, simulate
-from rsdeblur.choices import PRIORS
 from rsdeblur.deconv import tiling
 from rsdeblur.pipeline.deblur import psfs
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
+from tests.installed import PRIORS
 
 # Unless a test says otherwise: the published method's filter, which is fast and linear in the picture, and no check,
 # which changes no picture and has its own tests.

@@ -10,9 +10,9 @@ import pytest
 from scipy import ndimage
 
 from rsdeblur import Camera, Exposure, InputError, Options, PsfBank, deblur, deconvolve, simulate
-from rsdeblur.choices import PRIORS
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
+from tests.installed import PRIORS
 
 # A curved stroke, not symmetric in any way.
 KERNEL = np.zeros((9, 11))

@@ -12,6 +12,7 @@ from rsdeblur import Camera, Exposure, GyroLog, InputError, Simulation, simulate
 from rsdeblur.pipeline import memory
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
+from tests.installed import PRIORS
 
 # The published method's filter unless a test says otherwise: fast, and linear in the picture.
 deblur = partial(rsdeblur.deblur, prior="wiener")
@@ -26,7 +27,11 @@ METHODS = {
     "rowwise": {"mode": "rowwise", "strips": 1, "nsr": 0.02},
     "rowwise tv": {"mode": "rowwise", "strips": 2, "prior": "tv", "weight": 1e-3},
     "banded wavelet": {"bands": 12, "strips": 1, "prior": "wavelet"},
-    "banded nlm": {"bands": 12, "strips": 1, "prior": "nlm", "weight": 1e-5},
+    **{
+        f"banded {prior}": {"bands": 12, "strips": 1, "prior": prior, "weight": 1e-5}
+        for prior in ("nlm", "cnn")
+        if prior in PRIORS
+    },
 }
 
 # Bytes for which the picture is cut into a few chunks.
@@ -38,6 +43,7 @@ MEMORY = {
     "rowwise tv": 3_000_000,
     "banded wavelet": 3_000_000,
     "banded nlm": 3_000_000,
+    "banded cnn": 3_000_000,
 }
 
 

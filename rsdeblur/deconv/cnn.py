@@ -1,0 +1,106 @@
+"""A learned denoiser: a small convolutional network that ONNX Runtime evaluates, in blocks that threads share.
+
+As in FFDNet [1]_, the network sees a plane as four quarters of half the resolution, and the noise as one more plane. It
+has no additive constants [2]_, so light that is twice as bright, with twice the noise, gives a result that is twice as
+bright. ``python -m benchmarks.train_cnn`` learned it.
+
+.. [1] K. Zhang, W. Zuo and L. Zhang, "FFDNet: toward a fast and flexible solution for CNN-based image denoising", IEEE
+   Trans. Image Processing 27, 2018.
+.. [2] S. Mohan, Z. Kadkhodaie, E. Simoncelli and C. Fernandez-Granda, "Robust and interpretable blind image denoising
+   via bias-free convolutional neural networks", ICLR 2020.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rsdeblur._util.threads import share
+from rsdeblur.deconv.wavelet import OPPONENT
+from rsdeblur.errors import InputError
+from rsdeblur.types import FloatImage
+
+if TYPE_CHECKING:
+    from onnxruntime import InferenceSession
+
+NETWORK = Path(__file__).with_name("cnn.onnx")
+# Pixels around a block that its result depends on: ten convolutions reach ten pixels of half the resolution.
+HALO = 20
+# Height and width of the blocks that a thread works on, px; even, so that all blocks have the same quarters.
+BLOCK = 256, 256
+
+
+def cnn_denoise(image: FloatImage, sigma: float, *, threads: int | None = None) -> FloatImage:
+    """Return a picture without white noise.
+
+    Parameters
+    ----------
+    image : ndarray, shape (H, W) or (H, W, C), float32
+        Linear light; mirrored at the borders. Three channels are denoised as brightness and two differences of colour.
+    sigma : float
+        Standard deviation of the noise.
+    threads : int, optional
+        Threads that share the work; default all processors. Any number gives the same bits.
+
+    Returns
+    -------
+    ndarray of the same shape, float32
+
+    Raises
+    ------
+    InputError
+        If ONNX Runtime is not installed.
+    """
+    session = network()
+    deep = image.reshape(*image.shape[:2], -1)
+    height, width, channels = deep.shape
+    mix = (OPPONENT if channels == 3 else np.eye(channels)).astype(np.float32)
+    # One more row and column, so that every block has even sides.
+    padded = np.pad(deep, [(HALO, HALO + 1), (HALO, HALO + 1), (0, 0)], mode="symmetric")
+    corners = [(top, left) for top in range(0, height, BLOCK[0]) for left in range(0, width, BLOCK[1])]
+    level = np.full((channels, 1, 1, 1), sigma, dtype=np.float32)
+
+    def run(planes: FloatImage) -> FloatImage:
+        inner: FloatImage = session.run(None, {"plane": planes, "sigma": level})[0][:, 0, HALO:-HALO, HALO:-HALO]
+        return inner
+
+    # What the network changes in an even picture of the same mean, in each quarter; so even pictures stay as they are.
+    mean = (deep.mean(axis=(0, 1), dtype=np.float64) @ mix.T).astype(np.float32)[:, None, None]
+    change = run(np.broadcast_to(mean[:, None], (channels, 1, 2 * HALO + 2, 2 * HALO + 2)).copy()) - mean
+    result = np.empty_like(deep, dtype=np.float32)
+
+    def block(_: int, n: int) -> None:
+        top, left = corners[n]
+        tall, wide = min(BLOCK[0], height - top), min(BLOCK[1], width - left)
+        sides = [side + side % 2 + 2 * HALO for side in (tall, wide)]
+        around = padded[top : top + sides[0], left : left + sides[1]] @ mix.T
+        planes = np.ascontiguousarray(around.transpose(2, 0, 1)[:, None], dtype=np.float32)
+        denoised = run(planes)
+        denoised -= np.tile(change, (1, denoised.shape[1] // 2, denoised.shape[2] // 2))
+        result[top : top + tall, left : left + wide] = denoised[:, :tall, :wide].transpose(1, 2, 0) @ mix
+
+    share(block, range(len(corners)), threads)
+    return result.reshape(image.shape)
+
+
+@cache
+def network() -> InferenceSession:
+    """Return the network.
+
+    Raises
+    ------
+    InputError
+        If ONNX Runtime is not installed.
+    """
+    try:
+        import onnxruntime
+    except ImportError:
+        raise InputError("prior=\"cnn\" needs ONNX Runtime; install it with: pip install 'rsdeblur[cnn]'") from None
+    onnxruntime.disable_telemetry_events()  # official builds for Windows report their use
+    options = onnxruntime.SessionOptions()
+    # Blocks are shared by our threads. More threads within a block would wait for each other.
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    return onnxruntime.InferenceSession(NETWORK, options, providers=["CPUExecutionProvider"])

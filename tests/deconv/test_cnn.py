@@ -1,0 +1,79 @@
+"""Laws of the learned denoiser."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from rsdeblur import InputError
+from rsdeblur.deconv import cnn
+from rsdeblur.deconv.cnn import BLOCK, HALO, cnn_denoise
+from rsdeblur.simulation.scene import scene
+
+pytest.importorskip("onnxruntime")
+SIGMA = 0.05
+
+
+def noisy(height: int, width: int, channels: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    sharp = scene(height, width).astype(np.float32)
+    sharp = np.stack([sharp] * channels, axis=-1) if sharp.ndim == 2 else sharp[..., :channels]
+    noise = np.random.default_rng(4).normal(0, SIGMA, sharp.shape)
+    return sharp, (sharp + noise).astype(np.float32)
+
+
+def test_most_of_the_noise_is_removed() -> None:
+    sharp, image = noisy(96, 128)
+    before, after = (np.square(each - sharp).mean() for each in (image, cnn_denoise(image, SIGMA)))
+    # Measured 0.38; much of the scene is detail of a single pixel.
+    assert after < 0.45 * before
+
+
+def test_light_scales() -> None:
+    """The network has no additive constants."""
+    _, image = noisy(64, 70)
+    # 1e-5 of the noise: rounding of ten layers.
+    np.testing.assert_allclose(
+        cnn_denoise(image * np.float32(3), 3 * SIGMA), 3 * cnn_denoise(image, SIGMA), atol=1e-5 * SIGMA * 3
+    )
+
+
+@pytest.mark.parametrize("level", [0.0, 0.3, 40.0])
+def test_even_pictures_stay_as_they_are(level: float) -> None:
+    image = np.zeros((65, 70, 3), dtype=np.float32) + level * np.array([1.0, 0.5, 0.8], dtype=np.float32)
+    np.testing.assert_allclose(cnn_denoise(image, SIGMA), image, atol=1e-5 * max(level, SIGMA))
+
+
+def test_blocks_have_no_seams(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, image = noisy(90, 110)
+    whole = cnn_denoise(image, SIGMA)
+    monkeypatch.setattr(cnn, "BLOCK", (32, 40))
+    # Rounding alone: the order of sums depends on the size of a block.
+    np.testing.assert_allclose(cnn_denoise(image, SIGMA), whole, atol=2e-6)
+
+
+def test_the_halo_is_as_wide_as_needed() -> None:
+    """What is beyond the halo changes nothing, and what is within does."""
+    _, image = noisy(4 * HALO, 4 * HALO, 1)
+    changed = image.copy()
+    # The mean stays, up to rounding: it is taken from the whole picture.
+    changed[:HALO, ::2] += 0.5
+    changed[:HALO, 1::2] -= 0.5
+    difference = np.abs(cnn_denoise(changed, SIGMA) - cnn_denoise(image, SIGMA)).max(axis=(1, 2))
+    assert difference[2 * HALO :].max() < 1e-6
+    assert difference[HALO : 2 * HALO].max() > 0
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (7, 300, 1), (BLOCK[0] + 1, 3, 3), (33, 34, 4)])
+def test_any_shape_and_number_of_threads(shape: tuple[int, ...]) -> None:
+    image = np.random.default_rng(0).random(shape, dtype=np.float32)
+    one, three = (cnn_denoise(image, SIGMA, threads=threads) for threads in (1, 3))
+    assert one.shape == shape
+    assert one.dtype == np.float32
+    np.testing.assert_array_equal(one, three)
+
+
+def test_without_onnx_runtime_the_message_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    cnn.network.cache_clear()
+    with pytest.raises(InputError, match=r"pip install 'rsdeblur\[cnn\]'"):
+        cnn_denoise(np.zeros((4, 4), np.float32), SIGMA)
