@@ -1,6 +1,6 @@
 """Learn the denoiser of the prior "cnn": ``python -m benchmarks.train_cnn``; writes rsdeblur/deconv/cnn.onnx.
 
-Needs the extra `train` (PyTorch), and an hour and a half on two cores. The pictures are those of
+Needs the extra `train` (PyTorch), and one or two hours on two cores. The pictures are those of
 `benchmarks.train_wavelet` and more that scikit-image and scikit-learn contain; the benchmarks use none of them.
 
 First the network learns to remove white noise. Then it learns on the steps of :class:`rsdeblur.PlugAndPlayPrior`, too:
