@@ -102,6 +102,30 @@ def share_range(work: Callable[[int, int], None], count: int, threads: int | Non
     share(lambda _, first: work(first, min(first + size, count)), range(0, count, size), threads)
 
 
+def share_blocks(
+    work: Callable[[int, slice, slice], None], shape: tuple[int, int], block: tuple[int, int], threads: int | None
+) -> None:
+    """Call `work(thread, rows, columns)` for blocks that cover a picture, shared by threads as in :func:`share`.
+
+    Parameters
+    ----------
+    work : callable
+        Must give the same results in any order of the blocks.
+    shape, block : (int, int)
+        Height and width of the picture, and of a block; the last blocks may be smaller, px.
+    threads : int or None
+        Number of threads; None means all processors.
+    """
+    (height, width), (tall, wide) = shape, block
+    corners = [(top, left) for top in range(0, height, tall) for left in range(0, width, wide)]
+
+    def at(thread: int, n: int) -> None:
+        top, left = corners[n]
+        work(thread, slice(top, min(top + tall, height)), slice(left, min(left + wide, width)))
+
+    share(at, range(len(corners)), threads)
+
+
 def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads - 1, thread_name_prefix="rsdeblur")
 

@@ -2,7 +2,7 @@
 
 As in FFDNet [1]_, the network sees a plane as four quarters of half the resolution, and the noise as one more plane. It
 has no additive constants [2]_, so light that is twice as bright, with twice the noise, gives a result that is twice as
-bright. ``python -m benchmarks.train_cnn`` learned it.
+bright. ``python -m benchmarks.train_cnn`` learns such a network.
 
 .. [1] K. Zhang, W. Zuo and L. Zhang, "FFDNet: toward a fast and flexible solution for CNN-based image denoising", IEEE
    Trans. Image Processing 27, 2018.
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rsdeblur._util.threads import share
+from rsdeblur._util.threads import share_blocks
 from rsdeblur.deconv.wavelet import OPPONENT
 from rsdeblur.errors import InputError
 from rsdeblur.types import FloatImage
@@ -60,7 +60,6 @@ def cnn_denoise(image: FloatImage, sigma: float, *, threads: int | None = None) 
     mix = (OPPONENT if channels == 3 else np.eye(channels)).astype(np.float32)
     # One more row and column, so that every block has even sides.
     padded = np.pad(deep, [(HALO, HALO + 1), (HALO, HALO + 1), (0, 0)], mode="symmetric")
-    corners = [(top, left) for top in range(0, height, BLOCK[0]) for left in range(0, width, BLOCK[1])]
     level = np.full((channels, 1, 1, 1), sigma, dtype=np.float32)
 
     def run(planes: FloatImage) -> FloatImage:
@@ -72,17 +71,14 @@ def cnn_denoise(image: FloatImage, sigma: float, *, threads: int | None = None) 
     change = run(np.broadcast_to(mean[:, None], (channels, 1, 2 * HALO + 2, 2 * HALO + 2)).copy()) - mean
     result = np.empty_like(deep, dtype=np.float32)
 
-    def block(_: int, n: int) -> None:
-        top, left = corners[n]
-        tall, wide = min(BLOCK[0], height - top), min(BLOCK[1], width - left)
-        sides = [side + side % 2 + 2 * HALO for side in (tall, wide)]
-        around = padded[top : top + sides[0], left : left + sides[1]] @ mix.T
-        planes = np.ascontiguousarray(around.transpose(2, 0, 1)[:, None], dtype=np.float32)
-        denoised = run(planes)
+    def block(_: int, *place: slice) -> None:
+        around = padded[*(slice(one.start, one.stop + one.stop % 2 + 2 * HALO) for one in place)] @ mix.T
+        denoised = run(np.ascontiguousarray(around.transpose(2, 0, 1)[:, None], dtype=np.float32))
         denoised -= np.tile(change, (1, denoised.shape[1] // 2, denoised.shape[2] // 2))
-        result[top : top + tall, left : left + wide] = denoised[:, :tall, :wide].transpose(1, 2, 0) @ mix
+        tall, wide, _ = result[place].shape
+        result[place] = denoised[:, :tall, :wide].transpose(1, 2, 0) @ mix
 
-    share(block, range(len(corners)), threads)
+    share_blocks(block, (height, width), BLOCK, threads)
     return result.reshape(image.shape)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rsdeblur._util.threads import share, thread_count
+from rsdeblur._util.threads import share_blocks, thread_count
 from rsdeblur.kernels.nlm import HALO, PATCH, WORK, average_alike
 from rsdeblur.types import FloatImage
 
@@ -34,18 +34,16 @@ def non_local_means(image: FloatImage, sigma: float, *, threads: int | None = No
     height, width, channels = deep.shape
     padded = np.pad(deep, [(HALO, HALO), (HALO, HALO), (0, 0)], mode="symmetric")
     planes = np.ascontiguousarray(padded.transpose(2, 0, 1), dtype=np.float32)
-    corners = [(top, left) for top in range(0, height, BLOCK[0]) for left in range(0, width, BLOCK[1])]
-    work = np.empty((min(thread_count(threads), len(corners)), WORK, BLOCK[1] + 2 * PATCH), dtype=np.float32)
+    work = np.empty((thread_count(threads), WORK, BLOCK[1] + 2 * PATCH), dtype=np.float32)
     variance, softness = np.float32(sigma**2), np.float32(SOFTNESS * sigma**2)
     result = np.empty_like(deep, dtype=np.float32)
 
-    def block(thread: int, n: int) -> None:
-        top, left = corners[n]
-        tall, wide = min(BLOCK[0], height - top), min(BLOCK[1], width - left)
-        out = np.empty((channels + 1, tall, wide), dtype=np.float32)
-        around = planes[:, top : top + tall + 2 * HALO, left : left + wide + 2 * HALO]
+    def block(thread: int, rows: slice, columns: slice) -> None:
+        around = planes[:, rows.start : rows.stop + 2 * HALO, columns.start : columns.stop + 2 * HALO]
+        wide = columns.stop - columns.start
+        out = np.empty((channels + 1, rows.stop - rows.start, wide), dtype=np.float32)
         average_alike(around, variance, softness, work[thread, :, : wide + 2 * PATCH], out)
-        result[top : top + tall, left : left + wide] = out[:-1].transpose(1, 2, 0)
+        result[rows, columns] = out[:-1].transpose(1, 2, 0)
 
-    share(block, range(len(corners)), threads)
+    share_blocks(block, (height, width), BLOCK, threads)
     return result.reshape(image.shape)

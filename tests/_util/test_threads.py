@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rsdeblur import BlurPaths, Camera, Capture, Exposure, InputError, PsfBank, deblur
-from rsdeblur._util.threads import ThreadTeam, share, share_range
+from rsdeblur._util.threads import ThreadTeam, share, share_blocks, share_range
 from rsdeblur.kernels.raster import rasterize
 from rsdeblur.kernels.warp import average_warps
 from rsdeblur.simulation.shake import hand_shake
@@ -47,6 +47,19 @@ def test_parts_cover_a_range(threads: int, count: int) -> None:
     parts: list[tuple[int, int]] = []
     share_range(lambda first, stop: parts.append((first, stop)), count, threads)
     assert [i for first, stop in sorted(parts) for i in range(first, stop)] == list(range(count))
+
+
+@ANYWHERE
+@pytest.mark.parametrize("shape", [(1, 1), (7, 30), (8, 33)])
+def test_blocks_cover_a_picture_once(threads: int, shape: tuple[int, int]) -> None:
+    times = np.zeros(shape, dtype=int)
+
+    def count(thread: int, rows: slice, columns: slice) -> None:
+        assert thread < threads
+        times[rows, columns] += 1
+
+    share_blocks(count, shape, (4, 10), threads)
+    assert (times == 1).all()
 
 
 def test_a_failure_reaches_the_caller() -> None:
