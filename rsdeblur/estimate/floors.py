@@ -3,7 +3,8 @@
 Where a PSF leaves hardly any of the scene, the picture contains noise alone. That tells noise from detail, which the
 finest scale does not. If the scene shows there nevertheless, in proportion to its power around, the PSF is wrong:
 an error of the path of e px changes H by up to `2 pi f e` at the frequency f. Compression, and a phone's denoising
-and sharpening, leave noise in proportion to the scene too, and so count as such errors.
+and sharpening, leave noise in proportion to the scene too, and so count as such errors; the rest of their noise is
+stronger on coarse scales, so each octave has a noise of its own.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rsdeblur.estimate.noise import OCTAVES
 from rsdeblur.estimate.periodograms import DIRECTION, DIRECTIONS, GRADIENT, RADIUS, TILE, periodograms, power_of
 from rsdeblur.kernels.floors import TilePowers, fit_floors
 from rsdeblur.psf import PsfBank
@@ -23,14 +25,11 @@ MOST_TILES = 32
 # Light that counts as clipped, as shares of the range from the darkest to the brightest; the largest share of such
 # light, and of pixels like their neighbours, in a tile that has the noise of the picture.
 DARKEST, BRIGHTEST, MOST_CLIPPED, MOST_EVEN = 0.0005, 0.98, 0.02, 0.5
-# Frequencies above those which the window smears, cycles/px, and the limits of octaves. A scene has a power of its own
-# in each octave and direction.
-LOWEST, OCTAVES = 1.5 / TILE, (0.125, 0.25)
+# Frequencies above those which the window smears, cycles/px. A scene has a power of its own in each octave and
+# direction, noise in each octave.
+LOWEST = 1.5 / TILE
 # Error of the paths that is assumed, px, and the number of frequencies that this assumption counts for.
 ASSUMED, WEIGHT = 0.06, 100.0
-# Factor on the fitted error: gains of cells absorb a part of it. Chosen on 126 simulated captures of blur radii up
-# to 24 px, pixel-sharp and soft, noise of 30 to 50 dB, with a right model, a wrong one, and processed as by a phone.
-ABSORBED = 2.5
 STEPS = 80
 
 
@@ -39,13 +38,14 @@ class Floors(NamedTuple):
 
     Attributes
     ----------
-    noise : float
-        Standard deviation of the noise, in the units of the picture.
+    octave_noise : tuple of float
+        Standard deviation of the noise in each of the octaves of :mod:`rsdeblur.estimate.noise`, in the units of the
+        picture: white noise has the same in all.
     path_error : float
-        Mean square of the errors of the paths, px^2.
+        Mean square of the errors of the paths, px^2. It is too low, because the powers of the scene absorb a part.
     """
 
-    noise: float
+    octave_noise: tuple[float, ...]
     path_error: float
 
 
@@ -79,8 +79,8 @@ def measure_floors(light: FloatImage, bank: PsfBank) -> Floors | None:
     powers = _powers(tiles, bank.kernels[rows, cols])
     # Most frequencies contain little of the scene.
     noise = float(np.quantile(powers.measured / powers.noise, 0.2))
-    variance, squared = fit_floors(powers, (noise, ASSUMED**2), STEPS, WEIGHT)
-    return Floors(float(peak) * variance**0.5, ABSORBED**2 * squared)
+    variances, squared = fit_floors(powers, (noise, ASSUMED**2), STEPS, WEIGHT)
+    return Floors(tuple((float(peak) * np.sqrt(variances)).tolist()), squared)
 
 
 def _noisy(tiles: NDArray[np.float32], least: np.float32) -> NDArray[np.bool_]:
@@ -105,7 +105,8 @@ def _places(height: int, width: int) -> NDArray[np.intp]:
 
 def _powers(tiles: NDArray[np.float32], kernels: NDArray[np.float32]) -> TilePowers:
     """Return the powers of tiles (T, TILE, TILE, C), each with its kernel (T, kh, kw)."""
-    cell = np.digitize(RADIUS, OCTAVES) * DIRECTIONS + DIRECTION
+    octave = np.digitize(RADIUS, OCTAVES)
+    cell = octave * DIRECTIONS + DIRECTION
     used = np.flatnonzero(RADIUS > LOWEST)
     used = used[np.argsort(cell.flat[used], kind="stable")]
     _, first = np.unique(cell.flat[used], return_index=True)
@@ -123,4 +124,5 @@ def _powers(tiles: NDArray[np.float32], kernels: NDArray[np.float32]) -> TilePow
         noise=noise,
         brightness=np.maximum(tiles.mean(axis=(1, 2, 3), dtype=np.float64), 1e-3),
         cells=np.append(first, len(used)).astype(np.int64),
+        octaves=octave.flat[used[first]].astype(np.int64),
     )

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy import fft
 
 from rsdeblur.kernels.shrink import gradient
-from rsdeblur.types import FloatImage
+from rsdeblur.types import FloatArray, FloatImage
 
+# Limits of the octaves, cycles/px: noise has a power of its own below the first, between both, and above, because
+# cameras remove the finest noise first.
+OCTAVES = (0.125, 0.25)
+# Share of all frequencies that each octave contains.
+SHARES = np.diff([0.0, *(np.pi * limit**2 for limit in OCTAVES), 1.0])
 # Side of the blocks whose noise is estimated one by one, px.
 BLOCK = 64
 # Median magnitude of a standard normal variable.
@@ -41,8 +48,29 @@ def noise_level(light: FloatImage) -> float:
     return max(_blockwise(light), 0.5 * 2.0 * _blockwise(halved(light)))
 
 
-def gradient_energy(light: FloatImage, noise: float) -> float:
-    """Return the mean squared gradient of a picture at half its size, without the share of the noise.
+def overall_noise(octaves: ArrayLike) -> float:
+    """Return the standard deviation of the noise from those in its octaves."""
+    return float(np.sqrt(SHARES @ np.square(octaves)))
+
+
+def noise_spectrum(octaves: ArrayLike, side: int) -> FloatArray:
+    """Return the power of noise at the frequencies of `numpy.fft.fft2` of a square; its mean is the variance.
+
+    Parameters
+    ----------
+    octaves : array_like, shape (3,)
+        Standard deviation of the noise in each octave, as white noise of the same power would have.
+    side : int
+        Side of the square, px.
+    """
+    frequencies = fft.fftfreq(side)
+    radius = np.hypot(frequencies[:, None], frequencies)
+    power: FloatArray = np.square(octaves)[np.digitize(radius, OCTAVES)]
+    return power
+
+
+def gradient_energy(light: FloatImage) -> float:
+    """Return the mean squared gradient of a picture at half its size, noise included.
 
     Both directions and all channels are added up. At half the size noise has four times less weight than at full size.
 
@@ -50,20 +78,13 @@ def gradient_energy(light: FloatImage, noise: float) -> float:
     ----------
     light : ndarray, shape (H, W, C), float32
         Linear light.
-    noise : float
-        Standard deviation of the noise.
 
     Returns
     -------
     float
         Squared units of `light` per px of the halved picture.
     """
-    half = halved(light)
-    # Two directions, each a difference of two pixels whose noise has a quarter of the variance.
-    of_noise = light.shape[2] * 2 * 2 * noise**2 / 4
-    energy = sum(float(np.square(part).sum(axis=2).mean()) for part in gradient(half, periodic=False))
-    # At least a tenth: where noise dominates, an error of its estimate must not leave a gradient of zero.
-    return float(max(energy - of_noise, 0.1 * energy))
+    return sum(float(np.square(part).sum(axis=2).mean()) for part in gradient(halved(light), periodic=False))
 
 
 def halved(light: FloatImage) -> FloatImage:

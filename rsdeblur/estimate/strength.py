@@ -5,7 +5,7 @@ sharp picture is `S = E L / |D|^2`, where `|D|^2` is the squared frequency respo
 energy of the gradient. E follows from the gradient of the blurred picture and from the share of it that the PSFs leave.
 Three things act as noise:
 
-- Noise of the sensor and of the file format, of variance `sigma^2`.
+- Noise of the sensor and of the file format, with a variance `sigma^2` of its own in each octave.
 - Errors of the blur's model. A path with an error of e px changes H by up to `2 pi f e` at the frequency f, which adds
   `e^2 |D|^2 S`.
 - Errors of the continuation beyond the frame, in proportion to the signal: `b S`.
@@ -32,10 +32,10 @@ from rsdeblur.choices import Prior
 from rsdeblur.deconv.otf import OtfPlanner
 from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.wavelet import MOST_VARIANCE, Factors, WaveletPrior, frame_responses
-from rsdeblur.estimate.floors import ABSORBED, ASSUMED, Floors, measure_floors
-from rsdeblur.estimate.noise import gradient_energy, noise_level
+from rsdeblur.estimate.floors import ASSUMED, Floors, measure_floors
+from rsdeblur.estimate.noise import OCTAVES, gradient_energy, noise_level, noise_spectrum, overall_noise
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import FloatArray
+from rsdeblur.types import FloatArray, FloatImage
 
 # docs/benchmarks/priors.md has the measurements behind all constants.
 # Factor on the variance of the noise, for two reasons. Errors count in encoded values, where shadows have more weight,
@@ -43,8 +43,15 @@ from rsdeblur.types import FloatArray
 FINE_NOISE = 4.0
 # Softness of a sharp picture (lens, area of the pixels, demosaicing): standard deviation in px.
 LENS = 0.75
+# Factor on the fitted error of the paths: gains of cells absorb a part of it. Chosen on 126 simulated captures of blur
+# radii up to 24 px, pixel-sharp and soft, noise of 30 to 50 dB, with a right model, a wrong one, and processed as by a
+# phone.
+ABSORBED = 2.5
 # Error of the paths in px, where the picture is too small to measure it.
 PATH_ERROR = ABSORBED * ASSUMED
+# Least share of the measured gradient that counts as the scene's: where noise dominates, an error of its estimate must
+# not leave a gradient of zero.
+LEAST_OF_SCENE = 0.1
 # Largest error of the paths as a share of the PSF's radius, where that is more than `PATH_ERROR`. In a photo that is
 # nearly still, what a phone's processing leaves looks like an error larger than the motion itself, and its detail would
 # be taken for noise.
@@ -70,15 +77,16 @@ def nsr_of_iso(iso: float) -> float:
     return validate.strength("nsr", BASE_NSR * validate.finite("iso", iso, above=0.0) / BASE_ISO)
 
 
-@one_line("noise", "energy", "radius", "border_error")
+@one_line("octave_noise", "energy", "radius", "border_error")
 @dataclass(frozen=True, eq=False)
 class Tuning:
     """Measurements of a picture and its PSFs, from which the strength of every prior follows.
 
     Parameters
     ----------
-    noise : float
-        Standard deviation of the noise in linear light.
+    octave_noise : tuple of float
+        Standard deviation of the noise in linear light, below 0.125 cycles/px, up to 0.25, and above; white noise has
+        the same in all three.
     energy : float
         E, mean squared gradient of the sharp picture; both directions and all channels are added up.
     radius : float
@@ -98,11 +106,11 @@ class Tuning:
     >>> light = np.random.default_rng(0).random((64, 64))
     >>> bank = rsdeblur.PsfBank.for_picture(np.full((1, 5), 0.2), light.shape)
     >>> tuning = rsdeblur.Tuning.of(light, bank, noise=0.01)
-    >>> tuning.weight("tv", 1.0) > 0 and tuning.noise
-    0.01
+    >>> tuning.weight("tv", 1.0) > 0, tuning.octave_noise
+    (True, (0.01, 0.01, 0.01))
     """
 
-    noise: float
+    octave_noise: tuple[float, ...]
     energy: float
     radius: float
     border_error: float
@@ -129,7 +137,7 @@ class Tuning:
         bank : PsfBank
             PSFs of the picture; a few that are spread over it are enough.
         noise : float, optional
-            Standard deviation of the noise in linear light; by default it is estimated.
+            Standard deviation of white noise in linear light; by default noise is estimated in each octave.
         one_filter : bool, default False
             Whether the middle PSF is undone everywhere, as in ``mode="global"``.
         continued : bool, default True
@@ -147,16 +155,17 @@ class Tuning:
         light = light.reshape(*light.shape[:2], -1)
         spectra = Spectra.of(bank, one_filter=one_filter)
         # The scene is taken as the lens shows it, which has a power of its own in each octave.
-        floors = measure_floors(light, bank.without_softness()) or Floors(noise_level(light), PATH_ERROR**2)
-        noise = floors.noise if noise is None else validate.noise("noise", noise)
+        octaves = len(OCTAVES) + 1
+        floors = measure_floors(light, bank.without_softness()) or Floors((noise_level(light),) * octaves, ASSUMED**2)
+        octave_noise = floors.octave_noise if noise is None else (validate.noise("noise", noise),) * octaves
         # A constant picture has nothing to restore, so any energy other than 0 will do.
-        energy = gradient_energy(light, noise) / spectra.left_of_gradient or 1.0
+        energy = spectra.energy(light, octave_noise, floors.path_error) or 1.0
         share = bank.size[1] / light.shape[1]
         if continued:
             share = max(share, bank.size[0] / light.shape[0])
         radius = _radius(bank)
-        path_error = min(floors.path_error, max(MOST_PATH_ERROR_SHARE * radius, PATH_ERROR) ** 2)
-        return cls(noise, energy, radius, 0.0 if repeats else share**2 / 4, spectra, path_error)
+        path_error = min(ABSORBED**2 * floors.path_error, max(MOST_PATH_ERROR_SHARE * radius, PATH_ERROR) ** 2)
+        return cls(octave_noise, energy, radius, 0.0 if repeats else share**2 / 4, spectra, path_error)
 
     @classmethod
     def of_burst(
@@ -194,10 +203,10 @@ class Tuning:
             return float(shares @ np.array(values))
 
         # Errors of the frames are independent, so they average out.
-        noise = np.square(shares) @ np.square([frame.noise for frame in frames])
+        variances = np.square(shares) @ np.square([frame.octave_noise for frame in frames])
         path_error = float(np.square(shares) @ np.array([frame.path_error for frame in frames]))
         tuning = cls(
-            float(np.sqrt(noise)),
+            tuple(np.sqrt(variances).tolist()),
             first.energy,
             float(np.sqrt(mean([frame.radius**2 for frame in frames]))),
             mean([frame.border_error for frame in frames]),
@@ -230,14 +239,15 @@ class Tuning:
         return float(np.sqrt(min(excess / max(self.radius**2 + other.radius**2, PATH_ERROR**2), 1.0)))
 
     def noise_power(self, energy: float) -> float:
-        """Return the power of noise and of the model's errors, which are nearly white and grow with the blur.
+        """Return the power of noise and of the model's errors, as white noise that matters as much for a scene.
 
         Parameters
         ----------
         energy : float
             E of the sharp picture.
         """
-        return FINE_NOISE * self.noise**2 + energy * self.path_error
+        shown = self.spectra.signal * self.spectra.gradient
+        return FINE_NOISE * float((shown * self._sensor_noise).sum() / shown.sum()) + energy * self.path_error
 
     def restoration_error(self, energy: float) -> float:
         """Return the expected mean squared error of the best linear restoration from this frame alone.
@@ -251,6 +261,11 @@ class Tuning:
         noise = self.noise_power(energy) + energy * (FRAME_ERROR_SHARE * self.radius) ** 2 + self.border_error * signal
         known = noise + self.spectra.power * signal
         return float(np.divide(signal * noise, known, out=np.zeros_like(known), where=known > 0).mean())
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the noise in linear light."""
+        return overall_noise(self.octave_noise)
 
     @cached_property
     def gradient_weight(self) -> float:
@@ -300,12 +315,16 @@ class Tuning:
         return float(np.clip(WEIGHT_OF_VARIANCE * variance, validate.LEAST_STRENGTH, validate.MOST_STRENGTH))
 
     @property
+    def _sensor_noise(self) -> FloatArray:
+        return noise_spectrum(self.octave_noise, len(self.spectra.signal))
+
+    @property
     def _noise_spectrum(self) -> FloatArray:
         """Spectrum of the noise and of the errors of the model, which priors cannot distinguish from noise."""
         spectra = self.spectra
         errors = self.path_error * spectra.gradient + self.border_error
         wrong = errors * spectra.power + spectra.power - 2 * spectra.match + spectra.undone
-        return self.noise**2 + self.energy * spectra.signal * wrong
+        return self._sensor_noise + self.energy * spectra.signal * wrong
 
     @property
     def wiener_nsr(self) -> float:
@@ -316,7 +335,7 @@ class Tuning:
         """Return the strength with the least error of `conj(H) / (|H|^2 + penalty)`, scaled to keep the mean."""
         spectra = self.spectra
         noise = (
-            FINE_NOISE * self.noise**2 / self.energy
+            FINE_NOISE * self._sensor_noise / self.energy
             + (self.path_error * spectra.gradient + self.border_error) * spectra.signal
         )
 
@@ -355,8 +374,8 @@ class Spectra:
         |H|^2 of the PSF that a filter undoes; `power` where each filter undoes its own PSF.
     match : ndarray
         Mean of H times the conjugate of the undone one; `power` where each filter undoes its own PSF.
-    left_of_gradient : float
-        Share of the sharp gradient's energy that is left in the blurred picture at half its size.
+    halved : ndarray
+        Squared response of halving and of the differences at half the size.
     """
 
     signal: FloatArray
@@ -364,12 +383,30 @@ class Spectra:
     power: FloatArray
     undone: FloatArray
     match: FloatArray
-    left_of_gradient: float
+    halved: FloatArray
 
     @property
     def gradient_left(self) -> float:
         """Share of the sharp gradient's energy that is left in the blurred picture."""
         return float((self.signal * self.gradient * self.power).mean())
+
+    def energy(self, light: FloatImage, octave_noise: Sequence[float], path_error: float) -> float:
+        """Return the mean squared gradient of the sharp picture.
+
+        Parameters
+        ----------
+        light : ndarray, shape (H, W, C), float32
+            The blurred picture.
+        octave_noise : sequence of float
+            Standard deviation of its noise in each octave.
+        path_error : float
+            Mean square of the errors of the paths, px^2.
+        """
+        measured = gradient_energy(light)
+        of_noise = light.shape[2] * float((self.halved * noise_spectrum(octave_noise, len(self.halved))).mean())
+        # What the PSFs leave, and what errors of the paths add.
+        left = float((self.halved * self.signal * (self.power + path_error * self.gradient)).mean())
+        return float(max(measured - of_noise, LEAST_OF_SCENE * measured) / left)
 
     @classmethod
     def mean(cls, frames: Sequence[Spectra], shares: FloatArray) -> Spectra:
@@ -396,8 +433,8 @@ class Spectra:
         lens = np.exp(-4 * LENS**2 * (down**2 + across**2))
         lens /= lens.mean()
         signal = np.divide(lens, once, out=np.zeros_like(once), where=once > 0)
-        halving = np.square(np.cos(down) * np.cos(across)) * twice * signal
-        return cls(signal, once, power, undone, match, float((halving * power).mean()))
+        halved = np.square(np.cos(down) * np.cos(across)) * twice
+        return cls(signal, once, power, undone, match, halved)
 
 
 def _radius(bank: PsfBank) -> float:

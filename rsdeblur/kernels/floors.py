@@ -1,11 +1,11 @@
 """Noise and model error of tiles, fitted to their periodograms: the Numba kernel and its NumPy twin.
 
-The power expected of a tile is `V = g_c (E + e^2 D) + (a + b m) N`. E is the power of scene and blur, D that which an
-error of 1 px of the paths adds, N that of white noise, and m the tile's brightness. Each cell c of neighbouring
-frequencies has a gain g_c of its own, because scenes differ in scale and direction; the floors a, b and e^2 are those
-of all tiles. The fit minimises the sum of `P / V + log V`, the Itakura-Saito divergence from the periodogram P: each
-step multiplies a parameter by the ratio of the two parts of its derivative [1]_, without the square root there, which
-halves the steps.
+The power expected of a tile is `V = g_c (E + e^2 D) + (a_o + b_o m) N`. E is the power of scene and blur, D that which
+an error of 1 px of the paths adds, N that of white noise, and m the tile's brightness. Each cell c of neighbouring
+frequencies has a gain g_c of its own, because scenes differ in scale and direction; the floors a_o and b_o of each
+octave o, and e^2, are those of all tiles. The fit minimises the sum of `P / V + log V`, the Itakura-Saito divergence
+from the periodogram P: each step multiplies a parameter by the ratio of the two parts of its derivative [1]_, without
+the square root there, which halves the steps.
 
 References
 ----------
@@ -41,6 +41,8 @@ class TilePowers(NamedTuple):
         Brightness of the tiles, positive.
     cells : ndarray of int64, shape (C + 1,)
         First frequency of each cell, and F.
+    octaves : ndarray of int64, shape (C,)
+        Octave of each cell, from 0 on without a gap.
     """
 
     measured: FloatArray
@@ -49,6 +51,7 @@ class TilePowers(NamedTuple):
     noise: FloatArray
     brightness: FloatArray
     cells: NDArray[np.int64]
+    octaves: NDArray[np.int64]
 
 
 @njit(nogil=True, error_model="numpy")
@@ -69,33 +72,33 @@ def _cell(measured, blurred, error, noise, squared, floor, gain):
 
 
 @njit(nogil=True, error_model="numpy")
-def _fit(tiles, floors, gains, steps, prior, weight):
-    measured, blurred, error, noise, brightness, cells = tiles
+def _fit(tiles, noises, squared, gains, steps, prior, weight):
+    """Fit `noises`, rows a and b of shape (2, O), and `gains`, both in place, and return e^2, `squared` at first."""
+    measured, blurred, error, noise, brightness, cells, octaves = tiles
     for _ in range(steps):
-        even_up, even_down, bright_up, bright_down = 0.0, 0.0, 0.0, 0.0
-        squared = floors[2]
+        up, down = np.zeros_like(noises), np.zeros_like(noises)
         error_up, error_down = weight * prior / squared**2, weight / squared
         for tile in range(len(measured)):
-            floor = floors[0] + floors[1] * brightness[tile]
             for cell in range(len(cells) - 1):
-                first, stop = cells[cell], cells[cell + 1]
+                first, stop, octave = cells[cell], cells[cell + 1], octaves[cell]
+                floor = noises[0, octave] + noises[1, octave] * brightness[tile]
                 powers = measured[tile, first:stop], blurred[tile, first:stop], error[first:stop], noise[first:stop]
                 ratios = _cell(*powers, squared, floor, gains[tile, cell])
                 gains[tile, cell] *= ratios[0] / ratios[1]
                 ratios = _cell(*powers, squared, floor, gains[tile, cell])
-                even_up += ratios[2]
-                even_down += ratios[3]
-                bright_up += ratios[2] * brightness[tile]
-                bright_down += ratios[3] * brightness[tile]
+                up[0, octave] += ratios[2]
+                down[0, octave] += ratios[3]
+                up[1, octave] += ratios[2] * brightness[tile]
+                down[1, octave] += ratios[3] * brightness[tile]
                 error_up += ratios[4]
                 error_down += ratios[5]
-        floors[0] *= even_up / even_down
-        floors[1] *= bright_up / bright_down
-        floors[2] *= error_up / error_down
+        noises *= up / down
+        squared *= error_up / error_down
+    return squared
 
 
-def fit_floors(tiles: TilePowers, start: tuple[float, float], steps: int, weight: float) -> tuple[float, float]:
-    """Return the mean variance of the noise and the mean square of the paths' errors, px^2.
+def fit_floors(tiles: TilePowers, start: tuple[float, float], steps: int, weight: float) -> tuple[FloatArray, float]:
+    """Return the mean variance of the noise in each octave and the mean square of the paths' errors, px^2.
 
     Parameters
     ----------
@@ -109,29 +112,40 @@ def fit_floors(tiles: TilePowers, start: tuple[float, float], steps: int, weight
     weight : float
         Frequencies that the prior counts for.
     """
-    floors = np.array([start[0] / 2, start[0] / 2 / tiles.brightness.mean(), start[1]])
-    _fit(tiles, floors, _first_gains(tiles), steps, start[1], weight)
-    return float(floors[0] + floors[1] * tiles.brightness.mean()), float(floors[2])
+    noises, mean = _first_noises(tiles, start[0]), tiles.brightness.mean()
+    squared = _fit(tiles, noises, start[1], _first_gains(tiles), steps, start[1], weight)
+    return noises[0] + noises[1] * mean, float(squared)
 
 
-def fit_floors_numpy(tiles: TilePowers, start: tuple[float, float], steps: int, weight: float) -> tuple[float, float]:
+def fit_floors_numpy(
+    tiles: TilePowers, start: tuple[float, float], steps: int, weight: float
+) -> tuple[FloatArray, float]:
     """Readable twin of :func:`fit_floors`."""
     starts, sizes = tiles.cells[:-1], np.diff(tiles.cells)
-    gains, prior, bright = _first_gains(tiles), start[1], tiles.brightness[:, None]
-    even, brighter, squared = start[0] / 2, start[0] / 2 / bright.mean(), prior
+    gains, (squared, prior), bright = _first_gains(tiles), 2 * start[1:], tiles.brightness[:, None]
+    even, brighter = _first_noises(tiles, start[0])
+    octave = np.repeat(tiles.octaves, sizes)
+    members = np.equal.outer(octave, np.arange(len(even)))
     for _ in range(steps):
-        scene, floor = tiles.blurred + squared * tiles.error, even + brighter * bright
+        scene, floor = tiles.blurred + squared * tiles.error, even[octave] + brighter[octave] * bright
         known = 1 / (np.repeat(gains, sizes, axis=1) * scene + floor * tiles.noise)
         surprise = tiles.measured * known**2
         gains = gains * np.add.reduceat(surprise * scene, starts, 1) / np.add.reduceat(known * scene, starts, 1)
         each = np.repeat(gains, sizes, axis=1)
         known = 1 / (each * scene + floor * tiles.noise)
         surprise = tiles.measured * known**2
-        even *= (surprise * tiles.noise).sum() / (known * tiles.noise).sum()
-        brighter *= (surprise * tiles.noise * bright).sum() / (known * tiles.noise * bright).sum()
+        ups, downs = surprise * tiles.noise @ members, known * tiles.noise @ members
+        even = even * ups.sum(axis=0) / downs.sum(axis=0)
+        brighter = brighter * (ups * bright).sum(axis=0) / (downs * bright).sum(axis=0)
         up, down = weight * prior / squared**2, weight / squared
         squared *= (up + (each * surprise * tiles.error).sum()) / (down + (each * known * tiles.error).sum())
-    return float(even + brighter * bright.mean()), float(squared)
+    return even + brighter * bright.mean(), float(squared)
+
+
+def _first_noises(tiles: TilePowers, variance: float) -> FloatArray:
+    """Return the noise at which the fit starts, rows a and b of shape (2, O): half of it is in proportion to light."""
+    halves = np.array([variance / 2, variance / 2 / tiles.brightness.mean()])
+    return np.repeat(halves[:, None], tiles.octaves.max() + 1, axis=1)
 
 
 def _first_gains(tiles: TilePowers) -> FloatArray:

@@ -104,7 +104,8 @@ def _fitted(
         if n != index:
             fit = frame.fitted(reference, (banks[n], banks[index]))
             share = frame.tuning.path_error_share(reference.tuning, fit.path_error * frame.factor**2)
-            tuning = replace(frame.tuning, noise=frame.tuning.noise / fit.gain).with_path_errors(share)
+            noise = tuple(octave / fit.gain for octave in frame.tuning.octave_noise)
+            tuning = replace(frame.tuning, octave_noise=noise).with_path_errors(share)
             frames[n] = replace(frame, fit=fit, tuning=tuning)
             if fit.support >= LEAST_SUPPORT:
                 shares.append(share)

@@ -7,7 +7,7 @@ import pytest
 
 from rsdeblur import GradientPrior, InputError, PsfBank, TileQuadratic, Tuning
 from rsdeblur.deconv.wavelet import Factors, WaveletPrior, band_shape, frame_responses, hats
-from rsdeblur.estimate import floors
+from rsdeblur.estimate import strength
 from rsdeblur.kernels.frame import HALO, LEVELS, ORIENTATIONS, terms
 from rsdeblur.simulation.scene import scene
 
@@ -60,7 +60,7 @@ def test_it_beats_the_gradient_prior_of_its_weight() -> None:
 
 
 def test_the_variances_are_those_of_white_noise(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(floors, "ABSORBED", 0.0)
+    monkeypatch.setattr(strength, "ABSORBED", 0.0)
     rng, noise, shape = np.random.default_rng(0), 0.1, (256, 256)
     bank = PsfBank.for_picture(KERNEL, shape)
     white = rng.normal(0, noise, shape).astype(np.float32)

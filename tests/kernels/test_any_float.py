@@ -87,6 +87,8 @@ def lanes(hostile: Hostile) -> list[Any]:
 
 # First frequencies of three directions.
 SECTORS = np.array([0, 2, 5, 9])
+# Octave of each sector.
+OCTAVES = np.array([0, 0, 1])
 
 
 def tiles(hostile: Hostile) -> Tiles:
@@ -119,7 +121,9 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "shrunk_grad_adjoint": lambda h: [h(5, 6, 3), 1, 3, h.number(), h(9), False, h(5, 6, 3)],
     "fit_gains": lambda h: [tiles(h), h(2, dtype=np.float64), float(h.number())],
     "fit_floors": lambda h: [
-        TilePowers._make([*(h(*shape, dtype=np.float64) for shape in ((4, 9), (4, 9), (9,), (9,), (4,))), SECTORS]),
+        TilePowers._make(
+            [*(h(*shape, dtype=np.float64) for shape in ((4, 9), (4, 9), (9,), (9,), (4,))), SECTORS, OCTAVES]
+        ),
         (1.0, 0.1),
         3,
         float(h.number()),

@@ -137,9 +137,9 @@ def test_shares_fall_with_noise_and_blur() -> None:
     # Two frames are one with half the variance.
     assert double.noise == pytest.approx(0.01 / 2**0.5)
     assert double.gradient_weight <= tuning.gradient_weight
-    _, shares = Tuning.of_burst([tuning, replace(tuning, noise=0.03), tuning.with_path_errors(0.5)])
+    _, shares = Tuning.of_burst([tuning, replace(tuning, octave_noise=(0.03,) * 3), tuning.with_path_errors(0.5)])
     assert shares[0] > max(shares[1:])
-    assert tuning.restoration_error(1.0) < replace(tuning, noise=0.1).restoration_error(1.0)
+    assert tuning.restoration_error(1.0) < replace(tuning, octave_noise=(0.1,) * 3).restoration_error(1.0)
     # Errors that tiles add to a frame are its noise, but not that of the whole burst.
     worse, shares = Tuning.of_burst([tuning, tuning], tile_errors=[0.0, 0.5])
     assert shares[0] > shares[1]
