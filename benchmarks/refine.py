@@ -209,7 +209,7 @@ def aligned_psnr(truth: Image, image: Image) -> float:
     return float(peak_signal_noise_ratio(truth[crop], shown[crop].clip(0, 1), data_range=1.0))
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=32)
 def psnr(case: Case, recording: Recording) -> float:
     """Return the PSNR (dB) of a capture deblurred with a recording."""
     parts = recording.log, recording.camera, recording.exposure

@@ -18,6 +18,7 @@ from rsdeblur.errors import InputError
 if TYPE_CHECKING:
     from rsdeblur.choices import Mode
     from rsdeblur.estimate.refine import Refinement
+    from rsdeblur.estimate.refine_frames import FramesRefinement
     from rsdeblur.io.claims import Credentials
     from rsdeblur.io.pictures import Picture
     from rsdeblur.motion.exposure import Exposure
@@ -128,7 +129,7 @@ def facts_of(result: DeblurResult, output: Path, mode: Mode, prior: str, seconds
     }
 
 
-def refinement_facts(refinement: Refinement) -> dict[str, Any]:
+def refinement_facts(refinement: Refinement | FramesRefinement) -> dict[str, Any]:
     """Return the facts about a correction of the recording, for JSON."""
     return {
         "accepted": refinement.accepted,
@@ -145,10 +146,13 @@ def correction_text(facts: Mapping[str, Any]) -> str:
     if not facts["accepted"]:
         return f"Recording not corrected: {facts['reason']}."
     values = facts["values"]
+    # What the frames of a video share has no drift.
+    drifts = values["drift_x"], values["drift_y"]
+    drift = "drift {:+.1f} and {:+.1f} px, ".format(*drifts) if any(drifts) else ""
     return (
-        f"Recording corrected: focal length x {math.exp(values['scale']):.3f}, drift {values['drift_x']:+.1f} and "
-        f"{values['drift_y']:+.1f} px, time offset {1e3 * values['offset']:+.1f} ms, readout time x "
-        f"{math.exp(values['readout']):.2f}, roll bias {values['roll']:+.3f} rad/s."
+        f"Recording corrected: focal length x {math.exp(values['scale']):.3f}, {drift}time offset "
+        f"{1e3 * values['offset']:+.1f} ms, readout time x {math.exp(values['readout']):.2f}, roll bias "
+        f"{values['roll']:+.3f} rad/s."
     )
 
 

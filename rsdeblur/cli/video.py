@@ -18,6 +18,7 @@ from rsdeblur.cli._inputs import clip_exposures, naming, read_device
 from rsdeblur.cli._jobs import jobs_option, shared_threads
 from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import print_json, progress, say, say_aside
+from rsdeblur.cli._photo import correction_text, refinement_facts
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.video import QUALITY
 
@@ -46,7 +47,7 @@ class Encode:
 @click.command("video", cls=Command, epilog=EXAMPLES, context_settings={"default_map": {"quality": QUALITY}})
 @click.argument("source", type=_options.PATH, metavar="VIDEO")
 @_options.clip_options()
-@_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ENGINE)
+@_options.solve_options(*_options.BLUR, *_options.SOLVER, "refine", *_options.ENGINE)
 @_options.gathered(
     "encode",
     Encode,
@@ -159,6 +160,7 @@ def _facts(plan: ClipPlan, encoding: Encoding, output: Path) -> dict[str, Any]:
         "kept": len(clip) - plan.treated,
         "largest_blur_px": plan.largest,
         "check": None if plan.check is None else asdict(plan.check),
+        "refinement": None if plan.refinement is None else refinement_facts(plan.refinement),
         "span_s": clip.times[-1],
         "size_px": [clip.width, clip.height],
         "mode": plan.options.mode,
@@ -195,9 +197,16 @@ def _print(source: Path, output: Path, facts: dict[str, Any], dry_run: bool) -> 
         say(f"{source}: {facts['frames']} frames, {facts['span_s']:.2f} s, all inputs fit; would write {output}")
         say(f"  {frames}, about {facts['estimated_s']:.0f} s{verdict}")
         say(f"  {how}")
+        _print_correction(facts)
         return
     resumed = f", {facts['resumed']} of {facts['segments']} segments from an earlier run" if facts["resumed"] else ""
     dropped = f"; left out: {', '.join(facts['dropped'])}" if facts["dropped"] else ""
     say(f"{output}: {frames}, {how}, {facts['seconds']:.1f} s{resumed}{dropped}{verdict}")
     if facts["check"] is not None and facts["check"]["reasons"]:
         say(f"  {' '.join(facts['check']['reasons'])}")
+    _print_correction(facts)
+
+
+def _print_correction(facts: dict[str, Any]) -> None:
+    if facts["refinement"] is not None:
+        say(f"  {correction_text(facts['refinement'])}")

@@ -7,6 +7,7 @@ sharp picture that they lead to: with the right motion, its gradient is concentr
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -201,6 +202,25 @@ def spectra_side(recording: Recording) -> int:
     return int(np.clip(longer / max(LEAST_REDUCTION, length / LONGEST_BLUR), low, high))
 
 
+def adjusted(
+    place: FloatArray, worth: Callable[[FloatArray], float], axes: Sequence[int], progress: Progress
+) -> FloatArray:
+    """Return the place of most worth that parabolas along one axis after another lead to."""
+    most, step = worth(place), FIRST_STEP
+    for n in range(ADJUSTMENTS):
+        progress("adjust", n / ADJUSTMENTS)
+        for axis in axes:
+            aside = step * np.eye(len(place))[axis]
+            below, above = worth(place - aside), worth(place + aside)
+            bend = 2 * most - below - above
+            steps = 0.5 * (above - below) / bend if bend > 0 else np.sign(above - below) * LONGEST_STEP
+            vertex = place + np.clip(steps, -LONGEST_STEP, LONGEST_STEP) * aside
+            tried = (most, place), (below, place - aside), (above, place + aside), (worth(vertex), vertex)
+            most, place = max(tried, key=lambda pair: pair[0])
+        step /= 2
+    return place
+
+
 class _Judge:
     """Worth of corrections: by the spectra, and by the sharp picture that they lead to."""
 
@@ -236,7 +256,8 @@ class _Judge:
                 other = self._worth(place) - NATS_PER_PARAMETER * len(model)
                 if other > worth:
                     best, worth = place, other
-        return self._adjusted(best, progress)
+        axes = [PARAMETERS.index(name) for name in ADJUSTED if name in self.posterior.free]
+        return adjusted(best, self._worth, axes, progress)
 
     def _starts(self, model: list[str], count: int) -> FloatArray:
         """Return the best of places that are spread over the parameters of a model, `count` values of each."""
@@ -253,23 +274,6 @@ class _Judge:
         # The sharp picture counts only where the spectra agree. Far from the truth it may be clear because little blur
         # was removed.
         return gain if gain < 0 else gain + NATS_PER_FALL * self.fall(place)
-
-    def _adjusted(self, place: FloatArray, progress: Progress) -> FloatArray:
-        """Return the place of most worth that parabolas along one axis after another lead to."""
-        axes = [PARAMETERS.index(name) for name in ADJUSTED if name in self.posterior.free]
-        worth, step = self._worth(place), FIRST_STEP
-        for n in range(ADJUSTMENTS):
-            progress("adjust", n / ADJUSTMENTS)
-            for axis in axes:
-                aside = step * np.eye(len(PARAMETERS))[axis]
-                below, above = self._worth(place - aside), self._worth(place + aside)
-                bend = 2 * worth - below - above
-                steps = 0.5 * (above - below) / bend if bend > 0 else np.sign(above - below) * LONGEST_STEP
-                vertex = place + np.clip(steps, -LONGEST_STEP, LONGEST_STEP) * aside
-                tried = (worth, place), (below, place - aside), (above, place + aside), (self._worth(vertex), vertex)
-                worth, place = max(tried, key=lambda pair: pair[0])
-            step /= 2
-        return place
 
     def verdict(self, place: FloatArray, sharpness: Sharpness) -> str:
         """Return why a correction is not credible; nothing if it is."""

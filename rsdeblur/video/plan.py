@@ -5,13 +5,16 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rsdeblur._util import validate
 from rsdeblur.choices import Transfer
 from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck
+from rsdeblur.estimate.refine_frames import FramesRefinement, refine_frames
 from rsdeblur.estimate.triage import KEEP
 from rsdeblur.image.encoded import check_size
 from rsdeblur.image.frame import ReadoutFrame
@@ -29,6 +32,8 @@ from rsdeblur.video.pixels import values_of
 
 # Number of frames, spread over the video, whose noise and brightness represent all.
 SAMPLE_FRAMES = 5
+# Number of frames, spread over the more blurred half of the video, that together correct the recording.
+REFINED_FRAMES = 6
 # Kernels at the tiles' centres may reach this much further than the probed paths, px.
 SPARE = 1
 # FFmpeg's numbers for transfer characteristics.
@@ -61,6 +66,8 @@ class ClipPlan:
         Share of the deblurred frame in each frame of the result; a frame with 0 is left as it is.
     check : QualityCheck, or None
         Check of the median sample frame; None if `options` switches it off.
+    refinement : FramesRefinement, or None
+        Correction of log and camera; None where none was requested.
     """
 
     clip: Clip
@@ -74,6 +81,7 @@ class ClipPlan:
     lengths: tuple[float, ...]
     shares: tuple[float, ...]
     check: QualityCheck | None
+    refinement: FramesRefinement | None = None
 
     @property
     def treated(self) -> int:
@@ -116,6 +124,9 @@ def plan_clip(
     Frames with shorter paths than `above` are left as they are. Up to twice that length, the deblurred frame is mixed
     with the frame itself, so that no step shows.
 
+    With ``options.refine``, a few frames together first correct focal length, clock, readout time and roll bias, see
+    :func:`rsdeblur.refine_frames`.
+
     The results of the sample frames are checked; if most of them are bad, a warning says so.
 
     Parameters
@@ -150,6 +161,13 @@ def plan_clip(
     options = replace(options, transfer=_clip_transfer(clip) if options.transfer == "auto" else options.transfer)
     report_progress = progress or (lambda stage, fraction: None)
     measures, reasons = _measure(clip, log, camera, exposures, options, report_progress)
+    refinement = None
+    if options.refine:
+        refinement = _refinement(clip, log, camera, exposures, measures, options, report_progress)
+        options = replace(options, refine=False)
+    if refinement is not None and refinement.accepted:
+        log, camera = refinement.log, refinement.camera
+        measures, reasons = _measure(clip, log, camera, exposures, options, report_progress)
     lengths, shares = _gate(measures, len(reasons), above)
     measures = measures[shares[measures[:, 0].astype(int)] > 0]
     if not len(measures):
@@ -161,13 +179,12 @@ def plan_clip(
     size = (2 * (int(down) + 1 + SPARE) + 1, 2 * (int(across) + 1 + SPARE) + 1)
     good = measures[:, 0].astype(int)
     # Frames spread over the video decide the strengths, and those with the fastest change the number of tiles.
-    spread = good[np.unique(np.linspace(0, len(good) - 1, SAMPLE_FRAMES).astype(int))]
+    decisive = {*_spread(good, SAMPLE_FRAMES), *good[measures[:, 4:].argmax(axis=0)].tolist()}
     samples: list[Plan] = []
     checks: list[QualityCheck | None] = []
-    for i in sorted({*spread.tolist(), *good[measures[:, 4:].argmax(axis=0)].tolist()}):
+    for i in sorted(decisive):
         report_progress(f"sample frame {i}", 1.0)
-        (frame,) = frames(clip, i, i + 1)
-        values = values_of(frame)
+        values = _values(clip, i)
         samples.append(plan(log, camera, exposures[i], options).prepare(values))
         checks.append(samples[-1].apply(values).check)
     _warn_of_bad(checks, clip)
@@ -181,6 +198,44 @@ def plan_clip(
         lengths=tuple(lengths.tolist()),
         shares=tuple(shares.tolist()),
         check=_median_check(checks),
+        refinement=refinement,
+    )
+
+
+def _values(clip: Clip, index: int) -> NDArray[Any]:
+    """Return the values of a frame."""
+    (frame,) = frames(clip, index, index + 1)
+    return values_of(frame)
+
+
+def _spread(numbers: NDArray[np.intp], count: int) -> list[int]:
+    """Return up to `count` of these numbers, spread evenly over them."""
+    chosen: list[int] = numbers[np.unique(np.linspace(0, len(numbers) - 1, count).astype(int))].tolist()
+    return chosen
+
+
+def _refinement(
+    clip: Clip,
+    log: GyroLog,
+    camera: Camera,
+    exposures: Sequence[Exposure],
+    measures: FloatArray,
+    options: Options,
+    report_progress: Progress,
+) -> FramesRefinement:
+    """Return the correction of the recording by frames of the more blurred half."""
+    blurred = measures[measures[:, 1] >= np.median(measures[:, 1]), 0].astype(int)
+    chosen = _spread(blurred, REFINED_FRAMES)
+    if len(chosen) < 2:
+        raise InputError(f"{clip.path}: refine=True needs two blurred frames that the log covers, got {len(chosen)}")
+    return refine_frames(
+        (_values(clip, i) for i in chosen),
+        log,
+        camera,
+        [exposures[i] for i in chosen],
+        translation=options.translation,
+        transfer=options.transfer,
+        progress=report_progress,
     )
 
 

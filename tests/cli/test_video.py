@@ -6,6 +6,7 @@ import json
 import os
 import signal
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,7 +17,7 @@ from click.testing import Result
 from numpy.typing import NDArray
 from skimage.metrics import peak_signal_noise_ratio
 
-from rsdeblur import Camera, Exposure, simulate
+from rsdeblur import Camera, Correction, Exposure, FramesRefinement, simulate
 from rsdeblur.image.transfer import from_linear
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -319,6 +320,31 @@ def test_resuming_uses_finished_segments(run: Run, here: None, movie: Movie, tmp
         run(*movie.arguments(*movie.stamped, "--force", "-o", out))
     result = run(*movie.arguments(*movie.stamped, "--nsr", "0.1", "--json", "--force", "-o", out))
     assert json.loads(result.stdout)["resumed"] == 0
+
+
+@pytest.mark.parametrize("accepted", [True, False])
+def test_frames_together_correct_the_recording(
+    run: Run, movie: Movie, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, accepted: bool
+) -> None:
+    def correction(images: object, log: Any, camera: Camera, exposures: list[Exposure], **_: object) -> Any:
+        assert len(list(images)) == len(exposures) == 3
+        corrected = replace(camera, time_offset=4e-3) if accepted else camera
+        values = Correction(offset=4e-3)
+        return FramesRefinement(log, corrected, accepted, "" if accepted else "why", values, Correction(), 50.0, 0.02)
+
+    monkeypatch.setattr("rsdeblur.video.plan.refine_frames", correction)
+    monkeypatch.setattr("rsdeblur.video.plan.REFINED_FRAMES", 3)
+    out = tmp_path / "out.mov"
+    result = run(*movie.arguments(*movie.stamped, "--dry-run", "--refine", "-o", out))
+    assert ("time offset +4.0 ms" in result.output) == accepted
+    assert "drift" not in result.output
+    assert ("Recording not corrected: why." in result.output) != accepted
+    facts = json.loads(run(*movie.arguments(*movie.stamped, "--dry-run", "--refine", "--json", "-o", out)).output)
+    assert facts["refinement"]["accepted"] == accepted
+    # Another clock, other blur.
+    plain = json.loads(run(*movie.arguments(*movie.stamped, "--dry-run", "--json", "-o", out)).output)
+    assert (facts["largest_blur_px"] == plain["largest_blur_px"]) != accepted
+    assert plain["refinement"] is None
 
 
 def test_dry_run_writes_nothing(run: Run, movie: Movie, tmp_path: Path) -> None:
