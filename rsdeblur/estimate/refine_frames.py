@@ -54,7 +54,7 @@ MODELS: tuple[dict[str, FloatArray], ...] = (
 COMPARED, ADJUSTED = 6, ("scale", "offset", "readout")
 # Nats that a parameter costs.
 NATS_PER_PARAMETER = 10.0
-# Frames must agree: their mean worth is so many times its standard error.
+# Frames must agree: the mean of their falls is at least so many times its standard error.
 LEAST_AGREEMENT = 2.0
 
 

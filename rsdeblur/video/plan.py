@@ -151,8 +151,8 @@ def plan_clip(
         If the log describes no frame.
     InputError
         If the frames do not have the camera's size, the blur of every frame is too large or at most `above`, `above`
-        is negative, or `options` sets one of those for single pictures: `normalize`, `saturation`, `fallback` and
-        `max_memory`.
+        is negative, `options.refine` is set and fewer than two frames are blurred, or `options` sets one of those for
+        single pictures: `normalize`, `saturation`, `fallback` and `max_memory`.
     """
     check_size((clip.height, clip.width), camera)
     options = options or Options(quality=QUALITY)
