@@ -148,7 +148,7 @@ def table(rows: list[Row]) -> str:
 def main() -> None:
     """Run the benchmark, print its table and write its page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--recordings", type=int, default=8, help="number of recordings")
+    parser.add_argument("--recordings", type=int, default=6, help="number of recordings")
     parser.add_argument("--kinds", default=",".join(KINDS), help="kinds of errors to measure, separated by commas")
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--records", type=Path, help="file of records (JSON lines) to continue")
