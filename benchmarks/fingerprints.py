@@ -260,6 +260,7 @@ def cases() -> Iterator[Case]:
     yield Case("right-left slabs", "tall right-left", "float32", turned)
     for border in BORDERS:
         yield Case(f"border {border}", "plain", "float32", {"border": border})
+    yield Case("border unknown", "plain", "float32", {"border": "unknown", "prior": "tv"})
     yield from MIXED
 
 

@@ -46,8 +46,6 @@ from rsdeblur.choices import PRIORS, Border, Boundary, Prior
 
 Blur = Literal["valid", "circular"]
 Region = Literal["seen", "frame"]
-# The best continuation of the valid pictures beyond their frame.
-BORDER: Boundary = "smooth"
 NOISES = (2.55, 7.65, 12.75)
 QUICK = (1, 3, 5, 7), (0, 3, 5)
 # Factors on the variance of the noise (on its standard deviation for the sparse priors) that make the ladder of fixed
@@ -125,8 +123,10 @@ def solve(case: Case) -> dict[str, Score]:
     sharp, blurred, kernel = case.blurred()
     scores = {"blurred": _score(sharp, blurred, kernel.shape, 0.0)}
     sigma = case.noise / 255
-    border: Border | Boundary = "periodic" if case.blur == "circular" else BORDER
     for prior in PRIORS:
+        # Of the borders that the Wiener filter takes, "smooth" is the best for valid pictures.
+        valid: Border | Boundary = "smooth" if prior == "wiener" else "unknown"
+        border = "periodic" if case.blur == "circular" else valid
         strengths: dict[str, dict[str, Any]] = {"automatic": {}, "noise given": {"noise": sigma}}
         for factor in LADDERS.get(prior, ()):
             name, power = ("nsr", 2) if prior == "wiener" else ("weight", 2 if prior == "gradient" else 1)

@@ -386,8 +386,8 @@ _SOLVE: dict[str, Decorator] = {
     "geometry": _choice("geometry", choices.GEOMETRIES, "Keep the rolling-shutter shape, or straighten it."),
     "border": _choice(
         "border",
-        (*choices.BORDERS, *choices.BOUNDARIES),
-        "Picture beyond the frame: opposite borders blended, the picture repeated, or an alternative.",
+        ("auto", *choices.BORDERS, *choices.BOUNDARIES),
+        "Picture beyond the frame: blend, periodic or an alternative; auto is unknown for --psf, otherwise blend.",
     ),
     "transfer": transfer_option,
     "normalize": click.option(

@@ -1,7 +1,8 @@
-"""Alternatives to the default border: the picture is made periodic without a seam, and then solved as periodic.
+"""Alternatives to the blended border: the picture is made periodic without a seam, and then solved as periodic.
 
 All but the edge taper add rows and columns after the last ones, over which the picture leads from its end to its start.
-After the solve they are cut off again.
+After the solve they are cut off again. For "unknown" what is added is a first guess
+(:mod:`rsdeblur.deconv.unknown_border`).
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ def extended(light: FloatImage, bank: PsfBank, boundary: Boundary) -> FloatImage
         Linear light.
     bank : PsfBank
         PSFs of the picture.
-    boundary : {"reflect", "edge-taper", "smooth"}
+    boundary : {"reflect", "edge-taper", "smooth", "unknown"}
         See :func:`rsdeblur.deblur`.
     """
     if boundary == "edge-taper":

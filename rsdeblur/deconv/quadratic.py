@@ -6,7 +6,7 @@ while their columns are in the cache.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,7 @@ from rsdeblur.deconv.hybrid import COLUMNS
 from rsdeblur.deconv.priors import LatentPrior, check_prior
 from rsdeblur.deconv.wiener import TileFilter
 from rsdeblur.errors import InputError
+from rsdeblur.kernels import spectral
 from rsdeblur.kernels.normal import add_normal, solve_normal
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, Float32Array, FloatImage
@@ -260,16 +261,38 @@ class TileQuadratic(TileNormal):
     def _solve(self, beta: float, pull: FloatImage | None, across: Float32Array, down: Float32Array) -> FloatImage:
         if not self._observed:
             raise InputError("the solver holds no picture: call apply(), or prepare() before solve()")
-        weight, last = np.float32(0.0 if pull is None else beta), 0 if pull is None else 1
-        nsr, term, scale = np.float32(self.nsr), np.float32(beta), np.float32(self._scale)
+        latent = np.empty(self._channelled, dtype=np.float32) if pull is None else pull
+        self._minimise(self._observed, pull, latent, (beta, across, down))
+        return latent
+
+    def _minimise(
+        self,
+        observed: Sequence[ComplexArray],
+        picture: FloatImage | None,
+        out: FloatImage,
+        term: tuple[float, Float32Array, Float32Array],
+        *,
+        blurred: bool = False,
+    ) -> None:
+        """Write the minimiser, or its blur, to `out`, which may be `picture`.
+
+        `observed` holds the spectra of the observation's strips, and `picture` is the pull; without spectra, `picture`
+        is the observation, and nothing pulls. `term` is beta, across and down of :meth:`TileNormal._solve`.
+        """
+        strength, across, down = term
+        last = 1 if observed and picture is not None else 0
+        beta, nsr, scale = np.float32(strength), np.float32(self.nsr), np.float32(self._scale)
+        weight = beta if last else np.float32(0.0)
 
         def restore(strip: int, thread: int, source: int, bands: slice, columns: slice, slabs: ComplexArray) -> None:
             signal, power = self._signals[thread][: len(slabs)], self._powers[thread][: len(slabs)]
+            otfs = self._otfs[strip, bands, columns]
             if source == 0:
-                add_normal(slabs, self._otfs[strip, bands, columns], np.float32(1.0), True, signal, power)
+                add_normal(slabs, otfs, np.float32(1.0), True, signal, power)
             if source == last:
-                solve_normal(signal, power, across[columns], down, nsr, term, weight, scale, slabs)
+                solve_normal(signal, power, across[columns], down, nsr, beta, weight, scale, slabs)
+            if source == last and blurred:
+                for slab, otf in zip(slabs, otfs, strict=True):
+                    spectral.multiply(slab, otf)
 
-        latent = np.empty(self._channelled, dtype=np.float32) if pull is None else pull
-        self._pass(pull, latent, restore, kept=self._observed)
-        return latent
+        self._pass(picture, out, restore, kept=observed)

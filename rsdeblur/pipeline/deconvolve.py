@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,7 @@ def deconvolve(
     exponent: float = 2 / 3,
     nsr: Strength = "auto",
     noise: Strength = "auto",
-    border: Border | Boundary = "blend",
+    border: Border | Boundary | Auto = "auto",
     transfer: Transfer | Auto = "auto",
     normalize: bool = False,
     saturation: Saturation = "ignore",
@@ -66,8 +67,9 @@ def deconvolve(
         each PSF sums to 1; see :class:`rsdeblur.PsfBank` for the orientation.
     quality, prior, weight, exponent, nsr, noise
         See :func:`rsdeblur.deblur`.
-    border : {"blend", "periodic", "reflect", "edge-taper", "smooth"}
-        See :func:`rsdeblur.deblur`. With "periodic", the automatic strengths take it that the picture was blurred so.
+    border : {"auto", "blend", "periodic", "reflect", "edge-taper", "smooth", "unknown"}
+        See :func:`rsdeblur.deblur`. "auto" is "unknown", but "blend" with ``prior="wiener"`` or `max_memory`. With
+        "periodic", the automatic strengths take it that the picture was blurred so.
     transfer, normalize, saturation, planning, threads, max_memory, out, progress
         See :func:`rsdeblur.deblur`.
 
@@ -91,6 +93,7 @@ def deconvolve(
     """
     options = Options(
         quality=quality,
+        mode="banded",
         prior=prior,
         weight=weight,
         exponent=exponent,
@@ -118,6 +121,9 @@ def deconvolve_with(
 ) -> DeblurResult:
     """Run :func:`deconvolve` with its keywords in `options`; the options that describe a motion are ignored."""
     clock = StageClock(validate.callback("progress", progress))
+    if options.border == "auto":
+        solved = options.prior != "wiener" and options.max_memory is None
+        options = replace(options, mode="banded", border="unknown" if solved else "blend")
     encoded = EncodedImage.of(image, options.transfer)
     bank = _bank(psf, encoded.shape)
     check_bank(bank, encoded.shape)
@@ -125,7 +131,7 @@ def deconvolve_with(
     mode, (bands, strips) = mode_of(bank), bank.kernels.shape[:2]
     split = split_highlights(encoded, options, lambda: bank, clock)
     with clock.stage("tune"):
-        strengths, _ = derive_strengths(split, options, mode, lambda: bank, repeats=options.border == "periodic")
+        strengths, _ = derive_strengths(split, options, mode, lambda: bank, given=True)
     settings = SolverSettings.of(options, mode, strengths)
     solve_chunks(
         *(split, channelled, bank, options, settings, clock),

@@ -61,7 +61,7 @@ class Options:
     noise: Strength = "auto"
     solver: Solver = "auto"
     geometry: Geometry = "keep"
-    border: Border | Boundary = "blend"
+    border: Border | Boundary | Auto = "auto"
     motion: Motion = "rotation"
     translation: Translation | None = None
     softness: float = 0.0
@@ -91,7 +91,7 @@ class Options:
             "mode": choices.MODES,
             "solver": choices.SOLVERS,
             "geometry": choices.GEOMETRIES,
-            "border": (*choices.BORDERS, *choices.BOUNDARIES),
+            "border": ("auto", *choices.BORDERS, *choices.BOUNDARIES),
             "motion": choices.MOTIONS,
             "saturation": choices.SATURATIONS,
             "planning": choices.PLANNINGS,
@@ -138,6 +138,11 @@ class Options:
                 f'{given} takes no border="{self.border}", because it solves for the rows beyond the frame; '
                 'use border="blend" or "periodic"'
             )
+        if self.border == "unknown" and self.prior == "wiener":
+            raise InputError(
+                'prior="wiener" takes no border="unknown", which needs a prior that takes several steps; use '
+                'border="smooth", or another prior'
+            )
         if self.fallback and self.geometry == "rectify":
             raise InputError(
                 'fallback=True blends with the input, but geometry="rectify" changes its shape; use geometry="keep"'
@@ -160,9 +165,10 @@ class Options:
     @property
     def solver_border(self) -> Border:
         """The continuation of the picture beyond its frame that the solver is planned with."""
-        return self.border if self.border == "blend" else "periodic"
+        return "blend" if self.border in ("auto", "blend") else "periodic"
 
     @property
     def boundary(self) -> Boundary | None:
         """The method that makes the picture periodic before it is solved; None if the solver does so itself."""
-        return None if self.border == "blend" or self.border == "periodic" else self.border
+        border = self.border
+        return None if border == "auto" or border == "blend" or border == "periodic" else border

@@ -13,6 +13,7 @@ from rsdeblur.deconv.plug_and_play import DENOISERS, PlugAndPlayPrior
 from rsdeblur.deconv.priors import GradientPrior, LatentPrior
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.deconv.rowwise import RowDeconvolver
+from rsdeblur.deconv.unknown_border import UnknownBorderQuadratic
 from rsdeblur.deconv.wavelet import WaveletPrior
 from rsdeblur.deconv.wiener import Deconvolver, TileFilter
 from rsdeblur.errors import InputError
@@ -130,7 +131,14 @@ class SolverSettings:
         self, capture: Capture | None, bank: PsfBank, shape: tuple[int, int, int], boundary: Boundary
     ) -> Solve:
         height, width, _ = shape
-        solve = replace(self, boundary=None).plan_solver(capture, bank, extended_shape(shape, bank, boundary))
+        longer, prior = extended_shape(shape, bank, boundary), self.latent_prior
+        if boundary == "unknown" and prior is not None:
+            unknown = UnknownBorderQuadratic(
+                bank, longer, recorded=(height, width), nsr=self.nsr, planning=self.planning, threads=self.threads
+            )
+            solve: Solve = TileSolver(unknown, partial(unknown.apply, prior=prior))
+        else:
+            solve = replace(self, boundary=None).plan_solver(capture, bank, longer)
         return lambda light, progress: solve(extended(light, bank, boundary), progress)[:height, :width]
 
     def _rowwise(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:

@@ -9,7 +9,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from rsdeblur.choices import Mode
-from rsdeblur.deconv.plug_and_play import DENOISERS
+from rsdeblur.deconv.plug_and_play import DENOISERS, WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.priors import brightness
 from rsdeblur.estimate.check import UndershootMeter
 from rsdeblur.estimate.strength import Tuning
@@ -27,6 +27,14 @@ from rsdeblur.types import FloatImage
 
 # Number of pixels that automatic strengths are derived from: the middle rows of larger pictures are enough.
 MOST_TUNED_PIXELS = 8_000_000
+# Share of the border's error that is left if the border is solved for. Only exact PSFs allow for so little: with those
+# of a motion, which is never exact, the whole one is better.
+SOLVED_BORDER_ERROR = 0.1
+# Least `nsr` of the wavelet prior, for the PSFs of a motion and for exact ones, and that of denoisers as a multiple of
+# the variance of the noise in a picture whose bright parts have the value 1. They restore what a PSF lost less well
+# than other priors. (docs/developer/decisions.md)
+LEAST_WAVELET_NSR, LEAST_EXACT_WAVELET_NSR = 3e-3, 1e-3
+NSR_OF_VARIANCE = 2.0
 
 
 def split_highlights(
@@ -50,7 +58,7 @@ def split_highlights(
 
 
 def derive_strengths(
-    split: HighlightSplit, options: Options, mode: Mode, bank: Callable[[], PsfBank], *, repeats: bool = False
+    split: HighlightSplit, options: Options, mode: Mode, bank: Callable[[], PsfBank], *, given: bool = False
 ) -> tuple[Strengths, float]:
     """Return the strengths, and the `nsr` that decides the automatic number of bands.
 
@@ -64,8 +72,8 @@ def derive_strengths(
         The mode in effect.
     bank : callable
         Returns a few PSFs that are spread over the picture; called only if something is derived.
-    repeats : bool, default False
-        Whether the picture repeats, which a photo never does.
+    given : bool, default False
+        Whether the PSFs are the caller's own, which count as exact and may describe a picture that repeats.
     """
     prior = options.prior
     if prior == "wiener" and options.nsr != "auto":
@@ -73,11 +81,12 @@ def derive_strengths(
     rows, part = tuned_part(split.encoded.shape, bank())
     noise = None if options.noise == "auto" else options.noise
     one_filter, continued = mode == "global", mode != "rowwise"
+    repeats = given and options.border == "periodic"
     tuning = Tuning.of(
         split.remainder(rows), part, noise=noise, one_filter=one_filter, continued=continued, repeats=repeats
     )
     peak = 1.0 if prior == "wiener" else brightness(split.remainder(slice(None), 4))
-    return tuned_strengths(tuning, options, peak)
+    return tuned_strengths(tuning, options, peak, given=given)
 
 
 def tuned_part(shape: tuple[int, ...], bank: PsfBank) -> tuple[slice, PsfBank]:
@@ -96,7 +105,7 @@ def tuned_part(shape: tuple[int, ...], bank: PsfBank) -> tuple[slice, PsfBank]:
     return slice(first, height - first), replace(bank, rows=bank.rows - first) if first else bank
 
 
-def tuned_strengths(tuning: Tuning, options: Options, peak: float) -> tuple[Strengths, float]:
+def tuned_strengths(tuning: Tuning, options: Options, peak: float, *, given: bool = False) -> tuple[Strengths, float]:
     """Return the strengths that follow from the measurements of a picture, or of several together.
 
     Parameters
@@ -107,6 +116,8 @@ def tuned_strengths(tuning: Tuning, options: Options, peak: float) -> tuple[Stre
         Options; what they set is not derived.
     peak : float
         Value of the picture's bright parts.
+    given : bool, default False
+        See :func:`derive_strengths`.
 
     Returns
     -------
@@ -119,7 +130,7 @@ def tuned_strengths(tuning: Tuning, options: Options, peak: float) -> tuple[Stre
     if prior == "wiener":
         nsr = tuning.wiener_nsr if options.nsr == "auto" else options.nsr
         return Strengths(nsr, None, 1.0, noise=tuning.noise), nsr
-    nsr = tuning.border_error if options.nsr == "auto" else options.nsr
+    nsr = _prior_nsr(tuning, options, peak, given=given) if options.nsr == "auto" else options.nsr
     if prior == "wavelet":
         wavelet = tuning.wavelet(None if options.weight == "auto" else options.weight)
         return Strengths(nsr, wavelet.weight, peak, wavelet.variances, tuning.noise), tuning.gradient_nsr
@@ -130,6 +141,18 @@ def tuned_strengths(tuning: Tuning, options: Options, peak: float) -> tuple[Stre
             tuning.denoiser_weight if callable(prior) or prior in DENOISERS else tuning.weight(prior, options.exponent)
         )
     return Strengths(nsr, weight, peak, noise=tuning.noise), tuning.gradient_nsr
+
+
+def _prior_nsr(tuning: Tuning, options: Options, peak: float, *, given: bool) -> float:
+    """Return the `nsr` that goes with a prior."""
+    share = SOLVED_BORDER_ERROR if given and options.border == "unknown" else 1.0
+    nsr = share * tuning.border_error
+    if options.prior == "wavelet":
+        return max(nsr, LEAST_EXACT_WAVELET_NSR if given else LEAST_WAVELET_NSR)
+    if callable(options.prior) or options.prior in DENOISERS:
+        variance = tuning.denoiser_weight / WEIGHT_OF_VARIANCE
+        return max(nsr, min(NSR_OF_VARIANCE * variance / peak**2, 1.0))
+    return nsr
 
 
 def solve_chunks(

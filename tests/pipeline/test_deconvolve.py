@@ -56,7 +56,8 @@ def test_every_prior_undoes_a_known_blur(pictures: tuple[np.ndarray, np.ndarray]
 def test_it_is_what_deblur_does_with_the_same_psfs() -> None:
     camera, exposure, log = Camera(96, 80, 110.0, readout_time=0.03), Exposure(0.05, 1 / 30), hand_shake(0.2, seed=3)
     blurred = simulate(scene(120, 136), log, camera, exposure).blurred
-    for options in ({"prior": "wiener", "nsr": 0.02}, {"prior": "tv", "weight": 0.01, "nsr": 0.01}):
+    for strengths in ({"prior": "wiener", "nsr": 0.02}, {"prior": "tv", "weight": 0.01, "nsr": 0.01}):
+        options = {**strengths, "border": "blend"}
         by_motion = deblur(blurred, log, camera, exposure, bands=3, strips=2, **options)
         by_psf = deconvolve(blurred, by_motion.psfs, **options)
         np.testing.assert_array_equal(by_psf.image, by_motion.image)

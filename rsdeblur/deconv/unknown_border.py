@@ -1,0 +1,106 @@
+"""Deconvolution that leaves open what the camera would have recorded beyond the frame.
+
+A picture that was made periodic (:mod:`rsdeblur.deconv.boundary`) has pixels beyond its frame whose values are guesses,
+and the solution explains them like the others. Here only the recorded pixels count: the data term is
+``|M (A u - g)|^2`` with the mask M of the frame [1]_ [2]_. It is least where the other pixels z have the values of the
+blurred solution, so in a solve with the pull v of a prior they satisfy
+
+    z = N A B (A^T (M g + z) + beta v)
+
+where N = I - M, and B is the inverse of the normal equations of the picture without a frame, a factor per frequency.
+That is a linear equation with the symmetric matrix ``I - N A B A^T N``. A few conjugate gradients improve z in each
+solve, starting from the values of the solve before.
+
+.. [1] S. Reeves, "Fast image restoration without boundary artifacts", IEEE Trans. Image Processing 14, 2005.
+.. [2] M. Almeida and M. Figueiredo, "Deconvolving images with unknown boundaries using the alternating direction method
+   of multipliers", IEEE Trans. Image Processing 22, 2013.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rsdeblur._util.one_line import one_line
+from rsdeblur.choices import Planning
+from rsdeblur.deconv.quadratic import TileQuadratic
+from rsdeblur.psf import PsfBank
+from rsdeblur.types import Float32Array, FloatImage
+
+# Conjugate gradients of a solve. docs/developer/decisions.md has what fewer and more give.
+STEPS = 2
+
+
+@one_line("shape", "recorded", "nsr", "_kernel_size")
+class UnknownBorderQuadratic(TileQuadratic):
+    """A solver of pictures that repeat, of which the last rows and columns were not recorded.
+
+    Parameters
+    ----------
+    bank, shape
+        See :class:`TileQuadratic`.
+    recorded : (int, int)
+        Numbers of rows and columns that were recorded. A picture to be solved holds first guesses in the others.
+    nsr, planning, threads
+        See :class:`TileQuadratic`.
+    """
+
+    def __init__(
+        self,
+        bank: PsfBank,
+        shape: tuple[int, ...],
+        *,
+        recorded: tuple[int, int],
+        nsr: float = 0.001,
+        planning: Planning = "estimate",
+        threads: int | None = None,
+    ) -> None:
+        super().__init__(bank, shape, nsr=nsr, border="periodic", planning=planning, threads=threads)
+        self.recorded = recorded
+        # The picture with the present values beyond its frame, a direction there that is zero elsewhere, and a blur.
+        self._filled, self._direction, self._blurred = (np.zeros(self._channelled, np.float32) for _ in range(3))
+
+    def prepare(self, image: ArrayLike) -> None:
+        """Set the observation; see :meth:`TileQuadratic.prepare`."""
+        super().prepare(image)
+        self._filled[...] = np.reshape(image, self._channelled)
+
+    def _solve(self, beta: float, pull: FloatImage | None, across: Float32Array, down: Float32Array) -> FloatImage:
+        if self._observed:
+            self._fill(pull, (beta, across, down))
+            super().prepare(self._filled)
+        return super()._solve(beta, pull, across, down)
+
+    def _fill(self, pull: FloatImage | None, term: tuple[float, Float32Array, Float32Array]) -> None:
+        """Improve the values beyond the frame by conjugate gradients; `term` is that of :meth:`_minimise`."""
+        filled, direction, blurred = map(self._beyond, (self._filled, self._direction, self._blurred))
+        self._minimise(self._observed, pull, self._blurred, term, blurred=True)
+        error = [new - old for new, old in zip(blurred, filled, strict=True)]
+        for part, start in zip(direction, error, strict=True):
+            part[...] = start
+        power = _dot(error, error)
+        for _ in range(STEPS):
+            self._minimise((), self._direction, self._blurred, term, blurred=True)
+            curvature = _dot(direction, direction) - _dot(direction, blurred)
+            # Zero where nothing is wrong, and perhaps negative where tiles do not make quite a symmetric matrix.
+            if not curvature > 0:
+                break
+            step, before = np.float32(power / curvature), power
+            for value, part, image, left in zip(filled, direction, blurred, error, strict=True):
+                value += step * part
+                left -= step * (part - image)
+            power = _dot(error, error)
+            for part, left in zip(direction, error, strict=True):
+                part *= np.float32(power / before)
+                part += left
+
+    def _beyond(self, picture: FloatImage) -> tuple[FloatImage, FloatImage]:
+        """Return views of the rows and of the columns that were not recorded."""
+        height, width = self.recorded
+        return picture[height:], picture[:height, width:]
+
+
+def _dot(a: Sequence[FloatImage], b: Sequence[FloatImage]) -> float:
+    return sum(float(np.sum(x * y, dtype=np.float64)) for x, y in zip(a, b, strict=True))
