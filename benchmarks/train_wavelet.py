@@ -38,6 +38,7 @@ from rsdeblur.deconv.wavelet import FACTORS, OPPONENT, hats
 from rsdeblur.kernels.frame import GATES, HALO, LEVELS
 from rsdeblur.kernels.frame import terms as frame_terms
 from rsdeblur.pipeline.deblur import psfs
+from rsdeblur.pipeline.steps import LEAST_WAVELET_NSR
 from rsdeblur.types import FloatArray
 
 RATIOS = np.array([0.05, 0.4, 3.0])
@@ -140,7 +141,7 @@ def equations(seed: tuple[int, int]) -> list[tuple[int, float, FloatArray, Float
     bank = PsfBank.for_picture(case.kernel, case.blurred.shape)
     tuning = Tuning.of(case.blurred, bank, noise=case.noise, one_filter=True)
     prior = tuning.wavelet()
-    solver = TileQuadratic(bank, case.blurred.shape, nsr=tuning.border_error, threads=1)
+    solver = TileQuadratic(bank, case.blurred.shape, nsr=max(tuning.border_error, LEAST_WAVELET_NSR), threads=1)
     solver.prepare(case.blurred)
     latents = np.stack([solver.solve(prior.weight * ratio) for ratio in RATIOS])
     channels = latents.shape[3]
@@ -190,7 +191,7 @@ def solved(normal: FloatArray, right: FloatArray) -> FloatArray:
 def main() -> None:
     """Learn the factors and write them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", type=int, default=170)
+    parser.add_argument("--cases", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("-o", "--output", type=Path, default=FACTORS)
     options = parser.parse_args()
