@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn
@@ -16,7 +17,7 @@ from typing import Any, NoReturn
 # Windows has no SIGHUP.
 ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 # Time until an interrupt that was lost is delivered again, s.
-RETRY = 0.01
+RETRY = 0.02
 
 
 class Interrupt(KeyboardInterrupt):
@@ -46,11 +47,18 @@ def _deliver_again(lost: sys.UnraisableHookArgs) -> None:
     if not isinstance(lost.exc_value, Interrupt):
         sys.__unraisablehook__(lost)
         return
-    number = lost.exc_value.number
+    number, armed = lost.exc_value.number, threading.Event()
+
+    def deliver() -> None:
+        armed.wait()
+        time.sleep(RETRY)
+        os.kill(os.getpid(), number)
+
+    # To start a thread may take longer than RETRY on a busy machine, and here another exception would be lost. So
+    # signals are ignored until the thread runs, and the time counts from then on.
+    threading.Thread(target=deliver, daemon=True).start()
     signal.signal(number, interrupt_once)
-    timer = threading.Timer(RETRY, os.kill, (os.getpid(), number))
-    timer.daemon = True
-    timer.start()
+    armed.set()
 
 
 @contextmanager

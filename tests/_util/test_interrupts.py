@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 import time
 
 import pytest
@@ -14,9 +15,20 @@ from rsdeblur._util import interrupts
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 
 
+@pytest.mark.parametrize("busy", [False, True], ids=["idle", "busy"])
 @pytest.mark.parametrize("inside", [False, True], ids=["plain", "in a destructor"])
-def test_an_interrupt_is_never_lost(inside: bool, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_interrupt_is_never_lost(
+    inside: bool, busy: bool, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Python ignores what is raised in destructors; the interrupt comes once more."""
+    start = threading.Thread.start
+
+    def slowly(thread: threading.Thread) -> None:
+        start(thread)
+        time.sleep(3 * interrupts.RETRY)
+
+    if busy:
+        monkeypatch.setattr(threading.Thread, "start", slowly)
 
     class Dying:
         def __del__(self) -> None:
@@ -28,7 +40,7 @@ def test_an_interrupt_is_never_lost(inside: bool, capsys: pytest.CaptureFixture[
                 Dying()
             else:
                 signal.raise_signal(signal.SIGTERM)
-            # Ended by the second signal after 10 ms.
+            # Ended by the second signal after RETRY.
             time.sleep(30)
 
     hook, by_keyboard = sys.unraisablehook, signal.getsignal(signal.SIGINT)
