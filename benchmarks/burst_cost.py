@@ -22,7 +22,7 @@ from rsdeblur import Camera, Exposure, GyroLog, deblur, deblur_burst, hand_shake
 from rsdeblur.choices import Mode, Prior
 from rsdeblur.simulation.scene import scene
 
-# Megapixels and frames of both measurements; a camera has the aspect ratio 4 : 3.
+# Megapixels and frames of both measurements.
 TIMED, TIMED_FRAMES, ROUNDS = 1, 4, 3
 LARGE, MANY_FRAMES = 12, 8
 METHODS: tuple[tuple[Mode, Prior], ...] = tuple(
@@ -35,12 +35,16 @@ Burst = tuple[list[NDArray[np.uint8]], GyroLog, Camera, list[Exposure]]
 
 
 def burst_of(megapixels: int, count: int, *, strength: float = 0.3) -> Burst:
+    """Simulate frames of 8 bits; a camera has the aspect ratio 4 : 3, see :func:`enlarged_burst`."""
+    width = 4 * round((megapixels * 1e6 * 4 / 3) ** 0.5 / 16) * 4
+    return enlarged_burst(Camera(width, width * 3 // 4, 1.1 * width, readout_time=0.03), count, strength=strength)
+
+
+def enlarged_burst(camera: Camera, count: int, *, strength: float) -> Burst:
     """Simulate frames of 8 bits at a quarter of their size, and enlarge them; the blur is that of the full size.
 
     They are enlarged smoothly: equal pixels beside each other would show the sensor, not the scene, and so misfit.
     """
-    width = 4 * round((megapixels * 1e6 * 4 / 3) ** 0.5 / 16) * 4
-    camera = Camera(width, width * 3 // 4, 1.1 * width, readout_time=0.03)
     log = hand_shake(STEP * (count + 3), strength=strength, seed=3)
     exposures = [Exposure(STEP * (n + 1), DURATION) for n in range(count)]
     small = camera.scaled(1 / 4)

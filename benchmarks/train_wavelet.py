@@ -42,7 +42,7 @@ from rsdeblur.pipeline.steps import LEAST_WAVELET_NSR
 from rsdeblur.types import FloatArray
 
 RATIOS = np.array([0.05, 0.4, 3.0])
-KNOTS = np.array([-1.75, -1.0, -0.25, 0.5])
+KNOTS = np.array([-2.25, -1.5, -0.75, 0.0])
 SIDE = 192
 # Bounds of the draws: noise in units of 255, longest side of the PSF in px, relative error of the motion, its delay in
 # s; and the share of the colour pictures in sRGB that are stored as JPEG.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,8 +31,8 @@ ENCODERS = {
 }
 # No frame refers to a later one, so packets come in the order of the frames and segments can be joined.
 OPTIONS = {
-    "libx264": {"preset": "medium"},
-    "libx265": {"preset": "medium", "x265-params": "log-level=none"},
+    "libx264": {"preset": "faster"},
+    "libx265": {"preset": "fast", "x265-params": "log-level=none"},
     "libvpx-vp9": {"b": "0", "deadline": "good", "cpu-used": "3", "auto-alt-ref": "0", "lag-in-frames": "0"},
     "libsvtav1": {"preset": "8", "svtav1-params": "pred-struct=1"},
 }
@@ -107,25 +108,40 @@ def encode_segment(segment: Segment) -> None:
     FileFormatError, OutputError
         If a frame cannot be decoded, or the file cannot be written.
     """
-    clip = segment.plan.clip
+    plan, pixels = segment.plan, segment.encoding.pixels
     current: Plan | None = None
     try:
-        with atomic_write(segment.output) as file, av.open(file, "w", format=CONTAINER) as container:
-            stream = add_stream(container, clip, segment.encoding)
-            for index, frame in enumerate(frames(clip, segment.first, segment.stop), segment.first):
-                share = segment.plan.shares[index]
-                if share == 0:
-                    sharp = frame.reformat(format=segment.encoding.pixels)
-                    sharp.pict_type = 0  # the encoder chooses
-                else:
-                    current = segment.plan.frame(index, current)
+        with (
+            atomic_write(segment.output) as file,
+            av.open(file, "w", format=CONTAINER) as container,
+            ThreadPoolExecutor(1) as beside,
+        ):
+            stream = add_stream(container, plan.clip, segment.encoding)
+            # A frame is encoded while the next one is deblurred; no more than one waits.
+            written: Future[list[Any]] = beside.submit(list)
+            for index, frame in enumerate(frames(plan.clip, segment.first, segment.stop), segment.first):
+                sharp, share = None, plan.shares[index]
+                if share:
+                    current = plan.frame(index, current)
                     values = values_of(frame)
-                    sharp = current.apply(values, out=np.empty_like(values)).image
-                    sharp = frame_of(_mixed(values, sharp, share), frame, segment.encoding.pixels)
-                container.mux(stream.encode(sharp))
+                    sharp = _mixed(values, current.apply(values, out=np.empty_like(values)).image, share)
+                container.mux(written.result())
+                written = beside.submit(_encoded, stream, frame, sharp, pixels)
+            container.mux(written.result())
             container.mux(stream.encode())
     except av.error.FFmpegError as error:
         raise OutputError(f"{segment.output}: cannot encode the video: {error.strerror}") from error
+
+
+def _encoded(stream: Any, frame: Any, sharp: NDArray[np.uint16] | None, pixels: str) -> list[Any]:
+    """Return the packets of a frame in the pixel format `pixels`, with the values `sharp` if it has new ones."""
+    if sharp is None:
+        frame = frame.reformat(format=pixels)
+        frame.pict_type = 0  # the encoder chooses
+    else:
+        frame = frame_of(sharp, frame, pixels)
+    packets: list[Any] = stream.encode(frame)
+    return packets
 
 
 def _mixed(values: NDArray[np.uint16], sharp: NDArray[np.uint16], share: float) -> NDArray[np.uint16]:

@@ -1,0 +1,83 @@
+"""Frames a second of a video: ``python -m benchmarks.video_speed [--size 1920x1080] [--rounds 3] [--markdown FILE]``.
+
+A simulated clip is deblurred and encoded as `rsdeblur video --all` does it in one process: decoding, PSFs of each
+frame, solve, conversions and encoder. The time of a few frames is subtracted from that of all, so that planning, the
+first frame and the start of processes do not count; a long video hardly needs them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from fractions import Fraction
+from pathlib import Path
+from statistics import median
+
+import av
+from rich.console import Console
+
+from benchmarks.burst_cost import Burst, enlarged_burst
+from benchmarks.peers import size
+from benchmarks.tables import markdown, write
+from rsdeblur import Camera, Options
+from rsdeblur.choices import Quality
+from rsdeblur.video.clip import open_clip
+from rsdeblur.video.plan import ClipPlan, plan_clip
+from rsdeblur.video.segments import Encoding, Segment, encode_segment
+
+# Frames of the clip, and those whose time is subtracted; strength of the shake.
+FRAMES, FEW, STRENGTH = 14, 4, 0.2
+QUALITIES: tuple[Quality, ...] = ("fast", "balanced")
+
+
+def film(burst: Burst, path: Path) -> None:
+    """Store the frames of a burst as a video of H.264, hardly compressed."""
+    frames, _, camera, _ = burst
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=Fraction(10), options={"crf": "10", "preset": "fast"})
+        stream.width, stream.height, stream.pix_fmt = camera.width, camera.height, "yuv420p"
+        for frame in frames:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(frame)))
+        container.mux(stream.encode())
+
+
+def seconds_per_frame(plan: ClipPlan, folder: Path) -> float:
+    """Return the time of a frame beyond the first ones."""
+    times = []
+    for count in (FEW, FRAMES):
+        begin = time.perf_counter()
+        encode_segment(Segment(plan, 0, count, Encoding.like(plan.clip), folder / "segment.mkv"))
+        times.append(time.perf_counter() - begin)
+    return (times[1] - times[0]) / (FRAMES - FEW)
+
+
+def main() -> None:
+    """Run the benchmark and print its table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--size", type=size, default=(1920, 1080), help="width x height of the frames (1920x1080)")
+    parser.add_argument("--rounds", type=int, default=3, help="times that each quality is measured (3)")
+    parser.add_argument("--markdown", type=Path, help="write the table as Markdown")
+    options = parser.parse_args()
+    width, height = options.size
+    burst = enlarged_burst(Camera(width, height, 1.1 * width, readout_time=0.03), FRAMES, strength=STRENGTH)
+    _, log, camera, exposures = burst
+    lines = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        film(burst, folder / "film.mp4")
+        clip = open_clip(folder / "film.mp4")
+        for quality in QUALITIES:
+            plan = plan_clip(clip, log, camera, exposures, Options(quality=quality), above=0.0)
+            seconds = median(seconds_per_frame(plan, folder) for _ in range(options.rounds))
+            grid = plan.grid
+            psfs = f"{len(grid.rows)} x {len(grid.cols)} of {grid.size[1]}x{grid.size[0]} px"
+            lines.append((f"{width}x{height}, {quality}", psfs, f"{seconds:.2f}", f"{1 / seconds:.1f}"))
+    text = markdown(("video", "PSFs (bands x strips)", "s per frame", "frames per s"), lines)
+    if options.markdown:
+        write(options.markdown, text)
+    Console(width=160, highlight=False, markup=False).print(text)
+
+
+if __name__ == "__main__":
+    main()
