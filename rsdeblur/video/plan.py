@@ -179,14 +179,15 @@ def plan_clip(
     size = (2 * (int(down) + 1 + SPARE) + 1, 2 * (int(across) + 1 + SPARE) + 1)
     good = measures[:, 0].astype(int)
     # Frames spread over the video decide the strengths, and those with the fastest change the number of tiles.
-    decisive = {*_spread(good, SAMPLE_FRAMES), *good[measures[:, 4:].argmax(axis=0)].tolist()}
+    spread = _spread(good, SAMPLE_FRAMES)
     samples: list[Plan] = []
     checks: list[QualityCheck | None] = []
-    for i in sorted(decisive):
+    for i in sorted({*spread, *good[measures[:, 4:].argmax(axis=0)].tolist()}):
         report_progress(f"sample frame {i}", 1.0)
         values = _values(clip, i)
         samples.append(plan(log, camera, exposures[i], options).prepare(values))
-        checks.append(samples[-1].apply(values).check)
+        if options.check and i in spread:
+            checks.append(samples[-1].apply(values).check)
     _warn_of_bad(checks, clip)
     grids = [sample.grid for sample in samples if sample.grid is not None]
     rows, cols = (max((getattr(grid, axis) for grid in grids), key=len) for axis in ("rows", "cols"))

@@ -255,10 +255,11 @@ def test_borders_that_photos_take_work_for_videos(run: Run, here: None, movie: M
     assert out.is_file()
 
 
-def test_a_clip_is_planned_with_the_documented_defaults(movie: Movie) -> None:
+def test_a_clip_is_planned_with_the_documented_defaults(movie: Movie, monkeypatch: pytest.MonkeyPatch) -> None:
     from rsdeblur.errors import InputError
     from rsdeblur.io import read_camera, read_gyro
     from rsdeblur.pipeline.options import Options
+    from rsdeblur.pipeline.plan import Plan
     from rsdeblur.video.clip import open_clip
     from rsdeblur.video.plan import plan_clip
 
@@ -274,6 +275,10 @@ def test_a_clip_is_planned_with_the_documented_defaults(movie: Movie) -> None:
     for options in (Options(normalize=True), Options(saturation="auto"), Options(fallback=True), Options(max_memory=1)):
         with pytest.raises(InputError, match=r"would make a video flicker|is for single pictures"):
             plan_clip(*inputs, options)
+    assert shared.check is not None
+    # Without the check, planning deblurs nothing.
+    monkeypatch.setattr(Plan, "apply", None)
+    assert plan_clip(*inputs, Options(quality="fast", check=False)).check is None
 
 
 def test_an_interrupted_video_continues_to_the_same_file(
