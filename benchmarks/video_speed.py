@@ -1,4 +1,4 @@
-"""Frames a second of a video: ``python -m benchmarks.video_speed [--size 1920x1080] [--rounds 3] [--markdown FILE]``.
+"""Frames a second of a video: ``python -m benchmarks.video_speed [--size 1920x1080] [--strength 0.2] [--rounds 3]``.
 
 A simulated clip is deblurred and encoded as `rsdeblur video --all` does it in one process: decoding, PSFs of each
 frame, solve, conversions and encoder. The time of a few frames is subtracted from that of all, so that planning, the
@@ -26,8 +26,8 @@ from rsdeblur.video.clip import open_clip
 from rsdeblur.video.plan import ClipPlan, plan_clip
 from rsdeblur.video.segments import Encoding, Segment, encode_segment
 
-# Frames of the clip, and those whose time is subtracted; strength of the shake.
-FRAMES, FEW, STRENGTH = 14, 4, 0.2
+# Frames of the clip, and those whose time is subtracted.
+FRAMES, FEW = 14, 4
 QUALITIES: tuple[Quality, ...] = ("fast", "balanced")
 
 
@@ -56,11 +56,12 @@ def main() -> None:
     """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", type=size, default=(1920, 1080), help="width x height of the frames (1920x1080)")
+    parser.add_argument("--strength", type=float, default=0.2, help="strength of the shake (0.2)")
     parser.add_argument("--rounds", type=int, default=3, help="times that each quality is measured (3)")
     parser.add_argument("--markdown", type=Path, help="write the table as Markdown")
     options = parser.parse_args()
     width, height = options.size
-    burst = enlarged_burst(Camera(width, height, 1.1 * width, readout_time=0.03), FRAMES, strength=STRENGTH)
+    burst = enlarged_burst(Camera(width, height, 1.1 * width, readout_time=0.03), FRAMES, strength=options.strength)
     _, log, camera, exposures = burst
     lines = []
     with tempfile.TemporaryDirectory() as name:

@@ -89,7 +89,7 @@ def test_chunks_give_the_picture_that_is_solved_whole(capture, log, planned, nam
     # the chunk.
     inside = np.s_[60:-60, 24:-24]
     change, error = (np.sqrt(np.mean((image - whole.image)[inside] ** 2)) for image in (capture.blurred, sliced.image))
-    assert error < 0.035 * change
+    assert error < (0.035 if name == "banded wavelet" else 0.03) * change
 
 
 def test_more_memory_means_fewer_chunks(capture, log, planned):
