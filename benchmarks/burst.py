@@ -267,7 +267,7 @@ def cases(*, quick: bool) -> Iterator[Case]:
     if not quick:
         kinds += [replace(four, frames=count, decibels=35) for count in (4, 2, 8)]
         default = replace(four, mode="auto", prior="hyper-laplacian")
-        kinds += [replace(default, frames=count) for count in (2, 4, 8)]
+        kinds += [replace(default, frames=count, decibels=noise) for noise in (40, 35) for count in (2, 4, 8)]
         kinds += [replace(default, kind=kind) for kind in CHANGES]
         defaults = (default, replace(default, kind="pair", frames=2))
         kinds += [defaults[1], *(replace(case, wrong=True) for case in defaults)]

@@ -120,7 +120,7 @@ def row_paths(case: Case) -> BlurPaths:
 
 def one_block(paths: BlurPaths, length: int) -> tuple[Job, float]:
     """Return a job that solves 16 frequencies on one thread, and its floating-point operations."""
-    strip = StripBlur.from_paths(paths, 0, *latent_rows(paths))
+    strip = StripBlur.from_frames([paths], [1.0], 0, *latent_rows(paths))
     workspace = np.empty(strip.workspace_size(solve=True), dtype=np.float32)
     table, ridge = strip.table(1, length), np.full(LANES, NSR, dtype=np.float32)
     data = np.ones((3, strip.rows, 2, LANES), dtype=np.float32)

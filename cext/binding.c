@@ -300,7 +300,10 @@ static PyMethodDef methods[] = {
     {"rowwise_forward", rsd_bind_rowwise_forward, METH_VARARGS, rowwise_doc},
     {"rowwise_adjoint", rsd_bind_rowwise_adjoint, METH_VARARGS, rowwise_doc},
     {"rowwise_solve", rsd_bind_rowwise_solve, METH_VARARGS, rowwise_doc},
+    {"rowwise_assemble", rsd_bind_rowwise_assemble, METH_VARARGS, rowwise_doc},
+    {"rowwise_solve_assembled", rsd_bind_rowwise_solve_assembled, METH_VARARGS, rowwise_doc},
     {"rowwise_workspace", rsd_bind_rowwise_workspace, METH_VARARGS, rowwise_doc},
+    {"rowwise_assembled_size", rsd_bind_rowwise_assembled_size, METH_VARARGS, rowwise_doc},
     {NULL, NULL, 0, NULL},
 };
 

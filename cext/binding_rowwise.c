@@ -10,8 +10,11 @@ static const rsd_spec model_arrays[OWN] = {
     {"tap_start", INT32, 1, false}, {"tap_shift", INT32, 1, false},  {"tap_weight", FLOAT32, 1, false},
     {"table", FLOAT32, 3, false},
 };
-/* Positions of the kernel's own arrays; only `solve` takes all of them. */
+/* Positions of the kernel's own arrays: of the blur, its adjoint and `solve`, which alone takes RIDGE; of `assemble`; and
+ * of `solve_assembled`. */
 enum { DATA = OWN, LATENT, WORKSPACE, RIDGE, MOST };
+enum { NORMAL = OWN, NORMAL_WORKSPACE, MOST_OF_ASSEMBLE };
+enum { SOLVE_NORMAL = OWN, SOLVE_LATENT, SOLVE_WORKSPACE, SOLVE_RIDGE };
 
 static bool acquire(PyObject **objects, Py_buffer *views, const rsd_spec *own, int count)
 {
@@ -60,6 +63,27 @@ static const char *as_model(const Py_buffer *views, size_t rows, rsd_rowwise_mod
     return NULL;
 }
 
+/* Return NULL if the model is valid and a workspace is large enough for it, else a message. */
+static const char *check_workspace(const Py_buffer *workspace, const rsd_rowwise_model *model, int solve)
+{
+    const size_t floats = rsd_rowwise_workspace(model, solve);
+    if (floats == 0 && model->blocks > 0)
+        return rsd_status_message(RSD_MODEL);
+    if ((size_t)workspace->shape[0] < floats)
+        return "workspace is too small; rowwise_workspace returns the size that it needs";
+    return NULL;
+}
+
+/* Return NULL if the views from `first` to `last` overlap none before them, else a message. */
+static const char *check_apart(const Py_buffer *views, int first, int last, const char *message)
+{
+    for (int a = first; a <= last; a++)
+        for (int b = 0; b < a; b++)
+            if (rsd_overlap(&views[a], &views[b]))
+                return message;
+    return NULL;
+}
+
 /* Return NULL if data, latent and workspace fit the model and each other, else a message. */
 static const char *check_own(const Py_buffer *views, const rsd_rowwise_model *model, int solve)
 {
@@ -70,16 +94,10 @@ static const char *check_own(const Py_buffer *views, const rsd_rowwise_model *mo
         return "data and latent must have the same channels";
     if ((size_t)latent[1] != RSD_BLOCK * model->blocks)
         return "latent must have three rows per block";
-    const size_t floats = rsd_rowwise_workspace(model, solve);
-    if (floats == 0 && model->blocks > 0)
-        return rsd_status_message(RSD_MODEL);
-    if ((size_t)views[WORKSPACE].shape[0] < floats)
-        return "workspace is too small; rowwise_workspace returns the size that it needs";
-    for (int a = DATA; a <= WORKSPACE; a++)
-        for (int b = 0; b < a; b++)
-            if (rsd_overlap(&views[a], &views[b]))
-                return "data, latent and workspace must not overlap anything";
-    return NULL;
+    const char *refusal = check_workspace(&views[WORKSPACE], model, solve);
+    if (refusal != NULL)
+        return refusal;
+    return check_apart(views, DATA, WORKSPACE, "data, latent and workspace must not overlap anything");
 }
 
 typedef rsd_status (*operator)(const rsd_rowwise_model *, const float *, const float *, float *, size_t, float *);
@@ -154,22 +172,102 @@ PyObject *rsd_bind_rowwise_solve(PyObject *module, PyObject *args)
     return conclude(refusal, status);
 }
 
-/* Return the floats of workspace that a model needs, for solving (`solve` true) or for the other kernels. */
-PyObject *rsd_bind_rowwise_workspace(PyObject *module, PyObject *args)
+PyObject *rsd_bind_rowwise_assemble(PyObject *module, PyObject *args)
+{
+    const rsd_spec own[] = {{"normal", FLOAT32, 1, true}, {"workspace", FLOAT32, 1, true}};
+    PyObject *o[MOST];
+    Py_buffer views[MOST];
+    Py_ssize_t rows;
+    (void)module;
+    if (!PyArg_ParseTuple(args, "OOOOOOOOOn", o, o + 1, o + 2, o + 3, o + 4, o + 5, o + 6, o + 7, o + 8, &rows) ||
+        !acquire(o, views, own, MOST_OF_ASSEMBLE))
+        return NULL;
+    rsd_rowwise_model model;
+    rsd_status status = RSD_OK;
+    const char *refusal = rows < 0 ? "rows must not be negative" : as_model(views, (size_t)rows, &model);
+    if (refusal == NULL)
+        refusal = check_workspace(&views[NORMAL_WORKSPACE], &model, 1);
+    if (refusal == NULL && (size_t)views[NORMAL].shape[0] != rsd_rowwise_assembled_size(&model))
+        refusal = "normal has the wrong size; rowwise_assembled_size returns the right one";
+    if (refusal == NULL)
+        refusal = check_apart(views, NORMAL, NORMAL_WORKSPACE, "normal and workspace must not overlap anything");
+    if (refusal == NULL) {
+        Py_BEGIN_ALLOW_THREADS
+        status = rsd_rowwise_assemble(&model, views[TABLE].buf, views[NORMAL].buf, views[NORMAL_WORKSPACE].buf);
+        Py_END_ALLOW_THREADS
+    }
+    rsd_release(views, MOST_OF_ASSEMBLE);
+    return conclude(refusal, status);
+}
+
+PyObject *rsd_bind_rowwise_solve_assembled(PyObject *module, PyObject *args)
+{
+    const rsd_spec own[] = {{"normal", FLOAT32, 1, false},
+                            {"latent", FLOAT32, 4, true},
+                            {"workspace", FLOAT32, 1, true},
+                            {"ridge", FLOAT32, 1, false}};
+    PyObject *o[MOST];
+    Py_buffer views[MOST];
+    Py_ssize_t rows;
+    float smooth;
+    (void)module;
+    if (!PyArg_ParseTuple(args, "OOOOOOOOOOOnf", o, o + 1, o + 2, o + 3, o + 4, o + 5, o + 6, o + 7, o + 8, o + 9,
+                          o + 10, &rows, &smooth) ||
+        !acquire(o, views, own, MOST))
+        return NULL;
+    rsd_rowwise_model model;
+    rsd_status status = RSD_OK;
+    const char *refusal = rows < 0 ? "rows must not be negative" : as_model(views, (size_t)rows, &model);
+    const Py_ssize_t *latent = views[SOLVE_LATENT].shape;
+    if (refusal == NULL && (latent[2] != 2 || latent[3] != RSD_LANES || (size_t)latent[1] != RSD_BLOCK * model.blocks))
+        refusal = "latent must have shape (channels, 3 rows per block, 2, 16)";
+    if (refusal == NULL)
+        refusal = check_workspace(&views[SOLVE_WORKSPACE], &model, 1);
+    if (refusal == NULL && (size_t)views[SOLVE_NORMAL].shape[0] != rsd_rowwise_assembled_size(&model))
+        refusal = "normal has the wrong size; rowwise_assembled_size returns the right one";
+    if (refusal == NULL && views[SOLVE_RIDGE].shape[0] != RSD_LANES)
+        refusal = "ridge must have 16 values";
+    if (refusal == NULL)
+        refusal = check_apart(views, SOLVE_LATENT, SOLVE_RIDGE, "latent, workspace and ridge must not overlap anything");
+    if (refusal == NULL) {
+        Py_BEGIN_ALLOW_THREADS
+        status = rsd_rowwise_solve_assembled(&model, views[SOLVE_NORMAL].buf, views[SOLVE_RIDGE].buf, smooth, views[SOLVE_LATENT].buf,
+                                   (size_t)views[SOLVE_LATENT].shape[0], views[SOLVE_WORKSPACE].buf);
+        Py_END_ALLOW_THREADS
+    }
+    rsd_release(views, MOST);
+    return conclude(refusal, status);
+}
+
+/* Return the floats of a model's normal matrix, or of workspace for solving (`solve` true) or the other kernels. */
+static PyObject *sized(PyObject *args, bool normal)
 {
     PyObject *o[OWN];
     Py_buffer views[OWN];
     Py_ssize_t rows;
-    int solve;
-    (void)module;
-    if (!PyArg_ParseTuple(args, "OOOOOOOni", o, o + 1, o + 2, o + 3, o + 4, o + 5, o + 6, &rows, &solve) ||
+    int solve = 0;
+    if (!PyArg_ParseTuple(args, normal ? "OOOOOOOn" : "OOOOOOOni", o, o + 1, o + 2, o + 3, o + 4, o + 5, o + 6, &rows, &solve) ||
         !acquire(o, views, NULL, OWN))
         return NULL;
     rsd_rowwise_model model;
     const char *refusal = rows < 0 ? "rows must not be negative" : as_model(views, (size_t)rows, &model);
-    const size_t floats = refusal == NULL ? rsd_rowwise_workspace(&model, solve) : 0;
+    size_t floats = 0;
+    if (refusal == NULL)
+        floats = normal ? rsd_rowwise_assembled_size(&model) : rsd_rowwise_workspace(&model, solve);
     rsd_release(views, OWN);
     if (refusal == NULL && floats == 0)
         refusal = rsd_status_message(RSD_MODEL);
     return refusal == NULL ? PyLong_FromSize_t(floats) : conclude(refusal, RSD_OK);
+}
+
+PyObject *rsd_bind_rowwise_workspace(PyObject *module, PyObject *args)
+{
+    (void)module;
+    return sized(args, false);
+}
+
+PyObject *rsd_bind_rowwise_assembled_size(PyObject *module, PyObject *args)
+{
+    (void)module;
+    return sized(args, true);
 }

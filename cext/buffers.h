@@ -37,6 +37,9 @@ bool rsd_conclude(const char *refusal, rsd_status status);
 PyObject *rsd_bind_rowwise_forward(PyObject *module, PyObject *args);
 PyObject *rsd_bind_rowwise_adjoint(PyObject *module, PyObject *args);
 PyObject *rsd_bind_rowwise_solve(PyObject *module, PyObject *args);
+PyObject *rsd_bind_rowwise_assemble(PyObject *module, PyObject *args);
+PyObject *rsd_bind_rowwise_solve_assembled(PyObject *module, PyObject *args);
+PyObject *rsd_bind_rowwise_assembled_size(PyObject *module, PyObject *args);
 PyObject *rsd_bind_rowwise_workspace(PyObject *module, PyObject *args);
 
 #endif

@@ -62,6 +62,16 @@ size_t rsd_rowwise_workspace(const rsd_rowwise_model *model, int solve)
     return records * RSD_RECORD;
 }
 
+size_t rsd_rowwise_assembled_size(const rsd_rowwise_model *model)
+{
+    size_t tiles = 0;
+    if (!valid(model))
+        return 0;
+    for (size_t b = 0; b < model->blocks; b++)
+        tiles += b - (size_t)model->coupled[b] + 1;
+    return tiles * RSD_TILE * RSD_RECORD;
+}
+
 static const rsd_rowwise_kernels *kernels(void)
 {
 #ifdef RSD_MULTIVERSIONING
@@ -73,10 +83,10 @@ static const rsd_rowwise_kernels *kernels(void)
     return &rsd_rowwise_baseline;
 }
 
-static rsd_status check(const rsd_rowwise_model *model, const void *table, const void *data, const void *latent,
-                        size_t channels, const void *workspace)
+static rsd_status check(const rsd_rowwise_model *model, const void *a, const void *b, const void *c, size_t channels,
+                        const void *workspace)
 {
-    if (table == NULL || data == NULL || latent == NULL || workspace == NULL)
+    if (a == NULL || b == NULL || c == NULL || workspace == NULL)
         return RSD_NULL;
     if (model->rows > PTRDIFF_MAX / sizeof(float) / RSD_RECORD / channels ||
         model->blocks > PTRDIFF_MAX / sizeof(float) / RSD_RECORD / RSD_BLOCK / channels)
@@ -106,6 +116,15 @@ rsd_status rsd_rowwise_adjoint(const rsd_rowwise_model *model, const float *tabl
     return status;
 }
 
+/* Whether the gradient couples only blocks that the model couples. */
+static bool holds_gradient(const rsd_rowwise_model *model, float smooth)
+{
+    for (size_t b = 1; b < model->blocks; b++)
+        if (smooth != 0.0f && (size_t)model->coupled[b] == b)
+            return false;
+    return true;
+}
+
 rsd_status rsd_rowwise_solve(const rsd_rowwise_model *model, const float *table, const float *ridge, float smooth,
                              const float *data, float *latent, size_t channels, float *workspace)
 {
@@ -116,9 +135,32 @@ rsd_status rsd_rowwise_solve(const rsd_rowwise_model *model, const float *table,
     const rsd_status status = check(model, table, data, latent, channels, workspace);
     if (status != RSD_OK)
         return status;
-    for (size_t b = 1; b < model->blocks; b++)
-        if (smooth != 0.0f && (size_t)model->coupled[b] == b)
-            return RSD_MODEL;
-    kernels()->solve(model, table, ridge, smooth, data, latent, channels, workspace);
+    if (!holds_gradient(model, smooth))
+        return RSD_MODEL;
+    kernels()->solve(model, table, NULL, ridge, smooth, data, latent, channels, workspace);
+    return RSD_OK;
+}
+
+rsd_status rsd_rowwise_assemble(const rsd_rowwise_model *model, const float *table, float *normal, float *workspace)
+{
+    if (model->rows == 0 || model->blocks == 0)
+        return RSD_OK;
+    const rsd_status status = check(model, table, normal, normal, 1, workspace);
+    if (status == RSD_OK)
+        kernels()->assemble(model, table, normal, workspace);
+    return status;
+}
+
+rsd_status rsd_rowwise_solve_assembled(const rsd_rowwise_model *model, const float *normal, const float *ridge,
+                                       float smooth, float *latent, size_t channels, float *workspace)
+{
+    if (channels == 0 || model->rows == 0 || model->blocks == 0)
+        return RSD_OK;
+    const rsd_status status = check(model, normal, ridge, latent, channels, workspace);
+    if (status != RSD_OK)
+        return status;
+    if (!holds_gradient(model, smooth))
+        return RSD_MODEL;
+    kernels()->solve(model, NULL, normal, ridge, smooth, NULL, latent, channels, workspace);
     return RSD_OK;
 }

@@ -4,13 +4,18 @@
 
 #include "rsdeblur_kernels.h"
 
+/* Records of one tile of the normal matrix. */
+#define RSD_TILE (RSD_BLOCK * RSD_BLOCK)
+
 typedef struct {
     void (*forward)(const rsd_rowwise_model *, const float *table, const float *latent, float *data, size_t channels,
                     float *workspace);
     void (*adjoint)(const rsd_rowwise_model *, const float *table, const float *data, float *latent, size_t channels,
                     float *workspace);
-    void (*solve)(const rsd_rowwise_model *, const float *table, const float *ridge, float smooth, const float *data,
-                  float *latent, size_t channels, float *workspace);
+    void (*assemble)(const rsd_rowwise_model *, const float *table, float *normal, float *workspace);
+    /* Either with `table` and `data`, or with `normal`; the others are NULL. */
+    void (*solve)(const rsd_rowwise_model *, const float *table, const float *normal, const float *ridge, float smooth,
+                  const float *data, float *latent, size_t channels, float *workspace);
 } rsd_rowwise_kernels;
 
 extern const rsd_rowwise_kernels rsd_rowwise_baseline;

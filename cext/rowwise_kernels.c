@@ -249,22 +249,44 @@ INLINE void divide(cvec sum[RSD_BLOCK][RSD_BLOCK], const float *diagonal, size_t
     }
 }
 
-/* Add N[J, I] to `sum`, less the products of the columns of L before I. */
-INLINE void remainder_tile(cvec sum[RSD_BLOCK][RSD_BLOCK], const system *s, size_t J, size_t I, size_t lane)
+/* Add A^H A [J, I], computed from the columns of A, to `sum`. */
+INLINE void add_product(cvec sum[RSD_BLOCK][RSD_BLOCK], const system *s, size_t J, size_t I, size_t lane)
 {
     const rsd_rowwise_model *m = s->model;
+    /* The picture rows that see both. */
     const size_t first = larger((size_t)m->row_first[J], (size_t)m->row_first[I]);
     const size_t end = (size_t)(m->row_end[J] < m->row_end[I] ? m->row_end[J] : m->row_end[I]);
-    const size_t k = RSD_BLOCK * larger((size_t)m->coupled[J], (size_t)m->coupled[I]);
     if (first < end)
         multiply(sum, columns_of(s, J, first) + lane, s->columns_stride, columns_of(s, I, first) + lane,
                  s->columns_stride, end - first, RSD_BLOCK, 0);
+}
+
+/* Add N[J, I] to `sum`, less the products of the columns of L before I; `tile` is A^H A [J, I], or NULL. */
+INLINE void remainder_tile(cvec sum[RSD_BLOCK][RSD_BLOCK], const system *s, size_t J, size_t I, const float *tile,
+                           size_t lane)
+{
+    const size_t k = RSD_BLOCK * larger((size_t)s->model->coupled[J], (size_t)s->model->coupled[I]);
+    if (tile == NULL)
+        add_product(sum, s, J, I, lane);
+    else
+        for (size_t r = 0; r < RSD_BLOCK; r++)
+            for (size_t c = 0; c < RSD_BLOCK; c++) {
+                const cvec value = load(tile + (r * RSD_BLOCK + c) * RSD_RECORD + lane);
+                sum[r][c].re += value.re;
+                sum[r][c].im += value.im;
+            }
     if (k < RSD_BLOCK * I)
         multiply(sum, factor_of(s, J, k) + lane, s->factor_stride, factor_of(s, I, k) + lane, s->factor_stride,
                  RSD_BLOCK * I - k, RSD_BLOCK, 1);
 }
 
-static void off_diagonal(const system *s, size_t J, size_t I, float smooth)
+/* A tile of the assembled normal matrix, or NULL without one. */
+static const float *tile_of(const float *normal, size_t tile)
+{
+    return normal == NULL ? NULL : normal + tile * RSD_TILE * RSD_RECORD;
+}
+
+static void off_diagonal(const system *s, size_t J, size_t I, const float *tile, float smooth)
 {
     float *const out = factor_of(s, J, RSD_BLOCK * I);
     for (size_t lane = 0; lane < RSD_LANES; lane += WIDTH) {
@@ -272,7 +294,7 @@ static void off_diagonal(const system *s, size_t J, size_t I, float smooth)
         memset(sum, 0, sizeof sum);
         if (I + 1 == J)
             sum[0][RSD_BLOCK - 1].re -= smooth;
-        remainder_tile(sum, s, J, I, lane);
+        remainder_tile(sum, s, J, I, tile, lane);
         divide(sum, factor_of(s, I, RSD_BLOCK * I) + lane, s->factor_stride, RSD_BLOCK);
         for (size_t r = 0; r < RSD_BLOCK; r++)
             for (size_t c = 0; c < RSD_BLOCK; c++)
@@ -291,7 +313,7 @@ INLINE vec inverse_root(vec x, const float *ridge)
     return x;
 }
 
-static void on_diagonal(const system *s, size_t J, const float *ridge, float smooth)
+static void on_diagonal(const system *s, size_t J, const float *tile, const float *ridge, float smooth)
 {
     float *const out = factor_of(s, J, RSD_BLOCK * J);
     const size_t last = s->model->blocks * RSD_BLOCK - 1;
@@ -304,7 +326,7 @@ static void on_diagonal(const system *s, size_t J, const float *ridge, float smo
             if (r > 0)
                 sum[r][r - 1].re -= smooth;
         }
-        remainder_tile(sum, s, J, J, lane);
+        remainder_tile(sum, s, J, J, tile, lane);
         for (size_t c = 0; c < RSD_BLOCK; c++) {
             for (size_t q = 0; q < c; q++)
                 for (size_t r = c; r < RSD_BLOCK; r++)
@@ -322,7 +344,7 @@ static void on_diagonal(const system *s, size_t J, const float *ridge, float smo
     }
 }
 
-/* Replace the right-hand side by z in block J of `channels` planes, at most 3. */
+/* Replace the right-hand side, which lacks A^H data unless `data` is NULL, by z in block J of 1 to 3 planes. */
 INLINE void substitute_forward(const system *s, size_t J, const float *data, float *z, const size_t channels)
 {
     const rsd_rowwise_model *m = s->model;
@@ -334,8 +356,9 @@ INLINE void substitute_forward(const system *s, size_t J, const float *data, flo
         for (size_t c = 0; c < channels; c++)
             for (size_t r = 0; r < RSD_BLOCK; r++)
                 sum[c][r] = load(z + c * z_plane + (j + r) * RSD_RECORD + lane);
-        multiply(sum, data + first * RSD_RECORD + lane, plane, columns_of(s, J, first) + lane, s->columns_stride, rows,
-                 channels, 0);
+        if (data != NULL)
+            multiply(sum, data + first * RSD_RECORD + lane, plane, columns_of(s, J, first) + lane, s->columns_stride,
+                     rows, channels, 0);
         multiply(sum, z + k * RSD_RECORD + lane, z_plane, factor_of(s, J, k) + lane, s->factor_stride, j - k, channels,
                  1);
         divide(sum, factor_of(s, J, j) + lane, s->factor_stride, channels);
@@ -369,34 +392,67 @@ INLINE void substitute_back(const system *s, size_t J, float *z, const size_t ch
     }
 }
 
-static void solve(const rsd_rowwise_model *model, const float *table, const float *ridge, float smooth,
-                  const float *data, float *latent, size_t channels, float *workspace)
+static system system_in(const rsd_rowwise_model *model, float *workspace)
 {
     const size_t window = rsd_rowwise_window(model), reach = rsd_rowwise_reach(model);
-    const system s = {model,
-                      workspace,
-                      window,
-                      reach * RSD_RECORD,
-                      workspace + window * RSD_BLOCK * reach * RSD_RECORD,
-                      window * RSD_BLOCK * RSD_RECORD};
-    const size_t data_plane = model->rows * RSD_RECORD, plane = model->blocks * RSD_BLOCK * RSD_RECORD;
+    return (system){model,
+                    workspace,
+                    window,
+                    reach * RSD_RECORD,
+                    workspace + window * RSD_BLOCK * reach * RSD_RECORD,
+                    window * RSD_BLOCK * RSD_RECORD};
+}
+
+/* Compute the columns of A of block J. */
+static void fill_columns(const system *s, const float *table, size_t J, const int32_t *start)
+{
+    fill(s->columns + J % s->window * RSD_BLOCK * s->columns_stride, s->columns_stride, s->model, table, J, start);
+}
+
+static void assemble(const rsd_rowwise_model *model, const float *table, float *normal, float *workspace)
+{
+    const system s = system_in(model, workspace);
     const int32_t *start = model->tap_start;
     for (size_t J = 0; J < model->blocks; start += pairs(model, J++)) {
-        fill(s.columns + J % window * RSD_BLOCK * s.columns_stride, s.columns_stride, model, table, J, start);
+        fill_columns(&s, table, J, start);
+        for (size_t I = (size_t)model->coupled[J]; I <= J; I++, normal += RSD_TILE * RSD_RECORD)
+            for (size_t lane = 0; lane < RSD_LANES; lane += WIDTH) {
+                cvec sum[RSD_BLOCK][RSD_BLOCK];
+                memset(sum, 0, sizeof sum);
+                add_product(sum, &s, J, I, lane);
+                for (size_t r = 0; r < RSD_BLOCK; r++)
+                    for (size_t c = 0; c < RSD_BLOCK; c++)
+                        store(normal + (r * RSD_BLOCK + c) * RSD_RECORD + lane, sum[r][c]);
+            }
+    }
+}
+
+static void solve(const rsd_rowwise_model *model, const float *table, const float *normal, const float *ridge,
+                  float smooth, const float *data, float *latent, size_t channels, float *workspace)
+{
+    const system s = system_in(model, workspace);
+    const size_t data_plane = model->rows * RSD_RECORD, plane = model->blocks * RSD_BLOCK * RSD_RECORD;
+    const int32_t *start = model->tap_start;
+    size_t tile = 0;
+    for (size_t J = 0; J < model->blocks; start += pairs(model, J++)) {
+        if (normal == NULL)
+            fill_columns(&s, table, J, start);
         for (size_t I = (size_t)model->coupled[J]; I < J; I++)
-            off_diagonal(&s, J, I, smooth);
-        on_diagonal(&s, J, ridge, smooth);
-        for (size_t c = 0; c < channels; c += RSD_BLOCK)
+            off_diagonal(&s, J, I, tile_of(normal, tile++), smooth);
+        on_diagonal(&s, J, tile_of(normal, tile++), ridge, smooth);
+        for (size_t c = 0; c < channels; c += RSD_BLOCK) {
+            const float *const plane_data = data == NULL ? NULL : data + c * data_plane;
             switch (channels - c) {
             case 1:
-                substitute_forward(&s, J, data + c * data_plane, latent + c * plane, 1);
+                substitute_forward(&s, J, plane_data, latent + c * plane, 1);
                 break;
             case 2:
-                substitute_forward(&s, J, data + c * data_plane, latent + c * plane, 2);
+                substitute_forward(&s, J, plane_data, latent + c * plane, 2);
                 break;
             default:
-                substitute_forward(&s, J, data + c * data_plane, latent + c * plane, 3);
+                substitute_forward(&s, J, plane_data, latent + c * plane, 3);
             }
+        }
     }
     for (size_t J = model->blocks; J-- > 0;)
         for (size_t c = 0; c < channels; c += RSD_BLOCK)
@@ -412,4 +468,4 @@ static void solve(const rsd_rowwise_model *model, const float *table, const floa
             }
 }
 
-const rsd_rowwise_kernels LEVEL = {forward, adjoint, solve};
+const rsd_rowwise_kernels LEVEL = {forward, adjoint, assemble, solve};

@@ -124,8 +124,13 @@ typedef struct {
     const float *tap_weight;            /* taps */
 } rsd_rowwise_model;
 
-/* Return the floats of workspace that rsd_rowwise_solve (if `solve`) or the others need; 0 if the model is invalid. */
+/*
+ * Return the floats of workspace that rsd_rowwise_forward and rsd_rowwise_adjoint need, or (if `solve`) the others; 0 if
+ * the model is invalid.
+ */
 size_t rsd_rowwise_workspace(const rsd_rowwise_model *model, int solve);
+/* Return the floats of the assembled normal matrix A^H A; 0 if the model is invalid. */
+size_t rsd_rowwise_assembled_size(const rsd_rowwise_model *model);
 
 /*
  * Compute data[c] = A latent[c], or the adjoint latent[c] = A^H data[c].
@@ -148,5 +153,18 @@ rsd_status rsd_rowwise_adjoint(const rsd_rowwise_model *model, const float *tabl
  */
 rsd_status rsd_rowwise_solve(const rsd_rowwise_model *model, const float *table, const float *ridge, float smooth,
                              const float *data, float *latent, size_t channels, float *workspace);
+
+/*
+ * Assemble the normal matrix A^H A, which does not depend on a picture: for each block J and each block I from coupled[J]
+ * to J nine records, the conjugates of the values at the rows of J (outer) and the columns of I.
+ */
+rsd_status rsd_rowwise_assemble(const rsd_rowwise_model *model, const float *table, float *normal, float *workspace);
+
+/*
+ * Solve (A^H A + diag(ridge) + smooth D^T D) u = latent with the assembled normal matrix; see rsd_rowwise_solve. That
+ * pays where the matrix is used again and has many more rows of pictures than of u, as with several pictures.
+ */
+rsd_status rsd_rowwise_solve_assembled(const rsd_rowwise_model *model, const float *normal, const float *ridge,
+                                       float smooth, float *latent, size_t channels, float *workspace);
 
 #endif

@@ -107,13 +107,10 @@ class PsfBank:
             Bank with one kernel per path.
         """
         validate.instance("paths", paths, BlurPaths)
-        # Bilinear weights reach the pixel beyond the last one; kernels are cut off where the Gaussian is.
-        half_height, half_width = (int(np.floor(reach)) + 1 for reach in paths.extent)
+        height, width = size_of(paths)
         bands, strips, samples, _ = paths.displacements.shape
         flat = np.ascontiguousarray(paths.displacements.reshape(bands * strips, samples, 2))
-        kernels = rasterize(flat, half_height, half_width, threads).reshape(
-            bands, strips, 2 * half_height + 1, 2 * half_width + 1
-        )
+        kernels = rasterize(flat, height // 2, width // 2, threads).reshape(bands, strips, height, width)
         if paths.softness > 0:
             radius = int(np.ceil(3 * paths.softness))
             kernels = gaussian_filter(kernels, paths.softness, mode="constant", radius=radius, axes=(2, 3))
@@ -303,6 +300,13 @@ def kernel_sheet(bank: PsfBank) -> NDArray[np.float32]:
     shown[:, :, [0, -1]] = shown[..., [0, -1]] = FRAME
     sheet: NDArray[np.float32] = shown.transpose(0, 2, 1, 3).reshape(len(shown) * shown.shape[2], -1)
     return sheet
+
+
+def size_of(paths: BlurPaths) -> tuple[int, int]:
+    """Return the height and width in px of the PSFs of paths."""
+    # Bilinear weights reach the pixel beyond the last one; kernels are cut off where the Gaussian is.
+    height, width = (2 * (int(np.floor(reach)) + 1) + 1 for reach in paths.extent)
+    return height, width
 
 
 def tile_centres(tiles: int, length: int) -> FloatArray:

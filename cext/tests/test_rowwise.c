@@ -175,7 +175,8 @@ static void test_operators(size_t rows, size_t tallest, size_t channels)
 }
 
 /* The residual of the normal equations must vanish. */
-static void test_solve(size_t rows, size_t tallest, size_t channels, float smooth)
+/* `assembled`: with the assembled normal matrix. */
+static void test_solve(size_t rows, size_t tallest, size_t channels, float smooth, int assembled)
 {
     const blur b = make_blur(rows, tallest);
     const size_t plane = rows * RSD_RECORD, latent_plane = b.latents * RSD_RECORD, n = b.latents;
@@ -186,7 +187,17 @@ static void test_solve(size_t rows, size_t tallest, size_t channels, float smoot
     for (size_t i = 0; i < RSD_LANES; i++)
         ridge[i] = 0.1f + 0.01f * (float)i;
     float *workspace = noise(rsd_rowwise_workspace(&b.model, 1), draw(1u << 20));
-    level->solve(&b.model, b.table, ridge, smooth, data, u, channels, workspace);
+    if (assembled) {
+        float *normal = noise(rsd_rowwise_assembled_size(&b.model), draw(1u << 20));
+        float *sent = allocate(channels * latent_plane, sizeof *sent);
+        level->adjoint(&b.model, b.table, data, sent, channels, workspace);
+        for (size_t i = 0; i < channels * latent_plane; i++)
+            u[i] += sent[i];
+        level->assemble(&b.model, b.table, normal, workspace);
+        level->solve(&b.model, NULL, normal, ridge, smooth, NULL, u, channels, workspace);
+        free(normal), free(sent);
+    } else
+        level->solve(&b.model, b.table, NULL, ridge, smooth, data, u, channels, workspace);
     double *blurred = allocate(2 * rows, sizeof *blurred), *back = allocate(2 * n, sizeof *back);
     float *rest = allocate(plane, sizeof *rest);
     for (size_t lane = 0; lane < RSD_LANES; lane += 3) {
@@ -229,6 +240,14 @@ static void test_refusals(void)
     CHECK(rsd_rowwise_forward(&b.model, b.table, latent, data, 1, workspace) == RSD_OK);
     CHECK(rsd_rowwise_adjoint(&b.model, b.table, data, latent, 1, workspace) == RSD_OK);
     CHECK(rsd_rowwise_solve(&b.model, b.table, ridge, 0, data, latent, 1, workspace) == RSD_OK);
+    float *normal = noise(rsd_rowwise_assembled_size(&b.model), draw(1u << 20));
+    CHECK(rsd_rowwise_assemble(&b.model, b.table, normal, workspace) == RSD_OK);
+    CHECK(rsd_rowwise_solve_assembled(&b.model, normal, ridge, 0, latent, 1, workspace) == RSD_OK);
+    CHECK(rsd_rowwise_assemble(&b.model, b.table, NULL, workspace) == RSD_NULL);
+    CHECK(rsd_rowwise_solve_assembled(&b.model, NULL, ridge, 0, latent, 1, workspace) == RSD_NULL);
+    CHECK(rsd_rowwise_solve_assembled(&b.model, normal, NULL, 0, latent, 1, workspace) == RSD_NULL);
+    CHECK(rsd_rowwise_solve_assembled(&b.model, normal, ridge, 0, latent, SIZE_MAX / 8, workspace) == RSD_SIZE);
+    CHECK(rsd_rowwise_solve_assembled(&b.model, normal, ridge, 0, latent, 0, NULL) == RSD_OK);
     CHECK(rsd_rowwise_forward(&b.model, NULL, latent, data, 1, workspace) == RSD_NULL);
     CHECK(rsd_rowwise_adjoint(&b.model, b.table, data, NULL, 1, workspace) == RSD_NULL);
     CHECK(rsd_rowwise_solve(&b.model, b.table, NULL, 0, data, latent, 1, workspace) == RSD_NULL);
@@ -236,11 +255,14 @@ static void test_refusals(void)
     CHECK(rsd_rowwise_solve(&b.model, b.table, ridge, 0, data, latent, 0, NULL) == RSD_OK);
     b.tap_shift[0] = PHASES;
     CHECK(rsd_rowwise_solve(&b.model, b.table, ridge, 0, data, latent, 1, workspace) == RSD_MODEL);
+    CHECK(rsd_rowwise_assemble(&b.model, b.table, normal, workspace) == RSD_MODEL);
+    CHECK(rsd_rowwise_solve_assembled(&b.model, normal, ridge, 0, latent, 1, workspace) == RSD_MODEL);
     CHECK(rsd_rowwise_workspace(&b.model, 1) == 0);
+    CHECK(rsd_rowwise_assembled_size(&b.model) == 0);
     b.tap_shift[0] = 0;
     b.row_end[0] = 7;
     CHECK(rsd_rowwise_forward(&b.model, b.table, latent, data, 1, workspace) == RSD_MODEL);
-    free(data), free(latent), free(workspace);
+    free(data), free(latent), free(workspace), free(normal);
     free_blur(b);
 }
 
@@ -250,12 +272,16 @@ static void test_level(const char *name, const rsd_rowwise_kernels *kernels)
     /* Channels on both sides of the block of three, windows of one block and of many. */
     for (size_t channels = 1; channels <= 4; channels++) {
         test_operators(9, 4, channels);
-        test_solve(9, 4, channels, 0.0f);
-        test_solve(14, 7, channels, 0.5f);
+        for (int assembled = 0; assembled < 2; assembled++)
+            test_solve(9, 4, channels, 0.0f, assembled);
+        for (int assembled = 0; assembled < 2; assembled++)
+            test_solve(14, 7, channels, 0.5f, assembled);
     }
     test_operators(30, 13, 3);
-    test_solve(30, 13, 3, 0.0f);
-    test_solve(5, 1, 3, 0.3f);
+    for (int assembled = 0; assembled < 2; assembled++)
+        test_solve(30, 13, 3, 0.0f, assembled);
+    for (int assembled = 0; assembled < 2; assembled++)
+        test_solve(5, 1, 3, 0.3f, assembled);
     printf("rowwise kernels (%s): %d failures\n", name, failures);
 }
 

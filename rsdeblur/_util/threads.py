@@ -8,10 +8,12 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager
-from typing import Any
+from typing import Any, TypeVar
 from weakref import WeakSet
 
 from rsdeblur._util import validate
+
+Result = TypeVar("Result")
 
 # Parts per thread of a range that is cut into equal parts: some parts take longer than others.
 PARTS = 4
@@ -90,6 +92,17 @@ def share(work: Callable[[int, int], None], tasks: Sequence[int], threads: int |
         return
     with _pool(threads) as pool:
         _share(pool, threads, work, tasks)
+
+
+def share_map(function: Callable[[int], Result], count: int, threads: int | None) -> list[Result]:
+    """Return `function(n)` for every n of `range(count)`, computed by threads as in :func:`share`."""
+    results: dict[int, Result] = {}
+
+    def work(_: int, n: int) -> None:
+        results[n] = function(n)
+
+    share(work, range(count), threads)
+    return [results[n] for n in range(count)]
 
 
 def share_range(work: Callable[[int, int], None], count: int, threads: int | None) -> None:

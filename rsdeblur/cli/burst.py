@@ -23,7 +23,7 @@ from rsdeblur.cli._inputs import (
     transfer_of,
     unit_range,
 )
-from rsdeblur.cli._items import read_items
+from rsdeblur.cli._items import numbered_from_option, read_items
 from rsdeblur.cli._options import Defaults, Recording, Target
 from rsdeblur.cli._output import check_page, prepare_folder, print_json, progress, refuse_inputs, say, say_aside
 from rsdeblur.cli._photo import facts_of
@@ -89,6 +89,7 @@ class FramesType(click.ParamType[list[int]]):
 @click.option("--weights", type=_options.PATH, metavar="PNG", help="Write the weights of the frames, side by side.")
 @click.option("--report", type=_options.PATH, metavar="HTML", help="Also write a page that shows result and weights.")
 @_options.clip_options(required=False)
+@numbered_from_option
 @click.option(
     "--mode",
     type=click.Choice(("auto", *choices.MODES)),
@@ -105,6 +106,7 @@ def command(
     reference: int | None,
     weights: Path | None,
     report: Path | None,
+    numbered_from: int | None,
     mode: Mode | Auto,
     recording: Recording,
     options: Options,
@@ -124,8 +126,10 @@ def command(
         raise click.UsageError("give either photos or --from VIDEO")
     if photos and all(photo.is_dir() for photo in photos):
         if not frames and reference is None and weights is None and report is None:
-            return _folders(photos, recording, mode, options, target)
+            return _folders(photos, numbered_from, recording, mode, options, target)
         raise click.UsageError("folders have no --frames, --reference, --weights or --report")
+    if numbered_from is not None:
+        raise click.UsageError("--numbered-from is for folders; --frames says which frames the photos are")
     for name in ("gyro", "camera"):
         if getattr(recording, name) is None:
             raise click.UsageError(f"Missing option '--{name}'.")
@@ -218,7 +222,12 @@ def _compared(photo: Path, shots: Shots, facts: dict[str, Any], result: BurstRes
 
 
 def _folders(
-    folders: tuple[Path, ...], recording: Recording, mode: Mode | Auto, options: Options, target: Target
+    folders: tuple[Path, ...],
+    numbered_from: int | None,
+    recording: Recording,
+    mode: Mode | Auto,
+    options: Options,
+    target: Target,
 ) -> None:
     """Deblur the burst of each folder into the folder of results."""
     outputs = [target.output / f"{folder.resolve().name}.png" for folder in folders]
@@ -230,7 +239,7 @@ def _folders(
     for folder, output in zip(folders, outputs, strict=True):
         try:
             with naming(folder):
-                shots = _from_folder(folder, recording, target.output)
+                shots = _from_folder(folder, numbered_from, recording, target.output)
                 entries.append(_deblurred(shots, mode, options, replace(target, output=output))[0])
         except RsdeblurError as error:
             entries.append({"output": str(output), "error": str(error)})
@@ -247,10 +256,10 @@ def _folders(
         click.get_current_context().exit(SOME_FAILED)
 
 
-def _from_folder(folder: Path, recording: Recording, output: Path) -> Shots:
+def _from_folder(folder: Path, numbered_from: int | None, recording: Recording, output: Path) -> Shots:
     """Read the photos of a session and their exposures."""
     given = {member.name: getattr(recording, member.name) for member in fields(Defaults)}
-    items = read_items(folder, Defaults(**given), output, numbered_from=None)
+    items = read_items(folder, Defaults(**given), output, numbered_from=numbered_from)
     inputs = []
     for item in items:
         if item.recording is None:

@@ -91,8 +91,6 @@ class BurstQuadratic(TileNormal):
             sources=1,
         )
         self.shares = tuple(map(float, shares))
-        # Frame whose OTFs are held.
-        self._held: int | None = None
         # Sums of the normal equations: each block of columns has its own place, so that a pass reads them in order.
         blocks, tiles = self._hybrid.padded_frequencies // COLUMNS, (COLUMNS, self._bands.length)
         strips, bands = len(self._strips.tiles), len(self._bands.tiles)
@@ -136,15 +134,6 @@ class BurstQuadratic(TileNormal):
                 latent = prior.restore(self, threads=self.threads, progress=progress)
         return latent.reshape(self.shape)
 
-    def blurred(self, latent: FloatImage, frame: int) -> FloatImage:
-        """Return a latent picture (H, W, C) with the blur of a frame."""
-        out = np.empty(self._channelled, dtype=np.float32)
-        with self.lock:
-            self._hold(frame)
-            self._filter(self._otfs, latent, out)
-        out *= np.float32(self._scale)
-        return out
-
     def _observe(self, images: Iterable[ArrayLike], prior: LatentPrior | None) -> LatentPrior | None:
         """Sum up the normal equations of all frames; return the prior with the brightness of the first one."""
         for frame, picture in enumerate(_checked(images, len(self.shares), self.shape)):
@@ -155,7 +144,7 @@ class BurstQuadratic(TileNormal):
 
     def _add(self, frame: int, picture: FloatImage) -> None:
         """Add the normal equations of a frame; the first one starts the sums."""
-        self._hold(frame)
+        self._fill_otfs(self._banks[frame], self._otfs)
         share, first = np.float32(self.shares[frame]), frame == 0
 
         def add(strip: int, _thread: int, _source: int, bands: slice, columns: slice, slabs: ComplexArray) -> None:
@@ -163,13 +152,6 @@ class BurstQuadratic(TileNormal):
             add_normal(slabs, self._otfs[strip, bands, columns], share, first, self._signal[place], self._power[place])
 
         self._pass(picture, None, add)
-
-    def _hold(self, frame: int) -> None:
-        """Compute the OTFs of a frame, unless they are at hand."""
-        if frame != self._held:
-            self._held = None
-            self._fill_otfs(self._banks[frame], self._otfs)
-            self._held = frame
 
     def _solve(self, beta: float, pull: FloatImage | None, across: Float32Array, down: Float32Array) -> FloatImage:
         weight = np.float32(0.0 if pull is None else beta)

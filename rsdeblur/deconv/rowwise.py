@@ -23,7 +23,7 @@ from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import BORDERS, PLANNINGS, SOLVERS, Border, Planning, Solver
 from rsdeblur.deconv.fft import empty, remember
 from rsdeblur.deconv.priors import LatentPrior, check_prior
-from rsdeblur.deconv.rowwise_blur import StripBlur, latent_rows
+from rsdeblur.deconv.rowwise_blur import latent_rows, strip_blurs
 from rsdeblur.deconv.rowwise_cg import NormalEquations, conjugate_gradients, is_faster
 from rsdeblur.deconv.rowwise_spectra import ROWS, RowSpectra
 from rsdeblur.deconv.tiling import Tile, Tiling
@@ -43,6 +43,14 @@ EDGE_ROWS = 4
 EDGE_FADE = 16
 # Frequencies that the smoothing reduces to a smaller share than this are expected to be zero.
 LEAST_EXPECTED = 1e-3
+# Bytes of normal matrices of several frames that a prior's steps keep: those of the first frequencies. The others are
+# computed anew in every step. A strip of 480 px of 1500 rows needs 75 MiB for paths 40 rows tall; much more would mean
+# smaller chunks in bounded memory.
+ASSEMBLED_BYTES = 64 << 20
+
+# What the steps of a prior have in common, by block of frequencies: the observation sent back along the paths, and the
+# assembled normal matrix.
+Kept = dict[int, tuple[Float32Array, Float32Array]]
 
 
 class RowSolver:
@@ -92,9 +100,7 @@ class RowSolver:
         cols = frames[0].cols
         self._tiling = Tiling.plan(cols, width, kernel, margin, periodic=self._periodic)
         threads = thread_count(threads)
-        self._strips = [
-            StripBlur.from_frames(frames, self._factors, s, self.top, latents, threads) for s in range(len(cols))
-        ]
+        self._strips = strip_blurs(frames, self._factors, self.top, latents, threads)
         channels = self.shape[2] if len(self.shape) == 3 else 1
         self._spectra = RowSpectra(channels, self._tiling.length, planning=planning, threads=threads)
         self._data, self._latent = self._spectra.empty(len(frames) * height), self._spectra.empty(latents)
@@ -106,6 +112,8 @@ class RowSolver:
         self.solver = solver
         floats = max(strip.workspace_size(solve=self.solver == "direct") for strip in self._strips)
         self._workspaces: list[Float32Array] = [empty((floats,), np.float32) for _ in range(self._spectra.team.threads)]
+        # Floats of the assembled normal matrix of each strip.
+        self._assembled_sizes = [rowwise.assembled_size(s.model, s.table(0, 1), s.rows) for s in self._strips]
         if planning == "measure":
             remember()
 
@@ -176,17 +184,19 @@ class RowSolver:
 
         self._spectra.team.share(block, range(0, len(target), ROWS))
 
-    def _solve(self, strip: int, ridge: Float32Array, smooth: float, *, scale: float, pull: float) -> None:
+    def _solve(self, strip: int, ridge: Float32Array, smooth: float, *, scale: float, pull: float, kept: Kept) -> None:
         """Minimise for all frequencies of `strip`, and leave the result in the latent spectra.
 
         `ridge` has shape (blocks, 16). Unless `pull` is 0, the latent spectra hold `D^T w` or, where `smooth` is 0, v,
-        which enter the right-hand side times `pull`. The difference u - m is scaled in the end.
+        which enter the right-hand side times `pull`. The difference u - m is scaled in the end. With a prior, `kept`
+        takes what all its steps have in common.
         """
         model, tables = self._strips[strip].model, self._tables[strip]
+        edges = smooth == 0 and pull == 0
 
         def block(thread: int, b: int) -> None:
             data, latent, workspace = self._data[b], self._latent[b], self._workspaces[thread]
-            expected = self._expectation(b, edges=smooth == 0 and pull == 0)
+            expected = self._expectation(b, edges=edges)
             if pull == 0:
                 latent[...] = 0
             else:
@@ -194,25 +204,61 @@ class RowSolver:
                 if smooth == 0 and expected is not None:
                     latent -= expected
                 latent *= np.float32(pull)
-            if expected is not None:
-                blurred = np.empty_like(data)
-                rowwise.forward(model, tables[b], blurred, expected, workspace)
-                data = data - blurred
-            if self.solver == "direct":
-                rowwise.solve(model, tables[b], data, latent, workspace, ridge[b], smooth)
+            if not edges and self._keeps(strip, b):
+                if b not in kept:
+                    kept[b] = self._assembled(strip, b, expected, workspace)
+                right, normal = kept[b]
+                latent += right
+                rowwise.solve_assembled(model, tables[b], normal, latent, workspace, ridge[b], data.shape[1], smooth)
+            elif self.solver == "direct":
+                rest = self._rest(strip, b, expected, workspace)
+                rowwise.solve(model, tables[b], rest, latent, workspace, ridge[b], smooth)
             else:
                 equations = NormalEquations(
                     *(model, tables[b], data.shape[1], ridge[b], smooth, workspace), frames=len(self._factors)
                 )
-                right = np.empty_like(latent)
-                rowwise.adjoint(model, tables[b], data, right, workspace)
-                right += latent
-                latent[...] = conjugate_gradients(equations.multiply, equations.precondition, right)
+                latent += self._sent_back(strip, b, expected, workspace)
+                latent[...] = conjugate_gradients(equations.multiply, equations.precondition, latent.copy())
             latent *= scale
             if expected is not None:
                 latent += expected
 
         self._spectra.team.share(block, range(self._spectra.blocks))
+
+    def _keeps(self, strip: int, block: int) -> bool:
+        """Whether the steps of a prior keep the normal matrix of a block of frequencies.
+
+        With one frame that gains nothing: reading it takes as long as computing it, because the blur is in the cache.
+        """
+        if self.solver != "direct" or len(self._factors) == 1:
+            return False
+        return (block + 1) * 4 * self._assembled_sizes[strip] <= ASSEMBLED_BYTES
+
+    def _assembled(
+        self, strip: int, block: int, expected: Float32Array | None, workspace: Float32Array
+    ) -> tuple[Float32Array, Float32Array]:
+        blur, table = self._strips[strip], self._tables[strip][block]
+        normal = np.empty(self._assembled_sizes[strip], dtype=np.float32)
+        rowwise.assemble(blur.model, table, normal, workspace, blur.rows)
+        return self._sent_back(strip, block, expected, workspace), normal
+
+    def _sent_back(
+        self, strip: int, block: int, expected: Float32Array | None, workspace: Float32Array
+    ) -> Float32Array:
+        """Return A^H times :meth:`_rest`."""
+        right: Float32Array = np.empty_like(self._latent[block])
+        rest = self._rest(strip, block, expected, workspace)
+        rowwise.adjoint(self._strips[strip].model, self._tables[strip][block], rest, right, workspace)
+        return right
+
+    def _rest(self, strip: int, block: int, expected: Float32Array | None, workspace: Float32Array) -> Float32Array:
+        """Return the observation without the blurred expectation."""
+        data: Float32Array = self._data[block]
+        if expected is None:
+            return data
+        blurred: Float32Array = np.empty_like(data)
+        rowwise.forward(self._strips[strip].model, self._tables[strip][block], blurred, expected, workspace)
+        return np.subtract(data, blurred, out=blurred)
 
     def _expectation(self, block: int, *, edges: bool) -> Float32Array | None:
         """Return the spectra of m in one block, without `edges` those of the mean; None where they are next to zero."""
@@ -391,6 +437,7 @@ class DataTerm:
         self.shape = (solver._latent.shape[2], spectra.length, spectra.channels)
         turns = np.arange(spectra.blocks * LANES).reshape(-1, LANES) / spectra.length
         self._wavenumbers = (2 - 2 * np.cos(2 * np.pi * turns)).astype(np.float32)
+        self._kept: Kept = {}
 
     def solve(self, beta: float, grad_adjoint: Float32Array | None) -> Float32Array:
         """Minimise the term plus `beta |D u - w|^2`, D taking forward differences.
@@ -448,4 +495,4 @@ class DataTerm:
         ridges = np.float32(ridge) + np.float32(smooth) * self._wavenumbers
         # Scaled like this, no motion is the identity at any nsr, with and without a prior.
         scale = 1.0 + self._solver.nsr
-        self._solver._solve(self._strip, ridges, smooth, scale=scale, pull=pull / scale)
+        self._solver._solve(self._strip, ridges, smooth, scale=scale, pull=pull / scale, kept=self._kept)

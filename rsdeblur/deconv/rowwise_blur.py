@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
-from rsdeblur._util.threads import thread_count
+from rsdeblur._util.threads import share_map, thread_count
 from rsdeblur.deconv.fft import empty
 from rsdeblur.deconv.rowwise_spectra import RowSpectra
 from rsdeblur.deconv.tiling import Tile, hat_weights
@@ -62,11 +62,6 @@ class StripBlur:
     shifts: int
 
     @classmethod
-    def from_paths(cls, paths: BlurPaths, strip: int, top: int, latents: int, threads: int | None = None) -> StripBlur:
-        """Draw the PSF of every row of `strip`, and sort it by latent row; they are `latents` rows from `top` on."""
-        return cls.from_frames([paths], [1.0], strip, top, latents, threads)
-
-    @classmethod
     def from_frames(
         cls,
         frames: Sequence[BlurPaths],
@@ -74,12 +69,14 @@ class StripBlur:
         strip: int,
         top: int,
         latents: int,
-        threads: int | None = None,
     ) -> StripBlur:
-        """Draw the PSFs of N frames as one picture, whose row N y + i is row y of frame i times `factors[i]`."""
+        """Draw the PSF of every row of `strip`, and sort it by latent row; they are `latents` rows from `top` on.
+
+        N frames are drawn as one picture, whose row N y + i is row y of frame i times `factors[i]`.
+        """
         parts, rows = [], len(frames) * len(frames[0].rows)
         for i, (paths, factor) in enumerate(zip(frames, factors, strict=True)):
-            row, down, across, weight = _draw(paths.displacements[:, strip], paths.softness, threads)
+            row, down, across, weight = _draw(paths.displacements[:, strip], paths.softness)
             # A PSF weighs displacements d = p - q of the recorded from the latent point.
             parts.append((len(frames) * row + i, row - down - top, across, np.float32(factor) * weight))
         row, latent, across, weight = (np.concatenate(values) for values in zip(*parts, strict=True))
@@ -153,7 +150,7 @@ class RowBlur:
         height = len(paths.rows)
         self.picture_shape, self.latent_shape = (height, width, channels), (latents, width, channels)
         threads = thread_count(threads)
-        self._strips = [StripBlur.from_paths(paths, s, self.top, latents, threads) for s in range(len(paths.cols))]
+        self._strips = strip_blurs([paths], [1.0], self.top, latents, threads)
         self._weights = hat_weights(paths.cols, width).astype(np.float32)
         self._spectra = RowSpectra(channels, width, planning="estimate", threads=threads)
 
@@ -245,6 +242,13 @@ class RowBlur:
         return array.reshape(shape)
 
 
+def strip_blurs(
+    frames: Sequence[BlurPaths], factors: Sequence[float], top: int, latents: int, threads: int | None
+) -> list[StripBlur]:
+    """Return :meth:`StripBlur.from_frames` of all strips; threads share them."""
+    return share_map(lambda s: StripBlur.from_frames(frames, factors, s, top, latents), len(frames[0].cols), threads)
+
+
 def latent_rows(*frames: BlurPaths) -> tuple[int, int]:
     """Return the first latent row, in rows of the picture, and the number of latent rows.
 
@@ -269,16 +273,18 @@ def latent_rows(*frames: BlurPaths) -> tuple[int, int]:
 
 
 def _draw(
-    paths: FloatArray, softness: float, threads: int | None
+    paths: FloatArray, softness: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], Float32Array]:
     """Draw paths (H, T, 2); return the row, the displacement down and across in px, and the weight of every pixel."""
     # Rectifying puts paths far from zero, so each is drawn around the pixel nearest to its own centre.
-    centres = np.round((paths.max(axis=1) + paths.min(axis=1)) / 2)
+    lowest, highest = (np.stack([end(paths[..., k], axis=1) for k in range(2)], axis=-1) for end in (np.min, np.max))
+    centres = np.round((highest + lowest) / 2)
     local = np.ascontiguousarray(paths - centres[:, None])
-    half_width, half_height = (int(np.ceil(reach)) + WIDTH // 2 for reach in np.abs(local).max(axis=(0, 1)))
+    farthest = np.maximum(highest - centres, centres - lowest).max(axis=0)
+    half_width, half_height = (int(np.ceil(reach)) + WIDTH // 2 for reach in farthest)
     taps = []
     for top in range(0, len(paths), ROWS_TOGETHER):
-        kernels = interpolated(local[top : top + ROWS_TOGETHER], half_height, half_width, softness, threads)
+        kernels = interpolated(local[top : top + ROWS_TOGETHER], half_height, half_width, softness, threads=1)
         row, i, j = np.nonzero(kernels)
         across, down = centres[top + row].astype(np.intp).T
         taps.append((top + row, down + i - half_height, across + j - half_width, kernels[row, i, j]))

@@ -392,7 +392,8 @@ class TileBlur(TileFilter):
     def _take(self, bank: PsfBank) -> None:
         self._fill_otfs(bank, self._filters)
         self._filters *= np.float32(self._scale)
-        self._conjugates = self._filters.conj()
+        # Computed for the first adjoint: many blurs are never sent back.
+        self._conjugates: ComplexArray | None = None
 
     def forward(self, latent: ArrayLike) -> NDArray[np.float32]:
         """Return a picture of the planned shape blurred."""
@@ -400,7 +401,10 @@ class TileBlur(TileFilter):
 
     def adjoint(self, picture: ArrayLike) -> NDArray[np.float32]:
         """Return a picture of the planned shape with its light sent back along the paths."""
-        return self._apply(self._conjugates, picture, None, None)
+        with self.lock:
+            if self._conjugates is None:
+                self._conjugates = self._filters.conj()
+            return self._apply(self._conjugates, picture, None, None)
 
 
 def _wiener(otf: ComplexArray, nsr: np.float32, scale: np.float32) -> None:

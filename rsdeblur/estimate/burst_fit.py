@@ -126,10 +126,8 @@ def _residual_shift(
     """Return the shift (h, w, 2) of the frame in px, and its gain."""
     shift: Float32Array = np.zeros((1, 1, 2), dtype=np.float32)
     gain, last = 1.0, 1
-    for smoothing, part in LEVELS:
-        # Smoothed pictures need only one pixel per standard deviation.
+    for (smoothing, part), here, there in zip(LEVELS, _smoothed(reference), _smoothed(frame), strict=True):
         step = round(smoothing)
-        here, there = (ndimage.gaussian_filter(picture, smoothing)[::step, ::step] for picture in (reference, frame))
         shift = _resized(shift, here.shape, step / last)
         radius = None if part is None else round(max(8, part * min(reference.shape)) / step)
         spread = 4 * np.pi * (smoothing**2 + expected.blur) / step**2
@@ -138,6 +136,18 @@ def _residual_shift(
             shift, gain = level.step(shift, MOST_STEP * smoothing / step)
         last = step
     return shift, gain
+
+
+def _smoothed(picture: Float32Array) -> list[Float32Array]:
+    """Return the picture at all `LEVELS`, each with one pixel per standard deviation, computed from the finer one."""
+    pictures, last = [], 0.0
+    for smoothing, _ in reversed(LEVELS):
+        spacing = max(1, round(last))
+        step = round(smoothing) // spacing
+        picture = ndimage.gaussian_filter(picture, (smoothing**2 - last**2) ** 0.5 / spacing)[::step, ::step]
+        pictures.append(picture)
+        last = smoothing
+    return pictures[::-1]
 
 
 def _resized(shift: Float32Array, shape: tuple[int, ...], step: float) -> Float32Array:

@@ -3,6 +3,10 @@
 A spectrum is stored as *lanes*, shape (B, C, R, 2, 16) float32: the real and imaginary part of frequency 16 b + i, for
 channel c and row r, are at [b, c, r, :, i]. A kernel works on one block b of 16 frequencies; blocks differ in their
 table of phases only.
+
+The assembled normal matrix A^H A of a block of frequencies is an array of records (2, 16): for each block J of latent
+rows, and each block I from `coupled[J]` to J, the conjugates of the nine values at the rows of J (outer) and the
+columns of I.
 """
 
 from __future__ import annotations
@@ -115,6 +119,11 @@ def workspace_size_numpy(model: RowModel, table: Float32Array, rows: int, solve:
     return 0
 
 
+def assembled_size_numpy(model: RowModel, table: Float32Array, rows: int) -> int:
+    """Return the number of floats of the assembled normal matrix."""
+    return 2 * LANES * len(_tiles(model)[0])
+
+
 def forward_numpy(
     model: RowModel, table: Float32Array, data: Float32Array, latent: Float32Array, workspace: Float32Array
 ) -> None:
@@ -165,23 +174,87 @@ def solve_numpy(
     smooth : float
         Weight of the differences D of neighbouring latent rows, at least 0.
     """
+    normal = np.empty(assembled_size_numpy(model, table, data.shape[1]), dtype=np.float64)
+    assemble_numpy(model, table, normal, workspace, data.shape[1])
+    right: Any = np.empty(latent.shape, dtype=np.float64)
+    adjoint_numpy(model, table, data, right, workspace)
+    right += latent
+    solve_assembled_numpy(model, table, normal, right, workspace, ridge, data.shape[1], smooth)
+    latent[...] = right
+
+
+def assemble_numpy(model: RowModel, table: Float32Array, normal: Any, workspace: Float32Array, rows: int) -> None:
+    """Assemble the normal matrix `A^H A`.
+
+    Parameters
+    ----------
+    model, table
+        See :func:`forward_numpy`.
+    normal : ndarray, float32 or float64
+        Output: :func:`assembled_size` values.
+    workspace
+        See :func:`forward_numpy`.
+    rows : int
+        Number of picture rows.
+    """
+    records = normal.reshape(-1, 2, LANES)
+    for lane, blur in enumerate(_matrices(model, table, rows)):
+        values = (blur.conj().T @ blur).tocsr()[_tiles(model)]
+        records[:, 0, lane], records[:, 1, lane] = values.real, -values.imag
+
+
+def solve_assembled_numpy(
+    model: RowModel,
+    table: Float32Array,
+    normal: Any,
+    latent: Any,
+    workspace: Float32Array,
+    ridge: Float32Array,
+    rows: int,
+    smooth: float,
+) -> None:
+    """Solve `(A^H A + diag(ridge) + smooth D^T D) u = latent`; u replaces `latent`.
+
+    Parameters
+    ----------
+    model, table, normal, latent, workspace
+        See :func:`forward_numpy` and :func:`assemble_numpy`.
+    ridge : ndarray, shape (16,), float32
+        One positive value per frequency.
+    rows : int
+        Number of picture rows.
+    smooth : float
+        Weight of the differences D of neighbouring latent rows, at least 0.
+    """
     n = model.latents
     differences = sparse.eye_array(n - 1, n, k=1) - sparse.eye_array(n - 1, n)
     gradient = smooth * (differences.T @ differences)
     half = BLOCK * int((np.arange(len(model.coupled)) - model.coupled).max() + 1)
-    for lane, blur in enumerate(_matrices(model, table, data.shape[1])):
-        adjoint = blur.conj().T
-        normal = adjoint @ blur + gradient
+    (row, column), records = _tiles(model), normal.reshape(-1, 2, LANES).astype(np.float64)
+    below = row >= column
+    at = (row - column)[below], column[below]
+    for lane in range(LANES):
         band: Any = np.zeros((min(half, n), n), dtype=np.complex128)
-        for offset, row in enumerate(band):
-            row[: n - offset] = normal.diagonal(-offset)
+        band[at] = (records[:, 0, lane] - 1j * records[:, 1, lane])[below]
+        for offset in range(min(2, len(band))):
+            band[offset, : n - offset] += gradient.diagonal(-offset)
         band[0] += ridge[lane]
-        right: Any = adjoint @ _load(data, lane) + _load(latent, lane)
+        right: Any = _load(latent, lane)
         try:
             right = solveh_banded(band, right, lower=True, check_finite=False)
         except np.linalg.LinAlgError:  # no solution: not positive definite, or not finite
             right = np.full_like(right, np.nan)
         _store(latent, lane, right)
+
+
+def _tiles(model: RowModel) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the row and the column of each record of the normal matrix."""
+    blocks = np.arange(len(model.coupled))
+    seen = blocks - model.coupled + 1
+    own = np.repeat(blocks, seen)
+    other = np.arange(len(own)) - np.repeat(np.cumsum(seen) - seen, seen) + np.repeat(model.coupled, seen)
+    row, column = np.divmod(np.arange(BLOCK * BLOCK), BLOCK)
+    return (BLOCK * own[:, None] + row).ravel(), (BLOCK * other[:, None] + column).ravel()
 
 
 def _matrices(model: RowModel, table: Float32Array, rows: int) -> list[sparse.csr_array]:
@@ -217,6 +290,10 @@ def _unpacked(kernel: Callable[..., Any]) -> Callable[..., Any]:
 
 workspace_size: Callable[[RowModel, Float32Array, int, bool], int]
 workspace_size = _unpacked(native.rowwise_workspace) if native else workspace_size_numpy
+assembled_size: Callable[[RowModel, Float32Array, int], int]
+assembled_size = _unpacked(native.rowwise_assembled_size) if native else assembled_size_numpy
+assemble: Callable[..., None] = _unpacked(native.rowwise_assemble) if native else assemble_numpy
+solve_assembled: Callable[..., None] = _unpacked(native.rowwise_solve_assembled) if native else solve_assembled_numpy
 forward: Callable[..., None] = _unpacked(native.rowwise_forward) if native else forward_numpy
 adjoint: Callable[..., None] = _unpacked(native.rowwise_adjoint) if native else adjoint_numpy
 solve: Callable[..., None] = _unpacked(native.rowwise_solve) if native else solve_numpy

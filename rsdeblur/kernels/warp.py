@@ -37,11 +37,16 @@ def _mirror(i, n):
 
 # All of fastmath but what assumes that there are neither NaN nor infinity.
 @njit(nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "arcp", "nsz"})
-def _average_warps(first, stop, coefficients, warps, out):
-    height, width, channels = coefficients.shape
-    samples = warps.shape[1]
+def _average_warps(first, stop, coefficients, warps, out, per_pixel):
+    """Fill the rows `first` to `stop` - 1 of `out`; `per_pixel` is a tuple with one item for each channel.
+
+    The compiler knows the length of a tuple, so that loops over channels are unrolled.
+    """
+    height, width = coefficients.shape[:2]
+    channels, samples = len(per_pixel), warps.shape[1]
+    rows = coefficients.reshape(height, width * channels)
     wx, wy = np.empty(4, np.float32), np.empty(4, np.float32)
-    value = np.empty(channels, np.float32)
+    value, sums = np.empty(channels, np.float32), np.empty(4 * channels, np.float32)
     for y in range(first, stop):
         for x in range(out.shape[1]):
             value[:] = np.float32(0.0)
@@ -56,14 +61,23 @@ def _average_warps(first, stop, coefficients, warps, out):
                 i0, j0 = int(np.floor(qy)), int(np.floor(qx))
                 _spline_weights(np.float32(qx - j0), wx)
                 _spline_weights(np.float32(qy - i0), wy)
-                inside = 1 <= i0 < height - 2 and 1 <= j0 < width - 2
-                for a in range(4):
-                    i = i0 - 1 + a if inside else _mirror(i0 - 1 + a, height)
-                    for b in range(4):
-                        j = j0 - 1 + b if inside else _mirror(j0 - 1 + b, width)
-                        weight = wy[a] * wx[b]
-                        for c in range(channels):
-                            value[c] += weight * coefficients[i, j, c]
+                if 1 <= i0 < height - 2 and 1 <= j0 < width - 2:
+                    r0, r1, r2, r3 = rows[i0 - 1], rows[i0], rows[i0 + 1], rows[i0 + 2]
+                    for k in range(4 * channels):
+                        n = (j0 - 1) * channels + k
+                        sums[k] = (wy[0] * r0[n] + wy[1] * r1[n]) + (wy[2] * r2[n] + wy[3] * r3[n])
+                else:
+                    for k in range(4 * channels):
+                        sums[k] = np.float32(0.0)
+                    for a in range(4):
+                        row = rows[_mirror(i0 - 1 + a, height)]
+                        for b in range(4):
+                            n = _mirror(j0 - 1 + b, width) * channels
+                            for c in range(channels):
+                                sums[b * channels + c] += wy[a] * row[n + c]
+                for b in range(4):
+                    for c in range(channels):
+                        value[c] += wx[b] * sums[b * channels + c]
             for c in range(channels):
                 out[y, x, c] = value[c] / samples
 
@@ -89,8 +103,10 @@ def average_warps(
     ndarray, shape (H, width, C), float32
         The averaged picture; NaN where a warp leads nowhere.
     """
-    out = np.empty((len(warps), width, coefficients.shape[2]), dtype=np.float32)
-    share_range(lambda first, stop: _average_warps(first, stop, coefficients, warps, out), len(out), threads)
+    channels = coefficients.shape[2]
+    out = np.empty((len(warps), width, channels), dtype=np.float32)
+    per_pixel = (0,) * channels
+    share_range(lambda first, stop: _average_warps(first, stop, coefficients, warps, out, per_pixel), len(out), threads)
     return out
 
 

@@ -20,7 +20,13 @@ import numpy as np
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog, OrientationTrack
-from rsdeblur.motion.paths import FIXED_POINT_STEPS, SAMPLES_PER_PIXEL, BlurPaths, Capture
+from rsdeblur.motion.paths import (
+    FIXED_POINT_STEPS,
+    ROW_SAMPLES_PER_PIXEL,
+    SAMPLES_PER_PIXEL,
+    BlurPaths,
+    Capture,
+)
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
 
@@ -118,7 +124,7 @@ class Alignment:
         mid = self.reference.mid(points[..., 1])
         orientation = self.reference.track.at(mid)
         world = np.einsum("...ji,...j->...i", orientation, self.reference.points(points)) + self.reference.position(mid)
-        return _project(self.capture, world, points)
+        return _project(self.capture, world, points, STEPS_BETWEEN_FRAMES)
 
     def paths(self, rows: FloatArray, cols: FloatArray) -> BlurPaths:
         """Return the paths of the resampled frame on a grid of the reference.
@@ -128,11 +134,7 @@ class Alignment:
         rows, cols : ndarray, shape (B,) and (S,)
             Grid in px.
         """
-        # Two samples per gyro interval follow every bend of the track. Their paths' lengths give the final number.
-        samples = 2 * len(self.capture.track.t) + 1
-        coarse = BlurPaths(self._displacements(rows, cols, samples), rows, cols)
-        samples = max(samples, int(np.ceil(SAMPLES_PER_PIXEL * coarse.lengths.max())) + 1)
-        return BlurPaths(self._displacements(rows, cols, samples), rows, cols, self.capture.softness)
+        return self._paths(rows, cols, SAMPLES_PER_PIXEL)
 
     def every_row(self, first: int, stop: int, cols: FloatArray) -> BlurPaths:
         """Return the paths of the rows `first` to `stop` - 1 of the reference.
@@ -140,13 +142,20 @@ class Alignment:
         Every `ROW_STEP`-th row is traced; between them, paths are interpolated linearly.
         """
         traced = np.append(np.arange(float(first), stop - 1, ROW_STEP), stop - 1.0)
-        nodes = self.paths(traced, cols)
+        nodes = self._paths(traced, cols, ROW_SAMPLES_PER_PIXEL)
         rows = np.arange(float(first), stop)
         above = np.minimum((rows - first).astype(np.intp) // ROW_STEP, max(len(traced) - 2, 0))
         below = np.minimum(above + 1, len(traced) - 1)
         part = (rows - traced[above]) / np.maximum(traced[below] - traced[above], 1.0)
         before, after = nodes.displacements[above], nodes.displacements[below]
         return BlurPaths(before + part[:, None, None, None] * (after - before), rows, cols, nodes.softness)
+
+    def _paths(self, rows: FloatArray, cols: FloatArray, per_pixel: float) -> BlurPaths:
+        # Two samples per gyro interval follow every bend of the track. Their paths' lengths give the final number.
+        samples = 2 * len(self.capture.track.t) + 1
+        coarse = BlurPaths(self._displacements(rows, cols, samples), rows, cols)
+        samples = max(samples, int(np.ceil(per_pixel * coarse.lengths.max())) + 1)
+        return BlurPaths(self._displacements(rows, cols, samples), rows, cols, self.capture.softness)
 
     def _displacements(self, rows: FloatArray, cols: FloatArray, samples: int) -> FloatArray:
         paths = np.empty((len(rows), len(cols), samples, 2))
@@ -162,12 +171,13 @@ class Alignment:
         times = opens[..., None] + (closes - opens)[..., None] * np.linspace(0.0, 1.0, samples)
         seen = self.capture.points(pixels)
         world = np.einsum("bstji,bsj->bsti", self.capture.track.at(times), seen) + self.capture.position(times)
-        return points[:, :, None] - _project(self.reference, world, points[:, :, None])
+        # The reference shows these places as near to the points as a frame's blur is long.
+        return points[:, :, None] - _project(self.reference, world, points[:, :, None], FIXED_POINT_STEPS)
 
 
-def _project(capture: Capture, world: FloatArray, guess: FloatArray) -> FloatArray:
+def _project(capture: Capture, world: FloatArray, guess: FloatArray, steps: int) -> FloatArray:
     """Return the pixels at which a capture shows points, each at the mid-exposure of its row."""
     pixels = np.broadcast_to(guess, (*world.shape[:-1], 2))
-    for _ in range(STEPS_BETWEEN_FRAMES if capture.camera.readout_time > 0 else 1):
+    for _ in range(steps if capture.camera.readout_time > 0 else 1):
         pixels = capture.row_poses.project(world, pixels[..., 1])
     return pixels

@@ -185,9 +185,9 @@ def deblur_burst(
     if mode == "auto":
         chosen = replace(chosen, mode=_suited_mode(chosen, captures))
     with clock.stage("tune"):
-        tunings = [measured(e, capture, chosen) for e, capture in zip(encoded, captures, strict=True)]
+        tunings = measured(encoded, captures, chosen)
     with clock.stage("align"):
-        burst = aligned(encoded, captures, tunings, reference, clock)
+        burst = aligned(encoded, captures, tunings, reference, clock, chosen.threads)
     with clock.stage("psfs"):
         solution = BurstSolution.of(burst, chosen)
     coverage, meter = solution.run(upright, chosen, clock)
@@ -200,7 +200,7 @@ def deblur_burst(
             check = assess(source, result, captures[burst.index], meter, resampled=resampled, threads=chosen.threads)
             if chosen.fallback and check.verdict == "bad":
                 check = fall_back(source, check, upright)
-    bank, strengths = solution.banks[0], solution.together
+    bank, strengths = solution.bank, solution.together
     shares = dict(zip(burst.used, solution.shares, strict=True))
     return BurstResult(
         DeblurResult(

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rsdeblur._util import validate
+from rsdeblur._util.threads import share, share_map, thread_count
 from rsdeblur.choices import Auto
+from rsdeblur.estimate.burst_fit import FrameFit
 from rsdeblur.estimate.strength import KERNELS, Tuning
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.motion.alignment import Alignment
@@ -22,14 +24,21 @@ from rsdeblur.psf import PsfBank, tile_centres
 
 # A frame whose mean weight over the reference's detail is less contributes nothing: its motion or its scene is another.
 LEAST_SUPPORT = 0.5
+# Most frames measured at a time: one of 12 megapixels takes 0.16 GiB.
+TOGETHER = 4
 
 
-def measured(encoded: EncodedImage, capture: Capture, options: Options) -> Tuning:
-    """Measure a frame on its own."""
+def measured(encoded: Sequence[EncodedImage], captures: Sequence[Capture], options: Options) -> list[Tuning]:
+    """Measure each frame on its own; threads share the frames."""
+    threads = min(TOGETHER, thread_count(options.threads))
+    return share_map(lambda n: _measured(encoded[n], captures[n], options), len(encoded), threads)
+
+
+def _measured(encoded: EncodedImage, capture: Capture, options: Options) -> Tuning:
     height, width, _ = encoded.shape
     paths = tile_paths(capture, "banded", min(KERNELS, height), min(KERNELS, width), 1.0)
     noise = None if options.noise == "auto" else options.noise
-    rows, bank = tuned_part(encoded.shape, PsfBank.from_paths(paths, threads=options.threads))
+    rows, bank = tuned_part(encoded.shape, PsfBank.from_paths(paths, threads=1))
     mode = options.mode
     return Tuning.of(encoded.linear(rows), bank, noise=noise, one_filter=mode == "global", continued=mode != "rowwise")
 
@@ -64,8 +73,12 @@ def aligned(
     tunings: Sequence[Tuning],
     reference: int | Auto,
     clock: StageClock,
+    threads: int | None,
 ) -> AlignedBurst:
-    """Fit all frames to the reference, or to the best candidate that most others agree with."""
+    """Fit all frames to the reference, or to the best candidate that most others agree with; threads share the frames.
+
+    Most of the work is many steps on small pictures, which threads could not share.
+    """
     if not validate.is_auto(reference):
         candidates = [int(reference)]
     else:
@@ -74,7 +87,7 @@ def aligned(
         candidates = [int(n) for n in np.argsort(errors, kind="stable")]
     best: AlignedBurst | None = None
     for index in candidates:
-        burst = _fitted(index, encoded, captures, tunings, clock)
+        burst = _fitted(index, encoded, captures, tunings, clock, threads)
         if best is None or burst.agreement > best.agreement:
             best = burst
         if 2 * (len(burst.used) - 1) >= len(encoded) - 1:
@@ -89,6 +102,7 @@ def _fitted(
     captures: Sequence[Capture],
     tunings: Sequence[Tuning],
     clock: StageClock,
+    threads: int | None,
 ) -> AlignedBurst:
     frames = [
         BurstFrame(picture, Alignment(capture, captures[index]), tuning)
@@ -98,19 +112,29 @@ def _fitted(
     height, width, _ = reference.encoded.shape
     rows, cols = (tile_centres(min(tiles, n), n) for tiles, n in zip(FIT_TILES, (height, width), strict=True))
     report = clock.within("align")
-    banks = [reduced_bank(frame.alignment.paths(rows, cols), reference.factor) for frame in frames]
-    shares = []
-    for n, frame in enumerate(frames):
+    banks = share_map(
+        lambda n: reduced_bank(frames[n].alignment.paths(rows, cols), reference.factor), len(frames), threads
+    )
+    fits: dict[int, FrameFit] = {}
+
+    def fit(thread: int, n: int) -> None:
         if n != index:
-            fit = frame.fitted(reference, (banks[n], banks[index]))
-            share = frame.tuning.path_error_share(reference.tuning, fit.path_error * frame.factor**2)
-            noise = tuple(octave / fit.gain for octave in frame.tuning.octave_noise)
-            tuning = replace(frame.tuning, octave_noise=noise).with_path_errors(share)
-            frames[n] = replace(frame, fit=fit, tuning=tuning)
-            if fit.support >= LEAST_SUPPORT:
-                shares.append(share)
-        report((n + 1) / len(frames))
+            fits[n] = frames[n].fitted(reference, (banks[n], banks[index]))
+        # Only the calling thread calls functions of the user.
+        if thread == 0:
+            report((len(fits) + 1) / len(frames))
+
+    share(fit, range(len(frames)), threads)
+    error_shares = []
+    for n, found in fits.items():
+        frame = frames[n]
+        error_share = frame.tuning.path_error_share(reference.tuning, found.path_error * frame.factor**2)
+        noise = tuple(octave / found.gain for octave in frame.tuning.octave_noise)
+        tuning = replace(frame.tuning, octave_noise=noise).with_path_errors(error_share)
+        frames[n] = replace(frame, fit=found, tuning=tuning)
+        if found.support >= LEAST_SUPPORT:
+            error_shares.append(error_share)
     # The errors of the reference are in all differences, so they are not larger than the least of these.
-    tuning = reference.tuning.with_path_errors(min(shares, default=0.0))
+    tuning = reference.tuning.with_path_errors(min(error_shares, default=0.0))
     frames[index] = replace(reference, tuning=tuning)
     return AlignedBurst(index, tuple(frames))

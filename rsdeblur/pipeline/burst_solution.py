@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -10,37 +10,43 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rsdeblur._util.threads import share_map
 from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.priors import brightness
-from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.estimate.check import UndershootMeter
 from rsdeblur.estimate.strength import KERNELS, Spectra, Tuning
 from rsdeblur.image.highlights import HighlightSplit
+from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.motion.rectify import rectify
 from rsdeblur.pipeline.burst_alignment import AlignedBurst
 from rsdeblur.pipeline.burst_frames import BurstFrame
+from rsdeblur.pipeline.burst_prediction import predicted
 from rsdeblur.pipeline.memory import Chunk, least_memory
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.settings import SolverSettings
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import solve_chunks, tuned_strengths
 from rsdeblur.pipeline.tiles import tile_error, tile_paths
-from rsdeblur.psf import PsfBank, tile_centres
+from rsdeblur.psf import PsfBank, size_of, tile_centres
 from rsdeblur.types import FloatArray, FloatImage, StageProgress
 
 # Mean weight over a whole frame from which on it shows the same scene everywhere.
 ALIKE = 0.99
 # Bytes that the solve may use by default: with eight frames of 12 megapixels, their PSFs and Python, the private memory
 # of a process then stays below 2 GiB. The default grows to this multiple of what the smallest chunks need.
-MEMORY, ABOVE_LEAST = 1 << 30, 1.25
+MEMORY, ABOVE_LEAST = 1 << 30, {"global": 1.1, "banded": 1.1, "rowwise": 1.25}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BurstSolution:
-    """Everything that a burst is solved with; the reference comes first."""
+    """Everything that a burst is solved with; the reference comes first.
+
+    `bank` are its PSFs, as large as those of any frame. Those of the others are drawn chunk by chunk, from their paths.
+    """
 
     frames: tuple[BurstFrame, ...]
-    banks: tuple[PsfBank, ...]
+    paths: tuple[BlurPaths, ...]
+    bank: PsfBank
     shares: tuple[float, ...]
     together: SolverSettings
     alone: SolverSettings
@@ -52,8 +58,9 @@ class BurstSolution:
         frames = tuple(burst.frames[n] for n in burst.used)
         mode = "global" if options.mode == "banded" and options.bands == options.strips == 1 else options.mode
         height, width, _ = burst.reference.encoded.shape
-        few = _banks(frames, *(tile_centres(min(KERNELS, n), n) for n in (height, width)))
-        few = [bank.padded(_largest(few)) for bank in few]
+        centres = (tile_centres(min(KERNELS, n), n) for n in (height, width))
+        some = _paths(frames, *centres, threads=options.threads)
+        few = [PsfBank.from_paths(paths).padded(_largest(some)) for paths in some]
         spectra = [Spectra.of(bank, one_filter=mode == "global") for bank in few]
         tunings = [replace(frame.tuning, spectra=of) for frame, of in zip(frames, spectra, strict=True)]
         errors = [tile_error(frame.alignment.capture) if mode == "banded" else 0.0 for frame in frames]
@@ -65,14 +72,17 @@ class BurstSolution:
         alike = len(frames) > 1 and all(frame.fit is None or frame.fit.weights.mean() > ALIKE for frame in frames)
         simple = replace(options, prior="wiener", nsr="auto", weight="auto") if alike else options
         alone, _ = tuned_strengths(tunings[0], simple, peak)
-        own = [tile_paths(f.alignment.capture, mode, options.bands, options.strips, nsr) for f in frames]
+        own = share_map(
+            lambda n: tile_paths(frames[n].alignment.capture, mode, options.bands, options.strips, nsr),
+            *(len(frames), options.threads),
+        )
         bands, strips = (max(len(getattr(paths, axis)) for paths in own) for axis in ("rows", "cols"))
-        banks = _banks(frames, tile_centres(bands, height), tile_centres(strips, width))
-        # Chunks reach as far as the largest PSF of any frame. Those of the others stay small until they are used.
-        banks[0] = banks[0].padded(_largest(banks))
+        paths = _paths(frames, tile_centres(bands, height), tile_centres(strips, width), threads=options.threads)
+        # Chunks reach as far as the largest PSF of any frame.
+        bank = PsfBank.from_paths(paths[0], threads=options.threads).padded(_largest(paths))
         settings = SolverSettings.of(options, mode, strengths)
         single = SolverSettings.of(simple, mode, alone)
-        return cls(frames, tuple(banks), shares, settings, single, strengths.noise)
+        return cls(frames, tuple(paths), bank, shares, settings, single, strengths.noise)
 
     def run(self, out: NDArray[Any], options: Options, clock: StageClock) -> tuple[NDArray[np.bool_], UndershootMeter]:
         """Solve chunk by chunk into `out`, which is upright; return a mask of the pixels that were exposed."""
@@ -83,14 +93,14 @@ class BurstSolution:
         def rectified(light: FloatImage) -> FloatImage:
             nonlocal coverage
             with clock.stage("rectify"):
-                light, coverage = rectify(light, reference.alignment.capture)
+                light, coverage = rectify(light, reference.alignment.capture, threads=options.threads)
             return light
 
         whole = options.geometry == "rectify" or options.normalize
         memory = None if whole else self._memory(options.max_memory)
         solve_chunks(
             HighlightSplit(reference.encoded),
-            *(out, self.banks[0], replace(options, max_memory=memory), self.together, clock),
+            *(out, self.bank, replace(options, max_memory=memory), self.together, clock),
             plan_solver=lambda chunk, _: partial(self._solve, chunk),
             frames=len(self.frames),
             meter=meter,
@@ -103,50 +113,41 @@ class BurstSolution:
         if most is not None:
             return most
         # Nobody asked for a bound, so it is no reason to refuse, or to solve slivers with wide margins.
-        least = least_memory(self.banks[0], self.frames[0].encoded.shape, self.together, len(self.frames))
-        return max(MEMORY, int(ABOVE_LEAST * least))
+        least = least_memory(self.bank, self.frames[0].encoded.shape, self.together, len(self.frames))
+        return max(MEMORY, int(ABOVE_LEAST[self.together.mode] * least))
 
     def _solve(self, chunk: Chunk, light: FloatImage, progress: StageProgress) -> FloatImage:
         """Return the sharp light of a chunk of rows; `light` is that of the reference, which is solved alone first."""
         first, capture = chunk.source.start, self.frames[0].alignment.capture
-        alone = self.alone.plan_solver(capture, _cut(self.banks[0], chunk), light.shape, first)
+        alone = self.alone.plan_solver(capture, chunk.bank, light.shape, first)
         single = alone(light, lambda share: progress(share / 3))
         if len(self.frames) == 1:
             return single
         # Free its memory before the next solver is planned.
         del alone
         solver = self._plan_solver(chunk, light.shape)
-        lights = self._lights(chunk.source, light, self._predicted(solver, chunk, single))
         return solver.apply(
-            lights, prior=self.together.latent_prior, progress=lambda share: progress((1 + 2 * share) / 3)
+            self._lights(chunk, light, single),
+            prior=self.together.latent_prior,
+            progress=lambda share: progress((1 + 2 * share) / 3),
         )
 
-    def _predicted(
-        self, solver: BurstQuadratic | RowBurst, chunk: Chunk, single: FloatImage
-    ) -> Callable[[int], FloatImage]:
-        """Return a function that predicts what a frame shows of a solution for the reference alone."""
-        if isinstance(solver, BurstQuadratic):
-            return partial(solver.blurred, single)
-        # The blur of every row would be drawn once more, and gains 0.01 dB (tv, eight simulated bursts).
-        return lambda n: TileBlur(_cut(self.banks[n], chunk), single.shape, threads=self.together.threads).forward(
-            single
-        )
-
-    def _lights(self, rows: slice, light: FloatImage, predicted: Callable[[int], FloatImage]) -> Iterator[FloatImage]:
-        """Yield the light of all frames at some rows of the reference, that of the reference first.
+    def _lights(self, chunk: Chunk, light: FloatImage, single: FloatImage) -> Iterator[FloatImage]:
+        """Yield the light of all frames at the rows of a chunk of the reference, that of the reference first.
 
         Where another frame does not show the scene of the reference, its pixels are replaced by those that the solution
-        of the reference alone predicts. So they neither help nor harm, and priors see whole pictures.
+        of the reference alone, `single`, predicts. So they neither help nor harm, and priors see whole pictures.
         """
         yield light
+        threads = self.together.threads
         for n, frame in enumerate(self.frames[1:], 1):
-            shown, weights = frame.light(rows, self.together.threads)
-            if weights.min() < 1:
+            shown, weights = frame.light(chunk.source, threads)
+            for part, blurred in predicted(single, weights < 1, self._drawn(n, chunk), threads):
                 # predicted + weights (shown - predicted)
-                blurred = predicted(n)
-                shown -= blurred
-                shown *= weights[..., None]
-                shown += blurred
+                mixed = shown[part]
+                mixed -= blurred
+                mixed *= weights[part][..., None]
+                mixed += blurred
             yield shown
 
     def _plan_solver(self, chunk: Chunk, shape: tuple[int, int, int]) -> BurstQuadratic | RowBurst:
@@ -154,28 +155,32 @@ class BurstSolution:
         settings = self.together
         engine: dict[str, Any] = {name: getattr(settings, name) for name in ("nsr", "border", "planning", "threads")}
         if settings.mode != "rowwise":
-            banks = [_cut(bank, chunk) for bank in self.banks]
-            return BurstQuadratic(banks, self.shares, shape, wiener=settings.weight is None, **engine)
+            banks = [self._drawn(n, chunk) for n in range(1, len(self.frames))]
+            return BurstQuadratic([chunk.bank, *banks], self.shares, shape, wiener=settings.weight is None, **engine)
         rows = chunk.source
-        paths = [frame.alignment.every_row(rows.start, rows.stop, self.banks[0].cols) for frame in self.frames]
-        paths = [replace(path, rows=path.rows - chunk.source.start) for path in paths]
-        return RowBurst(paths, self.shares, shape, solver=settings.solver, **engine)
+
+        def paths(n: int) -> BlurPaths:
+            traced = self.frames[n].alignment.every_row(rows.start, rows.stop, self.bank.cols)
+            return replace(traced, rows=traced.rows - rows.start)
+
+        every_row = share_map(paths, len(self.frames), settings.threads)
+        return RowBurst(every_row, self.shares, shape, solver=settings.solver, **engine)
+
+    def _drawn(self, n: int, chunk: Chunk) -> PsfBank:
+        """Return the PSFs of a frame at the places of a chunk, counted from its first row."""
+        paths = self.paths[n]
+        first = int(np.searchsorted(paths.rows, chunk.bank.rows[0] + chunk.source.start - 0.5))
+        displacements = paths.displacements[first : first + len(chunk.bank.rows)]
+        part = BlurPaths(displacements, chunk.bank.rows, chunk.bank.cols, paths.softness)
+        return PsfBank.from_paths(part, threads=self.together.threads)
 
 
-def _cut(bank: PsfBank, chunk: Chunk) -> PsfBank:
-    """Return the PSFs of a bank at the places of a chunk, counted from its first row."""
-    first = int(np.searchsorted(bank.rows, chunk.bank.rows[0] + chunk.source.start - 0.5))
-    part, paths = slice(first, first + len(chunk.bank.rows)), bank.displacements
-    paths = None if paths is None else paths[part]
-    return PsfBank(bank.kernels[part], chunk.bank.rows, chunk.bank.cols, paths, bank.softness)
+def _paths(frames: Sequence[BurstFrame], rows: FloatArray, cols: FloatArray, *, threads: int | None) -> list[BlurPaths]:
+    """Return the paths of the resampled frames on one grid."""
+    return share_map(lambda n: frames[n].alignment.paths(rows, cols), len(frames), threads)
 
 
-def _banks(frames: Sequence[BurstFrame], rows: FloatArray, cols: FloatArray) -> list[PsfBank]:
-    """Return the PSFs of the resampled frames on one grid."""
-    return [PsfBank.from_paths(frame.alignment.paths(rows, cols)) for frame in frames]
-
-
-def _largest(banks: Sequence[PsfBank]) -> tuple[int, int]:
+def _largest(frames: Sequence[BlurPaths]) -> tuple[int, int]:
     """Return the height and the width that hold every PSF."""
-    tall, wide = (max(bank.size[axis] for bank in banks) for axis in (0, 1))
+    tall, wide = (max(size_of(paths)[axis] for paths in frames) for axis in (0, 1))
     return tall, wide

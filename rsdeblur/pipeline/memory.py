@@ -12,8 +12,11 @@ from itertools import pairwise
 import numpy as np
 
 from rsdeblur.deconv.quadratic import MARGIN
+from rsdeblur.deconv.rowwise import ASSEMBLED_BYTES, MOST_MARGIN
 from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
+from rsdeblur.kernels.rowwise import BLOCK
+from rsdeblur.pipeline.burst_prediction import LONGEST
 from rsdeblur.pipeline.settings import SolverSettings
 from rsdeblur.psf import PsfBank, affecting
 from rsdeblur.types import FloatArray
@@ -30,8 +33,9 @@ PRIOR_REACH = MARGIN
 TILE_PICTURES, TILE_PRIOR_PICTURES = 3.3, 5.0
 ROW_PICTURES, ROW_PRIOR_PICTURES = 4.6, 8.0
 BURST_PICTURES, ROW_FRAME_PICTURES = 4.0, 2.5
-# Bytes of the rowwise model for each row, strip and px of the kernel: paths, taps and workspaces.
-ROW_MODEL = 80.0
+# Bytes of the rowwise model for each row, strip and px of the kernel: paths, taps and workspaces. Each further frame
+# adds a share of that.
+ROW_MODEL, FRAME_MODEL = 80.0, 0.6
 # Bytes that do not grow with the chunk: buffers of threads and of libraries.
 FIXED = 48 << 20
 LEAST_ROWS = 16
@@ -128,7 +132,13 @@ def _bytes(bank: PsfBank, source: slice, shape: tuple[int, int, int], settings: 
     if settings.mode == "rowwise":
         pictures = ROW_PICTURES if settings.weight is None else ROW_PRIOR_PICTURES
         pictures += ROW_FRAME_PICTURES * (frames - 1)
-        return int(FIXED + pictures * picture + frames * ROW_MODEL * rows * strips * (tall + wide))
+        kept = 0.0
+        if frames > 1 and settings.weight is not None:
+            # The assembled normal matrices: one complex value for every second frequency along x.
+            row = _tile_length(bank.cols, width, wide, min(decay_margin(settings.nsr), MOST_MARGIN))
+            kept = min(4.0 * rows * (tall + BLOCK) * row, ASSEMBLED_BYTES)
+        model = ROW_MODEL * (1 + FRAME_MODEL * (frames - 1)) * rows * strips * (tall + wide)
+        return int(FIXED + pictures * picture + model + kept)
     pictures = TILE_PICTURES if settings.weight is None else TILE_PRIOR_PICTURES
     length, row = (
         _tile_length(places, n, kernel, _margin(settings))
@@ -140,6 +150,8 @@ def _bytes(bank: PsfBank, source: slice, shape: tuple[int, int, int], settings: 
     filters, observed = 4.0 * tiles, 0.0
     if frames > 1:
         pictures, observed = pictures + BURST_PICTURES, (4.0 * channels + 2.0) * tiles
+        # The prediction of what a frame does not show has OTFs of its own.
+        filters *= 1 + min(1.0, (LONGEST + 2 * wide) / width)
     elif settings.weight is not None:
         observed = 4.0 * strips * rows * row * channels
     return int(FIXED + pictures * picture + filters + observed + 8.0 * length * row)

@@ -301,7 +301,7 @@ class Plan:
         def rectified(light: FloatImage) -> FloatImage:
             nonlocal coverage
             with clock.stage("rectify"):
-                light, coverage = rectify(light, self.capture)
+                light, coverage = rectify(light, self.capture, threads=self.options.threads)
             return light
 
         with self._kept.lock:

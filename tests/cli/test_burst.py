@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +63,24 @@ def test_each_folder_is_a_burst_and_a_bad_one_does_not_stop_the_others(run, burs
     assert read_picture(tmp_path / "sharp" / f"{burst.name}.png").pixels.shape == (96, 112, 3)
     result = run("burst", burst, "--frames", "0:2", "-o", tmp_path / "sharp")
     assert result.exit_code == 2
+
+
+def test_names_of_a_later_part_of_a_session_need_their_first_number(run, burst: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "part"
+    shutil.copytree(burst, folder)
+    (folder / "0.png").rename(folder / "frame2.png")
+    (folder / "1.png").rename(folder / "frame1.png")
+    (folder / "frames.csv").write_text((folder / "frames.csv").read_text() + "300000000,130,50000000\n")
+    result = run("burst", folder, "--prior", "wiener", "-o", tmp_path / "sharp")
+    assert result.exit_code == 3
+    assert "give --numbered-from 0 or 1" in " ".join(result.output.split())
+    result = run("burst", folder, "--prior", "wiener", "--numbered-from", 1, "-o", tmp_path / "sharp")
+    assert result.exit_code == 0, result.output
+
+
+def test_a_folder_without_photos_leaves_nothing(run, tmp_path: Path) -> None:
+    empty = tmp_path / "empty"
+    empty.mkdir()
     result = run("burst", empty, "-o", tmp_path / "none")
     assert result.exit_code == 3
     assert not (tmp_path / "none").exists()
@@ -76,6 +95,7 @@ def test_each_folder_is_a_burst_and_a_bad_one_does_not_stop_the_others(run, burs
         (["--frames", "1,1"], 2, "names a frame twice"),
         (["--frames", "0:2", "--reference", "5"], 2, "is not one of --frames"),
         (["--frames", "0:2", "--from", "clip.mp4"], 2, "either photos or --from"),
+        (["--frames", "0:2", "--numbered-from", "1"], 2, "--numbered-from is for folders"),
     ],
 )
 def test_refusals(run, burst: Path, tmp_path: Path, more: list[str], code: int, message: str) -> None:

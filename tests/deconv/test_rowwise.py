@@ -116,7 +116,7 @@ def test_twins_agree(picture, monkeypatch):
     """The twin computes in double precision; float32 makes hardly a difference."""
     paths = wavy_paths()
     native = RowDeconvolver(paths, picture.shape).apply(picture)
-    for name in ("forward", "solve", "workspace_size"):
+    for name in ("forward", "adjoint", "solve", "workspace_size", "assembled_size"):
         monkeypatch.setattr(rowwise, name, getattr(rowwise, name + "_numpy"))
     np.testing.assert_allclose(RowDeconvolver(paths, picture.shape).apply(picture), native, atol=1e-4)
 

@@ -118,6 +118,12 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "forward": lanes,
     "adjoint": lanes,
     "solve": lambda h: [*lanes(h), h(LANES), float(h.number())],
+    "assembled_size": lambda h: [model(h), h(1, 2, LANES), 6],
+    "assemble": lambda h: [model(h), h(1, 2, LANES), h(3 * 9 * 2 * LANES), h(4000), 6],
+    "solve_assembled": lambda h: [
+        *(model(h), h(1, 2, LANES), h(3 * 9 * 2 * LANES), h(2, 6, 2, LANES)),
+        *(h(4000), h(LANES), 6, float(h.number())),
+    ],
     "shrunk_grad_adjoint": lambda h: [h(5, 6, 3), 1, 3, h.number(), h(9), False, h(5, 6, 3)],
     "fit_gains": lambda h: [tiles(h), h(2, dtype=np.float64), float(h.number())],
     "fit_floors": lambda h: [
@@ -134,6 +140,7 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
         float(h.number()),
     ],
     "average_warps": lambda h: [h(6, 7, 3), h(5, 4, 3, 3, dtype=np.float64), 8],
+    "to_spline": lambda h: [h(6, 7, 3)],
     "sample": lambda h: [h(6, 7, 3), h(5, 8), h(5, 8)],
     "combine": lambda h: [h(2, 37, 40), h(2, 4, 3), h(2), h(2, 4, 3, 3), GATES, h(WORK + 2, 37, 40), h(5, 8)],
     "average_alike": lambda h: [h(2, 21, 22), h.number(), h.number(), h(nlm.WORK, 10), h(3, 5, 6)],

@@ -46,7 +46,13 @@ CALLS: dict[str, tuple[Callable[[], list[Any]], set[int]]] = {
         lambda: [*model(), floats(2, 6, 2, LANES), floats(2, 6, 2, LANES), floats(4000), floats(LANES), 0.0],
         {8, 9},
     ),
+    "rowwise_assemble": (lambda: [*model(), floats(864), floats(4000), 6], {7, 8}),
+    "rowwise_solve_assembled": (
+        lambda: [*model(), floats(864), floats(2, 6, 2, LANES), floats(4000), floats(LANES), 6, 0.0],
+        {8, 9},
+    ),
     "rowwise_workspace": (lambda: [*model(), 6, 1], set()),
+    "rowwise_assembled_size": (lambda: [*model(), 6], set()),
 }
 
 
@@ -154,11 +160,9 @@ def test_numbers_that_are_none_or_too_large(name: str) -> None:
             for wrong in (2**62, -(2**62), 2**63, 2**200, 1.5, "1", None):
                 given = arguments()
                 given[place] = wrong
-                if name == "rowwise_workspace":
+                if name in ("rowwise_workspace", "rowwise_assembled_size"):
                     # `solve` may be any number, and a larger picture contains all rows of the model.
-                    with pytest.raises((TypeError, ValueError, OverflowError)):
-                        native.rowwise_workspace(*given[:place], {7: -1, 8: None}[place], *given[place + 1 :])
-                    continue
+                    given[place] = {7: -1, 8: None}[place]
                 with pytest.raises((TypeError, ValueError, OverflowError)):
                     getattr(native, name)(*given)
     with pytest.raises(TypeError):

@@ -17,9 +17,8 @@ SHIFTS, LENGTH = 12, 50
 @pytest.fixture(params=[pytest.param("native", marks=needs_native), "numpy"])
 def kernels(request):
     suffix = "" if request.param == "native" else "_numpy"
-    return SimpleNamespace(
-        **{name: getattr(rowwise, name + suffix) for name in ("forward", "adjoint", "solve", "workspace_size")}
-    )
+    names = ("forward", "adjoint", "solve", "workspace_size", "assembled_size", "assemble", "solve_assembled")
+    return SimpleNamespace(**{name: getattr(rowwise, name + suffix) for name in names})
 
 
 def random_model(rng, rows, tallest):
@@ -103,6 +102,28 @@ def test_solve_solves(kernels, rows, tallest, channels, smooth):
     np.testing.assert_allclose(values(c.latent), expected, atol=2e-5 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize(("rows", "tallest", "channels"), CASES)
+@pytest.mark.parametrize("smooth", [0.0, 0.3])
+def test_assembled_matrix_is_the_normal_matrix_and_solves(kernels, rows, tallest, channels, smooth):
+    c = case(rows, tallest, channels, seed=1)
+    blur, n = dense(c), c.model.latents
+    normal = np.empty(kernels.assembled_size(c.model, c.table, c.rows), dtype=np.float32)
+    kernels.assemble(c.model, c.table, normal, workspace(kernels, c, True), c.rows)
+    matrix, records = blur.conj().swapaxes(1, 2) @ blur, normal.reshape(-1, 3, 3, 2, LANES)
+    tiles = [(j, i) for j, first in enumerate(c.model.coupled) for i in range(first, j + 1)]
+    assert len(tiles) == len(records)
+    for (j, i), tile in zip(tiles, records, strict=True):
+        expected = matrix[:, 3 * j : 3 * j + 3, 3 * i : 3 * i + 3].conj()
+        # Sums of some dozen values below 1 in float32.
+        np.testing.assert_allclose(np.moveaxis(tile[:, :, 0] + 1j * tile[:, :, 1], -1, 0), expected, atol=2e-6)
+    ridge, d = np.linspace(0.05, 0.1, LANES, dtype=np.float32), np.diff(np.eye(n), axis=0)
+    matrix += ridge[:, None, None] * np.eye(n) + smooth * d.T @ d
+    expected = np.linalg.solve(matrix, values(c.latent))
+    kernels.solve_assembled(c.model, c.table, normal, c.latent, workspace(kernels, c, True), ridge, c.rows, smooth)
+    # As test_solve_solves.
+    np.testing.assert_allclose(values(c.latent), expected, atol=2e-5 * np.abs(expected).max())
+
+
 def test_spectra_and_lanes():
     rng = np.random.default_rng(2)
     spectra = (rng.random((3, 16, 37)) + 1j * rng.random((3, 16, 37))).astype(np.complex64)
@@ -132,8 +153,18 @@ class TestMisuse:
         own = {"table": c.table, "data": c.data, "latent": c.latent, "workspace": space} | replaced
         native.rowwise_solve(*model, *own.values(), np.full(LANES, 0.1, np.float32), 0.0)
 
+    def solve_assembled(self, change, **replaced):
+        c = case()
+        model = c.model._replace(**{k: f(getattr(c.model, k).copy()) for k, f in change.items()})
+        normal = np.zeros(rowwise.assembled_size(c.model, c.table, c.rows), np.float32)
+        own = {"table": c.table, "normal": normal, "latent": c.latent, "workspace": workspace(rowwise, c, True)}
+        own = own | {"ridge": np.full(LANES, 0.1, np.float32), "rows": c.rows} | replaced
+        native.rowwise_assemble(*model, *(own[name] for name in ("table", "normal", "workspace", "rows")))
+        native.rowwise_solve_assembled(*model, *own.values(), 0.0)
+
     def test_accepts_what_is_right(self):
         self.solve({})
+        self.solve_assembled({})
 
     @pytest.mark.parametrize(
         ("change", "message"),
@@ -151,8 +182,9 @@ class TestMisuse:
         ],
     )
     def test_inconsistent_models(self, change, message):
-        with pytest.raises(ValueError, match=message):
-            self.solve(change)
+        for function in (self.solve, self.solve_assembled):
+            with pytest.raises(ValueError, match=message):
+                function(change)
 
     def test_arrays_that_do_not_fit(self):
         c = case()
@@ -171,6 +203,22 @@ class TestMisuse:
         with pytest.raises(ValueError, match="must not overlap"):
             self.solve({}, latent=both, data=both)
 
+    def test_arrays_that_do_not_fit_an_assembled_matrix(self):
+        c = case()
+        space = workspace(rowwise, c, True)
+        for replaced, message in (
+            ({"workspace": np.empty(10, np.float32)}, "workspace is too small"),
+            ({"latent": c.latent[:, :-1].copy()}, "3 rows per block"),
+            ({"table": c.table[:, :, :8].copy()}, "table must have shape"),
+            ({"normal": np.zeros(32, np.float32)}, "normal has the wrong size"),
+            ({"ridge": np.ones(15, np.float32)}, "ridge must have 16 values"),
+            ({"rows": c.rows - 3}, "inconsistent"),
+            ({"rows": -1}, "rows must not be negative"),
+            ({"workspace": space, "ridge": space[:LANES]}, "must not overlap"),
+        ):
+            with pytest.raises(ValueError, match=message):
+                self.solve_assembled({}, **replaced)
+
     def test_gradients_need_coupled_neighbours(self):
         c = case(9, 1)
         model = c.model._replace(coupled=np.arange(len(c.model.coupled), dtype=np.int32))
@@ -179,3 +227,7 @@ class TestMisuse:
         native.rowwise_solve(*model, c.table, c.data, c.latent, space, ridge, 0.0)
         with pytest.raises(ValueError, match="inconsistent"):
             native.rowwise_solve(*model, c.table, c.data, c.latent, space, ridge, 0.1)
+        normal = np.zeros(native.rowwise_assembled_size(*model, c.table, c.rows), np.float32)
+        native.rowwise_solve_assembled(*model, c.table, normal, c.latent, space, ridge, c.rows, 0.0)
+        with pytest.raises(ValueError, match="inconsistent"):
+            native.rowwise_solve_assembled(*model, c.table, normal, c.latent, space, ridge, c.rows, 0.1)
