@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager
 from typing import Any, TypeVar
 from weakref import WeakSet
 
-from rsdeblur._util import validate
+from rsdeblur._util import interrupts, validate
 
 Result = TypeVar("Result")
 
@@ -146,25 +146,28 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 def _share(pool: ThreadPoolExecutor, threads: int, work: Callable[[int, int], None], tasks: Sequence[int]) -> None:
     left, lock = iter(tasks), threading.Lock()
 
-    def run(thread: int) -> None:
+    def run(thread: int, between: Callable[[], None] = lambda: None) -> None:
         while True:
             with lock:
                 task = next(left, None)
             if task is None:
                 return
             work(thread, task)
+            between()
 
-    runs = [pool.submit(run, thread) for thread in range(1, min(threads, len(tasks)))]
-    try:
-        # The calling thread works, too: it need not wait until another one has started.
-        run(0)
-        for each in runs:
-            each.result()
-    finally:
-        # After a failure or an interrupt, no thread may keep writing to buffers that the next call uses.
-        with lock:
-            deque(left, maxlen=0)
-        wait(runs)
+    # An interrupt within a task, or while a thread starts, could leave threads that never end.
+    with interrupts.Postponed() as signals:
+        runs = [pool.submit(run, thread) for thread in range(1, min(threads, len(tasks)))]
+        try:
+            # The calling thread works, too: it need not wait until another one has started.
+            run(0, signals.deliver)
+            for each in runs:
+                each.result()
+        finally:
+            # After a failure or an interrupt, no thread may keep writing to buffers that the next call uses.
+            with lock:
+                deque(left, maxlen=0)
+            wait(runs)
 
 
 _teams: WeakSet[ThreadTeam] = WeakSet()

@@ -117,13 +117,23 @@ def _in_processes(
     jobs: int,
     limits: Limits | None,
 ) -> Iterator[tuple[Task, Answer | Failure]]:
-    waiting, idle = iter(tasks), list[_Worker]()
+    waiting, workers, idle = iter(tasks), list[_Worker](), list[_Worker]()
     busy: dict[Connection, tuple[_Worker, Task, int]] = {}
 
     def begin(task: Task, attempt: int) -> None:
-        worker = idle.pop() if idle else _Worker(work, limits)
+        if not idle:
+            # A process that no list names would not be ended.
+            with interrupts.Postponed():
+                workers.append(_Worker(work, limits))
+            idle.append(workers[-1])
+        worker = idle.pop()
         busy[worker.pipe] = worker, task, attempt
         worker.send(task)
+
+    def end(worker: _Worker) -> None:
+        worker.pipe.close()
+        worker.end()
+        workers.remove(worker)
 
     try:
         while True:
@@ -139,20 +149,19 @@ def _in_processes(
                 worker, task, attempt = busy.pop(pipe)
                 answer = worker.answer()
                 if isinstance(answer, Failure) and answer.died:
+                    end(worker)
                     lost(task)
                     if attempt < ATTEMPTS and not worker.late:
                         begin(task, attempt + 1)
                         continue
                 elif limits:
-                    worker.pipe.close()
-                    worker.end()
+                    end(worker)
                 else:
                     idle.append(worker)
                 yield task, answer
     finally:
         # A second interrupt must not stop the cleanup after the first.
         with interrupts.ignored():
-            workers = [*idle, *(worker for worker, _, _ in busy.values())]
             for worker in workers:
                 worker.interrupt()
             for worker in workers:

@@ -96,19 +96,20 @@ class Commands(click.Group):
                     raise
                 _refuse(ctx, f"{error.filename}: {error.strerror}" if error.filename else str(error))
             except (KeyboardInterrupt, ImportError) as error:
-                interrupt = _interrupt_of(error)
-                if interrupt is None:
+                number = _signal_of(error)
+                if number is None:
                     _refuse(ctx, f"a library cannot be loaded ({error}); free memory, or install rsdeblur again")
-                number = interrupt.number if isinstance(interrupt, interrupts.Interrupt) else signal.SIGINT
                 say_aside("interrupted; no unfinished file is left")
                 ctx.exit(SIGNALLED + number)
 
 
-def _interrupt_of(error: BaseException | None) -> KeyboardInterrupt | None:
-    """Return the interrupt that caused an error; while a compiled module loads, it becomes an ImportError."""
+def _signal_of(error: BaseException | None) -> int | None:
+    """Return the signal that caused an error; while a compiled module loads, an interrupt becomes an ImportError."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
-    return error
+    if error is None:
+        return None
+    return error.number if isinstance(error, interrupts.Interrupt) else signal.SIGINT
 
 
 def _refuse(ctx: click.Context, message: str) -> NoReturn:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -69,6 +71,24 @@ def test_a_failure_reaches_the_caller() -> None:
     for threads in (1, 3):
         with pytest.raises(ValueError, match=r"task \d failed"):
             share(fail, range(5), threads)
+
+
+def test_an_interrupt_waits_for_the_tasks_under_way_and_comes_before_the_others() -> None:
+    begun, ended, interrupted = set[int](), set[int](), threading.Event()
+
+    def work(thread: int, task: int) -> None:
+        begun.add(task)
+        if thread == 0:
+            signal.raise_signal(signal.SIGINT)
+            interrupted.set()
+        interrupted.wait()
+        time.sleep(0.001)
+        ended.add(task)
+
+    with pytest.raises(KeyboardInterrupt):
+        share(work, range(1000), 3)
+    assert begun == ended
+    assert len(ended) < 1000
 
 
 def test_threads_are_a_positive_number() -> None:

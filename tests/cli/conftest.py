@@ -95,12 +95,17 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @contextmanager
 def started(*arguments: object) -> Iterator[subprocess.Popen[str]]:
-    """Start a command in a separate process group."""
-    command = [sys.executable, "-P", "-m", "rsdeblur", *map(str, arguments)]
+    """Start a command in a separate process group; if the test fails, print where the command stands."""
+    command = [sys.executable, "-P", "-X", "faulthandler", "-m", "rsdeblur", *map(str, arguments)]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen(command, **pipes, text=True, start_new_session=True) as process:
         try:
             yield process
+        except BaseException:
+            if process.poll() is None:
+                process.send_signal(signal.SIGABRT)
+                print(*process.communicate(timeout=10))
+            raise
         finally:
             process.kill()
 
