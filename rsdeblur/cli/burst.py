@@ -26,7 +26,7 @@ from rsdeblur.cli._inputs import (
 from rsdeblur.cli._items import numbered_from_option, read_items
 from rsdeblur.cli._options import Defaults, Recording, Target
 from rsdeblur.cli._output import check_page, prepare_folder, print_json, progress, refuse_inputs, say, say_aside
-from rsdeblur.cli._photo import facts_of
+from rsdeblur.cli._photo import correction_text, facts_of, refinement_facts
 from rsdeblur.cli._report import Compared, capture_warnings, report_page
 from rsdeblur.errors import InputError, RsdeblurError
 
@@ -47,6 +47,8 @@ Examples:
 """
 
 
+# `--mode` has a value more than that of other commands.
+SOLVE = tuple(name for name in (*_options.ONE_PHOTO, *_options.ONE_RESULT) if name != "mode")
 # Exit code if bursts of some folders failed.
 SOME_FAILED = 3
 # Longest span of frames that is taken for no mistake; the burst itself has a lower limit.
@@ -97,7 +99,7 @@ class FramesType(click.ParamType[list[int]]):
     show_default=True,
     help="One PSF for the picture, one per tile, or one per row; auto takes rows where tiles cannot follow the blur.",
 )
-@_options.solve_options("bands", "strips", *_options.SOLVER, "normalize", *_options.ENGINE, *_options.ONE_RESULT)
+@_options.solve_options(*SOLVE)
 @_options.target_options("OUT|DIR", "Picture to write, or folder for the pictures of FOLDERs.")
 def command(
     photos: tuple[Path, ...],
@@ -313,6 +315,8 @@ def _facts(result: BurstResult, frames: list[int], output: Path, options: Option
         for number, use in zip(frames, result.frames, strict=True)
     ]
     facts = facts_of(result.result, output, result.mode, options.prior_name, seconds)
+    if result.refinement is not None:
+        facts["refinement"] = refinement_facts(result.refinement)
     return facts | {"reference": frames[result.reference], "frames": used}
 
 
@@ -327,6 +331,7 @@ def _print(facts: dict[str, Any]) -> None:
         f"{facts['output']}: {len(used)} of {len(facts['frames'])} frames, reference {facts['reference']}, "
         f"{facts['mode']}, {tiles}, {facts['prior']}, {strength}, {facts['seconds']:.1f} s{verdict}",
         *([f"  {' '.join(reasons)}"] if reasons else []),
+        *(["  " + correction_text(facts["refinement"])] if facts["refinement"] else []),
     )
     for frame in facts["frames"]:
         say(

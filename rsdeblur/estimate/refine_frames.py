@@ -50,6 +50,8 @@ MODELS: tuple[dict[str, FloatArray], ...] = (
     {"scale": np.linspace(-1.0, 1.0, 3), "offset": np.linspace(-3.0, 3.0, 7), "readout": np.linspace(-2.0, 2.0, 3)},
     dict.fromkeys(SHARED, np.zeros(1)),
 )
+# Frames that are enough to correct a recording.
+REFINED_FRAMES = 6
 # Places of a grid, likeliest first, that are compared by the sharp pictures; and parameters that these adjust at last.
 COMPARED, ADJUSTED = 6, ("scale", "offset", "readout")
 # Nats that a parameter costs.

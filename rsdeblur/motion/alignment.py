@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rsdeblur.choices import Motion
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog, OrientationTrack
@@ -26,6 +27,7 @@ from rsdeblur.motion.paths import (
     SAMPLES_PER_PIXEL,
     BlurPaths,
     Capture,
+    small_angle_displacements,
 )
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
@@ -46,6 +48,7 @@ def burst_captures(
     exposures: Sequence[Exposure],
     translation: Translation | None = None,
     *,
+    motion: Motion = "rotation",
     softness: float = 0.0,
 ) -> list[Capture]:
     """Return the captures of several exposures, whose orientations count from one moment.
@@ -60,6 +63,8 @@ def burst_captures(
         Time of each frame, in any order.
     translation : Translation, optional
         Positions that cover all exposures.
+    motion : {"rotation", "small-angle"}
+        Model of the paths within each exposure, see :class:`rsdeblur.Capture`. Frames are aligned by the full rotation.
     softness : float, default 0.0
         Blur of lens, pixels and demosaicing, px, see :class:`rsdeblur.Capture`.
 
@@ -81,7 +86,7 @@ def burst_captures(
     if translation is not None:
         translation = translation.covering(opens, closes, epoch)
     return [
-        Capture(_during(track, *span), camera, e, translation, softness=softness)
+        Capture(_during(track, *span), camera, e, translation, motion, softness)
         for e, span in zip(moved, spans, strict=True)
     ]
 
@@ -169,6 +174,9 @@ class Alignment:
         pixels = self.places(points)
         opens, closes = self.capture.exposure.window(pixels[..., 1], self.capture.camera)
         times = opens[..., None] + (closes - opens)[..., None] * np.linspace(0.0, 1.0, samples)
+        if self.capture.motion == "small-angle":
+            depth = self.capture.depth(pixels)
+            return small_angle_displacements(self.capture, times, 0.5 * (opens + closes), depth)
         seen = self.capture.points(pixels)
         world = np.einsum("bstji,bsj->bsti", self.capture.track.at(times), seen) + self.capture.position(times)
         # The reference shows these places as near to the points as a frame's blur is long.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,8 @@ from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import BY_QUALITY, MODES, Auto, Mode
 from rsdeblur.errors import InputError
-from rsdeblur.estimate.check import assess, fall_back
+from rsdeblur.estimate.check import QualityCheck, UndershootMeter, assess, fall_back
+from rsdeblur.estimate.refine_frames import REFINED_FRAMES, FramesRefinement, refine_frames
 from rsdeblur.image.encoded import EncodedImage, check_size, result_like
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.alignment import burst_captures
@@ -27,7 +29,8 @@ from rsdeblur.pipeline.burst_solution import BurstSolution
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.pipeline.stages import StageClock
-from rsdeblur.pipeline.tiles import tile_error
+from rsdeblur.pipeline.steps import split_highlights
+from rsdeblur.pipeline.tiles import highlight_bank, tile_error
 from rsdeblur.types import Float32Array, Progress
 
 # Most frames of a burst.
@@ -86,12 +89,15 @@ class BurstResult:
         What each frame contributed, in the order of the input.
     mode : {"global", "banded", "rowwise"}
         The mode in use.
+    refinement : FramesRefinement or None
+        Correction of the recording, see :func:`rsdeblur.refine_frames`; None where none was requested.
     """
 
     result: DeblurResult
     reference: int
     frames: tuple[FrameUse, ...]
     mode: Mode
+    refinement: FramesRefinement | None = None
 
     @property
     def image(self) -> NDArray[Any]:
@@ -139,10 +145,11 @@ def deblur_burst(
     progress : callable, optional
         Called as ``progress(stage, fraction)``.
     **options
-        Fields of :class:`rsdeblur.Options`. ``motion="small-angle"``, ``refine=True``, ``saturation="auto"`` and
-        borders other than "blend" and "periodic" are not possible. By default the work uses
-        some 1 GiB in addition to the pictures, and more where the blur of many large frames is so tall that even a
-        few rows need more, or where ``geometry="rectify"`` or ``normalize=True`` needs the whole picture at once.
+        Fields of :class:`rsdeblur.Options`, except ``border="unknown"``. ``refine=True`` corrects what all frames
+        share, see :func:`rsdeblur.refine_frames`. By default the work uses some 1 GiB in addition to the pictures, and
+        more where the blur of many large frames is so tall that even a few rows need more, or where
+        ``geometry="rectify"``, ``normalize=True`` or a border other than "blend" and "periodic" needs the whole
+        picture at once.
 
     Returns
     -------
@@ -175,31 +182,30 @@ def deblur_burst(
     if not validate.is_auto(reference):
         reference = validate.count("reference", reference, minimum=0, maximum=len(images) - 1)
     clock = StageClock(validate.callback("progress", progress))
+    refinement = _refinement(images, log, camera, exposures, chosen, progress) if chosen.refine else None
+    if refinement is not None:
+        log, camera, chosen = refinement.log, refinement.camera, replace(chosen, refine=False)
     frame = ReadoutFrame(camera)
     encoded = [EncodedImage.of(image, chosen.transfer, frame) for image in images]
     out, upright = result_like(images[0], out, frame)
-    translation = chosen.translation
-    if translation is not None and frame.quarter:
-        translation = translation.turned()
-    captures = burst_captures(log, frame.camera, exposures, translation, softness=chosen.softness)
+    captures = _captures(log, frame, exposures, chosen)
     if mode == "auto":
         chosen = replace(chosen, mode=_suited_mode(chosen, captures))
+    splits = [
+        split_highlights(picture, chosen, partial(highlight_bank, capture, threads=chosen.threads), clock)
+        for picture, capture in zip(encoded, captures, strict=True)
+    ]
     with clock.stage("tune"):
-        tunings = measured(encoded, captures, chosen)
+        tunings = measured(splits, captures, chosen)
     with clock.stage("align"):
-        burst = aligned(encoded, captures, tunings, reference, clock, chosen.threads)
+        burst = aligned(splits, captures, tunings, reference, clock, chosen.threads)
     with clock.stage("psfs"):
         solution = BurstSolution.of(burst, chosen)
     coverage, meter = solution.run(upright, chosen, clock)
     check = None
     if chosen.check or chosen.fallback:
         with clock.stage("check"):
-            source = burst.reference.encoded
-            result = EncodedImage(upright, source.transfer)
-            resampled = chosen.geometry == "rectify"
-            check = assess(source, result, captures[burst.index], meter, resampled=resampled, threads=chosen.threads)
-            if chosen.fallback and check.verdict == "bad":
-                check = fall_back(source, check, upright)
+            check = _check(burst, upright, meter, chosen)
     bank, strengths = solution.bank, solution.together
     shares = dict(zip(burst.used, solution.shares, strict=True))
     return BurstResult(
@@ -218,6 +224,46 @@ def deblur_burst(
         burst.index,
         tuple(_use(burst, n, shares.get(n, 0.0), frame) for n in range(len(images))),
         chosen.mode,
+        refinement,
+    )
+
+
+def _captures(log: GyroLog, frame: ReadoutFrame, exposures: Sequence[Exposure], options: Options) -> list[Capture]:
+    """Return the captures of the frames, upright."""
+    translation = options.translation
+    if translation is not None and frame.quarter:
+        translation = translation.turned()
+    return burst_captures(log, frame.camera, exposures, translation, motion=options.motion, softness=options.softness)
+
+
+def _check(burst: AlignedBurst, upright: NDArray[Any], meter: UndershootMeter, options: Options) -> QualityCheck:
+    """Judge the result against the reference; `fallback` blends with it."""
+    source, capture = burst.reference.encoded, burst.reference.alignment.capture
+    result, resampled = EncodedImage(upright, source.transfer), options.geometry == "rectify"
+    check = assess(source, result, capture, meter, resampled=resampled, threads=options.threads)
+    if options.fallback and check.verdict == "bad":
+        return fall_back(source, check, upright)
+    return check
+
+
+def _refinement(
+    images: Sequence[ArrayLike],
+    log: GyroLog,
+    camera: Camera,
+    exposures: Sequence[Exposure],
+    options: Options,
+    progress: Progress | None,
+) -> FramesRefinement:
+    """Return the correction of the recording by the most blurred frames, which tell most."""
+    captures = _captures(log, ReadoutFrame(camera), exposures, options)
+    lengths = [float(capture.probe.lengths.mean()) for capture in captures]
+    chosen = sorted(np.argsort(lengths, kind="stable")[-REFINED_FRAMES:].tolist())
+    return refine_frames(
+        [images[n] for n in chosen],
+        *(log, camera, [exposures[n] for n in chosen]),
+        translation=options.translation,
+        transfer=options.transfer,
+        progress=progress,
     )
 
 
@@ -238,20 +284,13 @@ def check_burst(
             raise InputError(f"frame {n}: {error}") from error
         if np.shape(image) != np.shape(images[0]):
             raise InputError(f"frame {n} has shape {np.shape(image)}, frame 0 has {np.shape(images[0])}")
-    unsuited = {
-        'motion="small-angle"': options.motion == "small-angle",
-        "refine=True": options.refine,
-        'saturation="auto"': options.saturation == "auto",
-        f'border="{options.border}"': options.boundary is not None,
-    }
-    for text, is_set in unsuited.items():
-        if is_set:
-            raise InputError(f"a burst cannot be deblurred with {text}; leave it out, or deblur the frames one by one")
+    if options.border == "unknown":
+        raise InputError('a burst cannot be deblurred with border="unknown"; use border="smooth", or leave it out')
 
 
 def _suited_mode(options: Options, captures: Iterable[Capture]) -> Mode:
     """Return the mode of the quality, or "rowwise" where tiles cannot follow the blur of every frame."""
-    may_differ = options.quality == "balanced" and options.bands == "auto"
+    may_differ = options.quality == "balanced" and options.bands == "auto" and options.boundary is None
     return "rowwise" if may_differ and max(map(tile_error, captures)) > MOST_TILE_ERROR else options.mode
 
 

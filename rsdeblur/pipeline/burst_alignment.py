@@ -12,7 +12,7 @@ from rsdeblur._util.threads import share, share_map, thread_count
 from rsdeblur.choices import Auto
 from rsdeblur.estimate.burst_fit import FrameFit
 from rsdeblur.estimate.strength import KERNELS, Tuning
-from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.motion.alignment import Alignment
 from rsdeblur.motion.paths import Capture
 from rsdeblur.pipeline.burst_frames import FIT_TILES, BurstFrame, reduced_bank
@@ -28,19 +28,19 @@ LEAST_SUPPORT = 0.5
 TOGETHER = 4
 
 
-def measured(encoded: Sequence[EncodedImage], captures: Sequence[Capture], options: Options) -> list[Tuning]:
+def measured(splits: Sequence[HighlightSplit], captures: Sequence[Capture], options: Options) -> list[Tuning]:
     """Measure each frame on its own; threads share the frames."""
     threads = min(TOGETHER, thread_count(options.threads))
-    return share_map(lambda n: _measured(encoded[n], captures[n], options), len(encoded), threads)
+    return share_map(lambda n: _measured(splits[n], captures[n], options), len(splits), threads)
 
 
-def _measured(encoded: EncodedImage, capture: Capture, options: Options) -> Tuning:
-    height, width, _ = encoded.shape
+def _measured(split: HighlightSplit, capture: Capture, options: Options) -> Tuning:
+    height, width, _ = split.encoded.shape
     paths = tile_paths(capture, "banded", min(KERNELS, height), min(KERNELS, width), 1.0)
     noise = None if options.noise == "auto" else options.noise
-    rows, bank = tuned_part(encoded.shape, PsfBank.from_paths(paths, threads=1))
+    rows, bank = tuned_part(split.encoded.shape, PsfBank.from_paths(paths, threads=1))
     mode = options.mode
-    return Tuning.of(encoded.linear(rows), bank, noise=noise, one_filter=mode == "global", continued=mode != "rowwise")
+    return Tuning.of(split.remainder(rows), bank, noise=noise, one_filter=mode == "global", continued=mode != "rowwise")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +68,7 @@ class AlignedBurst:
 
 
 def aligned(
-    encoded: Sequence[EncodedImage],
+    splits: Sequence[HighlightSplit],
     captures: Sequence[Capture],
     tunings: Sequence[Tuning],
     reference: int | Auto,
@@ -87,10 +87,10 @@ def aligned(
         candidates = [int(n) for n in np.argsort(errors, kind="stable")]
     best: AlignedBurst | None = None
     for index in candidates:
-        burst = _fitted(index, encoded, captures, tunings, clock, threads)
+        burst = _fitted(index, splits, captures, tunings, clock, threads)
         if best is None or burst.agreement > best.agreement:
             best = burst
-        if 2 * (len(burst.used) - 1) >= len(encoded) - 1:
+        if 2 * (len(burst.used) - 1) >= len(splits) - 1:
             break
     assert best is not None
     return best
@@ -98,15 +98,15 @@ def aligned(
 
 def _fitted(
     index: int,
-    encoded: Sequence[EncodedImage],
+    splits: Sequence[HighlightSplit],
     captures: Sequence[Capture],
     tunings: Sequence[Tuning],
     clock: StageClock,
     threads: int | None,
 ) -> AlignedBurst:
     frames = [
-        BurstFrame(picture, Alignment(capture, captures[index]), tuning)
-        for picture, capture, tuning in zip(encoded, captures, tunings, strict=True)
+        BurstFrame(split, Alignment(capture, captures[index]), tuning)
+        for split, capture, tuning in zip(splits, captures, tunings, strict=True)
     ]
     reference = frames[index]
     height, width, _ = reference.encoded.shape

@@ -14,6 +14,7 @@ from rsdeblur.estimate.burst_fit import Expected, FrameFit, fit_frame
 from rsdeblur.estimate.noise import noise_level
 from rsdeblur.estimate.strength import Tuning
 from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.kernels.resample import sample, to_spline
 from rsdeblur.motion.alignment import Alignment
 from rsdeblur.motion.paths import BlurPaths
@@ -25,6 +26,8 @@ SIDE = 640
 # Distance in px between the points whose places are traced; between them, interpolation errs by less than 0.01 px for
 # shifts of up to 100 px.
 NODE_STEP = 16
+# Places this close to the frame, px, count as in it: its own pixels are found to within rounding.
+ROUNDING = 0.01
 # Rows beyond a part that the spline of its pixels depends on: it decays by 0.43 from row to row.
 SPLINE_ROWS = 16
 # Bands and strips in which equally blurred pictures are computed.
@@ -71,8 +74,8 @@ class BurstFrame:
 
     Parameters
     ----------
-    encoded : EncodedImage
-        The picture, readout along y.
+    split : HighlightSplit
+        The picture, readout along y, without its highlights if these are to be separated.
     alignment : Alignment
         The frame and the reference.
     tuning : Tuning
@@ -81,10 +84,15 @@ class BurstFrame:
         How it fits the reference; None before it is compared, and for the reference.
     """
 
-    encoded: EncodedImage
+    split: HighlightSplit
     alignment: Alignment
     tuning: Tuning
     fit: FrameFit | None = None
+
+    @property
+    def encoded(self) -> EncodedImage:
+        """The picture with its highlights."""
+        return self.split.encoded
 
     @cached_property
     def warp(self) -> Warp:
@@ -108,7 +116,7 @@ class BurstFrame:
         share = np.full(factor * channels, 1 / (factor**2 * channels), dtype=np.float32)
         for top in range(0, h, step):
             stop = min(top + step, h)
-            light = self.encoded.linear(slice(top * factor, stop * factor))[:, : w * factor]
+            light = self.split.remainder(slice(top * factor, stop * factor))[:, : w * factor]
             rows = (light.reshape(-1, factor * channels) @ share).reshape(stop - top, factor, w)
             rows.sum(axis=1, out=out[top:stop])
         return out
@@ -138,7 +146,7 @@ class BurstFrame:
             return np.zeros((*x.shape, channels), dtype=np.float32), weights
         top = max(int(y[seen].min()) - SPLINE_ROWS, 0)
         stop = min(int(y[seen].max()) + 1 + SPLINE_ROWS, height)
-        source = self.encoded.linear(slice(top, stop))
+        source = self.split.remainder(slice(top, stop))
         source /= np.float32(self.fit.gain)
         to_spline(source, threads)
         return sample(source, x.clip(0, width - 1), (y - top).clip(0, stop - 1 - top), threads), weights
@@ -153,7 +161,9 @@ class BurstFrame:
     def _shows(self, x: Float32Array, y: Float32Array) -> NDArray[np.bool_]:
         """Return whether places of the frame lie in it."""
         height, width, _ = self.encoded.shape
-        shown: NDArray[np.bool_] = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
+        shown: NDArray[np.bool_] = np.logical_and(
+            (x >= -ROUNDING) & (x <= width - 1 + ROUNDING), (y >= -ROUNDING) & (y <= height - 1 + ROUNDING)
+        )
         return shown
 
     def _reduced_places(self) -> tuple[Float32Array, Float32Array]:

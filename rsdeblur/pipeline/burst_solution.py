@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.threads import share_map
+from rsdeblur.deconv.boundary import extended, extended_shape
 from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.priors import brightness
 from rsdeblur.estimate.check import UndershootMeter
 from rsdeblur.estimate.strength import KERNELS, Spectra, Tuning
-from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.motion.rectify import rectify
 from rsdeblur.pipeline.burst_alignment import AlignedBurst
@@ -65,7 +65,7 @@ class BurstSolution:
         tunings = [replace(frame.tuning, spectra=of) for frame, of in zip(frames, spectra, strict=True)]
         errors = [tile_error(frame.alignment.capture) if mode == "banded" else 0.0 for frame in frames]
         tuning, shares = Tuning.of_burst(tunings, tile_errors=errors)
-        peak = brightness(HighlightSplit(burst.reference.encoded).remainder(slice(None), 4))
+        peak = brightness(burst.reference.split.remainder(slice(None), 4))
         strengths, nsr = tuned_strengths(tuning, options, peak)
         # Where other frames do not show the scene, they repeat the result of the reference alone. For narrow margins, a
         # Wiener filter is good enough; for things that move, it costs up to 0.6 dB (tv, eight simulated bursts).
@@ -96,10 +96,10 @@ class BurstSolution:
                 light, coverage = rectify(light, reference.alignment.capture, threads=options.threads)
             return light
 
-        whole = options.geometry == "rectify" or options.normalize
+        whole = options.geometry == "rectify" or options.normalize or options.boundary is not None
         memory = None if whole else self._memory(options.max_memory)
         solve_chunks(
-            HighlightSplit(reference.encoded),
+            reference.split,
             *(out, self.bank, replace(options, max_memory=memory), self.together, clock),
             plan_solver=lambda chunk, _: partial(self._solve, chunk),
             frames=len(self.frames),
@@ -109,9 +109,9 @@ class BurstSolution:
         return coverage, meter
 
     def _memory(self, most: int | None) -> int:
-        """Return the bytes that a chunk may take."""
+        """Return the bytes that a chunk may take, with the highlights of the reference."""
         if most is not None:
-            return most
+            return most - sum(frame.split.nbytes for frame in self.frames[1:])
         # Nobody asked for a bound, so it is no reason to refuse, or to solve slivers with wide margins.
         least = least_memory(self.bank, self.frames[0].encoded.shape, self.together, len(self.frames))
         return max(MEMORY, int(ABOVE_LEAST[self.together.mode] * least))
@@ -126,11 +126,12 @@ class BurstSolution:
         # Free its memory before the next solver is planned.
         del alone
         solver = self._plan_solver(chunk, light.shape)
+        height, width, _ = light.shape
         return solver.apply(
-            self._lights(chunk, light, single),
+            self._extended(self._lights(chunk, light, single), chunk),
             prior=self.together.latent_prior,
             progress=lambda share: progress((1 + 2 * share) / 3),
-        )
+        )[:height, :width]
 
     def _lights(self, chunk: Chunk, light: FloatImage, single: FloatImage) -> Iterator[FloatImage]:
         """Yield the light of all frames at the rows of a chunk of the reference, that of the reference first.
@@ -150,11 +151,23 @@ class BurstSolution:
                 mixed += blurred
             yield shown
 
+    def _extended(self, lights: Iterable[FloatImage], chunk: Chunk) -> Iterator[FloatImage]:
+        """Make the light of the frames periodic, if that is how the border is solved."""
+        boundary = self.together.boundary
+        for n, light in enumerate(lights):
+            if boundary is None:
+                yield light
+            else:
+                bank = self._drawn(n, chunk).padded(chunk.bank.size) if n else chunk.bank
+                yield extended(light, bank, boundary)
+
     def _plan_solver(self, chunk: Chunk, shape: tuple[int, int, int]) -> BurstQuadratic | RowBurst:
         """Plan the solver of all frames together for a chunk whose light has the given shape."""
         settings = self.together
         engine: dict[str, Any] = {name: getattr(settings, name) for name in ("nsr", "border", "planning", "threads")}
         if settings.mode != "rowwise":
+            if settings.boundary is not None:
+                shape = extended_shape(shape, chunk.bank, settings.boundary)
             banks = [self._drawn(n, chunk) for n in range(1, len(self.frames))]
             return BurstQuadratic([chunk.bank, *banks], self.shares, shape, wiener=settings.weight is None, **engine)
         rows = chunk.source

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import warnings
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -34,12 +34,9 @@ from rsdeblur.pipeline.settings import Solve, SolverSettings, TileSolver
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import derive_strengths, solve_chunks, split_highlights
 from rsdeblur.pipeline.strengths import Strengths
-from rsdeblur.pipeline.tiles import Grid, tile_paths
+from rsdeblur.pipeline.tiles import Grid, highlight_bank, tile_paths
 from rsdeblur.psf import PsfBank, kernel_sheet
 from rsdeblur.types import FloatImage, Progress
-
-# Noise-to-signal ratio of the Wiener filter that estimates the highlights behind clipped pixels.
-HIGHLIGHT_NSR = 0.01
 
 
 @one_line()
@@ -240,11 +237,7 @@ class Plan:
 
     def _split(self, encoded: EncodedImage, clock: StageClock) -> HighlightSplit:
         """Separate the clipped highlights, if the options request it and there are any."""
-
-        def bank() -> PsfBank:
-            paths = tile_paths(self.capture, "banded", "auto", "auto", HIGHLIGHT_NSR)
-            return PsfBank.from_paths(paths, threads=self.options.threads)
-
+        bank = partial(highlight_bank, self.capture, threads=self.options.threads)
         return split_highlights(encoded, self.options, bank, clock)
 
     def _prepared(self, split: HighlightSplit, clock: StageClock) -> Plan:

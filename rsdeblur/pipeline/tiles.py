@@ -19,6 +19,8 @@ PATH_ERROR = 0.1
 # about 1 / (pi L sqrt(nsr)) for a path of L px and never more than 1/2, neighbouring bands must still agree in phase.
 # Their paths may differ by this many L sqrt(nsr). (Both numbers: docs/developer/decisions.md.)
 BAND_CHANGE = 0.4
+# Noise-to-signal ratio that decides the number of PSFs with which the light behind clipped pixels is estimated.
+HIGHLIGHT_NSR = 0.01
 # Number of rows per strip whose PSFs the mode "rowwise" reports.
 ROWS_SHOWN = 9
 # Bounds of the cost for violent motion.
@@ -104,6 +106,11 @@ def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: f
         f"{counts[0]} x {counts[1]} PSFs of {wide}x{tall} px", 8 * counts[0] * counts[1] * tall * wide, height * width
     )
     return paths
+
+
+def highlight_bank(capture: Capture, *, threads: int | None) -> PsfBank:
+    """Return the PSFs with which the highlights of a picture are separated."""
+    return PsfBank.from_paths(tile_paths(capture, "banded", "auto", "auto", HIGHLIGHT_NSR), threads=threads)
 
 
 def tile_error(capture: Capture) -> float:

@@ -14,7 +14,7 @@ from rsdeblur._util import validate
 from rsdeblur.choices import Transfer
 from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck
-from rsdeblur.estimate.refine_frames import FramesRefinement, refine_frames
+from rsdeblur.estimate.refine_frames import REFINED_FRAMES, FramesRefinement, refine_frames
 from rsdeblur.estimate.triage import KEEP
 from rsdeblur.image.encoded import check_size
 from rsdeblur.image.frame import ReadoutFrame
@@ -32,8 +32,6 @@ from rsdeblur.video.pixels import values_of
 
 # Number of frames, spread over the video, whose noise and brightness represent all.
 SAMPLE_FRAMES = 5
-# Number of frames, spread over the more blurred half of the video, that together correct the recording.
-REFINED_FRAMES = 6
 # Kernels at the tiles' centres may reach this much further than the probed paths, px.
 SPARE = 1
 # FFmpeg's numbers for transfer characteristics.

@@ -52,6 +52,15 @@ def test_photos_with_json_weights_and_report(run, burst: Path, tmp_path: Path) -
     assert "2 of 2 frames" in result.stdout
 
 
+def test_options_of_deblur_work_for_bursts(run, burst: Path, tmp_path: Path) -> None:
+    options = ["--refine", "--motion", "small-angle", "--border", "smooth", "--saturation", "auto", "--softness", "0.3"]
+    call = arguments(burst, "--frames", "0:2", "-o", tmp_path / "out.png", "--force", *options)
+    result = run(*call)
+    assert result.exit_code == 0, result.output
+    assert "Recording not corrected" in result.stdout
+    assert json.loads(run(*call, "--json").stdout)["refinement"]["accepted"] is False
+
+
 def test_each_folder_is_a_burst_and_a_bad_one_does_not_stop_the_others(run, burst: Path, tmp_path: Path) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.interpolate import interp1d
 
 from rsdeblur import BlurPaths, Camera, Capture, Exposure, hand_shake
+from rsdeblur.choices import Motion
 from rsdeblur.motion.alignment import Alignment, burst_captures
 
 CAMERA = Camera(160, 120, 180.0, readout_time=0.03)
@@ -14,9 +16,10 @@ ROWS, COLS = np.array([10.0, 60.0, 110.0]), np.array([20.0, 140.0])
 LOG = hand_shake(0.6, seed=2)
 
 
-def test_the_reference_keeps_its_own_paths() -> None:
-    capture = burst_captures(LOG, CAMERA, EXPOSURES)[0]
-    alone = BlurPaths.from_capture(Capture.from_log(LOG, CAMERA, EXPOSURES[0]), ROWS, COLS, samples=33)
+@pytest.mark.parametrize("motion", ["rotation", "small-angle"])
+def test_the_reference_keeps_its_own_paths(motion: Motion) -> None:
+    capture = burst_captures(LOG, CAMERA, EXPOSURES, motion=motion)[0]
+    alone = BlurPaths.from_capture(Capture.from_log(LOG, CAMERA, EXPOSURES[0], motion=motion), ROWS, COLS, samples=33)
     paths = Alignment(capture, capture)._displacements(ROWS, COLS, 33)
     # The same steps in another order of products.
     np.testing.assert_allclose(paths, alone.displacements, atol=1e-9)
@@ -42,6 +45,15 @@ def test_paths_of_resampled_frames_start_and_end_around_their_middle() -> None:
     np.testing.assert_allclose(paths[:, :, 32], 0, atol=1e-3)
     own = BlurPaths.from_capture(second, ROWS, COLS)
     assert Alignment(second, first).paths(ROWS, COLS).extent[1] < 1.5 * own.extent[1] + 0.5
+
+
+def test_small_angles_approximate_the_rotation() -> None:
+    exact, small = (
+        Alignment(second, first)._displacements(ROWS, COLS, 33)
+        for first, second, _ in (burst_captures(LOG, CAMERA, EXPOSURES, motion=m) for m in ("rotation", "small-angle"))
+    )
+    # Off the centre of the picture, turns move its points by up to a tenth more than at the centre.
+    assert 0.01 < np.abs(small - exact).max() < 0.2 * np.abs(exact).max()
 
 
 def test_rows_between_traced_ones_have_the_paths_that_tracing_gives() -> None:

@@ -9,7 +9,20 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from rsdeblur import BurstResult, Camera, Exposure, InputError, Tuning, deblur, deblur_burst, hand_shake, simulate_clip
+from rsdeblur import (
+    BurstResult,
+    Camera,
+    Capture,
+    Exposure,
+    InputError,
+    Tuning,
+    deblur,
+    deblur_burst,
+    hand_shake,
+    simulate_clip,
+)
+from rsdeblur.estimate.correction import Correction
+from rsdeblur.estimate.refine_frames import FramesRefinement
 from rsdeblur.psf import PsfBank
 from rsdeblur.simulation.scene import scene
 
@@ -202,10 +215,77 @@ def test_horizontal_readout_and_rectify() -> None:
 
 
 @pytest.mark.parametrize(
+    "options",
+    [
+        {"border": "periodic"},
+        {"border": "reflect"},
+        {"border": "edge-taper"},
+        {"border": "smooth"},
+        {"border": "smooth", "prior": "tv", "weight": 0.01},
+        {"motion": "small-angle"},
+        {"motion": "small-angle", "mode": "rowwise"},
+        {"saturation": "auto"},
+    ],
+    ids=lambda options: " ".join(map(str, options.values())),
+)
+def test_a_frame_taken_twice_is_that_frame_alone(options: dict) -> None:
+    """The normal equations of equal frames are those of one frame, whatever the options."""
+    image, exposure = np.minimum(2.5 * frames()[0][0], 1), EXPOSURES[0]
+    options = {"prior": "wiener", "mode": "banded", "nsr": 0.01, "check": False, "bands": 4, "strips": 2} | options
+    one = deblur(image, LOG, CAMERA, exposure, **options).image
+    two = deblur_burst([image, image], LOG, CAMERA, [exposure, exposure], **options).image
+    # The second frame is resampled at its own pixels, up to rounding. Rowwise traces every fourth row of each frame.
+    np.testing.assert_allclose(two, one, atol=5e-3 if options["mode"] == "rowwise" else 2e-4)
+
+
+def test_clipped_highlights_are_separated_in_every_frame() -> None:
+    blurred, sharp = (
+        [image + 30 * spots for image, spots in zip(pictures, bright, strict=True)]
+        for pictures, bright in zip(frames(0.002), lamps(), strict=True)
+    )
+    clipped = [image.clip(0, 1) for image in blurred]
+    ignored, separated = (
+        together(clipped, reference=0, saturation=saturation).image.clip(0, 1) for saturation in ("ignore", "auto")
+    )
+    # Measured 0.4 times.
+    assert error(separated, sharp[0].clip(0, 1)) < 0.7 * error(ignored, sharp[0].clip(0, 1))
+
+
+@cache
+def lamps() -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Return a few lamps on black, blurred and sharp, for each frame."""
+    picture = np.zeros((176, 208, 3), np.float32)
+    for row, col in ((60, 70), (90, 140), (120, 60)):
+        picture[row : row + 2, col : col + 2] = 1.0
+    capture = picture, LOG, CAMERA, EXPOSURES
+    return list(simulate_clip(*capture, samples=32)), list(simulate_clip(*capture, samples=1))
+
+
+def test_refine_corrects_the_recording_by_the_most_blurred_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    images, asked = frames()[0], []
+    wrong = replace(CAMERA, time_offset=0.01)
+
+    def refined(images, log, camera, exposures, **_: object) -> FramesRefinement:
+        asked.append((len(images), exposures))
+        nothing = Correction()
+        return FramesRefinement(log, CAMERA, True, "", nothing, nothing, 9.0, 0.1)
+
+    monkeypatch.setattr("rsdeblur.pipeline.burst.refine_frames", refined)
+    monkeypatch.setattr("rsdeblur.pipeline.burst.REFINED_FRAMES", 2)
+    result = deblur_burst(images, LOG, wrong, EXPOSURES, prior="wiener", check=False, refine=True)
+    assert result.refinement is not None
+    assert result.refinement.accepted
+    np.testing.assert_array_equal(result.image, together().image)
+    lengths = [Capture.from_log(LOG, wrong, exposure).probe.lengths.mean() for exposure in EXPOSURES]
+    least = int(np.argmin(lengths))
+    assert asked == [(2, [exposure for n, exposure in enumerate(EXPOSURES) if n != least])]
+
+
+@pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"refine": True}, "refine"),
-        ({"border": "smooth"}, "smooth"),
+        ({"border": "unknown", "prior": "tv"}, 'border="unknown"; use border="smooth"'),
+        ({"border": "smooth", "mode": "rowwise"}, 'takes no border="smooth"'),
         ({"reference": 3}, "reference"),
         ({"images": [PLAIN]}, "2 to 64 frames"),
         ({"images": [PLAIN] * 2}, "each frame needs an exposure"),
