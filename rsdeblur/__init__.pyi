@@ -65,6 +65,7 @@ from .pipeline.plan import DeblurResult as DeblurResult
 from .pipeline.plan import Plan as Plan
 from .pipeline.plan import plan as plan
 from .psf import PsfBank as PsfBank
+from .simulation.clip import Layer as Layer
 from .simulation.clip import simulate_clip as simulate_clip
 from .simulation.scene import scene as scene
 from .simulation.shake import hand_shake as hand_shake

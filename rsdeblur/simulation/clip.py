@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from rsdeblur._util import validate
+from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.image.frame import ReadoutFrame
@@ -19,10 +21,62 @@ from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.translation import Translation
 from rsdeblur.simulation.simulate import CameraPath, linear_scene
+from rsdeblur.types import FloatArray
 
 # Integration steps of the orientation per second. At 10 rad/s and 1000 rad/s^2, steps of 0.5 ms err by less than 1e-4
 # rad over 1 s, and neighbouring frames by a thirtieth of that: a hundredth of a pixel.
 STEPS_PER_SECOND = 2000
+
+
+@one_line()
+@dataclass(frozen=True, slots=True, eq=False)
+class Layer:
+    """A flat thing before the scene of a simulated clip, which moves or is nearer.
+
+    Parameters
+    ----------
+    picture : array_like, shape (h, w) or (h, w, C)
+        The thing where it is at the reference time, as large as the scene and with values like it.
+    opacity : array_like, shape (h, w)
+        From 0, where only the scene shows, to 1.
+    velocity : (float, float), default (0, 0)
+        (x, y) in px of the scene per second.
+    depth : float, optional
+        Distance in m, in the sense of :attr:`rsdeblur.Translation.depth`; without it, the thing is as far as the scene.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range, or the shapes differ.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rsdeblur
+    >>> disc = np.hypot(*np.mgrid[-32:32, -40:40]) < 9
+    >>> log, camera = rsdeblur.hand_shake(0.5, seed=1), rsdeblur.Camera(64, 48, 80.0, readout_time=0.03)
+    >>> thing = rsdeblur.Layer(np.full((64, 80), 0.9), disc, velocity=(30.0, 0.0))
+    >>> exposures = [rsdeblur.Exposure(0.2, 1 / 60), rsdeblur.Exposure(0.3, 1 / 60)]
+    >>> one, other = rsdeblur.simulate_clip(np.full((64, 80), 0.1), log, camera, exposures, layers=[thing])
+    """
+
+    picture: ArrayLike
+    opacity: ArrayLike
+    velocity: tuple[float, float] = (0.0, 0.0)
+    depth: float | None = None
+
+    def __post_init__(self) -> None:
+        opacity = validate.real_array("opacity", np.asarray(self.opacity, dtype=float), (None, None))
+        if not (opacity.min(initial=1.0) >= 0 and opacity.max(initial=0.0) <= 1):
+            raise InputError("opacity must lie from 0 to 1")
+        velocity = validate.real_array("velocity", self.velocity, (2,))
+        if self.depth is not None:
+            depth = validate.finite("depth", self.depth, minimum=0.0)
+            if depth == 0:
+                raise InputError("depth must be positive, got 0")
+            object.__setattr__(self, "depth", depth)
+        object.__setattr__(self, "opacity", opacity)
+        object.__setattr__(self, "velocity", (float(velocity[0]), float(velocity[1])))
 
 
 def simulate_clip(
@@ -35,6 +89,7 @@ def simulate_clip(
     seed: int = 0,
     samples: int = 8,
     translation: Translation | None = None,
+    layers: Sequence[Layer] = (),
     transfer: Transfer | Auto = "auto",
 ) -> Iterator[NDArray[np.float32]]:
     """Yield the frames of a clip of a sharp picture.
@@ -58,6 +113,8 @@ def simulate_clip(
         Number of warps per row, at least 1.
     translation : Translation, optional
         Positions of the camera, as for :func:`simulate`.
+    layers : sequence of Layer
+        Things before the scene, the farthest first; they move, or are nearer than the scene (parallax).
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light, as for :func:`rsdeblur.deblur`.
 
@@ -69,7 +126,8 @@ def simulate_clip(
     Raises
     ------
     InputError
-        If an argument is out of its range, or the lens distorts.
+        If an argument is out of its range, the lens distorts, or a layer has another shape than the scene, or a depth
+        where no translation is given.
     CoverageError, ClockError, GapError
         If the log or the translation does not describe the clip.
 
@@ -90,26 +148,84 @@ def simulate_clip(
     random = np.random.default_rng(validate.count("seed", seed, minimum=0))
     frame = ReadoutFrame(camera)
     upright = frame.camera
-    planes = np.atleast_3d(frame.image(scene)).astype(np.float64)
-    left, top = (planes.shape[1] - upright.width) // 2, (planes.shape[0] - upright.height) // 2
-    coefficients = np.stack(
-        [ndimage.spline_filter(planes[..., c], 3, output=np.float32, mode="mirror") for c in range(planes.shape[2])],
-        axis=-1,
-    )
     epoch = exposures[0].epoch_ns
     moved = [Exposure(e.start + 1e-9 * (e.epoch_ns - epoch), e.duration, epoch) for e in exposures]
     spans = np.array([exposure.span(upright) for exposure in moved])
     t0, t1 = float(spans.min()), float(spans.max())
     if translation is not None and frame.quarter:
         translation = translation.turned()
-    path = CameraPath(log, upright, t0, t1, epoch, translation, steps_per_second=STEPS_PER_SECOND)
+    span, reference = (t0, t1), 0.5 * (t0 + t1)
+
+    def plane(light: NDArray[np.float32], velocity: tuple[float, float], depth: float | None) -> _Plane:
+        places = translation if depth is None or translation is None else replace(translation, depth=depth)
+        path = CameraPath(log, upright, *span, epoch, places, steps_per_second=STEPS_PER_SECOND)
+        # A quarter turn clockwise takes (x, y) to (-y, x).
+        across, down = velocity
+        return _Plane(frame.image(light), path, (-down, across) if frame.quarter else velocity)
+
+    background = plane(scene, (0.0, 0.0), None)
+    lights = [_premultiplied(layer, scene, transfer, translation) for layer in layers]
+    things = [plane(light, layer.velocity, layer.depth) for light, layer in zip(lights, layers, strict=True)]
     phase = (np.arange(samples) + 0.5) / samples
     for exposure in moved:
         opens, closes = exposure.window(np.arange(upright.height), upright)
         times = opens[:, None] + (closes - opens)[:, None] * phase
-        warps = path.warps(times, 0.5 * (t0 + t1), left, top)
-        light = average_warps(coefficients, warps, upright.width).reshape(
-            upright.height, upright.width, *scene.shape[2:]
+        light = frame.back(_seen(background, things, times, reference)).reshape(
+            camera.height, camera.width, *scene.shape[2:]
         )
-        light = frame.back(light) + random.normal(0.0, noise, frame.back(light).shape).astype(np.float32)
+        light = light + random.normal(0.0, noise, light.shape).astype(np.float32)
         yield from_linear(np.ascontiguousarray(light), transfer)
+
+
+class _Plane:
+    """Light of a plane, upright, of shape (h, w) or (h, w, C), and how the camera sees it."""
+
+    def __init__(self, light: NDArray[np.float32], path: CameraPath, velocity: tuple[float, float]) -> None:
+        planes = np.atleast_3d(light).astype(np.float64)
+        self._corner = (planes.shape[1] - path.camera.width) // 2, (planes.shape[0] - path.camera.height) // 2
+        self._coefficients = np.stack(
+            [ndimage.spline_filter(part, 3, output=np.float32, mode="mirror") for part in np.moveaxis(planes, -1, 0)],
+            axis=-1,
+        )
+        self._path, self._velocity = path, np.array(velocity)
+
+    def seen(self, times: FloatArray, reference: float) -> NDArray[np.float32]:
+        """Return the mean of what the camera sees at `times` (H, T) of each row, shape (H, W, C)."""
+        warps = self._path.warps(times, reference, *self._corner)
+        # A thing that has moved by v t is seen where the one at rest is v t before.
+        shift = np.zeros_like(warps)
+        shift[..., :2, 2] = -(times - reference)[..., None] * self._velocity
+        seen: NDArray[np.float32] = average_warps(self._coefficients, warps + shift @ warps, self._path.camera.width)
+        return seen
+
+
+def _premultiplied(
+    layer: Layer, scene: NDArray[np.float32], transfer: Transfer, translation: Translation | None
+) -> NDArray[np.float32]:
+    """Return the light of a layer times its opacity, and the opacity as the last channel."""
+    light, _ = linear_scene(layer.picture, transfer)
+    opacity = np.asarray(layer.opacity, dtype=np.float32)
+    if light.shape != scene.shape or opacity.shape != scene.shape[:2]:
+        raise InputError(
+            f"a layer must have the scene's shape {scene.shape}, got {light.shape} and an opacity of {opacity.shape}"
+        )
+    if layer.depth is not None and translation is None:
+        raise InputError("a layer has a depth, which only a translation shows; give one, or leave out the depth")
+    return np.concatenate([np.atleast_3d(light) * opacity[..., None], opacity[..., None]], axis=-1)
+
+
+def _seen(background: _Plane, things: Sequence[_Plane], times: FloatArray, reference: float) -> NDArray[np.float32]:
+    """Return the mean light of each row at its `times` (H, T), shape (H, W, C)."""
+    if not things:
+        return background.seen(times, reference)
+    # At each moment, things hide what is behind them; the mean of products is not the product of means.
+    moments = []
+    for k in range(times.shape[1]):
+        at = times[:, k : k + 1]
+        light = background.seen(at, reference)
+        for thing in things:
+            own = thing.seen(at, reference)
+            light = own[..., :-1] + (1 - own[..., -1:]) * light
+        moments.append(light)
+    mean: NDArray[np.float32] = np.mean(moments, axis=0, dtype=np.float32)
+    return mean

@@ -5,7 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur import Camera, Exposure, GyroLog, InputError, hand_shake, scene, simulate, simulate_clip
+from rsdeblur import (
+    Camera,
+    Exposure,
+    GyroLog,
+    InputError,
+    Layer,
+    Translation,
+    hand_shake,
+    scene,
+    simulate,
+    simulate_clip,
+)
 
 CAMERA = Camera(96, 72, 110.0, readout_time=0.02, readout_direction="right-left")
 
@@ -49,3 +60,68 @@ def test_refused(sharp):
     ):
         with pytest.raises(InputError, match="without lens distortion"):
             next(simulate_clip(sharp, log, camera, exposures))
+
+
+STILL = GyroLog(np.arange(0, 1, 0.01), np.zeros((100, 3)))
+SLIDE = Translation([0.0, 0.9], [[0, 0, 0], [0.009, -0.018, 0]], depth=2.0)
+EXPOSURES = [Exposure(0.1, 0.02), Exposure(0.5, 0.02)]
+
+
+@pytest.fixture(scope="module")
+def disc():
+    """A mask of a disc in the middle of the scene."""
+    return (np.hypot(*np.mgrid[-56:56, -72:72]) < 12).astype(float)
+
+
+def places(frames):
+    """Return the centres of gravity (x, y) of white frames."""
+    return [np.array([np.average(axis, weights=frame) for axis in np.mgrid[:72, :96][::-1]]) for frame in frames]
+
+
+class TestLayer:
+    """Opaque layers replace the scene, transparent ones show it, and their pixels move as they should."""
+
+    @pytest.mark.parametrize("opacity", [0.0, 0.3, 1.0])
+    def test_even_layers_mix_two_clips(self, sharp, opacity):
+        log, camera, other = hand_shake(0.7, seed=3), CAMERA, sharp[::-1].copy()
+        layer = Layer(other, np.full(sharp.shape[:2], opacity))
+        mixed, plain, covered = (
+            list(simulate_clip(picture, log, camera, EXPOSURES, layers=layers))
+            for picture, layers in ((sharp, [layer]), (sharp, []), (other, []))
+        )
+        for m, p, c in zip(mixed, plain, covered, strict=True):
+            np.testing.assert_allclose(m, opacity * c + (1 - opacity) * p, atol=1e-5)
+
+    @pytest.mark.parametrize("direction", ["top-down", "right-left"])
+    def test_a_thing_moves_by_its_velocity(self, disc, direction):
+        camera = Camera(96, 72, 110.0, readout_direction=direction)
+        layer = Layer(np.ones_like(disc), disc, velocity=(20.0, -30.0))
+        first, last = places(simulate_clip(np.zeros_like(disc), STILL, camera, EXPOSURES, layers=[layer]))
+        np.testing.assert_allclose(last - first, 0.4 * np.array([20.0, -30.0]), atol=0.02)
+
+    @pytest.mark.parametrize("direction", ["top-down", "right-left"])
+    def test_near_things_move_by_more(self, disc, direction):
+        """By f times the camera's way over their distance."""
+        camera = Camera(96, 72, 110.0, readout_direction=direction)
+        for depth, expected in ((None, 2.0), (2.0, 2.0), (0.5, 0.5)):
+            layer = Layer(np.ones_like(disc), disc, depth=depth)
+            first, last = places(
+                simulate_clip(np.zeros_like(disc), STILL, camera, EXPOSURES, translation=SLIDE, layers=[layer])
+            )
+            way = 0.4 / 0.9 * np.array([0.009, -0.018])
+            np.testing.assert_allclose(last - first, -110.0 * way / expected, atol=0.02)
+
+    @pytest.mark.parametrize(
+        ("layer", "message"),
+        [
+            (lambda disc: Layer(np.ones_like(disc), 2 * disc), "opacity must lie from 0 to 1"),
+            (lambda disc: Layer(np.ones_like(disc), disc, depth=0.0), "depth must be positive"),
+            (lambda disc: Layer(np.ones_like(disc), disc, velocity=(1.0, np.nan)), "velocity"),
+            (lambda disc: Layer(np.ones_like(disc), disc[1:]), "must have the scene's shape"),
+            (lambda disc: Layer(np.ones((112, 144, 3)), disc), "must have the scene's shape"),
+            (lambda disc: Layer(np.ones_like(disc), disc, depth=1.0), "only a translation shows"),
+        ],
+    )
+    def test_refused(self, disc, layer, message):
+        with pytest.raises(InputError, match=message):
+            next(simulate_clip(disc, STILL, CAMERA, EXPOSURES, layers=[layer(disc)]))
