@@ -28,7 +28,19 @@ from scipy import fft, ndimage
 from benchmarks.captures import DATA, READOUT, Image, quality, require_data
 from benchmarks.priors import jpeg, with_recording_errors
 from benchmarks.tables import markdown, write
-from rsdeblur import Camera, Exposure, GyroLog, deblur, deblur_burst, read_gyro, read_picture, simulate_clip, to_linear
+from rsdeblur import (
+    Camera,
+    Exposure,
+    GyroLog,
+    Layer,
+    Translation,
+    deblur,
+    deblur_burst,
+    read_gyro,
+    read_picture,
+    simulate_clip,
+    to_linear,
+)
 from rsdeblur.choices import Auto, Mode, Prior
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.motion.alignment import Alignment, burst_captures
@@ -61,6 +73,11 @@ POWER, SMOOTHING = 11.0, 1 / 50
 PARALLAX = 5
 # Frame that is disturbed in these tests.
 DISTURBED = 1
+# A disc before the scene in all frames: its radius, px; how it moves during the burst, px; and how far the scene itself
+# moves where the camera does, which the log does not say, px. The disc is then at a third of the scene's distance.
+RADIUS, TRAVEL, SLIDE = 45, (40.0, 15.0), 5.0
+# Bursts with such a disc.
+MOVING, NEAR = "a thing that moves in all frames", "a near thing in all frames, before a camera that moves sideways"
 
 
 @dataclass(frozen=True)
@@ -69,8 +86,9 @@ class Case:
 
     Parameters
     ----------
-    kind : {"frames", "pair"} or a key of `CHANGES`
-        Frames of one scene, a long and a short one, or four frames of which one is disturbed.
+    kind : {"frames", "pair", MOVING, NEAR} or a key of `CHANGES`
+        Frames of one scene, a long and a short one, four frames with a disc before the scene, or four frames of which
+        one is disturbed.
     burst : int
         Index into `MOMENTS`.
     frames : int
@@ -156,13 +174,40 @@ def sharp(name: str) -> Image:
 def simulated(index: int, pair: bool = False) -> Burst:
     """Simulate a whole burst, or a pair, without noise."""
     name, start = MOMENTS[index]
-    log = recorded()
     drawn = np.exp(np.random.default_rng(index).uniform(np.log(SHORTEST), np.log(LONGEST), MOST_FRAMES))
     durations = np.array(PAIR) if pair else drawn
     starts = start + np.concatenate([[0.0], np.cumsum(durations[:-1] + PAUSE)])
-    exposures = [Exposure(float(t), float(d), log.epoch_ns) for t, d in zip(starts, durations, strict=True)]
-    blurred, truths = (tuple(simulate_clip(sharp(name), log, CAMERA, exposures, samples=n)) for n in (WARPS, 1))
+    exposures = [Exposure(float(t), float(d), recorded().epoch_ns) for t, d in zip(starts, durations, strict=True)]
+    return filmed(sharp(name), exposures)
+
+
+def filmed(scene: Image, exposures: Sequence[Exposure], **options: Any) -> Burst:
+    """Simulate the frames of a scene, and their truths."""
+    blurred, truths = (
+        tuple(simulate_clip(scene, recorded(), CAMERA, exposures, samples=n, **options)) for n in (WARPS, 1)
+    )
     return Burst(tuple(exposures), blurred, truths)
+
+
+@cache
+def layered(index: int, kind: str) -> Burst:
+    """Simulate four frames of a scene behind a disc that shows another part of it."""
+    exposures, scene = simulated(index).exposures[:4], sharp(MOMENTS[index][0])
+    height, width, _ = scene.shape
+    down, across = np.mgrid[:height, :width]
+    disc = (np.hypot(down - height / 2, across - 0.55 * width) < RADIUS).astype(np.float32)
+    other = np.roll(scene, (-60, -70), axis=(0, 1))
+    opens, closes = exposures[0].start, exposures[-1].start + exposures[-1].duration + READOUT
+    if kind == MOVING:
+        velocity = TRAVEL[0] / (closes - opens), TRAVEL[1] / (closes - opens)
+        return filmed(scene, exposures, layers=[Layer(other, disc, velocity)])
+    way = SLIDE / CAMERA.focal_length[0]
+    # A little longer than the burst, which both ends must cover.
+    spare = 0.2 * way
+    times = [opens - 0.2 * (closes - opens), closes + 0.2 * (closes - opens)]
+    places = np.array([[-spare, 0.0, 0.0], [way + spare, 0.0, 0.0]])
+    moving = Translation(np.array(times), places, depth=1.0, epoch_ns=exposures[0].epoch_ns)
+    return filmed(scene, exposures, layers=[Layer(other, disc, depth=1 / 3)], translation=moving)
 
 
 @cache
@@ -184,7 +229,7 @@ def disturbed(index: int, kind: str) -> tuple[Image, Image]:
 def burst_of(case: Case) -> Burst:
     """Return the frames of a case, with noise."""
     pair = case.kind == "pair"
-    clean = simulated(case.burst, pair)
+    clean = layered(case.burst, case.kind) if case.kind in (MOVING, NEAR) else simulated(case.burst, pair)
     frames, truths = list(clean.frames[: case.frames]), list(clean.truths[: case.frames])
     if case.kind in CHANGES:
         frames[DISTURBED], truths[DISTURBED] = disturbed(case.burst, case.kind)
@@ -262,13 +307,13 @@ def cases(*, quick: bool) -> Iterator[Case]:
     """Yield the cases of all tables."""
     four, pair = Case("frames", 0, 4, 40), Case("pair", 0, 2, 40)
     kinds = [*(replace(four, frames=count) for count in (4, 8)), pair]
-    kinds += [*(replace(four, kind=kind) for kind in CHANGES), replace(four, frames=2)]
+    kinds += [*(replace(four, kind=kind) for kind in (*CHANGES, MOVING, NEAR)), replace(four, frames=2)]
     kinds.append(replace(four, mode="rowwise"))
     if not quick:
         kinds += [replace(four, frames=count, decibels=35) for count in (4, 2, 8)]
         default = replace(four, mode="auto", prior="hyper-laplacian")
         kinds += [replace(default, frames=count, decibels=noise) for noise in (40, 35) for count in (2, 4, 8)]
-        kinds += [replace(default, kind=kind) for kind in CHANGES]
+        kinds += [replace(default, kind=kind) for kind in (*CHANGES, MOVING, NEAR)]
         defaults = (default, replace(default, kind="pair", frames=2))
         kinds += [defaults[1], *(replace(case, wrong=True) for case in defaults)]
     for kind in kinds:

@@ -24,6 +24,10 @@ from rsdeblur.psf import PsfBank, tile_centres
 
 # A frame whose mean weight over the reference's detail is less contributes nothing: its motion or its scene is another.
 LEAST_SUPPORT = 0.5
+# Weight of the data of other frames in the choice of the reference: the errors of two motions are in them.
+OTHERS = 0.5
+# Share of the least further error of any frame that is the reference's own; the rest is that of its alignment.
+OWN = 0.5
 # Most frames measured at a time: one of 12 megapixels takes 0.16 GiB.
 TOGETHER = 4
 
@@ -61,11 +65,6 @@ class AlignedBurst:
         others = [n for n, frame in enumerate(self.frames) if frame.fit and frame.fit.support >= LEAST_SUPPORT]
         return [self.index, *others]
 
-    @property
-    def agreement(self) -> float:
-        """Sum of the supports of all other frames."""
-        return sum(frame.fit.support for frame in self.frames if frame.fit)
-
 
 def aligned(
     splits: Sequence[HighlightSplit],
@@ -75,21 +74,25 @@ def aligned(
     clock: StageClock,
     threads: int | None,
 ) -> AlignedBurst:
-    """Fit all frames to the reference, or to the best candidate that most others agree with; threads share the frames.
+    """Fit all frames to the reference, or to the candidate that promises most; threads share the frames.
 
-    Most of the work is many steps on small pictures, which threads could not share.
+    Candidates are tried, the sharpest first, until most others agree with one. Among these, the data that fit a
+    candidate, its own and those of the others, each as good as its expected error is small, decide. Most of the work is
+    many steps on small pictures, which threads could not share.
     """
     if not validate.is_auto(reference):
-        candidates = [int(reference)]
+        candidates, errors = [int(reference)], np.ones(len(splits))
     else:
         energy = float(np.mean([tuning.energy for tuning in tunings]))
-        errors = [tuning.restoration_error(energy) for tuning in tunings]
+        errors = np.array([tuning.restoration_error(energy) for tuning in tunings])
         candidates = [int(n) for n in np.argsort(errors, kind="stable")]
-    best: AlignedBurst | None = None
+    best, most = None, 0.0
     for index in candidates:
         burst = _fitted(index, splits, captures, tunings, clock, threads)
-        if best is None or burst.agreement > best.agreement:
-            best = burst
+        supports = [1.0 if frame.fit is None else OTHERS * frame.fit.support for frame in burst.frames]
+        data = float((np.array(supports) / np.maximum(errors, np.finfo(float).tiny)).sum())
+        if best is None or data > most:
+            best, most = burst, data
         if 2 * (len(burst.used) - 1) >= len(splits) - 1:
             break
     assert best is not None
@@ -135,6 +138,6 @@ def _fitted(
         if found.support >= LEAST_SUPPORT:
             error_shares.append(error_share)
     # The errors of the reference are in all differences, so they are not larger than the least of these.
-    tuning = reference.tuning.with_path_errors(min(error_shares, default=0.0))
+    tuning = reference.tuning.with_path_errors(OWN * min(error_shares, default=0.0))
     frames[index] = replace(reference, tuning=tuning)
     return AlignedBurst(index, tuple(frames))
