@@ -27,7 +27,7 @@ from benchmarks.cases import EXPOSURE, NSR, Case
 from benchmarks.peers import QUICK_SIZE, SIZE, size
 from benchmarks.tables import markdown, print_table, write
 from benchmarks.timing import Job, Times, interleave, refuse_noise
-from rsdeblur import BlurPaths, Capture, Deconvolver, GradientPrior, RowDeconvolver
+from rsdeblur import BlurPaths, Capture, Deconvolver, DerivativePrior, RowDeconvolver
 from rsdeblur.deconv.rowwise_blur import StripBlur, latent_rows
 from rsdeblur.kernels import rowwise
 from rsdeblur.kernels.rowwise import BLOCK, LANES, RowModel
@@ -40,7 +40,7 @@ BANDS = 16
 # Height of the PSF for which a sparse prior is timed, its target in units of the Wiener filter's `apply`, and the
 # prior. The weight does not affect the time; it is close to the automatic one at 40 dB of noise.
 SPARSE, SPARSE_TARGET = 31, 8.0
-PRIOR = GradientPrior("hyper-laplacian", weight=0.003, peak=1.0)
+PRIOR = DerivativePrior("hyper-laplacian", weight=0.003, peak=1.0)
 # Rows of the picture whose factor is to stay in the cache, in heights of the PSF.
 FEW = 3
 COLUMNS = ("PSF rows", "apply ms", "/ global", "at most", "met", "MiB", "GFLOP/s", "in cache", "share of apply")
@@ -122,10 +122,11 @@ def one_block(paths: BlurPaths, length: int) -> tuple[Job, float]:
     """Return a job that solves 16 frequencies on one thread, and its floating-point operations."""
     strip = StripBlur.from_frames([paths], [1.0], 0, *latent_rows(paths))
     workspace = np.empty(strip.workspace_size(solve=True), dtype=np.float32)
-    table, ridge = strip.table(1, length), np.full(LANES, NSR, dtype=np.float32)
+    table, penalty = strip.table(1, length), np.zeros((3, LANES), dtype=np.float32)
+    penalty[0] = NSR
     data = np.ones((3, strip.rows, 2, LANES), dtype=np.float32)
     latent = np.zeros((3, strip.model.latents, 2, LANES), dtype=np.float32)
-    return lambda: rowwise.solve(strip.model, table, data, latent, workspace, ridge, 0.0), operations(strip.model, 3)
+    return lambda: rowwise.solve(strip.model, table, data, latent, workspace, penalty), operations(strip.model, 3)
 
 
 def operations(model: RowModel, channels: int) -> float:

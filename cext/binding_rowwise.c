@@ -10,11 +10,11 @@ static const rsd_spec model_arrays[OWN] = {
     {"tap_start", INT32, 1, false}, {"tap_shift", INT32, 1, false},  {"tap_weight", FLOAT32, 1, false},
     {"table", FLOAT32, 3, false},
 };
-/* Positions of the kernel's own arrays: of the blur, its adjoint and `solve`, which alone takes RIDGE; of `assemble`; and
- * of `solve_assembled`. */
-enum { DATA = OWN, LATENT, WORKSPACE, RIDGE, MOST };
+/* Positions of the kernel's own arrays: of the blur, its adjoint and `solve`, which alone takes PENALTY; of `assemble`;
+ * and of `solve_assembled`. */
+enum { DATA = OWN, LATENT, WORKSPACE, PENALTY, MOST };
 enum { NORMAL = OWN, NORMAL_WORKSPACE, MOST_OF_ASSEMBLE };
-enum { SOLVE_NORMAL = OWN, SOLVE_LATENT, SOLVE_WORKSPACE, SOLVE_RIDGE };
+enum { SOLVE_NORMAL = OWN, SOLVE_LATENT, SOLVE_WORKSPACE, SOLVE_PENALTY };
 
 static bool acquire(PyObject **objects, Py_buffer *views, const rsd_spec *own, int count)
 {
@@ -84,6 +84,11 @@ static const char *check_apart(const Py_buffer *views, int first, int last, cons
     return NULL;
 }
 
+static const char *check_penalty(const Py_buffer *penalty)
+{
+    return penalty->shape[0] == 3 && penalty->shape[1] == RSD_LANES ? NULL : "penalty must have shape (3, 16)";
+}
+
 /* Return NULL if data, latent and workspace fit the model and each other, else a message. */
 static const char *check_own(const Py_buffer *views, const rsd_rowwise_model *model, int solve)
 {
@@ -109,7 +114,7 @@ static PyObject *apply(PyObject *args, operator function, bool to_data)
     PyObject *o[MOST];
     Py_buffer views[MOST];
     if (!PyArg_ParseTuple(args, "OOOOOOOOOO", o, o + 1, o + 2, o + 3, o + 4, o + 5, o + 6, o + 7, o + 8, o + 9) ||
-        !acquire(o, views, own, RIDGE))
+        !acquire(o, views, own, PENALTY))
         return NULL;
     rsd_rowwise_model model;
     rsd_status status = RSD_OK;
@@ -122,7 +127,7 @@ static PyObject *apply(PyObject *args, operator function, bool to_data)
                           views[to_data ? DATA : LATENT].buf, (size_t)views[DATA].shape[0], views[WORKSPACE].buf);
         Py_END_ALLOW_THREADS
     }
-    rsd_release(views, RIDGE);
+    rsd_release(views, PENALTY);
     return conclude(refusal, status);
 }
 
@@ -143,13 +148,12 @@ PyObject *rsd_bind_rowwise_solve(PyObject *module, PyObject *args)
     const rsd_spec own[] = {{"data", FLOAT32, 4, false},
                             {"latent", FLOAT32, 4, true},
                             {"workspace", FLOAT32, 1, true},
-                            {"ridge", FLOAT32, 1, false}};
+                            {"penalty", FLOAT32, 2, false}};
     PyObject *o[MOST];
     Py_buffer views[MOST];
-    float smooth;
     (void)module;
-    if (!PyArg_ParseTuple(args, "OOOOOOOOOOOf", o, o + 1, o + 2, o + 3, o + 4, o + 5, o + 6, o + 7, o + 8, o + 9,
-                          o + 10, &smooth) ||
+    if (!PyArg_ParseTuple(args, "OOOOOOOOOOO", o, o + 1, o + 2, o + 3, o + 4, o + 5, o + 6, o + 7, o + 8, o + 9,
+                          o + 10) ||
         !acquire(o, views, own, MOST))
         return NULL;
     rsd_rowwise_model model;
@@ -157,14 +161,14 @@ PyObject *rsd_bind_rowwise_solve(PyObject *module, PyObject *args)
     const char *refusal = as_model(views, (size_t)views[DATA].shape[1], &model);
     if (refusal == NULL)
         refusal = check_own(views, &model, 1);
-    if (refusal == NULL && views[RIDGE].shape[0] != RSD_LANES)
-        refusal = "ridge must have 16 values";
+    if (refusal == NULL)
+        refusal = check_penalty(&views[PENALTY]);
     if (refusal == NULL &&
-        (rsd_overlap(&views[RIDGE], &views[LATENT]) || rsd_overlap(&views[RIDGE], &views[WORKSPACE])))
-        refusal = "ridge must not overlap latent or workspace";
+        (rsd_overlap(&views[PENALTY], &views[LATENT]) || rsd_overlap(&views[PENALTY], &views[WORKSPACE])))
+        refusal = "penalty must not overlap latent or workspace";
     if (refusal == NULL) {
         Py_BEGIN_ALLOW_THREADS
-        status = rsd_rowwise_solve(&model, views[TABLE].buf, views[RIDGE].buf, smooth, views[DATA].buf,
+        status = rsd_rowwise_solve(&model, views[TABLE].buf, views[PENALTY].buf, views[DATA].buf,
                                    views[LATENT].buf, (size_t)views[DATA].shape[0], views[WORKSPACE].buf);
         Py_END_ALLOW_THREADS
     }
@@ -205,14 +209,13 @@ PyObject *rsd_bind_rowwise_solve_assembled(PyObject *module, PyObject *args)
     const rsd_spec own[] = {{"normal", FLOAT32, 1, false},
                             {"latent", FLOAT32, 4, true},
                             {"workspace", FLOAT32, 1, true},
-                            {"ridge", FLOAT32, 1, false}};
+                            {"penalty", FLOAT32, 2, false}};
     PyObject *o[MOST];
     Py_buffer views[MOST];
     Py_ssize_t rows;
-    float smooth;
     (void)module;
-    if (!PyArg_ParseTuple(args, "OOOOOOOOOOOnf", o, o + 1, o + 2, o + 3, o + 4, o + 5, o + 6, o + 7, o + 8, o + 9,
-                          o + 10, &rows, &smooth) ||
+    if (!PyArg_ParseTuple(args, "OOOOOOOOOOOn", o, o + 1, o + 2, o + 3, o + 4, o + 5, o + 6, o + 7, o + 8, o + 9,
+                          o + 10, &rows) ||
         !acquire(o, views, own, MOST))
         return NULL;
     rsd_rowwise_model model;
@@ -225,14 +228,15 @@ PyObject *rsd_bind_rowwise_solve_assembled(PyObject *module, PyObject *args)
         refusal = check_workspace(&views[SOLVE_WORKSPACE], &model, 1);
     if (refusal == NULL && (size_t)views[SOLVE_NORMAL].shape[0] != rsd_rowwise_assembled_size(&model))
         refusal = "normal has the wrong size; rowwise_assembled_size returns the right one";
-    if (refusal == NULL && views[SOLVE_RIDGE].shape[0] != RSD_LANES)
-        refusal = "ridge must have 16 values";
     if (refusal == NULL)
-        refusal = check_apart(views, SOLVE_LATENT, SOLVE_RIDGE, "latent, workspace and ridge must not overlap anything");
+        refusal = check_penalty(&views[SOLVE_PENALTY]);
+    if (refusal == NULL)
+        refusal =
+            check_apart(views, SOLVE_LATENT, SOLVE_PENALTY, "latent, workspace and penalty must not overlap anything");
     if (refusal == NULL) {
         Py_BEGIN_ALLOW_THREADS
-        status = rsd_rowwise_solve_assembled(&model, views[SOLVE_NORMAL].buf, views[SOLVE_RIDGE].buf, smooth, views[SOLVE_LATENT].buf,
-                                   (size_t)views[SOLVE_LATENT].shape[0], views[SOLVE_WORKSPACE].buf);
+        status = rsd_rowwise_solve_assembled(&model, views[SOLVE_NORMAL].buf, views[SOLVE_PENALTY].buf,
+                                             views[SOLVE_LATENT].buf, (size_t)views[SOLVE_LATENT].shape[0], views[SOLVE_WORKSPACE].buf);
         Py_END_ALLOW_THREADS
     }
     rsd_release(views, MOST);

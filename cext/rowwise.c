@@ -116,28 +116,31 @@ rsd_status rsd_rowwise_adjoint(const rsd_rowwise_model *model, const float *tabl
     return status;
 }
 
-/* Whether the gradient couples only blocks that the model couples. */
-static bool holds_gradient(const rsd_rowwise_model *model, float smooth)
+/* Whether the differences of `penalty` couple only blocks that the model couples. */
+static bool holds_differences(const rsd_rowwise_model *model, const float *penalty)
 {
+    bool couples = false;
+    for (size_t i = RSD_LANES; i < RSD_PENALTY; i++)
+        couples = couples || penalty[i] != 0.0f;
     for (size_t b = 1; b < model->blocks; b++)
-        if (smooth != 0.0f && (size_t)model->coupled[b] == b)
+        if (couples && (size_t)model->coupled[b] == b)
             return false;
     return true;
 }
 
-rsd_status rsd_rowwise_solve(const rsd_rowwise_model *model, const float *table, const float *ridge, float smooth,
+rsd_status rsd_rowwise_solve(const rsd_rowwise_model *model, const float *table, const float *penalty,
                              const float *data, float *latent, size_t channels, float *workspace)
 {
     if (channels == 0 || model->rows == 0 || model->blocks == 0)
         return RSD_OK;
-    if (ridge == NULL)
+    if (penalty == NULL)
         return RSD_NULL;
     const rsd_status status = check(model, table, data, latent, channels, workspace);
     if (status != RSD_OK)
         return status;
-    if (!holds_gradient(model, smooth))
+    if (!holds_differences(model, penalty))
         return RSD_MODEL;
-    kernels()->solve(model, table, NULL, ridge, smooth, data, latent, channels, workspace);
+    kernels()->solve(model, table, NULL, penalty, data, latent, channels, workspace);
     return RSD_OK;
 }
 
@@ -151,16 +154,16 @@ rsd_status rsd_rowwise_assemble(const rsd_rowwise_model *model, const float *tab
     return status;
 }
 
-rsd_status rsd_rowwise_solve_assembled(const rsd_rowwise_model *model, const float *normal, const float *ridge,
-                                       float smooth, float *latent, size_t channels, float *workspace)
+rsd_status rsd_rowwise_solve_assembled(const rsd_rowwise_model *model, const float *normal,
+                                       const float *penalty, float *latent, size_t channels, float *workspace)
 {
     if (channels == 0 || model->rows == 0 || model->blocks == 0)
         return RSD_OK;
-    const rsd_status status = check(model, normal, ridge, latent, channels, workspace);
+    const rsd_status status = check(model, normal, penalty, latent, channels, workspace);
     if (status != RSD_OK)
         return status;
-    if (!holds_gradient(model, smooth))
+    if (!holds_differences(model, penalty))
         return RSD_MODEL;
-    kernels()->solve(model, NULL, normal, ridge, smooth, NULL, latent, channels, workspace);
+    kernels()->solve(model, NULL, normal, penalty, NULL, latent, channels, workspace);
     return RSD_OK;
 }

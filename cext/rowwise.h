@@ -14,7 +14,7 @@ typedef struct {
                     float *workspace);
     void (*assemble)(const rsd_rowwise_model *, const float *table, float *normal, float *workspace);
     /* Either with `table` and `data`, or with `normal`; the others are NULL. */
-    void (*solve)(const rsd_rowwise_model *, const float *table, const float *normal, const float *ridge, float smooth,
+    void (*solve)(const rsd_rowwise_model *, const float *table, const float *normal, const float *penalty,
                   const float *data, float *latent, size_t channels, float *workspace);
 } rsd_rowwise_kernels;
 

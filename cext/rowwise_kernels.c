@@ -286,14 +286,31 @@ static const float *tile_of(const float *normal, size_t tile)
     return normal == NULL ? NULL : normal + tile * RSD_TILE * RSD_RECORD;
 }
 
-static void off_diagonal(const system *s, size_t J, size_t I, const float *tile, float smooth)
+/* The differences that a latent row takes part in: D^T D has this number on its diagonal, and -1 beside it. */
+static float differences(const system *s, size_t latent)
+{
+    return (float)((latent > 0) + (latent + 1 < s->model->blocks * RSD_BLOCK));
+}
+
+/* Add the terms of `penalty` in D^T D and its square between a latent row and the one before it. */
+INLINE void add_to_neighbour(cvec *sum, const system *s, size_t latent, const float *penalty)
+{
+    const vec slope = *(const vec *)(penalty + RSD_LANES), bend = *(const vec *)(penalty + 2 * RSD_LANES);
+    sum->re -= slope + bend * (differences(s, latent) + differences(s, latent - 1));
+}
+
+static void off_diagonal(const system *s, size_t J, size_t I, const float *tile, const float *penalty)
 {
     float *const out = factor_of(s, J, RSD_BLOCK * I);
     for (size_t lane = 0; lane < RSD_LANES; lane += WIDTH) {
         cvec sum[RSD_BLOCK][RSD_BLOCK];
         memset(sum, 0, sizeof sum);
-        if (I + 1 == J)
-            sum[0][RSD_BLOCK - 1].re -= smooth;
+        if (I + 1 == J) {
+            const vec bend = *(const vec *)(penalty + 2 * RSD_LANES + lane);
+            add_to_neighbour(&sum[0][RSD_BLOCK - 1], s, J * RSD_BLOCK, penalty + lane);
+            for (size_t r = 0; r < 2; r++)
+                sum[r][r + RSD_BLOCK - 2].re += bend;
+        }
         remainder_tile(sum, s, J, I, tile, lane);
         divide(sum, factor_of(s, I, RSD_BLOCK * I) + lane, s->factor_stride, RSD_BLOCK);
         for (size_t r = 0; r < RSD_BLOCK; r++)
@@ -313,25 +330,28 @@ INLINE vec inverse_root(vec x, const float *ridge)
     return x;
 }
 
-static void on_diagonal(const system *s, size_t J, const float *tile, const float *ridge, float smooth)
+static void on_diagonal(const system *s, size_t J, const float *tile, const float *penalty)
 {
     float *const out = factor_of(s, J, RSD_BLOCK * J);
-    const size_t last = s->model->blocks * RSD_BLOCK - 1;
     for (size_t lane = 0; lane < RSD_LANES; lane += WIDTH) {
+        const float *const ridge = penalty + lane;
+        const vec slope = *(const vec *)(ridge + RSD_LANES), bend = *(const vec *)(ridge + 2 * RSD_LANES);
         cvec sum[RSD_BLOCK][RSD_BLOCK];
         memset(sum, 0, sizeof sum);
         for (size_t r = 0; r < RSD_BLOCK; r++) {
-            const size_t j = J * RSD_BLOCK + r;
-            sum[r][r].re += *(const vec *)(ridge + lane) + smooth * (float)((j > 0) + (j < last));
+            const float n = differences(s, J * RSD_BLOCK + r);
+            sum[r][r].re += *(const vec *)ridge + n * slope + n * (n + 1) * bend;
             if (r > 0)
-                sum[r][r - 1].re -= smooth;
+                add_to_neighbour(&sum[r][r - 1], s, J * RSD_BLOCK + r, ridge);
+            if (r > 1)
+                sum[r][r - 2].re += bend;
         }
         remainder_tile(sum, s, J, J, tile, lane);
         for (size_t c = 0; c < RSD_BLOCK; c++) {
             for (size_t q = 0; q < c; q++)
                 for (size_t r = c; r < RSD_BLOCK; r++)
                     sum[r][c] = minus(sum[r][c], sum[r][q], conjugate(sum[c][q]));
-            const vec inverse = inverse_root(sum[c][c].re, ridge + lane);
+            const vec inverse = inverse_root(sum[c][c].re, ridge);
             for (size_t r = c + 1; r < RSD_BLOCK; r++) {
                 sum[r][c].re *= inverse;
                 sum[r][c].im *= inverse;
@@ -427,8 +447,8 @@ static void assemble(const rsd_rowwise_model *model, const float *table, float *
     }
 }
 
-static void solve(const rsd_rowwise_model *model, const float *table, const float *normal, const float *ridge,
-                  float smooth, const float *data, float *latent, size_t channels, float *workspace)
+static void solve(const rsd_rowwise_model *model, const float *table, const float *normal,
+                  const float *penalty, const float *data, float *latent, size_t channels, float *workspace)
 {
     const system s = system_in(model, workspace);
     const size_t data_plane = model->rows * RSD_RECORD, plane = model->blocks * RSD_BLOCK * RSD_RECORD;
@@ -438,8 +458,8 @@ static void solve(const rsd_rowwise_model *model, const float *table, const floa
         if (normal == NULL)
             fill_columns(&s, table, J, start);
         for (size_t I = (size_t)model->coupled[J]; I < J; I++)
-            off_diagonal(&s, J, I, tile_of(normal, tile++), smooth);
-        on_diagonal(&s, J, tile_of(normal, tile++), ridge, smooth);
+            off_diagonal(&s, J, I, tile_of(normal, tile++), penalty);
+        on_diagonal(&s, J, tile_of(normal, tile++), penalty);
         for (size_t c = 0; c < channels; c += RSD_BLOCK) {
             const float *const plane_data = data == NULL ? NULL : data + c * data_plane;
             switch (channels - c) {

@@ -114,6 +114,8 @@ rsd_status rsd_cut_lines(const float *source, rsd_layout source_layout, size_t n
 #define RSD_LANES 16
 #define RSD_RECORD (2 * RSD_LANES)
 #define RSD_BLOCK 3
+/* Floats of a penalty p: for each frequency the weights of |u|^2, |D u|^2 and |D^T D u|^2, in this order. */
+#define RSD_PENALTY (3 * RSD_LANES)
 
 typedef struct {
     size_t rows, blocks, taps, phases;
@@ -145,13 +147,13 @@ rsd_status rsd_rowwise_adjoint(const rsd_rowwise_model *model, const float *tabl
                                size_t channels, float *workspace);
 
 /*
- * Solve (A^H A + diag(ridge) + smooth D^T D) u = A^H data + latent; u replaces latent. D takes the differences of
+ * Solve (A^H A + p0 + p1 D^T D + p2 (D^T D)^2) u = A^H data + latent; u replaces latent. D takes the differences of
  * neighbouring latent rows. The method is banded Cholesky factorisation with forward and back substitution.
  *
- * ridge      RSD_LANES positive floats, one per frequency
- * smooth     at least 0; if it is not 0, coupled[J] must be less than J for J > 0
+ * penalty    RSD_PENALTY floats p, the first RSD_LANES positive, the others at least 0; if any of these is not 0,
+ *            coupled[J] must be less than J for J > 0
  */
-rsd_status rsd_rowwise_solve(const rsd_rowwise_model *model, const float *table, const float *ridge, float smooth,
+rsd_status rsd_rowwise_solve(const rsd_rowwise_model *model, const float *table, const float *penalty,
                              const float *data, float *latent, size_t channels, float *workspace);
 
 /*
@@ -161,10 +163,10 @@ rsd_status rsd_rowwise_solve(const rsd_rowwise_model *model, const float *table,
 rsd_status rsd_rowwise_assemble(const rsd_rowwise_model *model, const float *table, float *normal, float *workspace);
 
 /*
- * Solve (A^H A + diag(ridge) + smooth D^T D) u = latent with the assembled normal matrix; see rsd_rowwise_solve. That
+ * Solve (A^H A + p0 + p1 D^T D + p2 (D^T D)^2) u = latent with the assembled normal matrix; see rsd_rowwise_solve. That
  * pays where the matrix is used again and has many more rows of pictures than of u, as with several pictures.
  */
-rsd_status rsd_rowwise_solve_assembled(const rsd_rowwise_model *model, const float *normal, const float *ridge,
-                                       float smooth, float *latent, size_t channels, float *workspace);
+rsd_status rsd_rowwise_solve_assembled(const rsd_rowwise_model *model, const float *normal,
+                                       const float *penalty, float *latent, size_t channels, float *workspace);
 
 #endif

@@ -22,7 +22,7 @@ CAPTURE = Capture.from_log(LOG, CAMERA, EXPOSURE)
 PATHS = BlurPaths.every_row(CAPTURE, [20.0])
 TRANSLATION = rs.Translation([0, 1], [[0, 0, 0], [0, 0, 1]], 1.0)
 WIENER, TILES, ROWS = rs.Deconvolver(BANK, SHAPE), rs.TileQuadratic(BANK, SHAPE), rs.RowDeconvolver(PATHS, SHAPE)
-BLUR, PLAN, PRIOR = rs.RowBlur(PATHS, 48), rs.plan(LOG, CAMERA, EXPOSURE), rs.GradientPrior("tv", 0.01)
+BLUR, PLAN, PRIOR = rs.RowBlur(PATHS, 48), rs.plan(LOG, CAMERA, EXPOSURE), rs.DerivativePrior("tv", 0.01)
 PIXELS = np.zeros((4, 4), np.uint8)
 
 # Nothing that any argument of these functions takes.
@@ -136,7 +136,7 @@ CALLS: dict[str, Call] = {
     "adjoint: picture": BLUR.adjoint,
     "restore: solver": lambda x: rs.restore(x, IMAGE, prior="tv", weight=0.01),
     "restore: weight": lambda x: rs.restore(TILES, IMAGE, prior="tv", weight=x),
-    "GradientPrior: exponent": lambda x: rs.GradientPrior("tv", 0.1, x),
+    "DerivativePrior: exponent": lambda x: rs.DerivativePrior("tv", 0.1, x),
     "PlugAndPlayPrior: denoise": lambda x: rs.PlugAndPlayPrior(x, 0.1),
     "PlugAndPlayPrior: weight": lambda x: rs.PlugAndPlayPrior(lambda image, sigma: image, x),
     "Tuning.of: light": lambda x: rs.Tuning.of(x, BANK),

@@ -176,16 +176,25 @@ static void test_operators(size_t rows, size_t tallest, size_t channels)
 
 /* The residual of the normal equations must vanish. */
 /* `assembled`: with the assembled normal matrix. */
-static void test_solve(size_t rows, size_t tallest, size_t channels, float smooth, int assembled)
+/* D^T D x at a row of one lane; no difference crosses an end. */
+static double bent(const double *x, size_t j, size_t n)
+{
+    return (j > 0 ? x[j] - x[j - 1] : 0) + (j + 1 < n ? x[j] - x[j + 1] : 0);
+}
+
+static void test_solve(size_t rows, size_t tallest, size_t channels, float slope, float bend, int assembled)
 {
     const blur b = make_blur(rows, tallest);
     const size_t plane = rows * RSD_RECORD, latent_plane = b.latents * RSD_RECORD, n = b.latents;
     float *data = noise(channels * plane, draw(1u << 20)), *right = noise(channels * latent_plane, draw(1u << 20));
-    float *u = allocate(channels * latent_plane, sizeof *u), ridge[RSD_LANES];
+    float *u = allocate(channels * latent_plane, sizeof *u), penalty[RSD_PENALTY];
     for (size_t i = 0; i < channels * latent_plane; i++)
         u[i] = right[i];
-    for (size_t i = 0; i < RSD_LANES; i++)
-        ridge[i] = 0.1f + 0.01f * (float)i;
+    for (size_t i = 0; i < RSD_LANES; i++) {
+        penalty[i] = 0.1f + 0.01f * (float)i;
+        penalty[RSD_LANES + i] = slope * (1 + 0.1f * (float)i);
+        penalty[2 * RSD_LANES + i] = bend * (1 + 0.05f * (float)i);
+    }
     float *workspace = noise(rsd_rowwise_workspace(&b.model, 1), draw(1u << 20));
     if (assembled) {
         float *normal = noise(rsd_rowwise_assembled_size(&b.model), draw(1u << 20));
@@ -194,11 +203,12 @@ static void test_solve(size_t rows, size_t tallest, size_t channels, float smoot
         for (size_t i = 0; i < channels * latent_plane; i++)
             u[i] += sent[i];
         level->assemble(&b.model, b.table, normal, workspace);
-        level->solve(&b.model, NULL, normal, ridge, smooth, NULL, u, channels, workspace);
+        level->solve(&b.model, NULL, normal, penalty, NULL, u, channels, workspace);
         free(normal), free(sent);
     } else
-        level->solve(&b.model, b.table, NULL, ridge, smooth, data, u, channels, workspace);
+        level->solve(&b.model, b.table, NULL, penalty, data, u, channels, workspace);
     double *blurred = allocate(2 * rows, sizeof *blurred), *back = allocate(2 * n, sizeof *back);
+    double *column = allocate(n, sizeof *column), *once = allocate(n, sizeof *once);
     float *rest = allocate(plane, sizeof *rest);
     for (size_t lane = 0; lane < RSD_LANES; lane += 3) {
         double *a = dense(&b, lane);
@@ -212,20 +222,24 @@ static void test_solve(size_t rows, size_t tallest, size_t channels, float smoot
                 rest[y * RSD_RECORD + RSD_LANES + lane] = (float)(im - blurred[2 * y + 1]);
             }
             product(a, rows, n, 1, rest, lane, back);
-            for (size_t j = 0; j < n; j++)
-                for (size_t part = 0; part < 2; part++) {
-                    const size_t at = j * RSD_RECORD + part * RSD_LANES + lane;
-                    double left = back[2 * j + part] + right[c * latent_plane + at] - (double)ridge[lane] * x[at];
-                    if (j > 0)
-                        left -= smooth * ((double)x[at] - x[at - RSD_RECORD]);
-                    if (j + 1 < n)
-                        left -= smooth * ((double)x[at] - x[at + RSD_RECORD]);
+            for (size_t part = 0; part < 2; part++) {
+                const size_t at = part * RSD_LANES + lane;
+                for (size_t j = 0; j < n; j++)
+                    column[j] = x[j * RSD_RECORD + at];
+                for (size_t j = 0; j < n; j++)
+                    once[j] = bent(column, j, n);
+                for (size_t j = 0; j < n; j++) {
+                    const double left = back[2 * j + part] + right[c * latent_plane + j * RSD_RECORD + at] -
+                                        (double)penalty[lane] * column[j] -
+                                        (double)penalty[RSD_LANES + lane] * once[j] -
+                                        (double)penalty[2 * RSD_LANES + lane] * bent(once, j, n);
                     CHECK(fabs(left) < SOLVE_TOLERANCE);
                 }
+            }
         }
         free(a);
     }
-    free(data), free(right), free(u), free(workspace), free(blurred), free(back), free(rest);
+    free(data), free(right), free(u), free(workspace), free(blurred), free(back), free(rest), free(column), free(once);
     free_blur(b);
 }
 
@@ -233,30 +247,30 @@ static void test_refusals(void)
 {
     blur b = make_blur(6, 3);
     float *data = noise(6 * RSD_RECORD, draw(1u << 20)), *latent = noise(b.latents * RSD_RECORD, draw(1u << 20));
-    float ridge[RSD_LANES];
+    float penalty[RSD_PENALTY] = {0};
     for (size_t i = 0; i < RSD_LANES; i++)
-        ridge[i] = 1;
+        penalty[i] = 1;
     float *workspace = noise(rsd_rowwise_workspace(&b.model, 1), draw(1u << 20));
     CHECK(rsd_rowwise_forward(&b.model, b.table, latent, data, 1, workspace) == RSD_OK);
     CHECK(rsd_rowwise_adjoint(&b.model, b.table, data, latent, 1, workspace) == RSD_OK);
-    CHECK(rsd_rowwise_solve(&b.model, b.table, ridge, 0, data, latent, 1, workspace) == RSD_OK);
+    CHECK(rsd_rowwise_solve(&b.model, b.table, penalty, data, latent, 1, workspace) == RSD_OK);
     float *normal = noise(rsd_rowwise_assembled_size(&b.model), draw(1u << 20));
     CHECK(rsd_rowwise_assemble(&b.model, b.table, normal, workspace) == RSD_OK);
-    CHECK(rsd_rowwise_solve_assembled(&b.model, normal, ridge, 0, latent, 1, workspace) == RSD_OK);
+    CHECK(rsd_rowwise_solve_assembled(&b.model, normal, penalty, latent, 1, workspace) == RSD_OK);
     CHECK(rsd_rowwise_assemble(&b.model, b.table, NULL, workspace) == RSD_NULL);
-    CHECK(rsd_rowwise_solve_assembled(&b.model, NULL, ridge, 0, latent, 1, workspace) == RSD_NULL);
-    CHECK(rsd_rowwise_solve_assembled(&b.model, normal, NULL, 0, latent, 1, workspace) == RSD_NULL);
-    CHECK(rsd_rowwise_solve_assembled(&b.model, normal, ridge, 0, latent, SIZE_MAX / 8, workspace) == RSD_SIZE);
-    CHECK(rsd_rowwise_solve_assembled(&b.model, normal, ridge, 0, latent, 0, NULL) == RSD_OK);
+    CHECK(rsd_rowwise_solve_assembled(&b.model, NULL, penalty, latent, 1, workspace) == RSD_NULL);
+    CHECK(rsd_rowwise_solve_assembled(&b.model, normal, NULL, latent, 1, workspace) == RSD_NULL);
+    CHECK(rsd_rowwise_solve_assembled(&b.model, normal, penalty, latent, SIZE_MAX / 8, workspace) == RSD_SIZE);
+    CHECK(rsd_rowwise_solve_assembled(&b.model, normal, penalty, latent, 0, NULL) == RSD_OK);
     CHECK(rsd_rowwise_forward(&b.model, NULL, latent, data, 1, workspace) == RSD_NULL);
     CHECK(rsd_rowwise_adjoint(&b.model, b.table, data, NULL, 1, workspace) == RSD_NULL);
-    CHECK(rsd_rowwise_solve(&b.model, b.table, NULL, 0, data, latent, 1, workspace) == RSD_NULL);
-    CHECK(rsd_rowwise_solve(&b.model, b.table, ridge, 0, data, latent, SIZE_MAX / 8, workspace) == RSD_SIZE);
-    CHECK(rsd_rowwise_solve(&b.model, b.table, ridge, 0, data, latent, 0, NULL) == RSD_OK);
+    CHECK(rsd_rowwise_solve(&b.model, b.table, NULL, data, latent, 1, workspace) == RSD_NULL);
+    CHECK(rsd_rowwise_solve(&b.model, b.table, penalty, data, latent, SIZE_MAX / 8, workspace) == RSD_SIZE);
+    CHECK(rsd_rowwise_solve(&b.model, b.table, penalty, data, latent, 0, NULL) == RSD_OK);
     b.tap_shift[0] = PHASES;
-    CHECK(rsd_rowwise_solve(&b.model, b.table, ridge, 0, data, latent, 1, workspace) == RSD_MODEL);
+    CHECK(rsd_rowwise_solve(&b.model, b.table, penalty, data, latent, 1, workspace) == RSD_MODEL);
     CHECK(rsd_rowwise_assemble(&b.model, b.table, normal, workspace) == RSD_MODEL);
-    CHECK(rsd_rowwise_solve_assembled(&b.model, normal, ridge, 0, latent, 1, workspace) == RSD_MODEL);
+    CHECK(rsd_rowwise_solve_assembled(&b.model, normal, penalty, latent, 1, workspace) == RSD_MODEL);
     CHECK(rsd_rowwise_workspace(&b.model, 1) == 0);
     CHECK(rsd_rowwise_assembled_size(&b.model) == 0);
     b.tap_shift[0] = 0;
@@ -273,15 +287,17 @@ static void test_level(const char *name, const rsd_rowwise_kernels *kernels)
     for (size_t channels = 1; channels <= 4; channels++) {
         test_operators(9, 4, channels);
         for (int assembled = 0; assembled < 2; assembled++)
-            test_solve(9, 4, channels, 0.0f, assembled);
+            test_solve(9, 4, channels, 0.0f, 0.0f, assembled);
         for (int assembled = 0; assembled < 2; assembled++)
-            test_solve(14, 7, channels, 0.5f, assembled);
+            test_solve(14, 7, channels, 0.5f, 0.0f, assembled);
+        for (int assembled = 0; assembled < 2; assembled++)
+            test_solve(14, 7, channels, 0.3f, 0.1f, assembled);
     }
     test_operators(30, 13, 3);
     for (int assembled = 0; assembled < 2; assembled++)
-        test_solve(30, 13, 3, 0.0f, assembled);
+        test_solve(30, 13, 3, 0.0f, 0.0f, assembled);
     for (int assembled = 0; assembled < 2; assembled++)
-        test_solve(5, 1, 3, 0.3f, assembled);
+        test_solve(5, 1, 3, 0.3f, 0.1f, assembled);
     printf("rowwise kernels (%s): %d failures\n", name, failures);
 }
 

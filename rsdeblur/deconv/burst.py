@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur.choices import Border, Planning, Solver
+from rsdeblur.deconv.coupling import TO_GRADIENT, Coupling
 from rsdeblur.deconv.fft import empty
 from rsdeblur.deconv.hybrid import COLUMNS
 from rsdeblur.deconv.priors import LatentPrior, check_prior
@@ -110,7 +111,7 @@ class BurstQuadratic(TileNormal):
         ----------
         images : iterable of array_like of the planned shape
             Linear light of each frame, floats; converted to float32. Each is needed only until the next one comes.
-        prior : GradientPrior, WaveletPrior or PlugAndPlayPrior, optional
+        prior : DerivativePrior, WaveletPrior or PlugAndPlayPrior, optional
             Assumption about the sharp picture; without it the result is that of the Wiener filter.
         progress : callable, optional
             Called with the finished fraction after each solve.
@@ -153,14 +154,16 @@ class BurstQuadratic(TileNormal):
 
         self._pass(picture, None, add)
 
-    def _solve(self, beta: float, pull: FloatImage | None, across: Float32Array, down: Float32Array) -> FloatImage:
-        weight = np.float32(0.0 if pull is None else beta)
-        nsr, term, scale = np.float32(self.nsr), np.float32(beta), np.float32(self._scale)
+    def solve(self, beta: float, pull: FloatImage | None = None, coupling: Coupling = TO_GRADIENT) -> FloatImage:
+        """Return the minimiser for the sums of all frames; see :meth:`TileNormal.solve`."""
+        weights, weight = coupling.weights(beta), np.float32(0.0 if pull is None else beta)
+        nsr, scale = np.float32(self.nsr), np.float32(self._scale)
 
         def restore(strip: int, thread: int, _source: int, bands: slice, columns: slice, slabs: ComplexArray) -> None:
             place, power = (strip, columns.start // COLUMNS, bands), self._powers[thread][: len(slabs)]
             np.copyto(power, self._power[place])
-            solve_normal(self._signal[place], power, across[columns], down, nsr, term, weight, scale, slabs)
+            signal, across = self._signal[place], self._across[columns]
+            solve_normal(signal, power, across, self._down, nsr, weights, weight, scale, slabs)
 
         latent = np.empty(self._channelled, dtype=np.float32) if pull is None else pull
         self._pass(pull, latent, restore)

@@ -22,6 +22,7 @@ import numpy as np
 
 from rsdeblur._util import validate
 from rsdeblur.deconv.cnn import cnn_denoise
+from rsdeblur.deconv.coupling import TO_PICTURE
 from rsdeblur.deconv.non_local_means import non_local_means
 from rsdeblur.deconv.priors import LEAST_PEAK, QuadraticSolver, brightness
 from rsdeblur.errors import InputError
@@ -109,7 +110,7 @@ class PlugAndPlayPrior:
         # A quadratic prior on the gradient gives the start.
         latent = solver.solve(self.weight / sigmas[0] ** 2, None)
         for done, sigma in enumerate(sigmas, 1):
-            latent = self._denoised(solver.solve_near(self.weight / sigma**2, latent), sigma)
+            latent = self._denoised(solver.solve(self.weight / sigma**2, latent, TO_PICTURE), sigma)
             if progress is not None:
                 progress(done / len(sigmas))
         return latent

@@ -1,24 +1,30 @@
-"""Priors on the gradient of the sharp picture: Tikhonov, total variation, hyper-Laplacian.
+"""Priors on derivatives of the sharp picture: Tikhonov, total variation, hyper-Laplacian.
 
 The restored picture minimises
 
-    |A u - g|^2 + weight sum |grad u|^p
+    |A u - g|^2 + weight sum_k a_k |D_k u|^p
 
-where `|grad u|` is one number per pixel, over both directions and all channels (colour edges coincide). For p = 2 that
-is one linear solve. For p <= 1 half-quadratic splitting [1]_ introduces a target gradient w,
+where `|D_k u|` is one number per pixel, over all channels (colour edges coincide). For p = 2 that is one linear solve.
+For p <= 1 half-quadratic splitting [1]_ introduces targets w_k,
 
-    |A u - g|^2 + beta |grad u - w|^2 + weight sum |w|^p
+    |A u - g|^2 + sum_k a_k (beta |D_k u - w_k|^2 + weight |w_k|^p)
 
-and alternates between w, which is a shrinkage of `grad u`, and u, which is a linear solve, while beta grows.
+and alternates between w, which is a shrinkage of the derivatives, and u, which is a linear solve, while beta grows.
+
+Tikhonov and total variation have one D, the gradient, whose two directions are one vector. The hyper-Laplacian has the
+derivatives of first and second order [2]_, each a number of its own: edges are rare in each of them. Second derivatives
+let slopes pass, of which first ones would make steps.
 
 .. [1] D. Krishnan and R. Fergus, "Fast image deconvolution using hyper-Laplacian priors", NIPS 2009.
+.. [2] A. Levin, R. Fergus, F. Durand and W. T. Freeman, "Image and depth from a conventional camera with a coded
+   aperture", ACM Transactions on Graphics 26(3), 2007.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,8 +32,9 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.threads import share
 from rsdeblur.choices import PRIORS, Prior
+from rsdeblur.deconv.coupling import TO_DERIVATIVES, TO_GRADIENT, Coupling
 from rsdeblur.errors import InputError
-from rsdeblur.kernels.shrink import shrunk_grad_adjoint
+from rsdeblur.kernels.shrink import shrunk_derivatives_adjoint, shrunk_grad_adjoint
 from rsdeblur.types import FloatImage
 
 EXPONENT = 2 / 3
@@ -44,45 +51,47 @@ TABLE = 2049
 ROWS = 64
 
 
-class GradientSolver(Protocol):
-    """Interface on which :func:`half_quadratic` builds a prior: a solver that holds its observation g.
+class Sparsity(NamedTuple):
+    """The derivatives that a sparse prior shortens."""
+
+    shrink: Callable[..., None]
+    """Kernel of :mod:`rsdeblur.kernels.shrink` that computes the pull of the shortened derivatives."""
+    coupling: Coupling
+    """Quadratic term of the derivatives."""
+
+
+GRADIENT = Sparsity(shrunk_grad_adjoint, TO_GRADIENT)
+DERIVATIVES = Sparsity(shrunk_derivatives_adjoint, TO_DERIVATIVES)
+
+
+class QuadraticSolver(Protocol):
+    """Interface on which priors are built: a solver that holds its observation g.
 
     It minimises over latent pictures u
 
-        |A u - g|^2 + nsr |u|^2 + beta |D u - w|^2
+        |A u - g|^2 + nsr |u|^2 + beta sum_k a_k |D_k u - w_k|^2
 
-    D takes forward differences, which are zero across the last row and column or, if `periodic`, wrap around. The
-    target gradient w enters only as `D^T w`, which is a picture like u.
+    for targets w_k of the picture itself, of its gradient or of its derivatives of first and second order
+    (:mod:`rsdeblur.deconv.coupling`). Differences are zero across the last row and column or, if `periodic`, wrap
+    around.
     """
 
     @property
     def periodic(self) -> bool:
         """Whether latent pictures repeat."""
 
-    def solve(self, beta: float, grad_adjoint: FloatImage | None) -> FloatImage:
+    def solve(self, beta: float, pull: FloatImage | None, coupling: Coupling = TO_GRADIENT) -> FloatImage:
         """Return u (H', W', C), which may be larger than the observation.
 
         Parameters
         ----------
         beta : float
-            Weight of the target gradient.
-        grad_adjoint : ndarray, shape (H', W', C), float32, or None
-            `D^T w`; None is zero. The solver may overwrite it and return u in its memory.
-        """
-
-
-class QuadraticSolver(GradientSolver, Protocol):
-    """A solver that also minimises `|A u - g|^2 + nsr |u|^2 + beta |u - v|^2`."""
-
-    def solve_near(self, beta: float, target: FloatImage) -> FloatImage:
-        """Return u (H', W', C) near a target picture.
-
-        Parameters
-        ----------
-        beta : float
-            Weight of the target.
-        target : ndarray, shape (H', W', C), float32
-            The target v. The solver may overwrite it and return u in its memory.
+            Strength of the prior's quadratic term.
+        pull : ndarray, shape (H', W', C), float32, or None
+            `sum_k a_k D_k^T w_k`, to which the targets come down; None is zero. The solver may overwrite it and return
+            u in its memory.
+        coupling : Coupling
+            What has a target.
         """
 
 
@@ -133,7 +142,7 @@ def check_prior(prior: LatentPrior) -> LatentPrior:
     """
     if isinstance(prior, type) or not hasattr(prior, "restore"):
         raise InputError(
-            f"prior must be a GradientPrior, a WaveletPrior or a PlugAndPlayPrior, got {validate.shown(prior)}"
+            f"prior must be a DerivativePrior, a WaveletPrior or a PlugAndPlayPrior, got {validate.shown(prior)}"
         )
     return prior
 
@@ -153,13 +162,14 @@ class PriorSolver(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class GradientPrior:
-    """The penalty `weight sum |grad u|^p` on the sharp picture u, with its numbers.
+class DerivativePrior:
+    """A penalty on derivatives of the sharp picture, with its numbers.
 
     Parameters
     ----------
     kind : {"gradient", "tv", "hyper-laplacian"}
-        The power p is 2, 1 or `exponent`.
+        `weight sum |grad u|^p` with p = 2 or 1, or `weight / 2 sum_k |D_k u|^exponent` over five derivatives of first
+        and second order.
     weight : float
         Weight of the penalty, from 1e-20 to 1e20: larger is smoother. :class:`rsdeblur.Tuning` derives one from a
         picture.
@@ -177,8 +187,8 @@ class GradientPrior:
     Examples
     --------
     >>> import rsdeblur
-    >>> rsdeblur.GradientPrior("hyper-laplacian", weight=0.01, exponent=0.5)
-    GradientPrior(kind='hyper-laplacian', weight=0.01, exponent=0.5, peak=None)
+    >>> rsdeblur.DerivativePrior("hyper-laplacian", weight=0.01, exponent=0.5)
+    DerivativePrior(kind='hyper-laplacian', weight=0.01, exponent=0.5, peak=None)
     """
 
     kind: Prior
@@ -196,13 +206,13 @@ class GradientPrior:
         }
         other = others.get(self.kind)
         if other is not None:
-            raise InputError(f'prior "{self.kind}" is not a prior on the gradient: use {other}')
+            raise InputError(f'prior "{self.kind}" is not a prior on derivatives: use {other}')
         object.__setattr__(self, "weight", validate.strength("weight", self.weight))
         object.__setattr__(self, "exponent", validate.exponent(self.exponent))
         if self.peak is not None:
             object.__setattr__(self, "peak", validate.finite("peak", self.peak, maximum=validate.MOST_LIGHT))
 
-    def with_peak_of(self, image: FloatImage) -> GradientPrior:
+    def with_peak_of(self, image: FloatImage) -> DerivativePrior:
         """Return this prior with the `peak` of a picture, unless it has one.
 
         Parameters
@@ -238,14 +248,16 @@ class GradientPrior:
         if self.kind == "gradient":
             latent = solver.solve(self.weight, None)
         else:
-            exponent = 1.0 if self.kind == "tv" else self.exponent
+            exponent, sparsity = (1.0, GRADIENT) if self.kind == "tv" else (self.exponent, DERIVATIVES)
             peak = 1.0 if self.peak is None else self.peak
-            steps = half_quadratic(solver, weight=self.weight, exponent=exponent, peak=peak, threads=threads)
+            steps = half_quadratic(
+                *(solver, sparsity), weight=self.weight, exponent=exponent, peak=peak, threads=threads
+            )
             for done, step in enumerate(steps, 1):
                 if progress is not None:
                     progress(done / len(PENALTIES))
                 latent = step.latent
-                # The first step repeats the penalty of the initial solve, so where all gradients vanish it changes
+                # The first step repeats the penalty of the initial solve, so where all derivatives vanish it changes
                 # nothing.
                 if done > 1 and step.change < TOLERANCE:
                     break
@@ -280,9 +292,9 @@ def restore(
     peak: float | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> FloatImage:
-    """Deblur a picture with a prior on its gradient.
+    """Deblur a picture with a prior on its derivatives.
 
-    The same as ``solver.apply(image, prior=GradientPrior(prior, weight, exponent, peak))``.
+    The same as ``solver.apply(image, prior=DerivativePrior(prior, weight, exponent, peak))``.
 
     Parameters
     ----------
@@ -291,7 +303,7 @@ def restore(
     image : array_like of the planned shape
         Linear light, floats, nominal range [0, 1].
     prior, weight, exponent, peak
-        See :class:`rsdeblur.GradientPrior`.
+        See :class:`rsdeblur.DerivativePrior`.
     progress : callable, optional
         Called with the finished fraction after each solve. An exception that it raises stops the work.
 
@@ -316,7 +328,7 @@ def restore(
     """
     if not hasattr(solver, "apply"):
         raise InputError(f"solver must be a TileQuadratic or a RowDeconvolver, got {validate.shown(solver)}")
-    return solver.apply(image, prior=GradientPrior(prior, weight, exponent, peak), progress=progress)
+    return solver.apply(image, prior=DerivativePrior(prior, weight, exponent, peak), progress=progress)
 
 
 def brightness(image: FloatImage) -> float:
@@ -339,18 +351,26 @@ def brightness(image: FloatImage) -> float:
 
 
 def half_quadratic(
-    solver: GradientSolver, *, weight: float, exponent: float, peak: float = 1.0, threads: int | None = None
+    solver: QuadraticSolver,
+    sparsity: Sparsity,
+    *,
+    weight: float,
+    exponent: float,
+    peak: float = 1.0,
+    threads: int | None = None,
 ) -> Iterator[Step]:
     """Yield the pictures of the splitting, one for each of `PENALTIES`; the caller may stop early.
 
     Parameters
     ----------
-    solver : GradientSolver
+    solver : QuadraticSolver
         Solver that holds its observation.
+    sparsity : Sparsity
+        The derivatives.
     weight : float
         Weight of the prior, positive.
     exponent : float
-        Power p of the gradient, in (0, 1].
+        Power p of the derivatives, in (0, 1].
     peak : float, default 1.0
         Value of the picture's bright parts.
     threads : int, optional
@@ -360,31 +380,30 @@ def half_quadratic(
     ------
     Step
     """
-    # Gradients are proportional to the peak, so the largest gradient that vanishes must be, too.
+    # Derivatives are proportional to the peak, so the largest one that vanishes must be, too.
     penalties = [penalty * max(peak, LEAST_PEAK) ** (exponent - 2.0) for penalty in PENALTIES]
-    latent = solver.solve(weight * penalties[0], None)
+    latent = solver.solve(weight * penalties[0], None, sparsity.coupling)
     table, spare = shrinkage(exponent), np.empty_like(latent)
     for penalty in penalties:
         # In units of (weight / beta)^(1 / (2 - p)) the shrinkage has no parameter but p.
         vanishing = np.float32(threshold(exponent) * penalty ** (-1.0 / (2.0 - exponent)))
-        _shrink(latent, vanishing, table, solver.periodic, spare, threads)
-        latent, spare = solver.solve(weight * penalty, spare), latent
+        _shrink(latent, sparsity.shrink, (vanishing, table, solver.periodic), spare, threads)
+        latent, spare = solver.solve(weight * penalty, spare, sparsity.coupling), latent
         yield Step(latent, _change(spare, latent, threads))
 
 
 def _shrink(
     latent: FloatImage,
-    vanishing: np.float32,
-    table: NDArray[np.float32],
-    periodic: bool,
-    grad_adjoint: FloatImage,
+    kernel: Callable[..., None],
+    shrinkage: tuple[np.float32, NDArray[np.float32], bool],
+    pull: FloatImage,
     threads: int | None,
 ) -> None:
-    """Fill `grad_adjoint` with `D^T w`, w being the shrunk gradient of `latent`; threads share blocks of rows."""
+    """Fill `pull` with that of the shrunk derivatives of `latent`; threads share blocks of rows."""
     height = len(latent)
 
     def block(_: int, top: int) -> None:
-        shrunk_grad_adjoint(latent, top, min(ROWS, height - top), vanishing, table, periodic, grad_adjoint)
+        kernel(latent, top, min(ROWS, height - top), *shrinkage, pull)
 
     share(block, range(0, height, ROWS), threads)
 

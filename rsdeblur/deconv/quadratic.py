@@ -1,4 +1,4 @@
-"""The quadratic problem behind priors on the gradient, solved tile by tile in the hybrid domain.
+"""The quadratic problem behind priors on derivatives, solved tile by tile in the hybrid domain.
 
 The rows of a picture are transformed once. A solve transforms the rows of the prior's pull, and combines both pictures
 while their columns are in the cache.
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Border, Planning
+from rsdeblur.deconv.coupling import TO_GRADIENT, Coupling
 from rsdeblur.deconv.hybrid import COLUMNS
 from rsdeblur.deconv.priors import LatentPrior, check_prior
 from rsdeblur.deconv.wiener import TileFilter
@@ -21,7 +22,7 @@ from rsdeblur.errors import InputError
 from rsdeblur.kernels import spectral
 from rsdeblur.kernels.normal import add_normal, solve_normal
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import ComplexArray, Float32Array, FloatImage
+from rsdeblur.types import ComplexArray, FloatImage
 
 # Margin of a tile: by how much it is longer than the part that it contributes, in PSF sizes.
 MARGIN = 1.5
@@ -81,15 +82,17 @@ class TileNormal(TileFilter):
             np.empty((self._hybrid.together, COLUMNS, self._bands.length), np.float32) for _ in range(self.threads)
         ]
 
-    def solve(self, beta: float, grad_adjoint: FloatImage | None = None) -> FloatImage:
+    def solve(self, beta: float, pull: FloatImage | None = None, coupling: Coupling = TO_GRADIENT) -> FloatImage:
         """Return the minimiser for the observations.
 
         Parameters
         ----------
         beta : float
-            Weight of the gradient term, at least 0.
-        grad_adjoint : ndarray, shape (H, W, C), float32, optional
-            `D^T w`; None is zero. Its memory receives the result.
+            Strength of the prior's quadratic term, at least 0.
+        pull : ndarray, shape (H, W, C), float32, optional
+            Right-hand side of the term; None is zero. Its memory receives the result.
+        coupling : Coupling
+            See :meth:`rsdeblur.deconv.priors.QuadraticSolver.solve`.
 
         Returns
         -------
@@ -98,44 +101,16 @@ class TileNormal(TileFilter):
         Raises
         ------
         InputError
-            If `grad_adjoint` is not finite, or no observation was set.
-        """
-        return self._solve(beta, grad_adjoint, self._across, self._down)
-
-    def solve_near(self, beta: float, target: FloatImage) -> FloatImage:
-        """Return the minimiser of the data term plus `beta |u - v|^2`.
-
-        Parameters
-        ----------
-        beta : float
-            Weight of the target, at least 0.
-        target : ndarray, shape (H, W, C), float32
-            The target v. Its memory receives the result.
-
-        Returns
-        -------
-        ndarray, shape (H, W, C), float32
-
-        Raises
-        ------
-        InputError
-            If `target` is not finite, or no observation was set.
-        """
-        return self._solve(beta, target, np.full_like(self._across, 0.5), np.full_like(self._down, 0.5))
-
-    def _solve(self, beta: float, pull: FloatImage | None, across: Float32Array, down: Float32Array) -> FloatImage:
-        """Return the minimiser with a term of weight `beta`, whose right-hand side is `beta pull`.
-
-        The term's matrix is the sum of `across` and `down`: |D|^2, or 1.
+            If `pull` is not finite, or no observation was set.
         """
         raise NotImplementedError
 
 
 @one_line("shape", "nsr", "_kernel_size")
 class TileQuadratic(TileNormal):
-    """Deconvolution with a bank of PSFs and a prior on the gradient, planned once and applied often.
+    """Deconvolution with a bank of PSFs and a prior on derivatives, planned once and applied often.
 
-    As a :class:`rsdeblur.deconv.priors.QuadraticSolver` it solves
+    As a :class:`rsdeblur.deconv.priors.QuadraticSolver` it solves, for a prior on the gradient,
 
         U = ((1 + nsr) conj(H) G + beta V) / (|H|^2 + nsr + beta |D|^2)
 
@@ -164,7 +139,7 @@ class TileQuadratic(TileNormal):
     >>> import rsdeblur
     >>> bank = rsdeblur.PsfBank.for_picture(np.full((1, 5), 0.2), (64, 64))
     >>> solver = rsdeblur.TileQuadratic(bank, (64, 64))
-    >>> solver.apply(np.full((64, 64), 0.5), prior=rsdeblur.GradientPrior("tv", 0.01)).shape
+    >>> solver.apply(np.full((64, 64), 0.5), prior=rsdeblur.DerivativePrior("tv", 0.01)).shape
     (64, 64)
     """
 
@@ -208,7 +183,7 @@ class TileQuadratic(TileNormal):
             Linear light, floats; converted to float32.
         out : ndarray, float32, optional
             Receives the result; may be `image` itself.
-        prior : GradientPrior, WaveletPrior or PlugAndPlayPrior
+        prior : DerivativePrior, WaveletPrior or PlugAndPlayPrior
             Assumption about the sharp picture.
         progress : callable, optional
             Called with the finished fraction after each solve.
@@ -258,11 +233,12 @@ class TileQuadratic(TileNormal):
             if not self._hybrid.transform_rows(picture, strip, spectra):
                 raise InputError("image must be finite")
 
-    def _solve(self, beta: float, pull: FloatImage | None, across: Float32Array, down: Float32Array) -> FloatImage:
+    def solve(self, beta: float, pull: FloatImage | None = None, coupling: Coupling = TO_GRADIENT) -> FloatImage:
+        """Return the minimiser for the observation; see :meth:`TileNormal.solve`."""
         if not self._observed:
             raise InputError("the solver holds no picture: call apply(), or prepare() before solve()")
         latent = np.empty(self._channelled, dtype=np.float32) if pull is None else pull
-        self._minimise(self._observed, pull, latent, (beta, across, down))
+        self._minimise(self._observed, pull, latent, beta, coupling)
         return latent
 
     def _minimise(
@@ -270,19 +246,19 @@ class TileQuadratic(TileNormal):
         observed: Sequence[ComplexArray],
         picture: FloatImage | None,
         out: FloatImage,
-        term: tuple[float, Float32Array, Float32Array],
+        beta: float,
+        coupling: Coupling,
         *,
         blurred: bool = False,
     ) -> None:
         """Write the minimiser, or its blur, to `out`, which may be `picture`.
 
         `observed` holds the spectra of the observation's strips, and `picture` is the pull; without spectra, `picture`
-        is the observation, and nothing pulls. `term` is beta, across and down of :meth:`TileNormal._solve`.
+        is the observation, and nothing pulls.
         """
-        strength, across, down = term
         last = 1 if observed and picture is not None else 0
-        beta, nsr, scale = np.float32(strength), np.float32(self.nsr), np.float32(self._scale)
-        weight = beta if last else np.float32(0.0)
+        weights, pull = coupling.weights(beta), np.float32(beta if last else 0.0)
+        nsr, scale = np.float32(self.nsr), np.float32(self._scale)
 
         def restore(strip: int, thread: int, source: int, bands: slice, columns: slice, slabs: ComplexArray) -> None:
             signal, power = self._signals[thread][: len(slabs)], self._powers[thread][: len(slabs)]
@@ -290,7 +266,7 @@ class TileQuadratic(TileNormal):
             if source == 0:
                 add_normal(slabs, otfs, np.float32(1.0), True, signal, power)
             if source == last:
-                solve_normal(signal, power, across[columns], down, nsr, beta, weight, scale, slabs)
+                solve_normal(signal, power, self._across[columns], self._down, nsr, weights, pull, scale, slabs)
             if source == last and blurred:
                 for slab, otf in zip(slabs, otfs, strict=True):
                     spectral.multiply(slab, otf)

@@ -4,10 +4,10 @@ For each frequency along x the blur is a banded matrix A along y (:mod:`rsdeblur
 
     minimise |A u - g|^2 + nsr |u - m|^2 + beta |grad u - w|^2
 
-is a banded Hermitian positive definite system: the gradient term is diagonal along x and tridiagonal along y. A term
-`beta |u - v|^2` in its place is diagonal. Where the
-data do not determine u, it falls back on m, the expectation: the picture's mean and, without a gradient term, near top
-and bottom the average of the outermost rows, smoothed.
+is a banded Hermitian positive definite system: the gradient term is diagonal along x and tridiagonal along y; second
+derivatives in its place are pentadiagonal along y, and the picture itself is diagonal. Where the data do not determine
+u, it falls back on m, the expectation: the picture's mean and, without a term, near top and bottom the average of the
+outermost rows, smoothed.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import BORDERS, PLANNINGS, SOLVERS, Border, Planning, Solver
+from rsdeblur.deconv.coupling import TO_GRADIENT, Coupling
 from rsdeblur.deconv.fft import empty, remember
 from rsdeblur.deconv.priors import LatentPrior, check_prior
 from rsdeblur.deconv.rowwise_blur import latent_rows, strip_blurs
@@ -184,38 +185,41 @@ class RowSolver:
 
         self._spectra.team.share(block, range(0, len(target), ROWS))
 
-    def _solve(self, strip: int, ridge: Float32Array, smooth: float, *, scale: float, pull: float, kept: Kept) -> None:
+    def _solve(
+        self, strip: int, beta: float, coupling: Coupling, *, scale: float, pull: bool, edges: bool, kept: Kept
+    ) -> None:
         """Minimise for all frequencies of `strip`, and leave the result in the latent spectra.
 
-        `ridge` has shape (blocks, 16). Unless `pull` is 0, the latent spectra hold `D^T w` or, where `smooth` is 0, v,
-        which enter the right-hand side times `pull`. The difference u - m is scaled in the end. With a prior, `kept`
-        takes what all its steps have in common.
+        With `pull`, the latent spectra hold the pull of a prior, which enters the right-hand side times `beta / scale`.
+        The difference u - m is scaled in the end. With `edges`, m has the outermost rows. With a prior, `kept` takes
+        what all its steps have in common.
         """
         model, tables = self._strips[strip].model, self._tables[strip]
-        edges = smooth == 0 and pull == 0
+        weights = self._penalty(beta, coupling)
 
         def block(thread: int, b: int) -> None:
             data, latent, workspace = self._data[b], self._latent[b], self._workspaces[thread]
+            penalty = weights[b]
             expected = self._expectation(b, edges=edges)
-            if pull == 0:
+            if not pull:
                 latent[...] = 0
             else:
-                # The unknown is u - m, and the gradient of m is zero.
-                if smooth == 0 and expected is not None:
-                    latent -= expected
-                latent *= np.float32(pull)
+                # The unknown is u - m, and the derivatives of m are zero.
+                if coupling.picture and expected is not None:
+                    latent -= np.float32(coupling.picture) * expected
+                latent *= np.float32(beta / scale)
             if not edges and self._keeps(strip, b):
                 if b not in kept:
                     kept[b] = self._assembled(strip, b, expected, workspace)
                 right, normal = kept[b]
                 latent += right
-                rowwise.solve_assembled(model, tables[b], normal, latent, workspace, ridge[b], data.shape[1], smooth)
+                rowwise.solve_assembled(model, tables[b], normal, latent, workspace, penalty, data.shape[1])
             elif self.solver == "direct":
                 rest = self._rest(strip, b, expected, workspace)
-                rowwise.solve(model, tables[b], rest, latent, workspace, ridge[b], smooth)
+                rowwise.solve(model, tables[b], rest, latent, workspace, penalty)
             else:
                 equations = NormalEquations(
-                    *(model, tables[b], data.shape[1], ridge[b], smooth, workspace), frames=len(self._factors)
+                    *(model, tables[b], data.shape[1], penalty, workspace), frames=len(self._factors)
                 )
                 latent += self._sent_back(strip, b, expected, workspace)
                 latent[...] = conjugate_gradients(equations.multiply, equations.precondition, latent.copy())
@@ -224,6 +228,18 @@ class RowSolver:
                 latent += expected
 
         self._spectra.team.share(block, range(self._spectra.blocks))
+
+    def _penalty(self, beta: float, coupling: Coupling) -> Float32Array:
+        """Return the weights (blocks, 3, 16) of `|u - m|^2`, `|D u|^2` and `|D^T D u|^2`, D along y, per frequency.
+
+        `|D|^2` in both directions is the sum of both, so its square has a mixed term.
+        """
+        turns = np.arange(self._spectra.blocks * LANES).reshape(-1, LANES) / self._spectra.length
+        across = (2 - 2 * np.cos(2 * np.pi * turns)).astype(np.float32)
+        _, gradient, bend = coupling
+        slope = gradient + 2 * bend * across
+        parts = self.nsr + beta * coupling.response(across), beta * slope, np.full_like(across, beta * bend)
+        return np.stack(parts, axis=1).astype(np.float32)
 
     def _keeps(self, strip: int, block: int) -> bool:
         """Whether the steps of a prior keep the normal matrix of a block of frequencies.
@@ -375,7 +391,7 @@ class RowDeconvolver(RowSolver):
             Linear light, floats; converted to float32.
         out : ndarray, float32, optional
             Receives the result; may be `image` itself.
-        prior : GradientPrior, WaveletPrior or PlugAndPlayPrior, optional
+        prior : DerivativePrior, WaveletPrior or PlugAndPlayPrior, optional
             Assumption about the sharp picture; without it the result is that of the Wiener filter.
         progress : callable, optional
             Called with the finished fraction after each strip and, with a prior, after each solve.
@@ -417,10 +433,10 @@ def _fading(first: int, length: int) -> Float32Array:
 
 
 class DataTerm:
-    """Data term `|A u - g|^2 + nsr |u - m|^2` of one strip of one picture, to which a prior adds a gradient term.
+    """Data term `|A u - g|^2 + nsr |u - m|^2` of one strip of one picture, to which a prior adds a quadratic term.
 
-    It is a :class:`rsdeblur.deconv.priors.QuadraticSolver`, valid until the solver observes the next strip. With a
-    gradient term m is the picture's mean. Rows beyond the frame are unknowns, so no gradient crosses an end. The
+    It is a :class:`rsdeblur.deconv.priors.QuadraticSolver`, valid until the solver observes the next strip. With such a
+    term m is the picture's mean. Rows beyond the frame are unknowns, so no difference crosses an end. The
     difference of g from the blurred m counts (1 + nsr) times, so that contrast does not depend on nsr.
 
     Attributes
@@ -435,64 +451,41 @@ class DataTerm:
         self._solver, self._strip = solver, strip
         spectra = solver._spectra
         self.shape = (solver._latent.shape[2], spectra.length, spectra.channels)
-        turns = np.arange(spectra.blocks * LANES).reshape(-1, LANES) / spectra.length
-        self._wavenumbers = (2 - 2 * np.cos(2 * np.pi * turns)).astype(np.float32)
         self._kept: Kept = {}
 
-    def solve(self, beta: float, grad_adjoint: Float32Array | None) -> Float32Array:
-        """Minimise the term plus `beta |D u - w|^2`, D taking forward differences.
+    def solve(self, beta: float, pull: Float32Array | None, coupling: Coupling = TO_GRADIENT) -> Float32Array:
+        """Minimise the term plus that of a prior.
 
         Parameters
         ----------
         beta : float
-            Weight of the gradient term, at least 0.
-        grad_adjoint : ndarray of the strip's shape, float32, or None
-            `D^T w`; None is zero. Its memory receives the result.
+            Strength of the prior's term, at least 0.
+        pull : ndarray of the strip's shape, float32, or None
+            Right-hand side of the prior's term; None is zero. Its memory receives the result.
+        coupling : Coupling
+            See :meth:`rsdeblur.deconv.priors.QuadraticSolver.solve`.
 
         Returns
         -------
         ndarray of the strip's shape, float32
-            The latent picture u, in the memory of `grad_adjoint` if there is one.
+            The latent picture u, in the memory of `pull` if there is one.
         """
         beta = validate.finite("beta", beta, minimum=0.0)
-        return self._solve(self._solver.nsr, beta, grad_adjoint, beta)
-
-    def solve_near(self, beta: float, target: Float32Array) -> Float32Array:
-        """Minimise the term plus `beta |u - v|^2`.
-
-        Parameters
-        ----------
-        beta : float
-            Weight of the target, at least 0.
-        target : ndarray of the strip's shape, float32
-            The target v. Its memory receives the result.
-
-        Returns
-        -------
-        ndarray of the strip's shape, float32
-            The latent picture u, in the memory of `target`.
-        """
-        beta = validate.finite("beta", beta, minimum=0.0)
-        return self._solve(self._solver.nsr + beta, 0.0, target, beta)
-
-    def _solve(self, ridge: float, smooth: float, target: Float32Array | None, pull: float) -> Float32Array:
         spectra, latent = self._solver._spectra, self._solver._latent
-        if target is None:
-            target, pull = np.empty(self.shape, dtype=np.float32), 0.0
-        elif target.shape != self.shape:
-            raise InputError(f"the target must have shape {self.shape}, got {target.shape}")
-        else:
+        target = np.empty(self.shape, dtype=np.float32) if pull is None else pull
+        if target.shape != self.shape:
+            raise InputError(f"the pull must have shape {self.shape}, got {target.shape}")
+        if pull is not None:
             spectra.load(target, latent)
-        self._minimise(ridge, smooth, pull)
+        self._minimise(beta, coupling, pull=pull is not None, edges=False)
         spectra.unload(latent, 0, target, Tile(0, 0, np.ones(spectra.length, dtype=np.float32)))
         return target
 
     def filter(self) -> None:
         """Minimise the term alone, and leave the result in the solver's latent spectra."""
-        self._minimise(self._solver.nsr, 0.0, 0.0)
+        self._minimise(0.0, TO_GRADIENT, pull=False, edges=True)
 
-    def _minimise(self, ridge: float, smooth: float, pull: float) -> None:
-        ridges = np.float32(ridge) + np.float32(smooth) * self._wavenumbers
+    def _minimise(self, beta: float, coupling: Coupling, *, pull: bool, edges: bool) -> None:
         # Scaled like this, no motion is the identity at any nsr, with and without a prior.
         scale = 1.0 + self._solver.nsr
-        self._solver._solve(self._strip, ridges, smooth, scale=scale, pull=pull / scale, kept=self._kept)
+        self._solver._solve(self._strip, beta, coupling, scale=scale, pull=pull, edges=edges, kept=self._kept)

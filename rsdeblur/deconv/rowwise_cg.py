@@ -34,10 +34,11 @@ STEP_COST, STEP_COST_PER_ROW = 8e-7, 6e-9
 
 
 class NormalEquations:
-    """`A^H A + diag(ridge) + smooth D^T D` for one block of frequencies, and an approximate inverse.
+    """`A^H A + p0 + p1 D^T D + p2 (D^T D)^2` for one block of frequencies, and an approximate inverse.
 
-    Vectors are latent spectra of one block, shape (C, L, 2, 16); the axis of 2 is real and imaginary part. The rows of
-    A are those of one picture, or row by row those of several `frames`.
+    D takes differences along y, and p is `penalty`. Vectors are latent spectra of one block, shape (C, L, 2, 16); the
+    axis of 2 is real and imaginary part. The rows of A are those of one picture, or row by row those of several
+    `frames`.
     """
 
     def __init__(
@@ -45,13 +46,12 @@ class NormalEquations:
         model: RowModel,
         table: Float32Array,
         rows: int,
-        ridge: Float32Array,
-        smooth: float,
+        penalty: Float32Array,
         workspace: Float32Array,
         frames: int = 1,
     ) -> None:
         self._model, self._table, self._workspace, self._frames = model, table, workspace, frames
-        self._rows, self._ridge, self._smooth = rows, ridge, np.float32(smooth)
+        self._rows, self._penalty = rows, penalty
         self._plan()
 
     def multiply(self, vector: Float32Array) -> Float32Array:
@@ -60,11 +60,10 @@ class NormalEquations:
         result = np.empty_like(vector)
         rowwise.forward(self._model, self._table, blurred, vector, self._workspace)
         rowwise.adjoint(self._model, self._table, blurred, result, self._workspace)
-        result += self._ridge * vector
-        if self._smooth:
-            steps = self._smooth * np.diff(vector, axis=1)
-            result[:, :-1] -= steps
-            result[:, 1:] += steps
+        ridge, slope, bend = self._penalty
+        result += ridge * vector
+        if slope.any():
+            result += _bent(slope * vector + bend * _bent(vector))
         return result
 
     def precondition(self, vector: Float32Array) -> Float32Array:
@@ -99,9 +98,16 @@ class NormalEquations:
                 seen = np.flatnonzero(kernel.any(axis=(1, 2)))
                 part = kernel[seen[0] : seen[-1] + 1]
                 power += np.abs(fft.fft(part[:, 0] + 1j * part[:, 1], length, axis=0)) ** 2
-            turns = np.arange(length) / length
-            power += self._ridge + self._smooth * (2 - 2 * np.cos(2 * np.pi * turns))[:, None]
+            squared = 2 - 2 * np.cos(2 * np.pi * np.arange(length) / length)[:, None]
+            ridge, slope, bend = self._penalty
+            power += ridge + squared * (slope + squared * bend)
             self._blocks.append((slice(at[0], at[-1] + 1), window[at][:, None], (1 / power).astype(np.float32)))
+
+
+def _bent(vector: Float32Array) -> Float32Array:
+    """Return `D^T D` times a vector; no difference crosses an end."""
+    steps = np.diff(vector, axis=1, prepend=vector[:, :1], append=vector[:, -1:])
+    return -np.diff(steps, axis=1)
 
 
 def is_faster(model: RowModel, channels: int, frames: int = 1) -> bool:

@@ -25,9 +25,10 @@ from numpy.typing import ArrayLike
 
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Planning
+from rsdeblur.deconv.coupling import TO_GRADIENT, Coupling
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import Float32Array, FloatImage
+from rsdeblur.types import FloatImage
 
 # Conjugate gradients of a solve. docs/developer/decisions.md has what fewer and more give.
 STEPS = 2
@@ -67,22 +68,23 @@ class UnknownBorderQuadratic(TileQuadratic):
         super().prepare(image)
         self._filled[...] = np.reshape(image, self._channelled)
 
-    def _solve(self, beta: float, pull: FloatImage | None, across: Float32Array, down: Float32Array) -> FloatImage:
+    def solve(self, beta: float, pull: FloatImage | None = None, coupling: Coupling = TO_GRADIENT) -> FloatImage:
+        """Return the minimiser for the recorded pixels; see :meth:`TileNormal.solve`."""
         if self._observed:
-            self._fill(pull, (beta, across, down))
+            self._fill(pull, beta, coupling)
             super().prepare(self._filled)
-        return super()._solve(beta, pull, across, down)
+        return super().solve(beta, pull, coupling)
 
-    def _fill(self, pull: FloatImage | None, term: tuple[float, Float32Array, Float32Array]) -> None:
-        """Improve the values beyond the frame by conjugate gradients; `term` is that of :meth:`_minimise`."""
+    def _fill(self, pull: FloatImage | None, beta: float, coupling: Coupling) -> None:
+        """Improve the values beyond the frame by conjugate gradients."""
         filled, direction, blurred = map(self._beyond, (self._filled, self._direction, self._blurred))
-        self._minimise(self._observed, pull, self._blurred, term, blurred=True)
+        self._minimise(self._observed, pull, self._blurred, beta, coupling, blurred=True)
         error = [new - old for new, old in zip(blurred, filled, strict=True)]
         for part, start in zip(direction, error, strict=True):
             part[...] = start
         power = _dot(error, error)
         for _ in range(STEPS):
-            self._minimise((), self._direction, self._blurred, term, blurred=True)
+            self._minimise((), self._direction, self._blurred, beta, coupling, blurred=True)
             curvature = _dot(direction, direction) - _dot(direction, blurred)
             # Zero where nothing is wrong, and perhaps negative where tiles do not make quite a symmetric matrix.
             if not curvature > 0:

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from rsdeblur.deconv.priors import brightness, half_quadratic
+from rsdeblur.deconv.coupling import TO_GRADIENT, Coupling
+from rsdeblur.deconv.priors import GRADIENT, brightness, half_quadratic
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.periodograms import wrapped
 from rsdeblur.estimate.posterior import UNDESCRIBED
@@ -69,7 +70,7 @@ class QuickSharpness:
             self._tiles.replan(self._bank(recording, *self._tiles.centres).kernels)
         except UNDESCRIBED:
             return np.inf
-        steps = half_quadratic(self._tiles, weight=self._weight, exponent=1.0, peak=self._peak, threads=1)
+        steps = half_quadratic(*(self._tiles, GRADIENT), weight=self._weight, exponent=1.0, peak=self._peak, threads=1)
         *_, last = islice(steps, STEPS)
         return mean_concentration(self._tiles.parts(last.latent), self._shares)
 
@@ -118,7 +119,7 @@ class _RepeatingTiles:
         frequencies = fft.fftfreq(self._shape[0]), fft.rfftfreq(self._shape[1])
         squared = np.add.outer(*(np.square(f) for f in frequencies))
         self._softening = np.exp(-0.5 * (2 * np.pi * softness) ** 2 * squared).astype(np.float32)
-        self._coupling = np.add.outer(*(4 * np.sin(np.pi * f) ** 2 for f in frequencies)).astype(np.float32)
+        self._differences = np.add.outer(*(4 * np.sin(np.pi * f) ** 2 for f in frequencies)).astype(np.float32)
 
     def replan(self, kernels: NDArray[np.float32]) -> None:
         """Take the PSFs of all tiles, shape (B, S, kh, kw)."""
@@ -128,12 +129,13 @@ class _RepeatingTiles:
         self._power = np.square(transfer.real) + np.square(transfer.imag) + self._nsr
         self._data = (1 + self._nsr) * transfer.conj() * self._observed
 
-    def solve(self, beta: float, grad_adjoint: FloatImage | None) -> FloatImage:
-        """Return the minimiser, see :class:`rsdeblur.deconv.priors.GradientSolver`."""
+    def solve(self, beta: float, pull: FloatImage | None, coupling: Coupling = TO_GRADIENT) -> FloatImage:
+        """Return the minimiser, see :class:`rsdeblur.deconv.priors.QuadraticSolver`."""
         signal = self._data
-        if grad_adjoint is not None:
-            signal = signal + np.float32(beta) * fft.rfft2(grad_adjoint.reshape(-1, *self._shape))
-        latent = fft.irfft2(signal / (self._power + np.float32(beta) * self._coupling), self._shape)
+        if pull is not None:
+            signal = signal + np.float32(beta) * fft.rfft2(pull.reshape(-1, *self._shape))
+        normal = self._power + np.float32(beta) * coupling.response(self._differences)
+        latent = fft.irfft2(signal / normal, self._shape)
         return np.ascontiguousarray(latent.reshape(-1, self._shape[1], 1))
 
     def observed_parts(self) -> FloatImage:

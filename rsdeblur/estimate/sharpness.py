@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.transform import resize
 
-from rsdeblur.deconv.priors import GradientPrior
+from rsdeblur.deconv.priors import DerivativePrior
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.posterior import UNDESCRIBED
@@ -55,7 +55,7 @@ class Sharpness:
         self._light = upright(light, recording.camera, self._scale)[..., None]
         self._shares = contrast_shares(_parts(self._light[..., 0])) if robust else None
         tuning = assumed(self._light, self._bank(recording))
-        self._nsr, self._prior = tuning.border_error, GradientPrior("tv", tuning.weight("tv", 1.0))
+        self._nsr, self._prior = tuning.border_error, DerivativePrior("tv", tuning.weight("tv", 1.0))
 
     def _bank(self, recording: Recording) -> PsfBank:
         rows, cols = (tile_centres(n, size) for n, size in zip(TILES, self._light.shape, strict=False))

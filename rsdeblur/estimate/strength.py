@@ -59,8 +59,9 @@ MOST_PATH_ERROR_SHARE = 0.25
 # Error of the paths as a share of the PSF's radius, where the least blurred frame of a burst is chosen, before other
 # frames show how large the errors are: real motion errs by that much.
 FRAME_ERROR_SHARE = 0.03
-# Weight of total variation where that of the gradient prior is 1 and E is 1; other exponents scale it by their root.
-SPARSE_STRENGTH = 2.0
+# Weight of total variation where that of the gradient prior is 1 and E is 1; and that of a penalty on first and second
+# derivatives, times the root of its exponent.
+TV_STRENGTH, DERIVATIVES_STRENGTH = 2.0, 1.6
 # Candidates for the NSR and for the weight of the gradient prior.
 LADDER = np.geomspace(1e-5, 10.0, 73)
 # Kernels used along each axis of the bank.
@@ -93,7 +94,7 @@ class Tuning:
         Root mean square radius of the PSFs, px.
     border_error : float
         Share b of the signal's power that the continuation beyond the frame gets wrong; it is also the `nsr` to use
-        with priors on the gradient.
+        with priors on derivatives.
     spectra : Spectra
         Spectra of the PSFs.
     path_error : float
@@ -273,7 +274,7 @@ class Tuning:
         return self._best(lambda weight: self.border_error + weight * self.spectra.gradient)
 
     def weight(self, prior: Prior, exponent: float) -> float:
-        """Return the weight of a prior on the gradient.
+        """Return the weight of a prior on derivatives.
 
         Parameters
         ----------
@@ -287,7 +288,8 @@ class Tuning:
         if prior == "gradient":
             return weight
         power = 1.0 if prior == "tv" else validate.exponent(exponent)
-        sparse = SPARSE_STRENGTH * power**0.5 * weight * self.energy ** (1 - power / 2)
+        factor = TV_STRENGTH if prior == "tv" else DERIVATIVES_STRENGTH * power**0.5
+        sparse = factor * weight * self.energy ** (1 - power / 2)
         return float(np.clip(sparse, validate.LEAST_STRENGTH, validate.MOST_STRENGTH))
 
     def wavelet(self, weight: float | None = None) -> WaveletPrior:

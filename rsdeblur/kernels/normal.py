@@ -62,32 +62,37 @@ def add_normal_numpy(
 
 
 @njit(nogil=True, error_model="numpy")
-def solve_normal(signal, power, across, down, nsr, beta, pull, scale, spectra):
+def solve_normal(signal, power, across, down, nsr, coupling, pull, scale, spectra):
     """Solve the normal equations with a prior that pulls.
 
-    The result is `scale ((1 + nsr) signal + pull V) / (power + nsr + beta (across + down))` at each frequency.
+    The result is `scale ((1 + nsr) signal + pull V) / (power + nsr + c0 + c1 d + c2 d^2)` at each frequency, where c is
+    `coupling` and d the sum of `across` and `down`.
 
     Parameters
     ----------
     signal, power : ndarray
         Sums of :func:`add_normal`; `power` is overwritten.
     across, down : ndarray, shape (K,) and (L,), float32
-        Squared magnitudes of the frequency responses of the horizontal and the vertical difference, or any other two
-        parts of the prior's quadratic term.
-    nsr, beta : float32
-        Weights of the squared picture and of the prior's quadratic term.
+        Squared magnitudes of the frequency responses of the horizontal and the vertical difference.
+    nsr : float32
+        Weight of the squared picture.
+    coupling : (float32, float32, float32)
+        Weights of the prior's quadratic term (:class:`rsdeblur.deconv.coupling.Coupling`).
     pull : float32
         Weight of the pull.
     scale : float32
         Factor on the result.
     spectra : ndarray, shape (B, C, K, L), complex64
-        Spectra V of the pull: the adjoint gradient, or a target picture. Receives the result.
+        Spectra V of the pull: what the adjoint makes of the target. Receives the result.
     """
     norm, tiny = np.float32(1.0) + nsr, np.float32(TINY)
+    picture, gradient, bend = coupling
+    ridge = nsr + picture
     for b in range(spectra.shape[0]):
         for k in range(spectra.shape[2]):
             for j in range(spectra.shape[3]):
-                normal = power[b, k, j] + nsr + beta * (across[k] + down[j])
+                squared = across[k] + down[j]
+                normal = power[b, k, j] + ridge + squared * (gradient + squared * bend)
                 power[b, k, j] = scale / max(normal, tiny)
             for c in range(spectra.shape[1]):
                 for j in range(spectra.shape[3]):
@@ -103,11 +108,13 @@ def solve_normal_numpy(
     across: NDArray[np.float32],
     down: NDArray[np.float32],
     nsr: float,
-    beta: float,
+    coupling: tuple[float, float, float],
     pull: float,
     scale: float,
     spectra: NDArray[np.complex64],
 ) -> None:
     """Readable twin of :func:`solve_normal`."""
-    power[...] = scale / np.maximum(power + nsr + beta * (across[:, None] + down), TINY)
+    picture, gradient, bend = coupling
+    squared = across[:, None] + down
+    power[...] = scale / np.maximum(power + nsr + picture + gradient * squared + bend * squared**2, TINY)
     spectra[...] = power[:, None] * ((1 + nsr) * signal + pull * spectra)

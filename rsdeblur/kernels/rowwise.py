@@ -160,26 +160,24 @@ def solve_numpy(
     data: Float32Array,
     latent: Float32Array,
     workspace: Float32Array,
-    ridge: Float32Array,
-    smooth: float,
+    penalty: Float32Array,
 ) -> None:
-    """Solve `(A^H A + diag(ridge) + smooth D^T D) u = A^H data + latent`; u replaces `latent`.
+    """Solve `(A^H A + p0 + p1 D^T D + p2 (D^T D)^2) u = A^H data + latent`, p being `penalty`; u replaces `latent`.
 
     Parameters
     ----------
     model, table, data, latent, workspace
         See :func:`forward_numpy`.
-    ridge : ndarray, shape (16,), float32
-        One positive value per frequency.
-    smooth : float
-        Weight of the differences D of neighbouring latent rows, at least 0.
+    penalty : ndarray, shape (3, 16), float32
+        Values for each frequency, the first ones positive, the others at least 0. D takes the differences of
+        neighbouring latent rows.
     """
     normal = np.empty(assembled_size_numpy(model, table, data.shape[1]), dtype=np.float64)
     assemble_numpy(model, table, normal, workspace, data.shape[1])
     right: Any = np.empty(latent.shape, dtype=np.float64)
     adjoint_numpy(model, table, data, right, workspace)
     right += latent
-    solve_assembled_numpy(model, table, normal, right, workspace, ridge, data.shape[1], smooth)
+    solve_assembled_numpy(model, table, normal, right, workspace, penalty, data.shape[1])
     latent[...] = right
 
 
@@ -209,26 +207,25 @@ def solve_assembled_numpy(
     normal: Any,
     latent: Any,
     workspace: Float32Array,
-    ridge: Float32Array,
+    penalty: Float32Array,
     rows: int,
-    smooth: float,
 ) -> None:
-    """Solve `(A^H A + diag(ridge) + smooth D^T D) u = latent`; u replaces `latent`.
+    """Solve `(A^H A + p0 + p1 D^T D + p2 (D^T D)^2) u = latent`, p being `penalty`; u replaces `latent`.
 
     Parameters
     ----------
     model, table, normal, latent, workspace
         See :func:`forward_numpy` and :func:`assemble_numpy`.
-    ridge : ndarray, shape (16,), float32
-        One positive value per frequency.
+    penalty : ndarray, shape (3, 16), float32
+        Values for each frequency, the first ones positive, the others at least 0. D takes the differences of
+        neighbouring latent rows.
     rows : int
         Number of picture rows.
-    smooth : float
-        Weight of the differences D of neighbouring latent rows, at least 0.
     """
     n = model.latents
     differences = sparse.eye_array(n - 1, n, k=1) - sparse.eye_array(n - 1, n)
-    gradient = smooth * (differences.T @ differences)
+    once = differences.T @ differences
+    twice = once @ once
     half = BLOCK * int((np.arange(len(model.coupled)) - model.coupled).max() + 1)
     (row, column), records = _tiles(model), normal.reshape(-1, 2, LANES).astype(np.float64)
     below = row >= column
@@ -236,9 +233,10 @@ def solve_assembled_numpy(
     for lane in range(LANES):
         band: Any = np.zeros((min(half, n), n), dtype=np.complex128)
         band[at] = (records[:, 0, lane] - 1j * records[:, 1, lane])[below]
-        for offset in range(min(2, len(band))):
-            band[offset, : n - offset] += gradient.diagonal(-offset)
-        band[0] += ridge[lane]
+        ridge, slope, bend = penalty[:, lane].astype(np.float64)
+        for offset in range(min(3, len(band))):
+            band[offset, : n - offset] += slope * once.diagonal(-offset) + bend * twice.diagonal(-offset)
+        band[0] += ridge
         right: Any = _load(latent, lane)
         try:
             right = solveh_banded(band, right, lower=True, check_finite=False)

@@ -92,7 +92,7 @@ def deblur(
         Number of tiles along the readout axis and across it; "auto" limits the change of the blur between neighbouring
         tiles. "global" ignores both, "rowwise" ignores `bands`.
     prior : {"tv", "wiener", "gradient", "hyper-laplacian", "wavelet", "nlm", "cnn"} or callable, optional
-        Regularisation, by default that of `quality`: the Wiener filter, a penalty on the gradient
+        Regularisation, by default that of `quality`: the Wiener filter, a penalty on derivatives
         (:mod:`rsdeblur.deconv.priors`), learned shrinkage in a wavelet frame (:mod:`rsdeblur.deconv.wavelet`),
         non-local means, a small network (:mod:`rsdeblur.deconv.cnn`), or any other denoiser, called as
         ``denoise(image, sigma)`` (:mod:`rsdeblur.deconv.plug_and_play`). "tv" and "hyper-laplacian" keep edges sharp

@@ -10,7 +10,7 @@ from typing import Any
 from rsdeblur.choices import Border, Boundary, Mode, Planning, Prior, Solver
 from rsdeblur.deconv.boundary import extended, extended_shape
 from rsdeblur.deconv.plug_and_play import DENOISERS, PlugAndPlayPrior
-from rsdeblur.deconv.priors import GradientPrior, LatentPrior
+from rsdeblur.deconv.priors import DerivativePrior, LatentPrior
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.deconv.rowwise import RowDeconvolver
 from rsdeblur.deconv.unknown_border import UnknownBorderQuadratic
@@ -89,7 +89,7 @@ class SolverSettings:
             return PlugAndPlayPrior(partial(DENOISERS[self.prior], threads=self.threads), self.weight, self.peak)
         if self.prior == "wavelet":
             return WaveletPrior(self.weight, self.variances)
-        return GradientPrior(self.prior, self.weight, self.exponent, self.peak)
+        return DerivativePrior(self.prior, self.weight, self.exponent, self.peak)
 
     def plan_solver(self, capture: Capture | None, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:
         """Plan the solver. The returned function restores one picture and reports its progress.

@@ -9,8 +9,8 @@ from rsdeblur import (
     BlurPaths,
     Camera,
     Deconvolver,
+    DerivativePrior,
     Exposure,
-    GradientPrior,
     InputError,
     PsfBank,
     RowDeconvolver,
@@ -26,7 +26,7 @@ from rsdeblur.motion.alignment import Alignment, burst_captures
 from rsdeblur.simulation.scene import scene
 
 SHAPE = 96, 112, 3
-TV = GradientPrior("tv", 2e-3)
+TV = DerivativePrior("tv", 2e-3)
 
 
 def bar(down: int, across: int) -> PsfBank:
@@ -90,7 +90,7 @@ def paths() -> list[BlurPaths]:
 
 
 @pytest.mark.parametrize("solver", ["direct", "cg"])
-@pytest.mark.parametrize("prior", [None, GradientPrior("gradient", 1e-2)], ids=["wiener", "gradient"])
+@pytest.mark.parametrize("prior", [None, DerivativePrior("gradient", 1e-2)], ids=["wiener", "gradient"])
 def test_rowwise_frames_add_up(picture: np.ndarray, paths: list[BlurPaths], solver: Solver, prior: LatentPrior) -> None:
     single = RowDeconvolver(paths[0], SHAPE, solver=solver).apply(picture, prior=prior)
     once = RowBurst(paths[:1], [1.0], SHAPE, solver=solver).apply([picture], prior=prior)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rsdeblur import InputError, PlugAndPlayPrior, PsfBank, RowDeconvolver, TileQuadratic, deconvolve
+from rsdeblur.deconv.coupling import TO_PICTURE
 from rsdeblur.deconv.plug_and_play import COARSEST, STEPS, WEIGHT_OF_VARIANCE
 from rsdeblur.simulation.scene import scene
 from tests.deconv.test_rowwise import dense_blur
@@ -29,7 +30,7 @@ def test_tiles_solve_near_a_target() -> None:
     picture, target = rng.random((2, *SHAPE), dtype=np.float32)
     solver = tiles(nsr=nsr)
     solver.prepare(picture)
-    found = solver.solve_near(beta, target[..., None].copy())[..., 0]
+    found = solver.solve(beta, target[..., None].copy(), TO_PICTURE)[..., 0]
     padded = np.zeros(SHAPE)
     padded[: KERNEL.shape[0], : KERNEL.shape[1]] = KERNEL
     otf = np.fft.fft2(np.roll(padded, (-3, -4), (0, 1)))
@@ -45,7 +46,7 @@ def test_rows_solve_near_a_target(solver: str, monkeypatch: pytest.MonkeyPatch) 
     grey = rng.random((H, W), dtype=np.float32)
     term = RowDeconvolver(paths, grey.shape, nsr=nsr, border="periodic", solver=solver)._observe(grey[..., None], 0)
     target = rng.random(term.shape, dtype=np.float32)
-    found = term.solve_near(beta, target.copy()).ravel()
+    found = term.solve(beta, target.copy(), TO_PICTURE).ravel()
     blur = dense_blur(paths)
     mean = np.full(blur.shape[1], grey.mean(dtype=float))
     right = (1 + nsr) * (blur.T @ (grey.ravel() - blur @ mean)) + beta * (target.ravel() - mean)

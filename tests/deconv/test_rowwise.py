@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from rsdeblur import GradientPrior, InputError, RowBlur, RowDeconvolver, restore
+from rsdeblur import DerivativePrior, InputError, RowBlur, RowDeconvolver, restore
 from rsdeblur.estimate.strength import LENS
 from rsdeblur.kernels import native, rowwise
 from rsdeblur.simulation.scene import scene
@@ -63,7 +63,7 @@ def test_a_prior_shows_the_frames_rows_of_its_minimum(picture):
     grey = np.ascontiguousarray(picture[..., 0])
     deconvolver = RowDeconvolver(paths, grey.shape, border="periodic")
     latent = deconvolver._observe(grey[..., None], 0).solve(0.3, None)
-    result = deconvolver.apply(grey, prior=GradientPrior("gradient", 0.3))
+    result = deconvolver.apply(grey, prior=DerivativePrior("gradient", 0.3))
     np.testing.assert_array_equal(result, latent[-deconvolver.top : H - deconvolver.top, :, 0])
 
 
@@ -72,7 +72,7 @@ def test_restore_is_apply_with_a_prior(picture):
     progress = []
     work = picture.copy()
     sharp = restore(deconvolver, picture, prior="hyper-laplacian", weight=0.01, exponent=0.7, progress=progress.append)
-    prior = GradientPrior("hyper-laplacian", 0.01, 0.7)
+    prior = DerivativePrior("hyper-laplacian", 0.01, 0.7)
     assert deconvolver.apply(work, out=work, prior=prior) is work
     np.testing.assert_array_equal(sharp, work)
     assert progress == sorted(progress)
@@ -97,13 +97,13 @@ def test_undoes_its_own_blur():
 
 @pytest.mark.parametrize("cols", [(16.0,), (5.0, 16.0, 27.0)])
 @pytest.mark.parametrize("border", ["blend", "periodic"])
-@pytest.mark.parametrize("prior", [None, GradientPrior("gradient", 1e-9)], ids=["wiener", "hardly any prior"])
+@pytest.mark.parametrize("prior", [None, DerivativePrior("gradient", 1e-9)], ids=["wiener", "hardly any prior"])
 def test_no_motion_is_the_identity(picture, cols, border, prior):
     result = RowDeconvolver(still_paths(cols=cols), picture.shape, nsr=0.05, border=border).apply(picture, prior=prior)
     np.testing.assert_allclose(result, picture, atol=FLOAT32)
 
 
-@pytest.mark.parametrize("prior", [None, GradientPrior("gradient", 0.1)], ids=["wiener", "gradient"])
+@pytest.mark.parametrize("prior", [None, DerivativePrior("gradient", 0.1)], ids=["wiener", "gradient"])
 @pytest.mark.parametrize("solver", ["direct", "cg"])
 def test_constant_picture_keeps_its_brightness(prior, solver):
     picture = np.full((H, W), 0.7, dtype=np.float32)
@@ -207,7 +207,7 @@ def test_bad_pictures_are_refused(picture):
         deconvolver.apply(picture, out=np.empty(picture.shape))
 
 
-@pytest.mark.parametrize("prior", [None, GradientPrior("tv", 0.01)])
+@pytest.mark.parametrize("prior", [None, DerivativePrior("tv", 0.01)])
 def test_encoded_values_are_refused(picture, prior):
     deconvolver = RowDeconvolver(wavy_paths(), picture.shape)
     for encoded in (picture.astype(np.uint8), picture.astype(int).tolist(), picture > 0.5, picture.astype(complex)):
@@ -216,6 +216,6 @@ def test_encoded_values_are_refused(picture, prior):
 
 
 def test_a_grey_picture_is_one_channel(picture):
-    grey, prior = np.ascontiguousarray(picture[..., 0]), GradientPrior("tv", 0.01)
+    grey, prior = np.ascontiguousarray(picture[..., 0]), DerivativePrior("tv", 0.01)
     flat, deep = (RowDeconvolver(wavy_paths(), shape) for shape in (grey.shape, (*grey.shape, 1)))
     np.testing.assert_array_equal(flat.apply(grey, prior=prior), deep.apply(grey[..., None], prior=prior)[..., 0])

@@ -9,6 +9,7 @@ from scipy import ndimage
 from rsdeblur import Camera, Exposure, InputError, Options, PsfBank, deblur, deconvolve
 from rsdeblur.choices import PRIORS
 from rsdeblur.deconv import unknown_border
+from rsdeblur.deconv.coupling import TO_PICTURE
 from rsdeblur.deconv.unknown_border import UnknownBorderQuadratic
 from rsdeblur.simulation.scene import scene
 
@@ -56,7 +57,7 @@ def test_conjugate_gradients_lead_to_the_minimiser_of_the_recorded_pixels(beta: 
     for seed in (1, 2):
         plan = solver()
         plan.prepare(guess(seed))
-        found = plan.solve_near(beta, target.copy())
+        found = plan.solve(beta, target.copy(), TO_PICTURE)
         for channel in range(2):
             expected = minimiser(guess(seed)[..., channel].astype(float), target[..., channel], beta)
             # Float32, and a condition of 1 / beta.
@@ -70,7 +71,7 @@ def test_each_step_comes_closer(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(unknown_border, "STEPS", steps)
         plan = solver()
         plan.prepare(guess(1))
-        errors.append(np.linalg.norm(plan.solve_near(0.05, target.copy())[..., 0] - expected))
+        errors.append(np.linalg.norm(plan.solve(0.05, target.copy(), TO_PICTURE)[..., 0] - expected))
     assert np.all(np.diff(errors) < 0)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rsdeblur import GradientPrior, InputError, PsfBank, TileQuadratic, Tuning
+from rsdeblur import DerivativePrior, InputError, PsfBank, TileQuadratic, Tuning
 from rsdeblur.deconv.wavelet import Factors, WaveletPrior, band_shape, frame_responses, hats
 from rsdeblur.estimate import strength
 from rsdeblur.kernels.frame import HALO, LEVELS, ORIENTATIONS, terms
@@ -55,7 +55,7 @@ def test_it_beats_the_gradient_prior_of_its_weight() -> None:
     def error(image: np.ndarray) -> float:
         return float(np.sqrt(np.square(image - sharp).mean()))
 
-    gradient = solver().apply(picture, prior=GradientPrior("gradient", prior.weight))
+    gradient = solver().apply(picture, prior=DerivativePrior("gradient", prior.weight))
     assert error(solver().apply(picture, prior=prior)) < 0.9 * error(gradient)
 
 
@@ -103,4 +103,4 @@ def test_refusals(variances: tuple[float, ...]) -> None:
     with pytest.raises(InputError, match="variances must be 36 numbers of at least 0"):
         WaveletPrior(0.01, variances)
     with pytest.raises(InputError, match=r"use rsdeblur\.Tuning\.wavelet"):
-        GradientPrior("wavelet", 0.01)
+        DerivativePrior("wavelet", 0.01)

@@ -110,21 +110,22 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "add_normal": lambda h: [h.pairs(2, 3, 5, 6), h.pairs(2, 5, 6), h.number(), False, h.pairs(2, 3, 5, 6), h(2, 5, 6)],
     "solve_normal": lambda h: [
         *(h.pairs(2, 3, 5, 6), h(2, 5, 6), h(5), h(6)),
-        *(h.number(), h.number(), h.number(), h.number(), h.pairs(2, 3, 5, 6)),
+        *(h.number(), (h.number(), h.number(), h.number()), h.number(), h.number(), h.pairs(2, 3, 5, 6)),
     ],
     "spectra_to_lanes": lambda h: [h.pairs(2, 5, 20), 3, h(2, 2, 7, 2, LANES), 1],
     "lanes_to_spectra": lambda h: [h(2, 2, 7, 2, LANES), 1, h.pairs(2, 5, 20), 3],
     "workspace_size": lambda h: [model(h), h(1, 2, LANES), 6, True],
     "forward": lanes,
     "adjoint": lanes,
-    "solve": lambda h: [*lanes(h), h(LANES), float(h.number())],
+    "solve": lambda h: [*lanes(h), h(3, LANES)],
     "assembled_size": lambda h: [model(h), h(1, 2, LANES), 6],
     "assemble": lambda h: [model(h), h(1, 2, LANES), h(3 * 9 * 2 * LANES), h(4000), 6],
     "solve_assembled": lambda h: [
         *(model(h), h(1, 2, LANES), h(3 * 9 * 2 * LANES), h(2, 6, 2, LANES)),
-        *(h(4000), h(LANES), 6, float(h.number())),
+        *(h(4000), h(3, LANES), 6),
     ],
     "shrunk_grad_adjoint": lambda h: [h(5, 6, 3), 1, 3, h.number(), h(9), False, h(5, 6, 3)],
+    "shrunk_derivatives_adjoint": lambda h: [h(5, 6, 3), 1, 3, h.number(), h(9), False, h(5, 6, 3)],
     "fit_gains": lambda h: [tiles(h), h(2, dtype=np.float64), float(h.number())],
     "fit_floors": lambda h: [
         TilePowers._make(

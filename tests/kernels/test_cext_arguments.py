@@ -43,12 +43,12 @@ CALLS: dict[str, tuple[Callable[[], list[Any]], set[int]]] = {
     "rowwise_forward": (lambda: [*model(), floats(2, 6, 2, LANES), floats(2, 6, 2, LANES), floats(4000)], {7, 9}),
     "rowwise_adjoint": (lambda: [*model(), floats(2, 6, 2, LANES), floats(2, 6, 2, LANES), floats(4000)], {8, 9}),
     "rowwise_solve": (
-        lambda: [*model(), floats(2, 6, 2, LANES), floats(2, 6, 2, LANES), floats(4000), floats(LANES), 0.0],
+        lambda: [*model(), floats(2, 6, 2, LANES), floats(2, 6, 2, LANES), floats(4000), floats(3, LANES)],
         {8, 9},
     ),
     "rowwise_assemble": (lambda: [*model(), floats(864), floats(4000), 6], {7, 8}),
     "rowwise_solve_assembled": (
-        lambda: [*model(), floats(864), floats(2, 6, 2, LANES), floats(4000), floats(LANES), 6, 0.0],
+        lambda: [*model(), floats(864), floats(2, 6, 2, LANES), floats(4000), floats(3, LANES), 6],
         {8, 9},
     ),
     "rowwise_workspace": (lambda: [*model(), 6, 1], set()),

@@ -26,7 +26,7 @@ def test_twins_agree() -> None:
         signal, power, out = np.full(shape, np.nan, np.complex64), np.full((2, 4, 10), np.nan, f), pull.copy()
         for n, (picture, otf) in enumerate(zip(pictures, otfs, strict=True)):
             add(picture, otf, f(0.5), n == 0, signal, power)
-        solve(signal, power, across, down, f(0.01), f(0.3), f(0.2), f(0.5), out)
+        solve(signal, power, across, down, f(0.01), (f(0.1), f(0.3), f(0.05)), f(0.2), f(0.5), out)
         results.append(out)
     # A handful of float32 roundings.
     np.testing.assert_allclose(*results, rtol=1e-5)

@@ -73,6 +73,22 @@ def values(lanes):
     return np.moveaxis(lanes[:, :, 0] + 1j * lanes[:, :, 1].astype(complex), (0, 1, 2), (2, 1, 0))
 
 
+def penalty(slope=0.0, bend=0.0):
+    """Return weights (3, 16) that change from frequency to frequency."""
+    ramp = np.linspace(0.5, 1.0, LANES, dtype=np.float32)
+    return np.stack([np.float32(0.1) * ramp, np.float32(slope) * ramp, np.float32(bend) * ramp[::-1]])
+
+
+def term(weights, n):
+    """Return the matrices of a penalty, shape (16, n, n)."""
+    d = np.diff(np.eye(n), axis=0)
+    once = d.T @ d
+    powers = np.stack([np.eye(n), once, once @ once])
+    return np.einsum("kl,kij->lij", weights.astype(float), powers)
+
+
+# Weights of the first and of the second differences.
+PENALTIES = [(0.0, 0.0), (0.3, 0.0), (0.2, 0.1)]
 # Numbers of channels below and above the block of three.
 CASES = [(20, 7, 3), (50, 16, 1), (33, 9, 2), (7, 3, 4), (9, 1, 5)]
 
@@ -89,22 +105,21 @@ def test_forward_and_adjoint_are_the_matrix(kernels, rows, tallest, channels):
 
 
 @pytest.mark.parametrize(("rows", "tallest", "channels"), CASES)
-@pytest.mark.parametrize("smooth", [0.0, 0.3])
-def test_solve_solves(kernels, rows, tallest, channels, smooth):
+@pytest.mark.parametrize(("slope", "bend"), PENALTIES)
+def test_solve_solves(kernels, rows, tallest, channels, slope, bend):
     c = case(rows, tallest, channels, seed=1)
     blur, n = dense(c), c.model.latents
-    ridge = np.linspace(0.05, 0.1, LANES, dtype=np.float32)
-    d = np.diff(np.eye(n), axis=0)
-    normal = blur.conj().swapaxes(1, 2) @ blur + ridge[:, None, None] * np.eye(n) + smooth * d.T @ d
+    weights = penalty(slope, bend)
+    normal = blur.conj().swapaxes(1, 2) @ blur + term(weights, n)
     expected = np.linalg.solve(normal, blur.conj().swapaxes(1, 2) @ values(c.data) + values(c.latent))
-    kernels.solve(c.model, c.table, c.data, c.latent, workspace(kernels, c, True), ridge, smooth)
-    # Rounding 6e-8 times the condition number, at most 2 / 0.05, times a few steps.
+    kernels.solve(c.model, c.table, c.data, c.latent, workspace(kernels, c, True), weights)
+    # Rounding 6e-8 times the condition number, at most (1 + 4 slope + 16 bend) / 0.05 = 70, times a few steps.
     np.testing.assert_allclose(values(c.latent), expected, atol=2e-5 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize(("rows", "tallest", "channels"), CASES)
-@pytest.mark.parametrize("smooth", [0.0, 0.3])
-def test_assembled_matrix_is_the_normal_matrix_and_solves(kernels, rows, tallest, channels, smooth):
+@pytest.mark.parametrize(("slope", "bend"), PENALTIES)
+def test_assembled_matrix_is_the_normal_matrix_and_solves(kernels, rows, tallest, channels, slope, bend):
     c = case(rows, tallest, channels, seed=1)
     blur, n = dense(c), c.model.latents
     normal = np.empty(kernels.assembled_size(c.model, c.table, c.rows), dtype=np.float32)
@@ -116,10 +131,10 @@ def test_assembled_matrix_is_the_normal_matrix_and_solves(kernels, rows, tallest
         expected = matrix[:, 3 * j : 3 * j + 3, 3 * i : 3 * i + 3].conj()
         # Sums of some dozen values below 1 in float32.
         np.testing.assert_allclose(np.moveaxis(tile[:, :, 0] + 1j * tile[:, :, 1], -1, 0), expected, atol=2e-6)
-    ridge, d = np.linspace(0.05, 0.1, LANES, dtype=np.float32), np.diff(np.eye(n), axis=0)
-    matrix += ridge[:, None, None] * np.eye(n) + smooth * d.T @ d
+    weights = penalty(slope, bend)
+    matrix += term(weights, n)
     expected = np.linalg.solve(matrix, values(c.latent))
-    kernels.solve_assembled(c.model, c.table, normal, c.latent, workspace(kernels, c, True), ridge, c.rows, smooth)
+    kernels.solve_assembled(c.model, c.table, normal, c.latent, workspace(kernels, c, True), weights, c.rows)
     # As test_solve_solves.
     np.testing.assert_allclose(values(c.latent), expected, atol=2e-5 * np.abs(expected).max())
 
@@ -151,16 +166,16 @@ class TestMisuse:
         space = workspace(rowwise, c, True)
         model = c.model._replace(**{k: f(getattr(c.model, k).copy()) for k, f in change.items()})
         own = {"table": c.table, "data": c.data, "latent": c.latent, "workspace": space} | replaced
-        native.rowwise_solve(*model, *own.values(), np.full(LANES, 0.1, np.float32), 0.0)
+        native.rowwise_solve(*model, *own.values(), penalty())
 
     def solve_assembled(self, change, **replaced):
         c = case()
         model = c.model._replace(**{k: f(getattr(c.model, k).copy()) for k, f in change.items()})
         normal = np.zeros(rowwise.assembled_size(c.model, c.table, c.rows), np.float32)
         own = {"table": c.table, "normal": normal, "latent": c.latent, "workspace": workspace(rowwise, c, True)}
-        own = own | {"ridge": np.full(LANES, 0.1, np.float32), "rows": c.rows} | replaced
+        own = own | {"penalty": penalty(), "rows": c.rows} | replaced
         native.rowwise_assemble(*model, *(own[name] for name in ("table", "normal", "workspace", "rows")))
-        native.rowwise_solve_assembled(*model, *own.values(), 0.0)
+        native.rowwise_solve_assembled(*model, *own.values())
 
     def test_accepts_what_is_right(self):
         self.solve({})
@@ -211,23 +226,23 @@ class TestMisuse:
             ({"latent": c.latent[:, :-1].copy()}, "3 rows per block"),
             ({"table": c.table[:, :, :8].copy()}, "table must have shape"),
             ({"normal": np.zeros(32, np.float32)}, "normal has the wrong size"),
-            ({"ridge": np.ones(15, np.float32)}, "ridge must have 16 values"),
+            ({"penalty": np.ones((2, LANES), np.float32)}, "penalty must have shape"),
             ({"rows": c.rows - 3}, "inconsistent"),
             ({"rows": -1}, "rows must not be negative"),
-            ({"workspace": space, "ridge": space[:LANES]}, "must not overlap"),
+            ({"workspace": space, "penalty": space[: 3 * LANES].reshape(3, LANES)}, "must not overlap"),
         ):
             with pytest.raises(ValueError, match=message):
                 self.solve_assembled({}, **replaced)
 
-    def test_gradients_need_coupled_neighbours(self):
+    def test_differences_need_coupled_neighbours(self):
         c = case(9, 1)
         model = c.model._replace(coupled=np.arange(len(c.model.coupled), dtype=np.int32))
         space = np.empty(native.rowwise_workspace(*model, c.table, c.rows, 1), np.float32)
-        ridge = np.full(LANES, 0.1, np.float32)
-        native.rowwise_solve(*model, c.table, c.data, c.latent, space, ridge, 0.0)
-        with pytest.raises(ValueError, match="inconsistent"):
-            native.rowwise_solve(*model, c.table, c.data, c.latent, space, ridge, 0.1)
+        native.rowwise_solve(*model, c.table, c.data, c.latent, space, penalty())
         normal = np.zeros(native.rowwise_assembled_size(*model, c.table, c.rows), np.float32)
-        native.rowwise_solve_assembled(*model, c.table, normal, c.latent, space, ridge, c.rows, 0.0)
-        with pytest.raises(ValueError, match="inconsistent"):
-            native.rowwise_solve_assembled(*model, c.table, normal, c.latent, space, ridge, c.rows, 0.1)
+        native.rowwise_solve_assembled(*model, c.table, normal, c.latent, space, penalty(), c.rows)
+        for weights in (penalty(0.1), penalty(0.0, 0.1)):
+            with pytest.raises(ValueError, match="inconsistent"):
+                native.rowwise_solve(*model, c.table, c.data, c.latent, space, weights)
+            with pytest.raises(ValueError, match="inconsistent"):
+                native.rowwise_solve_assembled(*model, c.table, normal, c.latent, space, weights, c.rows)

@@ -1,10 +1,11 @@
-"""Laws of shrinking gradients, on the Numba kernel and on its NumPy twin."""
+"""Laws of shrinking derivatives, on the Numba kernels and on their NumPy twins."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from rsdeblur.deconv.coupling import TO_DERIVATIVES
 from rsdeblur.deconv.priors import shrinkage
 from rsdeblur.kernels import shrink
 
@@ -13,10 +14,10 @@ TABLE = shrinkage(2 / 3)
 FLOAT32 = 1e-5
 
 
-@pytest.fixture(params=["numba", "numpy"])
-def grad_adjoint(request):
-    kernel = getattr(shrink, "shrunk_grad_adjoint" + ("" if request.param == "numba" else "_numpy"))
+KERNELS = ("shrunk_grad_adjoint", "shrunk_derivatives_adjoint")
 
+
+def in_blocks(kernel):
     def run(picture, threshold, *, table=TABLE, periodic=False, block=1000):
         out = np.full_like(picture, np.nan)
         for top in range(0, len(picture), block):
@@ -27,17 +28,46 @@ def grad_adjoint(request):
     return run
 
 
+@pytest.fixture(params=["", "_numpy"], ids=["numba", "numpy"])
+def grad_adjoint(request):
+    return in_blocks(getattr(shrink, "shrunk_grad_adjoint" + request.param))
+
+
+@pytest.fixture(params=["", "_numpy"], ids=["numba", "numpy"])
+def derivatives_adjoint(request):
+    return in_blocks(getattr(shrink, "shrunk_derivatives_adjoint" + request.param))
+
+
+@pytest.fixture(params=[name + twin for name in KERNELS for twin in ("", "_numpy")])
+def either(request):
+    return in_blocks(getattr(shrink, request.param))
+
+
 @pytest.fixture(params=[(19, 23, 3), (19, 23, 1), (1, 9, 3), (9, 1, 1), (2, 2, 2)])
 def picture(request):
     return np.random.default_rng(0).random(request.param, dtype=np.float32)
+
+
+def laplacian(picture, periodic):
+    """Return D^T D times a picture."""
+    wide = np.pad(picture, ((1, 1), (1, 1), (0, 0)), mode="wrap" if periodic else "edge")
+    return 4 * picture - wide[2:, 1:-1] - wide[:-2, 1:-1] - wide[1:-1, 2:] - wide[1:-1, :-2]
 
 
 @pytest.mark.parametrize("periodic", [False, True])
 def test_what_is_not_shrunk_is_the_laplacian(grad_adjoint, picture, periodic):
     # Gradients that do not vanish are kept whole.
     out = grad_adjoint(picture, 1e-9, table=np.ones(2, np.float32), periodic=periodic)
-    wide = np.pad(picture, ((1, 1), (1, 1), (0, 0)), mode="wrap" if periodic else "edge")
-    expected = 4 * picture - wide[2:, 1:-1] - wide[:-2, 1:-1] - wide[1:-1, 2:] - wide[1:-1, :-2]
+    np.testing.assert_allclose(out, laplacian(picture, periodic), atol=FLOAT32)
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_derivatives_that_are_not_shrunk_make_the_term_that_solvers_add(derivatives_adjoint, picture, periodic):
+    # Also at the ends: solvers know D^T D only.
+    out = derivatives_adjoint(picture, 1e-9, table=np.ones(2, np.float32), periodic=periodic)
+    _, gradient, bend = TO_DERIVATIVES
+    once = laplacian(picture, periodic)
+    expected = gradient * once + bend * laplacian(once, periodic)
     np.testing.assert_allclose(out, expected, atol=FLOAT32)
 
 
@@ -53,20 +83,45 @@ def test_pull_is_the_adjoint_applied_to_the_shrunk_gradient(grad_adjoint, pictur
     assert (out * other).sum() == pytest.approx(expected, abs=1e-4)
 
 
+def derivatives(picture, periodic):
+    """Return the five derivatives, scaled as they are shrunk; each a picture."""
+    across, down = shrink.gradient(picture, periodic=periodic)
+    bends = (np.roll(part, 1, axis) - part for part, axis in ((across, 1), (down, 0)))
+    twist = shrink.gradient(down, periodic=periodic)[0]
+    return [across, down, *(bend / 2 for bend in bends), twist / np.sqrt(2)]
+
+
 @pytest.mark.parametrize("periodic", [False, True])
-def test_blocks_of_rows_make_the_whole(grad_adjoint, picture, periodic):
+def test_pull_is_the_adjoint_applied_to_each_shrunk_derivative(derivatives_adjoint, picture, periodic):
+    out = derivatives_adjoint(picture, 0.3, periodic=periodic)
+    other, expected = np.random.default_rng(1).random(picture.shape), 0.0
+    for own, of_other in zip(derivatives(picture, periodic), derivatives(other, periodic), strict=True):
+        magnitude = np.sqrt((own**2).sum(axis=2, keepdims=True))
+        kept = np.interp(0.3 / np.maximum(magnitude, 1e-9), np.linspace(0, 1, len(TABLE)), TABLE) * (magnitude > 0.3)
+        expected += (kept * own * of_other).sum() / 2
+    assert (out * other).sum() == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_blocks_of_rows_make_the_whole(either, picture, periodic):
     np.testing.assert_array_equal(
-        grad_adjoint(picture, 0.3, periodic=periodic, block=4), grad_adjoint(picture, 0.3, periodic=periodic)
+        either(picture, 0.3, periodic=periodic, block=4), either(picture, 0.3, periodic=periodic)
     )
 
 
-def test_small_gradients_vanish(grad_adjoint, picture):
-    np.testing.assert_array_equal(grad_adjoint(picture, 10.0), 0.0)
+def test_small_derivatives_vanish(either, picture):
+    np.testing.assert_array_equal(either(picture, 10.0), 0.0)
 
 
 @pytest.mark.parametrize("periodic", [False, True])
-def test_twins_agree(picture, periodic):
-    fast, slow = np.empty_like(picture), np.empty_like(picture)
-    shrink.shrunk_grad_adjoint(picture, 0, len(picture), np.float32(0.3), TABLE, periodic, fast)
-    shrink.shrunk_grad_adjoint_numpy(picture, 0, len(picture), 0.3, TABLE, periodic, slow)
+def test_slopes_are_not_bent(derivatives_adjoint, periodic):
+    # Along a slope only the first differences are left, which shrink alike: nothing pulls inside.
+    slope = np.broadcast_to(np.arange(12, dtype=np.float32)[:, None, None], (12, 9, 3)).copy()
+    np.testing.assert_allclose(derivatives_adjoint(slope, 0.3, periodic=periodic)[3:-3], 0.0, atol=FLOAT32)
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize("name", KERNELS)
+def test_twins_agree(name, picture, periodic):
+    fast, slow = (in_blocks(getattr(shrink, name + twin))(picture, 0.3, periodic=periodic) for twin in ("", "_numpy"))
     np.testing.assert_allclose(fast, slow, atol=FLOAT32)
