@@ -59,6 +59,9 @@ MOST_PATH_ERROR_SHARE = 0.25
 # Error of the paths as a share of the PSF's radius, where the least blurred frame of a burst is chosen, before other
 # frames show how large the errors are: real motion errs by that much.
 FRAME_ERROR_SHARE = 0.03
+# Error of resampling the frames of a burst, px: of their alignment and, where pictures are as sharp as their pixels, of
+# interpolation. Only their shares depend on it. Chosen on eight bursts (docs/developer/decisions.md).
+RESAMPLING_ERROR = 0.2
 # Weight of total variation where that of the gradient prior is 1 and E is 1; and that of a penalty on first and second
 # derivatives, times the root of its exponent.
 TV_STRENGTH, DERIVATIVES_STRENGTH = 2.0, 1.6
@@ -174,7 +177,8 @@ class Tuning:
     ) -> tuple[Tuning, tuple[float, ...]]:
         """Combine the measurements of several frames of one scene.
 
-        A frame counts by its share: the inverse of its :attr:`noise_power`, divided by the sum over all frames.
+        A frame counts by its share: the inverse of its :attr:`noise_power`, divided by the sum over all frames. Frames
+        other than the reference are resampled, which is an error of their blurred picture.
 
         Parameters
         ----------
@@ -193,11 +197,11 @@ class Tuning:
         """
         first = frames[0]
         power = np.array([frame.noise_power(first.energy) for frame in frames])
-        if tile_errors is not None:
-            # A path that is wrong by e px changes the blurred picture by e times its gradient.
-            left = np.array([frame.spectra.gradient_left for frame in frames])
-            power += first.energy * left * np.array(tile_errors)
-        precision = 1.0 / power
+        errors = np.zeros(len(frames)) if tile_errors is None else np.array(tile_errors, dtype=np.float64)
+        errors[1:] += RESAMPLING_ERROR**2
+        # What is wrong by e px changes the blurred picture by e times its gradient.
+        left = np.array([frame.spectra.gradient_left for frame in frames])
+        precision = 1.0 / (power + first.energy * left * errors)
         shares = precision / precision.sum()
 
         def mean(values: Sequence[float]) -> float:

@@ -146,9 +146,10 @@ def test_shares_fall_with_noise_and_blur() -> None:
     bank = PsfBank.for_picture(np.full((1, 9), 1 / 9), light.shape)
     tuning = Tuning.of(light, bank, noise=0.01)
     double, shares = Tuning.of_burst([tuning, tuning])
-    assert shares == (0.5, 0.5)
-    # Two frames are one with half the variance.
-    assert double.noise == pytest.approx(0.01 / 2**0.5)
+    # The second one is resampled, which is an error that the first one does not have.
+    assert 0.5 < shares[0] < 0.6
+    # Two frames are one with half the variance if their shares are equal.
+    assert double.noise == pytest.approx(0.01 * np.hypot(*shares))
     assert double.gradient_weight <= tuning.gradient_weight
     _, shares = Tuning.of_burst([tuning, replace(tuning, octave_noise=(0.03,) * 3), tuning.with_path_errors(0.5)])
     assert shares[0] > max(shares[1:])
