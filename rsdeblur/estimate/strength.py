@@ -61,7 +61,7 @@ MOST_PATH_ERROR_SHARE = 0.25
 FRAME_ERROR_SHARE = 0.03
 # Error of resampling the frames of a burst, px: of their alignment and, where pictures are as sharp as their pixels, of
 # interpolation. Only their shares depend on it. Chosen on eight bursts (docs/developer/decisions.md).
-RESAMPLING_ERROR = 0.2
+RESAMPLING_ERROR = 0.25
 # Weight of total variation where that of the gradient prior is 1 and E is 1; and that of a penalty on first and second
 # derivatives, times the root of its exponent.
 TV_STRENGTH, DERIVATIVES_STRENGTH = 2.0, 1.6
