@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur.choices import Border, Planning, Solver
-from rsdeblur.deconv.coupling import TO_GRADIENT, Coupling
+from rsdeblur.deconv.coupling import Coupling
 from rsdeblur.deconv.fft import empty
 from rsdeblur.deconv.hybrid import COLUMNS
 from rsdeblur.deconv.priors import LatentPrior, check_prior
@@ -154,8 +154,7 @@ class BurstQuadratic(TileNormal):
 
         self._pass(picture, None, add)
 
-    def solve(self, beta: float, pull: FloatImage | None = None, coupling: Coupling = TO_GRADIENT) -> FloatImage:
-        """Return the minimiser for the sums of all frames; see :meth:`TileNormal.solve`."""
+    def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling) -> FloatImage:
         weights, weight = coupling.weights(beta), np.float32(0.0 if pull is None else beta)
         nsr, scale = np.float32(self.nsr), np.float32(self._scale)
 

@@ -52,12 +52,18 @@ ROWS = 64
 
 
 class Sparsity(NamedTuple):
-    """The derivatives that a sparse prior shortens."""
+    """The derivatives that a sparse prior shortens.
+
+    Parameters
+    ----------
+    shrink : callable
+        Kernel of :mod:`rsdeblur.kernels.shrink` that computes the pull of the shortened derivatives.
+    coupling : Coupling
+        Quadratic term of the derivatives.
+    """
 
     shrink: Callable[..., None]
-    """Kernel of :mod:`rsdeblur.kernels.shrink` that computes the pull of the shortened derivatives."""
     coupling: Coupling
-    """Quadratic term of the derivatives."""
 
 
 GRADIENT = Sparsity(shrunk_grad_adjoint, TO_GRADIENT)

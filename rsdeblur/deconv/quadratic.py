@@ -103,6 +103,10 @@ class TileNormal(TileFilter):
         InputError
             If `pull` is not finite, or no observation was set.
         """
+        return self._solve(beta, pull, coupling)
+
+    def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling) -> FloatImage:
+        """Return the minimiser, in the memory of `pull` if there is one."""
         raise NotImplementedError
 
 
@@ -233,8 +237,7 @@ class TileQuadratic(TileNormal):
             if not self._hybrid.transform_rows(picture, strip, spectra):
                 raise InputError("image must be finite")
 
-    def solve(self, beta: float, pull: FloatImage | None = None, coupling: Coupling = TO_GRADIENT) -> FloatImage:
-        """Return the minimiser for the observation; see :meth:`TileNormal.solve`."""
+    def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling) -> FloatImage:
         if not self._observed:
             raise InputError("the solver holds no picture: call apply(), or prepare() before solve()")
         latent = np.empty(self._channelled, dtype=np.float32) if pull is None else pull

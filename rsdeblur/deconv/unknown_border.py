@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Planning
-from rsdeblur.deconv.coupling import TO_GRADIENT, Coupling
+from rsdeblur.deconv.coupling import Coupling
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage
@@ -68,12 +68,11 @@ class UnknownBorderQuadratic(TileQuadratic):
         super().prepare(image)
         self._filled[...] = np.reshape(image, self._channelled)
 
-    def solve(self, beta: float, pull: FloatImage | None = None, coupling: Coupling = TO_GRADIENT) -> FloatImage:
-        """Return the minimiser for the recorded pixels; see :meth:`TileNormal.solve`."""
+    def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling) -> FloatImage:
         if self._observed:
             self._fill(pull, beta, coupling)
             super().prepare(self._filled)
-        return super().solve(beta, pull, coupling)
+        return super()._solve(beta, pull, coupling)
 
     def _fill(self, pull: FloatImage | None, beta: float, coupling: Coupling) -> None:
         """Improve the values beyond the frame by conjugate gradients."""
