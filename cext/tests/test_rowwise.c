@@ -174,14 +174,13 @@ static void test_operators(size_t rows, size_t tallest, size_t channels)
     free_blur(b);
 }
 
-/* The residual of the normal equations must vanish. */
-/* `assembled`: with the assembled normal matrix. */
 /* D^T D x at a row of one lane; no difference crosses an end. */
 static double bent(const double *x, size_t j, size_t n)
 {
     return (j > 0 ? x[j] - x[j - 1] : 0) + (j + 1 < n ? x[j] - x[j + 1] : 0);
 }
 
+/* The residual of the normal equations must vanish; `assembled`: with the assembled normal matrix. */
 static void test_solve(size_t rows, size_t tallest, size_t channels, float slope, float bend, int assembled)
 {
     const blur b = make_blur(rows, tallest);

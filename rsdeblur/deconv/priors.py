@@ -401,7 +401,7 @@ def half_quadratic(
 def _shrink(
     latent: FloatImage,
     kernel: Callable[..., None],
-    shrinkage: tuple[np.float32, NDArray[np.float32], bool],
+    arguments: tuple[np.float32, NDArray[np.float32], bool],
     pull: FloatImage,
     threads: int | None,
 ) -> None:
@@ -409,7 +409,7 @@ def _shrink(
     height = len(latent)
 
     def block(_: int, top: int) -> None:
-        kernel(latent, top, min(ROWS, height - top), *shrinkage, pull)
+        kernel(latent, top, min(ROWS, height - top), *arguments, pull)
 
     share(block, range(0, height, ROWS), threads)
 
