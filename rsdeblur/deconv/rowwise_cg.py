@@ -62,7 +62,7 @@ class NormalEquations:
         rowwise.adjoint(self._model, self._table, blurred, result, self._workspace)
         ridge, slope, bend = self._penalty
         result += ridge * vector
-        if slope.any():
+        if self._penalty[1:].any():
             result += _bent(slope * vector + bend * _bent(vector))
         return result
 

@@ -164,7 +164,7 @@ def test_priors_beat_the_wiener_filter(sharp: np.ndarray, blurred: np.ndarray) -
 
 
 def test_second_derivatives_restore_slopes(blurred: np.ndarray) -> None:
-    # Total variation makes steps of a slope; what solvers cannot know is noise of 0.01.
+    # Total variation makes steps of a noisy slope.
     ramp = np.broadcast_to(np.linspace(0.1, 0.9, W)[None, :, None], (H, W, 3))
     noisy = (ramp + np.random.default_rng(6).normal(0, NOISE, ramp.shape)).astype(np.float32)
     point = np.zeros((3, 3), np.float32)
