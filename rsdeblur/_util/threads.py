@@ -13,6 +13,7 @@ from weakref import WeakSet
 
 from rsdeblur._util import interrupts, validate
 
+Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 # Parts per thread of a range that is cut into equal parts: some parts take longer than others.
@@ -94,15 +95,15 @@ def share(work: Callable[[int, int], None], tasks: Sequence[int], threads: int |
         _share(pool, threads, work, tasks)
 
 
-def share_map(function: Callable[[int], Result], count: int, threads: int | None) -> list[Result]:
-    """Return `function(n)` for every n of `range(count)`, computed by threads as in :func:`share`."""
+def share_map(function: Callable[[Item], Result], items: Sequence[Item], threads: int | None) -> list[Result]:
+    """Return what `function` returns for every item, computed by threads as in :func:`share`."""
     results: dict[int, Result] = {}
 
     def work(_: int, n: int) -> None:
-        results[n] = function(n)
+        results[n] = function(items[n])
 
-    share(work, range(count), threads)
-    return [results[n] for n in range(count)]
+    share(work, range(len(items)), threads)
+    return [results[n] for n in range(len(items))]
 
 
 def share_range(work: Callable[[int, int], None], count: int, threads: int | None) -> None:

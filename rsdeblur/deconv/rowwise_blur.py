@@ -246,7 +246,8 @@ def strip_blurs(
     frames: Sequence[BlurPaths], factors: Sequence[float], top: int, latents: int, threads: int | None
 ) -> list[StripBlur]:
     """Return :meth:`StripBlur.from_frames` of all strips; threads share them."""
-    return share_map(lambda s: StripBlur.from_frames(frames, factors, s, top, latents), len(frames[0].cols), threads)
+    strips = range(len(frames[0].cols))
+    return share_map(lambda s: StripBlur.from_frames(frames, factors, s, top, latents), strips, threads)
 
 
 def latent_rows(*frames: BlurPaths) -> tuple[int, int]:

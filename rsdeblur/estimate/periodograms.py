@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
@@ -63,8 +61,11 @@ def wrapped(kernels: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.
 
 def power_of(kernels: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return |H|^2 of kernels (B, S, kh, kw) as smoothed by the window, shape (B, S, TILE, TILE // 2 + 1)."""
-    power: NDArray[Any] = np.abs(scipy.fft.fft2(wrapped(kernels, (TILE, TILE)))) ** 2
-    for axis in (2, 3):
-        # Power of the Hann window's transform at neighbouring frequencies: 1/6, 2/3, 1/6.
-        power = power * (2 / 3) + (np.roll(power, 1, axis) + np.roll(power, -1, axis)) / 6
-    return power[..., : TILE // 2 + 1]
+    half = np.abs(scipy.fft.rfft2(wrapped(kernels, (TILE, TILE)))) ** 2
+    # Opposite frequencies have the same power, so the columns beyond either end are columns upside down.
+    before, after = (np.roll(half[..., ::-1, n], 1, axis=-1)[..., None] for n in (1, -2))
+    power = np.concatenate([before, half, after], axis=-1)
+    # Power of the Hann window's transform at neighbouring frequencies: 1/6, 2/3, 1/6.
+    power = power * (2 / 3) + (np.roll(power, 1, 2) + np.roll(power, -1, 2)) / 6
+    smoothed: NDArray[np.float32] = power[..., 1:-1] * (2 / 3) + (power[..., :-2] + power[..., 2:]) / 6
+    return smoothed

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
+from rsdeblur._util.threads import share_map
 from rsdeblur.errors import ClockError, CoverageError, GapError
 from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording
 from rsdeblur.estimate.spectra import Fit, TileSpectra
@@ -31,6 +33,8 @@ APART = 0.7
 STEP, FIRST_TRUST, MOST_TRUST, SETTLED = 0.05, 0.7, 1.5, 0.03
 # Gain at which descents end.
 LEAST_STEP_GAIN = 0.02
+# Fits that are kept: more than threads that descend at a time.
+RECENT = 16
 # Bound of the derivatives of the logarithm of the power, where it nearly vanishes.
 STEEPEST = 8.0
 
@@ -48,12 +52,17 @@ class Posterior:
         Recording as given.
     deviations : ndarray, shape (6,)
         Standard deviations of the errors of the recording, in the units of :class:`Correction`; 0 for what is known.
+    threads : int or None, default 1
+        Threads that share the derivatives; None means all processors.
     """
 
-    def __init__(self, spectra: TileSpectra, recording: Recording, deviations: FloatArray) -> None:
-        self._spectra, self._recording, self._deviations = spectra, recording, deviations
+    def __init__(
+        self, spectra: TileSpectra, recording: Recording, deviations: FloatArray, *, threads: int | None = 1
+    ) -> None:
+        self._spectra, self._recording, self._deviations, self._threads = spectra, recording, deviations, threads
         self._nats: dict[bytes, FloatArray | None] = {}
-        self._last: tuple[bytes, Fit] | None = None
+        # Descents ask for the fit of their last place again.
+        self._fit = lru_cache(RECENT)(self._fit_at)
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -69,17 +78,14 @@ class Posterior:
         key = place.tobytes()
         if key not in self._nats:
             try:
-                self._nats[key] = self._fit(place).nats
+                self._nats[key] = self._fit(key).nats
             except UNDESCRIBED:
                 self._nats[key] = None
         return self._nats[key]
 
-    def _fit(self, place: FloatArray) -> Fit:
-        """Return the fit of the spectra at a place; descents ask for that of the last place again."""
-        key = place.tobytes()
-        if self._last is None or self._last[0] != key:
-            self._last = key, self._spectra.fit(self.corrected(place))
-        return self._last[1]
+    def _fit_at(self, key: bytes) -> Fit:
+        """Return the fit of the spectra at a place, given as bytes."""
+        return self._spectra.fit(self.corrected(np.frombuffer(key)))
 
     def gain(self, place: FloatArray, over: FloatArray) -> float:
         """Return how much more likely one correction is than another, in nats; infinite if one has no score."""
@@ -151,8 +157,8 @@ class Posterior:
 
     def information(self, place: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return gradient and Fisher information of the tiles together for the parameters `at`, without the prior."""
-        fit = self._fit(place)
-        slopes = [self._slope(place, index, fit.expected) for index in at]
+        fit = self._fit(place.tobytes())
+        slopes = share_map(lambda index: self._slope(place, index, fit.expected), at.tolist(), self._threads)
         gradient, information = self._spectra.information(fit, np.array(slopes))
         # A tile that alone would gain more than the bound has less weight.
         solved = np.linalg.solve(information + TILES_AS_ONE * np.eye(len(at)), gradient[..., None])[..., 0]

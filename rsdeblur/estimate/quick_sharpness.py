@@ -8,7 +8,9 @@ look better than the right one.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import islice
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,16 +69,16 @@ class QuickSharpness:
     def of(self, recording: Recording) -> float:
         """Return the mean logarithm of l1 / l2 of the gradient of the sharp tiles; infinite without a motion."""
         try:
-            self._tiles.replan(self._bank(recording, *self._tiles.centres).kernels)
+            solver = self._tiles.under(self._bank(recording, *self._tiles.centres).kernels)
         except UNDESCRIBED:
             return np.inf
-        steps = half_quadratic(*(self._tiles, GRADIENT), weight=self._weight, exponent=1.0, peak=self._peak, threads=1)
+        steps = half_quadratic(*(solver, GRADIENT), weight=self._weight, exponent=1.0, peak=self._peak, threads=1)
         *_, last = islice(steps, STEPS)
         return mean_concentration(self._tiles.parts(last.latent), self._shares)
 
 
 class _RepeatingTiles:
-    """Tiles of a picture that repeat: a solver whose latent picture is a column of all of them.
+    """Tiles of a picture that repeat.
 
     Opposite ends of a tile fade into each other, whatever its PSF, so that a tile's spectrum serves for all motions.
 
@@ -91,8 +93,6 @@ class _RepeatingTiles:
     softness : float
         Standard deviation of a Gaussian under which the PSFs are taken, px.
     """
-
-    periodic = True
 
     def __init__(self, light: NDArray[np.float32], size: tuple[int, int], *, nsr: float, softness: float) -> None:
         sides = list(zip(light.shape, TILES, size, strict=True))
@@ -121,22 +121,14 @@ class _RepeatingTiles:
         self._softening = np.exp(-0.5 * (2 * np.pi * softness) ** 2 * squared).astype(np.float32)
         self._differences = np.add.outer(*(4 * np.sin(np.pi * f) ** 2 for f in frequencies)).astype(np.float32)
 
-    def replan(self, kernels: NDArray[np.float32]) -> None:
-        """Take the PSFs of all tiles, shape (B, S, kh, kw)."""
+    def under(self, kernels: NDArray[np.float32]) -> _RepeatingSolver:
+        """Return the solver under PSFs of all tiles, shape (B, S, kh, kw)."""
         bands, strips, height, width = kernels.shape
         grid = wrapped(kernels, self._shape).reshape(bands * strips, *self._shape)
         transfer = self._softening * fft.rfft2(np.roll(grid, (-(height // 2), -(width // 2)), axis=(1, 2)))
-        self._power = np.square(transfer.real) + np.square(transfer.imag) + self._nsr
-        self._data = (1 + self._nsr) * transfer.conj() * self._observed
-
-    def solve(self, beta: float, pull: FloatImage | None, coupling: Coupling = TO_GRADIENT) -> FloatImage:
-        """Return the minimiser, see :class:`rsdeblur.deconv.priors.QuadraticSolver`."""
-        signal = self._data
-        if pull is not None:
-            signal = signal + np.float32(beta) * fft.rfft2(pull.reshape(-1, *self._shape))
-        normal = self._power + np.float32(beta) * coupling.response(self._differences)
-        latent = fft.irfft2(signal / normal, self._shape)
-        return np.ascontiguousarray(latent.reshape(-1, self._shape[1], 1))
+        power = np.square(transfer.real) + np.square(transfer.imag) + self._nsr
+        data = (1 + self._nsr) * transfer.conj() * self._observed
+        return _RepeatingSolver(data, power, self._differences, self._shape)
 
     def observed_parts(self) -> FloatImage:
         """Return what the tiles show of the blurred picture, shape (N, h, w)."""
@@ -145,6 +137,38 @@ class _RepeatingTiles:
     def parts(self, latent: FloatImage) -> FloatImage:
         """Return what the tiles show of the picture, without the ends that fade, shape (N, h, w)."""
         return latent.reshape(-1, *self._shape)[:, *self._parts]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _RepeatingSolver:
+    """Solver of tiles that repeat; its latent picture is a column of all of them.
+
+    Parameters
+    ----------
+    data : ndarray, shape (N, H, F), complex64
+        Right-hand sides of the normal equations without a prior.
+    power : ndarray, shape (N, H, F), float32
+        Their factors.
+    differences : ndarray, shape (H, F), float32
+        `|D|^2`.
+    shape : (int, int)
+        Height and width of a tile.
+    """
+
+    data: NDArray[np.complex64]
+    power: NDArray[np.float32]
+    differences: NDArray[np.float32]
+    shape: tuple[int, ...]
+    periodic: ClassVar[bool] = True
+
+    def solve(self, beta: float, pull: FloatImage | None, coupling: Coupling = TO_GRADIENT) -> FloatImage:
+        """Return the minimiser, see :class:`rsdeblur.deconv.priors.QuadraticSolver`."""
+        signal = self.data
+        if pull is not None:
+            signal = signal + np.float32(beta) * fft.rfft2(pull.reshape(-1, *self.shape))
+        normal = self.power + np.float32(beta) * coupling.response(self.differences)
+        latent = fft.irfft2(signal / normal, self.shape)
+        return np.ascontiguousarray(latent.reshape(-1, self.shape[1], 1))
 
 
 def _faded(tiles: NDArray[np.float32], axis: int, fade: int) -> NDArray[np.float32]:

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
+from rsdeblur._util.threads import share_map
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording, Uncertainty
 from rsdeblur.estimate.periodograms import TILE
@@ -40,15 +42,15 @@ SPECTRA_SIDES = 320, 480
 PART, SIDE = 256, 1600
 
 # Parameters that are searched together from the best place so far, and how many values of each are tried as well, up
-# to how many standard deviations; from the best of these places, descents begin, too. A correction by few numbers is
-# more credible than one by many.
+# to how many standard deviations. The likeliest part of these places is compared by the sharp picture, and from the
+# best, descents begin, too. A correction by few numbers is more credible than one by many.
 MODELS = (
     (("offset",), 8),
     (("drift_x", "drift_y"), 4),
     (("scale", "drift_x", "drift_y"), 0),
     (PARAMETERS, 0),
 )
-WIDEST, STARTS = 3.0, 2
+WIDEST, COMPARED, STARTS = 3.0, 0.5, 2
 # Parameters that are adjusted by the sharp picture, the times each is, the first step, and the longest as multiples of
 # the current one. Steps are in standard deviations.
 ADJUSTED, ADJUSTMENTS, FIRST_STEP, LONGEST_STEP = MODELS[2][0], 2, 0.6, 2.0
@@ -102,6 +104,7 @@ def refine(
     translation: Translation | None = None,
     uncertainty: Uncertainty | None = None,
     transfer: Transfer | Auto = "auto",
+    threads: int | None = None,
     progress: Progress | None = None,
 ) -> Refinement:
     """Correct focal length, clock, readout and motion by the blurred picture.
@@ -118,6 +121,8 @@ def refine(
         How far the recording may be wrong; default `Uncertainty()`.
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light, as for :func:`rsdeblur.deblur`.
+    threads : int, optional
+        Threads that share the work, from 1 to 1024; default all processors. Any number gives the same bits.
     progress : callable, optional
         Called as ``progress(stage, fraction)``.
 
@@ -154,12 +159,12 @@ def refine(
     deviations = uncertainty.deviations(camera)
     spectra = TileSpectra(light, recording, side=spectra_side(recording), soft=True)
     quick = QuickSharpness(light, recording)
-    judge = _Judge(Posterior(spectra, recording, deviations), quick)
+    judge = _Judge(Posterior(spectra, recording, deviations, threads=threads), quick, threads)
     best = judge.best(progress or (lambda *_: None))
-    reason = judge.verdict(best, Sharpness(light, recording, robust=True))
+    reason = judge.verdict(best, lambda: Sharpness(light, recording, robust=True))
     found = judge.posterior.corrected(best)
     # With wrong axes, a correction may make the motion more like the right one, but never right.
-    if not reason and rival_lead(spectra, quick, found, recording, deviations) > 0:
+    if not reason and rival_lead(spectra, quick, found, recording, deviations, threads=threads) > 0:
         reason = OTHER_AXES
     used = recording if reason else found
     return Refinement(
@@ -203,19 +208,19 @@ def spectra_side(recording: Recording) -> int:
 
 
 def adjusted(
-    place: FloatArray, worth: Callable[[FloatArray], float], axes: Sequence[int], progress: Progress
+    place: FloatArray, worths: Callable[[Sequence[FloatArray]], list[float]], axes: Sequence[int], progress: Progress
 ) -> FloatArray:
     """Return the place of most worth that parabolas along one axis after another lead to."""
-    most, step = worth(place), FIRST_STEP
+    (most,), step = worths([place]), FIRST_STEP
     for n in range(ADJUSTMENTS):
         progress("adjust", n / ADJUSTMENTS)
         for axis in axes:
             aside = step * np.eye(len(place))[axis]
-            below, above = worth(place - aside), worth(place + aside)
+            below, above = worths([place - aside, place + aside])
             bend = 2 * most - below - above
             steps = 0.5 * (above - below) / bend if bend > 0 else np.sign(above - below) * LONGEST_STEP
             vertex = place + np.clip(steps, -LONGEST_STEP, LONGEST_STEP) * aside
-            tried = (most, place), (below, place - aside), (above, place + aside), (worth(vertex), vertex)
+            tried = (most, place), (below, place - aside), (above, place + aside), (worths([vertex])[0], vertex)
             most, place = max(tried, key=lambda pair: pair[0])
         step /= 2
     return place
@@ -224,8 +229,8 @@ def adjusted(
 class _Judge:
     """Worth of corrections: by the spectra, and by the sharp picture that they lead to."""
 
-    def __init__(self, posterior: Posterior, sharpness: QuickSharpness) -> None:
-        self.posterior, self._sharpness = posterior, sharpness
+    def __init__(self, posterior: Posterior, sharpness: QuickSharpness, threads: int | None) -> None:
+        self.posterior, self._sharpness, self._threads = posterior, sharpness, threads
         self._nothing = np.zeros(len(PARAMETERS))
         self._sparsities: dict[bytes, float] = {}
 
@@ -251,23 +256,29 @@ class _Judge:
             model = [name for name in names if name in self.posterior.free]
             if not model:
                 continue
-            for start in [best, *self._starts(model, count)]:
-                place = self.posterior.descend(start, model)
-                other = self._worth(place) - NATS_PER_PARAMETER * len(model)
+            starts = [best, *self._starts(model, count)]
+            places = share_map(partial(self.posterior.descend, free=model), starts, self._threads)
+            for place, other in zip(places, self._worths(places), strict=True):
+                other -= NATS_PER_PARAMETER * len(model)
                 if other > worth:
                     best, worth = place, other
         axes = [PARAMETERS.index(name) for name in ADJUSTED if name in self.posterior.free]
-        return adjusted(best, self._worth, axes, progress)
+        return adjusted(best, self._worths, axes, progress)
 
-    def _starts(self, model: list[str], count: int) -> FloatArray:
+    def _starts(self, model: list[str], count: int) -> list[FloatArray]:
         """Return the best of places that are spread over the parameters of a model, `count` values of each."""
         at = [PARAMETERS.index(name) for name in model]
         values = np.meshgrid(*[np.linspace(-WIDEST, WIDEST, count)] * len(at))
         places = np.zeros((count ** len(at), len(PARAMETERS)))
         places[:, at] = np.stack(values, axis=-1).reshape(len(places), len(at))
-        places = places[[self.posterior.nats(place) is not None for place in places]]
-        likely = [self.gain(place) + NATS_PER_FALL * self.fall(place) for place in places]
-        return places[np.argsort(likely)[::-1][:STARTS]]
+        gains = np.array(share_map(self.gain, list(places), self._threads))
+        likely = [n for n in np.argsort(-gains)[: round(COMPARED * len(places))] if np.isfinite(gains[n])]
+        falls = share_map(lambda n: self.fall(places[n]), likely, self._threads)
+        worths = gains[likely] + NATS_PER_FALL * np.array(falls)
+        return [places[likely[n]] for n in np.argsort(-worths)[:STARTS]]
+
+    def _worths(self, places: Sequence[FloatArray]) -> list[float]:
+        return share_map(self._worth, places, self._threads)
 
     def _worth(self, place: FloatArray) -> float:
         gain = max(self.gain(place), WORST_GAIN)
@@ -275,14 +286,15 @@ class _Judge:
         # was removed.
         return gain if gain < 0 else gain + NATS_PER_FALL * self.fall(place)
 
-    def verdict(self, place: FloatArray, sharpness: Sharpness) -> str:
-        """Return why a correction is not credible; nothing if it is."""
+    def verdict(self, place: FloatArray, whole: Callable[[], Sharpness]) -> str:
+        """Return why a correction is not credible; nothing if it is. `whole` plans the whole solve."""
         if self._worth(place) < LEAST_WORTH:
             return "the picture does not contradict the recording, or not clearly"
         if np.abs(place).max() > MOST_DEVIATIONS:
             return "the likeliest correction is too far from the recording"
         # The search found the largest of many falls. The whole solve is free of what favoured it by chance.
-        before, after = (sharpness.of(self.posterior.corrected(each)) for each in (self._nothing, place))
+        recordings = [self.posterior.corrected(each) for each in (self._nothing, place)]
+        before, after = share_map(whole().of, recordings, self._threads)
         if min(self.fall(place), before - after) < LEAST_FALL:
             return "the sharp picture does not become clearer"
         return ""

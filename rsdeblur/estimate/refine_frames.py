@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
-from rsdeblur._util.threads import share
+from rsdeblur._util.threads import share_map
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording, Uncertainty
@@ -221,7 +221,8 @@ class _Frames:
                 other = self._worth(place) - NATS_PER_PARAMETER * len(grid)
                 if other > worth:
                     best, worth = place, other
-        return adjusted(best, self._worth, _places(name for name in ADJUSTED if name in self._free), report)
+        axes = _places(name for name in ADJUSTED if name in self._free)
+        return adjusted(best, lambda places: [self._worth(place) for place in places], axes, report)
 
     def verdict(self, place: FloatArray) -> str:
         """Return why a correction is not credible; nothing if it is."""
@@ -234,14 +235,12 @@ class _Frames:
             return "the sharp frames do not become clearer"
         if falls.mean() < LEAST_AGREEMENT * falls.std(ddof=1) / np.sqrt(len(falls)):
             return "the frames disagree"
-        found = [photo.corrected(place) for photo in self._photos]
-        leads = np.zeros(len(found))
 
-        def rival(_: int, n: int) -> None:
-            leads[n] = rival_lead(self._spectra[n], self._sharpness[n], found[n], self._recordings[n], self.deviations)
+        def lead(n: int) -> float:
+            found, recording = self._photos[n].corrected(place), self._recordings[n]
+            return rival_lead(self._spectra[n], self._sharpness[n], found, recording, self.deviations, threads=1)
 
-        share(rival, range(len(found)), None)
-        return OTHER_AXES if leads.sum() > 0 else ""
+        return OTHER_AXES if sum(share_map(lead, range(len(self._photos)), None)) > 0 else ""
 
     def _starts(self, grid: Mapping[str, FloatArray]) -> list[FloatArray]:
         """Return the best places of a grid."""
@@ -258,13 +257,9 @@ class _Frames:
     def _sparsity(self, place: FloatArray) -> FloatArray:
         key = place.tobytes()
         if key not in self._sparsities:
-            values = np.zeros(len(self._photos))
-
-            def measure(_: int, n: int) -> None:
-                values[n] = self._sharpness[n].of(self._photos[n].corrected(place))
-
-            share(measure, range(len(values)), None)
-            self._sparsities[key] = values
+            pairs = list(zip(self._sharpness, self._photos, strict=True))
+            values = share_map(lambda pair: pair[0].of(pair[1].corrected(place)), pairs, None)
+            self._sparsities[key] = np.array(values)
         return self._sparsities[key]
 
 

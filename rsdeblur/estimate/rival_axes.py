@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from rsdeblur._util.threads import share_map
 from rsdeblur.estimate.correction import PARAMETERS, Recording
 from rsdeblur.estimate.mounting import rotations
 from rsdeblur.estimate.posterior import UNDESCRIBED, Posterior
@@ -24,6 +25,8 @@ def rival_lead(
     found: Recording,
     recording: Recording,
     deviations: FloatArray,
+    *,
+    threads: int | None,
 ) -> float:
     """Return by how many nats a picture is likelier with the best other mounting than with a corrected recording.
 
@@ -37,26 +40,29 @@ def rival_lead(
         The recording as given.
     deviations : ndarray, shape (6,)
         Standard deviations of its errors.
+    threads : int or None
+        Threads that share the work; None means all processors.
     """
     own, nats, clear = recording.camera.imu_to_camera, spectra.score(found), sharpness.of(found)
     free = [name for name in FREE if deviations[PARAMETERS.index(name)] > 0]
     places = np.zeros((len(OFFSETS), len(PARAMETERS)))
     places[:, PARAMETERS.index("offset")] = OFFSETS
-    tried: list[tuple[float, Posterior, FloatArray]] = []
-    # Left-handed axes have the spectra of right-handed ones.
-    for turn in rotations():
-        if np.array_equal(turn, np.eye(3)):
-            continue
+
+    def tried(turn: FloatArray) -> tuple[float, Posterior, FloatArray]:
         camera = replace(recording.camera, imu_to_camera=turn @ own)
         posterior = Posterior(spectra, replace(recording, camera=camera), deviations)
         lead, best = max((posterior.lead(place, nats), n) for n, place in enumerate(places))
-        tried.append((lead, posterior, places[best]))
-    tried.sort(key=lambda each: -each[0])
-    leads = []
-    for _, posterior, place in tried[:FITTED]:
+        return lead, posterior, places[best]
+
+    def fitted_lead(rival: tuple[float, Posterior, FloatArray]) -> float:
+        _, posterior, place = rival
         try:
             fitted = posterior.descend(place, free) if free else place
         except UNDESCRIBED:
-            continue
-        leads.append(posterior.lead(fitted, nats) + NATS_PER_FALL * (clear - sharpness.of(posterior.corrected(fitted))))
-    return max(leads, default=-np.inf)
+            return -np.inf
+        return posterior.lead(fitted, nats) + NATS_PER_FALL * (clear - sharpness.of(posterior.corrected(fitted)))
+
+    # Left-handed axes have the spectra of right-handed ones.
+    turns = [turn for turn in rotations() if not np.array_equal(turn, np.eye(3))]
+    rivals = sorted(share_map(tried, turns, threads), key=lambda rival: -rival[0])
+    return max(share_map(fitted_lead, rivals[:FITTED], threads))

@@ -35,7 +35,7 @@ TOGETHER = 4
 def measured(splits: Sequence[HighlightSplit], captures: Sequence[Capture], options: Options) -> list[Tuning]:
     """Measure each frame on its own; threads share the frames."""
     threads = min(TOGETHER, thread_count(options.threads))
-    return share_map(lambda n: _measured(splits[n], captures[n], options), len(splits), threads)
+    return share_map(lambda n: _measured(splits[n], captures[n], options), range(len(splits)), threads)
 
 
 def _measured(split: HighlightSplit, capture: Capture, options: Options) -> Tuning:
@@ -115,9 +115,7 @@ def _fitted(
     height, width, _ = reference.encoded.shape
     rows, cols = (tile_centres(min(tiles, n), n) for tiles, n in zip(FIT_TILES, (height, width), strict=True))
     report = clock.within("align")
-    banks = share_map(
-        lambda n: reduced_bank(frames[n].alignment.paths(rows, cols), reference.factor), len(frames), threads
-    )
+    banks = share_map(lambda frame: reduced_bank(frame.alignment.paths(rows, cols), reference.factor), frames, threads)
     fits: dict[int, FrameFit] = {}
 
     def fit(thread: int, n: int) -> None:

@@ -73,8 +73,8 @@ class BurstSolution:
         simple = replace(options, prior="wiener", nsr="auto", weight="auto") if alike else options
         alone, _ = tuned_strengths(tunings[0], simple, peak)
         own = share_map(
-            lambda n: tile_paths(frames[n].alignment.capture, mode, options.bands, options.strips, nsr),
-            *(len(frames), options.threads),
+            lambda frame: tile_paths(frame.alignment.capture, mode, options.bands, options.strips, nsr),
+            *(frames, options.threads),
         )
         bands, strips = (max(len(getattr(paths, axis)) for paths in own) for axis in ("rows", "cols"))
         paths = _paths(frames, tile_centres(bands, height), tile_centres(strips, width), threads=options.threads)
@@ -176,7 +176,7 @@ class BurstSolution:
             traced = self.frames[n].alignment.every_row(rows.start, rows.stop, self.bank.cols)
             return replace(traced, rows=traced.rows - rows.start)
 
-        every_row = share_map(paths, len(self.frames), settings.threads)
+        every_row = share_map(paths, range(len(self.frames)), settings.threads)
         return RowBurst(every_row, self.shares, shape, solver=settings.solver, **engine)
 
     def _drawn(self, n: int, chunk: Chunk) -> PsfBank:
@@ -190,7 +190,7 @@ class BurstSolution:
 
 def _paths(frames: Sequence[BurstFrame], rows: FloatArray, cols: FloatArray, *, threads: int | None) -> list[BlurPaths]:
     """Return the paths of the resampled frames on one grid."""
-    return share_map(lambda n: frames[n].alignment.paths(rows, cols), len(frames), threads)
+    return share_map(lambda frame: frame.alignment.paths(rows, cols), frames, threads)
 
 
 def _largest(frames: Sequence[BlurPaths]) -> tuple[int, int]:

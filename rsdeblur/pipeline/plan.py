@@ -429,6 +429,7 @@ def plan_for(
         exposure,
         translation=options.translation,
         transfer=options.transfer,
+        threads=options.threads,
         progress=progress,
     )
     options = replace(options, translation=found.translation, refine=False)
