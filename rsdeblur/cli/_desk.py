@@ -198,7 +198,7 @@ class Desk:
         return answer | {
             "strength": {"name": name, "value": value, "power": _power(form)},
             "check": None if result.check is None else asdict(result.check),
-            "command": shlex.join(["rsdeblur", "deblur", *words, "-o", _path(form, "output")]),
+            "command": shlex.join(["rsdeblur", "deblur", *words, "--no-refine", "-o", _path(form, "output")]),
             # The page chooses the scale of drafts by this; they have no check.
             "seconds": time.perf_counter() - begin - result.timings.get("check", 0.0),
             "notes": notes,

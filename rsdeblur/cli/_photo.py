@@ -146,14 +146,15 @@ def correction_text(facts: Mapping[str, Any]) -> str:
     if not facts["accepted"]:
         return f"Recording not corrected: {facts['reason']}."
     values = facts["values"]
-    # What the frames of a video share has no drift.
     drifts = values["drift_x"], values["drift_y"]
-    drift = "drift {:+.1f} and {:+.1f} px, ".format(*drifts) if any(drifts) else ""
-    return (
-        f"Recording corrected: focal length x {math.exp(values['scale']):.3f}, {drift}time offset "
-        f"{1e3 * values['offset']:+.1f} ms, readout time x {math.exp(values['readout']):.2f}, roll bias "
-        f"{values['roll']:+.3f} rad/s."
-    )
+    numbers = {
+        f"focal length x {math.exp(values['scale']):.3f}": values["scale"],
+        "drift {:+.1f} and {:+.1f} px".format(*drifts): any(drifts),
+        f"time offset {1e3 * values['offset']:+.1f} ms": values["offset"],
+        f"readout time x {math.exp(values['readout']):.2f}": values["readout"],
+        f"roll bias {values['roll']:+.3f} rad/s": values["roll"],
+    }
+    return f"Recording corrected: {', '.join(text for text, changed in numbers.items() if changed)}."
 
 
 def _dry_run(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:

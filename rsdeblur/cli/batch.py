@@ -70,6 +70,7 @@ Examples:
 @_options.defaults_options
 @numbered_from_option
 @_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
+@_options.refine_option
 @_options.photo_options
 @_options.signing_options
 @workers_options
@@ -85,6 +86,7 @@ def command(
     defaults: Defaults,
     numbered_from: int | None,
     options: Options,
+    refine: bool | None,
     changes: PhotoChanges,
     signing: Signing,
     workers: Workers,
@@ -95,6 +97,7 @@ def command(
     from rsdeblur._util.records import Records
 
     begin = time.perf_counter()
+    options = _options.with_refinement(options, refine)
     items = read_items(source, defaults, target.output, numbered_from=numbered_from)
     if not items:
         raise InputError(f"{source}: there is nothing to do, because no photo is listed")

@@ -48,7 +48,7 @@ Examples:
 
 
 # `--mode` has a value more than that of other commands.
-SOLVE = tuple(name for name in (*_options.ONE_PHOTO, *_options.ONE_RESULT) if name != "mode")
+SOLVE = tuple(name for name in (*_options.ONE_PHOTO, "refine", *_options.ONE_RESULT) if name != "mode")
 # Exit code if bursts of some folders failed.
 SOME_FAILED = 3
 # Longest span of frames that is taken for no mistake; the burst itself has a lower limit.

@@ -56,7 +56,7 @@ Examples:
 @click.option(
     "--mode", "modes", type=click.Choice(MODES), multiple=True, help="Mode to compare; repeat it.  [default: all]"
 )
-@_options.solve_options(*_options.ONE_PHOTO[1:], "max_memory")
+@_options.solve_options(*_options.ONE_PHOTO[1:], "refine", "max_memory")
 @_options.track_options
 @click.option("--truth", type=_options.PATH, metavar="FILE", help="Sharp picture, to measure PSNR and SSIM.")
 @_options.target_options("DIR", "Folder to write to.")

@@ -14,7 +14,7 @@ from rsdeblur.cli._inputs import recordings_of
 from rsdeblur.cli._items import result_name
 from rsdeblur.cli._kernel import check_sources, deconvolve_photo
 from rsdeblur.cli._options import PhotoChanges, PhotoTarget, Recording, Signing, Track
-from rsdeblur.cli._output import print_json, progress, refuse_inputs, say, say_aside
+from rsdeblur.cli._output import level, print_json, progress, refuse_inputs, say, say_aside
 from rsdeblur.cli._photo import PhotoJob, correction_text, deblur_photo
 from rsdeblur.errors import OutputError, RsdeblurError
 
@@ -41,6 +41,7 @@ SOME_FAILED = 3
 @click.option("--psf", type=_options.PATH, metavar="KERNEL", help="The blur as a kernel (picture, .npy) or PSF bank.")
 @_options.recording_options(required=False)
 @_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
+@_options.refine_option
 @_options.track_options
 @_options.photo_options
 @_options.signing_options
@@ -50,6 +51,7 @@ def command(
     psf: Path | None,
     recording: Recording,
     options: Options,
+    refine: bool | None,
     track: Track,
     changes: PhotoChanges,
     signing: Signing,
@@ -62,6 +64,8 @@ def command(
     numbers in their names. Exit code 3: some of them failed.
     """
     check_sources(click.get_current_context(), recording, psf)
+    if psf is None:
+        options = _options.with_refinement(options, refine)
     signing.credentials()  # Before the work, a mistake in them is an error once, not for every photo.
     outputs = _outputs(photos, target.output)
     recordings = [recording] if psf is not None else recordings_of(photos, recording)
@@ -89,7 +93,7 @@ def command(
         if target.as_json:
             print_json(facts)
         else:
-            _print(photos[0], facts, options)
+            _print(photos[0], facts, options, asked=bool(refine))
         return
     entries = _solve_all(photos, solve)
     if target.as_json:
@@ -97,7 +101,7 @@ def command(
     else:
         for photo, entry in zip(photos, entries, strict=True):
             if "error" not in entry:
-                _print(photo, entry, options)
+                _print(photo, entry, options, asked=bool(refine))
     if any("error" in entry for entry in entries):
         click.get_current_context().exit(SOME_FAILED)
 
@@ -139,8 +143,8 @@ def _outputs(photos: Sequence[Path], output: Path | None) -> list[Path]:
     return results
 
 
-def _print(photo: Path, facts: dict[str, Any], options: Options) -> None:
-    """Print the facts about one result."""
+def _print(photo: Path, facts: dict[str, Any], options: Options, *, asked: bool) -> None:
+    """Print the facts about one result; why its recording was not refined only if that was asked for."""
     wide, tall = facts["psf_px"]
     if facts.get("dry_run"):
         size = "{} x {}".format(*facts["size_px"])
@@ -158,8 +162,15 @@ def _print(photo: Path, facts: dict[str, Any], options: Options) -> None:
         f"{facts['output']}: {facts['mode']}, {kernels}, {options.prior}, {strength}, {seconds}{verdict}",
         *reasons,
         *_moment(facts.get("time_offset_s")),
-        *(["  " + correction_text(facts["refinement"])] if facts["refinement"] else []),
+        *_correction(facts["refinement"], asked),
     )
+
+
+def _correction(refinement: dict[str, Any] | None, asked: bool) -> list[str]:
+    """Return a line about the correction of the recording, if there is one or it was asked for."""
+    if refinement is None or not (asked or refinement["accepted"] or level() > 0):
+        return []
+    return ["  " + correction_text(refinement)]
 
 
 def _moment(time_offset: float | None) -> list[str]:

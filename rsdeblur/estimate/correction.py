@@ -65,7 +65,7 @@ class Uncertainty:
     drift : float, default 0.0025
         Of the shift of the scene during the exposure that the log lacks, along each axis, as a share of the picture's
         longer side.
-    offset : float, default 0.008
+    offset : float, default 0.005
         Of the time offset, s.
     readout : float, default 0.15
         Of the readout time, as a share.
@@ -88,7 +88,7 @@ class Uncertainty:
 
     scale: float = 0.15
     drift: float = 0.0025
-    offset: float = 8e-3
+    offset: float = 5e-3
     readout: float = 0.15
     roll: float = 0.02
 

@@ -24,6 +24,8 @@ MOST_NATS = 30.0
 # Tiles that together count as one observation. They overlap, their frequencies are correlated by the window, and no
 # scene follows its model exactly; with full weight, the errors of the model would outweigh the sensors.
 TILES_AS_ONE = 0.5
+# Fewer tiles than these prove less.
+LEAST_TILES = 40
 # Samples of the search, a power of 2, all within this many standard deviations, and the best that descents begin from.
 SAMPLES, WIDEST, STARTS = 32, 2.0, 2
 # Samples closer than this are not both starts, standard deviations.
@@ -60,6 +62,7 @@ class Posterior:
         self, spectra: TileSpectra, recording: Recording, deviations: FloatArray, *, threads: int | None = 1
     ) -> None:
         self._spectra, self._recording, self._deviations, self._threads = spectra, recording, deviations, threads
+        self._tiles = TILES_AS_ONE * max(spectra.tiles, LEAST_TILES)
         self._nats: dict[bytes, FloatArray | None] = {}
         # Descents ask for the fit of their last place again.
         self._fit = lru_cache(RECENT)(self._fit_at)
@@ -101,7 +104,7 @@ class Posterior:
             return -np.inf
         # No tile counts for much more than the bound.
         bounded = MOST_NATS * np.tanh((others - nats) / MOST_NATS)
-        return float(bounded.sum() / (TILES_AS_ONE * self._spectra.tiles) - 0.5 * place @ place)
+        return float(bounded.sum() / self._tiles - 0.5 * place @ place)
 
     def search(self, free: Sequence[str]) -> list[FloatArray]:
         """Return the local maxima that descents reach with some parameters free, from no correction and from samples.
@@ -163,7 +166,7 @@ class Posterior:
         # A tile that alone would gain more than the bound has less weight.
         solved = np.linalg.solve(information + TILES_AS_ONE * np.eye(len(at)), gradient[..., None])[..., 0]
         weight = 1.0 / (1.0 + 0.5 * (solved * gradient).sum(axis=1) / MOST_NATS)
-        weight /= TILES_AS_ONE * self._spectra.tiles
+        weight /= self._tiles
         return weight @ gradient, np.tensordot(weight, information, 1)
 
     def _slope(self, place: FloatArray, index: int, expected: NDArray[np.float32]) -> NDArray[np.float32]:

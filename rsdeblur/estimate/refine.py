@@ -26,7 +26,7 @@ from rsdeblur.estimate.rival_axes import OTHER_AXES, rival_lead
 from rsdeblur.estimate.sharpness import Sharpness
 from rsdeblur.estimate.spectra import TileSpectra
 from rsdeblur.image.encoded import EncodedImage, check_size, reduced
-from rsdeblur.motion.arguments import check_recording
+from rsdeblur.motion.arguments import check_reach, check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -41,23 +41,33 @@ SPECTRA_SIDES = 320, 480
 # smoothing that smaller sizes need would take long.
 PART, SIDE = 256, 1600
 
-# Parameters that are searched together from the best place so far, and how many values of each are tried as well, up
-# to how many standard deviations. The likeliest part of these places is compared by the sharp picture, and from the
-# best, descents begin, too. A correction by few numbers is more credible than one by many.
+# Parameters that are searched together, from no correction and from the best one so far, and how many values of each
+# are tried as well, up to how many standard deviations. The likeliest part of these places is compared by the sharp
+# picture, and from the best, descents begin, too. A correction by few numbers is more credible than one by many.
 MODELS = (
+    (("scale",), 0),
+    (("readout",), 4),
     (("offset",), 8),
     (("drift_x", "drift_y"), 4),
     (("scale", "drift_x", "drift_y"), 0),
     (PARAMETERS, 0),
 )
 WIDEST, COMPARED, STARTS = 3.0, 0.5, 2
-# Parameters that are adjusted by the sharp picture, the times each is, the first step, and the longest as multiples of
-# the current one. Steps are in standard deviations.
-ADJUSTED, ADJUSTMENTS, FIRST_STEP, LONGEST_STEP = MODELS[2][0], 2, 0.6, 2.0
+# Models whose best corrections are adjusted, if they are worth so many nats, and confirmed.
+CANDIDATES, LEAST_ADJUSTED = 3, 10.0
+# Parameters that are adjusted by the sharp picture if they are corrected, the times each is, the first step, and the
+# longest as multiples of the current one. Steps are in standard deviations.
+ADJUSTED, ADJUSTMENTS, FIRST_STEP, LONGEST_STEP = ("scale", "drift_x", "drift_y"), 2, 0.6, 2.0
 # Nats that a parameter costs, and the least gain that counts.
 NATS_PER_PARAMETER, WORST_GAIN = 3.0, -1000.0
 # Least worth (nats) and least fall of a correction that is accepted, and the most standard deviations of any parameter.
 LEAST_WORTH, LEAST_FALL, MOST_DEVIATIONS = 30.0, 0.01, 6.0
+# The same for the readout time alone: little else looks like that.
+LEAST_OF_READOUT = 15.0, 0.005
+# Reasons of a refusal.
+NOT_CLEAR = "the picture does not contradict the recording, or not clearly"
+TOO_FAR = "the likeliest correction is too far from the recording"
+NOT_SHARPER = "the sharp picture does not become clearer"
 
 
 @one_line()
@@ -134,7 +144,7 @@ def refine(
     Raises
     ------
     InputError
-        If an argument is out of range, or the picture is too small.
+        If an argument is out of range, or the picture cannot hold the blur.
     CoverageError, ClockError, GapError
         If the log does not describe the exposure.
 
@@ -157,11 +167,14 @@ def refine(
     light = grey_light(image, transfer, camera)
     recording = Recording(log, camera, exposure, translation)
     deviations = uncertainty.deviations(camera)
+    check_reach(recording.capture())
+    if min(light.shape) < TILE:
+        return _unrefined(recording, deviations, f"the picture is smaller than {TILE} px")
     spectra = TileSpectra(light, recording, side=spectra_side(recording), soft=True)
     quick = QuickSharpness(light, recording)
-    judge = _Judge(Posterior(spectra, recording, deviations, threads=threads), quick, threads)
-    best = judge.best(progress or (lambda *_: None))
-    reason = judge.verdict(best, lambda: Sharpness(light, recording, robust=True))
+    posterior = Posterior(spectra, recording, deviations, threads=threads)
+    judge = _Judge(posterior, quick, lambda: Sharpness(light, recording, robust=True), threads)
+    best, reason = judge.best(progress or (lambda *_: None))
     found = judge.posterior.corrected(best)
     # With wrong axes, a correction may make the motion more like the right one, but never right.
     if not reason and rival_lead(spectra, quick, found, recording, deviations, threads=threads) > 0:
@@ -178,6 +191,15 @@ def refine(
         deviation=Correction(*(judge.posterior.spread(best) * deviations).tolist()),
         gain=judge.gain(best),
         fall=judge.fall(best),
+    )
+
+
+def _unrefined(recording: Recording, deviations: FloatArray, reason: str) -> Refinement:
+    """Return the recording as given."""
+    given = recording.log, recording.camera, recording.exposure, recording.translation
+    deviation = Correction(*deviations.tolist())
+    return Refinement(
+        *given, accepted=False, reason=reason, correction=Correction(), deviation=deviation, gain=0.0, fall=0.0
     )
 
 
@@ -229,10 +251,14 @@ def adjusted(
 class _Judge:
     """Worth of corrections: by the spectra, and by the sharp picture that they lead to."""
 
-    def __init__(self, posterior: Posterior, sharpness: QuickSharpness, threads: int | None) -> None:
-        self.posterior, self._sharpness, self._threads = posterior, sharpness, threads
+    def __init__(
+        self, posterior: Posterior, quick: QuickSharpness, whole: Callable[[], Sharpness], threads: int | None
+    ) -> None:
+        self.posterior, self._quick, self._plan_whole, self._threads = posterior, quick, whole, threads
+        self._whole: Sharpness | None = None
         self._nothing = np.zeros(len(PARAMETERS))
         self._sparsities: dict[bytes, float] = {}
+        self._whole_sparsities: dict[bytes, float] = {}
 
     def gain(self, place: FloatArray) -> float:
         """Return how much likelier the spectra are than without a correction, nats."""
@@ -245,25 +271,57 @@ class _Judge:
     def _sparsity(self, place: FloatArray) -> float:
         key = place.tobytes()
         if key not in self._sparsities:
-            self._sparsities[key] = self._sharpness.of(self.posterior.corrected(place))
+            self._sparsities[key] = self._quick.of(self.posterior.corrected(place))
         return self._sparsities[key]
 
-    def best(self, progress: Progress) -> FloatArray:
-        """Return the best of all corrections that the spectra suggest, adjusted by the sharp picture."""
+    def best(self, progress: Progress) -> tuple[FloatArray, str]:
+        """Return the best credible correction, adjusted by the sharp picture; or the best of all, and what is wrong."""
+        candidates = self._candidates(progress)
+        likely = [place for place in candidates[:CANDIDATES] if self._worth(place) >= LEAST_ADJUSTED]
+        near = [place for place in likely if np.abs(place).max() <= MOST_DEVIATIONS]
+        if not near:
+            return candidates[0], TOO_FAR if likely else NOT_CLEAR
+        # The search found the largest of many falls. The whole solve is free of what favoured them by chance.
+        falls = [min(self.fall(place), whole) for place, whole in zip(near, self._whole_falls(near), strict=True)]
+        worths = [
+            self.gain(place) + NATS_PER_FALL * fall - _cost(place) for place, fall in zip(near, falls, strict=True)
+        ]
+        refused = []
+        for n in np.argsort(worths)[::-1]:
+            axes = [at for at in map(PARAMETERS.index, ADJUSTED) if near[n][at]]
+            place = adjusted(near[n], self._worths, axes, progress)
+            reason = self._doubt(place)
+            if not reason:
+                return place, reason
+            refused.append((place, reason))
+        return refused[0]
+
+    def _doubt(self, place: FloatArray) -> str:
+        """Return why an adjusted correction is not credible; nothing if it is."""
+        changed = [name for name, value in zip(PARAMETERS, place, strict=True) if value]
+        worth, fall = LEAST_OF_READOUT if changed == ["readout"] else (LEAST_WORTH, LEAST_FALL)
+        if self._worth(place) < worth:
+            return NOT_CLEAR
+        return NOT_SHARPER if min(self.fall(place), *self._whole_falls([place])) < fall else ""
+
+    def _candidates(self, progress: Progress) -> list[FloatArray]:
+        """Return the best correction of each model, the best of all first."""
         best, worth = self._nothing, 0.0
+        found = {best.tobytes(): (worth, best)}
         for n, (names, count) in enumerate(MODELS):
             progress("search", n / len(MODELS))
             model = [name for name in names if name in self.posterior.free]
             if not model:
                 continue
-            starts = [best, *self._starts(model, count)]
+            begin = [self._nothing, best] if best.any() else [best]
+            starts = [*begin, *self._starts(model, count)]
             places = share_map(partial(self.posterior.descend, free=model), starts, self._threads)
-            for place, other in zip(places, self._worths(places), strict=True):
-                other -= NATS_PER_PARAMETER * len(model)
-                if other > worth:
-                    best, worth = place, other
-        axes = [PARAMETERS.index(name) for name in ADJUSTED if name in self.posterior.free]
-        return adjusted(best, self._worths, axes, progress)
+            worths = np.array(self._worths(places)) - [_cost(place) for place in places]
+            most = int(worths.argmax())
+            found[places[most].tobytes()] = float(worths[most]), places[most]
+            if worths[most] > worth:
+                worth, best = float(worths[most]), places[most]
+        return [place for _, place in sorted(found.values(), key=lambda pair: -pair[0])]
 
     def _starts(self, model: list[str], count: int) -> list[FloatArray]:
         """Return the best of places that are spread over the parameters of a model, `count` values of each."""
@@ -286,15 +344,17 @@ class _Judge:
         # was removed.
         return gain if gain < 0 else gain + NATS_PER_FALL * self.fall(place)
 
-    def verdict(self, place: FloatArray, whole: Callable[[], Sharpness]) -> str:
-        """Return why a correction is not credible; nothing if it is. `whole` plans the whole solve."""
-        if self._worth(place) < LEAST_WORTH:
-            return "the picture does not contradict the recording, or not clearly"
-        if np.abs(place).max() > MOST_DEVIATIONS:
-            return "the likeliest correction is too far from the recording"
-        # The search found the largest of many falls. The whole solve is free of what favoured it by chance.
-        recordings = [self.posterior.corrected(each) for each in (self._nothing, place)]
-        before, after = share_map(whole().of, recordings, self._threads)
-        if min(self.fall(place), before - after) < LEAST_FALL:
-            return "the sharp picture does not become clearer"
-        return ""
+    def _whole_falls(self, places: Sequence[FloatArray]) -> list[float]:
+        """Return how much the logarithm of l1 / l2 falls in the whole solve."""
+        if self._whole is None:
+            self._whole = self._plan_whole()
+        known, whole = self._whole_sparsities, self._whole
+        new = {each.tobytes(): each for each in (self._nothing, *places) if each.tobytes() not in known}
+        values = share_map(lambda each: whole.of(self.posterior.corrected(each)), list(new.values()), self._threads)
+        known.update(zip(new, values, strict=True))
+        return [known[self._nothing.tobytes()] - known[place.tobytes()] for place in places]
+
+
+def _cost(place: FloatArray) -> float:
+    """Return the nats that the numbers of a correction cost."""
+    return NATS_PER_PARAMETER * float(np.count_nonzero(place))

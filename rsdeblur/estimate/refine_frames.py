@@ -118,7 +118,7 @@ def refine_frames(
     translation : Translation, optional
         Translation of the camera, if it is known.
     uncertainty : Uncertainty, optional
-        How far the recording may be wrong; default `Uncertainty()`. Its drift has no effect.
+        How far the recording may be wrong; default `Uncertainty(offset=8e-3)`. Its drift has no effect.
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light, as for :func:`rsdeblur.deblur`.
     progress : callable, optional
@@ -145,7 +145,9 @@ def refine_frames(
     exposures = list(exposures)
     for exposure in exposures:
         check_recording(log, camera, exposure, translation)
-    uncertainty = Uncertainty() if uncertainty is None else validate.instance("uncertainty", uncertainty, Uncertainty)
+    # Several frames tell an offset from a motion of the hand, so it may be larger than for one.
+    default = Uncertainty(offset=8e-3)
+    uncertainty = default if uncertainty is None else validate.instance("uncertainty", uncertainty, Uncertainty)
     report = progress or (lambda *_: None)
     lights = [grey_light(image, transfer, camera) for image in images]
     if len(lights) != len(exposures) or len(lights) < 2:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
+from rsdeblur.kernels.poses import look
 from rsdeblur.motion.camera import Camera
 from rsdeblur.types import FloatArray
 
@@ -43,10 +42,5 @@ class RowPoses:
         ndarray, shape (..., 2)
             (x, y) in px.
         """
-        half = len(self.matrices) // 4
-        place = np.clip(rows + half, 0.0, len(self.matrices) - 1.0)
         # A point that the lens does not show has no row: any pose will do, as its position stays NaN.
-        i = np.minimum(np.nan_to_num(place).astype(np.intp), len(self.matrices) - 2)
-        pose = self.matrices[i] + (place - i)[..., None] * (self.matrices[i + 1] - self.matrices[i])
-        pose = pose.reshape(*rows.shape, 3, 4)
-        return self.camera.project(np.einsum("...ij,...j->...i", pose[..., :3], world) + pose[..., 3])
+        return self.camera.project(look(world, rows, self.matrices))

@@ -9,6 +9,7 @@ import numpy as np
 from rsdeblur._util import validate
 from rsdeblur.choices import Count, Mode
 from rsdeblur.errors import InputError
+from rsdeblur.motion.arguments import check_reach
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank, tile_centres
 
@@ -145,14 +146,3 @@ def _automatic_counts(capture: Capture, nsr: float) -> tuple[int, int]:
         bound = min(most, max(1, int(length / (reach + 0.5))))
         counts.append(int(np.clip(np.ceil(tiles), 1, bound)))
     return counts[0], counts[1]
-
-
-def check_reach(capture: Capture, *, spare: int = 0) -> None:
-    """Raise `InputError` unless the picture can hold the blur and `spare` px around it."""
-    height, width = capture.camera.height, capture.camera.width
-    down, across = (reach + spare for reach in capture.probe.extent)
-    if not (2 * down + 1 <= height and 2 * across + 1 <= width):
-        raise InputError(
-            f"the blur reaches {across:.3g} px sideways and {down:.3g} px up and down from its centre, more than "
-            f"the picture of {width}x{height} px can hold; are the rates in rad/s, the focal length in px, times in s?"
-        )

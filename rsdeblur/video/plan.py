@@ -18,13 +18,14 @@ from rsdeblur.estimate.refine_frames import REFINED_FRAMES, FramesRefinement, re
 from rsdeblur.estimate.triage import KEEP
 from rsdeblur.image.encoded import check_size
 from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.motion.arguments import check_reach
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import Plan, captured, plan
 from rsdeblur.pipeline.strengths import Strengths
-from rsdeblur.pipeline.tiles import Grid, check_reach
+from rsdeblur.pipeline.tiles import Grid
 from rsdeblur.types import FloatArray, Progress
 from rsdeblur.video import QUALITY
 from rsdeblur.video.clip import Clip, frames

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -91,6 +91,36 @@ def test_a_right_recording_stays(picture):
     assert found.camera is CAMERA
     assert found.log is LOG
     assert found.translation is None
+
+
+def test_a_wrong_clock_is_corrected_by_the_offset_alone(picture):
+    """Although other numbers would explain a part of it as well, each of them costs."""
+    true = Recording(LOG, CAMERA, EXPOSURE)
+    given = true.corrected(Correction(offset=0.01))
+    found = refine(picture, given.log, given.camera, given.exposure)
+    assert found.accepted, found.reason
+    assert [name for name, value in asdict(found.correction).items() if value] == ["offset"]
+    assert distance(Recording(found.log, found.camera, found.exposure), true) < 0.25 * distance(given, true)
+
+
+def test_threads_change_no_bits(picture):
+    given = replace(CAMERA, focal_length=460.0)
+    one, two = (refine(picture, LOG, given, EXPOSURE, uncertainty=DRIFT, threads=threads) for threads in (1, 2))
+    assert one.correction == two.correction
+    assert (one.gain, one.fall) == (two.gain, two.fall)
+
+
+def test_few_pixels_prove_nothing():
+    camera = Camera(96, 60, 420.0, readout_time=0.02)
+    found = refine(np.random.default_rng(0).random((60, 96)), LOG, camera, EXPOSURE)
+    assert not found.accepted
+    assert "smaller than 64 px" in found.reason
+    assert found.deviation == Correction(*Uncertainty().deviations(camera).tolist())
+
+
+def test_a_blur_beyond_the_picture_is_an_error(picture):
+    with pytest.raises(InputError, match="can hold"):
+        refine(picture, LOG, replace(CAMERA, focal_length=9000.0), EXPOSURE)
 
 
 def test_wrong_axes_are_named(picture):
