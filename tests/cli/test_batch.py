@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     Run = Callable[..., Result]
 
-FAST = ("--mode", "global", "--prior", "wiener", "--nsr", "0.01", "--jobs", "1")
+FAST = ("--mode", "global", "--quality", "fast", "--nsr", "0.01", "--jobs", "1")
 
 
 def bits(path: Path) -> bytes:

@@ -81,7 +81,7 @@ def test_deblur_signs_with_the_parameters_of_the_history(
 ) -> None:
     chain, key = pem_files()
     out = tmp_path / "sharp.png"
-    common = ["deblur", files.photo, *files.recording, "--mode", "global", "--prior", "wiener", "--sign", chain]
+    common = ["deblur", files.photo, *files.recording, "--mode", "global", "--quality", "fast", "--sign", chain]
     half = run(*common, "-o", out)
     assert half.exit_code == 2
     assert "--sign-key missing" in half.stderr
@@ -287,7 +287,7 @@ def test_psf_draws_and_saves(run: Run, files: Files, tmp_path: Path) -> None:
 def test_psf_takes_the_tiles_of_deblur(run: Run, files: Files, tmp_path: Path, nsr: float) -> None:
     options = [*files.recording, "--nsr", nsr, "--json"]
     kernels = json.loads(run("psf", *options).stdout)
-    sharp = json.loads(run("deblur", files.photo, *options, "--prior", "wiener", "-o", tmp_path / "o.png").stdout)
+    sharp = json.loads(run("deblur", files.photo, *options, "--quality", "fast", "-o", tmp_path / "o.png").stdout)
     names = ("bands", "strips", "psf_px")
     assert [kernels[name] for name in names] == [sharp[name] for name in names]
 
@@ -430,7 +430,7 @@ def test_saturation_reaches_the_solver(run, files, tmp_path):
     pixels = np.full((HEIGHT, WIDTH, 3), 20, dtype=np.uint8)
     pixels[30:34, 40:52] = 255
     Image.fromarray(pixels).save(files.photo)
-    common = [files.photo, *files.recording, "--prior", "wiener", "--nsr", 0.01, "--saturation"]
+    common = [files.photo, *files.recording, "--quality", "fast", "--nsr", 0.01, "--saturation"]
     plain, bounded, compared = tmp_path / "plain.png", tmp_path / "bounded.png", tmp_path / "compared"
     for word, name in (("ignore", "without.png"), ("auto", plain.name)):
         assert run("deblur", *common, word, "-o", tmp_path / name).exit_code == 0
@@ -456,7 +456,7 @@ def test_deblur_takes_the_nsr_from_iso(run, files, tmp_path):
 
 def test_deblur_normalizes(run, files, tmp_path):
     plain, squeezed = tmp_path / "plain.png", tmp_path / "squeezed.png"
-    arguments = "deblur", files.photo, *files.recording, "--prior", "wiener", "--nsr", 0.01
+    arguments = "deblur", files.photo, *files.recording, "--quality", "fast", "--nsr", 0.01
     assert run(*arguments, "-o", plain).exit_code == 0
     assert run(*arguments, "--normalize", "-o", squeezed).exit_code == 0
     # A noise picture overshoots; squeezed, hardly anything is clipped to white.
@@ -483,7 +483,7 @@ def test_several_photos(run: Run, files: Files, tmp_path: Path) -> None:
     names = [tmp_path / name for name in ("frame_0.png", "frame_1.png", "frame_2.png")]
     for name in names:
         name.write_bytes(files.photo.read_bytes())
-    capture = ["--capture", files.captures, "--prior", "wiener"]
+    capture = ["--capture", files.captures, "--quality", "fast"]
     # The log does not cover the last frame.
     result = run("deblur", *names, *files.sources, *capture, "-o", tmp_path / "sharp", "--json")
     assert result.exit_code == 3
@@ -515,7 +515,7 @@ def test_times_from_exif(run: Run, files: Files, tmp_path: Path, monkeypatch: py
     # A picture of noise determines no offset; the search itself has its own tests.
     found = OffsetSearch(late, late, 1.0, "", np.zeros(1), np.zeros(1))
     monkeypatch.setattr("rsdeblur.estimate.time_offset.find_time_offset", lambda *_, **__: found)
-    base = ["deblur", photo, "--gyro", log, "--camera", files.camera, "--prior", "wiener"]
+    base = ["deblur", photo, "--gyro", log, "--camera", files.camera, "--quality", "fast"]
     without = run("deblur", files.photo, *base[2:], "--start", "exif", "--duration", "1/25", "-o", tmp_path / "a.png")
     assert without.exit_code == 1
     assert without.stderr.count(str(files.photo)) == 1

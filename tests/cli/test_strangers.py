@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     Run = Callable[..., Result]
 
-FAST = ("--mode", "global", "--prior", "wiener", "--nsr", "0.01", "--jobs", "1")
+FAST = ("--mode", "global", "--quality", "fast", "--nsr", "0.01", "--jobs", "1")
 # ESC ] 0 ; title BEL sets the title of a terminal; U+202E turns the text after it around.
 TITLE = "\x1b]0;PWN\x07"
 NAMES = (
