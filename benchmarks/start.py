@@ -27,9 +27,10 @@ SIZE = 1632, 1224
 BOX = 17, 51
 QUICK = 160, 120
 MODES = {
-    "Wiener": ["--prior", "wiener"],
-    "default prior": [],
-    "rowwise, Wiener": ["--mode", "rowwise", "--prior", "wiener"],
+    "Wiener": ["--quality", "fast"],
+    "default": [],
+    "default, not refined": ["--no-refine"],
+    "rowwise, Wiener": ["--mode", "rowwise", "--quality", "fast"],
 }
 
 

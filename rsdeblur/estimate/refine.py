@@ -313,7 +313,8 @@ class _Judge:
             model = [name for name in names if name in self.posterior.free]
             if not model:
                 continue
-            begin = [self._nothing, best] if best.any() else [best]
+            # Descents of the last model take long, so it begins at the best place only.
+            begin = [best] if names is PARAMETERS or not best.any() else [self._nothing, best]
             starts = [*begin, *self._starts(model, count)]
             places = share_map(partial(self.posterior.descend, free=model), starts, self._threads)
             worths = np.array(self._worths(places)) - [_cost(place) for place in places]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,8 +16,17 @@ from rsdeblur.estimate.spectra import TileSpectra
 from rsdeblur.types import FloatArray
 
 OTHER_AXES = "other axes of the gyro explain the picture better: are imu_to_camera and the readout direction right?"
-# Offsets with which mountings are compared first, standard deviations; then the likeliest are fitted, with these free.
-OFFSETS, FITTED, FREE = (-1.5, 0.0, 1.5), 4, ("scale", "offset")
+# Other offsets with which the likeliest mountings are compared, standard deviations, and how many; of these, the
+# likeliest are fitted, with these parameters free.
+OFFSETS, COMPARED, FITTED, FREE = (-1.5, 1.5), 8, 4, ("scale", "offset")
+
+
+class Rival(NamedTuple):
+    """Another mounting: its lead, how likely its corrections are, and its best place so far."""
+
+    lead: float
+    posterior: Posterior
+    place: FloatArray
 
 
 def rival_lead(
@@ -45,16 +55,19 @@ def rival_lead(
     """
     own, nats, clear = recording.camera.imu_to_camera, spectra.score(found), sharpness.of(found)
     free = [name for name in FREE if deviations[PARAMETERS.index(name)] > 0]
-    places = np.zeros((len(OFFSETS), len(PARAMETERS)))
-    places[:, PARAMETERS.index("offset")] = OFFSETS
+    nothing = np.zeros(len(PARAMETERS))
+    places = [offset * (np.arange(len(PARAMETERS)) == PARAMETERS.index("offset")) for offset in OFFSETS]
 
-    def tried(turn: FloatArray) -> tuple[float, Posterior, FloatArray]:
+    def tried(turn: FloatArray) -> Rival:
         camera = replace(recording.camera, imu_to_camera=turn @ own)
         posterior = Posterior(spectra, replace(recording, camera=camera), deviations)
-        lead, best = max((posterior.lead(place, nats), n) for n, place in enumerate(places))
-        return lead, posterior, places[best]
+        return Rival(posterior.lead(nothing, nats), posterior, nothing)
 
-    def fitted_lead(rival: tuple[float, Posterior, FloatArray]) -> float:
+    def compared(rival: Rival) -> Rival:
+        others = (Rival(rival.posterior.lead(place, nats), rival.posterior, place) for place in places)
+        return max(rival, *others, key=lambda each: each.lead)
+
+    def fitted_lead(rival: Rival) -> float:
         _, posterior, place = rival
         try:
             fitted = posterior.descend(place, free) if free else place
@@ -64,5 +77,6 @@ def rival_lead(
 
     # Left-handed axes have the spectra of right-handed ones.
     turns = [turn for turn in rotations() if not np.array_equal(turn, np.eye(3))]
-    rivals = sorted(share_map(tried, turns, threads), key=lambda rival: -rival[0])
+    rivals = sorted(share_map(tried, turns, threads), key=lambda rival: -rival.lead)
+    rivals = sorted(share_map(compared, rivals[:COMPARED], threads), key=lambda rival: -rival.lead)
     return max(share_map(fitted_lead, rivals[:FITTED], threads))
