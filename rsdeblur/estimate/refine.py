@@ -26,7 +26,7 @@ from rsdeblur.estimate.rival_axes import OTHER_AXES, rival_lead
 from rsdeblur.estimate.sharpness import Sharpness
 from rsdeblur.estimate.spectra import TileSpectra
 from rsdeblur.image.encoded import EncodedImage, check_size, reduced
-from rsdeblur.motion.arguments import check_reach, check_recording
+from rsdeblur.motion.arguments import check_reach, check_recording, is_held
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -168,14 +168,14 @@ def refine(
     recording = Recording(log, camera, exposure, translation)
     deviations = uncertainty.deviations(camera)
     check_reach(recording.capture())
-    if min(light.shape) < TILE:
+    if min(camera.width, camera.height) < TILE:
         return _unrefined(recording, deviations, f"the picture is smaller than {TILE} px")
     spectra = TileSpectra(light, recording, side=spectra_side(recording), soft=True)
     quick = QuickSharpness(light, recording)
     posterior = Posterior(spectra, recording, deviations, threads=threads)
     judge = _Judge(posterior, quick, lambda: Sharpness(light, recording, robust=True), threads)
     best, reason = judge.best(progress or (lambda *_: None))
-    found = judge.posterior.corrected(best)
+    found = posterior.corrected(best)
     # With wrong axes, a correction may make the motion more like the right one, but never right.
     if not reason and rival_lead(spectra, quick, found, recording, deviations, threads=threads) > 0:
         reason = OTHER_AXES
@@ -188,7 +188,7 @@ def refine(
         accepted=not reason,
         reason=reason,
         correction=Correction(*(best * deviations).tolist()),
-        deviation=Correction(*(judge.posterior.spread(best) * deviations).tolist()),
+        deviation=Correction(*(posterior.spread(best) * deviations).tolist()),
         gain=judge.gain(best),
         fall=judge.fall(best),
     )
@@ -249,12 +249,15 @@ def adjusted(
 
 
 class _Judge:
-    """Worth of corrections: by the spectra, and by the sharp picture that they lead to."""
+    """Worth of corrections: by the spectra, and by the sharp picture that they lead to.
+
+    `whole` plans whole solves, which most pictures do not need.
+    """
 
     def __init__(
         self, posterior: Posterior, quick: QuickSharpness, whole: Callable[[], Sharpness], threads: int | None
     ) -> None:
-        self.posterior, self._quick, self._plan_whole, self._threads = posterior, quick, whole, threads
+        self._posterior, self._quick, self._plan_whole, self._threads = posterior, quick, whole, threads
         self._whole: Sharpness | None = None
         self._nothing = np.zeros(len(PARAMETERS))
         self._sparsities: dict[bytes, float] = {}
@@ -262,7 +265,7 @@ class _Judge:
 
     def gain(self, place: FloatArray) -> float:
         """Return how much likelier the spectra are than without a correction, nats."""
-        return self.posterior.gain(place, self._nothing)
+        return self._posterior.gain(place, self._nothing)
 
     def fall(self, place: FloatArray) -> float:
         """Return how much the logarithm of l1 / l2 falls."""
@@ -271,7 +274,7 @@ class _Judge:
     def _sparsity(self, place: FloatArray) -> float:
         key = place.tobytes()
         if key not in self._sparsities:
-            self._sparsities[key] = self._quick.of(self.posterior.corrected(place))
+            self._sparsities[key] = self._quick.of(self._posterior.corrected(place))
         return self._sparsities[key]
 
     def best(self, progress: Progress) -> tuple[FloatArray, str]:
@@ -302,6 +305,8 @@ class _Judge:
         worth, fall = LEAST_OF_READOUT if changed == ["readout"] else (LEAST_WORTH, LEAST_FALL)
         if self._worth(place) < worth:
             return NOT_CLEAR
+        if np.abs(place).max() > MOST_DEVIATIONS or not is_held(self._posterior.corrected(place).capture()):
+            return TOO_FAR
         return NOT_SHARPER if min(self.fall(place), *self._whole_falls([place])) < fall else ""
 
     def _candidates(self, progress: Progress) -> list[FloatArray]:
@@ -310,13 +315,13 @@ class _Judge:
         found = {best.tobytes(): (worth, best)}
         for n, (names, count) in enumerate(MODELS):
             progress("search", n / len(MODELS))
-            model = [name for name in names if name in self.posterior.free]
+            model = [name for name in names if name in self._posterior.free]
             if not model:
                 continue
             # Descents of the last model take long, so it begins at the best place only.
             begin = [best] if names is PARAMETERS or not best.any() else [self._nothing, best]
             starts = [*begin, *self._starts(model, count)]
-            places = share_map(partial(self.posterior.descend, free=model), starts, self._threads)
+            places = share_map(partial(self._posterior.descend, free=model), starts, self._threads)
             worths = np.array(self._worths(places)) - [_cost(place) for place in places]
             most = int(worths.argmax())
             found[places[most].tobytes()] = float(worths[most]), places[most]
@@ -351,7 +356,7 @@ class _Judge:
             self._whole = self._plan_whole()
         known, whole = self._whole_sparsities, self._whole
         new = {each.tobytes(): each for each in (self._nothing, *places) if each.tobytes() not in known}
-        values = share_map(lambda each: whole.of(self.posterior.corrected(each)), list(new.values()), self._threads)
+        values = share_map(lambda each: whole.of(self._posterior.corrected(each)), list(new.values()), self._threads)
         known.update(zip(new, values, strict=True))
         return [known[self._nothing.tobytes()] - known[place.tobytes()] for place in places]
 

@@ -26,10 +26,16 @@ def check_recording(log: object, camera: object, exposure: object, translation: 
 
 def check_reach(capture: Capture, *, spare: int = 0) -> None:
     """Raise `InputError` unless the picture can hold the blur and `spare` px around it."""
-    height, width = capture.camera.height, capture.camera.width
-    down, across = (reach + spare for reach in capture.probe.extent)
-    if not (2 * down + 1 <= height and 2 * across + 1 <= width):
+    if not is_held(capture, spare=spare):
+        height, width = capture.camera.height, capture.camera.width
+        down, across = (reach + spare for reach in capture.probe.extent)
         raise InputError(
             f"the blur reaches {across:.3g} px sideways and {down:.3g} px up and down from its centre, more than "
             f"the picture of {width}x{height} px can hold; are the rates in rad/s, the focal length in px, times in s?"
         )
+
+
+def is_held(capture: Capture, *, spare: int = 0) -> bool:
+    """Return whether the picture can hold the blur and `spare` px around it; false if its paths are not finite."""
+    down, across = (reach + spare for reach in capture.probe.extent)
+    return bool(2 * down + 1 <= capture.camera.height and 2 * across + 1 <= capture.camera.width)
