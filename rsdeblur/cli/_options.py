@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -431,19 +431,6 @@ ONE_RESULT = ("max_memory", "fallback")
 def solve_options(*names: str) -> Decorator:
     """Return a decorator that adds the options called `names` and passes them as one `options: Options`."""
     return gathered("options", Options, [_SOLVE[name] for name in names], names)
-
-
-refine_option = click.option(
-    "--refine/--no-refine",
-    default=None,
-    help="Correct focal length, clock, readout and motion by the picture first; takes some seconds.  [default: yes, "
-    "unless --quality is fast or --max-memory is given]",
-)
-
-
-def with_refinement(options: Options, asked: bool | None) -> Options:
-    """Return the options of photos, which are refined unless that would be slow or impossible, or as asked."""
-    return replace(options, refine=options.quality != "fast" and options.max_memory is None if asked is None else asked)
 
 
 work_size_option = click.option(

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,12 +11,11 @@ from rsdeblur.cli._history import recorded
 from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of, with_translation
 from rsdeblur.cli._options import PhotoChanges, Recording, Signing, Track
 from rsdeblur.cli._output import prepare_folder
+from rsdeblur.cli._refinement import refinement_facts
 from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
     from rsdeblur.choices import Mode
-    from rsdeblur.estimate.refine import Refinement
-    from rsdeblur.estimate.refine_frames import FramesRefinement
     from rsdeblur.io.claims import Credentials
     from rsdeblur.io.pictures import Picture
     from rsdeblur.motion.exposure import Exposure
@@ -127,34 +124,6 @@ def facts_of(result: DeblurResult, output: Path, mode: Mode, prior: str, seconds
         "check": None if result.check is None else asdict(result.check),
         "refinement": None if result.refinement is None else refinement_facts(result.refinement),
     }
-
-
-def refinement_facts(refinement: Refinement | FramesRefinement) -> dict[str, Any]:
-    """Return the facts about a correction of the recording, for JSON."""
-    return {
-        "accepted": refinement.accepted,
-        "reason": refinement.reason,
-        "values": asdict(refinement.correction),
-        "deviations": asdict(refinement.deviation),
-        "gain": refinement.gain,
-        "fall": refinement.fall,
-    }
-
-
-def correction_text(facts: Mapping[str, Any]) -> str:
-    """Return a sentence about a correction of the recording, of which `refinement_facts` are given."""
-    if not facts["accepted"]:
-        return f"Recording not corrected: {facts['reason']}."
-    values = facts["values"]
-    drifts = values["drift_x"], values["drift_y"]
-    numbers = {
-        f"focal length x {math.exp(values['scale']):.3f}": values["scale"],
-        "drift {:+.1f} and {:+.1f} px".format(*drifts): any(drifts),
-        f"time offset {1e3 * values['offset']:+.1f} ms": values["offset"],
-        f"readout time x {math.exp(values['readout']):.2f}": values["readout"],
-        f"roll bias {values['roll']:+.3f} rad/s": values["roll"],
-    }
-    return f"Recording corrected: {', '.join(text for text, changed in numbers.items() if changed)}."
 
 
 def _dry_run(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rsdeblur.cli._photo import correction_text
+from rsdeblur.cli._refinement import correction_text
 from rsdeblur.errors import RsdeblurWarning
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rsdeblur.cli import _options
+from rsdeblur.cli import _options, _refinement
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._items import COLUMNS, FILES, Item, numbered_from_option, read_items
 from rsdeblur.cli._jobs import Workers, shared_threads, workers_options
@@ -70,7 +70,7 @@ Examples:
 @_options.defaults_options
 @numbered_from_option
 @_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
-@_options.refine_option
+@_refinement.option
 @_options.photo_options
 @_options.signing_options
 @workers_options
@@ -97,7 +97,7 @@ def command(
     from rsdeblur._util.records import Records
 
     begin = time.perf_counter()
-    options = _options.with_refinement(options, refine)
+    options = _refinement.with_refinement(options, refine)
     items = read_items(source, defaults, target.output, numbered_from=numbered_from)
     if not items:
         raise InputError(f"{source}: there is nothing to do, because no photo is listed")

@@ -26,7 +26,8 @@ from rsdeblur.cli._inputs import (
 from rsdeblur.cli._items import numbered_from_option, read_items
 from rsdeblur.cli._options import Defaults, Recording, Target
 from rsdeblur.cli._output import check_page, prepare_folder, print_json, progress, refuse_inputs, say, say_aside
-from rsdeblur.cli._photo import correction_text, facts_of, refinement_facts
+from rsdeblur.cli._photo import facts_of
+from rsdeblur.cli._refinement import correction_text, refinement_facts
 from rsdeblur.cli._report import Compared, capture_warnings, report_page
 from rsdeblur.errors import InputError, RsdeblurError
 

@@ -25,7 +25,7 @@ from rsdeblur.cli._output import (
     say,
     write_json,
 )
-from rsdeblur.cli._photo import refinement_facts
+from rsdeblur.cli._refinement import refinement_facts
 from rsdeblur.cli._report import Compared, capture_warnings, report_page
 from rsdeblur.errors import InputError
 

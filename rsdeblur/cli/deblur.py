@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rsdeblur.cli import _options
+from rsdeblur.cli import _options, _refinement
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import recordings_of
 from rsdeblur.cli._items import result_name
 from rsdeblur.cli._kernel import check_sources, deconvolve_photo
 from rsdeblur.cli._options import PhotoChanges, PhotoTarget, Recording, Signing, Track
 from rsdeblur.cli._output import level, print_json, progress, refuse_inputs, say, say_aside
-from rsdeblur.cli._photo import PhotoJob, correction_text, deblur_photo
+from rsdeblur.cli._photo import PhotoJob, deblur_photo
 from rsdeblur.errors import OutputError, RsdeblurError
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ SOME_FAILED = 3
 @click.option("--psf", type=_options.PATH, metavar="KERNEL", help="The blur as a kernel (picture, .npy) or PSF bank.")
 @_options.recording_options(required=False)
 @_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
-@_options.refine_option
+@_refinement.option
 @_options.track_options
 @_options.photo_options
 @_options.signing_options
@@ -65,7 +65,7 @@ def command(
     """
     check_sources(click.get_current_context(), recording, psf)
     if psf is None:
-        options = _options.with_refinement(options, refine)
+        options = _refinement.with_refinement(options, refine)
     signing.credentials()  # Before the work, a mistake in them is an error once, not for every photo.
     outputs = _outputs(photos, target.output)
     recordings = [recording] if psf is not None else recordings_of(photos, recording)
@@ -170,7 +170,7 @@ def _correction(refinement: dict[str, Any] | None, asked: bool) -> list[str]:
     """Return a line about the correction of the recording, if there is one or it was asked for."""
     if refinement is None or not (asked or refinement["accepted"] or level() > 0):
         return []
-    return ["  " + correction_text(refinement)]
+    return ["  " + _refinement.correction_text(refinement)]
 
 
 def _moment(time_offset: float | None) -> list[str]:

@@ -18,7 +18,7 @@ from rsdeblur.cli._inputs import clip_exposures, naming, read_device
 from rsdeblur.cli._jobs import jobs_option, shared_threads
 from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import print_json, progress, say, say_aside
-from rsdeblur.cli._photo import correction_text, refinement_facts
+from rsdeblur.cli._refinement import correction_text, refinement_facts
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.video import QUALITY
 

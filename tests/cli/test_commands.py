@@ -18,7 +18,6 @@ import tifffile
 from click.testing import Result
 from PIL import Image
 
-from rsdeblur import Correction, Exposure, Refinement, read_camera, read_gyro
 from rsdeblur.cli import demo
 from rsdeblur.estimate.time_offset import OffsetSearch, SharedOffset
 from rsdeblur.io import read_picture
@@ -49,31 +48,6 @@ def test_deblur_writes_the_picture_and_one_line(run: Run, files: Files, tmp_path
     assert "banded" in result.stdout
     with Image.open(out) as picture:
         assert picture.size == (WIDTH, HEIGHT)
-
-
-@pytest.mark.parametrize(
-    ("options", "refined"),
-    [
-        ((), True),
-        (("--no-refine",), False),
-        (("--quality", "fast"), False),
-        (("--quality", "fast", "--refine"), True),
-        (("--max-memory", "1GiB"), False),
-    ],
-)
-def test_recordings_are_refined_unless_that_is_slow_or_impossible(
-    run: Run, files: Files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], refined: bool
-) -> None:
-    log, camera = read_gyro(files.gyro), read_camera(files.camera)
-    given = log, camera, Exposure(START, DURATION), None
-    found = Refinement(*given, False, "it is right", Correction(), Correction(), 0.0, 0.0)
-    monkeypatch.setattr("rsdeblur.pipeline.plan.refine", lambda *_, **__: found)
-    call = "deblur", files.photo, *files.recording, "--force", *options, "-o", tmp_path / "sharp.png"
-    facts = json.loads(run(*call, "--json").stdout)
-    assert (facts["refinement"] is not None) == refined
-    # Why a recording stays as it is interests who asked for more.
-    assert ("it is right" in run(*call).stdout) == ("--refine" in options)
-    assert ("it is right" in run(*call, "--verbose").stdout) == refined
 
 
 def test_deblur_signs_with_the_parameters_of_the_history(

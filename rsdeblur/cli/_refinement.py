@@ -1,0 +1,55 @@
+"""The option to correct a recording by its picture, and what commands report about a correction."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from rsdeblur.estimate.refine import Refinement
+    from rsdeblur.estimate.refine_frames import FramesRefinement
+    from rsdeblur.pipeline.options import Options
+
+option = click.option(
+    "--refine/--no-refine",
+    default=None,
+    help="Correct focal length, clock, readout and motion by the picture first; takes some seconds.  [default: yes, "
+    "unless --quality is fast or --max-memory is given]",
+)
+
+
+def with_refinement(options: Options, asked: bool | None) -> Options:
+    """Return the options of photos, which are refined unless that would be slow or impossible, or as asked."""
+    return replace(options, refine=options.quality != "fast" and options.max_memory is None if asked is None else asked)
+
+
+def refinement_facts(refinement: Refinement | FramesRefinement) -> dict[str, Any]:
+    """Return the facts about a correction of the recording, for JSON."""
+    return {
+        "accepted": refinement.accepted,
+        "reason": refinement.reason,
+        "values": asdict(refinement.correction),
+        "deviations": asdict(refinement.deviation),
+        "gain": refinement.gain,
+        "fall": refinement.fall,
+    }
+
+
+def correction_text(facts: Mapping[str, Any]) -> str:
+    """Return a sentence about a correction of the recording, of which `refinement_facts` are given."""
+    if not facts["accepted"]:
+        return f"Recording not corrected: {facts['reason']}."
+    values = facts["values"]
+    drifts = values["drift_x"], values["drift_y"]
+    numbers = {
+        f"focal length x {math.exp(values['scale']):.3f}": values["scale"],
+        "drift {:+.1f} and {:+.1f} px".format(*drifts): any(drifts),
+        f"time offset {1e3 * values['offset']:+.1f} ms": values["offset"],
+        f"readout time x {math.exp(values['readout']):.2f}": values["readout"],
+        f"roll bias {values['roll']:+.3f} rad/s": values["roll"],
+    }
+    return f"Recording corrected: {', '.join(text for text, changed in numbers.items() if changed)}."
