@@ -24,7 +24,9 @@ option = click.option(
 
 def with_refinement(options: Options, asked: bool | None) -> Options:
     """Return the options of photos, which are refined unless that would be slow or impossible, or as asked."""
-    return replace(options, refine=options.quality != "fast" and options.max_memory is None if asked is None else asked)
+    if asked is None:
+        asked = options.quality != "fast" and options.max_memory is None
+    return replace(options, refine=asked)
 
 
 def refinement_facts(refinement: Refinement | FramesRefinement) -> dict[str, Any]:

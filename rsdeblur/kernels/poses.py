@@ -9,7 +9,7 @@ from rsdeblur.types import FloatArray
 
 
 @njit(nogil=True)
-def _look(world, rows, matrices, out):
+def _row_directions(world, rows, matrices, out):
     half, last = len(matrices) // 4, len(matrices) - 1
     for n in range(len(rows)):
         # A comparison with NaN is false, so that NaN is taken for the first row.
@@ -25,7 +25,7 @@ def _look(world, rows, matrices, out):
             out[n, k] = direction
 
 
-def look(world: FloatArray, rows: FloatArray, matrices: FloatArray) -> FloatArray:
+def row_directions(world: FloatArray, rows: FloatArray, matrices: FloatArray) -> FloatArray:
     """Return the directions of points in camera axes, each from the pose of a row.
 
     Parameters
@@ -42,12 +42,12 @@ def look(world: FloatArray, rows: FloatArray, matrices: FloatArray) -> FloatArra
     ndarray, shape (..., 3)
     """
     out = np.empty((rows.size, 3))
-    _look(read_only(world.reshape(-1, 3)), read_only(rows.ravel()), read_only(matrices), out)
+    _row_directions(read_only(world.reshape(-1, 3)), read_only(rows.ravel()), read_only(matrices), out)
     return out.reshape(*rows.shape, 3)
 
 
-def look_numpy(world: FloatArray, rows: FloatArray, matrices: FloatArray) -> FloatArray:
-    """Readable twin of :func:`look`."""
+def row_directions_numpy(world: FloatArray, rows: FloatArray, matrices: FloatArray) -> FloatArray:
+    """Readable twin of :func:`row_directions`."""
     place = np.clip(np.nan_to_num(rows, nan=-np.inf) + len(matrices) // 4, 0.0, len(matrices) - 1.0)
     i = np.minimum(place.astype(np.intp), len(matrices) - 2)
     pose = matrices[i] + (place - i)[..., None] * (matrices[i + 1] - matrices[i])

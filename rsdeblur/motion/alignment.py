@@ -27,8 +27,8 @@ from rsdeblur.motion.paths import (
     SAMPLES_PER_PIXEL,
     BlurPaths,
     Capture,
-    small_angle_displacements,
 )
+from rsdeblur.motion.small_angle import small_angle_displacements
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
 

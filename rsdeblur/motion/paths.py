@@ -36,6 +36,7 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog, OrientationTrack
 from rsdeblur.motion.row_poses import RowPoses
+from rsdeblur.motion.small_angle import small_angle_displacements
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
 
@@ -472,32 +473,3 @@ def _small_angle_paths(
     reference = capture.mid(rows) if geometry == "keep" else np.repeat(capture.middle, len(rows))
     depth = capture.depth(np.stack(np.meshgrid(cols, rows), axis=-1))
     return small_angle_displacements(capture, capture.times(rows, samples)[:, None], reference[:, None], depth)
-
-
-def small_angle_displacements(
-    capture: Capture, times: FloatArray, reference: FloatArray, depth: FloatArray
-) -> FloatArray:
-    """Return displacements from a reference time on by the small-angle approximation (Sindelar and Sroubek 2013).
-
-    Parameters
-    ----------
-    capture : Capture
-        The motion.
-    times : ndarray, shape (..., T)
-        Times in s.
-    reference : ndarray, shape (...)
-        Time of no displacement, s.
-    depth : ndarray, shape (...)
-        Depth of the scene, see :meth:`Capture.depth`.
-
-    Returns
-    -------
-    ndarray, shape (..., T, 2)
-        (x, y) in px; leading axes are broadcast.
-    """
-    angles = capture.track.angles(times) - capture.track.angles(reference)[..., None, :]
-    shifts = capture.position(times) - capture.position(reference)[..., None, :]
-    # The picture moves by f (-theta_y, +theta_x), and opposite to the camera's translation.
-    turns = np.stack([-angles[..., 1], angles[..., 0]], axis=-1)
-    d: FloatArray = (turns - shifts[..., :2] / depth[..., None, None]) * capture.camera.focal_length
-    return d

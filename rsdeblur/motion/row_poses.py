@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rsdeblur.kernels.poses import look
+from rsdeblur.kernels.poses import row_directions
 from rsdeblur.motion.camera import Camera
 from rsdeblur.types import FloatArray
 
@@ -43,4 +43,4 @@ class RowPoses:
             (x, y) in px.
         """
         # A point that the lens does not show has no row: any pose will do, as its position stays NaN.
-        return self.camera.project(look(world, rows, self.matrices))
+        return self.camera.project(row_directions(world, rows, self.matrices))

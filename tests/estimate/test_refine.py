@@ -100,6 +100,7 @@ def test_a_wrong_clock_is_corrected_by_the_offset_alone(picture):
     found = refine(picture, given.log, given.camera, given.exposure)
     assert found.accepted, found.reason
     assert [name for name, value in asdict(found.correction).items() if value] == ["offset"]
+    # As for the drift above.
     assert distance(Recording(found.log, found.camera, found.exposure), true) < 0.25 * distance(given, true)
 
 

@@ -146,7 +146,7 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "combine": lambda h: [h(2, 37, 40), h(2, 4, 3), h(2), h(2, 4, 3, 3), GATES, h(WORK + 2, 37, 40), h(5, 8)],
     "average_alike": lambda h: [h(2, 21, 22), h.number(), h.number(), h(nlm.WORK, 10), h(3, 5, 6)],
     "cut_block": lambda h: [h(5, 6, 3), np.array([1, 0, 4]), np.array([5, 0]), h(3, 3), h(3, 3, 2)],
-    "look": lambda h: [h(5, 3, dtype=np.float64), h(5, dtype=np.float64), h(8, 12, dtype=np.float64)],
+    "row_directions": lambda h: [h(5, 3, dtype=np.float64), h(5, dtype=np.float64), h(8, 12, dtype=np.float64)],
     "put_block": lambda h: [h(3, 4, 5), h(3, 3), h(4, 5, 3)],
 }
 

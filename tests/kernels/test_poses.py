@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rsdeblur.kernels.poses import look, look_numpy
+from rsdeblur.kernels.poses import row_directions, row_directions_numpy
 
 
 def test_the_kernel_equals_its_twin():
@@ -14,9 +14,9 @@ def test_the_kernel_equals_its_twin():
     rows = random.uniform(-8, 18, (4, 6))
     rows[0, :4] = np.nan, np.inf, -np.inf, -5.0
     rows[1, 0], world[2, 3] = 14.0, np.nan
-    found = look(world, rows, matrices)
+    found = row_directions(world, rows, matrices)
     # Rounding of sums of four products.
-    np.testing.assert_allclose(found, look_numpy(world, rows, matrices), atol=1e-14)
+    np.testing.assert_allclose(found, row_directions_numpy(world, rows, matrices), atol=1e-14)
     assert np.isnan(found[2, 3]).all()
     assert np.isfinite(np.delete(found.reshape(-1, 3), 15, axis=0)).all()
 
@@ -25,4 +25,4 @@ def test_a_row_between_two_has_half_of_both():
     matrices = np.zeros((8, 12))
     matrices[3, 3], matrices[4, 3] = 2.0, 4.0
     # The first of eight poses is that of row -2.
-    assert look(np.zeros((1, 3)), np.array([1.5]), matrices).tolist() == [[3.0, 0.0, 0.0]]
+    assert row_directions(np.zeros((1, 3)), np.array([1.5]), matrices).tolist() == [[3.0, 0.0, 0.0]]
