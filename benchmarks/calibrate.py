@@ -26,9 +26,8 @@ from rsdeblur import Calibration, Camera, Exposure, GyroLog, Translation, hand_s
 from rsdeblur.choices import READOUT_DIRECTIONS
 from rsdeblur.estimate.calibrate import calibrate_matches
 from rsdeblur.estimate.clip_matches import ClipMatches, match_clip
-from rsdeblur.estimate.mounting import mountings
 from rsdeblur.io import read_picture
-from rsdeblur.motion.axes import letters
+from rsdeblur.motion.axes import letters, mountings
 from rsdeblur.types import FloatArray
 
 FRAMES, RATE = 30, 30.0

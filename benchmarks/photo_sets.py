@@ -40,8 +40,7 @@ from rsdeblur import (
 )
 from rsdeblur.choices import READOUT_DIRECTIONS
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.mounting import rotations
-from rsdeblur.motion.axes import letters
+from rsdeblur.motion.axes import letters, rotations
 from rsdeblur.types import FloatArray
 
 PHOTOS, WIDTH, HEIGHT = 5, 768, 512

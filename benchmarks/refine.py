@@ -26,9 +26,9 @@ from benchmarks.phone import processed
 from benchmarks.tables import markdown, write
 from rsdeblur import Camera, Correction, Exposure, RsdeblurError, Simulation, deblur, read_gyro, refine, simulate
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.mounting import rotations
 from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.io import read_picture
+from rsdeblur.motion.axes import rotations
 from rsdeblur.motion.paths import BlurPaths, Capture
 
 PICTURES = ("kodim01", "kodim03", "kodim05", "kodim07", "kodim13", "kodim19", "kodim20", "kodim23")

@@ -21,10 +21,11 @@ from rsdeblur.choices import READOUT_DIRECTIONS, Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.calibrate import Estimate
 from rsdeblur.estimate.correction import PARAMETERS, Recording
-from rsdeblur.estimate.mounting import CONFIDENT, RESAMPLES, mounting_name, rotations
+from rsdeblur.estimate.mounting import CONFIDENT, RESAMPLES, mounting_name
 from rsdeblur.estimate.photo_fit import START, PhotoFit, PhotoSet
 from rsdeblur.estimate.refine import grey_light
 from rsdeblur.motion.arguments import check_recording
+from rsdeblur.motion.axes import rotations
 from rsdeblur.motion.camera import TIMESTAMP_SHARES, Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog

@@ -8,7 +8,7 @@ within a factor.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise, permutations, product
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rsdeblur.estimate.clip_fit import ClipFit
 from rsdeblur.estimate.clip_matches import ClipMatches
-from rsdeblur.motion.axes import letters
+from rsdeblur.motion.axes import letters, mountings
 from rsdeblur.motion.camera import Camera
 from rsdeblur.types import FloatArray
 
@@ -57,21 +57,6 @@ class Candidate(NamedTuple):
     def mirrors(self) -> bool:
         """Whether the log's axes are left-handed."""
         return bool(np.linalg.det(self.mounting) < 0)
-
-
-def mountings() -> list[FloatArray]:
-    """Return all 48 signed permutations, the 24 rotations first."""
-    matrices = [
-        np.diag(np.array(signs)) @ np.eye(3)[list(order)]
-        for order in permutations(range(3))
-        for signs in product((1.0, -1.0), repeat=3)
-    ]
-    return sorted(matrices, key=lambda matrix: -round(float(np.linalg.det(matrix))))
-
-
-def rotations() -> list[FloatArray]:
-    """Return the 24 mountings of right-handed logs."""
-    return mountings()[:24]
 
 
 def frame_rotations(matches: ClipMatches, camera: Camera) -> FloatArray:

@@ -9,10 +9,10 @@ import numpy as np
 
 from rsdeblur._util.threads import share_map
 from rsdeblur.estimate.correction import PARAMETERS, Recording
-from rsdeblur.estimate.mounting import rotations
 from rsdeblur.estimate.posterior import UNDESCRIBED, Posterior
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, QuickSharpness
 from rsdeblur.estimate.spectra import TileSpectra
+from rsdeblur.motion.axes import rotations
 from rsdeblur.types import FloatArray
 
 OTHER_AXES = "other axes of the gyro explain the picture better: are imu_to_camera and the readout direction right?"

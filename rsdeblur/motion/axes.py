@@ -1,8 +1,9 @@
-"""Orientation of the IMU in the camera: orientation strings and presets."""
+"""Orientation of the IMU in the camera: orientation strings, presets, and all mountings along the axes."""
 
 from __future__ import annotations
 
 import re
+from itertools import permutations, product
 
 import numpy as np
 
@@ -78,6 +79,21 @@ def imu_to_camera(name: str) -> FloatArray:
         )
     camera: FloatArray = np.array(GYROFLOW_TO_CAMERA, dtype=np.float64) @ orientation(PRESETS.get(name, name))
     return camera
+
+
+def mountings() -> list[FloatArray]:
+    """Return all 48 signed permutations, the 24 rotations first."""
+    matrices = [
+        np.diag(np.array(signs)) @ np.eye(3)[list(order)]
+        for order in permutations(range(3))
+        for signs in product((1.0, -1.0), repeat=3)
+    ]
+    return sorted(matrices, key=lambda matrix: -round(float(np.linalg.det(matrix))))
+
+
+def rotations() -> list[FloatArray]:
+    """Return the 24 mountings of right-handed logs."""
+    return mountings()[:24]
 
 
 def letters(matrix: FloatArray) -> str:

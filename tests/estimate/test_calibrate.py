@@ -10,9 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from rsdeblur import Camera, ClockError, Exposure, GyroLog, InputError, calibrate, hand_shake, scene, simulate_clip
 from rsdeblur.estimate.clip_matches import match_clip
-from rsdeblur.estimate.mounting import mountings
 from rsdeblur.estimate.registration import ReducedFrame, match
-from rsdeblur.motion.axes import imu_to_camera, letters
+from rsdeblur.motion.axes import imu_to_camera, letters, mountings
 
 FRAMES, RATE = 16, 30
 WIDTH, HEIGHT, FOCAL, READOUT = 176, 128, 190.0, 0.024
