@@ -279,6 +279,68 @@ static PyObject *cut_lines(PyObject *module, PyObject *args)
     return none_if(success);
 }
 
+typedef rsd_status shrinking(rsd_picture, size_t, size_t, rsd_shrinkage, float *, float *);
+
+static bool call_shrinking(shrinking *shrink, Py_buffer *picture, Py_ssize_t top, Py_ssize_t rows, float threshold,
+                           Py_buffer *polynomial, int periodic, Py_buffer *workspace, Py_buffer *out)
+{
+    const Py_ssize_t *shape = picture->shape, *planes = workspace->shape;
+    const char *refusal = NULL;
+    rsd_status status = RSD_OK;
+    if (out->shape[0] != shape[0] || out->shape[1] != shape[1] || out->shape[2] != shape[2])
+        refusal = "out must have the shape of picture";
+    else if (!rsd_within(top, rows, shape[0]))
+        refusal = "the rows from top on must lie within picture";
+    else if (polynomial->shape[0] != RSD_SHRINK_TERMS)
+        refusal = "polynomial must have 9 coefficients";
+    else if (planes[0] != RSD_SHRINK_PLANES || planes[1] != shape[2] || planes[2] - 2 != shape[1])
+        refusal = "workspace must have 10 planes of each channel, two values wider than picture";
+    else if (rsd_overlap(out, picture) || rsd_overlap(out, polynomial) || rsd_overlap(out, workspace) ||
+             rsd_overlap(workspace, picture) || rsd_overlap(workspace, polynomial))
+        refusal = "out and workspace must not overlap each other or another array";
+    else {
+        const rsd_picture read = {picture->buf, (size_t)shape[0], (size_t)shape[1], (size_t)shape[2], periodic};
+        Py_BEGIN_ALLOW_THREADS
+        status = shrink(read, (size_t)top, (size_t)rows, (rsd_shrinkage){threshold, polynomial->buf}, workspace->buf,
+                        out->buf);
+        Py_END_ALLOW_THREADS
+    }
+    return rsd_conclude(refusal, status);
+}
+
+static PyObject *bind_shrinking(shrinking *shrink, const char *format, PyObject *args)
+{
+    static const rsd_spec specs[] = {{"picture", FLOAT32, 3, false},
+                                     {"polynomial", FLOAT32, 1, false},
+                                     {"workspace", FLOAT32, 3, true},
+                                     {"out", FLOAT32, 3, true}};
+    PyObject *objects[4];
+    Py_buffer views[4];
+    Py_ssize_t top, rows;
+    float threshold;
+    int periodic;
+    if (!PyArg_ParseTuple(args, format, &objects[0], &top, &rows, &threshold, &objects[1], &periodic, &objects[2],
+                          &objects[3]) ||
+        !rsd_acquire(objects, views, specs, 4))
+        return NULL;
+    const bool success =
+        call_shrinking(shrink, &views[0], top, rows, threshold, &views[1], periodic, &views[2], &views[3]);
+    rsd_release(views, 4);
+    return none_if(success);
+}
+
+static PyObject *shrunk_grad_adjoint(PyObject *module, PyObject *args)
+{
+    (void)module;
+    return bind_shrinking(rsd_shrunk_grad_adjoint, "OnnfOpOO:shrunk_grad_adjoint", args);
+}
+
+static PyObject *shrunk_derivatives_adjoint(PyObject *module, PyObject *args)
+{
+    (void)module;
+    return bind_shrinking(rsd_shrunk_derivatives_adjoint, "OnnfOpOO:shrunk_derivatives_adjoint", args);
+}
+
 PyDoc_STRVAR(multiply_doc, "multiply(spectra, response, /)\n--\n\n");
 PyDoc_STRVAR(blend_doc, "blend(accumulator, slab, weights, to_position, from_position, /)\n--\n\n");
 PyDoc_STRVAR(picture_to_lines_doc, "picture_to_lines(picture, top, rows, start, fade, periodic, lines, /)\n--\n\n");
@@ -287,6 +349,11 @@ PyDoc_STRVAR(lines_to_picture_doc,
 PyDoc_STRVAR(rows_to_columns_doc, "rows_to_columns(rows, first, height, columns, /)\n--\n\n");
 PyDoc_STRVAR(columns_to_rows_doc, "columns_to_rows(columns, rows, first, height, /)\n--\n\n");
 PyDoc_STRVAR(cut_lines_doc, "cut_lines(columns, height, start, fade, periodic, slab, /)\n--\n\n");
+PyDoc_STRVAR(shrunk_grad_doc,
+             "shrunk_grad_adjoint(picture, top, rows, threshold, polynomial, periodic, workspace, out, /)\n--\n\n");
+PyDoc_STRVAR(
+    shrunk_derivatives_doc,
+    "shrunk_derivatives_adjoint(picture, top, rows, threshold, polynomial, periodic, workspace, out, /)\n--\n\n");
 PyDoc_STRVAR(rowwise_doc, "See rsdeblur.kernels.rowwise.");
 
 static PyMethodDef methods[] = {
@@ -297,6 +364,8 @@ static PyMethodDef methods[] = {
     {"rows_to_columns", rows_to_columns, METH_VARARGS, rows_to_columns_doc},
     {"columns_to_rows", columns_to_rows, METH_VARARGS, columns_to_rows_doc},
     {"cut_lines", cut_lines, METH_VARARGS, cut_lines_doc},
+    {"shrunk_grad_adjoint", shrunk_grad_adjoint, METH_VARARGS, shrunk_grad_doc},
+    {"shrunk_derivatives_adjoint", shrunk_derivatives_adjoint, METH_VARARGS, shrunk_derivatives_doc},
     {"rowwise_forward", rsd_bind_rowwise_forward, METH_VARARGS, rowwise_doc},
     {"rowwise_adjoint", rsd_bind_rowwise_adjoint, METH_VARARGS, rowwise_doc},
     {"rowwise_solve", rsd_bind_rowwise_solve, METH_VARARGS, rowwise_doc},

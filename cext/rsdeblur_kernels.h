@@ -102,6 +102,37 @@ rsd_status rsd_columns_to_rows(const float *columns, rsd_layout column_layout, f
 rsd_status rsd_cut_lines(const float *source, rsd_layout source_layout, size_t n, rsd_tile tile, float *lines,
                          rsd_layout layout, size_t channels, size_t count);
 
+/* A picture of height x width x channels floats, whose differences beyond its ends are zero or, if `periodic`, wrap
+ * around. */
+typedef struct {
+    const float *values;
+    size_t height, width, channels;
+    int periodic;
+} rsd_picture;
+
+/* Number of coefficients of a shrinkage, and of planes of its workspace. */
+#define RSD_SHRINK_TERMS 9
+#define RSD_SHRINK_PLANES 10
+
+/* Magnitudes up to `threshold` become 0. Others keep the share sum_k polynomial[k] (2 threshold / magnitude - 1)^k. */
+typedef struct {
+    float threshold;
+    const float *polynomial;
+} rsd_shrinkage;
+
+/*
+ * Compute the adjoint derivatives of the shrunk derivatives of `rows` rows of a picture, from row `top` on. All channels
+ * of a pixel are one vector: of its gradient, whose two directions are one vector, or of its derivatives of first and
+ * second order, each alone, with the factors of rsdeblur.kernels.shrink.
+ *
+ * workspace  RSD_SHRINK_PLANES x channels x (width + 2) floats
+ * out        height x width x channels floats, of which only these rows are written
+ */
+rsd_status rsd_shrunk_grad_adjoint(rsd_picture picture, size_t top, size_t rows, rsd_shrinkage shrinkage,
+                                   float *workspace, float *out);
+rsd_status rsd_shrunk_derivatives_adjoint(rsd_picture picture, size_t top, size_t rows, rsd_shrinkage shrinkage,
+                                          float *workspace, float *out);
+
 /*
  * Rowwise: 16 frequencies at once, one per lane. A record is a complex value for all lanes: 16 real parts, then 16
  * imaginary parts. For each frequency k the blur is a matrix from latent rows j to picture rows y,

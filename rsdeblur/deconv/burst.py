@@ -129,10 +129,7 @@ class BurstQuadratic(TileNormal):
         validate.callback("progress", progress)
         with self.lock:
             prior = self._observe(images, prior)
-            if prior is None:
-                latent = self.solve(0.0, None)
-            else:
-                latent = prior.restore(self, threads=self.threads, progress=progress)
+            latent = self.solve(0.0) if prior is None else prior.restore(self, threads=self.threads, progress=progress)
         return latent.reshape(self.shape)
 
     def _observe(self, images: Iterable[ArrayLike], prior: LatentPrior | None) -> LatentPrior | None:
@@ -154,7 +151,7 @@ class BurstQuadratic(TileNormal):
 
         self._pass(picture, None, add)
 
-    def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling) -> FloatImage:
+    def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling, out: FloatImage) -> None:
         weights, weight = coupling.weights(beta), np.float32(0.0 if pull is None else beta)
         nsr, scale = np.float32(self.nsr), np.float32(self._scale)
 
@@ -164,9 +161,7 @@ class BurstQuadratic(TileNormal):
             signal, across = self._signal[place], self._across[columns]
             solve_normal(signal, power, across, self._down, nsr, weights, weight, scale, slabs)
 
-        latent = np.empty(self._channelled, dtype=np.float32) if pull is None else pull
-        self._pass(pull, latent, restore)
-        return latent
+        self._pass(pull, out, restore)
 
 
 class RowBurst(RowSolver):

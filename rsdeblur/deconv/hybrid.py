@@ -201,18 +201,22 @@ class Hybrid:
         if target is not None:
             lines.columns_to_rows(worker.blended, target, columns.start, self.height)
 
-    def restore_rows(self, spectra: ComplexArray, out: Float32Array, strip: Tile, *, add: bool) -> None:
+    def restore_rows(self, spectra: ComplexArray, out: Float32Array, strip: Tile, *, clear: bool) -> None:
         """Transform rows back, which destroys `spectra`.
 
-        Write them to `out` (H, W, C), or add them, where `strip` contributes.
+        Write them to `out` (H, W, C) where `strip` contributes; of several strips, add them, and `clear` all of `out`
+        before.
         """
+        several = len(self.strips.tiles) > 1
 
         def block(thread: int, top: int) -> None:
             worker = self._workers[thread]
             rows, offset = min(ROWS, self.height - top), strip.first - strip.start
             worker.rows.move(self._rows(spectra, top))
             worker.rows.inverse()
-            lines.lines_to_picture(worker.rows.real, rows, offset, strip.weights, strip.first, add, out, top)
+            if clear:
+                out[top : top + rows] = 0
+            lines.lines_to_picture(worker.rows.real, rows, offset, strip.weights, strip.first, several, out, top)
 
         self.team.share(block, range(0, self.height, ROWS))
 

@@ -108,9 +108,9 @@ class PlugAndPlayPrior:
         """
         sigmas = self.sigmas
         # A quadratic prior on the gradient gives the start.
-        latent = solver.solve(self.weight / sigmas[0] ** 2, None)
+        latent = solver.solve(self.weight / sigmas[0] ** 2)
         for done, sigma in enumerate(sigmas, 1):
-            latent = self._denoised(solver.solve(self.weight / sigma**2, latent, TO_PICTURE), sigma)
+            latent = self._denoised(solver.solve(self.weight / sigma**2, latent, TO_PICTURE, out=latent), sigma)
             if progress is not None:
                 progress(done / len(sigmas))
         return latent

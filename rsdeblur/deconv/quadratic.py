@@ -82,7 +82,14 @@ class TileNormal(TileFilter):
             np.empty((self._hybrid.together, COLUMNS, self._bands.length), np.float32) for _ in range(self.threads)
         ]
 
-    def solve(self, beta: float, pull: FloatImage | None = None, coupling: Coupling = TO_GRADIENT) -> FloatImage:
+    def solve(
+        self,
+        beta: float,
+        pull: FloatImage | None = None,
+        coupling: Coupling = TO_GRADIENT,
+        *,
+        out: FloatImage | None = None,
+    ) -> FloatImage:
         """Return the minimiser for the observations.
 
         Parameters
@@ -90,9 +97,11 @@ class TileNormal(TileFilter):
         beta : float
             Strength of the prior's quadratic term, at least 0.
         pull : ndarray, shape (H, W, C), float32, optional
-            Right-hand side of the term; None is zero. Its memory receives the result.
+            Right-hand side of the term; None is zero.
         coupling : Coupling
             See :meth:`rsdeblur.deconv.priors.QuadraticSolver.solve`.
+        out : ndarray, shape (H, W, C), float32, optional
+            Receives the result; may be `pull` itself.
 
         Returns
         -------
@@ -103,10 +112,12 @@ class TileNormal(TileFilter):
         InputError
             If `pull` is not finite, or no observation was set.
         """
-        return self._solve(beta, pull, coupling)
+        out = np.empty(self._channelled, dtype=np.float32) if out is None else out
+        self._solve(beta, pull, coupling, out)
+        return out
 
-    def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling) -> FloatImage:
-        """Return the minimiser, in the memory of `pull` if there is one."""
+    def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling, out: FloatImage) -> None:
+        """Write the minimiser to `out`, which may be `pull`."""
         raise NotImplementedError
 
 
@@ -237,12 +248,10 @@ class TileQuadratic(TileNormal):
             if not self._hybrid.transform_rows(picture, strip, spectra):
                 raise InputError("image must be finite")
 
-    def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling) -> FloatImage:
+    def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling, out: FloatImage) -> None:
         if not self._observed:
             raise InputError("the solver holds no picture: call apply(), or prepare() before solve()")
-        latent = np.empty(self._channelled, dtype=np.float32) if pull is None else pull
-        self._minimise(self._observed, pull, latent, beta, coupling)
-        return latent
+        self._minimise(self._observed, pull, out, beta, coupling)
 
     def _minimise(
         self,

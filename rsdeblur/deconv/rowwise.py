@@ -453,33 +453,42 @@ class DataTerm:
         self.shape = (solver._latent.shape[2], spectra.length, spectra.channels)
         self._kept: Kept = {}
 
-    def solve(self, beta: float, pull: Float32Array | None, coupling: Coupling = TO_GRADIENT) -> Float32Array:
+    def solve(
+        self,
+        beta: float,
+        pull: Float32Array | None = None,
+        coupling: Coupling = TO_GRADIENT,
+        *,
+        out: Float32Array | None = None,
+    ) -> Float32Array:
         """Minimise the term plus that of a prior.
 
         Parameters
         ----------
         beta : float
             Strength of the prior's term, at least 0.
-        pull : ndarray of the strip's shape, float32, or None
-            Right-hand side of the prior's term; None is zero. Its memory receives the result.
+        pull : ndarray of the strip's shape, float32, optional
+            Right-hand side of the prior's term; None is zero.
         coupling : Coupling
             See :meth:`rsdeblur.deconv.priors.QuadraticSolver.solve`.
+        out : ndarray of the strip's shape, float32, optional
+            Receives the result; may be `pull` itself.
 
         Returns
         -------
         ndarray of the strip's shape, float32
-            The latent picture u, in the memory of `pull` if there is one.
+            The latent picture u.
         """
         beta = validate.finite("beta", beta, minimum=0.0)
         spectra, latent = self._solver._spectra, self._solver._latent
-        target = np.empty(self.shape, dtype=np.float32) if pull is None else pull
-        if target.shape != self.shape:
-            raise InputError(f"the pull must have shape {self.shape}, got {target.shape}")
+        out = np.empty(self.shape, dtype=np.float32) if out is None else out
         if pull is not None:
-            spectra.load(target, latent)
+            if pull.shape != self.shape:
+                raise InputError(f"the pull must have shape {self.shape}, got {pull.shape}")
+            spectra.load(pull, latent)
         self._minimise(beta, coupling, pull=pull is not None, edges=False)
-        spectra.unload(latent, 0, target, Tile(0, 0, np.ones(spectra.length, dtype=np.float32)))
-        return target
+        spectra.unload(latent, 0, out, Tile(0, 0, np.ones(spectra.length, dtype=np.float32)))
+        return out
 
     def filter(self) -> None:
         """Minimise the term alone, and leave the result in the solver's latent spectra."""

@@ -68,11 +68,11 @@ class UnknownBorderQuadratic(TileQuadratic):
         super().prepare(image)
         self._filled[...] = np.reshape(image, self._channelled)
 
-    def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling) -> FloatImage:
+    def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling, out: FloatImage) -> None:
         if self._observed:
             self._fill(pull, beta, coupling)
             super().prepare(self._filled)
-        return super()._solve(beta, pull, coupling)
+        super()._solve(beta, pull, coupling, out)
 
     def _fill(self, pull: FloatImage | None, beta: float, coupling: Coupling) -> None:
         """Improve the values beyond the frame by conjugate gradients."""

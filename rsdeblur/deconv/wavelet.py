@@ -126,7 +126,7 @@ class WaveletPrior:
         factors = Factors.learned()
         latents = []
         for done, ratio in enumerate(factors.ratios, 1):
-            latents.append(solver.solve(self.weight * float(ratio), None))
+            latents.append(solver.solve(self.weight * float(ratio)))
             if progress is not None:
                 progress(done / (len(factors.ratios) + 1))
         variances = np.array(self.variances, dtype=np.float32).reshape(band_shape())

@@ -206,10 +206,8 @@ class TileFilter:
         """
         several = len(self._strips.tiles) > 1
         with self.lock:
-            if several and target is not None:
-                if source is not None and np.shares_memory(source, target):
-                    source = self._aside(source)
-                target[...] = 0
+            if several and source is not None and target is not None and np.shares_memory(source, target):
+                source = self._aside(source)
             for s, strip in enumerate(self._strips.tiles):
                 sources = [kept[s]] if kept else []
                 if source is not None:
@@ -219,7 +217,7 @@ class TileFilter:
                 filtered = None if target is None else self._hybrid.spectra
                 self._hybrid.filter_columns(sources, filtered, partial(change, s))
                 if target is not None:
-                    self._hybrid.restore_rows(self._hybrid.spectra, target, strip, add=several)
+                    self._hybrid.restore_rows(self._hybrid.spectra, target, strip, clear=several and s == 0)
                 if progress is not None:
                     progress((s + 1) / len(self._strips.tiles))
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from rsdeblur.estimate.clip_matches import ClipMatches
 from rsdeblur.motion import lens
 from rsdeblur.motion.camera import Camera
-from rsdeblur.motion.gyro import OrientationTrack
+from rsdeblur.motion.track import OrientationTrack
 from rsdeblur.types import FloatArray
 
 # s. Orientations are tabulated at this interval, and averaged over at least two of them.

@@ -109,7 +109,7 @@ def measure_flicker(
 
 def _profiles(image: ArrayLike, horizontal: bool, transfer: Transfer | Auto) -> FloatArray:
     """Return the logarithm of the light along the readout in each strip, without shading, shape (strips, n)."""
-    light = EncodedImage.of(image, transfer).linear(slice(None)).mean(2)
+    light = EncodedImage.of(image, transfer).grey(slice(None))
     if horizontal:
         light = light.T
     if min(light.shape) < SMALLEST:

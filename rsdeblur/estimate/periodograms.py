@@ -6,6 +6,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from rsdeblur.kernels.periodogram import smoothed_power
 from rsdeblur.types import FloatArray
 
 # Side of the tiles, px: small enough for the PSF to be constant within a tile.
@@ -61,16 +62,6 @@ def wrapped(kernels: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.
 
 def power_of(kernels: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return |H|^2 of kernels (B, S, kh, kw) as smoothed by the window, shape (B, S, TILE, TILE // 2 + 1)."""
-    # One band at a time stays in the cache.
-    return np.stack([_power_of_band(band) for band in kernels])
-
-
-def _power_of_band(kernels: NDArray[np.float32]) -> NDArray[np.float32]:
-    half = np.abs(scipy.fft.rfft2(wrapped(kernels[None], (TILE, TILE))[0])) ** 2
-    # Opposite frequencies have the same power, so the columns beyond either end are columns upside down.
-    before, after = (np.roll(half[..., ::-1, n], 1, axis=-1)[..., None] for n in (1, -2))
-    power = np.concatenate([before, half, after], axis=-1)
-    # Power of the Hann window's transform at neighbouring frequencies: 1/6, 2/3, 1/6.
-    power = power * (2 / 3) + (np.roll(power, 1, 1) + np.roll(power, -1, 1)) / 6
-    smoothed: NDArray[np.float32] = power[..., 1:-1] * (2 / 3) + (power[..., :-2] + power[..., 2:]) / 6
-    return smoothed
+    grid = kernels if max(kernels.shape[2:]) <= TILE else wrapped(kernels, (TILE, TILE))
+    spectra = scipy.fft.rfft2(grid.reshape(-1, *grid.shape[2:]), (TILE, TILE))
+    return smoothed_power(spectra).reshape(*kernels.shape[:2], TILE, TILE // 2 + 1)

@@ -9,7 +9,6 @@ look better than the right one.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import islice
 from typing import ClassVar
 
 import numpy as np
@@ -32,8 +31,8 @@ LONGEST_BLUR = 20.0
 # Tiles along both axes, and the length over which their opposite ends fade into each other: in PSF sizes, and at most
 # as a share of the picture.
 TILES, FADE, MOST_FADE = (6, 4), 5.0, 0.3
-# Steps of total variation: more distinguish motions no better.
-STEPS = 2
+# Penalties of the steps of total variation, which do not extrapolate: more steps distinguish motions no better.
+PENALTIES = (5.0, 14.0)
 # Nats of the spectra that a fall of the logarithm of l1 / l2 is worth.
 NATS_PER_FALL = 1000.0
 
@@ -72,8 +71,16 @@ class QuickSharpness:
             solver = self._tiles.under(self._bank(recording, *self._tiles.centres).kernels)
         except UNDESCRIBED:
             return np.inf
-        steps = half_quadratic(*(solver, GRADIENT), weight=self._weight, exponent=1.0, peak=self._peak, threads=1)
-        *_, last = islice(steps, STEPS)
+        steps = half_quadratic(
+            *(solver, GRADIENT),
+            weight=self._weight,
+            exponent=1.0,
+            peak=self._peak,
+            penalties=PENALTIES,
+            ahead=0.0,
+            threads=1,
+        )
+        *_, last = steps
         return mean_concentration(self._tiles.parts(last.latent), self._shares)
 
 
@@ -161,7 +168,14 @@ class _RepeatingSolver:
     shape: tuple[int, ...]
     periodic: ClassVar[bool] = True
 
-    def solve(self, beta: float, pull: FloatImage | None, coupling: Coupling = TO_GRADIENT) -> FloatImage:
+    def solve(
+        self,
+        beta: float,
+        pull: FloatImage | None = None,
+        coupling: Coupling = TO_GRADIENT,
+        *,
+        out: FloatImage | None = None,
+    ) -> FloatImage:
         """Return the minimiser, see :class:`rsdeblur.deconv.priors.QuadraticSolver`."""
         signal = self.data
         if pull is not None:

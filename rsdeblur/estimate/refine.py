@@ -43,7 +43,8 @@ PART, SIDE = 256, 1600
 
 # Parameters that are searched together, from no correction and from the best one so far, and how many values of each
 # are tried as well, up to how many standard deviations. The likeliest part of these places is compared by the sharp
-# picture, and from the best, descents begin, too. A correction by few numbers is more credible than one by many.
+# picture if it is at least so likely, in nats, and from the best, descents begin, too. A correction by few numbers is
+# more credible than one by many.
 MODELS = (
     (("scale",), 0),
     (("readout",), 4),
@@ -52,7 +53,7 @@ MODELS = (
     (("scale", "drift_x", "drift_y"), 0),
     (PARAMETERS, 0),
 )
-WIDEST, COMPARED, STARTS = 3.0, 0.5, 2
+WIDEST, COMPARED, LEAST_START, STARTS = 3.0, 0.5, -20.0, 2
 # Models whose best corrections are adjusted, if they are worth so many nats, and confirmed.
 CANDIDATES, LEAST_ADJUSTED = 3, 10.0
 # Parameters that are adjusted by the sharp picture if they are corrected, the times each is, the first step, and the
@@ -216,7 +217,7 @@ def grey_light(image: ArrayLike, transfer: Transfer | Auto, camera: Camera) -> N
     height = encoded.shape[0]
     # In parts, so that not all channels are in memory as floats at once.
     parts = [slice(top, min(top + PART, height)) for top in range(0, height, PART)]
-    light = np.concatenate([encoded.linear(rows).mean(2) for rows in parts])
+    light = np.concatenate([encoded.grey(rows) for rows in parts])
     return reduced(light, camera, SIDE)[0]
 
 
@@ -315,11 +316,11 @@ class _Judge:
         found = {best.tobytes(): (worth, best)}
         for n, (names, count) in enumerate(MODELS):
             progress("search", n / len(MODELS))
-            model = [name for name in names if name in self._posterior.free]
-            if not model:
+            model, last = [name for name in names if name in self._posterior.free], names is PARAMETERS
+            # Descents of the last model take long, so it begins at the best place only, if that is worth it.
+            if not model or (last and worth < LEAST_ADJUSTED):
                 continue
-            # Descents of the last model take long, so it begins at the best place only.
-            begin = [best] if names is PARAMETERS or not best.any() else [self._nothing, best]
+            begin = [best] if last or not best.any() else [self._nothing, best]
             starts = [*begin, *self._starts(model, count)]
             places = share_map(partial(self._posterior.descend, free=model), starts, self._threads)
             worths = np.array(self._worths(places)) - [_cost(place) for place in places]
@@ -336,7 +337,7 @@ class _Judge:
         places = np.zeros((count ** len(at), len(PARAMETERS)))
         places[:, at] = np.stack(values, axis=-1).reshape(len(places), len(at))
         gains = np.array(share_map(self.gain, list(places), self._threads))
-        likely = [n for n in np.argsort(-gains)[: round(COMPARED * len(places))] if np.isfinite(gains[n])]
+        likely = [n for n in np.argsort(-gains)[: round(COMPARED * len(places))] if gains[n] > LEAST_START]
         falls = share_map(lambda n: self.fall(places[n]), likely, self._threads)
         worths = gains[likely] + NATS_PER_FALL * np.array(falls)
         return [places[likely[n]] for n in np.argsort(-worths)[:STARTS]]

@@ -237,7 +237,7 @@ def _find(
     whole = covered if len(covered) else np.zeros(1, dtype=np.intp)
     for image in encoded:
         check_size(image.shape, camera)
-    lights = [image.linear(slice(None)).mean(2) for image in encoded]
+    lights = [image.grey(slice(None)) for image in encoded]
     coarse = _Curve(lights, recordings, first, side=COARSE_SIDE)
     coarse.extend(whole, lambda done: progress and progress("coarse", done))
     fine = _Curve(lights, recordings, first, side=FINE_SIDE)

@@ -85,6 +85,12 @@ class EncodedImage:
             validate.bounded("image", light[here])
         return light
 
+    def grey(self, rows: slice) -> NDArray[np.float32]:
+        """Return the mean linear light of the channels of `rows`, without alpha; errors as :meth:`linear`."""
+        channels = self.shape[2]
+        # np.mean over three values takes thirty times as long.
+        return self.linear(rows) @ np.full(channels, 1 / channels, dtype=np.float32)
+
     def encode(self, light: NDArray[np.float32], rows: slice, out: NDArray[Any]) -> None:
         """Encode `light` into `rows` of `out`, which is upright like the picture, and copy alpha.
 

@@ -62,7 +62,7 @@ def fade_undershoot(
         return
     height, width, channels = sharp.shape
     cells = encoded.values[first : first + height : step, ::step, :channels]
-    recorded = EncodedImage(cells, encoded.transfer).linear(slice(None)).mean(axis=2)
+    recorded = EncodedImage(cells, encoded.transfer).grey(slice(None))
     near, around = (ndimage.gaussian_filter(light, spread / step, mode="nearest") for light in (below, recorded))
     weight = np.clip(near / (MOST * (np.maximum(around, 0.0) + DARK * max(peak, LEAST_PEAK))) - LEAST, 0.0, 1.0)
     down, across = (_between(n, len_cells, step) for n, len_cells in zip((height, width), weight.shape, strict=True))

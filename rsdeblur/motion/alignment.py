@@ -20,7 +20,7 @@ import numpy as np
 from rsdeblur.choices import Motion
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
-from rsdeblur.motion.gyro import GyroLog, OrientationTrack
+from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import (
     FIXED_POINT_STEPS,
     ROW_SAMPLES_PER_PIXEL,
@@ -29,6 +29,7 @@ from rsdeblur.motion.paths import (
     Capture,
 )
 from rsdeblur.motion.small_angle import small_angle_displacements
+from rsdeblur.motion.track import OrientationTrack
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
 

@@ -25,7 +25,8 @@ from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.motion.acceleration import AccelerationLog
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
-from rsdeblur.motion.gyro import GyroLog, OrientationTrack
+from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.track import OrientationTrack
 from rsdeblur.motion.translation import CLOCK_TICK, Translation
 from rsdeblur.types import FloatArray
 

@@ -34,9 +34,10 @@ from rsdeblur.errors import InputError
 from rsdeblur.motion.arguments import check_recording
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
-from rsdeblur.motion.gyro import GyroLog, OrientationTrack
+from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.row_poses import RowPoses
 from rsdeblur.motion.small_angle import small_angle_displacements
+from rsdeblur.motion.track import OrientationTrack
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
 

@@ -13,7 +13,7 @@ from rsdeblur.estimate.clip_fit import fit_clip
 from rsdeblur.estimate.clip_matches import ClipMatches
 from rsdeblur.estimate.clip_motion import ClipModel, MeanOrientation, Parameters
 from rsdeblur.motion.axes import imu_to_camera
-from rsdeblur.motion.gyro import OrientationTrack
+from rsdeblur.motion.track import OrientationTrack
 
 CAMERA = Camera(640, 480, 600.0)
 MOUNTING = imu_to_camera("phone-portrait")

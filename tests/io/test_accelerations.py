@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rsdeblur import AccelerationLog, Camera, FileFormatError, InputError, read_acceleration, read_gyro
-from rsdeblur.motion.gyro import OrientationTrack
+from rsdeblur.motion.track import OrientationTrack
 
 EPOCH, STEP = 1_766_385_749_427_863_801, 10_000_000
 FORCES = np.array([(0.5, 9.7, 1.25), (0.25, 9.5, 1.5), (-0.5, 9.75, 1.0)])

@@ -124,8 +124,8 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
         *(model(h), h(1, 2, LANES), h(3 * 9 * 2 * LANES), h(2, 6, 2, LANES)),
         *(h(4000), h(3, LANES), 6),
     ],
-    "shrunk_grad_adjoint": lambda h: [h(5, 6, 3), 1, 3, h.number(), h(9), False, h(5, 6, 3)],
-    "shrunk_derivatives_adjoint": lambda h: [h(5, 6, 3), 1, 3, h.number(), h(9), False, h(5, 6, 3)],
+    "shrunk_grad_adjoint": lambda h: [h(5, 6, 3), 1, 3, h.number(), h(9), False, h(10, 3, 8), h(5, 6, 3)],
+    "shrunk_derivatives_adjoint": lambda h: [h(5, 6, 3), 1, 3, h.number(), h(9), False, h(10, 3, 8), h(5, 6, 3)],
     "fit_gains": lambda h: [tiles(h), h(2, dtype=np.float64), float(h.number())],
     "fit_floors": lambda h: [
         TilePowers._make(
@@ -147,6 +147,10 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "average_alike": lambda h: [h(2, 21, 22), h.number(), h.number(), h(nlm.WORK, 10), h(3, 5, 6)],
     "cut_block": lambda h: [h(5, 6, 3), np.array([1, 0, 4]), np.array([5, 0]), h(3, 3), h(3, 3, 2)],
     "row_directions": lambda h: [h(5, 3, dtype=np.float64), h(5, dtype=np.float64), h(8, 12, dtype=np.float64)],
+    "orientations": lambda h: [
+        *(h(5, dtype=np.float64), np.arange(4.0), h(4, 3, dtype=np.float64), h(4, 3, 3, dtype=np.float64)),
+    ],
+    "smoothed_power": lambda h: [h.pairs(2, 6, 4)],
     "put_block": lambda h: [h(3, 4, 5), h(3, 3), h(4, 5, 3)],
 }
 

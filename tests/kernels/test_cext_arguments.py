@@ -40,6 +40,14 @@ CALLS: dict[str, tuple[Callable[[], list[Any]], set[int]]] = {
     "rows_to_columns": (lambda: [pairs(3, 9, 30), 2, 5, pairs(3, 16, 9)], {3}),
     "columns_to_rows": (lambda: [pairs(3, 16, 9), pairs(3, 9, 30), 2, 5], {1}),
     "cut_lines": (lambda: [pairs(3, 16, 9), 7, 1, floats(4), True, pairs(3, 16, 12)], {5}),
+    "shrunk_grad_adjoint": (
+        lambda: [floats(6, 5, 3), 1, 4, 0.1, floats(9), False, floats(10, 3, 7), floats(6, 5, 3)],
+        {6, 7},
+    ),
+    "shrunk_derivatives_adjoint": (
+        lambda: [floats(6, 5, 3), 1, 4, 0.1, floats(9), False, floats(10, 3, 7), floats(6, 5, 3)],
+        {6, 7},
+    ),
     "rowwise_forward": (lambda: [*model(), floats(2, 6, 2, LANES), floats(2, 6, 2, LANES), floats(4000)], {7, 9}),
     "rowwise_adjoint": (lambda: [*model(), floats(2, 6, 2, LANES), floats(2, 6, 2, LANES), floats(4000)], {8, 9}),
     "rowwise_solve": (

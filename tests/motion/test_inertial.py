@@ -22,7 +22,7 @@ from rsdeblur import (
     read_captures,
     read_gyro,
 )
-from rsdeblur.motion.gyro import rotation_matrix
+from rsdeblur.kernels.orientation import rotation_matrix
 
 T = np.arange(-0.1, 1.1, 0.002)
 G = np.array([1.0, 9.6, 1.5])  # down, a little askew, in the axes of the camera at the time 0

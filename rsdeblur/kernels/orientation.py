@@ -1,0 +1,100 @@
+"""Orientation of a camera between the samples of its gyro log: the Numba kernel and its NumPy twin."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rsdeblur.kernels._jit import njit, read_only
+from rsdeblur.types import FloatArray
+
+# Angle below which the sine is its argument, rad: the difference is below the precision of float64.
+SMALL = 1e-8
+
+
+@njit(nogil=True)
+def _orientations(times, t, omega, rotations, out):
+    last = len(t) - 2
+    turn = np.empty((3, 3))
+    for n in range(len(times)):
+        i = min(max(np.searchsorted(t, times[n], side="right") - 1, 0), last)
+        h = times[n] - t[i]
+        share = h / (t[i + 1] - t[i])
+        ax, ay, az = omega[i, 0], omega[i, 1], omega[i, 2]
+        bx = ax + share * (omega[i + 1, 0] - ax)
+        by = ay + share * (omega[i + 1, 1] - ay)
+        bz = az + share * (omega[i + 1, 2] - az)
+        x = -(0.5 * h * (ax + bx) + h * h / 12.0 * (ay * bz - az * by))
+        y = -(0.5 * h * (ay + by) + h * h / 12.0 * (az * bx - ax * bz))
+        z = -(0.5 * h * (az + bz) + h * h / 12.0 * (ax * by - ay * bx))
+        squared = x * x + y * y + z * z
+        angle = np.sqrt(squared)
+        sine = np.sin(angle) / angle if angle > SMALL else 1.0
+        half = np.sin(0.5 * angle) / (0.5 * angle) if angle > SMALL else 1.0
+        bend = 0.5 * half * half
+        turn[0, 0], turn[1, 1] = 1.0 - bend * (squared - x * x), 1.0 - bend * (squared - y * y)
+        turn[2, 2] = 1.0 - bend * (squared - z * z)
+        turn[0, 1], turn[1, 0] = bend * x * y - sine * z, bend * x * y + sine * z
+        turn[0, 2], turn[2, 0] = bend * x * z + sine * y, bend * x * z - sine * y
+        turn[1, 2], turn[2, 1] = bend * y * z - sine * x, bend * y * z + sine * x
+        for row in range(3):
+            for column in range(3):
+                total = 0.0
+                for k in range(3):
+                    total += turn[row, k] * rotations[i, k, column]
+                out[n, row, column] = total
+
+
+def orientations(times: FloatArray, t: FloatArray, omega: FloatArray, rotations: FloatArray) -> FloatArray:
+    """Return the orientation at given times, see :class:`rsdeblur.motion.track.OrientationTrack`.
+
+    Parameters
+    ----------
+    times : ndarray, shape (...)
+        Times; before the first sample and after the last one, the track goes on as between the nearest two.
+    t : ndarray, shape (n,)
+        Sample times, increasing.
+    omega : ndarray, shape (n, 3)
+        Rates.
+    rotations : ndarray, shape (n, 3, 3)
+        Orientation at the samples.
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        Matrices.
+    """
+    out = np.empty((times.size, 3, 3))
+    _orientations(*(read_only(array) for array in (times.ravel(), t, omega, rotations)), out)
+    return out.reshape(*times.shape, 3, 3)
+
+
+def orientations_numpy(times: FloatArray, t: FloatArray, omega: FloatArray, rotations: FloatArray) -> FloatArray:
+    """Readable twin of :func:`orientations`."""
+    i = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
+    elapsed = times - t[i]
+    share = elapsed / (t[i + 1] - t[i])
+    here = omega[i] + share[..., None] * (omega[i + 1] - omega[i])
+    turned: FloatArray = rotation_matrix(-magnus(omega[i], here, elapsed)) @ rotations[i]
+    return turned
+
+
+def magnus(omega0: FloatArray, omega1: FloatArray, dt: FloatArray) -> FloatArray:
+    """Return the rotation vector of a step `dt` in which the rate changes linearly from `omega0` to `omega1`.
+
+    Fourth-order Magnus expansion (Iserles and Norsett 1999): dt (w0 + w1)/2 + dt^2/12 (w0 x w1).
+    """
+    h = dt[..., None]
+    return 0.5 * h * (omega0 + omega1) + h**2 / 12.0 * np.cross(omega0, omega1)
+
+
+def rotation_matrix(vector: FloatArray) -> FloatArray:
+    """Return the matrices `exp([v]x)` of rotation vectors v, shape (..., 3), by Rodrigues' formula."""
+    angle = np.sqrt(np.sum(vector**2, axis=-1))[..., None, None]
+    x, y, z = np.moveaxis(vector, -1, 0)
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*vector.shape[:-1], 3, 3)
+    # sinc(a/pi) = sin(a)/a, and (1 - cos a)/a^2 = sinc(a/2pi)^2 / 2: both regular at zero.
+    rotation: FloatArray = (
+        np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (cross @ cross)
+    )
+    return rotation

@@ -1,0 +1,142 @@
+"""Laws of the orientation integrated from a gyro log."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from rsdeblur.errors import CoverageError
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.gyro import GyroLog
+from rsdeblur.motion.track import OrientationTrack
+
+CAMERA = Camera(64, 48, 80.0)
+
+# A product of n rotation matrices in float64 errs by about n roundings of 2e-16; n is below 500 here.
+ROUNDING = 1e-12
+
+
+def track_of(t, omega, camera=CAMERA):
+    return OrientationTrack.from_log(GyroLog(t, omega), camera, float(t[0]), float(t[-1]), 0)
+
+
+def irregular_times(n, span, seed=0):
+    steps = np.random.default_rng(seed).uniform(0.5, 1.5, n - 1)
+    return np.concatenate([[0.0], np.cumsum(steps)]) * span / steps.sum()
+
+
+def whole_track(log, camera):
+    """Return the track over the whole log."""
+    start, end = log.span
+    return OrientationTrack.from_log(log, camera, start, end, 0)
+
+
+class TestIntegration:
+    @pytest.mark.filterwarnings("ignore:gyro rates look like degrees")
+    @pytest.mark.parametrize("rate", [(0, 0, 0), (3, 0, 0), (0, -0.7, 0), (0, 0, 25), (1.3, -2.1, 0.4)])
+    @pytest.mark.parametrize("samples", [2, 9, 200])
+    def test_constant_rate_is_exact(self, rate, samples):
+        t = irregular_times(samples, 0.5)
+        track = track_of(t, np.tile(rate, (samples, 1)))
+        times = np.linspace(0.0, 0.5, 77)
+        # C(t + dt) = exp(-[omega dt]x) C(t)
+        expected = Rotation.from_rotvec(-times[:, None] * np.asarray(rate)).as_matrix()
+        np.testing.assert_allclose(track.at(times), expected, atol=ROUNDING)
+
+    @pytest.mark.parametrize("seed", range(3))
+    def test_linear_rates_are_integrated_to_fourth_order(self, seed):
+        n, substeps = 12, 100
+        t = irregular_times(n, 0.8, seed)
+        omega = np.random.default_rng(seed).uniform(-2.8, 2.8, (n, 3))
+        track = track_of(t, omega)
+        orientation, bound = Rotation.identity(), 0.0
+        for k in range(n - 1):
+            h, jump = t[k + 1] - t[k], omega[k + 1] - omega[k]
+            middles = (np.arange(substeps) + 0.5) / substeps
+            for step in Rotation.from_rotvec(-h / substeps * (omega[k] + middles[:, None] * jump)):
+                orientation = step * orientation
+            # With a = h |omega| and b = h |jump|, the first terms that the Magnus step leaves out (sixth order, Blanes
+            # et al. 2009) are [a,[a,[a,b]]]/720 and [[a,b],b]/240; the midpoint steps leave out a b / (12 substeps^2).
+            # A rotation vector of length e moves an entry by at most e; the next order is less than half of this one.
+            a, b = h * np.linalg.norm(omega[k : k + 2], axis=1).max(), h * np.linalg.norm(jump)
+            bound += 1.5 * (a**3 * b / 720 + a * b**2 / 240) + a * b / (12 * substeps**2)
+            error = np.abs(track.at(t[k + 1]) - orientation.as_matrix()).max()
+            assert error <= bound
+        # Without the cross product, steps of 70 ms at 3 rad/s would each err by a b / 12, about 5e-3.
+        assert bound < 3e-3
+
+    def test_halved_samples_change_nothing_where_rates_are_linear(self):
+        t, omega = irregular_times(30, 0.3), np.random.default_rng(1).uniform(-2, 2, (30, 3))
+        middle = 0.5 * (t[1:] + t[:-1])
+        both = np.sort(np.concatenate([t, middle]))
+        fine = np.stack([np.interp(both, t, omega[:, axis]) for axis in range(3)], axis=1)
+        # 29 steps of 10 ms at 3.5 rad/s, each with an error of little more than (3.5e-2)^3 / 240.
+        np.testing.assert_allclose(track_of(both, fine).at(t), track_of(t, omega).at(t), atol=1e-5)
+
+    def test_stays_a_rotation(self):
+        t = irregular_times(400, 2.0)
+        track = track_of(t, np.random.default_rng(2).uniform(-2.8, 2.8, (400, 3)))
+        c = track.at(np.linspace(0.0, 2.0, 999))
+        np.testing.assert_allclose(c @ c.transpose(0, 2, 1), np.broadcast_to(np.eye(3), c.shape), atol=ROUNDING)
+        np.testing.assert_allclose(np.linalg.det(c), 1.0, atol=ROUNDING)
+
+    def test_starts_at_identity_and_meets_its_own_samples(self, shaky_log):
+        log = shaky_log()
+        track = whole_track(log, CAMERA)
+        assert np.array_equal(track.rotations[0], np.eye(3))
+        np.testing.assert_allclose(track.at(track.t), track.rotations, atol=ROUNDING)
+        assert track.at(np.zeros((4, 5))).shape == (4, 5, 3, 3)
+
+    def test_angles_are_the_integral_of_the_rates(self):
+        # Linear rates: the integral of (1, t, -2t) is (t, t^2/2, -t^2), whatever the samples.
+        t = irregular_times(7, 0.9)
+        track = track_of(t, np.stack([np.ones(7), t, -2 * t], axis=1))
+        times = np.linspace(0.0, 0.9, 31).reshape(1, 31)
+        expected = np.stack([times, times**2 / 2, -(times**2)], axis=-1)
+        np.testing.assert_allclose(track.angles(times), expected, atol=ROUNDING)
+
+    @pytest.mark.parametrize("axis", range(3))
+    def test_about_a_fixed_axis_angles_are_the_rotation(self, shaky_log, axis):
+        log = shaky_log(np.eye(3)[axis])
+        track = whole_track(log, CAMERA)
+        times = np.linspace(*log.span, 55)
+        expected = Rotation.from_rotvec(-track.angles(times)).as_matrix()
+        np.testing.assert_allclose(track.at(times), expected, atol=ROUNDING)
+
+    def test_imu_axes_are_turned_into_camera_axes(self, shaky_log):
+        log = shaky_log()
+        turn = Rotation.from_rotvec([0.3, -1.2, 2.0]).as_matrix()
+        turned = Camera(64, 48, 80.0, imu_to_camera=turn)
+        straight = whole_track(log, CAMERA)
+        rotated = whole_track(log, turned)
+        times = np.linspace(*log.span, 23)
+        # A change of basis: exp(-[R w]x) = R exp(-[w]x) R^T.
+        np.testing.assert_allclose(rotated.at(times), turn @ straight.at(times) @ turn.T, atol=ROUNDING)
+
+
+class TestTime:
+    def test_camera_time_is_gyro_time_plus_offset(self):
+        t = np.linspace(0.0, 1.0, 11)
+        omega = np.stack([t, 0 * t, 0 * t], axis=1)
+        camera = Camera(64, 48, 80.0, time_offset=5.0)
+        track = OrientationTrack.from_log(GyroLog(t, omega), camera, 5.2, 5.6, 0)
+        before, at, after = track.angles(np.array([5.2, 5.4, 5.6]))
+        # The rate at gyro time 0.2 to 0.6 s is 0.2 to 0.6 rad/s.
+        assert at[0] - before[0] == pytest.approx(0.06, abs=ROUNDING)
+        assert after[0] - at[0] == pytest.approx(0.10, abs=ROUNDING)
+
+    @pytest.mark.parametrize("dt", [0.25, -0.0123, 7.7])
+    def test_stamps_and_offset_shifted_together_change_nothing(self, shaky_log, dt):
+        log = shaky_log()
+        times = np.linspace(0.1, 0.2, 50)
+        straight = OrientationTrack.from_log(log, CAMERA, 0.1, 0.2, 0)
+        moved = OrientationTrack.from_log(log.shifted(dt), Camera(64, 48, 80.0, time_offset=-dt), 0.1, 0.2, 0)
+        # Times of some seconds are rounded by 1e-15 s; rates are a few rad/s.
+        np.testing.assert_allclose(moved.at(times), straight.at(times), atol=ROUNDING)
+
+    def test_the_camera_reports_in_gyro_time(self):
+        log = GyroLog(np.arange(101) / 100, np.zeros((101, 3)))
+        camera = Camera(64, 48, 80.0, time_offset=0.1)
+        with pytest.raises(CoverageError, match=r"misses 20\.000 ms at its start"):
+            OrientationTrack.from_log(log, camera, 0.08, 0.3, 0)
