@@ -193,32 +193,36 @@ static const float *row_at(rsd_picture picture, ptrdiff_t y)
     return picture.values + (size_t)row * picture.width * picture.channels;
 }
 
-/* Check the arguments; on RSD_OK, `l` is filled and the planes 1 to RSD_SHRINK_PLANES - 1 of the workspace are clear. */
-static rsd_status prepare(rsd_picture picture, size_t top, size_t rows, rsd_shrinkage shrinkage, float *workspace,
-                          const float *out, row_layout *l)
+/* Check the arguments. Return whether there is something to do; then `l` is filled, and the planes of the workspace are
+ * clear except the first one. */
+static bool prepare(rsd_picture picture, size_t top, size_t rows, rsd_shrinkage shrinkage, float *workspace,
+                    const float *out, row_layout *l, rsd_status *status)
 {
+    *status = RSD_OK;
+    if (picture.height == 0 || picture.width == 0 || picture.channels == 0 || rows == 0)
+        return false;
     if (picture.values == NULL || shrinkage.polynomial == NULL || workspace == NULL || out == NULL)
-        return RSD_NULL;
-    if (picture.width > PTRDIFF_MAX / 4 || !rsd_addressable(picture.channels, picture.width + 2) ||
-        !rsd_addressable(RSD_SHRINK_PLANES * picture.channels, picture.width + 2) ||
-        !rsd_addressable(picture.height, picture.channels * picture.width) || top > picture.height ||
-        rows > picture.height - top)
-        return RSD_SIZE;
+        *status = RSD_NULL;
+    else if (picture.width > PTRDIFF_MAX / 4 || !rsd_addressable(picture.channels, picture.width + 2) ||
+             !rsd_addressable(RSD_SHRINK_PLANES * picture.channels, picture.width + 2) ||
+             !rsd_addressable(picture.height, picture.channels * picture.width) || top > picture.height ||
+             rows > picture.height - top)
+        *status = RSD_SIZE;
+    if (*status != RSD_OK)
+        return false;
     const size_t n = picture.channels * (picture.width + 2);
     *l = (row_layout){picture.width, picture.channels, n, picture.periodic, shrinkage, workspace};
     for (size_t i = 0; i < (RSD_SHRINK_PLANES - 1) * n; i++)
         workspace[n + i] = 0.0f;
-    return RSD_OK;
+    return true;
 }
 
 rsd_status rsd_shrunk_grad_adjoint(rsd_picture picture, size_t top, size_t rows, rsd_shrinkage shrinkage,
                                    float *workspace, float *out)
 {
-    if (picture.height == 0 || picture.width == 0 || picture.channels == 0 || rows == 0)
-        return RSD_OK;
     row_layout l;
-    const rsd_status status = prepare(picture, top, rows, shrinkage, workspace, out, &l);
-    if (status != RSD_OK)
+    rsd_status status;
+    if (!prepare(picture, top, rows, shrinkage, workspace, out, &l, &status))
         return status;
     float *here = workspace + l.n, *below = here + l.n, *across = below + l.n;
     /* Vertical part of w in the previous and in the current row; above the first one there is none. */
@@ -243,11 +247,9 @@ rsd_status rsd_shrunk_grad_adjoint(rsd_picture picture, size_t top, size_t rows,
 rsd_status rsd_shrunk_derivatives_adjoint(rsd_picture picture, size_t top, size_t rows, rsd_shrinkage shrinkage,
                                           float *workspace, float *out)
 {
-    if (picture.height == 0 || picture.width == 0 || picture.channels == 0 || rows == 0)
-        return RSD_OK;
     row_layout l;
-    const rsd_status status = prepare(picture, top, rows, shrinkage, workspace, out, &l);
-    if (status != RSD_OK)
+    rsd_status status;
+    if (!prepare(picture, top, rows, shrinkage, workspace, out, &l, &status))
         return status;
     const float threshold = shrinkage.threshold, bending = BENDING * threshold;
     float *here = workspace + l.n, *below = here + l.n, *beyond = below + l.n;

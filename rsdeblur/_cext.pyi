@@ -50,28 +50,8 @@ def cut_lines(
     slab: NDArray[np.complex64],
     /,
 ) -> None: ...
-def shrunk_grad_adjoint(
-    picture: NDArray[np.float32],
-    top: int,
-    rows: int,
-    threshold: float | np.float32,
-    polynomial: NDArray[np.float32],
-    periodic: bool,
-    workspace: NDArray[np.float32],
-    out: NDArray[np.float32],
-    /,
-) -> None: ...
-def shrunk_derivatives_adjoint(
-    picture: NDArray[np.float32],
-    top: int,
-    rows: int,
-    threshold: float | np.float32,
-    polynomial: NDArray[np.float32],
-    periodic: bool,
-    workspace: NDArray[np.float32],
-    out: NDArray[np.float32],
-    /,
-) -> None: ...
+def shrunk_grad_adjoint(*arguments: NDArray[np.float32] | float) -> None: ...
+def shrunk_derivatives_adjoint(*arguments: NDArray[np.float32] | float) -> None: ...
 def rowwise_forward(*arguments: NDArray[np.generic]) -> None: ...
 def rowwise_adjoint(*arguments: NDArray[np.generic]) -> None: ...
 def rowwise_solve(*arguments: NDArray[np.generic] | float) -> None: ...

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
+from rsdeblur._util.threads import share
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.image.frame import ReadoutFrame
@@ -91,8 +92,8 @@ class EncodedImage:
         # np.mean over three values takes thirty times as long.
         return self.linear(rows) @ np.full(channels, 1 / channels, dtype=np.float32)
 
-    def encode(self, light: NDArray[np.float32], rows: slice, out: NDArray[Any]) -> None:
-        """Encode `light` into `rows` of `out`, which is upright like the picture, and copy alpha.
+    def encode(self, light: NDArray[np.float32], rows: slice, out: NDArray[Any], *, threads: int | None = None) -> None:
+        """Encode `light` into `rows` of `out`, which is upright like the picture, and copy alpha; threads share rows.
 
         Results are clipped to [0, 1] if the picture or `out` has integers, and rounded if `out` has.
 
@@ -103,7 +104,10 @@ class EncodedImage:
         """
         channels = light.shape[2]
         clip = self.values.dtype.kind == "u" or out.dtype.kind == "u"
-        for here, there in _blocks(rows):
+        blocks = list(_blocks(rows))
+
+        def encode_block(_: int, n: int) -> None:
+            here, there = blocks[n]
             sharp = from_linear(light[here], self.transfer)
             with np.errstate(over="ignore", invalid="ignore"):
                 # One pass instead of the two of np.isfinite(sharp).all().
@@ -118,6 +122,8 @@ class EncodedImage:
             out[there, :, :channels] = _as_stored(sharp, out.dtype)
             if channels < out.shape[2]:
                 out[there, :, channels:] = _as_stored(_as_float(self.values[there, :, channels:]), out.dtype)
+
+        share(encode_block, range(len(blocks)), threads)
 
 
 def result_like(

@@ -92,7 +92,9 @@ def _fit(tiles, noises, squared, gains, steps, prior, weight):
                 down[1, octave] += ratios[3] * brightness[tile]
                 error_up += ratios[4]
                 error_down += ratios[5]
-        noises *= up / down
+        for part in range(len(noises)):
+            for octave in range(noises.shape[1]):
+                noises[part, octave] *= up[part, octave] / down[part, octave]
         squared *= error_up / error_down
     return squared
 

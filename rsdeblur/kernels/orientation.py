@@ -16,7 +16,14 @@ def _orientations(times, t, omega, rotations, out):
     last = len(t) - 2
     turn = np.empty((3, 3))
     for n in range(len(times)):
-        i = min(max(np.searchsorted(t, times[n], side="right") - 1, 0), last)
+        # The last sample that is not later. A comparison with NaN is false, so that NaN finds the first one.
+        i, beyond = 0, last + 1
+        while beyond - i > 1:
+            middle = (i + beyond) // 2
+            if t[middle] <= times[n]:
+                i = middle
+            else:
+                beyond = middle
         h = times[n] - t[i]
         share = h / (t[i + 1] - t[i])
         ax, ay, az = omega[i, 0], omega[i, 1], omega[i, 2]

@@ -49,7 +49,8 @@ class Tiles(NamedTuple):
     sectors: NDArray[np.intp]
 
 
-# Divisions and sums are in loops of their own, which become SIMD code.
+# Divisions and sums are in loops of their own, which become SIMD code. Arrays are assigned by loops as well: with the
+# error message of `out[:] = values`, Numba takes seconds more to compile.
 
 
 @njit(nogil=True, error_model="numpy")
@@ -116,7 +117,8 @@ def _newton(tile, level, stiffness, gains, buffers):
     faintest = np.log(FAINTEST * floor / scene)
     # Strong edges dominate the mean, so the search begins below it.
     mean = max(np.log(max(excess, FAINTEST * floor) / scene) - 1.0, faintest)
-    logs[:] = mean
+    for k in range(count):
+        logs[k] = mean
     for _ in range(STEPS):
         ones, forces = 0.0, 0.0
         for k in range(count):
@@ -134,7 +136,7 @@ def _newton(tile, level, stiffness, gains, buffers):
             moved = max(logs[k] + min(max(step, -LONGEST), LONGEST), faintest)
             longest = max(longest, abs(moved - logs[k]))
             logs[k] = moved
-        mean = logs.mean()
+        mean = _total(logs) / count
         if longest < SETTLED:
             break
     apart = 0.0
@@ -157,7 +159,6 @@ def _fit(first, stop, tiles, levels, stiffness, nats, gains, chosen):
             total = apart + _nats(tile, trial, level, terms[0])
             if total < nats[n]:
                 nats[n], chosen[n] = total, level
-                # A loop: an assignment of arrays, with its error message, takes Numba seconds more to compile.
                 for k in range(count):
                     gains[n, k] = trial[k]
 
@@ -245,8 +246,14 @@ def _information(first, stop, tiles, slopes, fitted, stiffness, gradient, fisher
     change = np.empty(parameters)
     for tile in range(first, stop):
         where = place[tile]
-        gradient[tile], fisher[tile], mixed[:], own[:] = 0.0, 0.0, 0.0, stiffness + 1e-6
+        for p in range(parameters):
+            gradient[tile, p] = 0.0
+            for q in range(parameters):
+                fisher[tile, p, q] = 0.0
         for k in range(count):
+            own[k] = stiffness + 1e-6
+            for p in range(parameters):
+                mixed[k, p] = 0.0
             for i in range(sectors[k], sectors[k + 1]):
                 signal = gains[tile, k] * expected[where, i]
                 variance = signal + chosen[tile] * noise[tile, i]
@@ -261,7 +268,10 @@ def _information(first, stop, tiles, slopes, fitted, stiffness, gradient, fisher
                         fisher[tile, p, q] += 0.5 * change[p] * change[q]
         # The gains follow the parameters. Their information is diag(own) - stiffness / count, which the
         # Sherman-Morrison formula inverts.
-        spread = 1.0 / max(1.0 - stiffness / count * (1.0 / own).sum(), 1e-9)
+        ones = 0.0
+        for k in range(count):
+            ones += 1.0 / own[k]
+        spread = 1.0 / max(1.0 - stiffness / count * ones, 1e-9)
         for p in range(parameters):
             for q in range(p + 1):
                 taken, left, right = 0.0, 0.0, 0.0

@@ -213,6 +213,6 @@ def solve_chunks(
             linear = finish(linear)
         if options.normalize:
             linear = normalized(linear)
-        split.encoded.encode(linear[inner], chunk.target, out)
+        split.encoded.encode(linear[inner], chunk.target, out, threads=options.threads)
         # Free the memory before the next chunk is planned.
         del linear, solve
