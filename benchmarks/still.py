@@ -37,7 +37,7 @@ MOMENTS = [
 CAMERA = Camera(512, 384, 1.1 * 512, readout_time=READOUT)
 DURATION = 1 / 40
 # Mean length of the paths, px, and rounds in which the rates are scaled to it.
-LENGTHS = 0.5, 1.0, 2.0, 3.0, 5.0, 8.0
+LENGTHS = 0.2, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0
 ROUNDS = 3
 
 

@@ -54,8 +54,8 @@ PATH_ERROR = ABSORBED * ASSUMED
 LEAST_OF_SCENE = 0.1
 # Largest error of the paths as a share of the PSF's radius, where that is more than `PATH_ERROR`. In a photo that is
 # nearly still, what a phone's processing leaves looks like an error larger than the motion itself, and its detail would
-# be taken for noise.
-MOST_PATH_ERROR_SHARE = 0.25
+# be taken for noise. Nor is it more than this share of the paths' spread about their mean, which drawn PSFs widen.
+MOST_PATH_ERROR_SHARE, MOST_OF_SPREAD = 0.25, 0.5
 # Error of the paths as a share of the PSF's radius, where the least blurred frame of a burst is chosen, before other
 # frames show how large the errors are: real motion errs by that much.
 FRAME_ERROR_SHARE = 0.03
@@ -168,7 +168,8 @@ class Tuning:
         if continued:
             share = max(share, bank.size[0] / light.shape[0])
         radius = _radius(bank)
-        path_error = min(ABSORBED**2 * floors.path_error, max(MOST_PATH_ERROR_SHARE * radius, PATH_ERROR) ** 2)
+        most = max(MOST_PATH_ERROR_SHARE * radius, min(PATH_ERROR, MOST_OF_SPREAD * _spread(bank)))
+        path_error = min(ABSORBED**2 * floors.path_error, most**2)
         return cls(octave_noise, energy, radius, 0.0 if repeats else share**2 / 4, spectra, path_error)
 
     @classmethod
@@ -441,6 +442,14 @@ class Spectra:
         signal = np.divide(lens, once, out=np.zeros_like(once), where=once > 0)
         halved = np.square(np.cos(down) * np.cos(across)) * twice
         return cls(signal, once, power, undone, match, halved)
+
+
+def _spread(bank: PsfBank) -> float:
+    """Return the root mean square distance of the paths from their means, px; infinite without paths."""
+    if bank.displacements is None:
+        return np.inf
+    about = bank.displacements - bank.displacements.mean(axis=2, keepdims=True)
+    return float(np.sqrt(np.square(about).sum(axis=-1).mean()))
 
 
 def _radius(bank: PsfBank) -> float:
