@@ -389,7 +389,7 @@ def half_quadratic(
     peak : float, default 1.0
         Value of the picture's bright parts.
     penalties : sequence of float
-        beta / weight at each step, for a `peak` of 1.
+        Values of beta / weight, one for each step, for a `peak` of 1.
     ahead : float
         Steps after the first one shrink the derivatives of a picture that is this share of the last change ahead.
     threads : int, optional
