@@ -94,6 +94,20 @@ def test_global_is_the_equation(blurred: np.ndarray, beta: float) -> None:
 
 
 @pytest.mark.parametrize("grid", [(1, 1), (4, 3)])
+def test_where_the_result_goes_changes_nothing(blurred: np.ndarray, grid: tuple[int, int]) -> None:
+    own = solver(kernels=np.broadcast_to(kernel(), (*grid, *kernel().shape)).copy(), border="blend")
+    own.prepare(blurred)
+    pull = np.random.default_rng(4).normal(0, 0.1, (H, W, 3)).astype(np.float32)
+    kept, other = pull.copy(), np.full_like(pull, np.nan)
+    expected = own.solve(0.1, pull)
+    np.testing.assert_array_equal(pull, kept)
+    assert own.solve(0.1, pull, out=other) is other
+    assert own.solve(0.1, pull, out=pull) is pull
+    np.testing.assert_array_equal(other, expected)
+    np.testing.assert_array_equal(pull, expected)
+
+
+@pytest.mark.parametrize("grid", [(1, 1), (4, 3)])
 @pytest.mark.parametrize("border", ["blend", "periodic"])
 def test_without_blur_the_picture_and_its_gradient_agree(sharp: np.ndarray, grid: tuple[int, int], border: str) -> None:
     kernels = np.zeros((*grid, 5, 7), dtype=np.float32)

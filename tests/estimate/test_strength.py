@@ -7,7 +7,7 @@ import pytest
 from scipy import fft
 
 from benchmarks.phone import phone_photo
-from rsdeblur import Deconvolver, InputError, PsfBank, scene, to_linear
+from rsdeblur import BlurPaths, Deconvolver, InputError, PsfBank, scene, to_linear
 from rsdeblur.deconv.priors import restore
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.estimate import floors
@@ -128,6 +128,21 @@ def test_processing_is_no_large_error_of_a_small_motion(size: int) -> None:
     assert tuned.path_error == min(error, bound)
     # Measured: 0.42 px where 3 px of motion allow 0.20, and 0.21 where 21 px allow 1.5.
     assert (error > bound) == (size == 3)
+
+
+@pytest.mark.parametrize("length", [0.0, 0.2, 4.0])
+def test_a_path_errs_by_no_more_than_half_of_its_spread(length: float) -> None:
+    """Where nothing moves, there is nothing to undo: the photo's texture is no error of the motion."""
+    light = to_linear(phone_photo(scene(256, 384), 0).astype(np.float32) / np.float32(255), "srgb")
+    path = np.zeros((1, 1, 65, 2))
+    path[..., 0] = length * np.linspace(-0.5, 0.5, 65)
+    bank = PsfBank.from_paths(BlurPaths(path, np.array([127.5]), np.array([191.5])))
+    tuned = Tuning.of(light, bank)
+    spread = np.sqrt((path**2).sum(axis=3).mean())
+    # Drawing widens PSFs, so that a quarter of their radius may be the larger bound.
+    assert tuned.path_error <= max(0.25 * tuned.radius, min(0.15, 0.5 * spread)) ** 2 * (1 + 1e-9)
+    if not length:
+        assert tuned.path_error == 0.0
 
 
 def test_strengths_follow_the_noise_and_the_blur(sharp: np.ndarray) -> None:

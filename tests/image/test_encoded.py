@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rsdeblur import Camera, InputError
-from rsdeblur.image.encoded import reduced
+from rsdeblur.image.encoded import EncodedImage, reduced
 
 CAMERA = Camera(120, 90, 200.0, readout_time=0.02)
 
@@ -32,6 +32,14 @@ def test_constants_stay(channels, dtype):
     assert small.shape == (23, 31, *channels)
     assert small.dtype == np.float32
     np.testing.assert_allclose(small, value / peak, rtol=1e-6)
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+def test_grey_is_the_mean_light_without_alpha(channels):
+    values = np.random.default_rng(0).integers(0, 256, (9, 7, channels), dtype=np.uint8)
+    encoded = EncodedImage.of(values, "srgb")
+    # Rounding of sums of three values up to 1.
+    np.testing.assert_allclose(encoded.grey(slice(2, 8)), encoded.linear(slice(2, 8)).mean(axis=2), atol=1e-6)
 
 
 def test_small_pictures_keep_their_size():
