@@ -50,7 +50,7 @@ TRANSFERS: tuple[Literal["linear", "srgb"], ...] = ("linear", "srgb")
 ReadoutDirection = Literal["top-down", "bottom-up", "left-right", "right-left"]
 READOUT_DIRECTIONS: tuple[ReadoutDirection, ...] = get_args(ReadoutDirection)
 
-# What the timestamp of a capture marks: of the first row read, the middle row, the last row.
+# Moment that a capture's timestamp marks: start of the first row, middle of the middle row, end of the last row.
 TimestampMarks = Literal["start", "middle", "end"]
 TIMESTAMP_MARKS: tuple[TimestampMarks, ...] = get_args(TimestampMarks)
 

@@ -196,7 +196,15 @@ class PsfBank:
         ----------
         size : (int, int)
             Height and width of the kernels in px, odd, at least their own.
+
+        Raises
+        ------
+        InputError
+            If `size` is even or smaller.
         """
+        for name, n, own in zip(("height", "width"), validate.shape(size)[:2], self.size, strict=True):
+            if n < own or n % 2 == 0:
+                raise InputError(f"the {name} in size must be odd and at least {own}, got {n}")
         down, across = ((n - own) // 2 for n, own in zip(size, self.size, strict=True))
         return replace(self, kernels=np.pad(self.kernels, ((0, 0), (0, 0), (down, down), (across, across))))
 
@@ -221,6 +229,8 @@ class PsfBank:
         """
         for name, part in (("rows", rows), ("cols", cols)):
             validate.instance(name, part, slice)
+            for end in ("start", "stop"):
+                validate.finite(f"the {end} of {name}", getattr(part, end))
         bands, strips = (affecting(centres, part) for centres, part in ((self.rows, rows), (self.cols, cols)))
         paths = self.displacements
         paths = None if paths is None else paths[bands, strips]

@@ -20,6 +20,8 @@ IMAGE = np.random.default_rng(0).random(SHAPE, dtype=np.float32)
 BANK = PsfBank.for_picture(np.full((1, 5), 0.2), SHAPE)
 CAPTURE = Capture.from_log(LOG, CAMERA, EXPOSURE)
 PATHS = BlurPaths.every_row(CAPTURE, [20.0])
+FORCE = rs.AccelerationLog([0.0, 0.1, 0.2], [[0.0, 0.0, 9.8]] * 3)
+INERTIAL = rs.InertialTrack.from_logs(LOG, FORCE, CAMERA, 0.0, 0.15)
 TRANSLATION = rs.Translation([0, 1], [[0, 0, 0], [0, 0, 1]], 1.0)
 WIENER, TILES, ROWS = rs.Deconvolver(BANK, SHAPE), rs.TileQuadratic(BANK, SHAPE), rs.RowDeconvolver(PATHS, SHAPE)
 BLUR, PLAN, PRIOR = rs.RowBlur(PATHS, 48), rs.plan(LOG, CAMERA, EXPOSURE), rs.DerivativePrior("tv", 0.01)
@@ -145,13 +147,31 @@ CALLS: dict[str, Call] = {
     "refine: log": lambda x: rs.refine(IMAGE, x, CAMERA, EXPOSURE),
     "refine: camera": lambda x: rs.refine(IMAGE, LOG, x, EXPOSURE),
     "refine: exposure": lambda x: rs.refine(IMAGE, LOG, CAMERA, x),
-    **options(rs.refine, (IMAGE, LOG, CAMERA, EXPOSURE), "translation uncertainty transfer"),
+    **options(rs.refine, (IMAGE, LOG, CAMERA, EXPOSURE), "translation uncertainty transfer progress"),
     "refine_frames: image": lambda x: rs.refine_frames([x, x], LOG, CAMERA, [EXPOSURE] * 2),
     "refine_frames: log": lambda x: rs.refine_frames([IMAGE] * 2, x, CAMERA, [EXPOSURE] * 2),
     "refine_frames: camera": lambda x: rs.refine_frames([IMAGE] * 2, LOG, x, [EXPOSURE] * 2),
-    "refine_frames: exposure": lambda x: rs.refine_frames([IMAGE] * 2, LOG, CAMERA, [x] * 2),
+    "refine_frames: exposures": lambda x: rs.refine_frames([IMAGE] * 2, LOG, CAMERA, [x] * 2),
     **options(rs.refine_frames, ([IMAGE] * 2, LOG, CAMERA, [EXPOSURE] * 2), "translation uncertainty transfer"),
     **options(rs.Uncertainty, (), "scale drift offset readout roll"),
+    "calibrate: exposures": lambda x: rs.calibrate([IMAGE] * 2, x, LOG, CAMERA),
+    "calibrate: log": lambda x: rs.calibrate([IMAGE] * 2, [EXPOSURE] * 2, x, CAMERA),
+    "calibrate: camera": lambda x: rs.calibrate([IMAGE] * 2, [EXPOSURE] * 2, LOG, x),
+    **options(rs.calibrate, ([IMAGE] * 2, [EXPOSURE] * 2, LOG, CAMERA), "search progress"),
+    "simulate_clip: log": lambda x: list(rs.simulate_clip(IMAGE, x, CAMERA, [EXPOSURE])),
+    "simulate_clip: camera": lambda x: list(rs.simulate_clip(IMAGE, LOG, x, [EXPOSURE])),
+    "simulate_clip: exposures": lambda x: list(rs.simulate_clip(IMAGE, LOG, CAMERA, x)),
+    "simulate_clip: layers": lambda x: list(rs.simulate_clip(IMAGE, LOG, CAMERA, [EXPOSURE], layers=[x])),
+    "InertialTrack.from_logs: log": lambda x: rs.InertialTrack.from_logs(x, FORCE, CAMERA, 0.0, 0.1),
+    "InertialTrack.from_logs: acceleration": lambda x: rs.InertialTrack.from_logs(LOG, x, CAMERA, 0.0, 0.1),
+    "InertialTrack.from_logs: camera": lambda x: rs.InertialTrack.from_logs(LOG, FORCE, x, 0.0, 0.1),
+    "fit_drifts: track": lambda x: rs.fit_drifts(x, CAMERA, [EXPOSURE], [[1.0, 0.0]]),
+    "fit_drifts: camera": lambda x: rs.fit_drifts(INERTIAL, x, [EXPOSURE], [[1.0, 0.0]]),
+    "fit_drifts: exposures": lambda x: rs.fit_drifts(INERTIAL, CAMERA, x, [[1.0, 0.0]]),
+    "Translation.drift: known": lambda x: rs.Translation.drift((1, 0), CAMERA, EXPOSURE, known=x),
+    "PsfBank.padded: shape": BANK.padded,
+    "PsfBank.cut: rows": lambda x: BANK.cut(x, slice(0, 1)),
+    "BlurPaths: softness": lambda x: BlurPaths(PATHS.displacements, PATHS.rows, PATHS.cols, x),
     "triage: log": lambda x: rs.triage(x, CAMERA, [EXPOSURE]),
     "triage: camera": lambda x: rs.triage(LOG, x, [EXPOSURE]),
     **options(rs.triage, (LOG, CAMERA, [EXPOSURE]), "keep drop progress"),
@@ -182,7 +202,7 @@ FITS = {
 # Arguments that may be None.
 OPTIONAL = {
     "translation", "threads", "max_memory", "out", "progress", "options", "principal_point", "size", "bits", "like",
-    "uncertainty", "mode", "prior",
+    "uncertainty", "mode", "prior", "known",
 }  # fmt: skip
 
 

@@ -156,6 +156,9 @@ def solve_crop(
     """
     outer = crop.padded(int(np.clip(max(basis.psf) // 2, LEAST_MARGIN, MOST_MARGIN)), camera)
     part, lens = outer.cut(pixels), outer.camera(camera)
+    if options.translation is not None:
+        moved = options.translation.cropped(camera, outer.left, outer.top, outer.width, outer.height)
+        options = replace(options, translation=moved)
     if scale < 1.0:
         part, lens = reduced(part, lens, max(16, round(scale * max(outer.width, outer.height))))
         scale = max(lens.width, lens.height) / max(outer.width, outer.height)

@@ -111,7 +111,7 @@ class Desk:
         self._start = {"photos": list(photos), "form": dict(given)}
         self._folder = TemporaryDirectory(prefix="rsdeblur-app-")
         # One computation at a time; it also guards the filters of warnings, which are the process's.
-        self._busy = threading.Lock()
+        self._busy, self._saving = threading.Lock(), threading.Lock()
         self._basis = lru_cache(maxsize=8)(_basis)
         self._job = Job()
         self._thread: threading.Thread | None = None
@@ -222,15 +222,25 @@ class Desk:
 
     def _save(self, form: Mapping[str, Any]) -> dict[str, Any]:
         """Start to deblur and write the whole picture, as `rsdeblur deblur` does."""
+        # A second click may come before the first one has started its thread.
+        with self._saving:
+            if self._thread is not None and self._thread.is_alive():
+                raise InputError("a picture is being saved")
+            job = self._job_of(form)
+            self._job = Job()
+            self._thread = threading.Thread(target=self._run, args=(job, self._job))
+            self._thread.start()
+        return self._progress(form)
+
+    def _job_of(self, form: Mapping[str, Any]) -> PhotoJob:
+        """Return what saving deblurs and where it writes."""
         from rsdeblur.io.pictures import check_writable
 
-        if self._thread is not None and self._thread.is_alive():
-            raise InputError("a picture is being saved")
         with self._busy:
             request = _request(self._tuned(form)[0])
         output = Path(_path(form, "output"))
         check_writable(output, force=False)
-        job = PhotoJob(
+        return PhotoJob(
             photo=request.photo,
             recording=request.recording,
             options=request.options,
@@ -238,10 +248,6 @@ class Desk:
             output=output,
             track=request.track,
         )
-        self._job = Job()
-        self._thread = threading.Thread(target=self._run, args=(job, self._job))
-        self._thread.start()
-        return self._progress(form)
 
     def _run(self, photo: PhotoJob, job: Job) -> None:
         try:

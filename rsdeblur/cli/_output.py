@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 # Key of the context's `meta` under which the level of detail is: -1 quiet, 1 verbose.
 LEVEL = "rsdeblur.level"
+# Exit code of a command of several jobs if some of them failed.
+SOME_FAILED = 3
 
 
 def level() -> int:

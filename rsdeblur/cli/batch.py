@@ -21,6 +21,7 @@ from rsdeblur.cli._items import COLUMNS, FILES, Item, numbered_from_option, read
 from rsdeblur.cli._jobs import Workers, shared_threads, workers_options
 from rsdeblur.cli._options import Defaults, PhotoChanges, Signing, Target
 from rsdeblur.cli._output import (
+    SOME_FAILED,
     check_page,
     level,
     plain_cell,
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
     from rsdeblur.pipeline.options import Options
 
 TABLE, REPORT, RECORDS = "batch.csv", "batch.json", ".rsdeblur-batch"
-SOME_FAILED = 3
 # Rows of a table that fits a screen.
 MOST_ROWS = 40
 

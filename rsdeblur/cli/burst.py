@@ -25,7 +25,16 @@ from rsdeblur.cli._inputs import (
 )
 from rsdeblur.cli._items import numbered_from_option, read_items
 from rsdeblur.cli._options import Defaults, Recording, Target
-from rsdeblur.cli._output import check_page, prepare_folder, print_json, progress, refuse_inputs, say, say_aside
+from rsdeblur.cli._output import (
+    SOME_FAILED,
+    check_page,
+    prepare_folder,
+    print_json,
+    progress,
+    refuse_inputs,
+    say,
+    say_aside,
+)
 from rsdeblur.cli._photo import facts_of
 from rsdeblur.cli._refinement import correction_text, refinement_facts
 from rsdeblur.cli._report import Compared, capture_warnings, report_page
@@ -50,8 +59,6 @@ Examples:
 
 # `--mode` has a value more than that of other commands.
 SOLVE = tuple(name for name in (*_options.ONE_PHOTO, "refine", *_options.ONE_RESULT) if name != "mode")
-# Exit code if bursts of some folders failed.
-SOME_FAILED = 3
 # Longest span of frames that is taken for no mistake; the burst itself has a lower limit.
 MOST_FRAMES = 1000
 

@@ -150,7 +150,12 @@ def compare_modes(
     if planned.refinement is not None:
         report["refinement"] = refinement_facts(planned.refinement)
         if planned.refinement.accepted:
-            recorded = psfs(inputs.log, inputs.camera, inputs.exposure, translation=options.translation)
+            recorded = psfs(
+                *(inputs.log, inputs.camera, inputs.exposure),
+                translation=options.translation,
+                motion=options.motion,
+                softness=options.softness,
+            )
     for mode, chosen, name in zip(modes, each_mode, output_names(photo, modes), strict=False):
         chosen = replace(chosen, translation=planned.options.translation, refine=False)
         forget_peak_memory()

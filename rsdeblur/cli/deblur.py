@@ -14,7 +14,7 @@ from rsdeblur.cli._inputs import recordings_of
 from rsdeblur.cli._items import result_name
 from rsdeblur.cli._kernel import check_sources, deconvolve_photo
 from rsdeblur.cli._options import PhotoChanges, PhotoTarget, Recording, Signing, Track
-from rsdeblur.cli._output import level, print_json, progress, refuse_inputs, say, say_aside
+from rsdeblur.cli._output import SOME_FAILED, level, print_json, progress, refuse_inputs, say, say_aside
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 from rsdeblur.errors import OutputError, RsdeblurError
 
@@ -33,7 +33,6 @@ Examples:
 
 # Appended to the name of a result beside its photo.
 SHARP = "-sharp"
-SOME_FAILED = 3
 
 
 @click.command("deblur", cls=Command, epilog=EXAMPLES)

@@ -284,10 +284,12 @@ def _cells(
     if sweep.vary == "readout" and not inputs.camera.readout_time > 0:
         raise InputError(f"{recording.camera}: the readout time is 0; give one with --readout-time to vary it")
     whole = correction.Recording(inputs.log, inputs.camera, inputs.exposure)
+    options = with_translation(options, track, inputs.camera, inputs.exposure)
     if region is not None:
+        if options.translation is not None:
+            options = replace(options, translation=options.translation.cropped(inputs.camera, *region))
         inputs = _cut(inputs, region)
     picture, log, camera, exposure = inputs
-    options = with_translation(options, track, camera, exposure)
     transfer = transfer_of(picture, options.transfer)
     options = replace(options, transfer=transfer, check=False)
     given = correction.Recording(log, camera, exposure, options.translation)

@@ -65,6 +65,9 @@ def command(
     usual = EXIF_ERROR if from_exif else SEARCH
     pairs = zip(photos, recordings_of(photos, recording), strict=True)
     inputs = [read_inputs(photo, each, search=False) for photo, each in pairs]
+    transfers = sorted({str(transfer_of(each.picture, transfer)) for each in inputs})
+    if len(transfers) > 1:
+        raise click.UsageError(f"the photos encode light differently ({', '.join(transfers)}); give --transfer")
     with progress("sync") as move, naming(photos[0] if len(photos) == 1 else None, recording):
         found = find_shared_time_offset(
             [each.picture.pixels for each in inputs],

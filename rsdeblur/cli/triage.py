@@ -90,13 +90,12 @@ def command(
     import numpy as np
 
     from rsdeblur._util.atomic import atomic_write
-    from rsdeblur.estimate.triage import Triage, blur_of
+    from rsdeblur.estimate.triage import Triage, blur_of, check_thresholds
     from rsdeblur.report.timeline import timeline_svg
 
-    if drop < keep:
+    if not drop >= keep:
         raise click.UsageError("--drop must be at least --keep", ctx=click.get_current_context())
-    if output is not None:
-        prepare_folder(output, [TABLE, REPORT, PLOT], force=force)
+    check_thresholds(keep, drop)
     is_clip = source.is_file() and source.suffix.lower() not in MANIFESTS
     shots = _frames(source, recording) if is_clip else _photos(source, recording, numbered_from, output)
     with progress("triage") as move:

@@ -11,8 +11,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-# Alternatives, which extend the picture before a periodic solve (`rsdeblur.deconv.boundary`).
-
 
 def fade(n: int) -> NDArray[np.float32]:
     """Return a smooth ramp of `n` values strictly between 0 and 1.

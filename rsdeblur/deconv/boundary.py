@@ -122,7 +122,7 @@ def _between(start: FloatImage, end: FloatImage, count: int) -> NDArray[np.float
 
 def _harmonic(ring: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the harmonic function inside the border of `ring` (h + 2, w + 2, C); only that border is read."""
-    inner = ring.shape[0] - 2, ring.shape[1] - 2
+    inner = tuple(max(n - 2, 0) for n in ring.shape[:2])
     known = np.zeros((*inner, ring.shape[2]))
     if not known.size:
         return known

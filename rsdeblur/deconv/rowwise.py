@@ -6,8 +6,8 @@ For each frequency along x the blur is a banded matrix A along y (:mod:`rsdeblur
 
 is a banded Hermitian positive definite system: the gradient term is diagonal along x and tridiagonal along y; second
 derivatives in its place are pentadiagonal along y, and the picture itself is diagonal. Where the data do not determine
-u, it falls back on m, the expectation: the picture's mean and, without a term, near top and bottom the average of the
-outermost rows, smoothed.
+u, it falls back on m, the expectation: the picture's mean. Without a prior, near top and bottom it is the smoothed
+average of the outermost rows.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ class RowSolver:
 
     @property
     def memory(self) -> int:
-        """Bytes held between and during calls, not counting pictures."""
+        """Bytes held between and during calls, without pictures and the normal matrices of several frames."""
         tables = [table for tables in self._tables for table in tables]
         models = [array for strip in self._strips for array in strip.model]
         return sum(array.nbytes for array in (self._data, self._latent, *self._workspaces, *tables, *models))

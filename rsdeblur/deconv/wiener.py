@@ -185,9 +185,6 @@ class TileFilter:
             for slab, responses in zip(slabs, filters[strip, bands, columns], strict=True):
                 spectral.multiply(slab, responses)
 
-        # Several strips are added up in `target`: check all values before it is overwritten.
-        if len(self._strips.tiles) > 1 and not all(np.isfinite(row).all() for row in source):
-            raise InputError("image must be finite")
         self._pass(source, target, multiply, progress=progress)
 
     def _pass(
@@ -357,7 +354,7 @@ class Deconvolver(TileFilter):
         ------
         InputError
             If `image` or `out` has another shape or type, or `image` is not finite. Integers are no linear light:
-        :func:`rsdeblur.image.transfer.to_linear` converts them.
+            :func:`rsdeblur.image.transfer.to_linear` converts them.
         """
         return self._apply(self._filters, image, out, progress)
 

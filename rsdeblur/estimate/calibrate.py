@@ -23,6 +23,7 @@ from rsdeblur.estimate.clip_fit import ClipFit, fit_clip
 from rsdeblur.estimate.clip_matches import LONGEST_STEP, ClipMatches, match_clip
 from rsdeblur.estimate.clip_motion import ClipModel, MeanOrientation, Parameters
 from rsdeblur.estimate.mounting import MountingSearch, Ranking, explained_share
+from rsdeblur.motion.arguments import exposure_list
 from rsdeblur.motion.camera import TIMESTAMP_SHARES, Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -97,7 +98,7 @@ class Calibration:
     explained : float
         Share of the energy of the points' motion that the log explains.
     pairs, matches : int
-        Numbers of pairs of frames and of their matches.
+        Number of pairs of frames that were used, and of matches in all pairs.
     mounting : str
         Orientation string of the mounting, like ``"YxZ"``.
     values : dict of str to Estimate
@@ -184,7 +185,11 @@ def calibrate(
     >>> found = rsdeblur.calibrate(frames, exposures, log, rsdeblur.Camera(640, 480, 500.0))  # doctest: +SKIP
     >>> found.camera.save("camera.toml")  # doctest: +SKIP
     """
-    first, last = (validate.finite("search", end) for end in search)
+    validate.instance("log", log, GyroLog)
+    validate.instance("camera", camera, Camera)
+    exposures = exposure_list(exposures)
+    first, last = validate.real_array("search", search, (2,)).tolist()
+    validate.callback("progress", progress)
     if last <= first:
         raise InputError(f"search must run from a smaller to a larger offset, got {first:g} to {last:g}")
     matches = match_clip(frames, exposures, camera, progress)

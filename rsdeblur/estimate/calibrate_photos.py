@@ -320,7 +320,7 @@ class _Search:
         }
 
     def _values(self, fits: list[PhotoFit], weights: FloatArray) -> dict[str, Estimate]:
-        """Return the numbers of the first fit; their deviations tell how far the other fits lead elsewhere, too."""
+        """Return the numbers of the first fit; their deviations include the spread of the other fits."""
         places = [PARAMETERS.index(name) for name in NUMBERS]
         found = np.array([_numbers(each.camera) for each in fits])
         spread = np.square(found - found[0])

@@ -61,16 +61,16 @@ class Uncertainty:
     Parameters
     ----------
     scale : float, default 0.15
-        Of the focal length, as a share; near scenes blur more than rotation alone predicts.
+        Relative error of the focal length. Near scenes blur more than rotation alone predicts.
     drift : float, default 0.0025
-        Of the shift of the scene during the exposure that the log lacks, along each axis, as a share of the picture's
-        longer side.
+        Shift of the scene during the exposure that the log lacks, along each axis, as a share of the picture's longer
+        side.
     offset : float, default 0.005
-        Of the time offset, s.
+        Error of the time offset, s.
     readout : float, default 0.15
-        Of the readout time, as a share.
+        Relative error of the readout time.
     roll : float, default 0.02
-        Of the bias of the gyroscope about the optical axis, rad/s.
+        Bias of the gyroscope about the optical axis, rad/s.
 
     Raises
     ------

@@ -1,10 +1,10 @@
 """Noise of a picture and error of its PSFs, from the spectra of its tiles.
 
-Where a PSF leaves hardly any of the scene, the picture contains noise alone. That tells noise from detail, which the
-finest scale does not. If the scene shows there nevertheless, in proportion to its power around, the PSF is wrong:
-an error of the path of e px changes H by up to `2 pi f e` at the frequency f. Compression, and a phone's denoising
-and sharpening, leave noise in proportion to the scene too, and so count as such errors; the rest of their noise is
-stronger on coarse scales, so each octave has a noise of its own.
+Where a PSF leaves hardly any of the scene, the picture contains noise alone. So noise and detail can be separated
+there; at the finest scale they cannot. If the scene shows there nevertheless, in proportion to its power around, the
+PSF is wrong: an error of the path of e px changes H by up to `2 pi f e` at the frequency f. Compression, and a phone's
+denoising and sharpening, leave noise in proportion to the scene too, and so count as such errors; the rest of their
+noise is stronger on coarse scales, so each octave has a noise of its own.
 """
 
 from __future__ import annotations

@@ -132,9 +132,9 @@ class _RepeatingTiles:
         """Return the solver under PSFs of all tiles, shape (B, S, kh, kw)."""
         bands, strips, height, width = kernels.shape
         grid = wrapped(kernels, self._shape).reshape(bands * strips, *self._shape)
-        transfer = self._softening * fft.rfft2(np.roll(grid, (-(height // 2), -(width // 2)), axis=(1, 2)))
-        power = np.square(transfer.real) + np.square(transfer.imag) + self._nsr
-        data = (1 + self._nsr) * transfer.conj() * self._observed
+        otf = self._softening * fft.rfft2(np.roll(grid, (-(height // 2), -(width // 2)), axis=(1, 2)))
+        power = np.square(otf.real) + np.square(otf.imag) + self._nsr
+        data = (1 + self._nsr) * otf.conj() * self._observed
         return _RepeatingSolver(data, power, self._differences, self._shape)
 
     def observed_parts(self) -> FloatImage:

@@ -41,10 +41,10 @@ SPECTRA_SIDES = 320, 480
 # smoothing that smaller sizes need would take long.
 PART, SIDE = 256, 1600
 
-# Parameters that are searched together, from no correction and from the best one so far, and how many values of each
-# are tried as well, up to how many standard deviations. The likeliest part of these places is compared by the sharp
-# picture if it is at least so likely, in nats, and from the best, descents begin, too. A correction by few numbers is
-# more credible than one by many.
+# Groups of parameters that are searched together, and the number of grid values of each. Every search starts from no
+# correction and from the best one so far. Grid values reach `WIDEST` standard deviations. The likelier share
+# `COMPARED` of the grid, of at least `LEAST_START` nats, is compared by the sharp picture. The best `STARTS` of them
+# start searches too. A correction by few numbers is more credible than one by many.
 MODELS = (
     (("scale",), 0),
     (("readout",), 4),
@@ -56,9 +56,10 @@ MODELS = (
 WIDEST, COMPARED, LEAST_START, STARTS = 3.0, 0.5, -20.0, 2
 # Models whose best corrections are adjusted, if they are worth so many nats, and confirmed.
 CANDIDATES, LEAST_ADJUSTED = 3, 10.0
-# Parameters that are adjusted by the sharp picture if they are corrected, the times each is, the first step, and the
-# longest as multiples of the current one. Steps are in standard deviations.
-ADJUSTED, ADJUSTMENTS, FIRST_STEP, LONGEST_STEP = ("scale", "drift_x", "drift_y"), 2, 0.6, 2.0
+# Parameters that the quick measure of the sharp picture adjusts if they are corrected. At last the whole solve adjusts
+# all that are corrected: it takes longer, and finds the right motion more exactly. Steps of the two along a parameter,
+# in standard deviations, and how many of them a parabola leads away at most.
+ADJUSTED, QUICK_STEPS, WHOLE_STEPS, MOST_STEPS = ("scale", "drift_x", "drift_y"), (0.6,), (0.3,), 2.0
 # Nats that a parameter costs, and the least gain that counts.
 NATS_PER_PARAMETER, WORST_GAIN = 3.0, -1000.0
 # Least worth (nats) and least fall of a correction that is accepted, and the most standard deviations of any parameter.
@@ -164,6 +165,7 @@ def refine(
     >>> rsdeblur.deblur(image, found.log, found.camera, found.exposure)  # doctest: +SKIP
     """
     check_recording(log, camera, exposure, translation)
+    validate.callback("progress", progress)
     uncertainty = Uncertainty() if uncertainty is None else validate.instance("uncertainty", uncertainty, Uncertainty)
     light = grey_light(image, transfer, camera)
     recording = Recording(log, camera, exposure, translation)
@@ -231,21 +233,25 @@ def spectra_side(recording: Recording) -> int:
 
 
 def adjusted(
-    place: FloatArray, worths: Callable[[Sequence[FloatArray]], list[float]], axes: Sequence[int], progress: Progress
+    place: FloatArray,
+    worths: Callable[[Sequence[FloatArray]], list[float]],
+    axes: Sequence[int],
+    progress: Progress,
+    *,
+    steps: Sequence[float],
 ) -> FloatArray:
-    """Return the place of most worth that parabolas along one axis after another lead to."""
-    (most,), step = worths([place]), FIRST_STEP
-    for n in range(ADJUSTMENTS):
-        progress("adjust", n / ADJUSTMENTS)
+    """Return the best place that a search by parabolas finds, along one axis after another, for each size of step."""
+    (most,) = worths([place])
+    for n, step in enumerate(steps):
+        progress("adjust", n / len(steps))
         for axis in axes:
             aside = step * np.eye(len(place))[axis]
             below, above = worths([place - aside, place + aside])
             bend = 2 * most - below - above
-            steps = 0.5 * (above - below) / bend if bend > 0 else np.sign(above - below) * LONGEST_STEP
-            vertex = place + np.clip(steps, -LONGEST_STEP, LONGEST_STEP) * aside
+            away = 0.5 * (above - below) / bend if bend > 0 else np.sign(above - below) * MOST_STEPS
+            vertex = place + np.clip(away, -MOST_STEPS, MOST_STEPS) * aside
             tried = (most, place), (below, place - aside), (above, place + aside), (worths([vertex])[0], vertex)
             most, place = max(tried, key=lambda pair: pair[0])
-        step /= 2
     return place
 
 
@@ -293,12 +299,18 @@ class _Judge:
         refused = []
         for n in np.argsort(worths)[::-1]:
             axes = [at for at in map(PARAMETERS.index, ADJUSTED) if near[n][at]]
-            place = adjusted(near[n], self._worths, axes, progress)
+            place = adjusted(near[n], self._worths, axes, progress, steps=QUICK_STEPS)
             reason = self._doubt(place)
             if not reason:
-                return place, reason
+                return self._polished(place, progress), reason
             refused.append((place, reason))
         return refused[0]
+
+    def _polished(self, place: FloatArray, progress: Progress) -> FloatArray:
+        """Return a credible correction, adjusted by the whole solve; unchanged if it would no longer be credible."""
+        axes = np.flatnonzero(place).tolist()
+        polished = adjusted(place, self._whole_worths, axes, progress, steps=WHOLE_STEPS)
+        return place if self._doubt(polished) else polished
 
     def _doubt(self, place: FloatArray) -> str:
         """Return why an adjusted correction is not credible; nothing if it is."""
@@ -346,10 +358,17 @@ class _Judge:
         return share_map(self._worth, places, self._threads)
 
     def _worth(self, place: FloatArray) -> float:
+        return self._sum(place, self.fall(place) if self.gain(place) >= 0 else 0.0)
+
+    def _sum(self, place: FloatArray, fall: float) -> float:
+        """Return the worth of a correction by its spectra and a fall of its sharp picture."""
         gain = max(self.gain(place), WORST_GAIN)
         # The sharp picture counts only where the spectra agree. Far from the truth it may be clear because little blur
         # was removed.
-        return gain if gain < 0 else gain + NATS_PER_FALL * self.fall(place)
+        return gain if gain < 0 else gain + NATS_PER_FALL * fall
+
+    def _whole_worths(self, places: Sequence[FloatArray]) -> list[float]:
+        return [self._sum(place, fall) for place, fall in zip(places, self._whole_falls(places), strict=True)]
 
     def _whole_falls(self, places: Sequence[FloatArray]) -> list[float]:
         """Return how much the logarithm of l1 / l2 falls in the whole solve."""

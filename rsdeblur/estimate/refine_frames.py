@@ -34,7 +34,7 @@ from rsdeblur.estimate.refine import (
 from rsdeblur.estimate.rival_axes import OTHER_AXES, rival_lead
 from rsdeblur.estimate.shared_posterior import SHARED, SharedPosterior
 from rsdeblur.estimate.spectra import TileSpectra
-from rsdeblur.motion.arguments import check_recording
+from rsdeblur.motion.arguments import check_recording, exposure_list
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -52,8 +52,9 @@ MODELS: tuple[dict[str, FloatArray], ...] = (
 )
 # Frames that are enough to correct a recording.
 REFINED_FRAMES = 6
-# Places of a grid, likeliest first, that are compared by the sharp pictures; and parameters that these adjust at last.
-COMPARED, ADJUSTED = 6, ("scale", "offset", "readout")
+# Places of a grid, likeliest first, that are compared by the sharp pictures; and parameters that these adjust at last,
+# by which steps, in standard deviations.
+COMPARED, ADJUSTED, STEPS = 6, ("scale", "offset", "readout"), (0.6, 0.3)
 # Nats that a parameter costs.
 NATS_PER_PARAMETER = 10.0
 # Frames must agree: the mean of their falls is at least so many times its standard error.
@@ -142,10 +143,11 @@ def refine_frames(
     >>> found = rsdeblur.refine_frames(frames, log, camera, exposures)  # doctest: +SKIP
     >>> rsdeblur.deblur(frames[0], found.log, found.camera, exposures[0])  # doctest: +SKIP
     """
-    exposures = list(exposures)
+    exposures = exposure_list(exposures)
     for exposure in exposures:
         check_recording(log, camera, exposure, translation)
-    # Several frames tell an offset from a motion of the hand, so it may be larger than for one.
+    validate.callback("progress", progress)
+    # Several frames distinguish an offset from a motion of the hand, so it may be larger than for one.
     default = Uncertainty(offset=8e-3)
     uncertainty = default if uncertainty is None else validate.instance("uncertainty", uncertainty, Uncertainty)
     report = progress or (lambda *_: None)
@@ -224,7 +226,7 @@ class _Frames:
                 if other > worth:
                     best, worth = place, other
         axes = _places(name for name in ADJUSTED if name in self._free)
-        return adjusted(best, lambda places: [self._worth(place) for place in places], axes, report)
+        return adjusted(best, lambda places: [self._worth(place) for place in places], axes, report, steps=STEPS)
 
     def verdict(self, place: FloatArray) -> str:
         """Return why a correction is not credible; nothing if it is."""

@@ -76,7 +76,8 @@ BASE_NSR, BASE_ISO = 0.01, 100.0
 def nsr_of_iso(iso: float) -> float:
     """Return the NSR for a sensitivity, 0.01 at ISO 100: the variance of shot noise is proportional to the gain.
 
-    Sindelar and Sroubek (2013) tried this, and found that it has little effect.
+    Sindelar and Sroubek (2013) tried this, and found that it has little effect. Our simulations of their method show
+    more: docs/benchmarks/paper.md.
     """
     return validate.strength("nsr", BASE_NSR * validate.finite("iso", iso, above=0.0) / BASE_ISO)
 

@@ -11,6 +11,7 @@ import numpy as np
 from rsdeblur._util import validate
 from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.motion.arguments import exposure_list
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -120,15 +121,21 @@ def triage(
     """
     validate.instance("log", log, GyroLog)
     validate.instance("camera", camera, Camera)
-    keep = validate.finite("keep", keep, minimum=0.0)
-    drop = validate.finite("drop", drop, minimum=keep)
+    keep, drop = check_thresholds(keep, drop)
     validate.callback("progress", progress)
+    exposures = exposure_list(exposures)
     blurs = []
     for i, exposure in enumerate(exposures):
-        blurs.append(blur_of(log, camera, validate.instance(f"exposures[{i}]", exposure, Exposure)))
+        blurs.append(blur_of(log, camera, exposure))
         if progress is not None:
             progress("measure all exposures", (i + 1) / len(exposures))
     return Triage(np.array([length for length, _ in blurs]), tuple(reason for _, reason in blurs), keep, drop)
+
+
+def check_thresholds(keep: float, drop: float) -> tuple[float, float]:
+    """Return the thresholds; raise `InputError` unless they are finite and 0 <= keep <= drop."""
+    keep = validate.finite("keep", keep, minimum=0.0)
+    return keep, validate.finite("drop", drop, minimum=keep)
 
 
 def blur_of(log: GyroLog, camera: Camera, exposure: Exposure) -> tuple[float, str | None]:

@@ -2,7 +2,7 @@
 
 Where things move otherwise than the motion says, because they are near or move themselves, the solve leaves waves
 beside their edges. In dark surroundings the waves fall below zero, and a file would store them as black stripes. How
-far they fall, compared with the light that was recorded there, tells how little the result is worth there. The right
+far they fall, compared with the light that was recorded there, shows how unreliable the result is there. The right
 motion leaves hardly any such light, so it changes hardly anything.
 """
 

@@ -130,7 +130,7 @@ def interpolated(
     Returns
     -------
     ndarray, shape (N, 2 half_height + 1, 2 half_width + 1)
-        Kernels that sum to 1, with some negative values; NaN where a displacement is not within these bounds.
+        Kernels that sum to 1, with some negative values; all NaN if a displacement of any path exceeds these bounds.
     """
     kernels = np.full((len(paths), 2 * half_height + 1, 2 * half_width + 1), np.nan, dtype=np.float32)
     if _fits(paths, (1.0, 1.0), kernels[0]):

@@ -3,9 +3,9 @@
 A tile's periodogram P is compared with `V = a_k E + b N`: E the power expected from the scene and the blur, N that of
 white noise, b one of a few levels, and a_k the gain of the scene in the direction k. A periodogram is distributed
 exponentially about its mean, so that its negative log-likelihood is `log V + P / V` (Whittle 1953). Large values, as
-along a strong edge, count by their logarithm instead: `log V + 2 log(1 + P / 2 V)`, up to a constant
-`log((V + P / 2)^2 / V)`. The gains minimise the sum of these over the tile and `stiffness / 2` times the squared
-differences of their logarithms from the mean of these.
+along a strong edge, count by their logarithm instead: `log V + 2 log(1 + P / 2 V)`, which is
+`log((V + P / 2)^2 / V)`; the kernels divide by N as well, which adds a constant. The gains minimise the sum of these
+over the tile and `stiffness / 2` times the squared differences of their logarithms from the mean of these.
 """
 
 from __future__ import annotations

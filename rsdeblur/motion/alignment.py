@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rsdeblur.choices import Motion
+from rsdeblur.motion.arguments import check_traceable
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -29,7 +30,7 @@ from rsdeblur.motion.paths import (
     Capture,
 )
 from rsdeblur.motion.small_angle import small_angle_displacements
-from rsdeblur.motion.track import OrientationTrack
+from rsdeblur.motion.track import MOST_RECORDED, OrientationTrack, check_samples
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
 
@@ -83,7 +84,8 @@ def burst_captures(
     moved = [replace(e, start=e.start + 1e-9 * (e.epoch_ns - epoch), epoch_ns=epoch) for e in exposures]
     spans = np.array([exposure.span(camera) for exposure in moved])
     opens, closes = float(spans.min()), float(spans.max())
-    track = OrientationTrack.from_log(log, camera, opens, closes, epoch)
+    check_traceable(camera, translation)
+    track = OrientationTrack.from_log(log, camera, opens, closes, epoch, most=MOST_RECORDED)
     if translation is not None:
         translation = translation.covering(opens, closes, epoch)
     return [
@@ -96,6 +98,7 @@ def _during(track: OrientationTrack, opens: float, closes: float) -> Orientation
     """Return the part of a track from the last sample before a span to the first one after it."""
     first = max(int(np.searchsorted(track.t, opens, side="right")) - 1, 0)
     stop = min(int(np.searchsorted(track.t, closes)) + 1, len(track.t))
+    check_samples(stop - first, opens, closes)
     return OrientationTrack(track.t[first:stop], track.omega[first:stop], track.rotations[first:stop])
 
 

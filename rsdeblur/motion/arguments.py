@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from rsdeblur._util import validate
 from rsdeblur.errors import InputError
@@ -22,6 +25,25 @@ def check_recording(log: object, camera: object, exposure: object, translation: 
     validate.instance("exposure", exposure, Exposure)
     if translation is not None:
         validate.instance("translation", translation, Translation)
+
+
+def exposure_list(exposures: Iterable[Exposure]) -> list[Exposure]:
+    """Return exposures as a list; raise `InputError` unless they are some."""
+    if not isinstance(exposures, Iterable) or isinstance(exposures, Mapping):
+        raise InputError(f"exposures must be a sequence of Exposure, got {validate.shown(exposures)}")
+    return [validate.instance(f"exposures[{n}]", each, Exposure) for n, each in enumerate(exposures)]
+
+
+def check_traceable(camera: Camera, translation: Translation | None) -> None:
+    """Raise `InputError` unless paths can be traced: readout along y, and a translation only with a lens below 180."""
+    if camera.horizontal_readout and camera.readout_time > 0:
+        raise InputError(f"the camera is read {camera.readout_direction}; trace paths with camera.turned()")
+    corners = np.stack(np.meshgrid([0.0, camera.width - 1], [0.0, camera.height - 1]), axis=-1)
+    if translation is not None and not (camera.rays(corners)[..., 2] > 0).all():
+        raise InputError(
+            "a translation needs a scene at one depth, which a lens that sees 180 degrees or more cannot show whole; "
+            "use no translation"
+        )
 
 
 def check_reach(capture: Capture, *, spare: int = 0) -> None:

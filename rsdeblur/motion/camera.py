@@ -212,7 +212,7 @@ class Camera:
         Returns
         -------
         ndarray, shape (..., 2)
-            (x, y) in px.
+            (x, y) in px; NaN behind the camera, where only a fisheye sees anything.
         """
         directions = _vectors("directions", directions, 3)
         (fx, fy), (cx, cy) = self.focal_length, self.principal_point
@@ -227,14 +227,13 @@ class Camera:
             return
         (fx, fy), (cx, cy) = self.focal_length, self.principal_point
         x, y = np.linspace(0, self.width - 1, 17), np.linspace(0, self.height - 1, 17)
+        farthest = 0.0
         if self.distortion_model == "fisheye":
             # Only distances along the axes count, because the model may be extrapolated in the corners.
             farthest = max(abs(x - cx).max() / fx, abs(y - cy).max() / fy)
-            folds = farthest > lens.reach(self.distortion)
-        else:
-            folds = False
         # A fisheye sees at most 180 degrees off its axis, and a point beyond has no direction either.
-        if folds or not np.isfinite(self.rays(np.stack(np.meshgrid(x, y), axis=-1))).all():
+        seen = self.rays(np.stack(np.meshgrid(x, y), axis=-1))
+        if farthest > lens.reach(self.distortion) or not np.isfinite(seen).all():
             raise InputError(
                 f"the {self.distortion_model} distortion {self.distortion} folds the picture over itself within the "
                 "frame, or the frame reaches beyond 180 degrees off the axis; check the coefficients and their order, "
@@ -313,7 +312,8 @@ class Camera:
         """Return the camera of a part of the picture.
 
         The readout time shrinks in proportion to the rows. `time_offset` accounts for the rows cut off before the first
-        one, so an `Exposure` of the whole picture stays valid for the part.
+        one, so an `Exposure` of the whole picture stays valid for the part; a translation needs
+        :meth:`rsdeblur.Translation.cropped`.
 
         Parameters
         ----------

@@ -23,10 +23,11 @@ from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.motion.acceleration import AccelerationLog
+from rsdeblur.motion.arguments import exposure_list
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
-from rsdeblur.motion.track import OrientationTrack
+from rsdeblur.motion.track import MOST_RECORDED, OrientationTrack
 from rsdeblur.motion.translation import CLOCK_TICK, Translation
 from rsdeblur.types import FloatArray
 
@@ -113,10 +114,13 @@ class InertialTrack:
         CoverageError, ClockError, GapError
             If a log does not describe the span, see :meth:`GyroLog.covering`.
         """
+        validate.instance("log", log, GyroLog)
+        validate.instance("acceleration", acceleration, AccelerationLog)
+        validate.instance("camera", camera, Camera)
         t0 = validate.finite("t0", t0)
         t1 = validate.finite("t1", t1, above=t0)
         arm = validate.real_array("lever", lever, (3,))
-        track = OrientationTrack.from_log(log, camera, t0, t1, epoch_ns)
+        track = OrientationTrack.from_log(log, camera, t0, t1, epoch_ns, most=MOST_RECORDED)
         offset = camera.time_offset
         samples = acceleration.covering(t0 - offset, t1 - offset, epoch_ns)
         stamps = np.union1d(samples.t + offset, track.t)
@@ -342,6 +346,9 @@ def fit_drifts(
     """
     from scipy.optimize import least_squares  # takes 0.2 s to import
 
+    validate.instance("track", track, InertialTrack)
+    validate.instance("camera", camera, Camera)
+    exposures = exposure_list(exposures)
     measured = validate.real_array("drifts", drifts, (len(exposures), 2))
     if not len(exposures):
         raise InputError("exposures must contain at least one exposure")

@@ -27,7 +27,7 @@ NEGLIGIBLE = 1e-12
 
 
 def project(directions: FloatArray, model: Distortion, k: tuple[float, ...]) -> FloatArray:
-    """Return the points (..., 2) to which the lens projects directions (..., 3)."""
+    """Return the points (..., 2) to which the lens projects directions (..., 3); NaN where it does not see them."""
     x, y, z = np.moveaxis(directions, -1, 0)
     if model == "fisheye":
         # theta_d = theta (1 + k1 theta^2 + ...), Kannala and Brandt (2006); sin(theta)/theta is regular at 0.
@@ -36,6 +36,7 @@ def project(directions: FloatArray, model: Distortion, k: tuple[float, ...]) -> 
         ratio = _fisheye(theta, k)[0] / np.where(across > 0, across, 1.0)
         ratio = np.where(across > 0, ratio, 1.0 / np.where(across > 0, 1.0, z))
         return np.stack([x * ratio, y * ratio], axis=-1)
+    z = np.where(z > 0, z, np.nan)
     plane = np.stack([x / z, y / z], axis=-1)
     return plane if model == "none" else _radtan(plane, k)[0]
 

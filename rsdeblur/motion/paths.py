@@ -31,7 +31,7 @@ from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import GEOMETRIES, MOTIONS, Geometry, Motion
 from rsdeblur.errors import InputError
-from rsdeblur.motion.arguments import check_recording
+from rsdeblur.motion.arguments import check_recording, check_traceable
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -145,18 +145,11 @@ class Capture:
         check_recording(log, camera, exposure, translation)
         validate.choice("motion", motion, MOTIONS)
         softness = validate.softness(softness)
-        if camera.horizontal_readout and camera.readout_time > 0:
-            raise InputError(f"the camera is read {camera.readout_direction}; trace paths with camera.turned()")
+        check_traceable(camera, translation)
         opens, closes = exposure.span(camera)
         track = OrientationTrack.from_log(log, camera, opens, closes, exposure.epoch_ns)
         if translation is not None:
             translation = translation.covering(opens, closes, exposure.epoch_ns)
-            corners = np.stack(np.meshgrid([0.0, camera.width - 1], [0.0, camera.height - 1]), axis=-1)
-            if not (camera.rays(corners)[..., 2] > 0).all():
-                raise InputError(
-                    "a translation needs a scene at one depth, which a lens that sees 180 degrees or more cannot show "
-                    "whole; use no translation"
-                )
         return cls(track, camera, exposure, translation, motion, softness)
 
     @cached_property
@@ -288,7 +281,11 @@ class BlurPaths:
 
     def __post_init__(self) -> None:
         for name in ("displacements", "rows", "cols"):
-            object.__setattr__(self, name, validate.array(name, getattr(self, name)).astype(np.float64, copy=False))
+            # A view, so that the caller's own array stays writable.
+            values = validate.array(name, getattr(self, name)).astype(np.float64, copy=False).view()
+            values.flags.writeable = False
+            object.__setattr__(self, name, values)
+        object.__setattr__(self, "softness", validate.softness(self.softness))
         paths, grid = self.displacements, (*self.rows.shape, *self.cols.shape)
         if paths.ndim != 4 or paths.shape[:2] != grid or paths.shape[2] < 2 or paths.shape[3] != 2:
             raise InputError(
@@ -405,7 +402,7 @@ class BlurPaths:
         The difference of two paths is the largest distance between their points at equal fractions of the exposure.
         """
         steps = np.linalg.norm(np.diff(self.displacements, axis=0), axis=-1)
-        return float(steps.max()) * (len(self.rows) - 1)
+        return float(steps.max(initial=0.0)) * (len(self.rows) - 1)
 
     @property
     def curvature_down(self) -> float:
@@ -422,7 +419,7 @@ class BlurPaths:
 
     def _curvature(self, axis: int, points: int) -> float:
         bends = np.linalg.norm(np.diff(self.displacements, n=2, axis=axis), axis=-1)
-        return float(bends.max()) * (points - 1) ** 2
+        return float(bends.max(initial=0.0)) * (points - 1) ** 2
 
     @property
     def lengths(self) -> FloatArray:

@@ -17,8 +17,9 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.types import FloatArray
 
-# Most samples during an exposure: 50 s at 200 Hz, 1.25 s at 8 kHz. Every path has two points for each of them.
-MOST_SAMPLES = 10_000
+# Most samples during an exposure: 50 s at 200 Hz, 1.25 s at 8 kHz. Every path has two points for each of them. And most
+# samples of a recording of several exposures: 80 minutes at 200 Hz, 2 minutes at 8 kHz.
+MOST_SAMPLES, MOST_RECORDED = 10_000, 1_000_000
 
 
 @one_line()
@@ -44,7 +45,9 @@ class OrientationTrack:
     rotations: FloatArray
 
     @classmethod
-    def from_log(cls, log: GyroLog, camera: Camera, t0: float, t1: float, epoch_ns: int) -> OrientationTrack:
+    def from_log(
+        cls, log: GyroLog, camera: Camera, t0: float, t1: float, epoch_ns: int, *, most: int = MOST_SAMPLES
+    ) -> OrientationTrack:
         """Return the track over a span of time, integrated from a gyro log.
 
         Parameters
@@ -57,6 +60,8 @@ class OrientationTrack:
             Span in camera time, s relative to `epoch_ns`.
         epoch_ns : int
             Origin of the track's times in nanoseconds.
+        most : int
+            Most samples in the span.
 
         Returns
         -------
@@ -66,17 +71,13 @@ class OrientationTrack:
         Raises
         ------
         InputError
-            If there are more than 10,000 samples in the span.
+            If there are more than `most` samples in the span.
         CoverageError, ClockError, GapError
             See :meth:`GyroLog.covering`.
         """
         # camera_time = gyro_time + time_offset
         log = log.covering(t0 - camera.time_offset, t1 - camera.time_offset, epoch_ns)
-        if len(log) > MOST_SAMPLES:
-            raise InputError(
-                f"the exposure from {t0:g} s to {t1:g} s has {len(log)} gyro samples, more than {MOST_SAMPLES}; are "
-                "its duration and the readout time in s?"
-            )
+        check_samples(len(log), t0, t1, most)
         return cls.integrated(log.t + camera.time_offset, log.omega @ camera.imu_to_camera.T)
 
     @classmethod
@@ -125,3 +126,12 @@ class OrientationTrack:
         integral = np.concatenate([np.zeros((1, 3)), np.cumsum(step, axis=0)])
         angles: FloatArray = integral[i] + 0.5 * elapsed[..., None] * (self.omega[i] + omega)
         return angles
+
+
+def check_samples(count: int, t0: float, t1: float, most: int = MOST_SAMPLES) -> None:
+    """Raise `InputError` if a span of time has more than `most` gyro samples."""
+    if count > most:
+        raise InputError(
+            f"the span from {t0:g} s to {t1:g} s has {count} gyro samples, more than {most}; are the duration of the "
+            "exposure and the readout time in s?"
+        )

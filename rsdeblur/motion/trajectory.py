@@ -116,6 +116,8 @@ class Trajectory:
             return np.eye(3)
         from scipy.spatial.transform import Rotation, Slerp  # takes 0.25 s to import
 
+        # A track may begin or end by a tick of the clock inside the exposure.
+        time = float(np.clip(time, times[0], times[-1]))
         i = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 2))
         matrix: FloatArray = Slerp(times[i : i + 2], Rotation.from_quat(self.quaternion[i : i + 2]))(time).as_matrix()
         return matrix

@@ -18,6 +18,9 @@ from rsdeblur.types import FloatArray
 CLOCK_TICK = 1e-9
 # Largest drift during an exposure, px.
 MOST_DRIFT = 1e6
+# Density of the map of depths of a part of the picture, relative to that of the whole map in the whole picture. Between
+# its points the inverse depth is linear.
+CROP_STEPS = 4
 
 
 @one_line()
@@ -113,7 +116,9 @@ class Translation:
         validate.instance("camera", camera, Camera)
         opens, closes = validate.instance("exposure", exposure, Exposure).span(camera)
         margin = closes - opens
-        if known is None:
+        if known is not None:
+            validate.instance("known", known, Translation)
+        else:
             known = cls(np.array([opens - margin, closes + margin]), np.zeros((2, 3)), 1.0, exposure.epoch_ns)
         px = validate.real_array("px", px, (2,), most=MOST_DRIFT)
         # The scene moves against the camera.
@@ -193,6 +198,38 @@ class Translation:
         places = [place * (n - 1) for place, n in zip((down, across), inverse.shape, strict=True)]
         depth: FloatArray = 1 / ndimage.map_coordinates(inverse, places, order=1, mode="nearest")
         return depth
+
+    def cropped(self, camera: Camera, left: int, top: int, width: int, height: int) -> Translation:
+        """Return the track for a part of the picture, see :meth:`rsdeblur.Camera.cropped`.
+
+        Parameters
+        ----------
+        camera : Camera
+            Camera of the whole picture.
+        left, top, width, height : int
+            The part, in px.
+
+        Returns
+        -------
+        Translation
+            The track in the time of the part's camera. A map of depths has four times as many points in the part as the
+            whole map in the whole picture.
+
+        Raises
+        ------
+        InputError
+            If the part does not fit into the picture.
+        """
+        later = camera.cropped(left, top, width, height).time_offset - camera.time_offset
+        moved = replace(self, t=self.t + later)
+        if isinstance(self.depth, float):
+            return moved
+        spans = ((top, height, camera.height), (left, width, camera.width))
+        down, across = (
+            np.linspace(first, first + size - 1, CROP_STEPS * (count - 1) + 1) / max(whole - 1, 1)
+            for (first, size, whole), count in zip(spans, self.depth.shape, strict=True)
+        )
+        return replace(moved, depth=self.relative_depth(*np.meshgrid(across, down)) * self.middle_depth)
 
     def turned(self) -> Translation:
         """Return the track in the axes of the turned camera, see :meth:`rsdeblur.Camera.turned`."""

@@ -187,6 +187,8 @@ def deblur_burst(
         log, camera, chosen = refinement.log, refinement.camera, replace(chosen, refine=False)
     frame = ReadoutFrame(camera)
     encoded = [EncodedImage.of(image, chosen.transfer, frame) for image in images]
+    if out is not None and any(np.may_share_memory(out, np.asarray(image)) for image in images[1:]):
+        raise InputError("out must not overlap images")
     out, upright = result_like(images[0], out, frame)
     captures = _captures(log, frame, exposures, chosen)
     if mode == "auto":
@@ -254,7 +256,7 @@ def _refinement(
     options: Options,
     progress: Progress | None,
 ) -> FramesRefinement:
-    """Return the correction of the recording by the most blurred frames, which tell most."""
+    """Return the correction of the recording by the most blurred frames, which determine it best."""
     captures = _captures(log, ReadoutFrame(camera), exposures, options)
     lengths = [float(capture.probe.lengths.mean()) for capture in captures]
     chosen = sorted(np.argsort(lengths, kind="stable")[-REFINED_FRAMES:].tolist())

@@ -168,6 +168,11 @@ def deblur(
     CoverageError, ClockError, GapError
         If the log does not cover the exposure, is on another clock, or has a gap inside the exposure.
 
+    Warns
+    -----
+    RsdeblurWarning
+        If the focal length is so short that it is probably not in px.
+
     Examples
     --------
     >>> import rsdeblur

@@ -163,6 +163,8 @@ class Plan:
 
         Raises
         ------
+        InputError
+            If an argument is of another type.
         CoverageError, ClockError, GapError
             If the log does not cover the exposure, is on another clock, or has a gap inside the exposure.
         """
@@ -362,6 +364,8 @@ def plan(log: GyroLog, camera: Camera, exposure: Exposure, options: Options | No
 
     Raises
     ------
+    InputError
+        If an argument is of another type, or the options ask for a refinement, which needs a picture.
     CoverageError, ClockError, GapError
         If the log does not cover the exposure, is on another clock, or has a gap inside the exposure.
 

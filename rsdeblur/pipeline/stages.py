@@ -35,6 +35,7 @@ class StageClock:
             self._report(name, 0.0)
         yield
         self.timings[name] = self.timings.get(name, 0.0) + time.perf_counter() - begin
+        # The solver reports its own end.
         if name != "apply":
             self._report(name, 1.0)
 

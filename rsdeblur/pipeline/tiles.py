@@ -15,7 +15,7 @@ from rsdeblur.psf import PsfBank, tile_centres
 
 # Results are interpolated linearly between tiles. The number of tiles is such that paths interpolated linearly between
 # them are this close to the true ones, px.
-PATH_ERROR = 0.1
+TILE_PATH_ERROR = 0.1
 # Interpolated results differ from the result of interpolated paths: at the highest frequency that the filter restores,
 # about 1 / (pi L sqrt(nsr)) for a path of L px and never more than 1/2, neighbouring bands must still agree in phase.
 # Their paths may differ by this many L sqrt(nsr). (Both numbers: docs/developer/decisions.md.)
@@ -135,8 +135,8 @@ def _automatic_counts(capture: Capture, nsr: float) -> tuple[int, int]:
     probe, camera = capture.probe, capture.camera
     allowed = BAND_CHANGE * max(float(probe.lengths.max()) * np.sqrt(nsr), 2 / np.pi)
     needed = (
-        max(np.sqrt(probe.curvature_down / (8 * PATH_ERROR)), probe.change_down / allowed),
-        np.sqrt(probe.curvature_across / (8 * PATH_ERROR)),
+        max(np.sqrt(probe.curvature_down / (8 * TILE_PATH_ERROR)), probe.change_down / allowed),
+        np.sqrt(probe.curvature_across / (8 * TILE_PATH_ERROR)),
     )
     counts = []
     for tiles, reach, length, most in zip(

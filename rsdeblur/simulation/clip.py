@@ -16,6 +16,7 @@ from rsdeblur.errors import InputError
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.transfer import from_linear
 from rsdeblur.kernels.warp import average_warps
+from rsdeblur.motion.arguments import check_recording, exposure_list
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -71,10 +72,7 @@ class Layer:
             raise InputError("opacity must lie from 0 to 1")
         velocity = validate.real_array("velocity", self.velocity, (2,))
         if self.depth is not None:
-            depth = validate.finite("depth", self.depth, minimum=0.0)
-            if depth == 0:
-                raise InputError("depth must be positive, got 0")
-            object.__setattr__(self, "depth", depth)
+            object.__setattr__(self, "depth", validate.finite("depth", self.depth, above=0.0))
         object.__setattr__(self, "opacity", opacity)
         object.__setattr__(self, "velocity", (float(velocity[0]), float(velocity[1])))
 
@@ -140,6 +138,11 @@ def simulate_clip(
     >>> sum(1 for frame in rsdeblur.simulate_clip(np.full((64, 80), 0.5), log, camera, exposures))
     3
     """
+    exposures = exposure_list(exposures)
+    for exposure in exposures:
+        check_recording(log, camera, exposure, translation)
+    for n, layer in enumerate(layers):
+        validate.instance(f"layers[{n}]", layer, Layer)
     if camera.distortion_model != "none" or not exposures:
         raise InputError("a simulated clip needs at least one exposure, and a camera without lens distortion")
     scene, transfer = linear_scene(sharp, transfer)

@@ -205,8 +205,8 @@ class CameraPath:
     ) -> None:
         if translation is not None and not isinstance(translation.depth, float):
             raise InputError("translation must have one depth to be simulated, got a map of depths")
-        if (t1 - t0) * STEPS_PER_SECOND > MOST_STEPS:
-            raise InputError(f"the exposure of {t1 - t0:g} s is too long to be simulated; is its duration in s?")
+        if (t1 - t0) * steps_per_second > MOST_STEPS:
+            raise InputError(f"the exposures span {t1 - t0:g} s, too long to be simulated; are their times in s?")
         samples = log.covering(t0 - camera.time_offset, t1 - camera.time_offset, epoch_ns)
         t = samples.t + camera.time_offset
         omega = samples.omega @ camera.imu_to_camera.T

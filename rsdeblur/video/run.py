@@ -199,7 +199,8 @@ def estimated_seconds(plan: ClipPlan, encoding: Encoding, *, jobs: int = 1) -> f
     with TemporaryDirectory() as folder:
         # The first trial loads compiled code.
         for share in (1.0, 1.0, 0.0):
-            trial = replace(plan, shares=(share,) * frames)
+            shares = tuple(share if reason is None else 0.0 for reason in plan.reasons)
+            trial = replace(plan, shares=shares)
             begin = time.perf_counter()
             encode_segment(Segment(trial, first, stop, encoding, Path(folder) / "trial.mkv"))
             seconds.append((time.perf_counter() - begin) / (stop - first))
@@ -208,7 +209,7 @@ def estimated_seconds(plan: ClipPlan, encoding: Encoding, *, jobs: int = 1) -> f
 
 
 def _encode(segments: Sequence[Segment], parts: Records, fingerprint: str, jobs: int, progress: Progress | None) -> int:
-    """Encode the segments that are not there as an earlier run recorded them; return how many are."""
+    """Encode the missing segments; return the number of those that an earlier run finished."""
     report_progress = progress or (lambda stage, fraction: None)
     missing = [each for each in segments if not _is_whole(each.output, parts, fingerprint)]
     total = segments[-1].stop

@@ -20,8 +20,9 @@ from rsdeblur._util.records import Records
 from rsdeblur.cli._inputs import read_device
 from rsdeblur.cli._items import COLUMNS
 from rsdeblur.cli._options import PhotoChanges, Recording, Signing
+from rsdeblur.cli._output import SOME_FAILED
 from rsdeblur.cli._photo import PhotoJob
-from rsdeblur.cli.batch import SOME_FAILED, _absolute
+from rsdeblur.cli.batch import _absolute
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.io import read_picture
 from rsdeblur.pipeline.options import Options

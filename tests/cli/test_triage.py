@@ -51,6 +51,9 @@ def test_manifest_and_missing_files(run: Run, files: Files, tmp_path: Path) -> N
     # The results of a batch would have the same name; a triage writes none.
     assert [item["decision"] for item in json.loads(result.stdout)["items"]] == ["keep", "deblur"]
     assert run("triage", manifest, *files.sources, "--keep", 3, "--drop", 2).exit_code == 2
+    # JSON has no such numbers.
+    for number in ("nan", "inf"):
+        assert run("triage", manifest, *files.sources, "--drop", number).exit_code in (1, 2)
     clip = tmp_path / "clip.mp4"
     clip.write_bytes(b"no clip")
     result = run("triage", clip)

@@ -352,6 +352,16 @@ def test_frames_together_correct_the_recording(
     assert plain["refinement"] is None
 
 
+def test_dry_run_of_a_log_that_covers_some_frames(run: Run, movie: Movie, tmp_path: Path) -> None:
+    rows = movie.gyro.read_text().splitlines()
+    short = tmp_path / "short.csv"
+    short.write_text("\n".join(row for row in rows if row[0] == "t" or float(row.split(",")[0]) < START + 0.15))
+    out = tmp_path / "out.mov"
+    result = run(*movie.arguments(*movie.stamped, "--gyro", short, "--dry-run", "-o", out))
+    assert result.exit_code == 0, result.stderr
+    assert not out.exists()
+
+
 def test_dry_run_writes_nothing(run: Run, movie: Movie, tmp_path: Path) -> None:
     result = run(*movie.arguments(*movie.stamped, "--dry-run", "-o", tmp_path / "out.mov"))
     assert result.exit_code == 0

@@ -50,6 +50,15 @@ def test_reflection_repeats_the_border_pixels(light):
     np.testing.assert_array_equal(longer[:, W : W + 2], longer[:, W - 1 : W - 3 : -1])
 
 
+@pytest.mark.parametrize("shape", [(1, 40, 1), (40, 1, 1), (1, 1, 1)])
+def test_lines_of_pixels_are_filled_too(shape):
+    line = np.random.default_rng(0).random(shape, dtype=np.float32)
+    longer = smooth(line, shape[0] + 5, shape[1] + 7)
+    np.testing.assert_array_equal(longer[: shape[0], : shape[1]], line)
+    assert line.min() - 1e-6 <= longer.min()
+    assert longer.max() <= line.max() + 1e-6
+
+
 def test_the_smooth_filling_has_no_laplacian(light):
     longer = smooth(light, H + 11, W + 9).astype(np.float64)
     laplacian = sum(np.roll(longer, by, axis) for axis in (0, 1) for by in (-1, 1)) - 4 * longer

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import interp1d
 
-from rsdeblur import BlurPaths, Camera, Capture, Exposure, hand_shake
+from rsdeblur import BlurPaths, Camera, Capture, Exposure, GyroLog, InputError, Translation, hand_shake
 from rsdeblur.choices import Motion
 from rsdeblur.motion.alignment import Alignment, burst_captures
 
@@ -69,3 +69,22 @@ def test_rows_between_traced_ones_have_the_paths_that_tracing_gives() -> None:
     np.testing.assert_allclose(got.displacements, at_same_times, atol=0.01)
     single = alignment.every_row(30, 31, COLS)
     np.testing.assert_array_equal(single.displacements[0], alignment.every_row(30, 31 + 4, COLS).displacements[0])
+
+
+def test_a_recording_may_have_more_samples_than_an_exposure() -> None:
+    """Frames of a fast gyro are taken one by one; the time between them does not count."""
+    t = np.arange(0, 2.2, 1 / 8000)
+    log = GyroLog(t, np.full((len(t), 3), 0.02))
+    exposures = [Exposure(0.05 + 0.5 * n, 0.01) for n in range(5)]
+    for capture, exposure in zip(burst_captures(log, CAMERA, exposures), exposures, strict=True):
+        alone = Capture.from_log(log, CAMERA, exposure)
+        np.testing.assert_allclose(capture.probe.displacements, alone.probe.displacements, atol=1e-9)
+    with pytest.raises(InputError, match="gyro samples, more than"):
+        burst_captures(log, CAMERA, [Exposure(0.05, 1.5), Exposure(1.8, 0.01)])
+
+
+def test_frames_are_refused_like_photos() -> None:
+    wide = Camera(160, 120, 50.0, distortion_model="fisheye", distortion=(0.0, 0.0, 0.0, 0.0))
+    still = Translation([0.0, 0.5], np.zeros((2, 3)), 1.0)
+    with pytest.raises(InputError, match="180 degrees"):
+        burst_captures(LOG, wide, EXPOSURES[:2], still)

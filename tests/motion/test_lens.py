@@ -212,3 +212,9 @@ def test_the_fisheye_is_inverted_where_newtons_method_swings() -> None:
     k = (0.2637886549359052, -0.3408966786255753, 1.079728890594674, -0.9412173670690532)
     points = np.stack([np.linspace(0.0, 1.28, 300), np.zeros(300)], axis=-1)
     np.testing.assert_allclose(lens.project(lens.rays(points, "fisheye", k), "fisheye", k), points, atol=1e-9)
+
+
+@pytest.mark.parametrize("model", ["none", "radtan"])
+def test_what_lies_behind_the_camera_is_not_seen(model):
+    camera = Camera(540, 380, 500.0, distortion_model=model, distortion=() if model == "none" else (0.1, 0.0, 0.0, 0.0))
+    assert np.isnan(camera.project([0.1, 0.1, -1.0])).all()

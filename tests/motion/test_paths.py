@@ -342,3 +342,22 @@ class TestRectify:
         since = (ROWS[:, None] - 31.5) / HEIGHT * 0.03 + np.linspace(-0.02, 0.02, 5)
         # Tolerance for the tangent, on a row that is a third of f away from the centre.
         np.testing.assert_allclose(paths.displacements[:, 0, :, 0], -FOCAL * 0.5 * since, atol=0.01)
+
+
+class TestBlurPaths:
+    """Paths as users give them."""
+
+    GRID = np.zeros((1, 1, 3, 2)), np.zeros(1), np.zeros(1)
+
+    def test_are_read_only_and_leave_the_given_array_as_it_is(self):
+        paths = BlurPaths(*self.GRID)
+        assert not any(values.flags.writeable for values in (paths.displacements, paths.rows, paths.cols))
+        assert all(values.flags.writeable for values in self.GRID)
+
+    def test_of_one_place_do_not_change(self):
+        paths = BlurPaths(*self.GRID)
+        assert (paths.change_down, paths.curvature_down, paths.curvature_across) == (0.0, 0.0, 0.0)
+
+    def test_softness_out_of_range_is_refused(self):
+        with pytest.raises(InputError, match="softness"):
+            BlurPaths(*self.GRID, softness=np.nan)

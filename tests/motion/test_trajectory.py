@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -62,3 +64,13 @@ def test_what_is_no_trajectory_is_refused() -> None:
         trajectory.translation(Exposure(0.1, 0.2), CAMERA, 1.0, axes="opengl")
     with pytest.raises(InputError, match="depth"):
         trajectory.translation(Exposure(0.1, 0.2), CAMERA, 0.0)
+
+
+@pytest.mark.parametrize("early", [2e-10, 9e-10])
+def test_an_exposure_may_open_a_tick_of_the_clock_before_the_first_pose(early: float) -> None:
+    poses = Rotation.from_rotvec(np.outer(T, (0.0, 0.5, 0.0))).as_quat()
+    trajectory = Trajectory(T + EXPOSURE.start + early, WAY, poses, EXPOSURE.epoch_ns)
+    whole = replace(trajectory, t=T + EXPOSURE.start)
+    first, second = (each.translation(EXPOSURE, CAMERA, 2.0).at(np.array([0.45])) for each in (trajectory, whole))
+    # 1 ns of 0.3 m/s.
+    np.testing.assert_allclose(first, second, atol=1e-9)

@@ -188,3 +188,15 @@ def test_a_drift_is_a_shift_of_the_scene_on_top_of_a_known_track() -> None:
         np.testing.assert_allclose(samples[-1] - samples[0], [3 + x, -2], atol=1e-9)
     with pytest.raises(InputError, match="px must"):
         Translation.drift((3, -2, 1), camera, exposure)
+
+
+@pytest.mark.parametrize("depth", [DEPTH, [[0.5, 0.9, 1.5], [0.7, 0.6, 2.0]]])
+def test_a_part_of_the_picture_has_the_paths_of_the_whole(depth):
+    whole = replace(sway(), depth=depth)
+    left, top, width, height = 40, 30, 90, 80
+    part, there = CAMERA.cropped(left, top, width, height), whole.cropped(CAMERA, left, top, width, height)
+    rows, cols = np.array([0.0, 33.0, 79.0]), np.array([0.0, 45.0, 89.0])
+    inside = BlurPaths.from_capture(Capture.from_log(STILL, part, EXPOSURE, there), rows, cols, samples=21)
+    own = BlurPaths.from_capture(Capture.from_log(STILL, CAMERA, EXPOSURE, whole), rows + top, cols + left, samples=21)
+    # Between the points of the part's map of depths, which are 4 times as dense, inverse depths are interpolated.
+    np.testing.assert_allclose(inside.displacements, own.displacements, atol=1e-9 if depth is DEPTH else 0.05)

@@ -198,7 +198,7 @@ def test_the_search_ends_where_the_log_does() -> None:
 
 def test_exposures_of_minutes_are_refused() -> None:
     log = GyroLog(np.arange(12_000) * 0.005, np.zeros((12_000, 3)))
-    with pytest.raises(InputError, match=r"has 1\d{4} gyro samples, more than 10000; are its duration"):
+    with pytest.raises(InputError, match=r"has 1\d{4} gyro samples, more than 10000; are the duration"):
         psfs(log, CAMERA, Exposure(1.0, 55.0))
 
 

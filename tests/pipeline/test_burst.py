@@ -55,6 +55,13 @@ def together(images=None, **options) -> BurstResult:
     return deblur_burst(images, LOG, CAMERA, EXPOSURES, **{"prior": "wiener", "check": False} | options)
 
 
+def test_the_result_does_not_overwrite_a_frame() -> None:
+    images = [np.float32(image) for image in frames()[0]]
+    for image in images:
+        with pytest.raises(InputError, match="out must not overlap"):
+            together(images, out=image)
+
+
 def test_frames_together_are_sharper_than_the_best_alone() -> None:
     result = together()
     best = min(alone(n) for n in range(3))

@@ -115,7 +115,7 @@ class TestLayer:
         ("layer", "message"),
         [
             (lambda disc: Layer(np.ones_like(disc), 2 * disc), "opacity must lie from 0 to 1"),
-            (lambda disc: Layer(np.ones_like(disc), disc, depth=0.0), "depth must be positive"),
+            (lambda disc: Layer(np.ones_like(disc), disc, depth=0.0), "depth must be greater than 0"),
             (lambda disc: Layer(np.ones_like(disc), disc, velocity=(1.0, np.nan)), "velocity"),
             (lambda disc: Layer(np.ones_like(disc), disc[1:]), "must have the scene's shape"),
             (lambda disc: Layer(np.ones((112, 144, 3)), disc), "must have the scene's shape"),
