@@ -240,6 +240,8 @@ def _folders(
     target: Target,
 ) -> None:
     """Deblur the burst of each folder into the folder of results."""
+    if target.output.suffix and not target.output.is_dir():
+        raise click.UsageError(f"-o {target.output}: the results of folders need a folder, whose name has no extension")
     outputs = [target.output / f"{folder.resolve().name}.png" for folder in folders]
     if len(set(outputs)) < len(outputs):
         raise click.UsageError("two folders have the same name, and so would their results")

@@ -31,10 +31,6 @@ Examples:
 """
 
 
-# Appended to the name of a result beside its photo.
-SHARP = "-sharp"
-
-
 @click.command("deblur", cls=Command, epilog=EXAMPLES)
 @click.argument("photos", type=_options.PATH, metavar="PHOTO...", nargs=-1, required=True)
 @click.option("--psf", type=_options.PATH, metavar="KERNEL", help="The blur as a kernel (picture, .npy) or PSF bank.")
@@ -67,12 +63,14 @@ def command(
         options = _refinement.with_refinement(options, refine)
     signing.credentials()  # Before the work, a mistake in them is an error once, not for every photo.
     outputs = _outputs(photos, target.output)
+    make_folder = target.output is not None and len(photos) > 1
     recordings = [recording] if psf is not None else recordings_of(photos, recording)
 
     def solve(i: int) -> dict[str, Any]:
         with progress("deblur") as move:
             if psf is not None:
-                return deconvolve_photo(photos[i], psf, options, changes, signing, target.at(outputs[i]), move)
+                to = target.at(outputs[i])
+                return deconvolve_photo(photos[i], psf, options, changes, signing, to, move, make_folder=make_folder)
             job = PhotoJob(
                 photo=photos[i],
                 recording=recordings[i],
@@ -83,7 +81,7 @@ def command(
                 signing=signing,
                 force=target.force,
                 dry_run=target.dry_run,
-                make_folder=target.output is not None and len(photos) > 1,
+                make_folder=make_folder,
             )
             return deblur_photo(job, move)
 
@@ -130,6 +128,8 @@ def _outputs(photos: Sequence[Path], output: Path | None) -> list[Path]:
     """
     names = [result_name(photo) for photo in photos]
     if output is None:
+        from rsdeblur.io.sessions import SHARP
+
         results = [name.with_name(f"{name.stem}{SHARP}{name.suffix}") for name in names]
     elif len(photos) == 1 and not output.is_dir():
         results = [output]

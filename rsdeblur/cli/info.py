@@ -86,7 +86,8 @@ def _entries(files: tuple[Path, ...], together: Together, reading: dict[str, Any
     for path in files:
         try:
             if not path.is_file():
-                raise FileFormatError(f"{path}: there is no such file")
+                what = "a folder; give the files in it" if path.is_dir() else "there is no such file"
+                raise FileFormatError(f"{path}: {what}")
             yield {"file": str(path)} | describe(path, reading)
         except FileFormatError as error:
             # The command describes the other files first and reports the error at its end.

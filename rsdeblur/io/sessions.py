@@ -22,6 +22,8 @@ TABLES = (".csv", ".txt")
 PHOTOS = (*KINDS, ".heic", ".dng")
 # A number in a photo's name is a stamp in ns from here on; a smaller one is a frame number.
 LEAST_STAMP = 10**9
+# Appended to the name of a result beside its photo.
+SHARP = "-sharp"
 # Largest distance of a photo's stamp from its capture, in intervals between captures: MARS logger cuts stamps to us.
 NEAR = 0.5
 LONE_INTERVAL = 1e8  # ns, assumed where there is one capture only
@@ -122,8 +124,10 @@ def files_in(folder: Path, *, without: Path | None = None) -> list[Path]:
 
 
 def photos_in(folder: Path, files: list[Path]) -> list[Path]:
-    """Return the photos among the files of a folder; `FileFormatError` if it is missing."""
+    """Return the photos among the files of a folder, without results beside them; `FileFormatError` without any."""
     photos = [path for path in files if path.suffix.lower() in PHOTOS]
+    results = {path.with_name(f"{path.stem}{SHARP}") for path in photos}
+    photos = [path for path in photos if path.with_suffix("") not in results]
     if not photos:
         raise FileFormatError(f"{folder}: no photo in the folder; save frames of the video there as pictures")
     return photos

@@ -70,10 +70,11 @@ def psf_map(bank: PsfBank, shape: tuple[int, ...], *, picture: NDArray[np.floati
     cell = (_spacing(y[::every], size[1]), _spacing(x[::across], size[0]))
     zoom = min(0.94 * cell[0] / kernels.shape[2], 0.94 * cell[1] / kernels.shape[3], LARGEST_ZOOM)
     drawing = display(canvas)
-    for b in range(every // 2, len(y), every):
-        for s in range(across // 2, len(x), across):
-            _lay(drawing, _enlarged(kernels[b, s], zoom), (y[b], x[s]))
-    return _finished(drawing, y, x, _caption(bank, zoom / scale, every, across))
+    bands, strips = slice(every // 2, None, every), slice(across // 2, None, across)
+    for band, top in zip(kernels[bands], y[bands], strict=True):
+        for kernel, left in zip(band[strips], x[strips], strict=True):
+            _lay(drawing, _enlarged(kernel, zoom), (top, left))
+    return _finished(drawing, y[bands], x[strips], _caption(bank, zoom / scale, every, across))
 
 
 def visible_part(kernels: FloatArray) -> FloatArray:

@@ -419,7 +419,9 @@ def test_opencamera_session(run: Run, files: Files, tmp_path: Path) -> None:
     stamps = [10**15 + 200_000_000, 10**15 + 233_000_000]
     (folder / "VID_20260101_120000_imu_timestamps.csv").write_text("".join(f"{stamp}\n" for stamp in stamps))
     (folder / "VID_20260101_120000_flash.csv").write_text(f"{stamps[0]}\n")
-    shutil.copy(files.photo, folder / f"{stamps[0]}.png")
+    # The second one is the result of `deblur` beside its photo.
+    for name in (f"{stamps[0]}.png", f"{stamps[0]}-sharp.png"):
+        shutil.copy(files.photo, folder / name)
     shutil.copy(files.camera, folder / "camera.toml")
     (item,) = entries(run, folder, "--duration", "40ms", "-o", tmp_path / "out")
     one = run("deblur", files.photo, *files.recording, *FAST[:-2], "-o", tmp_path / "one.png")

@@ -95,6 +95,13 @@ def test_a_folder_without_photos_leaves_nothing(run, tmp_path: Path) -> None:
     assert not (tmp_path / "none").exists()
 
 
+def test_results_of_folders_are_no_picture(run, tmp_path: Path) -> None:
+    result = run("burst", tmp_path, "-o", tmp_path / "out.png")
+    assert result.exit_code == 2
+    assert "need a folder" in result.output
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("more", "code", "message"),
     [

@@ -453,6 +453,18 @@ def test_deblur_with_an_own_kernel(run: Run, files: Files, tmp_path: Path) -> No
     np.testing.assert_array_equal(np.asarray(Image.open(out)), expected)
 
 
+def test_several_photos_with_an_own_kernel(run: Run, files: Files, tmp_path: Path) -> None:
+    kernel, other = tmp_path / "kernel.npy", tmp_path / "other.png"
+    np.save(kernel, np.eye(5))
+    other.write_bytes(files.photo.read_bytes())
+    folder = tmp_path / "new"
+    call = ["deblur", files.photo, other, "--psf", kernel, "--prior", "wiener", "-o", folder]
+    assert run(*call, "--dry-run").exit_code == 0
+    assert not folder.exists()
+    assert run(*call).exit_code == 0
+    assert sorted(path.name for path in folder.iterdir()) == sorted([files.photo.name, "other.png"])
+
+
 def test_several_photos(run: Run, files: Files, tmp_path: Path) -> None:
     names = [tmp_path / name for name in ("frame_0.png", "frame_1.png", "frame_2.png")]
     for name in names:
