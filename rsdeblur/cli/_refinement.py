@@ -44,7 +44,8 @@ def refinement_facts(refinement: Refinement | FramesRefinement) -> dict[str, Any
 def correction_text(facts: Mapping[str, Any]) -> str:
     """Return a sentence about a correction of the recording, of which `refinement_facts` are given."""
     if not facts["accepted"]:
-        return f"Recording not corrected: {facts['reason']}."
+        reason = facts["reason"]
+        return f"Recording not corrected: {reason}{'' if reason.endswith('?') else '.'}"
     values = facts["values"]
     drifts = values["drift_x"], values["drift_y"]
     numbers = {

@@ -110,8 +110,8 @@ def _solve_all(photos: Sequence[Path], solve: Callable[[int], dict[str, Any]]) -
         entry: dict[str, Any] = {"photo": str(photo)}
         try:
             entry |= solve(i)
-        except (RsdeblurError, OSError) as error:
-            message = str(error)
+        except (RsdeblurError, click.UsageError, OSError) as error:
+            message = error.format_message() if isinstance(error, click.UsageError) else str(error)
             entry["error"] = message if str(photo) in message else f"{photo}: {message}"
             say_aside(f"error: {entry['error']}")
         entries.append(entry)

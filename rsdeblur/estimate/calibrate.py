@@ -233,6 +233,10 @@ def _too_few(matches: ClipMatches) -> str:
     return ""
 
 
+def _few_pairs(count: int) -> str:
+    return f"the log covers only {count} pairs of frames; {LEAST_PAIRS} are needed"
+
+
 def _refused(camera: Camera, log: GyroLog, matches: ClipMatches, reason: str) -> Calibration:
     return Calibration(False, reason, camera, log, 0.0, 0.0, len(matches.opens), len(matches.pair), "", {})
 
@@ -276,10 +280,12 @@ class _Clip:
     def calibration(self, progress: Progress | None) -> Calibration:
         """Search, fit and judge."""
         ranked = self._ranked(progress)
+        if isinstance(ranked, str):
+            return _refused(self._camera, self._log, self._matches, ranked)
         covered = self._covered(ranked.fit.parameters.offset)
         reason = ranked.reason
         if covered.sum() < LEAST_PAIRS:
-            reason = f"the log covers only {covered.sum()} pairs of frames; {LEAST_PAIRS} are needed"
+            reason = _few_pairs(covered.sum())
         if reason:
             return replace(
                 _refused(self._camera, self._log, self._matches, reason),
@@ -290,12 +296,16 @@ class _Clip:
         fit = self._fit(ranked, covered, progress)
         return self._judged(ranked, fit, covered)
 
-    def _ranked(self, progress: Progress | None) -> Ranking:
-        """Refine the best candidates of the search with some of the points, and compare them."""
+    def _ranked(self, progress: Progress | None) -> Ranking | str:
+        """Refine the best candidates of the search with some of the points and compare them, or say what is missing."""
         search = MountingSearch(self._matches, self._camera, self._t, self._omega, self._search)
         own = self._camera.imu_to_camera
         more = () if np.isin(own, (-1.0, 0.0, 1.0)).all() else (own,)
         candidates = search.candidates(CANDIDATES, more)
+        covered = [int(self._covered(each.offset).sum()) for each in candidates]
+        if max(covered) < LEAST_PAIRS:
+            return _few_pairs(max(covered))
+        candidates = [each for each, count in zip(candidates, covered, strict=True) if count >= LEAST_PAIRS]
         step = max(1, round(len(self._matches.pair) / len(self._matches.opens) / FEW))
         few = self._matches.selected(np.arange(len(self._matches.pair)) % step == 0)
         fits = []

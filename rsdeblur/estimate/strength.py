@@ -456,4 +456,5 @@ def _spread(bank: PsfBank) -> float:
 def _radius(bank: PsfBank) -> float:
     down, across = (np.arange(n) - n // 2 for n in bank.size)
     squared = np.square(down)[:, None] + np.square(across)
-    return float(np.sqrt((bank.kernels * squared).sum(axis=(2, 3)).mean()))
+    # Own kernels with negative values may have a negative second moment.
+    return float(np.sqrt(max((bank.kernels * squared).sum(axis=(2, 3)).mean(), 0.0)))

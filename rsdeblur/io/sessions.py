@@ -118,9 +118,11 @@ def open_session(
 
 
 def files_in(folder: Path, *, without: Path | None = None) -> list[Path]:
-    """Return the files of a folder and of its subfolders, except the subfolder `without`, sorted."""
+    """Return the files of a folder and of its subfolders, except the subfolder `without` if it is one, sorted."""
     files = [path for path in sorted([*folder.glob("*"), *folder.glob("*/*")]) if path.is_file()]
-    return files if without is None else [path for path in files if without not in path.parents]
+    if without is None or folder not in without.parents:
+        return files
+    return [path for path in files if without not in path.parents]
 
 
 def photos_in(folder: Path, files: list[Path]) -> list[Path]:

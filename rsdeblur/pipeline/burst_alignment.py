@@ -24,6 +24,9 @@ from rsdeblur.psf import PsfBank, tile_centres
 
 # A frame whose mean weight over the reference's detail is less contributes nothing: its motion or its scene is another.
 LEAST_SUPPORT = 0.5
+# Least variance of a frame that may be the reference, as a share of that of the middle one (a quarter of the light has
+# a sixteenth), and the rows and columns of which one is measured.
+LEAST_VARIANCE, STEP = 0.01, 4
 # Weight of the data of other frames in the choice of the reference: the errors of two motions are in them.
 OTHERS = 0.5
 # Share of the least further error of any frame that is the reference's own; the rest is that of its alignment.
@@ -83,8 +86,12 @@ def aligned(
     if not validate.is_auto(reference):
         candidates, errors = [int(reference)], np.ones(len(splits))
     else:
-        energy = float(np.mean([tuning.energy for tuning in tunings]))
+        # A frame of a covered lens expects no error, because it shows nothing; it is no reference.
+        variances = np.array([split.remainder(slice(None), STEP).var() for split in splits])
+        faint = variances < LEAST_VARIANCE * np.median(variances)
+        energy = float(np.mean([tunings[n].energy for n in np.flatnonzero(~faint).tolist()]))
         errors = np.array([tuning.restoration_error(energy) for tuning in tunings])
+        errors[faint] = np.inf
         candidates = [int(n) for n in np.argsort(errors, kind="stable")]
     best, most = None, 0.0
     for index in candidates:

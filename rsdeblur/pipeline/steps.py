@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rsdeblur.choices import Mode
 from rsdeblur.deconv.plug_and_play import DENOISERS, WEIGHT_OF_VARIANCE
-from rsdeblur.deconv.priors import brightness
+from rsdeblur.deconv.priors import LEAST_PEAK, brightness
 from rsdeblur.estimate.check import UndershootMeter
 from rsdeblur.estimate.strength import Tuning
 from rsdeblur.image.encoded import EncodedImage
@@ -151,7 +151,7 @@ def _prior_nsr(tuning: Tuning, options: Options, peak: float, *, given: bool) ->
         return max(nsr, LEAST_EXACT_WAVELET_NSR if given else LEAST_WAVELET_NSR)
     if callable(options.prior) or options.prior in DENOISERS:
         variance = tuning.denoiser_weight / WEIGHT_OF_VARIANCE
-        return max(nsr, min(NSR_OF_VARIANCE * variance / peak**2, 1.0))
+        return max(nsr, min(NSR_OF_VARIANCE * variance / max(peak, LEAST_PEAK) ** 2, 1.0))
     return nsr
 
 

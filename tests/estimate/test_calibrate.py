@@ -117,6 +117,19 @@ def test_rotation_about_one_axis_is_refused():
     assert "does not decide" in result.reason
 
 
+def test_a_log_that_covers_hardly_a_frame_is_refused(clip):
+    frames, log, _ = clip
+    start = EXPOSURES[0].start - OFFSET
+    found = calibrate(frames, EXPOSURES, log.trimmed(start, start + 0.1), START, search=(-0.4, 0.4))
+    assert not found.accepted
+    assert "pairs of frames; 8 are needed" in found.reason
+
+
+def test_frames_that_do_not_move_are_refused(clip):
+    frames, log, _ = clip
+    assert not calibrate([frames[0]] * FRAMES, EXPOSURES, log, START, search=(-0.4, 0.4)).accepted
+
+
 def test_too_few_frames_are_refused(clip):
     frames, log, _ = clip
     result = calibrate(frames[:4], EXPOSURES[:4], log, START)

@@ -55,6 +55,16 @@ def together(images=None, **options) -> BurstResult:
     return deblur_burst(images, LOG, CAMERA, EXPOSURES, **{"prior": "wiener", "check": False} | options)
 
 
+@pytest.mark.parametrize("light", [0.0, 1.0])
+def test_a_frame_that_shows_nothing_is_no_reference(light: float) -> None:
+    images = list(frames()[0])
+    images[1] = np.full_like(images[1], light)
+    result = together(images)
+    assert result.reference != 1
+    assert result.frames[1].share < 0.01
+    assert result.result.image.std() > 0.5 * images[0].std()
+
+
 def test_the_result_does_not_overwrite_a_frame() -> None:
     images = [np.float32(image) for image in frames()[0]]
     for image in images:

@@ -35,6 +35,18 @@ def error(picture: np.ndarray, truth: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square((picture - truth)[inside]))))
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("prior", ["nlm", "hyper-laplacian", "wiener"])
+def test_a_black_picture_stays_black(prior) -> None:
+    np.testing.assert_allclose(deconvolve(np.zeros((40, 50)), KERNEL, prior=prior).image, 0.0, atol=1e-6)
+
+
+@pytest.mark.filterwarnings("error")
+def test_kernels_with_negative_values_have_strengths(pictures) -> None:
+    sharpening = np.array([[0.0, -1, 0], [-1, 5, -1], [0, -1, 0]])
+    assert np.isfinite(deconvolve(pictures[1], sharpening).image).all()
+
+
 def test_the_keywords_are_options_with_the_same_defaults() -> None:
     parameters = inspect.signature(deconvolve).parameters.values()
     keywords = {each.name: each.default for each in parameters if each.kind is each.KEYWORD_ONLY}
