@@ -66,7 +66,11 @@ NATS_PER_PARAMETER, WORST_GAIN = 3.0, -1000.0
 LEAST_WORTH, LEAST_FALL, MOST_DEVIATIONS = 30.0, 0.01, 6.0
 # The same for the readout time alone: little else looks like that.
 LEAST_OF_READOUT = 15.0, 0.005
+# Exposures that are shorter, s, show no shake; the drifts of the search would have speeds that no hand has, and PSFs of
+# the rows between them that fill the memory.
+LEAST_DURATION = 1e-4
 # Reasons of a refusal.
+TOO_SHORT = "so short an exposure shows no shake"
 NOT_CLEAR = "the picture does not contradict the recording, or not clearly"
 TOO_FAR = "the likeliest correction is too far from the recording"
 NOT_SHARPER = "the sharp picture does not become clearer"
@@ -173,6 +177,8 @@ def refine(
     check_reach(recording.capture())
     if min(camera.width, camera.height) < TILE:
         return _unrefined(recording, deviations, f"the picture is smaller than {TILE} px")
+    if exposure.duration < LEAST_DURATION:
+        return _unrefined(recording, deviations, TOO_SHORT)
     spectra = TileSpectra(light, recording, side=spectra_side(recording), soft=True)
     quick = QuickSharpness(light, recording)
     posterior = Posterior(spectra, recording, deviations, threads=threads)

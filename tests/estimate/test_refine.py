@@ -111,6 +111,13 @@ def test_threads_change_no_bits(picture):
     assert (one.gain, one.fall) == (two.gain, two.fall)
 
 
+def test_exposures_of_microseconds_are_not_searched(picture):
+    """Their trial drifts would need PSFs of gigabytes."""
+    found = refine(picture, LOG, CAMERA, Exposure(0.5, 3e-6))
+    assert not found.accepted
+    assert "so short" in found.reason
+
+
 def test_few_pixels_prove_nothing():
     camera = Camera(96, 60, 420.0, readout_time=0.02)
     found = refine(np.random.default_rng(0).random((60, 96)), LOG, camera, EXPOSURE)
