@@ -56,10 +56,10 @@ MODELS = (
 WIDEST, COMPARED, LEAST_START, STARTS = 3.0, 0.5, -20.0, 2
 # Models whose best corrections are adjusted, if they are worth so many nats, and confirmed.
 CANDIDATES, LEAST_ADJUSTED = 3, 10.0
-# Parameters that the quick measure of the sharp picture adjusts if they are corrected. At last the whole solve adjusts
-# all that are corrected: it takes longer, and finds the right motion more exactly. Steps of the two along a parameter,
-# in standard deviations, and how many of them a parabola leads away at most.
-ADJUSTED, QUICK_STEPS, WHOLE_STEPS, MOST_STEPS = ("scale", "drift_x", "drift_y"), (0.6,), (0.3,), 2.0
+# Parameters that the quick measure of the sharp picture adjusts if they are corrected, and the steps along each, in
+# standard deviations. At last the whole solve adjusts the others: it finds them more exactly, but on real photos, where
+# the scene has several depths, it leads to drifts that are too long. A parabola leads at most so many steps away.
+ADJUSTED, QUICK_STEPS, WHOLE_STEPS, MOST_STEPS = ("scale", "drift_x", "drift_y"), (0.6, 0.3), (0.3,), 2.0
 # Nats that a parameter costs, and the least gain that counts.
 NATS_PER_PARAMETER, WORST_GAIN = 3.0, -1000.0
 # Least worth (nats) and least fall of a correction that is accepted, and the most standard deviations of any parameter.
@@ -304,7 +304,7 @@ class _Judge:
         ]
         refused = []
         for n in np.argsort(worths)[::-1]:
-            axes = [at for at in map(PARAMETERS.index, ADJUSTED) if near[n][at]]
+            axes = [at for at in np.flatnonzero(near[n]).tolist() if PARAMETERS[at] in ADJUSTED]
             place = adjusted(near[n], self._worths, axes, progress, steps=QUICK_STEPS)
             reason = self._doubt(place)
             if not reason:
@@ -314,7 +314,7 @@ class _Judge:
 
     def _polished(self, place: FloatArray, progress: Progress) -> FloatArray:
         """Return a credible correction, adjusted by the whole solve; unchanged if it would no longer be credible."""
-        axes = np.flatnonzero(place).tolist()
+        axes = [at for at in np.flatnonzero(place).tolist() if PARAMETERS[at] not in ADJUSTED]
         polished = adjusted(place, self._whole_worths, axes, progress, steps=WHOLE_STEPS)
         return place if self._doubt(polished) else polished
 
