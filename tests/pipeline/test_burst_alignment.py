@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from rsdeblur.pipeline import burst_alignment
@@ -35,6 +36,6 @@ def test_the_data_that_fit_decide(
 
     monkeypatch.setattr(burst_alignment, "_fitted", fitted)
     tunings: Any = [SimpleNamespace(energy=1.0, restoration_error=lambda _, error=error: error) for error in errors]
-    splits: Any = [None] * len(errors)
+    splits: Any = [SimpleNamespace(remainder=lambda *_: np.arange(2.0))] * len(errors)
     assert aligned(splits, splits, tunings, "auto", StageClock(None), None).index == chosen
     assert aligned(splits, splits, tunings, 2, StageClock(None), None).index == 2
