@@ -202,9 +202,9 @@ class PsfBank:
         InputError
             If `size` is even or smaller.
         """
-        for name, n, own in zip(("height", "width"), validate.shape(size)[:2], self.size, strict=True):
-            if n < own or n % 2 == 0:
-                raise InputError(f"the {name} in size must be odd and at least {own}, got {n}")
+        wanted = validate.real_array("size", size, (2,))
+        if (wanted < self.size).any() or (wanted % 2 != 1).any():
+            raise InputError(f"size must be two odd numbers of at least {self.size}, got {size}")
         down, across = ((n - own) // 2 for n, own in zip(size, self.size, strict=True))
         return replace(self, kernels=np.pad(self.kernels, ((0, 0), (0, 0), (down, down), (across, across))))
 

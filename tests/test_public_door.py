@@ -169,7 +169,7 @@ CALLS: dict[str, Call] = {
     "fit_drifts: camera": lambda x: rs.fit_drifts(INERTIAL, x, [EXPOSURE], [[1.0, 0.0]]),
     "fit_drifts: exposures": lambda x: rs.fit_drifts(INERTIAL, CAMERA, x, [[1.0, 0.0]]),
     "Translation.drift: known": lambda x: rs.Translation.drift((1, 0), CAMERA, EXPOSURE, known=x),
-    "PsfBank.padded: shape": BANK.padded,
+    "PsfBank.padded: size": BANK.padded,
     "PsfBank.cut: rows": lambda x: BANK.cut(x, slice(0, 1)),
     "BlurPaths: softness": lambda x: BlurPaths(PATHS.displacements, PATHS.rows, PATHS.cols, x),
     "triage: log": lambda x: rs.triage(x, CAMERA, [EXPOSURE]),

@@ -13,8 +13,7 @@ from click.core import ParameterSource
 from rsdeblur.cli._history import recorded
 from rsdeblur.cli._inputs import naming, transfer_of
 from rsdeblur.cli._options import PhotoChanges, Recording, Signing, Target, Track
-from rsdeblur.cli._output import prepare_folder
-from rsdeblur.cli._photo import facts_of, nsr_of_photo
+from rsdeblur.cli._photo import facts_of, nsr_of_photo, prepare_result
 
 if TYPE_CHECKING:
     from rsdeblur.pipeline.options import Options
@@ -53,22 +52,23 @@ def deconvolve_photo(
 ) -> dict[str, Any]:
     """Deblur and write one photo, or only read and check its files, and return the facts to report.
 
-    `make_folder` makes the folder of the result.
-
     Raises
     ------
     RsdeblurError
         If a file is refused or the result cannot be written.
     """
     from rsdeblur.io.kernels import read_psfs
-    from rsdeblur.io.pictures import check_writable, picture_to_fill, read_picture
+    from rsdeblur.io.pictures import picture_to_fill, read_picture
     from rsdeblur.pipeline.deconvolve import check_bank, deconvolve_with, mode_of
 
-    if make_folder and not target.dry_run:
-        prepare_folder(target.output.parent, [], force=target.force)
     credentials = signing.credentials()
-    if not make_folder or target.output.parent.is_dir():
-        check_writable(target.output, force=target.force, signed=credentials is not None)
+    prepare_result(
+        target.output,
+        force=target.force,
+        dry_run=target.dry_run,
+        make_folder=make_folder,
+        signed=credentials is not None,
+    )
     in_place = options.max_memory is not None
     picture = read_picture(photo, in_place=in_place)
     pixels, bank = picture.pixels, read_psfs(psf, picture.pixels.shape)

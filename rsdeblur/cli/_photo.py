@@ -40,6 +40,22 @@ class PhotoJob:
     make_folder: bool = False
 
 
+def prepare_result(output: Path, *, force: bool, dry_run: bool, make_folder: bool, signed: bool) -> None:
+    """Check that a result can be written, and make its folder if `make_folder`; a dry run makes none.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    from rsdeblur.io.pictures import check_writable
+
+    if make_folder and not dry_run:
+        prepare_folder(output.parent, [], force=force)
+    if not make_folder or output.parent.is_dir():
+        check_writable(output, force=force, signed=signed)
+
+
 def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     """Deblur and write one photo, or only read and check its files, and return the facts to report.
 
@@ -50,13 +66,16 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     click.UsageError
         If the options do not give the exposure.
     """
-    from rsdeblur.io.pictures import check_writable, picture_to_fill
+    from rsdeblur.io.pictures import picture_to_fill
 
-    if job.make_folder and not job.dry_run:
-        prepare_folder(job.output.parent, [], force=job.force)
     credentials = job.signing.credentials()
-    if not job.make_folder or job.output.parent.is_dir():
-        check_writable(job.output, force=job.force, signed=credentials is not None)
+    prepare_result(
+        job.output,
+        force=job.force,
+        dry_run=job.dry_run,
+        make_folder=job.make_folder,
+        signed=credentials is not None,
+    )
     in_place = job.options.max_memory is not None
     inputs = read_inputs(job.photo, job.recording, in_place=in_place)
     job = replace(job, options=with_translation(job.options, job.track, inputs.camera, inputs.exposure))
