@@ -22,7 +22,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 from unittest.mock import patch
 
 import click
@@ -35,14 +35,13 @@ from benchmarks.priors import FOCAL_ERROR, OFFSET_ERROR, RATE_NOISE, jpeg, noisy
 from benchmarks.tables import markdown
 from rsdeblur import Correction, GyroLog, QualityCheck, RsdeblurError, deblur
 from rsdeblur._util.threads import thread_count
-from rsdeblur.choices import PRIORS, Prior
-from rsdeblur.estimate.check import Verdict, fall_back
+from rsdeblur.choices import PRIORS, VERDICTS, Prior
+from rsdeblur.estimate.check import fall_back
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.undershoot import fade_undershoot
 from rsdeblur.pipeline import steps
 
-VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 # Least gain or loss, dB, at which a result counts as better or worse than the blurred picture.
 EQUAL = 0.5
 DECIBELS = 40

@@ -20,6 +20,10 @@ QUALITIES: dict[Quality, tuple[Mode, Prior]] = {
 # Default of mode and prior; of every type, because Options replaces it.
 BY_QUALITY: Any = None
 
+# What the check says of a result, from the best to the worst.
+Verdict = Literal["good", "cannot tell", "doubtful", "bad"]
+VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
+
 Solver = Literal["auto", "direct", "cg"]
 SOLVERS: tuple[Solver, ...] = get_args(Solver)
 

@@ -130,7 +130,7 @@ async function show(answer, request) {
 function showCheck(answer) {
   const { check } = answer;
   find("verdict").textContent = check ? `Check of the crop: ${check.verdict}` : "";
-  find("verdict").className = check ? `verdict-${check.verdict}` : "";
+  find("verdict").className = check ? `verdict-${check.verdict.replace(" ", "-")}` : "";
   find("reasons").textContent = check ? check.reasons.join(" ") : "";
   remark(answer.notes);
 }

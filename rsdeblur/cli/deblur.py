@@ -186,6 +186,5 @@ def _verdict(check: dict[str, Any] | None) -> tuple[str, list[str]]:
     if check is None:
         return "", []
     blended = ", blended towards the photo" if check["blended"] else ""
-    # A good result has reasons too if a part of it could not be judged.
     reasons = [f"  {' '.join(check['reasons'])}"] if check["reasons"] else []
     return f"; {check['verdict']}{blended}", reasons

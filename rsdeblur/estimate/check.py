@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 
 from rsdeblur._util.one_line import one_line
+from rsdeblur.choices import Verdict
 from rsdeblur.estimate.noise import noise_level
 from rsdeblur.estimate.periodograms import TILE
 from rsdeblur.estimate.spectra import TilePeriodograms
@@ -26,8 +27,6 @@ from rsdeblur.kernels.raster import rasterize
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
-
-Verdict = Literal["good", "doubtful", "bad"]
 
 # Bounds of "doubtful" and "bad": lead of the motion over the best alternative, nats per tile, and light below black as
 # a share of the picture's contrast. docs/developer/reliability.md says how they were chosen and how often they are
@@ -84,8 +83,8 @@ class QualityCheck:
 
     Parameters
     ----------
-    verdict : {"good", "doubtful", "bad"}
-        Whether to trust the result.
+    verdict : {"good", "cannot tell", "doubtful", "bad"}
+        Whether to trust the result; "cannot tell" if it does not ring and nothing else can be judged.
     reasons : tuple of str
         Sentences that explain the verdict, or name what could not be judged.
     lead : float or None
@@ -197,14 +196,13 @@ def assess(
     QualityCheck
     """
     ringing, ringings = meter.ringing()
-    check = QualityCheck("good", (), None, None, None, ringing, None, None, (), ringings)
+    check = QualityCheck("cannot tell", (), None, None, None, ringing, None, None, (), ringings)
     length = float(capture.probe.lengths.mean())
     height, width, _ = encoded.shape
     if length < SHORT:
         return _with_verdict(check, f"The motion explains {length:.1f} px of blur, too little to be judged.")
     if min(height, width) < CELL:
-        reason = f"The picture is narrower than {CELL} px, too small to judge the motion by."
-        return replace(_with_verdict(check, reason), verdict="bad" if ringing > BAD_RINGING else "doubtful")
+        return _with_verdict(check, f"The picture is narrower than {CELL} px, too small to judge the motion by.")
     step = int(max(1.0, min(max(length / REDUCED_BLUR, LEAST_REDUCTION), min(height, width) // (2 * CELL))))
     tiles = _Tiles(encoded, capture, step, threads)
     if not tiles.detailed:
@@ -242,8 +240,9 @@ def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:
         sentences.append(f"The result rings: light below black is {check.ringing:.1%} of the picture's contrast.")
     if check.residual is not None and check.residual > LOST:
         sentences.append("The result has lost the picture's detail: are nsr and weight too large?")
-    doubtful = len(sentences) > len(reasons)
-    return replace(check, verdict="bad" if bad else "doubtful" if doubtful else "good", reasons=tuple(sentences))
+    doubtful, unknown = len(sentences) > len(reasons), check.lead is None
+    verdict: Verdict = "bad" if bad else "doubtful" if doubtful else "cannot tell" if unknown else "good"
+    return replace(check, verdict=verdict, reasons=tuple(sentences))
 
 
 def _neighbouring(score: FloatArray) -> FloatArray:

@@ -17,12 +17,13 @@ from urllib.parse import quote
 from PIL import Image, ImageOps
 
 from rsdeblur._util.atomic import atomic_write
-from rsdeblur.report.page import VERDICTS, allowed_hash
+from rsdeblur.choices import VERDICTS
+from rsdeblur.report.page import VERDICT_LEVELS, allowed_hash
 
 # px of a thumbnail's longer side, and its JPEG quality: 200 photos take about 6 MB.
 SIDE, QUALITY = 280, 80
 # Verdicts on items, the worst first.
-ORDER = ("failed", *VERDICTS, "not checked")
+ORDER = ("failed", *reversed(VERDICTS), "not checked")
 
 
 def write_batch_page(
@@ -73,7 +74,7 @@ def _rank(entry: Mapping[str, Any]) -> int:
 
 def _item(entry: Mapping[str, Any], folder: Path) -> str:
     verdict = verdict_of(entry)
-    level = {"good": "good", "doubtful": "note", "not checked": "note"}.get(verdict, "warning")
+    level = "note" if verdict == "not checked" else VERDICT_LEVELS.get(verdict, "warning")
     reasons = entry.get("error") or " ".join((entry.get("check") or {}).get("reasons", ()))
     name = escape(Path(entry["photo"]).name)
     images = _image(Path(entry["photo"]), f"{name}, the photo")

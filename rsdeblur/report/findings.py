@@ -171,8 +171,12 @@ def _size(psf: tuple[int, int], shape: tuple[int, ...]) -> Finding:
 
 
 def _verdict(mode: str, check: Mapping[str, Any]) -> Finding:
-    level: Literal["good", "warning"] = "good" if check["verdict"] == "good" else "warning"
-    return Finding(level, f"Result, {mode}", " ".join((f"The check finds it {check['verdict']}.", *check["reasons"])))
+    verdict = check["verdict"]
+    level: Literal["good", "note", "warning"] = "good" if verdict == "good" else "warning"
+    text = f"The check finds it {verdict}."
+    if verdict == "cannot tell":
+        level, text = "note", "The check cannot tell whether it is right."
+    return Finding(level, f"Result, {mode}", " ".join((text, *check["reasons"])))
 
 
 def _time(seconds: float) -> str:

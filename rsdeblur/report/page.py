@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.one_line import one_line
+from rsdeblur.choices import VERDICTS
 from rsdeblur.errors import InputError
 from rsdeblur.psf import PsfBank
 from rsdeblur.report.bands import BandFigures
@@ -35,8 +36,8 @@ from rsdeblur.report.findings import Finding
 
 LEVELS = {"warning": "Warning", "note": "Note", "good": "Good"}
 PARTS = ("page.html", "page.css", "page_shared.js", "page_viewer.js", "page_plots.js")
-# Verdicts of the check, the worst first.
-VERDICTS = ("bad", "doubtful", "good")
+# Levels of the verdicts of the check; others are warnings.
+VERDICT_LEVELS = {"good": "good", "cannot tell": "note", "doubtful": "note"}
 STAGES = ("highlights", "tune", "align", "psfs", "plan", "apply", "rectify", "check")
 TIMES, NONE = "\N{MULTIPLICATION SIGN}", "\N{EN DASH}"
 
@@ -187,8 +188,8 @@ def _best(page: Page) -> str:
         result = page.modes.get(label, {})
         psnr = result.get("psnr_db", 0.0)
         verdict = (result.get("check") or {}).get("verdict")
-        place = VERDICTS.index(verdict) if verdict in VERDICTS else 0
-        return math.inf if psnr is None else psnr, place, results.index(label)
+        place = VERDICTS.index(verdict) if verdict in VERDICTS else len(VERDICTS)
+        return math.inf if psnr is None else psnr, -place, results.index(label)
 
     return max(results, key=rank)
 
@@ -198,7 +199,7 @@ def _verdict(label: str, result: Mapping[str, Any]) -> str:
     verdict = (result.get("check") or {}).get("verdict")
     if verdict is None:
         return ""
-    level = {"good": "good", "doubtful": "note"}.get(verdict, "warning")
+    level = VERDICT_LEVELS.get(verdict, "warning")
     return f'{escape(label)}: <span class="verdict {level}">{verdict}</span> · '
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util import validate
-from rsdeblur.choices import Transfer
+from rsdeblur.choices import VERDICTS, Transfer
 from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck
 from rsdeblur.estimate.refine_frames import REFINED_FRAMES, FramesRefinement, refine_frames
@@ -37,8 +37,6 @@ SAMPLE_FRAMES = 5
 SPARE = 1
 # FFmpeg's numbers for transfer characteristics.
 LINEAR, HDR = 8, (16, 18)
-# From the best to the worst.
-VERDICTS = ("good", "doubtful", "bad")
 
 
 @dataclass(frozen=True, slots=True)

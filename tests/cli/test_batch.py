@@ -17,6 +17,7 @@ from click.testing import Result
 from PIL import Image
 
 from rsdeblur._util.records import Records
+from rsdeblur.choices import VERDICTS
 from rsdeblur.cli._inputs import read_device
 from rsdeblur.cli._items import COLUMNS
 from rsdeblur.cli._options import PhotoChanges, Recording, Signing
@@ -83,7 +84,7 @@ def test_failures_are_listed_and_stop_nothing(run: Run, files: Files, manifest: 
     with open(out / "batch.csv", newline="") as file:
         table = list(csv.DictReader(file))
     assert [row["state"] for row in table] == ["done", "done", "done", "failed", "failed"]
-    assert [row["verdict"] in ("good", "doubtful", "bad") for row in table] == [True] * 3 + [False] * 2
+    assert [row["verdict"] in VERDICTS for row in table] == [True] * 3 + [False] * 2
     assert [row["state"] for row in table] == states(json.loads((out / "batch.json").read_text())["items"]).split()
     assert {path.name for path in out.iterdir() if path.suffix in (".png", ".tif")} == {
         "photo.png",

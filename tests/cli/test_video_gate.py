@@ -14,6 +14,7 @@ from click.testing import Result
 from numpy.typing import NDArray
 
 from rsdeblur import Camera, Exposure, GyroLog, InputError
+from rsdeblur.choices import VERDICTS
 from rsdeblur.simulation.scene import scene
 
 av = pytest.importorskip("av", reason="the extra [video] is not installed")
@@ -85,7 +86,7 @@ def test_only_blurred_frames_change(run: Run, recording: list[object], tmp_path:
         assert (found["treated"], found["kept"]) == (3, 5)
         # At the picture's side the path is longer than in its centre, by 1 + (32 / 100)^2.
         assert 4.0 <= found["largest_blur_px"] < 4.5
-        assert found["check"]["verdict"] in ("good", "doubtful", "bad")
+        assert found["check"]["verdict"] in VERDICTS
     (before_format, before), (after_format, after) = decoded(clip), decoded(out)
     assert after_format == before_format == "yuv422p10le"
     # FFV1 is lossless.

@@ -84,6 +84,8 @@ def test_the_best_result_and_its_verdict_come_first(report_page) -> None:
     # Of equal verdicts, the later mode.
     equal = {mode: {**result, "check": {"verdict": "bad"}} for mode, result in checked.items()}
     assert 'banded: <span class="verdict warning">bad</span>' in render(replace(page, modes=equal))
+    unknown = {mode: {**result, "check": {"verdict": "cannot tell"}} for mode, result in checked.items()}
+    assert 'banded: <span class="verdict note">cannot tell</span>' in render(replace(page, modes=unknown))
 
 
 def test_the_telling_place_is_where_detail_differs() -> None:
@@ -227,6 +229,9 @@ def test_findings_of_a_good_and_of_a_bad_capture() -> None:
     grey = np.full((300, 400, 3), 100, np.uint8)
     good = findings(grey, GyroLog(t, omega), camera, exposure, psf=(9, 9))
     assert set(levels(good).values()) == {"good"}
+    unknown = {"banded": {"verdict": "cannot tell", "reasons": ("Too little blur.",)}}
+    noted = findings(grey, GyroLog(t, omega), camera, exposure, psf=(9, 9), checks=unknown)
+    assert levels(noted)["Result, banded"] == "note"
 
     # A clipped gyro, a hole before the exposure, few samples beyond it, highlights, and much blur.
     omega[:, 0] = np.clip(20 * omega[:, 0], -4.5, 4.5)
