@@ -97,6 +97,8 @@ def wrong(capture: SimulatedCapture) -> Iterator[tuple[str, SimulatedCapture]]:
     for axis, name in enumerate("xyz"):
         signs = np.where(np.arange(3) == axis, -1.0, 1.0)
         yield f"{name} reversed", replace(capture, log=replace(log, omega=log.omega * signs))
+    half_turn = replace(log, omega=log.omega * (-1.0, -1.0, 1.0))
+    yield "half a turn about the optical axis", replace(capture, log=half_turn)
     yield "x and y exchanged", replace(capture, log=replace(log, omega=log.omega[:, [1, 0, 2]]))
     yield "readout reversed", replace(capture, camera=replace(camera, readout_direction="bottom-up"))
 

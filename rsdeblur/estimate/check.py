@@ -3,8 +3,8 @@
 To blur the result again proves little: a wrong PSF that was divided out gives the input again. Two other tests do prove
 something. The first uses the spectra of the blurred picture, as :mod:`rsdeblur.estimate.time_offset` does. Under the
 right motion they are likelier than under alternatives: other sizes of the motion, its mirror image, its axes exchanged,
-straight blurs and no blur. The second is light below black: a wrong inverse leaves waves, which in dark places fall
-below zero.
+straight blurs and no blur. Half a turn leaves them as they are; there the sharp picture decides. The second is light
+below black: a wrong inverse leaves waves, which in dark places fall below zero.
 """
 
 from __future__ import annotations
@@ -21,9 +21,12 @@ from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Verdict
 from rsdeblur.estimate.noise import noise_level
 from rsdeblur.estimate.periodograms import TILE
+from rsdeblur.estimate.quick_sharpness import QuickSharpness
+from rsdeblur.estimate.sharpness import SIDE
 from rsdeblur.estimate.spectra import TilePeriodograms
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.kernels.raster import rasterize
+from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatArray
@@ -33,6 +36,8 @@ from rsdeblur.types import FloatArray
 # right.
 DOUBTFUL_LEAD, BAD_LEAD = -1.5, -6.0
 DOUBTFUL_RINGING, BAD_RINGING = 0.045, 0.15
+# Fall of the logarithm of l1 / l2 of the gradient under the motion turned by half a turn.
+DOUBTFUL_TURN, BAD_TURN = 0.01, 0.03
 # Residual from which hardly anything of the picture is left in the result; 1 is that of an even result.
 LOST = 0.9
 # Lead over every alternative, nats per tile, from which twice the ringing is allowed: such motion is right, and hard
@@ -102,6 +107,9 @@ class QualityCheck:
     residual : float or None
         Difference between the input and the result blurred again, root mean square, as a share of the picture's
         standard deviation; None if the PSF is too large for a tile or the result was straightened.
+    half_turn : float or None
+        By how much the logarithm of l1 / l2 of the gradient falls if the motion is turned by half a turn about the
+        optical axis; positive if the picture becomes sharper so, None if the motion cannot be judged.
     leads, ringings : tuple of float
         Lead and ringing in equal parts of the picture along the readout. A part's lead is over the alternative that is
         best there, of those that can make a result bad.
@@ -117,6 +125,7 @@ class QualityCheck:
     ringing: float
     noise_gain: float | None
     residual: float | None
+    half_turn: float | None
     leads: tuple[float, ...]
     ringings: tuple[float, ...]
     blended: bool = False
@@ -196,7 +205,7 @@ def assess(
     QualityCheck
     """
     ringing, ringings = meter.ringing()
-    check = QualityCheck("cannot tell", (), None, None, None, ringing, None, None, (), ringings)
+    check = QualityCheck("cannot tell", (), None, None, None, ringing, None, None, None, (), ringings)
     length = float(capture.probe.lengths.mean())
     height, width, _ = encoded.shape
     if length < SHORT:
@@ -219,6 +228,7 @@ def assess(
         weakest=min(float(_neighbouring(score).min()) for score in scores.values()),
         noise_gain=gain,
         residual=residual,
+        half_turn=_half_turn(encoded, capture),
         leads=tuple(map(float, np.min([scores[name] for name in harmful], axis=0))),
     )
     return _with_verdict(check)
@@ -227,14 +237,19 @@ def assess(
 def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:
     """Return `check` with the verdict and the reasons that follow from its figures."""
     lead = np.inf if check.lead is None else check.lead
-    ringing = check.ringing / (2.0 if CLEAR_LEAD < lead < np.inf else 1.0)
+    turn = -np.inf if check.half_turn is None else check.half_turn
+    clear = CLEAR_LEAD < lead < np.inf and turn <= DOUBTFUL_TURN
+    ringing = check.ringing / (2.0 if clear else 1.0)
     # Ringing is NaN in a result that is not finite.
-    bad = (lead < BAD_LEAD and check.alternative not in HARMLESS) or not ringing <= BAD_RINGING
+    bad = (lead < BAD_LEAD and check.alternative not in HARMLESS) or not ringing <= BAD_RINGING or turn > BAD_TURN
+    unfit = f"The motion {'does' if bad else 'may'} not fit."
     sentences = list(reasons)
     if lead < DOUBTFUL_LEAD and check.alternative is not None:
+        sentences.append(f"{unfit} The picture is explained better by {HINTS[check.alternative]}")
+    if turn > DOUBTFUL_TURN:
         sentences.append(
-            f"The motion {'does' if bad else 'may'} not fit. The picture is explained better by "
-            f"{HINTS[check.alternative]}"
+            f"{unfit} The picture becomes sharper with the motion turned by half a turn: is it upside down, or are two "
+            "of the gyroscope's axes reversed?"
         )
     if ringing > DOUBTFUL_RINGING:
         sentences.append(f"The result rings: light below black is {check.ringing:.1%} of the picture's contrast.")
@@ -259,9 +274,7 @@ class _Tiles:
         self._blurred, finest = self._cells(encoded)
         self._noise = noise_level(_mosaic(finest)[..., None])
         rows, cols = (corners + (CELL + 1) / 2 for corners in self._corners)
-        # In the reduced picture, a softness of up to 1 px hardly counts.
-        smaller = replace(capture, camera=capture.camera.scaled(1 / step), softness=0.0)
-        self._paths = BlurPaths.from_capture(smaller, rows, cols)
+        self._paths = BlurPaths.from_capture(_Moving(capture).capture(1 / step), rows, cols)
         self._kernels = PsfBank.from_paths(self._paths, threads=threads).kernels
 
     @property
@@ -337,6 +350,37 @@ class _Tiles:
         return difference / float(self._blurred.std())
 
 
+@dataclass(frozen=True, slots=True)
+class _Moving:
+    """The known motion of an upright picture, see :class:`rsdeblur.estimate.quick_sharpness.Moving`."""
+
+    whole: Capture
+
+    @property
+    def camera(self) -> Camera:
+        return self.whole.camera
+
+    def capture(self, scale: float = 1.0) -> Capture:
+        # In the reduced picture, a softness of up to 1 px hardly counts.
+        return replace(self.whole, camera=self.whole.camera.scaled(scale), softness=0.0)
+
+
+def _half_turn(encoded: EncodedImage, capture: Capture) -> float:
+    """Return by how much the picture is sharper with the motion turned by half a turn."""
+    height, width, channels = encoded.shape
+    step = max(max(height, width) // SIDE, 1)
+    # Four pixels of each cell are enough: the blur has removed fine detail.
+    within = sorted({step // 4, 3 * step // 4})
+    cells = [
+        encoded.values[top::step, left::step, :channels][: height // step, : width // step]
+        for top in within
+        for left in within
+    ]
+    light = np.mean([EncodedImage(cell, encoded.transfer).grey(slice(None)) for cell in cells], axis=0)
+    moving = _Moving(capture)
+    return QuickSharpness(light, moving).half_turn(moving)
+
+
 def _spread(length: int) -> NDArray[np.intp]:
     """Return the first pixels of cells that are spread over `length` px and overlap by half at most."""
     count = min(MOST_TILES, 2 * length // CELL - 1)
@@ -364,6 +408,8 @@ def fall_back(encoded: EncodedImage, check: QualityCheck, out: NDArray[Any]) -> 
         _share(check.ringings, height, DOUBTFUL_RINGING, BAD_RINGING),
         _share(check.leads, height, DOUBTFUL_LEAD, BAD_LEAD),
     )
+    if check.half_turn is not None:
+        share = np.maximum(share, _share((check.half_turn,), height, DOUBTFUL_TURN, BAD_TURN))
     sharp = EncodedImage(out, encoded.transfer)
     for top in range(0, height, CELL):
         rows = slice(top, min(top + CELL, height))

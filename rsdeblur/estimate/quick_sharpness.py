@@ -9,7 +9,7 @@ look better than the right one.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +17,12 @@ from scipy import fft
 
 from rsdeblur.deconv.coupling import TO_GRADIENT, Coupling
 from rsdeblur.deconv.priors import GRADIENT, brightness, half_quadratic
-from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.periodograms import wrapped
 from rsdeblur.estimate.posterior import UNDESCRIBED
 from rsdeblur.estimate.sharpness import assumed, contrast_shares, mean_concentration, scale_of, upright
 from rsdeblur.estimate.spectra import softness
-from rsdeblur.motion.paths import BlurPaths
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank, tile_centres
 from rsdeblur.types import FloatArray, FloatImage
 
@@ -37,6 +37,17 @@ PENALTIES = (5.0, 14.0)
 NATS_PER_FALL = 1000.0
 
 
+class Moving(Protocol):
+    """What moves the picture, as :class:`rsdeblur.estimate.correction.Recording` has it."""
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of the picture as stored."""
+
+    def capture(self, scale: float = 1.0) -> Capture:
+        """Return the capture of the upright picture, reduced by a factor `scale`."""
+
+
 class QuickSharpness:
     """How concentrated the gradient of the sharp picture is under several motions, with the same strength.
 
@@ -44,11 +55,11 @@ class QuickSharpness:
     ----------
     light : ndarray, shape (H, W)
         Linear light, of the picture as stored, or already reduced, but not below 640 px.
-    recording : Recording
+    recording : Moving
         Recording of the picture as given, from which the strength follows.
     """
 
-    def __init__(self, light: FloatImage, recording: Recording) -> None:
+    def __init__(self, light: FloatImage, recording: Moving) -> None:
         length = max(float(recording.capture().probe.lengths.mean()), 1.0)
         self._scale = scale_of(recording.camera, LONGEST_BLUR / length)
         light = upright(light, recording.camera, self._scale)
@@ -60,17 +71,28 @@ class QuickSharpness:
         self._shares = contrast_shares(self._tiles.observed_parts())
         self._weight, self._peak = tuning.weight("tv", 1.0), brightness(light)
 
-    def _bank(self, recording: Recording, rows: FloatArray, cols: FloatArray) -> PsfBank:
+    def _bank(self, recording: Moving, rows: FloatArray, cols: FloatArray) -> PsfBank:
         paths = BlurPaths.from_capture(recording.capture(self._scale), rows, cols)
         # So few PSFs are drawn sooner than threads start.
         return PsfBank.from_paths(paths, threads=1)
 
-    def of(self, recording: Recording) -> float:
+    def of(self, recording: Moving) -> float:
         """Return the mean logarithm of l1 / l2 of the gradient of the sharp tiles; infinite without a motion."""
         try:
-            solver = self._tiles.under(self._bank(recording, *self._tiles.centres).kernels)
+            return self._under(self._bank(recording, *self._tiles.centres).kernels)
         except UNDESCRIBED:
             return np.inf
+
+    def half_turn(self, recording: Moving) -> float:
+        """Return by how much that falls if the motion is turned by half a turn about the optical axis.
+
+        The spectra of the blurred picture are the same then.
+        """
+        kernels = self._bank(recording, *self._tiles.centres).kernels
+        return self._under(kernels) - self._under(kernels[:, :, ::-1, ::-1])
+
+    def _under(self, kernels: NDArray[np.float32]) -> float:
+        solver = self._tiles.under(kernels)
         steps = half_quadratic(
             *(solver, GRADIENT),
             weight=self._weight,

@@ -22,6 +22,7 @@ from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.estimate.correction import Correction, Recording, Uncertainty
 from rsdeblur.estimate.posterior import Posterior
+from rsdeblur.estimate.quick_sharpness import QuickSharpness
 from rsdeblur.estimate.rival_axes import OTHER_AXES
 from rsdeblur.estimate.sharpness import Sharpness
 from rsdeblur.estimate.spectra import TileSpectra
@@ -49,7 +50,8 @@ RESAMPLES, CONFIDENT = 200, 0.8
 # Least lead over any other answer, in nats over the whole picture. A constant rate of rotation gives every offset the
 # same PSF, and then nothing leads.
 LEAST_LEAD = 30.0
-# Other axes of the gyro: one reversed, or x and y exchanged. Half a turn about z leaves all power spectra as they are.
+# Other axes of the gyro: one reversed, or x and y exchanged. Half a turn about z leaves all power spectra as they are,
+# so the sharp picture decides.
 RIVALS = np.array(
     [
         [[-1, 0, 0], [0, 1, 0], [0, 0, -1]],
@@ -62,6 +64,10 @@ MOST_RIVAL = 100
 DISAGREE = "the pictures are sure of different offsets: do all exposures belong to this log, or do the clocks drift?"
 # Least fall of the logarithm of l1 / l2, see :mod:`rsdeblur.estimate.sharpness`.
 LEAST_FALL = 0.005
+# The same under the motion turned by half a turn; right motions reach 0.000.
+LEAST_TURN = 0.01
+# Nats of all tiles that such a fall is worth in an answer that is sure otherwise.
+NATS_PER_FALL = 3e4
 
 
 @one_line()
@@ -257,8 +263,8 @@ def _find(
         against = [objection for part in parts if (objection := _objection(*part, joint.best))]
         # Of several pictures, one may move in a way that explains its blur.
         reason = against[0] if 2 * len(against) > len(recordings) else ""
-        if not reason and len(whole) <= MOST_RIVAL and _has_rival(lights, recordings, coarse, first, whole):
-            reason = OTHER_AXES
+    if reason != DISAGREE and _has_other_axes(lights, recordings, coarse, joint, sure=not reason):
+        reason = OTHER_AXES
     joint = replace(joint, time_offset=None if reason else joint.best, reason=reason)
     return SharedOffset(joint, tuple(alone) or (joint,))
 
@@ -309,23 +315,44 @@ def _objection(light: NDArray[np.float32], spectra: TileSpectra, recording: Reco
     return ""
 
 
-def _has_rival(
+def _has_other_axes(
     lights: Sequence[NDArray[np.float32]],
     recordings: Sequence[Recording],
     coarse: _Curve,
-    first: float,
-    whole: NDArray[np.intp],
+    joint: OffsetSearch,
+    *,
+    sure: bool,
 ) -> bool:
-    """Return whether the pictures are likelier with other axes of the gyro, at any offset."""
-    best = coarse.lowest()
-    for turn in RIVALS:
+    """Return whether other axes of the gyro explain the pictures better, at any offset.
+
+    An answer that is `sure` otherwise fails if a rival is likelier, or so much sharper that it makes up for that. Else
+    both must hold, because edges of a scene alone may prefer wrong axes.
+    """
+    time_offset = recordings[0].camera.time_offset
+    if sure:
+        shift = Correction(offset=joint.best - time_offset)
+        moved = [recording.corrected(shift) for recording in recordings]
+        turns = [QuickSharpness(light, each).half_turn(each) for light, each in zip(lights, moved, strict=True)]
+        if np.median(turns) > LEAST_TURN:
+            return True
+        if abs(shift.offset) <= SAME:
+            return False
+    if len(coarse.tried) > MOST_RIVAL:
+        return False
+    nats, own = coarse.lowest()
+    measures = [QuickSharpness(light, each) for light, each in zip(lights, own, strict=True)]
+
+    def wins(turn: FloatArray) -> bool:
         camera = recordings[0].camera
         camera = replace(camera, imu_to_camera=turn @ camera.imu_to_camera)
-        curve = _Curve(lights, [replace(each, camera=camera) for each in recordings], first, side=COARSE_SIDE)
-        curve.extend(whole, lambda done: None)
-        if curve.lowest() < best - LEAST_LEAD:
-            return True
-    return False
+        score, rivals = coarse.under(camera).lowest()
+        falls = [measure.of(a) - measure.of(b) for measure, a, b in zip(measures, own, rivals, strict=True)]
+        lead, fall = nats - score, float(np.median(falls))
+        if not sure:
+            return lead > LEAST_LEAD and fall > LEAST_TURN
+        return max(lead, lead + NATS_PER_FALL * fall) > LEAST_LEAD
+
+    return any(map(wins, RIVALS))
 
 
 class _Curve:
@@ -338,6 +365,7 @@ class _Curve:
     def __init__(
         self, lights: Sequence[NDArray[np.float32]], recordings: Sequence[Recording], first: float, *, side: int
     ) -> None:
+        self._lights, self._side = lights, side
         pairs = zip(lights, recordings, strict=True)
         self.spectra = [TileSpectra(light, recording, side=side) for light, recording in pairs]
         self._recordings, self._first = recordings, first
@@ -370,6 +398,13 @@ class _Curve:
         if uncovered and not self._scores:
             raise uncovered
 
+    def under(self, camera: Camera) -> _Curve:
+        """Return the scores of the same candidates under another camera."""
+        recordings = [replace(recording, camera=camera) for recording in self._recordings]
+        curve = _Curve(self._lights, recordings, self._first, side=self._side)
+        curve.extend(np.array(self.tried), lambda _: None)
+        return curve
+
     def _table(self, part: slice) -> tuple[NDArray[np.intp], FloatArray]:
         places = np.array(sorted(self._scores))
         return places, np.array([self._scores[place][part] for place in places.tolist()])
@@ -381,9 +416,12 @@ class _Curve:
         (minima,) = np.nonzero((total[1:-1] <= total[:-2]) & (total[1:-1] <= total[2:]))
         return places[minima[np.argsort(total[1:-1][minima])]]
 
-    def lowest(self) -> float:
-        """Return the score of the best candidate, nats."""
-        return min(float(tiles.sum()) for tiles in self._scores.values())
+    def lowest(self) -> tuple[float, list[Recording]]:
+        """Return the score of the best candidate, nats, and the recordings with its offset."""
+        totals = {place: float(tiles.sum()) for place, tiles in self._scores.items()}
+        place = min(totals, key=totals.__getitem__)
+        shift = Correction(offset=self._first + place * FINE_STEP)
+        return totals[place], [recording.corrected(shift) for recording in self._recordings]
 
     def at_edge(self, part: slice) -> bool:
         """Return whether a neighbour of the best candidate of a part has no score."""

@@ -95,6 +95,15 @@ def test_wrong_axes_give_no_answer(sharp):
     assert found.reason == OTHER_AXES
 
 
+def test_half_a_turn_gives_no_answer(sharp):
+    """Its spectra are those of the right axes; the sharp picture is not."""
+    log = hand_shake(1.0, seed=2, strength=0.7)
+    picture = simulate(sharp[:240, :336], log, SMALL, EXPOSURE, noise=0.005).blurred
+    for turn, expected in ((np.eye(3), ""), (np.diag([-1.0, -1.0, 1.0]), OTHER_AXES)):
+        turned = replace(SMALL, imu_to_camera=turn)
+        assert find_time_offset(picture, log, turned, EXPOSURE, search=(-0.04, 0.03)).reason == expected
+
+
 def test_stillness_gives_no_answer(sharp):
     log = hand_shake(1.0, strength=0.0)
     picture = simulate(sharp[:240, :336], log, SMALL, EXPOSURE, noise=0.005).blurred
