@@ -26,17 +26,20 @@ from benchmarks.phone import processed
 from benchmarks.tables import markdown, write
 from rsdeblur import Camera, Correction, Exposure, RsdeblurError, Simulation, deblur, read_gyro, refine, simulate
 from rsdeblur.estimate.correction import Recording
+from rsdeblur.estimate.regions import with_factors
 from rsdeblur.image.transfer import from_linear, to_linear
 from rsdeblur.io import read_picture
 from rsdeblur.motion.axes import rotations
 from rsdeblur.motion.paths import BlurPaths, Capture
 
 PICTURES = ("kodim01", "kodim03", "kodim05", "kodim07", "kodim13", "kodim19", "kodim20", "kodim23")
-KINDS = ("none", "offset", "readout", "scale", "bias", "drift", "all", "axes")
+KINDS = ("none", "offset", "readout", "scale", "bias", "drift", "all", "axes", "depths")
 # Mean length of the paths that are used, px.
 LENGTHS = 4.0, 35.0
 # Softness of the pictures that are aligned, px, and the steps that this takes.
 SOFT, STEPS = 2.0, 5
+# Softness of the border between two depths, and the distance of the places of the true map, px.
+BORDER_SOFTNESS, MAP_STEP = 40.0, 16
 
 INTRODUCTION = """\
 # Refinement
@@ -63,7 +66,9 @@ The table says how many captures were measured; means of few captures vary widel
 
 Errors are random: offsets of 5 to 20 ms, readout times x 0.7 to x 1.4, focal lengths +-7 or 15 %, a bias of the
 gyroscope of 0.01 to 0.03 rad/s, an even translation of 3.6 to 9.6 px, and smaller ones of all kinds together. Wrong
-axes of the gyro (one of the other 23 mountings) no correction can undo: they should be refused.
+axes of the gyro (one of the other 23 mountings) no correction can undo: they should be refused. *Depths* are two
+translations that the recording lacks: one side of the picture moves by 2.4 to 4.8 px, the other 2 to 4 times as far,
+with a soft border between them; the true recording has the map of depths.
 
 The constants of `refine` do not come from these captures, but the table was looked at while they were chosen. With
 `--seed 3030`, on which nothing was chosen, no right recording of 30 is corrected, and 91 % (offset), 48 % (readout),
@@ -94,6 +99,49 @@ class Case:
         """The picture that the phone stores."""
         random = np.random.default_rng(self.number)
         return processed(self.simulation.blurred, random, noise=(0.004, 0.01, 0.02)[self.number % 3])
+
+
+@dataclass(frozen=True, eq=False)
+class Depths(Case):
+    """A capture of things at two depths, which drift differently; the border between them is soft."""
+
+    drift: Correction
+    near: float
+    """How much further the nearer things drift."""
+    share: Image
+    """Share of the nearer things, shape (H, W, 1)."""
+
+    @classmethod
+    def of(cls, case: Case, random: np.random.Generator) -> Depths:
+        """Return a capture with random drifts and a random border through its middle."""
+        (height, width, _), turn = case.scene.shape, random.uniform(0, 2 * np.pi)
+        length, near = random.uniform(2, 4) * width / 640, random.uniform(2, 4)
+        drift = Correction(drift_x=float(length * np.cos(turn)), drift_y=float(length * np.sin(turn)))
+        side = random.uniform(0, 2 * np.pi)
+        y, x = np.mgrid[:height, :width]
+        beyond = (x - width / 2) * np.cos(side) + (y - height / 2) * np.sin(side)
+        share = (1 / (1 + np.exp(-beyond / BORDER_SOFTNESS))).astype(np.float32)[..., None]
+        return cls(case.name, case.scene, case.true, case.number, drift, near, share)
+
+    @cached_property
+    def simulation(self) -> Simulation:
+        """The pictures of both depths, blended."""
+        drifts = [
+            replace(self.drift, **{name: size * getattr(self.drift, name) for name in ("drift_x", "drift_y")})
+            for size in (1.0, self.near)
+        ]
+        moved = [self.true.corrected(drift) for drift in drifts]
+        far, near = (
+            simulate(self.scene, each.log, each.camera, each.exposure, translation=each.translation) for each in moved
+        )
+        return Simulation(*(a + self.share * (b - a) for a, b in zip(far, near, strict=True)))
+
+    @property
+    def known(self) -> Recording:
+        """The recording with the true map of depths."""
+        factors = 1 + (self.near - 1) * self.share[::MAP_STEP, ::MAP_STEP, 0].astype(np.float64)
+        centres = [(np.arange(count) + 0.5) / count for count in factors.shape]
+        return with_factors(self.true, self.drift, factors, (centres[0], centres[1]))
 
 
 @dataclass(frozen=True)
@@ -224,9 +272,13 @@ def psnr(case: Case, recording: Recording) -> float:
 def measured(case: Case, kind: str, seed: int) -> Row | None:
     """Return what refinement does to a capture with an error; None where the log does not describe that recording."""
     random = np.random.default_rng((seed, case.number, KINDS.index(kind)))
+    true = case.true
+    if kind == "depths":
+        case = Depths.of(case, random)
+        true = case.known
     try:
         given = mounted(random, case.true) if kind == "axes" else case.true.corrected(error(kind, random, case.true))
-        given_px = distance(given, case.true)
+        given_px = distance(given, true)
     except RsdeblurError:
         return None
     begin = time.process_time()
@@ -240,10 +292,10 @@ def measured(case: Case, kind: str, seed: int) -> Row | None:
         found.accepted,
         seconds,
         given_px,
-        distance(refined, case.true),
+        distance(refined, true),
         given=psnr(case, given),
         refined=psnr(case, refined),
-        true=psnr(case, case.true),
+        true=psnr(case, true),
     )
 
 

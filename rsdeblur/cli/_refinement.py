@@ -38,6 +38,8 @@ def refinement_facts(refinement: Refinement | FramesRefinement) -> dict[str, Any
         "deviations": asdict(refinement.deviation),
         "gain": refinement.gain,
         "fall": refinement.fall,
+        # Several frames have drifts of their own.
+        "regions": None if (regions := getattr(refinement, "regions", None)) is None else regions.tolist(),
     }
 
 
@@ -47,10 +49,11 @@ def correction_text(facts: Mapping[str, Any]) -> str:
         reason = facts["reason"]
         return f"Recording not corrected: {reason}{'' if reason.endswith('?') else '.'}"
     values = facts["values"]
-    drifts = values["drift_x"], values["drift_y"]
+    drifts, regions = (values["drift_x"], values["drift_y"]), facts["regions"]
+    near = f" (x {min(map(min, regions)):g} to {max(map(max, regions)):g} by region)" if regions else ""
     numbers = {
         f"focal length x {math.exp(values['scale']):.3f}": values["scale"],
-        "drift {:+.1f} and {:+.1f} px".format(*drifts): any(drifts),
+        "drift {:+.1f} and {:+.1f} px".format(*drifts) + near: any(drifts),
         f"time offset {1e3 * values['offset']:+.1f} ms": values["offset"],
         f"readout time x {math.exp(values['readout']):.2f}": values["readout"],
         f"roll bias {values['roll']:+.3f} rad/s": values["roll"],

@@ -61,7 +61,7 @@ class Posterior:
     def __init__(
         self, spectra: TileSpectra, recording: Recording, deviations: FloatArray, *, threads: int | None = 1
     ) -> None:
-        self._spectra, self._recording, self._deviations, self._threads = spectra, recording, deviations, threads
+        self.spectra, self._recording, self._deviations, self._threads = spectra, recording, deviations, threads
         self._tiles = TILES_AS_ONE * max(spectra.tiles, LEAST_TILES)
         self._nats: dict[bytes, FloatArray | None] = {}
         # Descents ask for the fit of their last place again.
@@ -88,7 +88,7 @@ class Posterior:
 
     def _fit_at(self, key: bytes) -> Fit:
         """Return the fit of the spectra at a place, given as bytes."""
-        return self._spectra.fit(self.corrected(np.frombuffer(key)))
+        return self.spectra.fit(self.corrected(np.frombuffer(key)))
 
     def gain(self, place: FloatArray, over: FloatArray) -> float:
         """Return how much more likely one correction is than another, in nats; infinite if one has no score."""
@@ -102,9 +102,15 @@ class Posterior:
         nats = self.nats(place)
         if nats is None:
             return -np.inf
-        # No tile counts for much more than the bound.
-        bounded = MOST_NATS * np.tanh((others - nats) / MOST_NATS)
-        return float(bounded.sum() / self._tiles - 0.5 * place @ place)
+        return float(self.leads(nats, others).sum() - 0.5 * place @ place)
+
+    def leads(self, nats: FloatArray, others: FloatArray) -> FloatArray:
+        """Return how much more likely each tile is with one motion than with another, given the nats of both.
+
+        Tiles are correlated, and none counts for much more than the bound.
+        """
+        bounded: FloatArray = MOST_NATS * np.tanh((others - nats) / MOST_NATS) / self._tiles
+        return bounded
 
     def search(self, free: Sequence[str]) -> list[FloatArray]:
         """Return the local maxima that descents reach with some parameters free, from no correction and from samples.
@@ -162,7 +168,7 @@ class Posterior:
         """Return gradient and Fisher information of the tiles together for the parameters `at`, without the prior."""
         fit = self._fit(place.tobytes())
         slopes = share_map(lambda index: self._slope(place, index, fit.expected), at.tolist(), self._threads)
-        gradient, information = self._spectra.information(fit, np.array(slopes))
+        gradient, information = self.spectra.information(fit, np.array(slopes))
         # A tile that alone would gain more than the bound has less weight.
         solved = np.linalg.solve(information + TILES_AS_ONE * np.eye(len(at)), gradient[..., None])[..., 0]
         weight = 1.0 / (1.0 + 0.5 * (solved * gradient).sum(axis=1) / MOST_NATS)
@@ -174,7 +180,7 @@ class Posterior:
             moved = place.copy()
             moved[index] += step
             try:
-                slope: NDArray[np.float32] = np.log(self._spectra.expected(self.corrected(moved)) / expected) / step
+                slope: NDArray[np.float32] = np.log(self.spectra.expected(self.corrected(moved)) / expected) / step
             except UNDESCRIBED:
                 continue
             return slope.clip(-STEEPEST, STEEPEST)

@@ -19,7 +19,7 @@ from rsdeblur.deconv.coupling import TO_GRADIENT, Coupling
 from rsdeblur.deconv.priors import GRADIENT, brightness, half_quadratic
 from rsdeblur.estimate.periodograms import wrapped
 from rsdeblur.estimate.posterior import UNDESCRIBED
-from rsdeblur.estimate.sharpness import assumed, contrast_shares, mean_concentration, scale_of, upright
+from rsdeblur.estimate.sharpness import assumed, concentrations, contrast_shares, scale_of, upright
 from rsdeblur.estimate.spectra import softness
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.paths import BlurPaths, Capture
@@ -69,6 +69,9 @@ class QuickSharpness:
         tuning = assumed(light[..., None], bank)
         self._tiles = _RepeatingTiles(light, bank.size, nsr=tuning.border_error, softness=softness(self._scale))
         self._shares = contrast_shares(self._tiles.observed_parts())
+        down, across = self._tiles.centres
+        #: Centres of the rows and columns of tiles, as shares of the upright picture's height and width.
+        self.centres = down / light.shape[0], across / light.shape[1]
         self._weight, self._peak = tuning.weight("tv", 1.0), brightness(light)
 
     def _bank(self, recording: Moving, rows: FloatArray, cols: FloatArray) -> PsfBank:
@@ -79,9 +82,13 @@ class QuickSharpness:
     def of(self, recording: Moving) -> float:
         """Return the mean logarithm of l1 / l2 of the gradient of the sharp tiles; infinite without a motion."""
         try:
-            return self._under(self._bank(recording, *self._tiles.centres).kernels)
+            return float(self.tiles(recording).sum())
         except UNDESCRIBED:
             return np.inf
+
+    def tiles(self, recording: Moving) -> FloatArray:
+        """Return what each tile contributes to that mean, shape (N,); errors where the log describes no motion."""
+        return self._under(self._bank(recording, *self._tiles.centres).kernels)
 
     def half_turn(self, recording: Moving) -> float:
         """Return by how much that falls if the motion is turned by half a turn about the optical axis.
@@ -89,9 +96,9 @@ class QuickSharpness:
         The spectra of the blurred picture are the same then.
         """
         kernels = self._bank(recording, *self._tiles.centres).kernels
-        return self._under(kernels) - self._under(kernels[:, :, ::-1, ::-1])
+        return float((self._under(kernels) - self._under(kernels[:, :, ::-1, ::-1])).sum())
 
-    def _under(self, kernels: NDArray[np.float32]) -> float:
+    def _under(self, kernels: NDArray[np.float32]) -> FloatArray:
         solver = self._tiles.under(kernels)
         steps = half_quadratic(
             *(solver, GRADIENT),
@@ -103,7 +110,7 @@ class QuickSharpness:
             threads=1,
         )
         *_, last = steps
-        return mean_concentration(self._tiles.parts(last.latent), self._shares)
+        return self._shares * concentrations(self._tiles.parts(last.latent))
 
 
 class _RepeatingTiles:

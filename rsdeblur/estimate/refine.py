@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,10 +22,12 @@ from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording, Unce
 from rsdeblur.estimate.periodograms import TILE
 from rsdeblur.estimate.posterior import Posterior
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, QuickSharpness
+from rsdeblur.estimate.regions import drift_by_region, with_factors
 from rsdeblur.estimate.rival_axes import OTHER_AXES, rival_lead
 from rsdeblur.estimate.sharpness import Sharpness
 from rsdeblur.estimate.spectra import TileSpectra
 from rsdeblur.image.encoded import EncodedImage, check_size, reduced
+from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.arguments import check_reach, check_recording, is_held
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
@@ -97,6 +99,9 @@ class Refinement:
         How much likelier the correction is than none, nats.
     fall : float
         Fall of the logarithm of l1 / l2 of the sharp picture's gradient.
+    regions : ndarray, shape (R, C), or None
+        Factors on the drift in equal regions of the picture as stored, where things at several depths are visible;
+        `translation` then has a map of depths.
     """
 
     log: GyroLog
@@ -109,6 +114,7 @@ class Refinement:
     deviation: Correction
     gain: float
     fall: float
+    regions: FloatArray | None = None
 
 
 def refine(
@@ -188,6 +194,12 @@ def refine(
     # With wrong axes, a correction may make the motion more like the right one, but never right.
     if not reason and rival_lead(spectra, quick, found, recording, deviations, threads=threads) > 0:
         reason = OTHER_AXES
+    correction, regions = Correction(*(best * deviations).tolist()), None
+    if not reason and translation is None:
+        regions = drift_by_region(posterior, quick, judge.whole, recording, correction, threads=threads)
+        if regions is not None:
+            found = with_factors(recording, correction, regions, quick.centres)
+            regions = ReadoutFrame(camera).back(regions)
     used = recording if reason else found
     return Refinement(
         used.log,
@@ -196,10 +208,11 @@ def refine(
         used.translation,
         accepted=not reason,
         reason=reason,
-        correction=Correction(*(best * deviations).tolist()),
+        correction=correction,
         deviation=Correction(*(posterior.spread(best) * deviations).tolist()),
         gain=judge.gain(best),
         fall=judge.fall(best),
+        regions=regions,
     )
 
 
@@ -271,10 +284,14 @@ class _Judge:
         self, posterior: Posterior, quick: QuickSharpness, whole: Callable[[], Sharpness], threads: int | None
     ) -> None:
         self._posterior, self._quick, self._plan_whole, self._threads = posterior, quick, whole, threads
-        self._whole: Sharpness | None = None
         self._nothing = np.zeros(len(PARAMETERS))
         self._sparsities: dict[bytes, float] = {}
         self._whole_sparsities: dict[bytes, float] = {}
+
+    @cached_property
+    def whole(self) -> Sharpness:
+        """The measure of whole solves."""
+        return self._plan_whole()
 
     def gain(self, place: FloatArray) -> float:
         """Return how much likelier the spectra are than without a correction, nats."""
@@ -378,9 +395,7 @@ class _Judge:
 
     def _whole_falls(self, places: Sequence[FloatArray]) -> list[float]:
         """Return how much the logarithm of l1 / l2 falls in the whole solve."""
-        if self._whole is None:
-            self._whole = self._plan_whole()
-        known, whole = self._whole_sparsities, self._whole
+        known, whole = self._whole_sparsities, self.whole
         new = {each.tobytes(): each for each in (self._nothing, *places) if each.tobytes() not in known}
         values = share_map(lambda each: whole.of(self._posterior.corrected(each)), list(new.values()), self._threads)
         known.update(zip(new, values, strict=True))

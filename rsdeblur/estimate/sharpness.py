@@ -108,9 +108,15 @@ def concentration(pictures: FloatImage) -> float:
 
 def mean_concentration(tiles: FloatImage, shares: FloatArray) -> float:
     """Return the mean of the logarithms of l1 / l2 of the gradient of tiles, shape (N, H, W), with their shares."""
+    return float(shares @ concentrations(tiles))
+
+
+def concentrations(tiles: FloatImage) -> FloatArray:
+    """Return the logarithms of l1 / l2 of the gradient of tiles, shape (N, H, W)."""
     slope = _gradient(tiles)
     spread = slope.mean(axis=(1, 2)) / np.maximum(_root_mean_square(slope), FAINTEST)
-    return float(shares @ np.log(np.maximum(spread, FAINTEST)))
+    logarithms: FloatArray = np.log(np.maximum(spread, FAINTEST))
+    return logarithms
 
 
 def contrast_shares(tiles: FloatImage) -> FloatArray:

@@ -74,6 +74,8 @@ class TileSpectra:
         strips = min(COLUMNS, len(cols))
         self._cols = (np.arange(strips) + 0.5) * grey.shape[1] / strips - 0.5
         nearest = np.abs(cols[:, None] - self._cols).argmin(axis=1)
+        #: Centres of the rows and columns of tiles, as shares of the upright picture's height and width.
+        self.centres = self._rows / grey.shape[0], cols / grey.shape[1]
         self._periodograms = TilePeriodograms(grey, tops, lefts, softness=softness(self._scale) if soft else 0.0)
         self._place = (np.arange(len(tops))[:, None] * strips + nearest).ravel()
         longest = float(recording.capture(self._scale).probe.lengths.max())

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 from click.testing import Result
 
@@ -49,3 +51,5 @@ def test_only_changed_numbers_are_named(files: Files) -> None:
     found = Refinement(*given, True, "", Correction(drift_y=-1.5, offset=2e-3), Correction(), 40.0, 0.05)
     text = correction_text(refinement_facts(found))
     assert text == "Recording corrected: drift +0.0 and -1.5 px, time offset +2.0 ms."
+    text = correction_text(refinement_facts(replace(found, regions=np.array([[0.5, 1.0], [1.0, 2.0]]))))
+    assert "drift +0.0 and -1.5 px (x 0.5 to 2 by region), time" in text

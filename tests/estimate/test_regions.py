@@ -1,0 +1,102 @@
+"""Drift by region: the map of depths, labels that are alike, and a scene of two depths."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rsdeblur import Camera, Correction, Exposure, simulate
+from rsdeblur.estimate.correction import Recording, Uncertainty
+from rsdeblur.estimate.posterior import Posterior
+from rsdeblur.estimate.quick_sharpness import TILES, QuickSharpness
+from rsdeblur.estimate.regions import FACTORS, NATS_PER_SQUARE, SAME, _alike, drift_by_region, with_factors
+from rsdeblur.estimate.sharpness import Sharpness
+from rsdeblur.estimate.spectra import TileSpectra
+from rsdeblur.motion.paths import BlurPaths
+from rsdeblur.simulation.scene import scene
+from rsdeblur.simulation.shake import hand_shake
+
+CAMERA, EXPOSURE = Camera(512, 384, 600.0, readout_time=0.02), Exposure(0.5, 1 / 20)
+LOG = hand_shake(1.2, seed=5, strength=0.4)
+DRIFT = Correction(drift_x=5.0, drift_y=-2.0)
+CENTRES = tuple((np.arange(count) + 0.5) / count for count in TILES)
+
+
+def span(recording, row, col):
+    """Return the way of a point of the upright picture from the first to the last moment, px."""
+    path = BlurPaths.from_capture(recording.capture(), [row], [col]).displacements[0, 0]
+    return path[-1] - path[0]
+
+
+def test_even_factors_are_one_drift():
+    recording = Recording(LOG, CAMERA, EXPOSURE)
+    even = with_factors(recording, DRIFT, np.full(TILES, 1.5), CENTRES)
+    longer = recording.corrected(replace(DRIFT, drift_x=1.5 * DRIFT.drift_x, drift_y=1.5 * DRIFT.drift_y))
+    for place in ((10, 20), (300, 400)):
+        np.testing.assert_allclose(span(even, *place), span(longer, *place), rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("direction", ["top-down", "left-right"])
+def test_factors_hold_in_the_upright_picture(direction):
+    camera = replace(CAMERA, readout_direction=direction)
+    recording = Recording(hand_shake(1.2, strength=0.0), camera, EXPOSURE)
+    upright = recording.capture().camera
+    factors = np.ones(TILES)
+    factors[:, 2:], factors[4:] = 2.0, 0.5
+    moved, whole = with_factors(recording, DRIFT, factors, CENTRES), recording.corrected(DRIFT)
+    for region, factor in (((0, 0), 1.0), ((0, 3), 2.0), ((5, 0), 0.5)):
+        place = [at[n] * side for at, n, side in zip(CENTRES, region, (upright.height, upright.width), strict=True)]
+        # The map spans the picture from its first to its last pixel, which is half a pixel less on either side.
+        np.testing.assert_allclose(span(moved, *place), factor * span(whole, *place), rtol=0.02)
+
+
+def test_no_region_could_do_better_alone():
+    """Nor is one factor for all better."""
+    rows, cols = np.indices(TILES)
+    for seed in range(5):
+        costs = np.random.default_rng(seed).normal(0.0, 3.0, (len(FACTORS), *TILES))
+
+        def cost(labels, costs=costs):
+            at = FACTORS[labels]
+            apart = sum(np.minimum(np.square(np.diff(at, axis=axis)), 4.0).sum() for axis in (0, 1))
+            return costs[labels, rows, cols].sum() + NATS_PER_SQUARE * apart
+
+        labels, least = _alike(costs)
+        assert least == pytest.approx(cost(labels))
+        others = [np.full(TILES, label) for label in range(len(FACTORS))]
+        for place in np.ndindex(TILES):
+            for label in range(len(FACTORS)):
+                other = labels.copy()
+                other[place] = label
+                others.append(other)
+        assert least <= min(map(cost, others)) + 1e-9  # rounding
+
+
+def test_alike_costs_leave_all_regions_as_they_are():
+    costs = np.ones((len(FACTORS), *TILES))
+    costs[SAME] = 0.0
+    labels, cost = _alike(costs)
+    assert (labels == SAME).all()
+    assert cost == 0.0
+
+
+@pytest.mark.parametrize("nearer", [1.0, 3.0])
+def test_two_depths_are_found_and_one_is_left(nearer):
+    """The right half drifts `nearer` times as far as the left."""
+    true, sharp = Recording(LOG, CAMERA, EXPOSURE), scene(424, 552)
+    halves = [
+        simulate(sharp, LOG, CAMERA, EXPOSURE, noise=0.004, translation=true.corrected(drift).translation).blurred
+        for drift in (DRIFT, replace(DRIFT, drift_x=nearer * DRIFT.drift_x, drift_y=nearer * DRIFT.drift_y))
+    ]
+    light = np.concatenate([halves[0][:, :256], halves[1][:, 256:]], axis=1).mean(axis=2)
+    posterior = Posterior(TileSpectra(light, true, side=480, soft=True), true, Uncertainty().deviations(CAMERA))
+    quick, whole = QuickSharpness(light, true), Sharpness(light, true, robust=True)
+    factors = drift_by_region(posterior, quick, whole, true, DRIFT, threads=1)
+    if nearer == 1.0:
+        assert factors is None
+    else:
+        # The columns beside the border belong to both.
+        assert factors[:, 3].mean() > 2.0 * factors[:, 0].mean()
+    assert drift_by_region(posterior, quick, whole, true, Correction(offset=0.01), threads=1) is None
