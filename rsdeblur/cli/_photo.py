@@ -84,6 +84,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     picture, log, camera, exposure = inputs
 
     from rsdeblur.image.encoded import reduced
+    from rsdeblur.image.highlights import clipped_share
     from rsdeblur.pipeline.plan import plan_for
 
     options = replace(job.options, transfer=transfer_of(picture, job.options.transfer))
@@ -104,6 +105,8 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         result = planned.apply(pixels, out=out, progress=move)
     seconds = time.perf_counter() - begin
     facts = facts_of(result, job.output, job.options.mode, job.options.prior_name, seconds)
+    if job.options.saturation == "ignore" and not in_place:
+        facts["clipped"] = clipped_share(pixels)
     return facts | ({"time_offset_s": camera.time_offset} if job.recording.start == "exif" else {})
 
 

@@ -160,6 +160,7 @@ def _print(photo: Path, facts: dict[str, Any], options: Options, *, asked: bool)
     say(
         f"{facts['output']}: {facts['mode']}, {kernels}, {options.prior}, {strength}, {seconds}{verdict}",
         *reasons,
+        *_clipped(facts.get("clipped", 0.0)),
         *_moment(facts.get("time_offset_s")),
         *_correction(facts["refinement"], asked),
     )
@@ -170,6 +171,15 @@ def _correction(refinement: dict[str, Any] | None, asked: bool) -> list[str]:
     if refinement is None or not (asked or refinement["accepted"] or level() > 0):
         return []
     return ["  " + _refinement.correction_text(refinement)]
+
+
+def _clipped(share: float) -> list[str]:
+    """Return a line about highlights that are clipped, if there are many."""
+    from rsdeblur.image.highlights import MUCH_CLIPPED
+
+    if share <= MUCH_CLIPPED:
+        return []
+    return [f"  {share:.1%} of the pixels are clipped: --saturation auto may leave fewer waves around highlights."]
 
 
 def _moment(time_offset: float | None) -> list[str]:

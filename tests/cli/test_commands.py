@@ -49,6 +49,16 @@ def test_deblur_writes_the_picture_and_one_line(run: Run, files: Files, tmp_path
         assert picture.size == (WIDTH, HEIGHT)
 
 
+def test_deblur_says_that_much_is_clipped_unless_that_is_handled(run: Run, files: Files, tmp_path: Path) -> None:
+    pixels = np.minimum(read_picture(files.photo).pixels, 200)
+    quick = "deblur", tmp_path / "photo.png", *files.recording, "--quality", "fast", "--force"
+    for bright, options, said in ((0, (), False), (12, (), True), (12, ("--saturation", "auto"), False)):
+        pixels[:bright, :bright] = 255
+        Image.fromarray(pixels).save(tmp_path / "photo.png")
+        line = "2.1% of the pixels are clipped: --saturation auto"
+        assert (line in run(*quick, *options, "-o", tmp_path / "sharp.png").stdout) == said
+
+
 def test_deblur_signs_with_the_parameters_of_the_history(
     run: Run, files: Files, tmp_path: Path, pem_files: Callable[..., tuple[Path, Path]]
 ) -> None:
