@@ -22,7 +22,7 @@ import numpy as np
 
 import rsdeblur as rs
 from benchmarks import machine
-from rsdeblur.choices import Mode, Prior, ReadoutDirection
+from rsdeblur.choices import Mode, Prior, ReadoutDirection, Strength
 from rsdeblur.kernels import native
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -67,7 +67,8 @@ def results(threads: int = 2) -> list[Result]:
         ),
     ):
         camera = rs.Camera(128, 96, 150.0, readout_time=0.03, readout_direction=direction)
-        options = rs.Options(mode=mode, prior=prior, nsr=0.01, weight=0.01, strips=2, threads=threads)
+        weight: Strength = "auto" if prior == "wiener" else 0.01
+        options = rs.Options(mode=mode, prior=prior, nsr=0.01, weight=weight, strips=2, threads=threads)
         image = rs.plan(log, camera, rs.Exposure(0.1, 0.04), options).apply(picture).image
         signs = np.random.default_rng(1).choice([-1.0, 1.0], (SUMS, image.size))
         sums = signs @ image.ravel().astype(np.float64) / image.size**0.5

@@ -24,6 +24,9 @@ BY_QUALITY: Any = None
 Verdict = Literal["good", "cannot tell", "doubtful", "bad"]
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 
+# Exponent of the hyper-Laplacian.
+EXPONENT = 2 / 3
+
 Solver = Literal["auto", "direct", "cg"]
 SOLVERS: tuple[Solver, ...] = get_args(Solver)
 

@@ -32,13 +32,11 @@ from numpy.typing import ArrayLike
 
 from rsdeblur._util import validate
 from rsdeblur._util.threads import share, thread_count
-from rsdeblur.choices import PRIORS, Prior
+from rsdeblur.choices import EXPONENT, PRIORS, Prior
 from rsdeblur.deconv.coupling import TO_DERIVATIVES, TO_GRADIENT, Coupling
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.shrink import TERMS, shrunk_derivatives_adjoint, shrunk_grad_adjoint, workspace
 from rsdeblur.types import Float32Array, FloatImage
-
-EXPONENT = 2 / 3
 
 # Steps of :func:`half_quadratic`: their penalties, and how far ahead they look.
 PENALTIES, AHEAD = (7.0, 35.0, 178.0, 900.0), 0.5

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur.choices import (
     BY_QUALITY,
+    EXPONENT,
     Auto,
     Border,
     Boundary,
@@ -49,7 +50,7 @@ def deblur(
     strips: Count = "auto",
     prior: Prior | Denoiser = BY_QUALITY,
     weight: Strength = "auto",
-    exponent: float = 2 / 3,
+    exponent: float = EXPONENT,
     nsr: Strength = "auto",
     noise: Strength = "auto",
     solver: Solver = "auto",

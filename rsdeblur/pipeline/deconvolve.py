@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur.choices import (
     BY_QUALITY,
+    EXPONENT,
     Auto,
     Border,
     Boundary,
@@ -40,7 +41,7 @@ def deconvolve(
     quality: Quality = "balanced",
     prior: Prior | Denoiser = BY_QUALITY,
     weight: Strength = "auto",
-    exponent: float = 2 / 3,
+    exponent: float = EXPONENT,
     nsr: Strength = "auto",
     noise: Strength = "auto",
     border: Border | Boundary | Auto = "auto",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from rsdeblur import choices
 from rsdeblur.choices import (
     BY_QUALITY,
+    EXPONENT,
     Auto,
     Border,
     Boundary,
@@ -56,7 +57,7 @@ class Options:
     strips: Count = "auto"
     prior: Prior | Denoiser = BY_QUALITY
     weight: Strength = "auto"
-    exponent: float = 2 / 3
+    exponent: float = EXPONENT
     nsr: Strength = "auto"
     noise: Strength = "auto"
     solver: Solver = "auto"
@@ -131,6 +132,12 @@ class Options:
             object.__setattr__(self, name, value)
 
     def _check_combinations(self) -> None:
+        from rsdeblur._util import validate
+
+        if self.prior == "wiener" and not validate.is_auto(self.weight):
+            raise InputError('prior="wiener" has no weight: give nsr, or another prior')
+        if self.prior != "hyper-laplacian" and self.exponent != EXPONENT:
+            raise InputError(f'exponent belongs to prior="hyper-laplacian", but prior is {self.prior_name!r}')
         if self.mode == "rowwise" and self.boundary is not None:
             by_quality = choices.QUALITIES[self.quality][0] == self.mode
             given = f'quality="{self.quality}"' if by_quality else 'mode="rowwise"'

@@ -58,6 +58,8 @@ def test_the_command_line_has_the_same_defaults(command: click.Command) -> None:
         ({"normalize": "yes"}, "normalize must be True or False"),
         ({"max_memory": 0.5}, "max_memory must be a whole number"),
         ({"exponent": 0}, "exponent must be greater than 0"),
+        ({"prior": "tv", "exponent": 0.5}, "exponent belongs to prior=\"hyper-laplacian\", but prior is 'tv'"),
+        ({"quality": "fast", "weight": 0.1}, 'prior="wiener" has no weight'),
         ({"softness": 1.5}, "softness must be at most 1"),
     ],
 )
@@ -72,7 +74,7 @@ def test_quality_sets_mode_and_prior_unless_they_are_set(quality: Quality) -> No
     assert (chosen.mode, chosen.prior) == QUALITIES[quality]
     assert Options(quality=quality, mode="global").mode == "global"
     assert Options(quality=quality, prior="nlm").prior == "nlm"
-    assert replace(chosen, weight=1.0) == Options(mode=chosen.mode, prior=chosen.prior, quality=quality, weight=1.0)
+    assert replace(chosen, nsr=1.0) == Options(mode=chosen.mode, prior=chosen.prior, quality=quality, nsr=1.0)
 
 
 def test_quality_is_the_same_in_python_and_on_the_command_line() -> None:
