@@ -66,7 +66,10 @@ ADJUSTED, QUICK_STEPS, WHOLE_STEPS, MOST_STEPS = ("scale", "drift_x", "drift_y")
 NATS_PER_PARAMETER, WORST_GAIN = 3.0, -1000.0
 # Least worth (nats) and least fall of a correction that is accepted, and the most standard deviations of any parameter.
 LEAST_WORTH, LEAST_FALL, MOST_DEVIATIONS = 30.0, 0.01, 6.0
-# The same for the readout time alone: little else looks like that.
+# Gain (nats) without which the fall does not count where the paths become shorter than this share of those recorded:
+# less deblurring leaves fewer waves.
+LEAST_OF_SHORTER, SHORTER = 10.0, 0.85
+# Least worth and fall for the readout time alone: little else looks like that.
 LEAST_OF_READOUT = 15.0, 0.005
 # Exposures that are shorter, s, show no shake; the drifts of the search would have speeds that no hand has, and PSFs of
 # the rows between them that fill the memory.
@@ -388,7 +391,13 @@ class _Judge:
         gain = max(self.gain(place), WORST_GAIN)
         # The sharp picture counts only where the spectra agree. Far from the truth it may be clear because little blur
         # was removed.
-        return gain if gain < 0 else gain + NATS_PER_FALL * fall
+        if gain < 0 or (gain < LEAST_OF_SHORTER and self._length(place) < SHORTER * self._length(self._nothing)):
+            return gain
+        return gain + NATS_PER_FALL * fall
+
+    def _length(self, place: FloatArray) -> float:
+        """Return the mean length of the paths, px."""
+        return float(self._posterior.corrected(place).capture().probe.lengths.mean())
 
     def _whole_worths(self, places: Sequence[FloatArray]) -> list[float]:
         return [self._sum(place, fall) for place, fall in zip(places, self._whole_falls(places), strict=True)]

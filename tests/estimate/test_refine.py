@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +22,8 @@ from rsdeblur import (
     simulate,
 )
 from rsdeblur.estimate.correction import Recording
+from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL
+from rsdeblur.estimate.refine import _Judge
 from rsdeblur.estimate.rival_axes import OTHER_AXES
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.simulation.scene import scene
@@ -116,6 +119,25 @@ def test_exposures_of_microseconds_are_not_searched(picture):
     found = refine(picture, LOG, CAMERA, Exposure(0.5, 3e-6))
     assert not found.accepted
     assert "so short" in found.reason
+
+
+def test_a_clearer_picture_does_not_prove_shorter_paths():
+    """Where less is deblurred, fewer waves appear: the spectra must ask for it."""
+
+    def worth(length, gain):
+        """Return the worth of a correction to paths of 10 px that has a fall of 0.1."""
+
+        def corrected(place):
+            paths = SimpleNamespace(lengths=np.array([length if place.any() else 10.0]))
+            return SimpleNamespace(capture=lambda: SimpleNamespace(probe=paths), clear=place.any())
+
+        posterior = SimpleNamespace(corrected=corrected, gain=lambda *_: gain)
+        quick = SimpleNamespace(of=lambda recording: -0.1 if recording.clear else 0.0)
+        return _Judge(posterior, quick, lambda: None, 1)._worth(np.eye(6)[0])
+
+    assert worth(5.0, 9.0) == 9.0
+    assert worth(5.0, 11.0) == pytest.approx(11.0 + 0.1 * NATS_PER_FALL)
+    assert worth(9.0, 9.0) == worth(20.0, 9.0) == pytest.approx(9.0 + 0.1 * NATS_PER_FALL)
 
 
 def test_few_pixels_prove_nothing():
