@@ -1,4 +1,4 @@
-"""Streaks around lamps, with ``saturation="ignore"`` and ``"auto"``: ``python -m benchmarks.saturation``.
+"""Streaks around lamps, with ``saturation="ignore"`` and ``"always"``: ``python -m benchmarks.saturation``.
 
 The scene is a dim bookshelf with eight lamps, points and discs of up to 25 times full scale. It is blurred in linear
 light, gets noise of 50 dB, is clipped at 1 and stored in 8 bits of sRGB, or with ``--jpeg Q`` as a JPEG of that
@@ -117,7 +117,7 @@ def rows(jpeg: int | None, seeds: tuple[int, ...] = SEEDS) -> Iterator[list[str]
             for prior in PRIORS:
                 settings: dict[str, Any] = {"mode": mode, "prior": prior, "transfer": "srgb"}
                 plain, careful = (
-                    deblur(pixels, *taken.recording, **settings, saturation=s) for s in ("ignore", "auto")
+                    deblur(pixels, *taken.recording, **settings, saturation=s) for s in ("ignore", "always")
                 )
                 reach = max(plain.psfs.size)
                 (a, outside), (b, then) = (measures(taken.pictures.rolling, r.image, reach) for r in (plain, careful))
@@ -128,9 +128,9 @@ def rows(jpeg: int | None, seeds: tuple[int, ...] = SEEDS) -> Iterator[list[str]
 
 
 COLUMNS = (
-    "capture, mode, prior", "streaks, ignore", "auto", "factor", "PSNR of the rest, ignore", "auto",
+    "capture, mode, prior", "streaks, ignore", "always", "factor", "PSNR of the rest, ignore", "always",
 )  # fmt: skip
-DAYLIGHT = "capture, overexposed", "clipped, %", "Wiener, ignore", "auto", "tv, ignore", "auto"
+DAYLIGHT = "capture, overexposed", "clipped, %", "Wiener, ignore", "always", "tv, ignore", "always"
 
 
 def main() -> None:

@@ -44,7 +44,7 @@ BORDERS: tuple[Border, ...] = get_args(Border)
 Boundary = Literal["reflect", "edge-taper", "smooth", "unknown"]
 BOUNDARIES: tuple[Boundary, ...] = get_args(Boundary)
 
-Saturation = Literal["ignore", "auto"]
+Saturation = Literal["ignore", "auto", "always"]
 SATURATIONS: tuple[Saturation, ...] = get_args(Saturation)
 
 Planning = Literal["estimate", "measure"]

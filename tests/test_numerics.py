@@ -229,7 +229,7 @@ image = np.random.default_rng(0).random((31, 37, 3), dtype=np.float32)
 log, camera = hand_shake(0.2, strength=0.5, seed=3), Camera(37, 31, 60.0, readout_time=0.03)
 np.savez(path, **{
     f"{mode} {prior}": deblur(image, log, camera, Exposure(0.05, 0.02), mode=mode, prior=prior, nsr=0.02,
-                              weight=0.01, bands=3, strips=2, check=False).image
+                              weight="auto" if prior == "wiener" else 0.01, bands=3, strips=2, check=False).image
     for mode in ("global", "banded", "rowwise") for prior in ("wiener", "tv")
 })
 """

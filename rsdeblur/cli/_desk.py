@@ -198,7 +198,7 @@ class Desk:
         return answer | {
             "strength": {"name": name, "value": value, "power": _power(form)},
             "check": None if result.check is None else asdict(result.check),
-            "command": shlex.join(["rsdeblur", "deblur", *words, "--no-refine", "-o", _path(form, "output")]),
+            "command": shlex.join(["rsdeblur", "deblur", *words, *_as_here(words), "-o", _path(form, "output")]),
             # The page chooses the scale of drafts by this; they have no check.
             "seconds": time.perf_counter() - begin - result.timings.get("check", 0.0),
             "notes": notes,
@@ -307,6 +307,12 @@ def _path(form: Mapping[str, Any], name: str) -> str:
     """Return an absolute path, with which the command works in every folder."""
     text = _text(form, name)
     return str(Path(text).expanduser().absolute()) if text else ""
+
+
+def _as_here(words: Sequence[str]) -> list[str]:
+    """Return the options by which the command deblurs as the page does, with given arguments."""
+    chosen = any(word.startswith("--saturation") for word in words)
+    return ["--no-refine", *([] if chosen else ["--saturation", "ignore"])]
 
 
 def _moved(form: Mapping[str, Any]) -> dict[str, Any]:

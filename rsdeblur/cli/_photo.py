@@ -7,6 +7,9 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import click
+from click.core import ParameterSource
+
 from rsdeblur.cli._history import recorded
 from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of, with_translation
 from rsdeblur.cli._options import PhotoChanges, Recording, Signing, Track
@@ -54,6 +57,14 @@ def prepare_result(output: Path, *, force: bool, dry_run: bool, make_folder: boo
         prepare_folder(output.parent, [], force=force)
     if not make_folder or output.parent.is_dir():
         check_writable(output, force=force, signed=signed)
+
+
+def with_few_highlights(options: Options) -> Options:
+    """Return the options of photos, whose highlights are separated where they are few, unless the user chose."""
+    chosen = click.get_current_context().get_parameter_source("saturation")
+    if chosen is not ParameterSource.DEFAULT or options.quality == "fast" or options.max_memory is not None:
+        return options
+    return replace(options, saturation="auto")
 
 
 def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
@@ -105,7 +116,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         result = planned.apply(pixels, out=out, progress=move)
     seconds = time.perf_counter() - begin
     facts = facts_of(result, job.output, job.options.mode, job.options.prior_name, seconds)
-    if job.options.saturation == "ignore" and not in_place:
+    if "highlights" not in result.timings and not in_place:
         facts["clipped"] = clipped_share(pixels)
     return facts | ({"time_offset_s": camera.time_offset} if job.recording.start == "exif" else {})
 

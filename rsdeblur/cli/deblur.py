@@ -15,7 +15,7 @@ from rsdeblur.cli._items import result_name
 from rsdeblur.cli._kernel import check_sources, deconvolve_photo
 from rsdeblur.cli._options import PhotoChanges, PhotoTarget, Recording, Signing, Track
 from rsdeblur.cli._output import SOME_FAILED, level, print_json, progress, refuse_inputs, say, say_aside
-from rsdeblur.cli._photo import PhotoJob, deblur_photo
+from rsdeblur.cli._photo import PhotoJob, deblur_photo, with_few_highlights
 from rsdeblur.errors import OutputError, RsdeblurError
 
 if TYPE_CHECKING:
@@ -59,6 +59,7 @@ def command(
     numbers in their names. Exit code 3: some of them failed.
     """
     check_sources(click.get_current_context(), recording, psf)
+    options = with_few_highlights(options)
     if psf is None:
         options = _refinement.with_refinement(options, refine)
     signing.credentials()  # Before the work, a mistake in them is an error once, not for every photo.
@@ -179,7 +180,7 @@ def _clipped(share: float) -> list[str]:
 
     if share <= MUCH_CLIPPED:
         return []
-    return [f"  {share:.1%} of the pixels are clipped: --saturation auto may leave fewer waves around highlights."]
+    return [f"  {share:.1%} of the pixels are clipped: --saturation always may leave fewer waves around highlights."]
 
 
 def _moment(time_offset: float | None) -> list[str]:

@@ -57,6 +57,9 @@ SPOILED, LIT = 2, 0.03
 ITERATIONS = 30
 # Least divisor in units of light, and standard deviation of the Gaussian that smooths filled pixels, px.
 DARK, SMOOTH = 1e-3, 2.0
+# Share of a picture that small spots cover at most where they are a few glints. By day more of them are white things in
+# the sun, which lose a little (docs/developer/reliability.md).
+MOST_SPOTS = 5e-3
 # A box extends beyond its spots by a PSF, there and back, and by this margin for the smoothing, px. Its ends lie at
 # multiples of CELL px.
 MARGIN, CELL = SPOILED + int(4 * SMOOTH), 8
@@ -180,6 +183,21 @@ def find_spots(encoded: EncodedImage) -> list[Spot]:
     return [spot for top in range(0, height, rows) for spot in _spots(clipped(values[top : top + rows]), top)]
 
 
+def small_spots(spots: list[Spot], bank: PsfBank) -> list[Spot]:
+    """Return the spots that are no larger than the trails of lamps."""
+    widest = (WIDEST * max(bank.size)) ** 2
+    return [spot for spot in spots if _area(spot) <= widest]
+
+
+def are_few(spots: list[Spot], shape: tuple[int, ...]) -> bool:
+    """Return whether spots cover so little of a picture of some shape that they are glints rather than white things."""
+    return sum(map(_area, spots)) <= MOST_SPOTS * shape[0] * shape[1]
+
+
+def _area(spot: Spot) -> int:
+    return int(_any(spot.lost).sum())
+
+
 def separate_highlights(
     encoded: EncodedImage,
     spots: list[Spot],
@@ -196,7 +214,7 @@ def separate_highlights(
     encoded : EncodedImage
         The picture.
     spots : list of Spot
-        Clipped spots of that picture, see :func:`find_spots`.
+        Clipped spots of that picture, see :func:`find_spots`, no larger than trails.
     bank : PsfBank
         PSFs of the picture.
     threads : int, optional
@@ -215,8 +233,6 @@ def separate_highlights(
     InputError
         If `max_memory` is too small for the largest box.
     """
-    widest = (WIDEST * max(bank.size)) ** 2
-    spots = [spot for spot in spots if spot.lost.any(axis=2).sum() <= widest]
     near = list(_boxes(encoded, spots, bank))
     _check_memory(near, max_memory)
     trails = [spot for box in near for spot in _trails(box, threads)]

@@ -14,7 +14,7 @@ from rsdeblur.deconv.priors import LEAST_PEAK, brightness
 from rsdeblur.estimate.check import UndershootMeter
 from rsdeblur.estimate.strength import Tuning
 from rsdeblur.image.encoded import EncodedImage
-from rsdeblur.image.highlights import HighlightSplit, find_spots, separate_highlights
+from rsdeblur.image.highlights import HighlightSplit, are_few, find_spots, separate_highlights, small_spots
 from rsdeblur.image.transfer import normalized
 from rsdeblur.image.undershoot import fade_undershoot
 from rsdeblur.pipeline.memory import Chunk, plan_chunks
@@ -41,16 +41,18 @@ def split_highlights(
     encoded: EncodedImage, options: Options, bank: Callable[[], PsfBank], clock: StageClock
 ) -> HighlightSplit:
     """Separate the clipped highlights, if the options request it and there are any; only then `bank` is called."""
-    if options.saturation == "ignore":
+    spots = [] if options.saturation == "ignore" else find_spots(encoded)
+    if not spots:
+        return HighlightSplit(encoded)
+    psfs = bank()
+    spots = small_spots(spots, psfs)
+    if not spots or (options.saturation == "auto" and not are_few(spots, encoded.shape)):
         return HighlightSplit(encoded)
     with clock.stage("highlights"):
-        spots = find_spots(encoded)
-        if not spots:
-            return HighlightSplit(encoded)
         return separate_highlights(
             encoded,
             spots,
-            bank(),
+            psfs,
             threads=options.threads,
             max_memory=options.max_memory,
             progress=clock.within("highlights"),

@@ -75,7 +75,7 @@ def findings(
     unseen : float, default 0.0
         Share of the result that was never exposed.
     can_split : bool, default False
-        Whether ``--saturation auto`` would solve the capture in another way.
+        Whether ``--saturation always`` would solve the capture in another way.
     correction : (bool, str), optional
         Whether the picture corrected the recording, and a sentence about it, if a correction was requested.
     remarks : sequence of str, default ()
@@ -149,7 +149,7 @@ def _saturation(pixels: NDArray[Any], can_split: bool) -> Finding:
     share = clipped_share(pixels)
     text = f"{share:.2%} of the pixels are clipped at white."
     if share > MUCH_CLIPPED:
-        remedy = ", fewer with --saturation auto" if can_split else ""
+        remedy = ", fewer with --saturation always" if can_split else ""
         text += f" Their brightness is unknown: expect waves around highlights{remedy}."
         return Finding("warning", "Saturation", text)
     return Finding("good", "Saturation", text)

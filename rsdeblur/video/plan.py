@@ -250,7 +250,7 @@ def _check_options(options: Options) -> None:
     """Refuse options for single pictures."""
     refused = {
         "normalize=True would make a video flicker": options.normalize,
-        'saturation="auto" is for single pictures': options.saturation != "ignore",
+        f'saturation="{options.saturation}" is for single pictures': options.saturation != "ignore",
         "fallback=True is for single pictures": options.fallback,
         "max_memory is for single pictures": options.max_memory is not None,
     }

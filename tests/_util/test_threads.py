@@ -114,6 +114,6 @@ def test_one_thread_is_the_callers(mode: str, prior: str, no_new_threads: None) 
     capture = hand_shake(0.3, seed=1), Camera(64, 48, 60.0, readout_time=0.03), Exposure(0.1, 0.03)
     picture = np.random.default_rng(0).random((48, 64, 3), dtype=np.float32)
     picture[20:22, 30:33] = 1.0
-    deblur(picture, *capture, mode=mode, prior=prior, saturation="auto", threads=1)
+    deblur(picture, *capture, mode=mode, prior=prior, saturation="always", threads=1)
     paths = BlurPaths.every_row(Capture.from_log(*capture), [20.0])
     PsfBank.from_paths(paths, threads=1)

@@ -69,7 +69,7 @@ def test_a_crop_is_that_part_of_the_whole_result(desk, form, run):
     from rsdeblur.cli._desk import _parse, _read
 
     request = _parse.main(
-        [form["photo"], *shlex.split(desk.actions["solve"](form)["command"])[3:-3]], standalone_mode=False
+        [form["photo"], *shlex.split(desk.actions["solve"](form)["command"])[3:-5]], standalone_mode=False
     )
     picture, log, camera, exposure = _read(request)
     basis = derive_basis(picture.pixels, log, camera, exposure, request.options)

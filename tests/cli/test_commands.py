@@ -49,16 +49,6 @@ def test_deblur_writes_the_picture_and_one_line(run: Run, files: Files, tmp_path
         assert picture.size == (WIDTH, HEIGHT)
 
 
-def test_deblur_says_that_much_is_clipped_unless_that_is_handled(run: Run, files: Files, tmp_path: Path) -> None:
-    pixels = np.minimum(read_picture(files.photo).pixels, 200)
-    quick = "deblur", tmp_path / "photo.png", *files.recording, "--quality", "fast", "--force"
-    for bright, options, said in ((0, (), False), (12, (), True), (12, ("--saturation", "auto"), False)):
-        pixels[:bright, :bright] = 255
-        Image.fromarray(pixels).save(tmp_path / "photo.png")
-        line = "2.1% of the pixels are clipped: --saturation auto"
-        assert (line in run(*quick, *options, "-o", tmp_path / "sharp.png").stdout) == said
-
-
 def test_deblur_signs_with_the_parameters_of_the_history(
     run: Run, files: Files, tmp_path: Path, pem_files: Callable[..., tuple[Path, Path]]
 ) -> None:
@@ -407,20 +397,6 @@ def test_deblur_at_the_work_size(run, files, tmp_path):
     for size in ("full", "paper"):  # the picture is smaller than the paper's
         assert run("deblur", files.photo, *files.recording, "--work-size", size, "-o", out, "--force").exit_code == 0
         assert read_picture(out).pixels.shape == (HEIGHT, WIDTH, 3)
-
-
-def test_saturation_reaches_the_solver(run, files, tmp_path):
-    pixels = np.full((HEIGHT, WIDTH, 3), 20, dtype=np.uint8)
-    pixels[30:34, 40:52] = 255
-    Image.fromarray(pixels).save(files.photo)
-    common = [files.photo, *files.recording, "--quality", "fast", "--nsr", 0.01, "--saturation"]
-    plain, bounded, compared = tmp_path / "plain.png", tmp_path / "bounded.png", tmp_path / "compared"
-    for word, name in (("ignore", "without.png"), ("auto", plain.name)):
-        assert run("deblur", *common, word, "-o", tmp_path / name).exit_code == 0
-    assert run("deblur", *common, "auto", "--max-memory", "1GiB", "-o", bounded).exit_code == 0
-    assert run("compare", *common, "auto", "--mode", "banded", "-o", compared).exit_code == 0
-    assert bits(plain) != bits(tmp_path / "without.png")
-    assert bits(plain) == bits(bounded) == bits(compared / "banded.png")
 
 
 def test_deblur_takes_the_nsr_from_iso(run, files, tmp_path):

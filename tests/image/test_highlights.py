@@ -16,10 +16,13 @@ from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.highlights import (
     HighlightSplit,
     Patch,
+    Spot,
+    are_few,
     at_full_scale,
     clipped,
     find_spots,
     separate_highlights,
+    small_spots,
 )
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -56,12 +59,21 @@ def streaks(truth: np.ndarray, image: np.ndarray) -> float:
     return float(np.square(image.clip(0, 1) - truth.clip(0, 1))[near].mean())
 
 
+def test_only_a_few_small_spots_are_highlights_by_themselves() -> None:
+    few = [Spot(slice(0, 2), slice(0, 5), np.ones((2, 5, 3), dtype=np.bool_))]
+    # 10 of 2000 pixels are 0.5 %.
+    assert are_few(few, (40, 50, 3))
+    assert not are_few(few, (40, 49, 3))
+    assert not are_few([*few, *few], (40, 50, 3))
+
+
 @pytest.mark.parametrize("mode", ["global", "banded", "rowwise"])
 @pytest.mark.parametrize("prior", ["wiener", "tv"])
 def test_streaks_around_lamps_drop(night: Simulation, log: GyroLog, mode: str, prior: str) -> None:
     recorded = night.blurred.clip(0, 1)
     plain, careful = (
-        deblur(recorded, log, CAMERA, EXPOSURE, mode=mode, prior=prior, saturation=s).image for s in ("ignore", "auto")
+        deblur(recorded, log, CAMERA, EXPOSURE, mode=mode, prior=prior, saturation=saturation).image
+        for saturation in ("ignore", "always")
     )
     # Measured factors of 44 to 107: the shelf is dim, and in light streaks are nearly all of the error.
     assert streaks(night.rolling, careful) < streaks(night.rolling, plain) / 10
@@ -81,7 +93,7 @@ def test_without_clipped_pixels_nothing_changes(dim: np.ndarray, log: GyroLog, m
     stored = np.rint(picture * 255).astype(np.uint8)
     for image in (picture, stored):
         a, b = (
-            deblur(image, log, CAMERA, EXPOSURE, mode=mode, saturation=s, prior="wiener") for s in ("ignore", "auto")
+            deblur(image, log, CAMERA, EXPOSURE, mode=mode, saturation=s, prior="wiener") for s in ("ignore", "always")
         )
         np.testing.assert_array_equal(a.image, b.image)
 
@@ -91,7 +103,7 @@ def test_a_bright_wall_is_no_highlight(log: GyroLog) -> None:
     wall = np.full((168, 200), 0.8, dtype=np.float32)
     wall[40:100, 60:140] = 1.2
     picture = simulate(wall, log, CAMERA, EXPOSURE).blurred.clip(0, 1)
-    a, b = (deblur(picture, log, CAMERA, EXPOSURE, saturation=s, prior="wiener") for s in ("ignore", "auto"))
+    a, b = (deblur(picture, log, CAMERA, EXPOSURE, saturation=s, prior="wiener") for s in ("ignore", "always"))
     np.testing.assert_array_equal(a.image, b.image)
 
 
@@ -99,7 +111,7 @@ def test_readout_along_x_is_the_same_turned(night: Simulation, log: GyroLog) -> 
     """A picture whose readout runs along x gets its highlights back in their places."""
     camera = Camera(160, 128, 180.0, readout_time=0.03, readout_direction="left-right")
     seen = simulate(np.pad(night.rolling, ((20, 20), (20, 20), (0, 0)), mode="reflect"), log, camera, EXPOSURE)
-    careful = deblur(seen.blurred.clip(0, 1), log, camera, EXPOSURE, saturation="auto", prior="wiener").image
+    careful = deblur(seen.blurred.clip(0, 1), log, camera, EXPOSURE, saturation="always", prior="wiener").image
     places = [np.unravel_index(picture.max(axis=-1).argmax(), picture.shape[:2]) for picture in (careful, seen.rolling)]
     # The brightest lamp is a disc of 1 px.
     assert np.abs(np.subtract(*places)).max() <= 2
@@ -124,7 +136,7 @@ def test_clipped_is_full_scale_and_what_touches_it() -> None:
 def test_a_picture_clipped_everywhere_is_left_alone() -> None:
     white = EncodedImage(np.ones((32, 40, 3), dtype=np.float32), "linear")
     kernels = np.full((1, 1, 1, 5), 0.2, dtype=np.float32)
-    assert not separate_highlights(white, find_spots(white), PsfBank.for_picture(kernels, white.shape)).patches
+    assert not small_spots(find_spots(white), PsfBank.for_picture(kernels, white.shape))
 
 
 def test_overexposed_daylight_is_harmed_little(log: GyroLog) -> None:
@@ -133,7 +145,7 @@ def test_overexposed_daylight_is_harmed_little(log: GyroLog) -> None:
     recorded = seen.blurred.clip(0, 1)
     assert (recorded == 1).any(axis=2).mean() > 0.7
     plain, careful = (
-        deblur(recorded, log, CAMERA, EXPOSURE, saturation=s, prior="wiener").image for s in ("ignore", "auto")
+        deblur(recorded, log, CAMERA, EXPOSURE, saturation=s, prior="wiener").image for s in ("ignore", "always")
     )
     error, then = (np.square(image.clip(0, 1) - seen.rolling.clip(0, 1)).mean() for image in (plain, careful))
     # Measured: 1.006 times as large; 1.5 times if walls count as highlights.
@@ -194,11 +206,11 @@ def test_tile_blur_is_adjoint() -> None:
 
 def test_memory_is_bounded_or_refused(night: Simulation, log: GyroLog) -> None:
     arguments = (night.blurred.clip(0, 1), log, CAMERA, EXPOSURE)
-    whole = deblur(*arguments, nsr=0.01, saturation="auto", prior="wiener")
-    bounded = deblur(*arguments, nsr=0.01, saturation="auto", max_memory=2**30, prior="wiener")
+    whole = deblur(*arguments, nsr=0.01, saturation="always", prior="wiener")
+    bounded = deblur(*arguments, nsr=0.01, saturation="always", max_memory=2**30, prior="wiener")
     np.testing.assert_array_equal(bounded.image, whole.image)
     with pytest.raises(InputError, match=r"max_memory is 1 MiB, but the highlights .* need \d+ MiB"):
-        deblur(*arguments, saturation="auto", max_memory=2**20, prior="wiener")
+        deblur(*arguments, saturation="always", max_memory=2**20, prior="wiener")
 
 
 def test_unknown_words_are_refused(night: Simulation, log: GyroLog) -> None:

@@ -100,7 +100,7 @@ def test_the_telling_place_is_where_detail_differs() -> None:
 def test_every_stage_of_deblurring_has_a_column(report_page, shaky_log) -> None:
     picture = np.random.default_rng(0).random((64, 64), dtype=np.float32)
     capture = shaky_log(), Camera(64, 64, 90.0, readout_time=0.03), Exposure(0.1, 0.04)
-    timings = rsdeblur.deblur(picture, *capture, saturation="auto", geometry="rectify").timings
+    timings = rsdeblur.deblur(picture, *capture, saturation="always", geometry="rectify").timings
     page = report_page()
     page = replace(page, modes={"banded": {**page.modes["banded"], "timings": timings}})
     assert {f"{stage} s" for stage in timings} <= set(Outline(render(page)).texts["th"])
@@ -253,7 +253,7 @@ def test_findings_of_a_good_and_of_a_bad_capture() -> None:
     # Advice only where it can be followed: not for a burst, nor where the option is set.
     assert "--saturation" not in texts["Saturation"]
     advised = findings(grey, GyroLog(t, omega), camera, exposure, psf=(9, 9), can_split=True)
-    assert any("fewer with --saturation auto" in finding.text for finding in advised)
+    assert any("fewer with --saturation always" in finding.text for finding in advised)
     assert "195 ms away" in texts["Gaps"]
     assert re.search(r"ends 0\.1 ms after", texts["Coverage"])
 
