@@ -141,7 +141,9 @@ def similarity(pictures: list[NDArray[Any]], truth: list[NDArray[np.float32]]) -
     )
 
 
-@pytest.mark.parametrize("method", [(), ("--prior", "tv", "--weight", "0.01"), ("--mode", "rowwise"), ("--geometry", "rectify")])
+@pytest.mark.parametrize(
+    "method", [(), ("--prior", "tv", "--weight", "0.01"), ("--mode", "rowwise"), ("--geometry", "rectify")]
+)
 def test_frames_get_sharper_and_all_else_is_kept(
     run: Run, here: None, movie: Movie, tmp_path: Path, method: tuple[str, ...]
 ) -> None:
