@@ -396,8 +396,8 @@ _SOLVE: dict[str, Decorator] = {
     "saturation": _choice(
         "saturation",
         choices.SATURATIONS,
-        "Solve without clipped highlights and add them afterwards, which leaves fewer streaks: always, or (auto) where "
-        "small ones cover at most 0.5% of the picture.",
+        "Solve without clipped highlights and add them afterwards, which leaves fewer streaks: always, or (auto) by "
+        "night and where small ones cover at most 0.5% of the picture.",
         shown="auto for deblur and batch, unless --quality is fast or --max-memory is given; else ignore",
     ),
     "planning": _choice(

@@ -59,8 +59,8 @@ def prepare_result(output: Path, *, force: bool, dry_run: bool, make_folder: boo
         check_writable(output, force=force, signed=signed)
 
 
-def with_few_highlights(options: Options) -> Options:
-    """Return the options of photos, whose highlights are separated where they are few, unless the user chose."""
+def with_lights(options: Options) -> Options:
+    """Return the options of photos, whose lamps and glints are separated, unless the user chose."""
     chosen = click.get_current_context().get_parameter_source("saturation")
     if chosen is not ParameterSource.DEFAULT or options.quality == "fast" or options.max_memory is not None:
         return options
@@ -95,7 +95,6 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     picture, log, camera, exposure = inputs
 
     from rsdeblur.image.encoded import reduced
-    from rsdeblur.image.highlights import clipped_share
     from rsdeblur.pipeline.plan import plan_for
 
     options = replace(job.options, transfer=transfer_of(picture, job.options.transfer))
@@ -116,8 +115,6 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         result = planned.apply(pixels, out=out, progress=move)
     seconds = time.perf_counter() - begin
     facts = facts_of(result, job.output, job.options.mode, job.options.prior_name, seconds)
-    if "highlights" not in result.timings and not in_place:
-        facts["clipped"] = clipped_share(pixels)
     return facts | ({"time_offset_s": camera.time_offset} if job.recording.start == "exif" else {})
 
 

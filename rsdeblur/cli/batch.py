@@ -33,7 +33,7 @@ from rsdeblur.cli._output import (
     say_aside,
     write_json,
 )
-from rsdeblur.cli._photo import PhotoJob, deblur_photo, with_few_highlights
+from rsdeblur.cli._photo import PhotoJob, deblur_photo, with_lights
 from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def command(
     from rsdeblur._util.records import Records
 
     begin = time.perf_counter()
-    options = with_few_highlights(_refinement.with_refinement(options, refine))
+    options = with_lights(_refinement.with_refinement(options, refine))
     items = read_items(source, defaults, target.output, numbered_from=numbered_from)
     if not items:
         raise InputError(f"{source}: there is nothing to do, because no photo is listed")

@@ -15,7 +15,7 @@ from rsdeblur.cli._items import result_name
 from rsdeblur.cli._kernel import check_sources, deconvolve_photo
 from rsdeblur.cli._options import PhotoChanges, PhotoTarget, Recording, Signing, Track
 from rsdeblur.cli._output import SOME_FAILED, level, print_json, progress, refuse_inputs, say, say_aside
-from rsdeblur.cli._photo import PhotoJob, deblur_photo, with_few_highlights
+from rsdeblur.cli._photo import PhotoJob, deblur_photo, with_lights
 from rsdeblur.errors import OutputError, RsdeblurError
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def command(
     numbers in their names. Exit code 3: some of them failed.
     """
     check_sources(click.get_current_context(), recording, psf)
-    options = with_few_highlights(options)
+    options = with_lights(options)
     if psf is None:
         options = _refinement.with_refinement(options, refine)
     signing.credentials()  # Before the work, a mistake in them is an error once, not for every photo.
@@ -161,7 +161,6 @@ def _print(photo: Path, facts: dict[str, Any], options: Options, *, asked: bool)
     say(
         f"{facts['output']}: {facts['mode']}, {kernels}, {options.prior}, {strength}, {seconds}{verdict}",
         *reasons,
-        *_clipped(facts.get("clipped", 0.0)),
         *_moment(facts.get("time_offset_s")),
         *_correction(facts["refinement"], asked),
     )
@@ -172,15 +171,6 @@ def _correction(refinement: dict[str, Any] | None, asked: bool) -> list[str]:
     if refinement is None or not (asked or refinement["accepted"] or level() > 0):
         return []
     return ["  " + _refinement.correction_text(refinement)]
-
-
-def _clipped(share: float) -> list[str]:
-    """Return a line about highlights that are clipped, if there are many."""
-    from rsdeblur.image.highlights import MUCH_CLIPPED
-
-    if share <= MUCH_CLIPPED:
-        return []
-    return [f"  {share:.1%} of the pixels are clipped: --saturation always may leave fewer waves around highlights."]
 
 
 def _moment(time_offset: float | None) -> list[str]:

@@ -60,6 +60,9 @@ DARK, SMOOTH = 1e-3, 2.0
 # Share of a picture that small spots cover at most where they are a few glints. By day more of them are white things in
 # the sun, which lose a little (docs/developer/reliability.md).
 MOST_SPOTS = 5e-3
+# Median light of a picture below which it is dark: nights of lamps have 0.025, pictures by day 0.09 and more. Distance
+# of the rows and columns that are looked at.
+NIGHT, SPARSE = 0.05, 4
 # A box extends beyond its spots by a PSF, there and back, and by this margin for the smoothing, px. Its ends lie at
 # multiples of CELL px.
 MARGIN, CELL = SPOILED + int(4 * SMOOTH), 8
@@ -189,9 +192,13 @@ def small_spots(spots: list[Spot], bank: PsfBank) -> list[Spot]:
     return [spot for spot in spots if _area(spot) <= widest]
 
 
-def are_few(spots: list[Spot], shape: tuple[int, ...]) -> bool:
-    """Return whether spots cover so little of a picture of some shape that they are glints rather than white things."""
-    return sum(map(_area, spots)) <= MOST_SPOTS * shape[0] * shape[1]
+def are_lights(spots: list[Spot], encoded: EncodedImage) -> bool:
+    """Return whether spots are lamps and glints rather than white things in the sun: they are few, or it is dark."""
+    height, width, channels = encoded.shape
+    if sum(map(_area, spots)) <= MOST_SPOTS * height * width:
+        return True
+    some = EncodedImage(encoded.values[::SPARSE, ::SPARSE, :channels], encoded.transfer)
+    return bool(np.median(some.grey(slice(None))) < NIGHT)
 
 
 def _area(spot: Spot) -> int:

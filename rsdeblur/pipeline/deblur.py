@@ -139,8 +139,8 @@ def deblur(
         "always" estimates the highlights behind clipped pixels, solves the picture without them and adds them to the
         result (:mod:`rsdeblur.image.highlights`). This leaves fewer streaks around lamps and takes 63 passes of a
         filter over boxes around them. It does not change the result of a picture without clipped highlights. "auto"
-        does so where small clipped spots cover at most 0.5 % of the picture: more of them are rather white things in
-        the sun, of whose detail a little would be lost.
+        does so where small clipped spots cover at most 0.5 % of the picture, or half of the picture has less than 5 %
+        of full light: by day, more of them are rather white things in the sun, which would lose detail.
     check : bool, default True
         Assess the result without a reference.
     fallback : bool, default False

@@ -14,7 +14,7 @@ from rsdeblur.deconv.priors import LEAST_PEAK, brightness
 from rsdeblur.estimate.check import UndershootMeter
 from rsdeblur.estimate.strength import Tuning
 from rsdeblur.image.encoded import EncodedImage
-from rsdeblur.image.highlights import HighlightSplit, are_few, find_spots, separate_highlights, small_spots
+from rsdeblur.image.highlights import HighlightSplit, are_lights, find_spots, separate_highlights, small_spots
 from rsdeblur.image.transfer import normalized
 from rsdeblur.image.undershoot import fade_undershoot
 from rsdeblur.pipeline.memory import Chunk, plan_chunks
@@ -46,7 +46,7 @@ def split_highlights(
         return HighlightSplit(encoded)
     psfs = bank()
     spots = small_spots(spots, psfs)
-    if not spots or (options.saturation == "auto" and not are_few(spots, encoded.shape)):
+    if not spots or (options.saturation == "auto" and not are_lights(spots, encoded)):
         return HighlightSplit(encoded)
     with clock.stage("highlights"):
         return separate_highlights(

@@ -17,7 +17,7 @@ from rsdeblur.image.highlights import (
     HighlightSplit,
     Patch,
     Spot,
-    are_few,
+    are_lights,
     at_full_scale,
     clipped,
     find_spots,
@@ -59,12 +59,17 @@ def streaks(truth: np.ndarray, image: np.ndarray) -> float:
     return float(np.square(image.clip(0, 1) - truth.clip(0, 1))[near].mean())
 
 
-def test_only_a_few_small_spots_are_highlights_by_themselves() -> None:
-    few = [Spot(slice(0, 2), slice(0, 5), np.ones((2, 5, 3), dtype=np.bool_))]
+def test_few_spots_and_those_in_the_dark_are_lights() -> None:
+    spot = Spot(slice(0, 2), slice(0, 5), np.ones((2, 5, 3), dtype=np.bool_))
     # 10 of 2000 pixels are 0.5 %.
-    assert are_few(few, (40, 50, 3))
-    assert not are_few(few, (40, 49, 3))
-    assert not are_few([*few, *few], (40, 50, 3))
+    day, smaller, night = (
+        EncodedImage(np.full(shape, light, np.float32), "linear")
+        for shape, light in (((40, 50, 3), 0.3), ((40, 49, 3), 0.3), ((40, 50, 3), 0.03))
+    )
+    assert are_lights([spot], day)
+    assert not are_lights([spot], smaller)
+    assert not are_lights([spot, spot], day)
+    assert are_lights([spot, spot], night)
 
 
 @pytest.mark.parametrize("mode", ["global", "banded", "rowwise"])
