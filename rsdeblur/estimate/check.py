@@ -109,7 +109,8 @@ class QualityCheck:
         standard deviation; None if the PSF is too large for a tile or the result was straightened.
     half_turn : float or None
         By how much the logarithm of l1 / l2 of the gradient falls if the motion is turned by half a turn about the
-        optical axis; positive if the picture becomes sharper so, None if the motion cannot be judged.
+        optical axis; positive if the picture becomes sharper so, 0 if it has less than 160 px on its shorter side,
+        None if the motion cannot be judged.
     leads, ringings : tuple of float
         Lead and ringing in equal parts of the picture along the readout. A part's lead is over the alternative that is
         best there, of those that can make a result bad.

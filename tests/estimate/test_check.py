@@ -69,6 +69,8 @@ def test_half_a_turn_is_found_though_spectra_are_the_same():
     assert wrong.check.verdict == "bad"
     assert "upside down" in " ".join(wrong.check.reasons)
     np.testing.assert_allclose(wrong.image, blurred, atol=1e-6)  # float32
+    part = deblur(blurred[:150], log, camera.cropped(0, 0, 320, 150), exposure, prior="wiener").check
+    assert part.half_turn == 0.0
 
 
 def test_readout_direction_changes_nothing(capture):
