@@ -33,8 +33,8 @@ LONGEST_BLUR = 20.0
 TILES, FADE, MOST_FADE = (6, 4), 5.0, 0.3
 # Penalties of the steps of total variation, which do not extrapolate: more steps distinguish motions no better.
 PENALTIES = (5.0, 14.0)
-# Shorter side, px, from which pictures tell a motion from half a turn of it. With right motions, the measure reached 0.03
-# in pictures of 66 to 100 px, and 0.008 in larger ones.
+# Shorter side, px, from which pictures tell a motion from half a turn of it. With right motions, the measure reached
+# 0.03 in pictures of 66 to 100 px, and 0.008 in larger ones.
 LEAST_TURNED = 160
 # Nats of the spectra that a fall of the logarithm of l1 / l2 is worth.
 NATS_PER_FALL = 1000.0

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.threads import share_map
+from rsdeblur.choices import EXPONENT
 from rsdeblur.deconv.boundary import extended, extended_shape
 from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.priors import brightness
@@ -70,7 +71,7 @@ class BurstSolution:
         # Where other frames do not show the scene, they repeat the result of the reference alone. For narrow margins, a
         # Wiener filter is good enough; for things that move, it costs up to 0.6 dB (tv, eight simulated bursts).
         alike = len(frames) > 1 and all(frame.fit is None or frame.fit.weights.mean() > ALIKE for frame in frames)
-        simple = replace(options, prior="wiener", nsr="auto", weight="auto") if alike else options
+        simple = replace(options, prior="wiener", nsr="auto", weight="auto", exponent=EXPONENT) if alike else options
         alone, _ = tuned_strengths(tunings[0], simple, peak)
         own = share_map(
             lambda frame: tile_paths(frame.alignment.capture, mode, options.bands, options.strips, nsr),

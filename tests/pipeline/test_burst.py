@@ -240,6 +240,7 @@ def test_horizontal_readout_and_rectify() -> None:
         {"border": "edge-taper"},
         {"border": "smooth"},
         {"border": "smooth", "prior": "tv", "weight": 0.01},
+        {"prior": "hyper-laplacian", "weight": 0.01, "exponent": 0.5},
         {"motion": "small-angle"},
         {"motion": "small-angle", "mode": "rowwise"},
         {"saturation": "always"},
