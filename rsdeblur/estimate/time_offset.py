@@ -67,7 +67,7 @@ LEAST_FALL = 0.005
 # The same under the motion turned by half a turn; right motions reach 0.000.
 LEAST_TURN = 0.01
 # Nats of all tiles that such a fall is worth in an answer that is sure otherwise.
-NATS_PER_FALL = 3e4
+TOTAL_NATS_PER_FALL = 3e4
 
 
 @one_line()
@@ -350,7 +350,7 @@ def _has_other_axes(
         lead, fall = nats - score, float(np.median(falls))
         if not sure:
             return lead > LEAST_LEAD and fall > LEAST_TURN
-        return max(lead, lead + NATS_PER_FALL * fall) > LEAST_LEAD
+        return max(lead, lead + TOTAL_NATS_PER_FALL * fall) > LEAST_LEAD
 
     return any(map(wins, RIVALS))
 
