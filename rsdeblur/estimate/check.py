@@ -229,7 +229,7 @@ def assess(
         weakest=min(float(_neighbouring(score).min()) for score in scores.values()),
         noise_gain=gain,
         residual=residual,
-        half_turn=_half_turn(encoded, capture),
+        half_turn=_half_turn(encoded, capture, threads),
         leads=tuple(map(float, np.min([scores[name] for name in harmful], axis=0))),
     )
     return _with_verdict(check)
@@ -366,7 +366,7 @@ class _Moving:
         return replace(self.whole, camera=self.whole.camera.scaled(scale), softness=0.0)
 
 
-def _half_turn(encoded: EncodedImage, capture: Capture) -> float:
+def _half_turn(encoded: EncodedImage, capture: Capture, threads: int | None) -> float:
     """Return by how much the picture is sharper with the motion turned by half a turn."""
     height, width, channels = encoded.shape
     step = max(max(height, width) // SIDE, 1)
@@ -379,7 +379,7 @@ def _half_turn(encoded: EncodedImage, capture: Capture) -> float:
     ]
     light = np.mean([EncodedImage(cell, encoded.transfer).grey(slice(None)) for cell in cells], axis=0)
     moving = _Moving(capture)
-    return QuickSharpness(light, moving).half_turn(moving)
+    return QuickSharpness(light, moving).half_turn(moving, threads=threads)
 
 
 def _spread(length: int) -> NDArray[np.intp]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from rsdeblur._util.threads import share_map
 from rsdeblur.deconv.coupling import TO_GRADIENT, Coupling
 from rsdeblur.deconv.priors import GRADIENT, brightness, half_quadratic
 from rsdeblur.estimate.periodograms import wrapped
@@ -93,7 +94,7 @@ class QuickSharpness:
         """Return what each tile contributes to that mean, shape (N,); errors where the log describes no motion."""
         return self._under(self._bank(recording, *self._tiles.centres).kernels)
 
-    def half_turn(self, recording: Moving) -> float:
+    def half_turn(self, recording: Moving, *, threads: int | None = 1) -> float:
         """Return by how much that falls if the motion is turned by half a turn about the optical axis.
 
         The spectra of the blurred picture are the same then. Pictures of less than `LEAST_TURNED` px show too little to
@@ -102,7 +103,8 @@ class QuickSharpness:
         if min(recording.camera.width, recording.camera.height) < LEAST_TURNED:
             return 0.0
         kernels = self._bank(recording, *self._tiles.centres).kernels
-        return float((self._under(kernels) - self._under(kernels[:, :, ::-1, ::-1])).sum())
+        own, turned = share_map(self._under, (kernels, kernels[:, :, ::-1, ::-1]), threads)
+        return float((own - turned).sum())
 
     def _under(self, kernels: NDArray[np.float32]) -> FloatArray:
         solver = self._tiles.under(kernels)
