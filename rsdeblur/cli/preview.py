@@ -75,7 +75,10 @@ def _factors(first: float, last: float, steps: int) -> list[Value]:
 
 
 def _drifts(first: float, last: float, steps: int) -> list[Value]:
-    along = _shifts(first, last, math.isqrt(steps))
+    side = math.isqrt(steps)
+    if side**2 != steps:
+        raise InputError(f"--steps of a drift is a square, along x times along y, like {side**2} or {(side + 1) ** 2}")
+    along = _shifts(first, last, side)
     return [x + y for y, x in product(along, along)]
 
 
@@ -156,7 +159,7 @@ class Sweep:
         Raises
         ------
         InputError
-            If a factor is not positive.
+            If a factor is not positive, or the number of drifts no square.
         """
         first, last = (
             default if given is None else given

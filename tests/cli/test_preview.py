@@ -53,6 +53,9 @@ def test_preview_varies_sizes_and_drifts(run: Run, files: Files, tmp_path: Path)
         f"--focal-length {factor * focal:g}" for factor in (0.5, 1, 2)
     ]
     before = files.camera.read_text()
+    refused = run(*common, "--vary", "drift", "--steps", 8)
+    assert refused.exit_code == 1
+    assert "like 4 or 9" in refused.stderr
     result = run(*common, "--vary", "drift", "--steps", 4, "--drift", "1,0", "--choose", 2)
     assert "4 of 4 cells, drift -6.0, -6.0 px to +6.0, +6.0 px\ncell 2: --drift 7,-6" in result.stdout
     assert files.camera.read_text() == before
