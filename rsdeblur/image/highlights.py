@@ -35,8 +35,6 @@ from rsdeblur.types import FloatImage
 
 Mask = NDArray[np.bool_]
 
-# Share of clipped pixels above which a result visibly suffers.
-MUCH_CLIPPED = 1e-3
 # Pixels that share an edge or a corner.
 TOUCHING = np.ones((3, 3), dtype=np.bool_)
 # Share of full scale, 250 of 255, from which a pixel counts as clipped if it touches one at full scale: JPEG and
@@ -142,12 +140,6 @@ def at_full_scale(values: NDArray[Any]) -> Mask:
         return np.zeros(values.shape, dtype=np.bool_)
     full: Mask = values == white
     return full
-
-
-def clipped_share(values: NDArray[Any]) -> float:
-    """Return the share of pixels, shape (H, W) or (H, W, C), of which a channel other than alpha is at full scale."""
-    colours = values[..., None] if values.ndim == 2 else values[..., : 3 if values.shape[2] >= 3 else 1]
-    return float(_any(at_full_scale(colours)).mean())
 
 
 def clipped(values: NDArray[Any]) -> Mask:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur.image.highlights import MUCH_CLIPPED, clipped_share
+from rsdeblur.image.highlights import at_full_scale
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -19,6 +19,8 @@ NARROW_MARGIN = 0.02
 # Samples per exposure, and rate, below which the motion between samples is guesswork. A hand's tremor reaches 12 Hz.
 FEW_SAMPLES = 4
 SLOW_RATE = 50.0  # Hz
+# Share of clipped pixels above which the result visibly suffers.
+MUCH_CLIPPED = 1e-3
 # A gyro is at its limit where its largest magnitude occurs this often in a row and exceeds this rate (rad/s); a sensor
 # of coarse resolution repeats small rates.
 STUCK, FAST = 3, 4.0
@@ -146,7 +148,9 @@ def _gyro_range(log: GyroLog, t: NDArray[np.float64], opens: float, closes: floa
 
 
 def _saturation(pixels: NDArray[Any], can_split: bool) -> Finding:
-    share = clipped_share(pixels)
+    colours = pixels if pixels.ndim == 2 else pixels[..., : 3 if pixels.shape[2] >= 3 else 1]
+    clipped = at_full_scale(colours)
+    share = float(np.mean(clipped if clipped.ndim == 2 else clipped.any(axis=2)))
     text = f"{share:.2%} of the pixels are clipped at white."
     if share > MUCH_CLIPPED:
         remedy = ", fewer with --saturation always" if can_split else ""
