@@ -253,8 +253,11 @@ def test_a_frame_taken_twice_is_that_frame_alone(options: dict) -> None:
     options = {"prior": "wiener", "mode": "banded", "nsr": 0.01, "check": False, "bands": 4, "strips": 2} | options
     one = deblur(image, LOG, CAMERA, exposure, **options).image
     two = deblur_burst([image, image], LOG, CAMERA, [exposure, exposure], **options).image
-    # The second frame is resampled at its own pixels, up to rounding. Rowwise traces every fourth row of each frame.
-    np.testing.assert_allclose(two, one, atol=5e-3 if options["mode"] == "rowwise" else 2e-4)
+    # The second frame is resampled at its own pixels, up to rounding: 2e-6 root mean square. The shrinkage of a
+    # non-convex prior jumps, so that rounding changes single pixels by up to 2e-3 there: 1.5e-5 root mean square.
+    # Rowwise traces every fourth row of each frame.
+    assert np.square(two - one).mean() ** 0.5 < (1e-3 if options["mode"] == "rowwise" else 1e-4)
+    np.testing.assert_allclose(two, one, atol=5e-3 if "exponent" in options or options["mode"] == "rowwise" else 2e-4)
 
 
 def test_clipped_highlights_are_separated_in_every_frame() -> None:
