@@ -130,7 +130,11 @@ def rows(jpeg: int | None, seeds: tuple[int, ...] = SEEDS) -> Iterator[list[str]
 COLUMNS = (
     "capture, mode, prior", "streaks, ignore", "always", "factor", "PSNR of the rest, ignore", "always",
 )  # fmt: skip
-DAYLIGHT = "capture, overexposed", "clipped, %", "Wiener, ignore", "always", "tv, ignore", "always"
+DAYLIGHT = (
+    "capture, overexposed",
+    "clipped, %",
+    *(f"{prior}, {saturation}" for prior in PRIORS for saturation in SATURATIONS),
+)
 
 
 def main() -> None:

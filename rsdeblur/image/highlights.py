@@ -9,11 +9,12 @@ which are estimated on their own, and a remainder without highlights, which is s
 Highlights are never negative, and they lie only where the light of clipped pixels can have come from: in boxes around
 these pixels, outside of which the picture does not change. The Richardson-Lucy iteration keeps both properties. A
 clipped pixel demands no more than to be at least as bright as it is recorded; Whyte et al. (2014) [1]_ model the sensor
-in the same way, while Cho et al. (2011) [2]_ leave such pixels out. Pixels that highlights spoil are filled in from
-their surroundings.
+in the same way, while Cho et al. (2011) [2]_ leave such pixels out. The iteration is accelerated as by Biggs and
+Andrews (1997) [3]_. Pixels that highlights spoil are filled in from their surroundings.
 
 .. [1] O. Whyte, J. Sivic and A. Zisserman, "Deblurring shaken and partially saturated images", IJCV 110, 2014.
 .. [2] S. Cho, J. Wang and S. Lee, "Handling outliers in non-blind image deconvolution", ICCV 2011.
+.. [3] D. S. C. Biggs and M. Andrews, "Acceleration of iterative image restoration algorithms", Applied Optics 36, 1997.
 """
 
 from __future__ import annotations
@@ -52,7 +53,8 @@ BRIGHT, WIDEST = 0.5, 5
 # Distance from clipped pixels, px, up to which pixels are spoiled too. Spoiled are also all pixels to which highlights
 # give more than LIT of light: PSFs have errors of some percent of that.
 SPOILED, LIT = 2, 0.03
-ITERATIONS = 30
+# Accelerated steps; they leave the streaks that 30 plain ones leave.
+ITERATIONS = 8
 # Least divisor in units of light, and standard deviation of the Gaussian that smooths filled pixels, px.
 DARK, SMOOTH = 1e-3, 2.0
 # Share of a picture that small spots cover at most where they are a few glints. By day more of them are white things in
@@ -360,17 +362,23 @@ def _trails(box: _Box, threads: int | None) -> list[Spot]:
 
 
 def _patch(box: _Box, threads: int | None) -> Patch:
-    """Separate a box by Richardson-Lucy iteration."""
+    """Separate a box by accelerated Richardson-Lucy iteration."""
     light, (lost, _), blur = box.linear, box.lost(), box.blur(threads)
     # The same places for all channels; otherwise highlights would have coloured fringes.
     possible = (blur.adjoint(lost.astype(np.float32)) > SEEN).any(axis=2, keepdims=True)
     around = _around(light, lost).clip(DARK)
-    highlights = np.where(possible, (light - around).clip(DARK), np.float32(0))
+    highlights = before = np.where(possible, (light - around).clip(DARK), np.float32(0))
+    step, ahead = np.zeros_like(highlights), 0.0
     for _ in range(ITERATIONS):
-        blurred = blur.forward(highlights).clip(0) + around
+        guess = (highlights + np.float32(ahead) * (highlights - before)).clip(0)
+        blurred = blur.forward(guess).clip(0) + around
         ratio = light.clip(0) / blurred
         np.maximum(ratio, 1, out=ratio, where=lost)
-        highlights *= blur.adjoint(ratio).clip(0)
+        before, highlights = highlights, guess * blur.adjoint(ratio).clip(0)
+        earlier, step = step, highlights - guess
+        # The next guess goes on by the share of the step that repeats the earlier one (eq. 10).
+        length = float(np.vdot(earlier, earlier))
+        ahead = min(max(float(np.vdot(earlier, step)) / length, 0.0), 1.0) if length > 0 else 0.0
     blurred = blur.forward(highlights).clip(0)
     lit = (blurred > LIT).any(axis=2)
     return Patch(box.rows, box.cols, highlights, filled(light - blurred, _spoiled(lost) | lit))
