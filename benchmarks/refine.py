@@ -74,9 +74,8 @@ The constants of `refine` do not come from these captures, but the table was loo
 `--seed 3030`, on which nothing was chosen, no right recording of 30 is corrected, and 91 % (offset), 48 % (readout),
 73 % (scale), 81 % (drift) and 52 % (depths) are recovered, of 15 captures each; none loses.
 
-In a brick wall, a motion shorter than the true one may look clearer: there one drift was corrected for the worse. Half
-a turn of the axes reverses most of the motion, and with another clock offset the reversed one may fit: so one
-correction with wrong axes was accepted, and its result gained 1.5 dB.
+In a brick wall, a motion shorter than the true one may look clearer: there one drift was corrected for the worse.
+[Wrong axes](axes.md) has more captures of these.
 """
 
 

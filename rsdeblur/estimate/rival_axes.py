@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,17 +17,17 @@ from rsdeblur.motion.axes import rotations
 from rsdeblur.types import FloatArray
 
 OTHER_AXES = "other axes of the gyro explain the picture better: are imu_to_camera and the readout direction right?"
-# Other offsets with which the likeliest mountings are compared, standard deviations, and how many; of these, the
-# likeliest are fitted, with these parameters free.
-OFFSETS, COMPARED, FITTED, FREE = (-1.5, 1.5), 8, 4, ("scale", "offset")
+# Clock offsets with which all mountings are compared by the spectra, standard deviations. The likeliest mountings are
+# fitted, with these parameters free, and compared by the sharp picture: there, and at those offsets that are no less
+# likely than this, nats, because the fit knows the spectra alone.
+OFFSETS, FITTED, FREE, LEAST_COMPARED = (-3.0, -1.5, 0.0, 1.5, 3.0), 4, ("scale", "offset"), -20.0
 
 
 class Rival(NamedTuple):
-    """Another mounting: its lead, how likely its corrections are, and its best place so far."""
+    """Another mounting: how likely its corrections are, and its leads at the places of all offsets."""
 
-    lead: float
     posterior: Posterior
-    place: FloatArray
+    leads: list[float]
 
 
 def rival_lead(
@@ -55,28 +56,26 @@ def rival_lead(
     """
     own, nats, clear = recording.camera.imu_to_camera, spectra.score(found), sharpness.of(found)
     free = [name for name in FREE if deviations[PARAMETERS.index(name)] > 0]
-    nothing = np.zeros(len(PARAMETERS))
     places = [offset * (np.arange(len(PARAMETERS)) == PARAMETERS.index("offset")) for offset in OFFSETS]
 
     def tried(turn: FloatArray) -> Rival:
         camera = replace(recording.camera, imu_to_camera=turn @ own)
         posterior = Posterior(spectra, replace(recording, camera=camera), deviations)
-        return Rival(posterior.lead(nothing, nats), posterior, nothing)
+        return Rival(posterior, [posterior.lead(place, nats) for place in places])
 
-    def compared(rival: Rival) -> Rival:
-        others = (Rival(rival.posterior.lead(place, nats), rival.posterior, place) for place in places)
-        return max(rival, *others, key=lambda each: each.lead)
-
-    def fitted_lead(rival: Rival) -> float:
-        _, posterior, place = rival
-        try:
-            fitted = posterior.descend(place, free) if free else place
-        except UNDESCRIBED:
-            return -np.inf
-        return posterior.lead(fitted, nats) + NATS_PER_FALL * (clear - sharpness.of(posterior.corrected(fitted)))
+    def whole_lead(rival: Rival) -> float:
+        posterior, leads = rival
+        compared = [place for place, lead in zip(places, leads, strict=True) if lead >= LEAST_COMPARED]
+        if free:
+            with suppress(*UNDESCRIBED):
+                compared.append(posterior.descend(places[int(np.argmax(leads))], free))
+        sharper = (clear - sharpness.of(posterior.corrected(place)) for place in compared)
+        worths = (
+            posterior.lead(place, nats) + NATS_PER_FALL * fall for place, fall in zip(compared, sharper, strict=True)
+        )
+        return max(worths, default=-np.inf)
 
     # Left-handed axes have the spectra of right-handed ones.
     turns = [turn for turn in rotations() if not np.array_equal(turn, np.eye(3))]
-    rivals = sorted(share_map(tried, turns, threads), key=lambda rival: -rival.lead)
-    rivals = sorted(share_map(compared, rivals[:COMPARED], threads), key=lambda rival: -rival.lead)
-    return max(share_map(fitted_lead, rivals[:FITTED], threads))
+    rivals = sorted(share_map(tried, turns, threads), key=lambda rival: -max(rival.leads))
+    return max(share_map(whole_lead, rivals[:FITTED], threads))

@@ -50,16 +50,18 @@ RESAMPLES, CONFIDENT = 200, 0.8
 # Least lead over any other answer, in nats over the whole picture. A constant rate of rotation gives every offset the
 # same PSF, and then nothing leads.
 LEAST_LEAD = 30.0
-# Other axes of the gyro: one reversed, or x and y exchanged. Half a turn about z leaves all power spectra as they are,
-# so the sharp picture decides.
+# Other axes of the gyro: turned about the optical axis by a quarter or a half, as by another preset; one reversed; or x
+# and y exchanged. Half a turn leaves the power spectrum of each path as it is, so the sharp picture decides.
 RIVALS = np.array(
     [
+        [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
+        [[-1, 0, 0], [0, -1, 0], [0, 0, 1]],
+        [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
         [[-1, 0, 0], [0, 1, 0], [0, 0, -1]],
         [[0, 1, 0], [1, 0, 0], [0, 0, -1]],
-        [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
     ]
 )
-# Coarse candidates for which rivals are tried: they take three times as long as the search.
+# Coarse candidates for which rivals are tried: they take five times as long as the search.
 MOST_RIVAL = 100
 DISAGREE = "the pictures are sure of different offsets: do all exposures belong to this log, or do the clocks drift?"
 # Least fall of the logarithm of l1 / l2, see :mod:`rsdeblur.estimate.sharpness`.
@@ -325,18 +327,15 @@ def _has_other_axes(
 ) -> bool:
     """Return whether other axes of the gyro explain the pictures better, at any offset.
 
-    An answer that is `sure` otherwise fails if a rival is likelier, or so much sharper that it makes up for that. Else
-    both must hold, because edges of a scene alone may prefer wrong axes.
+    An answer that is `sure` otherwise fails if a rival is likelier and as sharp, or so much likelier or sharper that it
+    makes up for the other. Else both must hold, because edges of a scene alone may prefer wrong axes.
     """
-    time_offset = recordings[0].camera.time_offset
     if sure:
-        shift = Correction(offset=joint.best - time_offset)
+        shift = Correction(offset=joint.best - recordings[0].camera.time_offset)
         moved = [recording.corrected(shift) for recording in recordings]
         turns = [QuickSharpness(light, each).half_turn(each) for light, each in zip(lights, moved, strict=True)]
         if np.median(turns) > LEAST_TURN:
             return True
-        if abs(shift.offset) <= SAME:
-            return False
     if len(coarse.tried) > MOST_RIVAL:
         return False
     nats, own = coarse.lowest()
@@ -350,7 +349,7 @@ def _has_other_axes(
         lead, fall = nats - score, float(np.median(falls))
         if not sure:
             return lead > LEAST_LEAD and fall > LEAST_TURN
-        return max(lead, lead + TOTAL_NATS_PER_FALL * fall) > LEAST_LEAD
+        return lead + TOTAL_NATS_PER_FALL * fall > LEAST_LEAD
 
     return any(map(wins, RIVALS))
 

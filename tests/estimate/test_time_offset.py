@@ -85,11 +85,20 @@ def test_constant_rates_give_no_answer(sharp):
     assert search.reason
 
 
-def test_wrong_axes_give_no_answer(sharp):
+@pytest.mark.parametrize(
+    ("seed", "axes"),
+    [
+        (1, [[0, 1, 0], [1, 0, 0], [0, 0, -1]]),
+        (2, [[0, -1, 0], [1, 0, 0], [0, 0, 1]]),
+        (2, [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
+    ],
+    ids=["exchanged", "a quarter turn", "a quarter turn back"],
+)
+def test_wrong_axes_give_no_answer(sharp, seed, axes):
     """Its tiles agree on an offset, and the picture becomes sharper with it; only the right axes explain it better."""
-    log = hand_shake(1.0, seed=1, strength=0.7)
+    log = hand_shake(1.0, seed=seed, strength=0.7)
     picture = simulate(sharp[:240, :336], log, SMALL, EXPOSURE, noise=0.005).blurred
-    wrong = replace(SMALL, imu_to_camera=[[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+    wrong = replace(SMALL, imu_to_camera=axes)
     found = find_time_offset(picture, log.shifted(-0.02), wrong, EXPOSURE, search=(-0.04, 0.03))
     assert found.time_offset is None
     assert found.reason == OTHER_AXES
