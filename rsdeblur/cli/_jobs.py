@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rsdeblur.cli._options import gathered
+from rsdeblur.cli._options import Decorator, gathered
 from rsdeblur.cli._types import BytesType, SecondsType
 
 if TYPE_CHECKING:
     from rsdeblur._util.workers import Limits
 
-# Default number of threads in a process. With many, most would wait while the process reads or writes a file.
-THREADS = 2
-
+# Default number of threads in a process. With many, most would wait while the process reads or writes a file. Memory of
+# the machine for each process with fewer threads, bytes.
+THREADS, PROCESS_MEMORY = 2, 2**31
 
 # Limits of an isolated photo: seconds, and bytes, below which libraries cannot be loaded.
 PHOTO_SECONDS = 900.0
@@ -66,19 +66,21 @@ def _memory() -> int:
         return 8 * 2**30
 
 
-jobs_option = click.option(
-    "--jobs",
-    type=click.IntRange(min=1),
-    metavar="N",
-    help="Number of processes; --threads applies to each of them.  [default: half the number of cores]",
-)
+def jobs_option(default: str) -> Decorator:
+    """Return the option of the number of processes, with a description of its default."""
+    return click.option(
+        "--jobs",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help=f"Number of processes; --threads applies to each of them.  [default: {default}]",
+    )
 
 
 workers_options = gathered(
     "workers",
     Workers,
     (
-        jobs_option,
+        jobs_option("half the number of cores"),
         click.option(
             "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the work; they need the same files."
         ),
@@ -102,15 +104,20 @@ workers_options = gathered(
 )
 
 
-def shared_threads(jobs: int | None, threads: int | None, *, alone: bool = True) -> tuple[int, int]:
+def shared_threads(
+    jobs: int | None, threads: int | None, *, alone: bool = True, tasks: int | None = None
+) -> tuple[int, int]:
     """Return the number of processes and of threads in each: as given, else so that they use all cores.
 
-    Workers of a cluster are not `alone` on their machine; they use one thread each unless `threads` is given.
+    Workers of a cluster are not `alone` on their machine; they use one thread each unless `threads` is given. For a
+    known number of small `tasks` there are as many processes as there are cores, tasks and memory for.
     """
     from rsdeblur._util.threads import thread_count
 
     if not alone:
         return jobs or 1, threads or 1
     cores = thread_count(None)
+    if tasks is not None:
+        jobs = jobs or max(1, min(cores // (threads or 1), tasks, _memory() // PROCESS_MEMORY))
     jobs = jobs or max(1, cores // (threads or THREADS))
     return jobs, threads or max(1, cores // jobs)

@@ -78,7 +78,7 @@ class Encode:
     help="Deblur only frames in which a point draws a longer path than this.",
 )
 @click.option("--all", "is_all", is_flag=True, help="Deblur all frames; the same as --above 0.")
-@jobs_option
+@jobs_option("the number of cores, for short videos or little memory fewer")
 @_options.target_options("OUT", "Video to write: .mp4, .mov, .mkv or .webm.", dry_run=True)
 def command(
     source: Path,
@@ -105,15 +105,15 @@ def command(
     begin = time.perf_counter()
     output = target.output
     check_output(output, force=target.force)
-    jobs, threads = shared_threads(jobs, options.threads)
-    options = replace(options, threads=threads)
     log, camera = read_device(recording)
     with progress("video") as move, naming(source, recording):
         clip = open_clip(source)
         exposures = clip_exposures(clip, recording)
         encoding = Encoding.like(clip, codec=encode.codec, crf=encode.crf)
         check_container(clip, encoding, output)
+        jobs, threads = shared_threads(jobs, options.threads, tasks=-(-len(clip) // encode.segment))
         plan = plan_clip(clip, log, camera, exposures, options, above=0.0 if is_all else above, progress=move)
+        plan = replace(plan, options=replace(plan.options, threads=threads))
         facts = _facts(plan, encoding, output)
         _warn(source, plan.reasons)
         if target.dry_run:
