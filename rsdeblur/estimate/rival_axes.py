@@ -56,7 +56,8 @@ def rival_lead(
     """
     own, nats, clear = recording.camera.imu_to_camera, spectra.score(found), sharpness.of(found)
     free = [name for name in FREE if deviations[PARAMETERS.index(name)] > 0]
-    places = [offset * (np.arange(len(PARAMETERS)) == PARAMETERS.index("offset")) for offset in OFFSETS]
+    offsets = OFFSETS if "offset" in free else (0.0,)
+    places = [offset * (np.arange(len(PARAMETERS)) == PARAMETERS.index("offset")) for offset in offsets]
 
     def tried(turn: FloatArray) -> Rival:
         camera = replace(recording.camera, imu_to_camera=turn @ own)
