@@ -2,8 +2,7 @@
 
 Each camera has one of the phone presets; its captures are simulated, processed as by a phone, and searched and refined
 with every preset, at a clock offset that is a little wrong. Rows of --records are appended as soon as they are
-measured, and rows that the file has are not measured again. ``--share K/N`` measures every N-th capture from the K-th
-on.
+measured, and rows that the file has are not measured again.
 """
 
 from __future__ import annotations
@@ -56,6 +55,7 @@ HEADER = "axes", "recordings", "sync: sure", "named", "refine: corrected", "name
 class Row:
     """What was said of one capture with one preset: reasons are empty where there is an answer; PSNR in dB."""
 
+    seed: int
     capture: int
     preset: str
     given: str
@@ -72,29 +72,23 @@ class Row:
         return {3.0: "right", 1.0: "a quarter", -1.0: "a half"}[float(angle)]
 
 
-def measured(case: Case, preset: str) -> Iterator[Row]:
-    """Yield the rows of a capture."""
+def measured(case: Case, seed: int, preset: str, given: str) -> Row:
+    """Return what is said of a capture of a camera with one preset that is given another."""
     true = replace(case.true, camera=replace(case.true.camera, imu_to_camera=imu_to_camera(preset)))
     # The log that this phone records of the same motion.
     axes = true.camera.imu_to_camera.T @ case.true.camera.imu_to_camera
     log = replace(true.log, omega=true.log.omega @ axes.T)
     random = np.random.default_rng(case.number)
     late = float(random.choice([-1, 1]) * random.uniform(*LATE))
-    for given in PHONES:
-        camera = replace(true.camera, imu_to_camera=imu_to_camera(given), time_offset=true.camera.time_offset + late)
-        search = find_time_offset(case.picture, log, camera, true.exposure)
-        found = refine(case.picture, log, camera, true.exposure)
-        before, after = (
-            psnr(case, recording)
-            for recording in (
-                Recording(log, camera, true.exposure),
-                Recording(found.log, found.camera, found.exposure, found.translation),
-            )
-        )
-        yield Row(
-            *(case.number, preset, given, search.best - true.camera.time_offset),
-            *(search.reason, "" if found.accepted else found.reason, before, after),
-        )
+    camera = replace(true.camera, imu_to_camera=imu_to_camera(given), time_offset=true.camera.time_offset + late)
+    search = find_time_offset(case.picture, log, camera, true.exposure)
+    found = refine(case.picture, log, camera, true.exposure)
+    corrected = Recording(found.log, found.camera, found.exposure, found.translation)
+    return Row(
+        *(seed, case.number, preset, given, search.best - true.camera.time_offset),
+        *(search.reason, "" if found.accepted else found.reason),
+        *(psnr(case, recording) for recording in (Recording(log, camera, true.exposure), corrected)),
+    )
 
 
 def lines(rows: Sequence[Row]) -> Iterator[list[str]]:
@@ -118,18 +112,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--captures", type=int, default=CAPTURES, help="captures of each preset")
     parser.add_argument("--seed", type=int, default=6060)
-    parser.add_argument("--share", default="0/1", metavar="K/N", help="measure every N-th capture from the K-th on")
     parser.add_argument("--records", type=Path, help="file of records (JSON lines) to continue")
     parser.add_argument("--page", type=Path, default=ROOT / "docs" / "benchmarks" / "axes.md")
     options = parser.parse_args()
     require_data()
-    first, step = map(int, options.share.split("/"))
     known = options.records.read_text().splitlines() if options.records and options.records.exists() else []
-    rows = [Row(**json.loads(line)) for line in known]
+    recorded = [Row(**json.loads(line)) for line in known]
+    rows = [row for row in recorded if row.seed == options.seed]
     for case in cases(options.captures * len(PHONES), options.seed):
-        if case.number % step != first or case.number in {row.capture for row in rows}:
-            continue
-        for row in measured(case, PHONES[case.number % len(PHONES)]):
+        for given in PHONES:
+            if (case.number, given) in {(row.capture, row.given) for row in rows}:
+                continue
+            row = measured(case, options.seed, PHONES[case.number % len(PHONES)], given)
             rows.append(row)
             print(row, flush=True)
             if options.records:

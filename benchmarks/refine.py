@@ -75,7 +75,7 @@ The constants of `refine` do not come from these captures, but the table was loo
 73 % (scale), 81 % (drift) and 52 % (depths) are recovered, of 15 captures each; none loses.
 
 In a brick wall, a motion shorter than the true one may look clearer: there one drift was corrected for the worse.
-[Wrong axes](axes.md) has more captures of these.
+[Wrong axes](axes.md) has more recordings with wrong axes.
 """
 
 
