@@ -20,18 +20,20 @@ static PyObject *none_if(bool success)
     Py_RETURN_NONE;
 }
 
-static bool call_multiply(Py_buffer *spectra, Py_buffer *response)
+static bool call_multiply(Py_buffer *spectra, Py_buffer *responses)
 {
-    const Py_ssize_t *shape = spectra->shape;
+    const Py_ssize_t *shape = spectra->shape, n = shape[2] * shape[3];
     const char *refusal = NULL;
     rsd_status status = RSD_OK;
-    if (response->shape[0] != shape[1] || response->shape[1] != shape[2])
-        refusal = "response must have the shape of one channel of spectra";
-    else if (rsd_overlap(spectra, response))
-        refusal = "spectra and response must not overlap";
+    if (responses->shape[0] != shape[0] || responses->shape[1] != shape[2] || responses->shape[2] != shape[3])
+        refusal = "responses must have the shape of one channel of spectra";
+    else if (rsd_overlap(spectra, responses))
+        refusal = "spectra and responses must not overlap";
     else {
         Py_BEGIN_ALLOW_THREADS
-        status = rsd_spectral_multiply(spectra->buf, response->buf, (size_t)shape[0], (size_t)(shape[1] * shape[2]));
+        for (Py_ssize_t b = 0; status == RSD_OK && b < shape[0]; b++)
+            status = rsd_spectral_multiply((float *)spectra->buf + 2 * b * shape[1] * n,
+                                           (const float *)responses->buf + 2 * b * n, (size_t)shape[1], (size_t)n);
         Py_END_ALLOW_THREADS
     }
     return rsd_conclude(refusal, status);
@@ -39,7 +41,7 @@ static bool call_multiply(Py_buffer *spectra, Py_buffer *response)
 
 static PyObject *multiply(PyObject *module, PyObject *args)
 {
-    static const rsd_spec specs[] = {{"spectra", COMPLEX64, 3, true}, {"response", COMPLEX64, 2, false}};
+    static const rsd_spec specs[] = {{"spectra", COMPLEX64, 4, true}, {"responses", COMPLEX64, 3, false}};
     PyObject *objects[2];
     Py_buffer views[2];
     (void)module;
@@ -50,26 +52,36 @@ static PyObject *multiply(PyObject *module, PyObject *args)
     return none_if(success);
 }
 
-static bool call_blend(Py_buffer *accumulator, Py_buffer *slab, Py_buffer *weights, Py_ssize_t to_position,
-                       Py_ssize_t from_position)
+/* Each row of `spans` holds the first position in the accumulator, the first one in the slab, and their number. */
+static const char *refuse_spans(Py_buffer *accumulator, Py_buffer *slabs, Py_buffer *weights, Py_buffer *spans)
 {
-    const Py_ssize_t n = weights->shape[0], accumulator_length = accumulator->shape[2], slab_length = slab->shape[2];
-    const char *refusal = NULL;
+    if (accumulator->shape[0] != slabs->shape[1] || accumulator->shape[1] != slabs->shape[2])
+        return "accumulator and slabs must have the same channels and columns";
+    if (weights->shape[0] != slabs->shape[0] || spans->shape[0] != slabs->shape[0] || spans->shape[1] != 3)
+        return "weights and spans must have a row for each slab, of spans with 3 values";
+    for (const int32_t *span = spans->buf, *end = span + 3 * spans->shape[0]; span < end; span += 3)
+        if (!rsd_within(span[0], span[2], accumulator->shape[2]) || !rsd_within(span[1], span[2], slabs->shape[3]) ||
+            !rsd_within(0, span[2], weights->shape[1]))
+            return "spans must lie within accumulator, slabs and weights";
+    return rsd_overlap(accumulator, slabs) || rsd_overlap(accumulator, weights) || rsd_overlap(accumulator, spans)
+               ? "accumulator must not overlap slabs, weights or spans"
+               : NULL;
+}
+
+static bool call_blend(Py_buffer *accumulator, Py_buffer *slabs, Py_buffer *weights, Py_buffer *spans)
+{
+    const Py_ssize_t *shape = slabs->shape, lines = shape[1] * shape[2];
+    const char *refusal = refuse_spans(accumulator, slabs, weights, spans);
     rsd_status status = RSD_OK;
-    if (accumulator->shape[0] != slab->shape[0] || accumulator->shape[1] != slab->shape[1])
-        refusal = "accumulator and slab must have the same channels and columns";
-    else if (!rsd_within(to_position, n, accumulator_length))
-        refusal = "the positions from to_position on must lie within accumulator";
-    else if (!rsd_within(from_position, n, slab_length))
-        refusal = "the positions from from_position on must lie within slab";
-    else if (rsd_overlap(accumulator, slab) || rsd_overlap(accumulator, weights))
-        refusal = "accumulator must not overlap slab or weights";
-    else {
+    if (refusal == NULL) {
         Py_BEGIN_ALLOW_THREADS
-        status = rsd_blend_lines((float *)accumulator->buf + 2 * to_position,
-                                 (const float *)slab->buf + 2 * from_position, weights->buf,
-                                 (size_t)(slab->shape[0] * slab->shape[1]), (size_t)n, (size_t)accumulator_length,
-                                 (size_t)slab_length);
+        for (Py_ssize_t b = 0; status == RSD_OK && b < shape[0]; b++) {
+            const int32_t *span = (const int32_t *)spans->buf + 3 * b;
+            status = rsd_blend_lines((float *)accumulator->buf + 2 * span[0],
+                                     (const float *)slabs->buf + 2 * (b * lines * shape[3] + span[1]),
+                                     (const float *)weights->buf + b * weights->shape[1], (size_t)lines,
+                                     (size_t)span[2], (size_t)accumulator->shape[2], (size_t)shape[3]);
+        }
         Py_END_ALLOW_THREADS
     }
     return rsd_conclude(refusal, status);
@@ -77,17 +89,18 @@ static bool call_blend(Py_buffer *accumulator, Py_buffer *slab, Py_buffer *weigh
 
 static PyObject *blend(PyObject *module, PyObject *args)
 {
-    static const rsd_spec specs[] = {
-        {"accumulator", COMPLEX64, 3, true}, {"slab", COMPLEX64, 3, false}, {"weights", FLOAT32, 1, false}};
-    PyObject *objects[3];
-    Py_buffer views[3];
-    Py_ssize_t to_position, from_position;
+    static const rsd_spec specs[] = {{"accumulator", COMPLEX64, 3, true},
+                                     {"slabs", COMPLEX64, 4, false},
+                                     {"weights", FLOAT32, 2, false},
+                                     {"spans", INT32, 2, false}};
+    PyObject *objects[4];
+    Py_buffer views[4];
     (void)module;
-    if (!PyArg_ParseTuple(args, "OOOnn:blend", &objects[0], &objects[1], &objects[2], &to_position, &from_position) ||
-        !rsd_acquire(objects, views, specs, 3))
+    if (!PyArg_ParseTuple(args, "OOOO:blend", &objects[0], &objects[1], &objects[2], &objects[3]) ||
+        !rsd_acquire(objects, views, specs, 4))
         return NULL;
-    const bool success = call_blend(&views[0], &views[1], &views[2], to_position, from_position);
-    rsd_release(views, 3);
+    const bool success = call_blend(&views[0], &views[1], &views[2], &views[3]);
+    rsd_release(views, 4);
     return none_if(success);
 }
 
@@ -236,25 +249,40 @@ static PyObject *columns_to_rows(PyObject *module, PyObject *args)
     return none_if(success);
 }
 
-static bool call_cut_lines(Py_buffer *columns, Py_ssize_t height, rsd_tile tile, Py_buffer *fade, Py_buffer *slab)
+/* Whether the only slab is `columns` itself, whose lines are extended in place. */
+static bool in_place(const Py_buffer *columns, const Py_buffer *starts, const Py_buffer *slabs)
 {
+    return slabs->buf == columns->buf && slabs->shape[0] == 1 && slabs->shape[3] == columns->shape[2] &&
+           *(const int32_t *)starts->buf == 0;
+}
+
+static bool call_cut_lines(Py_buffer *columns, Py_ssize_t height, Py_buffer *starts, Py_buffer *fade, int periodic,
+                           Py_buffer *slabs)
+{
+    const Py_ssize_t *shape = slabs->shape;
     const char *refusal = NULL;
     rsd_status status = RSD_OK;
-    tile.length = (size_t)slab->shape[2];
-    tile.fade = fade->buf;
-    tile.taper = (size_t)fade->shape[0];
-    if (slab->shape[0] != columns->shape[0] || slab->shape[1] != columns->shape[1])
-        refusal = "slab and columns must have the same channels and columns";
+    if (shape[1] != columns->shape[0] || shape[2] != columns->shape[1])
+        refusal = "slabs and columns must have the same channels and columns";
+    else if (starts->shape[0] != shape[0])
+        refusal = "starts must have a value for each slab";
     else if (!rsd_within(0, height, columns->shape[2]))
         refusal = "height must lie within columns";
-    else if (rsd_overlap(slab, fade) ||
-             (rsd_overlap(slab, columns) &&
-              (slab->buf != columns->buf || slab->shape[2] != columns->shape[2] || tile.start != 0)))
-        refusal = "slab must not overlap fade, nor columns unless it is the same array and starts at 0";
+    else if (rsd_overlap(slabs, fade) || rsd_overlap(slabs, starts) ||
+             (rsd_overlap(slabs, columns) && !in_place(columns, starts, slabs)))
+        refusal = "slabs must not overlap fade or starts, nor columns unless the only one is the same array and "
+                  "starts at 0";
     else {
+        const rsd_layout layout = {(size_t)(shape[2] * shape[3]), (size_t)shape[3]};
+        rsd_tile tile = {.length = layout.line, .fade = fade->buf, .taper = (size_t)fade->shape[0],
+                         .periodic = periodic};
         Py_BEGIN_ALLOW_THREADS
-        status = rsd_cut_lines(columns->buf, layout_of(columns), (size_t)height, tile, slab->buf, layout_of(slab),
-                               (size_t)slab->shape[0], (size_t)slab->shape[1]);
+        for (Py_ssize_t b = 0; status == RSD_OK && b < shape[0]; b++) {
+            tile.start = ((const int32_t *)starts->buf)[b];
+            status = rsd_cut_lines(columns->buf, layout_of(columns), (size_t)height, tile,
+                                   (float *)slabs->buf + 2 * b * shape[1] * shape[2] * shape[3], layout,
+                                   (size_t)shape[1], (size_t)shape[2]);
+        }
         Py_END_ALLOW_THREADS
     }
     return rsd_conclude(refusal, status);
@@ -262,20 +290,21 @@ static bool call_cut_lines(Py_buffer *columns, Py_ssize_t height, rsd_tile tile,
 
 static PyObject *cut_lines(PyObject *module, PyObject *args)
 {
-    static const rsd_spec specs[] = {
-        {"columns", COMPLEX64, 3, false}, {"fade", FLOAT32, 1, false}, {"slab", COMPLEX64, 3, true}};
-    PyObject *objects[3];
-    Py_buffer views[3];
-    Py_ssize_t height, start;
+    static const rsd_spec specs[] = {{"columns", COMPLEX64, 3, false},
+                                     {"starts", INT32, 1, false},
+                                     {"fade", FLOAT32, 1, false},
+                                     {"slabs", COMPLEX64, 4, true}};
+    PyObject *objects[4];
+    Py_buffer views[4];
+    Py_ssize_t height;
     int periodic;
     (void)module;
-    if (!PyArg_ParseTuple(args, "OnnOpO:cut_lines", &objects[0], &height, &start, &objects[1], &periodic,
-                          &objects[2]) ||
-        !rsd_acquire(objects, views, specs, 3))
+    if (!PyArg_ParseTuple(args, "OnOOpO:cut_lines", &objects[0], &height, &objects[1], &objects[2], &periodic,
+                          &objects[3]) ||
+        !rsd_acquire(objects, views, specs, 4))
         return NULL;
-    const rsd_tile tile = {.start = start, .periodic = periodic};
-    const bool success = call_cut_lines(&views[0], height, tile, &views[1], &views[2]);
-    rsd_release(views, 3);
+    const bool success = call_cut_lines(&views[0], height, &views[1], &views[2], periodic, &views[3]);
+    rsd_release(views, 4);
     return none_if(success);
 }
 
@@ -341,14 +370,14 @@ static PyObject *shrunk_derivatives_adjoint(PyObject *module, PyObject *args)
     return bind_shrinking(rsd_shrunk_derivatives_adjoint, "OnnfOpOO:shrunk_derivatives_adjoint", args);
 }
 
-PyDoc_STRVAR(multiply_doc, "multiply(spectra, response, /)\n--\n\n");
-PyDoc_STRVAR(blend_doc, "blend(accumulator, slab, weights, to_position, from_position, /)\n--\n\n");
+PyDoc_STRVAR(multiply_doc, "multiply(spectra, responses, /)\n--\n\n");
+PyDoc_STRVAR(blend_doc, "blend(accumulator, slabs, weights, spans, /)\n--\n\n");
 PyDoc_STRVAR(picture_to_lines_doc, "picture_to_lines(picture, top, rows, start, fade, periodic, lines, /)\n--\n\n");
 PyDoc_STRVAR(lines_to_picture_doc,
              "lines_to_picture(lines, rows, offset, weights, first, add, picture, top, /)\n--\n\n");
 PyDoc_STRVAR(rows_to_columns_doc, "rows_to_columns(rows, first, height, columns, /)\n--\n\n");
 PyDoc_STRVAR(columns_to_rows_doc, "columns_to_rows(columns, rows, first, height, /)\n--\n\n");
-PyDoc_STRVAR(cut_lines_doc, "cut_lines(columns, height, start, fade, periodic, slab, /)\n--\n\n");
+PyDoc_STRVAR(cut_lines_doc, "cut_lines(columns, height, starts, fade, periodic, slabs, /)\n--\n\n");
 PyDoc_STRVAR(shrunk_grad_doc,
              "shrunk_grad_adjoint(picture, top, rows, threshold, polynomial, periodic, workspace, out, /)\n--\n\n");
 PyDoc_STRVAR(

@@ -165,6 +165,17 @@ static void merge3(float *restrict pixels, size_t n, const float *restrict red, 
     }
 }
 
+RSD_CLONES
+static void add3(float *restrict pixels, size_t n, const float *restrict red, const float *restrict green,
+                 const float *restrict blue, const float *restrict weights)
+{
+    for (size_t i = 0; i < n; i++) {
+        pixels[3 * i] += weights[i] * red[i];
+        pixels[3 * i + 1] += weights[i] * green[i];
+        pixels[3 * i + 2] += weights[i] * blue[i];
+    }
+}
+
 rsd_status rsd_lines_to_picture(const float *lines, rsd_layout layout, size_t rows, size_t channels,
                                 const float *weights, size_t n, int add, float *picture, size_t width)
 {
@@ -178,8 +189,8 @@ rsd_status rsd_lines_to_picture(const float *lines, rsd_layout layout, size_t ro
     for (size_t r = 0; r < rows; r++) {
         const float *line = lines + r * layout.line;
         float *row = picture + r * width * channels;
-        if (channels == 3 && !add) {
-            merge3(row, n, line, line + layout.plane, line + 2 * layout.plane, weights);
+        if (channels == 3) {
+            (add ? add3 : merge3)(row, n, line, line + layout.plane, line + 2 * layout.plane, weights);
             continue;
         }
         for (size_t c = 0; c < channels; c++)

@@ -19,6 +19,9 @@ Float32Array = NDArray[np.float32]
 ComplexArray = NDArray[np.complex64]
 """Spectra in single precision."""
 
+Int32Array = NDArray[np.int32]
+"""Positions for the kernels."""
+
 Progress = Callable[[str, float], None]
 """Function called as ``progress(stage, fraction)`` during long work; the fraction runs from 0 to 1."""
 

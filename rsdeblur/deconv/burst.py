@@ -11,7 +11,6 @@ from rsdeblur._util import validate
 from rsdeblur.choices import Border, Planning, Solver
 from rsdeblur.deconv.coupling import Coupling
 from rsdeblur.deconv.fft import empty
-from rsdeblur.deconv.hybrid import COLUMNS
 from rsdeblur.deconv.priors import LatentPrior, check_prior
 from rsdeblur.deconv.quadratic import MARGIN, TileNormal
 from rsdeblur.deconv.rowwise import RowSolver
@@ -93,10 +92,9 @@ class BurstQuadratic(TileNormal):
         )
         self.shares = tuple(map(float, shares))
         # Sums of the normal equations: each block of columns has its own place, so that a pass reads them in order.
-        blocks, tiles = self._hybrid.padded_frequencies // COLUMNS, (COLUMNS, self._bands.length)
-        strips, bands = len(self._strips.tiles), len(self._bands.tiles)
-        self._signal: ComplexArray = empty((strips, blocks, bands, self._channelled[2], *tiles), np.complex64)
-        self._power: Float32Array = empty((strips, blocks, bands, *tiles), np.float32)
+        *places, columns, length = self._otfs.shape
+        self._signal: ComplexArray = empty((*places, self._channelled[2], columns, length), np.complex64)
+        self._power: Float32Array = empty((*places, columns, length), np.float32)
 
     def apply(
         self,
@@ -145,9 +143,9 @@ class BurstQuadratic(TileNormal):
         self._fill_otfs(self._banks[frame], self._otfs)
         share, first = np.float32(self.shares[frame]), frame == 0
 
-        def add(strip: int, _thread: int, _source: int, bands: slice, columns: slice, slabs: ComplexArray) -> None:
-            place = strip, columns.start // COLUMNS, bands
-            add_normal(slabs, self._otfs[strip, bands, columns], share, first, self._signal[place], self._power[place])
+        def add(strip: int, _thread: int, _source: int, block: int, bands: slice, slabs: ComplexArray) -> None:
+            place = strip, block, bands
+            add_normal(slabs, self._otfs[place], share, first, self._signal[place], self._power[place])
 
         self._pass(picture, None, add)
 
@@ -155,10 +153,10 @@ class BurstQuadratic(TileNormal):
         weights, weight = coupling.weights(beta), np.float32(0.0 if pull is None else beta)
         nsr, scale = np.float32(self.nsr), np.float32(self._scale)
 
-        def restore(strip: int, thread: int, _source: int, bands: slice, columns: slice, slabs: ComplexArray) -> None:
-            place, power = (strip, columns.start // COLUMNS, bands), self._powers[thread][: len(slabs)]
+        def restore(strip: int, thread: int, _source: int, block: int, bands: slice, slabs: ComplexArray) -> None:
+            place, power = (strip, block, bands), self._powers[thread][: len(slabs)]
             np.copyto(power, self._power[place])
-            signal, across = self._signal[place], self._across[columns]
+            signal, across = self._signal[place], self._across[block]
             solve_normal(signal, power, across, self._down, nsr, weights, weight, scale, slabs)
 
         self._pass(pull, out, restore)

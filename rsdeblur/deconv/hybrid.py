@@ -15,6 +15,7 @@ Blocks are independent, so threads share them, and any number of threads gives t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -25,7 +26,7 @@ from rsdeblur.deconv.border import fade
 from rsdeblur.deconv.fft import LineTransform, RowTransform, empty
 from rsdeblur.deconv.tiling import Tile, Tiling
 from rsdeblur.kernels import lines, spectral
-from rsdeblur.types import ComplexArray, Float32Array
+from rsdeblur.types import ComplexArray, Float32Array, Int32Array
 
 # Picture rows per block. 16 rows of 2048 RGB pixels and their spectrum are 0.8 MB, within a second-level cache of 1 to
 # 2 MB.
@@ -39,7 +40,7 @@ SLAB_BYTES = 400_000
 class Filter(Protocol):
     """What happens to columns between the transforms: the filters of the tiles."""
 
-    def __call__(self, thread: int, source: int, bands: slice, columns: slice, slabs: ComplexArray) -> None:
+    def __call__(self, thread: int, source: int, block: int, bands: slice, slabs: ComplexArray) -> None:
         """Change the slabs of a source in place.
 
         Sources come in their order; the result is what the slabs of the last one hold then. Without a source the slabs
@@ -51,11 +52,45 @@ class Filter(Protocol):
             Number of the calling thread.
         source : int
             Number of the source.
-        bands, columns : slice
-            The B bands of the slabs, and their N columns among the padded frequencies.
-        slabs : ndarray, shape (B, C, N, L), complex64, C-contiguous
+        block : int
+            Number of the block of columns.
+        bands : slice
+            The B bands of the slabs.
+        slabs : ndarray, shape (B, C, COLUMNS, L), complex64, C-contiguous
             Spectra of these columns in these bands.
         """
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Group:
+    """Some bands that are filtered together, as the kernels need them.
+
+    Parameters
+    ----------
+    bands : slice
+        The B bands.
+    starts : ndarray, shape (B,), int32
+        First position that each band reads.
+    weights : ndarray, shape (B, W), float32
+        Weights of each band at the positions that it contributes to; those that fill up a row are zero.
+    spans : ndarray, shape (B, 3), int32
+        First of these positions in the picture, first one in the band, and their number.
+    """
+
+    bands: slice
+    starts: Int32Array
+    weights: Float32Array
+    spans: Int32Array
+
+    @classmethod
+    def of(cls, first: int, tiles: Sequence[Tile]) -> _Group:
+        """Return the group of `tiles`, the bands from `first` on."""
+        weights = np.zeros((len(tiles), max(len(tile.weights) for tile in tiles)), np.float32)
+        for row, tile in zip(weights, tiles, strict=True):
+            row[: len(tile.weights)] = tile.weights
+        starts = np.array([tile.start for tile in tiles], np.int32)
+        spans = np.array([(tile.first, tile.first - tile.start, len(tile.weights)) for tile in tiles], np.int32)
+        return cls(slice(first, first + len(tiles)), starts, weights, spans)
 
 
 class Hybrid:
@@ -78,6 +113,8 @@ class Hybrid:
 
     Attributes
     ----------
+    blocks : int
+        Number of blocks of columns.
     spectra : ndarray, complex64
         Memory for the spectra of all rows of one strip, see :meth:`new_spectra`.
     """
@@ -97,10 +134,12 @@ class Hybrid:
         self.bands, self.strips = bands, strips
         self._periodic = border == "periodic"
         self.frequencies = strips.length // 2 + 1
-        # Whole blocks of columns; those that fill up the last block stay zero.
-        self.padded_frequencies = -(-self.frequencies // COLUMNS) * COLUMNS
+        # Columns that fill up the last block stay zero.
+        self.blocks = -(-self.frequencies // COLUMNS)
         slab_bytes = self.channels * COLUMNS * bands.length * np.dtype(np.complex64).itemsize
         self.together = max(1, min(len(bands.tiles), SLAB_BYTES // slab_bytes))
+        firsts = range(0, len(bands.tiles), self.together)
+        self._groups = [_Group.of(first, bands.tiles[first : first + self.together]) for first in firsts]
         self.spectra = self.new_spectra()
         self._workers = [
             _Worker(
@@ -120,7 +159,7 @@ class Hybrid:
         padded_height = -(-self.height // ROWS) * ROWS
         # The 8 columns more make the number of cache lines in a row odd: with rows a multiple of 4096 bytes apart, all
         # would share cache sets.
-        spectra: ComplexArray = empty((self.channels, padded_height, self.padded_frequencies + 8), np.complex64)
+        spectra: ComplexArray = empty((self.channels, padded_height, self.blocks * COLUMNS + 8), np.complex64)
         spectra[...] = 0
         return spectra
 
@@ -150,56 +189,50 @@ class Hybrid:
         """
         filter_block = self._filter_single if len(self.bands.tiles) == 1 else self._filter_bands
 
-        def block(thread: int, first: int) -> None:
-            filter_block(thread, slice(first, first + COLUMNS), sources, target, change)
+        def share(thread: int, block: int) -> None:
+            filter_block(thread, block, sources, target, change)
 
-        self.team.share(block, range(0, self.padded_frequencies, COLUMNS))
+        self.team.share(share, range(self.blocks))
 
     def _filter_single(
-        self, thread: int, columns: slice, sources: Sequence[ComplexArray], target: ComplexArray | None, change: Filter
+        self, thread: int, block: int, sources: Sequence[ComplexArray], target: ComplexArray | None, change: Filter
     ) -> None:
         """Filter a block of columns of a single tile, which is extended in place."""
-        slabs, (tile,), taper = self._workers[thread].slabs, self.bands.tiles, fade(self.bands.taper)
-        lines_of_tile = slabs.lines[0]
+        slabs, (group,), taper = self._workers[thread].slabs, self._groups, fade(self.bands.taper)
         for n, source in enumerate(sources):
-            lines.rows_to_columns(source, columns.start, self.height, lines_of_tile)
-            lines.cut_lines(lines_of_tile, self.height, tile.start, taper, self._periodic, lines_of_tile)
+            lines.rows_to_columns(source, block * COLUMNS, self.height, slabs.lines[0])
+            lines.cut_lines(slabs.lines[0], self.height, group.starts, taper, self._periodic, slabs.lines)
             slabs.forward()
-            change(thread, n, slice(0, 1), columns, slabs.spectra)
+            change(thread, n, block, group.bands, slabs.spectra)
         if not sources:
             slabs.spectra.fill(0)
-            change(thread, 0, slice(0, 1), columns, slabs.spectra)
+            change(thread, 0, block, group.bands, slabs.spectra)
         if target is not None:
             slabs.inverse()
-            lines.columns_to_rows(lines_of_tile, target, columns.start, self.height)
+            lines.columns_to_rows(slabs.lines[0], target, block * COLUMNS, self.height)
 
     def _filter_bands(
-        self, thread: int, columns: slice, sources: Sequence[ComplexArray], target: ComplexArray | None, change: Filter
+        self, thread: int, block: int, sources: Sequence[ComplexArray], target: ComplexArray | None, change: Filter
     ) -> None:
         """Filter a block of columns of several bands, which are cut out; their sum is collected elsewhere."""
         worker, taper = self._workers[thread], fade(self.bands.taper)
         for source, copy in zip(sources, worker.columns, strict=False):
-            lines.rows_to_columns(source, columns.start, self.height, copy)
+            lines.rows_to_columns(source, block * COLUMNS, self.height, copy)
         worker.blended.fill(0)
-        for first in range(0, len(self.bands.tiles), self.together):
-            group = self.bands.tiles[first : first + self.together]
-            slabs, spectra = worker.slabs.lines[: len(group)], worker.slabs.spectra[: len(group)]
-            bands = slice(first, first + len(group))
+        for group in self._groups:
+            slabs, spectra = worker.slabs.lines[: len(group.starts)], worker.slabs.spectra[: len(group.starts)]
             for n in range(len(sources)):
-                for slab, tile in zip(slabs, group, strict=True):
-                    lines.cut_lines(worker.columns[n], self.height, tile.start, taper, self._periodic, slab)
+                lines.cut_lines(worker.columns[n], self.height, group.starts, taper, self._periodic, slabs)
                 worker.slabs.forward()
-                change(thread, n, bands, columns, spectra)
+                change(thread, n, block, group.bands, spectra)
             if not sources:
                 spectra.fill(0)
-                change(thread, 0, bands, columns, spectra)
-            if target is None:
-                continue
-            worker.slabs.inverse()
-            for slab, tile in zip(slabs, group, strict=True):
-                spectral.blend(worker.blended, slab, tile.weights, tile.first, tile.first - tile.start)
+                change(thread, 0, block, group.bands, spectra)
+            if target is not None:
+                worker.slabs.inverse()
+                spectral.blend(worker.blended, slabs, group.weights, group.spans)
         if target is not None:
-            lines.columns_to_rows(worker.blended, target, columns.start, self.height)
+            lines.columns_to_rows(worker.blended, target, block * COLUMNS, self.height)
 
     def restore_rows(self, spectra: ComplexArray, out: Float32Array, strip: Tile, *, clear: bool) -> None:
         """Transform rows back, which destroys `spectra`.

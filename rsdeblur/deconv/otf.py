@@ -48,10 +48,13 @@ class OtfPlanner:
         path.grid /= path.grid.sum() / path.mean
         return path.rows(path.grid)
 
-    def columns(self, bank: PsfBank, spectrum: ComplexArray, first: int, out: ComplexArray) -> None:
-        """Fill `COLUMNS` columns from `first` on of the OTF `out` (lengths[1] // 2 + 1, lengths[0])."""
+    def columns(self, bank: PsfBank, spectrum: ComplexArray, first: int) -> ComplexArray:
+        """Return columns of the OTF from `first` on, shape (COLUMNS, lengths[0]); the next call overwrites them.
+
+        Those beyond the highest frequency are zero.
+        """
         transform = self._of_kernels if bank.displacements is None else self._of_paths
-        transform.columns(spectrum, first, out)
+        return transform.columns(spectrum, first)
 
     def whole(self, bank: PsfBank, band: int, strip: int) -> ComplexArray:
         """Return the OTF at all frequencies, in the order of `numpy.fft.fft2`."""
@@ -59,7 +62,8 @@ class OtfPlanner:
         half = np.empty((width // 2 + 1, height), np.complex64)
         spectrum = self.rows(bank, band, strip)
         for first in range(0, len(half), COLUMNS):
-            self.columns(bank, spectrum, first, half)
+            part = half[first : first + COLUMNS]
+            part[...] = self.columns(bank, spectrum, first)[: len(part)]
         # The PSF is real: H(-k) is the conjugate of H(k).
         mirrored = np.roll(half[(width - 1) // 2 : 0 : -1, ::-1], 1, axis=1).conj()
         return np.concatenate([half, mirrored]).T
@@ -100,18 +104,16 @@ class _GridTransform:
         self._rows.forward()
         return self._rows.spectrum[: len(grid), : self._lengths[1] // 2 + 1]
 
-    def columns(self, spectrum: ComplexArray, first: int, out: ComplexArray) -> None:
-        """Fill some columns of `out` (K, L) with the transform of the row spectra."""
+    def columns(self, spectrum: ComplexArray, first: int) -> ComplexArray:
+        """Return some columns of the transform of the row spectra; the next call overwrites them."""
         part, up = spectrum[:, first : first + COLUMNS].T, len(spectrum) // 2
+        self._columns.lines[len(part) :] = 0
         columns = self._columns.lines[: len(part)]
         columns[:, : len(spectrum) - up] = part[:, up:]
         columns[:, len(spectrum) - up : self._points[0] - up] = 0
         columns[:, self._points[0] - up :] = part[:, :up]
         self._columns.forward()
-        self._store(self._columns.spectra[: len(part)], out[first : first + COLUMNS])
-
-    def _store(self, columns: ComplexArray, out: ComplexArray) -> None:
-        out[...] = columns
+        return self._columns.spectra
 
 
 class _PathTransform(_GridTransform):
@@ -126,6 +128,7 @@ class _PathTransform(_GridTransform):
         super().__init__(len(self.grid), lengths, (points[0], points[1]))
         down, across = (np.fft.fftfreq(n) * n / m for n, m in zip(lengths, points, strict=True))
         self.mean = float(window_spectrum(np.zeros(1))[0]) ** 2
+        self._out = np.empty((COLUMNS, lengths[0]), np.complex64)
         self._windows = [window_spectrum(turns) for turns in (down, across[: lengths[1] // 2 + 1])]
         self._softness = -1.0
         self.soften(0.0)
@@ -152,13 +155,16 @@ class _PathTransform(_GridTransform):
             spectrum[:, -1] = spectrum[:, -1].real
         return spectrum
 
-    def _store(self, columns: ComplexArray, out: ComplexArray) -> None:
+    def columns(self, spectrum: ComplexArray, first: int) -> ComplexArray:
+        """Return some columns of the transform of the row spectra, without that of the window."""
+        columns = super().columns(spectrum, first)
         length, points = self._lengths[0], self._points[0]
         half = length // 2
         if length % 2 == 0:
             columns[:, points - half] = (columns[:, points - half] + columns[:, half]) / 2
-        np.multiply(columns[:, : length - half], self._down[: length - half], out=out[:, : length - half])
-        np.multiply(columns[:, points - half :], self._down[length - half :], out=out[:, length - half :])
+        np.multiply(columns[:, : length - half], self._down[: length - half], out=self._out[:, : length - half])
+        np.multiply(columns[:, points - half :], self._down[length - half :], out=self._out[:, length - half :])
+        return self._out
 
 
 def _grid_points(kernel: int, length: int) -> int:

@@ -73,10 +73,11 @@ class TileNormal(TileFilter):
         self._across, self._down = (
             (4 * np.sin(np.pi * np.arange(count) / length) ** 2).astype(np.float32)
             for count, length in (
-                (self._hybrid.padded_frequencies, self._strips.length),
+                (self._hybrid.blocks * COLUMNS, self._strips.length),
                 (self._bands.length, self._bands.length),
             )
         )
+        self._across = self._across.reshape(-1, COLUMNS)
         # Each thread's matrices of a few bands of a block of columns.
         self._powers = [
             np.empty((self._hybrid.together, COLUMNS, self._bands.length), np.float32) for _ in range(self.threads)
@@ -272,15 +273,14 @@ class TileQuadratic(TileNormal):
         weights, pull = coupling.weights(beta), np.float32(beta if last else 0.0)
         nsr, scale = np.float32(self.nsr), np.float32(self._scale)
 
-        def restore(strip: int, thread: int, source: int, bands: slice, columns: slice, slabs: ComplexArray) -> None:
+        def restore(strip: int, thread: int, source: int, block: int, bands: slice, slabs: ComplexArray) -> None:
             signal, power = self._signals[thread][: len(slabs)], self._powers[thread][: len(slabs)]
-            otfs = self._otfs[strip, bands, columns]
+            otfs = self._otfs[strip, block, bands]
             if source == 0:
                 add_normal(slabs, otfs, np.float32(1.0), True, signal, power)
             if source == last:
-                solve_normal(signal, power, self._across[columns], self._down, nsr, weights, pull, scale, slabs)
+                solve_normal(signal, power, self._across[block], self._down, nsr, weights, pull, scale, slabs)
             if source == last and blurred:
-                for slab, otf in zip(slabs, otfs, strict=True):
-                    spectral.multiply(slab, otf)
+                spectral.multiply(slabs, otfs)
 
         self._pass(picture, out, restore, kept=observed)

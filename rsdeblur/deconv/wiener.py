@@ -18,9 +18,10 @@ from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import BORDERS, PLANNINGS, Border, Planning
+from rsdeblur.deconv import otf
 from rsdeblur.deconv.fft import remember
-from rsdeblur.deconv.hybrid import Hybrid
-from rsdeblur.deconv.otf import COLUMNS, OtfPlanner
+from rsdeblur.deconv.hybrid import COLUMNS, Hybrid
+from rsdeblur.deconv.otf import OtfPlanner
 from rsdeblur.deconv.tiling import BAND_EXCESS, Tiling
 from rsdeblur.errors import InputError
 from rsdeblur.kernels import spectral
@@ -44,7 +45,7 @@ def decay_margin(nsr: float) -> float:
 
 
 # Called as ``change(strip, ...)`` with the arguments of :class:`rsdeblur.deconv.hybrid.Filter` after the strip.
-StripFilter = Callable[[int, int, int, slice, slice, ComplexArray], None]
+StripFilter = Callable[[int, int, int, int, slice, ComplexArray], None]
 
 
 class TileFilter:
@@ -103,7 +104,7 @@ class TileFilter:
         tiles = bank.kernels[..., 0, 0].size
         validate.memory(
             f"the filters of {tiles} tiles of {self._strips.length}x{self._bands.length} px",
-            8 * tiles * self._hybrid.padded_frequencies * self._bands.length,
+            8 * tiles * self._hybrid.blocks * COLUMNS * self._bands.length,
             height * width,
         )
         self._planners = [OtfPlanner(bank.size, (self._bands.length, self._strips.length)) for _ in range(threads)]
@@ -165,7 +166,7 @@ class TileFilter:
         out: NDArray[np.float32] | None,
         progress: Callable[[float], None] | None,
     ) -> NDArray[np.float32]:
-        """Filter a picture as :meth:`Deconvolver.apply` does, with `filters` (S, B, padded frequencies, L)."""
+        """Filter a picture as :meth:`Deconvolver.apply` does, with filters as of :meth:`_new_filters`."""
         validate.callback("progress", progress)
         picture = validate.linear_light(image, self.shape)
         out = validate.output(out, self.shape)
@@ -181,9 +182,8 @@ class TileFilter:
     ) -> None:
         """Filter `source` into `target`, both (H, W, C), contiguous, possibly the same memory."""
 
-        def multiply(strip: int, _thread: int, _source: int, bands: slice, columns: slice, slabs: ComplexArray) -> None:
-            for slab, responses in zip(slabs, filters[strip, bands, columns], strict=True):
-                spectral.multiply(slab, responses)
+        def multiply(strip: int, _thread: int, _source: int, block: int, bands: slice, slabs: ComplexArray) -> None:
+            spectral.multiply(slabs, filters[strip, block, bands])
 
         self._pass(source, target, multiply, progress=progress)
 
@@ -226,33 +226,34 @@ class TileFilter:
         return self._copy
 
     def _new_filters(self) -> ComplexArray:
-        """Return zeros for one filter per tile, shape (S, B, padded frequencies, L)."""
-        tiles = (len(self._strips.tiles), len(self._bands.tiles))
-        filters: ComplexArray = np.zeros((*tiles, self._hybrid.padded_frequencies, self._bands.length), np.complex64)
+        """Return zeros for one filter per tile, shape (S, blocks of columns, B, COLUMNS, L): in the order of a pass."""
+        strips, bands = len(self._strips.tiles), len(self._bands.tiles)
+        filters: ComplexArray = np.zeros(
+            (strips, self._hybrid.blocks, bands, COLUMNS, self._bands.length), np.complex64
+        )
         return filters
 
     def _fill_otfs(self, bank: PsfBank, out: ComplexArray) -> None:
         """Fill `out` with the OTFs of all tiles."""
-        blocks = range(0, self._hybrid.frequencies, COLUMNS)
+        parts = range(0, self._hybrid.frequencies, otf.COLUMNS)
 
-        def plan(thread: int, s: int, b: int) -> None:
-            planner, otf = self._planners[thread], out[s, b, : self._hybrid.frequencies]
-            spectrum = planner.rows(bank, b, s)
-            for first in blocks:
-                planner.columns(bank, spectrum, first, otf)
+        def fill(thread: int, s: int, b: int, spectrum: ComplexArray, first: int) -> None:
+            columns = self._planners[thread].columns(bank, spectrum, first).reshape(-1, COLUMNS, out.shape[-1])
+            blocks = out[s, first // COLUMNS :][: len(columns), b]
+            blocks[...] = columns[: len(blocks)]
 
-        if len(out) * out.shape[1] > 1:
-            self._share_tiles(plan)
+        def plan(thread: int, tile: int) -> None:
+            s, b = divmod(tile, out.shape[2])
+            spectrum = self._planners[thread].rows(bank, b, s)
+            for first in parts:
+                fill(thread, s, b, spectrum, first)
+
+        tiles = out.shape[0] * out.shape[2]
+        if tiles > 1:
+            self._hybrid.team.share(plan, range(tiles))
             return
-        spectrum, otf = self._planners[0].rows(bank, 0, 0), out[0, 0, : self._hybrid.frequencies]
-        self._hybrid.team.share(
-            lambda thread, first: self._planners[thread].columns(bank, spectrum, first, otf), blocks
-        )
-
-    def _share_tiles(self, work: Callable[[int, int, int], None]) -> None:
-        """Call `work(thread, s, b)` for every strip s and band b, shared by the threads."""
-        strips, bands = len(self._strips.tiles), len(self._bands.tiles)
-        self._hybrid.team.share(lambda thread, tile: work(thread, *divmod(tile, bands)), range(strips * bands))
+        spectrum = self._planners[0].rows(bank, 0, 0)
+        self._hybrid.team.share(lambda thread, first: fill(thread, 0, 0, spectrum, first), parts)
 
 
 @one_line("shape", "nsr", "_kernel_size")
@@ -321,11 +322,11 @@ class Deconvolver(TileFilter):
     def _take(self, bank: PsfBank) -> None:
         scale = np.float32((1.0 + self.nsr) * self._scale)
 
-        def invert(_: int, s: int, b: int) -> None:
-            _wiener(self._filters[s, b, : self._hybrid.frequencies], np.float32(self.nsr), scale)
+        def invert(_: int, n: int) -> None:
+            _wiener(self._filters[divmod(n, self._hybrid.blocks)], np.float32(self.nsr), scale)
 
         self._fill_otfs(bank, self._filters)
-        self._share_tiles(invert)
+        self._hybrid.team.share(invert, range(len(self._filters) * self._hybrid.blocks))
 
     def apply(
         self,

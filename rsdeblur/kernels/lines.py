@@ -4,8 +4,8 @@ A *line* is contiguous and runs along the axis that is transformed next. A *tile
 the picture, the line continues by reflection or, if `periodic`, by repetition. The last positions of a tile fade into
 the values before its start, so that the tile is smooth when repeated, as a transform requires.
 
-Shapes: channels C, picture (H, W, C), spectra of rows (C, R, K), N of their columns (C, N, M), tile length L. All
-arrays are C-contiguous, float32 or complex64.
+Shapes: channels C, picture (H, W, C), spectra of rows (C, R, K), N of their columns (C, N, M), B tiles of length L. All
+arrays are C-contiguous, float32, complex64 or int32.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.kernels import native
-from rsdeblur.types import ComplexArray, Float32Array
+from rsdeblur.types import ComplexArray, Float32Array, Int32Array
 
 
 def _cut(line: NDArray[Any], start: int, fade: Float32Array, periodic: bool, length: int) -> NDArray[Any]:
@@ -98,14 +98,15 @@ def columns_to_rows_numpy(columns: ComplexArray, rows: ComplexArray, first: int,
 
 
 def cut_lines_numpy(
-    columns: ComplexArray, height: int, start: int, fade: Float32Array, periodic: bool, slab: ComplexArray
+    columns: ComplexArray, height: int, starts: Int32Array, fade: Float32Array, periodic: bool, slabs: ComplexArray
 ) -> None:
-    """Copy the tile at `start` of `columns` (C, N, M) into `slab` (C, N, L).
+    """Copy the tiles at `starts` (B,) of `columns` (C, N, M) into `slabs` (B, C, N, L).
 
-    Only the first `height` values of a column are read. If `start` is 0, `slab` may be `columns` itself, which is then
-    extended in place.
+    Only the first `height` values of a column are read. A single slab that starts at 0 may be `columns` itself, which
+    is then extended in place.
     """
-    slab[...] = _cut(columns[..., :height], start, fade, periodic, slab.shape[-1])
+    for start, slab in zip(starts, slabs, strict=True):
+        slab[...] = _cut(columns[..., :height], int(start), fade, periodic, slab.shape[-1])
 
 
 picture_to_lines: Callable[..., bool] = native.picture_to_lines if native else picture_to_lines_numpy

@@ -21,9 +21,9 @@ from scipy.linalg import solveh_banded
 
 from rsdeblur.kernels import native
 from rsdeblur.kernels._jit import njit
-from rsdeblur.types import ComplexArray, Float32Array
+from rsdeblur.types import ComplexArray, Float32Array, Int32Array
 
-Index = NDArray[np.int32]
+Index = Int32Array
 
 # Frequencies per block: the widest SIMD vector has 16 floats, and so does a cache line.
 LANES = 16

@@ -1,6 +1,6 @@
 """Filtering and blending slabs of columns: the C kernels and their NumPy twins.
 
-Spectra are C-contiguous complex64 arrays. Shapes: channels C, columns K, slab length L, picture rows H.
+Spectra are C-contiguous complex64 arrays. Shapes: slabs B, channels C, columns K, slab length L, picture rows H.
 """
 
 from __future__ import annotations
@@ -8,41 +8,40 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rsdeblur.kernels import native
-from rsdeblur.types import ComplexArray, Float32Array
+from rsdeblur.types import ComplexArray, Float32Array, Int32Array
 
 
-def multiply_numpy(spectra: ComplexArray, response: ComplexArray) -> None:
-    """Multiply every channel by the frequency response of a filter, in place.
+def multiply_numpy(spectra: ComplexArray, responses: ComplexArray) -> None:
+    """Multiply every channel of every slab by the frequency response of the slab's filter, in place.
 
     Parameters
     ----------
-    spectra : ndarray, shape (C, K, L), complex64, C-contiguous
-        Changed in place; it must not overlap `response`.
-    response : ndarray, shape (K, L), complex64, C-contiguous
+    spectra : ndarray, shape (B, C, K, L), complex64, C-contiguous
+        Changed in place; it must not overlap `responses`.
+    responses : ndarray, shape (B, K, L), complex64, C-contiguous
         One factor per frequency.
     """
-    spectra *= response
+    spectra *= responses[:, None]
 
 
-def blend_numpy(
-    accumulator: ComplexArray, slab: ComplexArray, weights: Float32Array, to_position: int, from_position: int
-) -> None:
-    """Add weighted lines of a slab to the columns that they belong to, in place.
+def blend_numpy(accumulator: ComplexArray, slabs: ComplexArray, weights: Float32Array, spans: Int32Array) -> None:
+    """Add weighted lines of slabs to the columns that they belong to, in place, one slab after the other.
 
     Parameters
     ----------
     accumulator : ndarray, shape (C, K, H), complex64, C-contiguous
-        Changed in place at n positions of every line; it must not overlap `slab` or `weights`.
-    slab : ndarray, shape (C, K, L), complex64, C-contiguous
-        Read at n positions of every line.
-    weights : ndarray, shape (n,), float32, C-contiguous
-        One weight per position.
-    to_position, from_position : int
-        First position in `accumulator` and in `slab`; the n positions from there on must lie within the lines.
+        Changed in place at the positions of the spans; it must not overlap another array.
+    slabs : ndarray, shape (B, C, K, L), complex64, C-contiguous
+        Lines that are added.
+    weights : ndarray, shape (B, W), float32, C-contiguous
+        One weight per position of a span, which has at most W.
+    spans : ndarray, shape (B, 3), int32, C-contiguous
+        First position in `accumulator`, first position in the slab, and number of positions, which must lie within the
+        lines.
     """
-    n = len(weights)
-    accumulator[..., to_position : to_position + n] += weights * slab[..., from_position : from_position + n]
+    for slab, weight, (to, start, n) in zip(slabs, weights, spans.tolist(), strict=True):
+        accumulator[..., to : to + n] += weight[:n] * slab[..., start : start + n]
 
 
 multiply: Callable[[ComplexArray, ComplexArray], None] = native.multiply if native else multiply_numpy
-blend: Callable[..., None] = native.blend if native else blend_numpy
+blend: Callable[[ComplexArray, ComplexArray, Float32Array, Int32Array], None] = native.blend if native else blend_numpy

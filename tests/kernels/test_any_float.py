@@ -97,13 +97,13 @@ def tiles(hostile: Hostile) -> Tiles:
 
 
 ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
-    "multiply": lambda h: [h.pairs(2, 5, 6), h.pairs(5, 6)],
-    "blend": lambda h: [h.pairs(2, 5, 9), h.pairs(2, 5, 6), h(4), 1, 2],
+    "multiply": lambda h: [h.pairs(3, 2, 5, 6), h.pairs(3, 5, 6)],
+    "blend": lambda h: [h.pairs(2, 5, 9), h.pairs(3, 2, 5, 6), h(3, 4), np.array(3 * [[1, 2, 4]], np.int32)],
     "picture_to_lines": lambda h: [h(4, 12, 3), 1, 2, -3, h(4), False, h(3, 4, 20)],
     "lines_to_picture": lambda h: [h(3, 4, 20), 2, 1, h(5), 3, True, h(4, 12, 3), 1],
     "rows_to_columns": lambda h: [h.pairs(3, 9, 30), 2, 5, h.pairs(3, 16, 9)],
     "columns_to_rows": lambda h: [h.pairs(3, 16, 9), h.pairs(3, 9, 30), 2, 5],
-    "cut_lines": lambda h: [h.pairs(3, 16, 9), 7, 1, h(4), True, h.pairs(3, 16, 12)],
+    "cut_lines": lambda h: [h.pairs(3, 16, 9), 7, np.array([1, 3], np.int32), h(4), True, h.pairs(2, 3, 16, 12)],
     "rasterize": lambda h: [h(7, 5, 2, dtype=np.float64), 4, 6],
     "spread": lambda h: [h(7, 2, dtype=np.float64), (1.25, 1.5), h(21, 15, dtype=np.float64)],
     "interpolated": lambda h: [h(7, 5, 2, dtype=np.float64), 8, 9],

@@ -24,22 +24,26 @@ def pairs(*shape: int) -> Array:
     return np.ones(shape, np.complex64)
 
 
+def integers(values: list[Any]) -> Array:
+    return np.array(values, np.int32)
+
+
 def model() -> list[Array]:
     """Return the arrays of a rowwise model: six rows, each of which sees the latent row of the same number."""
-    index = [np.array(values, np.int32) for values in ([0, 3], [3, 6], [0, 0])]
+    index = [integers(values) for values in ([0, 3], [3, 6], [0, 0])]
     start = np.cumsum([0, *[int(row == latent) for latent in range(3) for row in range(3)] * 2]).astype(np.int32)
     return [*index, start, np.zeros(6, np.int32), floats(6), rowwise.phase_table(0, 0, 1, 50)]
 
 
 # Arguments of a valid call, and positions of the arrays that it writes.
 CALLS: dict[str, tuple[Callable[[], list[Any]], set[int]]] = {
-    "multiply": (lambda: [pairs(2, 5, 6), pairs(5, 6)], {0}),
-    "blend": (lambda: [pairs(2, 5, 9), pairs(2, 5, 6), floats(4), 1, 2], {0}),
+    "multiply": (lambda: [pairs(3, 2, 5, 6), pairs(3, 5, 6)], {0}),
+    "blend": (lambda: [pairs(2, 5, 9), pairs(3, 2, 5, 6), floats(3, 4), integers(3 * [[1, 2, 4]])], {0}),
     "picture_to_lines": (lambda: [floats(4, 12, 3), 1, 2, -3, floats(4), False, floats(3, 4, 20)], {6}),
     "lines_to_picture": (lambda: [floats(3, 4, 20), 2, 1, floats(5), 3, True, floats(4, 12, 3), 1], {6}),
     "rows_to_columns": (lambda: [pairs(3, 9, 30), 2, 5, pairs(3, 16, 9)], {3}),
     "columns_to_rows": (lambda: [pairs(3, 16, 9), pairs(3, 9, 30), 2, 5], {1}),
-    "cut_lines": (lambda: [pairs(3, 16, 9), 7, 1, floats(4), True, pairs(3, 16, 12)], {5}),
+    "cut_lines": (lambda: [pairs(3, 16, 9), 7, integers([1, 3]), floats(4), True, pairs(2, 3, 16, 12)], {5}),
     "shrunk_grad_adjoint": (
         lambda: [floats(6, 5, 3), 1, 4, 0.1, floats(9), False, floats(10, 3, 7), floats(6, 5, 3)],
         {6, 7},

@@ -114,24 +114,26 @@ def test_the_taper_ends_where_the_start_begins(extended, noise, length, start):
     assert np.all(np.diff(share, axis=0) > 0)
 
 
-@pytest.mark.parametrize("start", [-6, 0, 11, 30, 100, -100])
+@pytest.mark.parametrize("starts", [[], [11], [-6, 0, 11, 30, 100, -100]])
 @pytest.mark.parametrize("border", ["blend", "periodic"])
-def test_columns_are_cut_like_rows(kernels, extended, noise, start, border):
+def test_columns_are_cut_like_rows(kernels, extended, noise, starts, border):
     columns = np.full((2, 3, N + 5), np.nan, np.complex64)
     columns[..., :N] = np.stack([noise.T, 2 * noise.T]) * np.complex64(1 - 2j)
-    slab = np.empty((2, 3, 30), np.complex64)
-    kernels.cut_lines(columns, N, start, fade(8), border == "periodic", slab)
-    row = extended(noise, 30, start, taper=8, border=border).T * (1 - 2j)
-    # Two roundings of values of order 1.
-    np.testing.assert_allclose(slab, [row, 2 * row], atol=1e-6)
+    slabs = np.empty((len(starts), 2, 3, 30), np.complex64)
+    kernels.cut_lines(columns, N, np.array(starts, np.int32), fade(8), border == "periodic", slabs)
+    for start, slab in zip(starts, slabs, strict=True):
+        row = extended(noise, 30, start, taper=8, border=border).T * (1 - 2j)
+        # Two roundings of values of order 1.
+        np.testing.assert_allclose(slab, [row, 2 * row], atol=1e-6)
 
 
 @pytest.mark.parametrize("border", ["blend", "periodic"])
 def test_columns_are_extended_in_place(kernels, border):
     columns = complex_noise(2, 3, N + 20)
     elsewhere = np.empty_like(columns)
-    kernels.cut_lines(columns, N, 0, fade(20), border == "periodic", elsewhere)
-    kernels.cut_lines(columns, N, 0, fade(20), border == "periodic", columns)
+    start = np.zeros(1, np.int32)
+    kernels.cut_lines(columns, N, start, fade(20), border == "periodic", elsewhere[None])
+    kernels.cut_lines(columns, N, start, fade(20), border == "periodic", columns[None])
     np.testing.assert_array_equal(columns, elsewhere)
 
 
@@ -185,6 +187,8 @@ class TestMisuse:
     picture, lines = np.zeros((4, 12, 3), np.float32), np.zeros((3, 4, 20), np.float32)
     rows, columns = np.zeros((3, 9, 30), np.complex64), np.zeros((3, 16, 9), np.complex64)
     ramp, weights = fade(4), np.ones(5, np.float32)
+    zero, one, two = (np.array(starts, np.int32) for starts in ([0], [1], [0, 0]))
+    whole, pair = columns[None], np.zeros((2, 3, 16, 9), np.complex64)
 
     @pytest.mark.parametrize(
         ("name", "args", "message"),
@@ -199,9 +203,11 @@ class TestMisuse:
             ("rows_to_columns", ("rows", 15, 9, "columns"), "columns from first on"),
             ("rows_to_columns", ("rows", 0, 10, "columns"), "height must lie within"),
             ("columns_to_rows", ("columns", "rows", -1, 9), "columns from first on"),
-            ("cut_lines", ("columns", 10, 0, "ramp", False, "columns"), "height must lie within"),
-            ("cut_lines", ("columns", 9, 1, "ramp", False, "columns"), "starts at 0"),
-            ("cut_lines", ("rows", 9, 0, "ramp", False, "columns"), "same channels and columns"),
+            ("cut_lines", ("columns", 10, "zero", "ramp", False, "whole"), "height must lie within"),
+            ("cut_lines", ("columns", 9, "one", "ramp", False, "whole"), "starts at 0"),
+            ("cut_lines", ("columns", 9, "two", "ramp", False, "whole"), "a value for each slab"),
+            ("cut_lines", ("columns", 9, "zero", "ramp", False, "pair"), "a value for each slab"),
+            ("cut_lines", ("rows", 9, "zero", "ramp", False, "whole"), "same channels and columns"),
         ],
     )
     def test_what_lies_outside(self, name, args, message):

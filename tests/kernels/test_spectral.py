@@ -39,24 +39,27 @@ def test_the_names_are_native_where_that_exists():
     assert spectral.blend is (native.blend if native else spectral.blend_numpy)
 
 
+@pytest.mark.parametrize("slabs", [0, 1, 2])
 @pytest.mark.parametrize("shape", [(1, 1, 1), (3, 7, 13), (4, 16, 129), (2, 0, 5), (0, 3, 5)])
-def test_multiply_is_the_complex_product(kernels, shape):
+def test_multiply_is_the_complex_product(kernels, slabs, shape):
     rng = np.random.default_rng(1)
-    spectra, response = complex_noise(rng, *shape), complex_noise(rng, *shape[1:])
-    expected = spectra.astype(np.complex128) * response.astype(np.complex128)
-    assert kernels.multiply(spectra, response) is None
+    spectra, responses = complex_noise(rng, slabs, *shape), complex_noise(rng, slabs, *shape[1:])
+    expected = spectra.astype(np.complex128) * responses[:, None].astype(np.complex128)
+    assert kernels.multiply(spectra, responses) is None
     np.testing.assert_allclose(spectra, expected, **TOLERANCE)
 
 
 @pytest.mark.parametrize("n", [0, 1, 6])
 def test_blend_adds_weighted_positions_and_touches_no_other(kernels, n):
     rng = np.random.default_rng(2)
-    accumulator, slab = complex_noise(rng, 3, 5, 11), complex_noise(rng, 3, 5, 9)
-    weights = rng.uniform(-1, 1, n).astype(np.float32)
+    accumulator, slabs = complex_noise(rng, 3, 5, 11), complex_noise(rng, 2, 3, 5, 9)
+    weights = rng.uniform(-1, 1, (2, 6)).astype(np.float32)
+    spans = np.array([[4, 2, n], [0, 5, 3]], np.int32)
     expected = accumulator.astype(np.complex128)
-    for i, weight in enumerate(weights):
-        expected[..., 4 + i] += float(weight) * slab[..., 2 + i]
-    assert kernels.blend(accumulator, slab, weights, 4, 2) is None
+    for slab, weight, (to, start, count) in zip(slabs, weights, spans, strict=True):
+        for i in range(count):
+            expected[..., to + i] += float(weight[i]) * slab[..., start + i]
+    assert kernels.blend(accumulator, slabs, weights, spans) is None
     np.testing.assert_allclose(accumulator, expected, **TOLERANCE)
 
 
@@ -64,10 +67,9 @@ def test_slabs_with_windows_that_sum_to_one_rebuild_the_picture(kernels):
     rng = np.random.default_rng(3)
     picture = complex_noise(rng, 2, 9, 20)
     up = np.linspace(0, 1, 6, dtype=np.float32)
-    accumulator = np.zeros_like(picture)
-    kernels.blend(accumulator, picture, np.r_[np.ones(7, np.float32), 1 - up], 0, 0)
-    lower = picture[..., 7:].copy()
-    kernels.blend(accumulator, lower, np.r_[up, np.ones(7, np.float32)], 7, 0)
+    accumulator, slabs = np.zeros_like(picture), np.stack([picture[..., :13], picture[..., 7:]])
+    weights = np.array([[*np.ones(7), *(1 - up)], [*up, *np.ones(7)]], np.float32)
+    kernels.blend(accumulator, slabs, weights, np.array([[0, 0, 13], [7, 0, 13]], np.int32))
     np.testing.assert_allclose(accumulator, picture, **TOLERANCE)
 
 
@@ -79,63 +81,62 @@ class TestMisuse:
     def arrays(self):
         rng = np.random.default_rng(4)
         return SimpleNamespace(
-            spectra=complex_noise(rng, 2, 5, 6),
-            response=complex_noise(rng, 5, 6),
-            weights=np.ones(4, np.float32),
+            spectra=complex_noise(rng, 1, 2, 5, 6),
+            responses=complex_noise(rng, 1, 5, 6),
+            weights=np.ones((1, 4), np.float32),
             whole=complex_noise(rng, 2, 5, 10),
+            spans=np.array([[0, 0, 4]], np.int32),
         )
 
     @pytest.mark.parametrize(
         ("change", "error", "message"),
         [
-            (lambda a: a.astype(np.complex128), TypeError, "response must be complex64, got a buffer of format 'Zd'"),
-            (lambda a: a.astype(">c8"), TypeError, "response must be complex64"),
-            (lambda a: a.real.copy(), TypeError, "response must be complex64"),
-            (lambda a: a[None], ValueError, "response must have 2 dimensions, got 3"),
-            (lambda a: np.asfortranarray(a), ValueError, "response must be C-contiguous"),
-            (lambda a: a[:, :4].copy(), ValueError, "response must have the shape of one channel"),
+            (lambda a: a.astype(np.complex128), TypeError, "responses must be complex64, got a buffer of format 'Zd'"),
+            (lambda a: a.astype(">c8"), TypeError, "responses must be complex64"),
+            (lambda a: a.real.copy(), TypeError, "responses must be complex64"),
+            (lambda a: a[0], ValueError, "responses must have 3 dimensions, got 2"),
+            (lambda a: np.asfortranarray(a), ValueError, "responses must be C-contiguous"),
+            (lambda a: a[:, :4].copy(), ValueError, "responses must have the shape of one channel"),
+            (lambda a: np.concatenate([a, a]), ValueError, "responses must have the shape of one channel"),
             (lambda a: a.tolist(), TypeError, "list"),
         ],
     )
     def test_multiply_names_the_argument(self, arrays, change, error, message):
         before = arrays.spectra.copy()
         with pytest.raises(error, match=message):
-            native.multiply(arrays.spectra, change(arrays.response))
+            native.multiply(arrays.spectra, change(arrays.responses))
         np.testing.assert_array_equal(arrays.spectra, before)
 
     def test_read_only_and_overlap(self, arrays):
-        with pytest.raises(ValueError, match="spectra and response must not overlap"):
-            native.multiply(arrays.spectra, arrays.spectra[1])
+        with pytest.raises(ValueError, match="spectra and responses must not overlap"):
+            native.multiply(arrays.spectra, arrays.spectra[:, 1])
         with pytest.raises(ValueError, match="accumulator must not overlap"):
-            native.blend(arrays.whole, arrays.whole, arrays.weights, 0, 4)
+            native.blend(arrays.whole, arrays.whole[None], arrays.weights, arrays.spans)
         arrays.spectra.flags.writeable = False
         with pytest.raises(ValueError, match="spectra is changed in place and must be writable"):
-            native.multiply(arrays.spectra, arrays.response)
+            native.multiply(arrays.spectra, arrays.responses)
 
     def test_misaligned(self, arrays):
-        weights = memoryview(bytearray(17))[1:].cast("f")
+        weights = memoryview(bytearray(17))[1:].cast("f", (1, 4))
         with pytest.raises(ValueError, match="weights must be aligned to 4 bytes"):
-            native.blend(arrays.whole, arrays.spectra, weights, 0, 0)
+            native.blend(arrays.whole, arrays.spectra, weights, arrays.spans)
 
     @pytest.mark.parametrize(
-        ("positions", "message"),
-        [
-            ((-1, 0), "must lie within accumulator"),
-            ((7, 0), "must lie within accumulator"),
-            ((0, -1), "must lie within slab"),
-            ((0, 3), "must lie within slab"),
-            ((2**62, 2**62), "must lie within accumulator"),
-        ],
+        "span", [(-1, 0, 4), (7, 0, 4), (0, -1, 4), (0, 3, 4), (0, 0, 5), (0, 0, -1), 3 * (2**31 - 1,), 3 * (-(2**31),)]
     )
-    def test_blend_positions_out_of_range(self, arrays, positions, message):
-        with pytest.raises(ValueError, match=message):
-            native.blend(arrays.whole, arrays.spectra, arrays.weights, *positions)
+    def test_blend_spans_out_of_range(self, arrays, span):
+        with pytest.raises(ValueError, match="spans must lie within accumulator, slabs and weights"):
+            native.blend(arrays.whole, arrays.spectra, arrays.weights, np.array([span], np.int32))
 
     def test_blend_checks_every_array(self, arrays):
-        positions = (0, 0)
+        spans = arrays.spans
         with pytest.raises(ValueError, match="must have the same channels and columns"):
-            native.blend(arrays.whole[:1].copy(), arrays.spectra, arrays.weights, *positions)
+            native.blend(arrays.whole[:1].copy(), arrays.spectra, arrays.weights, spans)
+        with pytest.raises(ValueError, match="must have a row for each slab"):
+            native.blend(arrays.whole, arrays.spectra, arrays.weights, np.concatenate([spans, spans]))
+        with pytest.raises(ValueError, match="of spans with 3 values"):
+            native.blend(arrays.whole, arrays.spectra, arrays.weights, spans[:, :2].copy())
         with pytest.raises(TypeError, match="weights must be float32"):
-            native.blend(arrays.whole, arrays.spectra, arrays.weights.astype(float), *positions)
-        with pytest.raises(TypeError, match="slab must be complex64"):
-            native.blend(arrays.whole, arrays.spectra.real.copy(), arrays.weights, *positions)
+            native.blend(arrays.whole, arrays.spectra, arrays.weights.astype(float), spans)
+        with pytest.raises(TypeError, match="slabs must be complex64"):
+            native.blend(arrays.whole, arrays.spectra.real.copy(), arrays.weights, spans)
