@@ -134,7 +134,7 @@ class Hybrid:
         self.bands, self.strips = bands, strips
         self._periodic = border == "periodic"
         self.frequencies = strips.length // 2 + 1
-        # Columns that fill up the last block stay zero.
+        # Columns that fill up the last block are zero.
         self.blocks = -(-self.frequencies // COLUMNS)
         slab_bytes = self.channels * COLUMNS * bands.length * np.dtype(np.complex64).itemsize
         self.together = max(1, min(len(bands.tiles), SLAB_BYTES // slab_bytes))
@@ -155,12 +155,14 @@ class Hybrid:
         self.team = ThreadTeam(threads)
 
     def new_spectra(self) -> ComplexArray:
-        """Return zeros for the spectra of all rows of one strip."""
+        """Return memory for the spectra of all rows of one strip, not initialised."""
         padded_height = -(-self.height // ROWS) * ROWS
         # The 8 columns more make the number of cache lines in a row odd: with rows a multiple of 4096 bytes apart, all
         # would share cache sets.
         spectra: ComplexArray = empty((self.channels, padded_height, self.blocks * COLUMNS + 8), np.complex64)
-        spectra[...] = 0
+        # Rows that fill up the last block are transformed with it. All others are touched first by the threads that
+        # fill them, because the system clears new memory then: 0.3 s for 12 megapixels in one thread.
+        spectra[:, self.height :] = 0
         return spectra
 
     def transform_rows(self, picture: Float32Array, strip: Tile, spectra: ComplexArray) -> bool:
@@ -178,6 +180,7 @@ class Hybrid:
                 finite[0] = False
             worker.rows.move(self._rows(spectra, top))
             worker.rows.forward()
+            spectra[:, top : top + ROWS, self.frequencies :] = 0
 
         self.team.share(block, range(0, self.height, ROWS))
         return finite[0]

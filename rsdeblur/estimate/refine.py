@@ -39,9 +39,8 @@ from rsdeblur.types import FloatArray, Progress
 # blur is at most so long, px; and the longer side is within these bounds, px.
 LEAST_REDUCTION, LONGEST_BLUR = 2.4, 20.0
 SPECTRA_SIDES = 320, 480
-# Rows that are converted to light at a time, and the longer side to which larger pictures are then reduced, px: the
-# smoothing that smaller sizes need would take long.
-PART, SIDE = 256, 1600
+# Longer side to which larger pictures are reduced first, px: the smoothing that smaller sizes need would take long.
+SIDE = 1600
 
 # Groups of parameters that are searched together, and the number of grid values of each. Every search starts from no
 # correction and from the best one so far. Grid values reach `WIDEST` standard deviations. The likelier share
@@ -238,11 +237,7 @@ def grey_light(image: ArrayLike, transfer: Transfer | Auto, camera: Camera) -> N
     """
     encoded = EncodedImage.of(image, transfer)
     check_size(encoded.shape, camera)
-    height = encoded.shape[0]
-    # In parts, so that not all channels are in memory as floats at once.
-    parts = [slice(top, min(top + PART, height)) for top in range(0, height, PART)]
-    light = np.concatenate([encoded.grey(rows) for rows in parts])
-    return reduced(light, camera, SIDE)[0]
+    return reduced(encoded.grey(slice(None)), camera, SIDE)[0]
 
 
 def spectra_side(recording: Recording) -> int:
