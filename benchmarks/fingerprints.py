@@ -296,8 +296,7 @@ def tiled(border: Any, prior: Any) -> Fingerprint:
         return {"image": digest(rs.Deconvolver(bank, taken.light.shape, nsr=0.02, **settings).apply(taken.light))}
     height, width, channels = taken.light.shape
     solver = rs.TileQuadratic(bank, (height, width, channels), nsr=0.001, **settings)
-    wanted: dict[str, Any] = {"prior": prior, "weight": 0.003, "exponent": 0.7, "peak": 0.9}
-    return {"image": digest(rs.restore(solver, taken.light, **wanted))}
+    return {"image": digest(solver.apply(taken.light, prior=rs.DerivativePrior(prior, 0.003, exponent=0.7, peak=0.9)))}
 
 
 def row_by_row(solver: Any, border: Any) -> Fingerprint:

@@ -30,7 +30,8 @@ import numpy as np
 
 from benchmarks.captures import Image
 from benchmarks.tables import print_table
-from rsdeblur import BlurPaths, Camera, Capture, Deconvolver, Exposure, RowBlur, RowDeconvolver, deblur, psfs, restore
+from rsdeblur import BlurPaths, Camera, Capture, Deconvolver, Exposure, RowBlur, RowDeconvolver, deblur, psfs
+from rsdeblur.deconv.priors import DerivativePrior
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.io import write_picture
 from rsdeblur.simulation.shake import hand_shake
@@ -63,7 +64,7 @@ def solvers(threads: int) -> dict[str, Apply]:
     quadratic = TileQuadratic(banks["banded and strips"], shape, threads=threads)
 
     def total_variation(picture: Image, out: Image | None = None) -> Image:
-        return _into(out, restore(quadratic, picture, prior="tv", weight=1e-3))
+        return _into(out, quadratic.apply(picture, prior=DerivativePrior("tv", 1e-3)))
 
     def row_blur(picture: Image, out: Image | None = None) -> Image:
         return _into(out, blur.forward(blur.adjoint(picture)))

@@ -40,7 +40,6 @@ numpydoc_show_class_members = False  # `:members:` lists them
 numpydoc_validation_checks = {"PR01", "PR02", "PR03"}
 numpydoc_validation_exclude = {
     r"\.((Quadratic|Gradient|Prior)Solver|LatentPrior)$",  # protocols: their constructor is not theirs
-    r"\.PriorSolver\.apply$",  # described by the solvers
     r"\.Options$",  # its fields are the keywords of deblur, which describes them
     r"\.Plan$",  # has a private field
 }

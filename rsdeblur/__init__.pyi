@@ -1,7 +1,6 @@
 from .config import show_config as show_config
 from .deconv.plug_and_play import PlugAndPlayPrior as PlugAndPlayPrior
 from .deconv.priors import DerivativePrior as DerivativePrior
-from .deconv.priors import restore as restore
 from .deconv.quadratic import TileQuadratic as TileQuadratic
 from .deconv.rowwise import RowDeconvolver as RowDeconvolver
 from .deconv.rowwise_blur import RowBlur as RowBlur

@@ -22,7 +22,8 @@ LOCK = "lock"
 def fingerprint(settings: Any, files: Iterable[Path | None]) -> str:
     """Return a text that changes with `settings`, compared by their `repr`, and with the files.
 
-    Files are compared by name, size and date, so that a folder may be moved.
+    The `repr` of arrays, and of our objects that contain some, is abbreviated: pass their bytes as well. Files are
+    compared by name, size and date, so that a folder may be moved.
     """
     stamps = [None if path is None else (path.name, *_stamp(path)) for path in files]
     return hashlib.sha256(repr((settings, stamps)).encode()).hexdigest()

@@ -23,16 +23,18 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._inputs import (
     Inputs,
-    _state,
     display_values,
+    file_state,
     naming,
     read_recording,
     transfer_of,
     unit_range,
+    with_offset,
     with_translation,
 )
 from rsdeblur.cli._items import WRITABLE
 from rsdeblur.cli._options import PhotoChanges, Recording, Track
+from rsdeblur.cli._output import FAILURES, reason
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 from rsdeblur.errors import CoverageError, InputError, RsdeblurError, RsdeblurWarning
 
@@ -206,7 +208,7 @@ class Desk:
 
     def _tuned(self, form: Mapping[str, Any]) -> tuple[list[str], Basis]:
         """Return the arguments that a form means, and the strengths that they choose."""
-        states = [_state(Path(_path(form, name))) for name in ("photo", *FILES)]
+        states = [file_state(Path(_path(form, name))) for name in ("photo", *FILES)]
         words = arguments(form, _moved(form))
         try:
             basis = self._basis(tuple(arguments(form)), *states)
@@ -255,8 +257,12 @@ class Desk:
                 job.facts = deblur_photo(photo, job.move)
         except MemoryError:
             job.error = "not enough memory; close other programs, or use the command with --max-memory"
-        except (RsdeblurError, click.ClickException, OSError) as error:
-            job.error = error.format_message() if isinstance(error, click.ClickException) else str(error)
+        except FAILURES as error:
+            job.error = reason(error)
+        except Exception as error:
+            # The page asks until there are facts or an error.
+            job.error = f"{type(error).__name__}: {error}"
+            raise
 
     def _progress(self, form: Mapping[str, Any]) -> dict[str, Any]:
         job = self._job
@@ -354,13 +360,22 @@ def _read(request: Request) -> Inputs:
         log, camera, exposure = read_recording(request.recording, request.photo)
     except click.ClickException as error:
         raise InputError(error.format_message()) from error
-    picture = _picture(request.photo, _state(request.photo))
+    picture = _picture(request.photo, file_state(request.photo))
 
     from rsdeblur.image.encoded import check_size
 
     with naming(request.photo):
         check_size(picture.pixels.shape, camera)
+    if request.recording.start == "exif":
+        return _timed(request.photo, file_state(request.photo), request.recording)
     return Inputs(picture, log, camera, exposure)
+
+
+@lru_cache(maxsize=2)
+def _timed(photo: Path, state: tuple[int, ...] | None, recording: Recording) -> Inputs:
+    """Return the inputs of a photo whose time is that of its EXIF block; kept, because the search takes seconds."""
+    log, camera, exposure = read_recording(recording, photo)
+    return with_offset(Inputs(_picture(photo, state), log, camera, exposure), photo)
 
 
 @lru_cache(maxsize=1)

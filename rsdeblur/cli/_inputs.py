@@ -63,10 +63,10 @@ def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False, se
     # The small files come first, so that a wrong option shows before a large picture is read.
     log, camera, exposure = read_recording(recording, photo)
     inputs = Inputs(read_picture(photo, in_place=in_place), log, camera, exposure)
-    return _with_offset(inputs, photo) if search and recording.start == "exif" else inputs
+    return with_offset(inputs, photo) if search and recording.start == "exif" else inputs
 
 
-def _with_offset(inputs: Inputs, photo: Path) -> Inputs:
+def with_offset(inputs: Inputs, photo: Path) -> Inputs:
     """Return the inputs with the time offset that the picture determines.
 
     Raises
@@ -173,7 +173,7 @@ def read_device(recording: Recording, *, known_axes: bool = True) -> tuple[GyroL
 def read_log(recording: Moments) -> GyroFile:
     """Read the log that the options name, without its bias, and show its warnings; see `read_inputs`."""
     reading = recording.gyro_format, recording.unit, recording.orientation, recording.rate
-    file, messages = _gyro_file(recording.gyro, _state(recording.gyro), *reading)
+    file, messages = _gyro_file(recording.gyro, file_state(recording.gyro), *reading)
     for message in messages:
         warnings.warn(message, RsdeblurWarning, stacklevel=2)
     return file if recording.bias is None else replace(file, log=file.log.minus_bias(recording.bias))
@@ -197,7 +197,7 @@ def _gyro_file(
     return file, [str(warning.message) for warning in caught]
 
 
-def _state(path: Path) -> tuple[int, ...] | None:
+def file_state(path: Path) -> tuple[int, ...] | None:
     """Return numbers that change when a file does; None if there is no such file, which its reader reports."""
     try:
         facts = path.stat()
@@ -368,7 +368,7 @@ def clip_exposures(clip: Clip, recording: Moments) -> list[Exposure]:
         raise _usage(f"{options} exclude each other")
     if recording.capture is not None:
         return exposures_from_captures(clip, recording.capture, duration=recording.duration)
-    _refuse_longer(recording.duration, clip.times[-1], clip.path)
+    _refuse_longer(recording.duration, float((clip.end - clip.stamps[0]) * clip.time_base), clip.path)
     durations = recording.duration or _clip_durations(recording.gyro, clip)
     if durations is None:
         raise _usage("the exposure time is not given; use --duration, or --capture FILE")

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rsdeblur.errors import OutputError
+from rsdeblur.errors import OutputError, RsdeblurError
 
 if TYPE_CHECKING:
     from rsdeblur.types import Progress
@@ -26,8 +26,9 @@ if TYPE_CHECKING:
 
 # Key of the context's `meta` under which the level of detail is: -1 quiet, 1 verbose.
 LEVEL = "rsdeblur.level"
-# Exit code of a command of several jobs if some of them failed.
+# Exit code of a command of several jobs if some of them failed, and the errors that end a job alone.
 SOME_FAILED = 3
+FAILURES = RsdeblurError, click.UsageError, OSError
 
 
 def level() -> int:
@@ -59,10 +60,9 @@ def say_aside(line: object) -> None:
     click.echo("rsdeblur: " + printable(" ".join(str(line).split())), err=True)
 
 
-def say_remark(line: object) -> None:
-    """Print one line on stderr, unless the command is quiet."""
-    if level() >= 0:
-        say_aside(line)
+def reason(error: Exception) -> str:
+    """Return the message of one of the `FAILURES`."""
+    return error.format_message() if isinstance(error, click.UsageError) else str(error)
 
 
 def say_detail(line: object) -> None:

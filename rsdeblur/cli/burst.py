@@ -26,11 +26,13 @@ from rsdeblur.cli._inputs import (
 from rsdeblur.cli._items import numbered_from_option, read_items
 from rsdeblur.cli._options import Defaults, Recording, Target
 from rsdeblur.cli._output import (
+    FAILURES,
     SOME_FAILED,
     check_page,
     prepare_folder,
     print_json,
     progress,
+    reason,
     refuse_inputs,
     say,
     say_aside,
@@ -38,7 +40,7 @@ from rsdeblur.cli._output import (
 from rsdeblur.cli._photo import facts_of
 from rsdeblur.cli._refinement import correction_text, refinement_facts
 from rsdeblur.cli._report import Compared, capture_warnings, report_page
-from rsdeblur.errors import InputError, RsdeblurError
+from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
     from rsdeblur.choices import Auto, Mode
@@ -253,8 +255,10 @@ def _folders(
             with naming(folder):
                 shots = _from_folder(folder, numbered_from, recording, target.output)
                 entries.append(_deblurred(shots, mode, options, replace(target, output=output))[0])
-        except RsdeblurError as error:
-            entries.append({"output": str(output), "error": str(error)})
+        except FAILURES as error:
+            message = reason(error)
+            named = message if str(folder) in message else f"{folder}: {message}"
+            entries.append({"output": str(output), "error": named})
         if not target.as_json:
             if "error" in entries[-1]:
                 say_aside(f"error: {entries[-1]['error']}")

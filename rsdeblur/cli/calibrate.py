@@ -157,7 +157,9 @@ def _is_clip(film: Photos) -> bool:
     from rsdeblur.estimate.calibrate import LEAST_PAIRS
     from rsdeblur.estimate.clip_matches import LONGEST_STEP
 
-    times = [1e-9 * each.epoch_ns + each.start for each in film.exposures]
+    # Stamps of 64 bits are exact as integers only.
+    epoch_ns = film.exposures[0].epoch_ns
+    times = [1e-9 * (each.epoch_ns - epoch_ns) + each.start for each in film.exposures]
     near = sum(0 < after - before <= LONGEST_STEP for before, after in pairwise(times))
     return near >= LEAST_PAIRS and all(log is film.logs[0] for log in film.logs)
 

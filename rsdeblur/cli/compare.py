@@ -136,7 +136,7 @@ def compare_modes(
     from rsdeblur.cli._measure import forget_peak_memory, peak_memory_mib, similarity
     from rsdeblur.io.pictures import write_picture
     from rsdeblur.pipeline.deblur import psfs
-    from rsdeblur.pipeline.plan import plan_for
+    from rsdeblur.pipeline.plan import Plan, plan_for
 
     shown = {"input": display_values(unit_range(picture.pixels), transfer)}
     banks: dict[Mode, PsfBank] = {}
@@ -161,7 +161,8 @@ def compare_modes(
         forget_peak_memory()
         begin = time.perf_counter()
         with progress(mode) as move, naming(photo, recording):
-            result = replace(planned, options=chosen).apply(picture.pixels, progress=move)
+            # A plan of its own, so that the memory of a mode does not contain the solver of another one.
+            result = Plan(planned.frame, planned.capture, chosen).apply(picture.pixels, progress=move)
         seconds, memory = time.perf_counter() - begin, peak_memory_mib()
         write_picture(target.output / name, result.image, like=picture, force=target.force)
         tall, wide = result.psfs.size

@@ -14,9 +14,19 @@ from rsdeblur.cli._inputs import recordings_of
 from rsdeblur.cli._items import result_name
 from rsdeblur.cli._kernel import check_sources, deconvolve_photo
 from rsdeblur.cli._options import PhotoChanges, PhotoTarget, Recording, Signing, Track
-from rsdeblur.cli._output import SOME_FAILED, level, print_json, progress, refuse_inputs, say, say_aside
+from rsdeblur.cli._output import (
+    FAILURES,
+    SOME_FAILED,
+    level,
+    print_json,
+    progress,
+    reason,
+    refuse_inputs,
+    say,
+    say_aside,
+)
 from rsdeblur.cli._photo import PhotoJob, deblur_photo, with_lights
-from rsdeblur.errors import OutputError, RsdeblurError
+from rsdeblur.errors import OutputError
 
 if TYPE_CHECKING:
     from rsdeblur.pipeline.options import Options
@@ -111,8 +121,8 @@ def _solve_all(photos: Sequence[Path], solve: Callable[[int], dict[str, Any]]) -
         entry: dict[str, Any] = {"photo": str(photo)}
         try:
             entry |= solve(i)
-        except (RsdeblurError, click.UsageError, OSError) as error:
-            message = error.format_message() if isinstance(error, click.UsageError) else str(error)
+        except FAILURES as error:
+            message = reason(error)
             entry["error"] = message if str(photo) in message else f"{photo}: {message}"
             say_aside(f"error: {entry['error']}")
         entries.append(entry)

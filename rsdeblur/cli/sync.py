@@ -58,10 +58,14 @@ def command(
     from rsdeblur.estimate.time_offset import find_shared_time_offset
     from rsdeblur.io.camera_file import write_time_offset
     from rsdeblur.io.exif_times import EXIF_ERROR
+    from rsdeblur.motion.camera import Camera
 
     from_exif = recording.start == "exif"
     if from_exif and len(photos) > 1:
         raise click.UsageError("--start exif: times in EXIF differ from photo to photo; give one photo")
+    if write:
+        # Before the search: the file may be of a kind that has no place for the offset.
+        Camera.load(recording.camera)
     usual = EXIF_ERROR if from_exif else SEARCH
     pairs = zip(photos, recordings_of(photos, recording), strict=True)
     inputs = [read_inputs(photo, each, search=False) for photo, each in pairs]

@@ -17,8 +17,7 @@ from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import clip_exposures, read_device, read_recording
 from rsdeblur.cli._items import numbered_from_option, read_items
 from rsdeblur.cli._options import Defaults, Recording
-from rsdeblur.cli._output import plain_cell, prepare_folder, print_json, progress, say, write_json
-from rsdeblur.errors import RsdeblurError
+from rsdeblur.cli._output import FAILURES, plain_cell, prepare_folder, print_json, progress, reason, say, write_json
 
 if TYPE_CHECKING:
     from rsdeblur.estimate.triage import Triage
@@ -135,13 +134,13 @@ def _photos(source: Path, recording: Recording, numbered_from: int | None, outpu
     defaults = Defaults(**{field.name: getattr(recording, field.name) for field in fields(Defaults)})
     shots = []
     for item in read_items(source, defaults, output or source / "triage", numbered_from=numbered_from):
-        known, reason = None, item.error
+        known, failure = None, item.error
         if item.recording is not None:
             try:
                 known = read_recording(item.recording, item.photo)
-            except (RsdeblurError, click.UsageError) as error:
-                reason = error.format_message() if isinstance(error, click.UsageError) else str(error)
-        shots.append(_Shot({"photo": str(item.photo)}, known, reason))
+            except FAILURES as error:
+                failure = reason(error)
+        shots.append(_Shot({"photo": str(item.photo)}, known, failure))
     return shots
 
 

@@ -90,7 +90,7 @@ class BurstQuadratic(TileNormal):
             threads=threads,
             sources=1,
         )
-        self.shares = tuple(map(float, shares))
+        self.shares, self._observed = tuple(map(float, shares)), False
         # Sums of the normal equations: each block of columns has its own place, so that a pass reads them in order.
         *places, columns, length = self._otfs.shape
         self._signal: ComplexArray = empty((*places, self._channelled[2], columns, length), np.complex64)
@@ -132,10 +132,12 @@ class BurstQuadratic(TileNormal):
 
     def _observe(self, images: Iterable[ArrayLike], prior: LatentPrior | None) -> LatentPrior | None:
         """Sum up the normal equations of all frames; return the prior with the brightness of the first one."""
+        self._observed = False
         for frame, picture in enumerate(_checked(images, len(self.shares), self.shape)):
             if frame == 0 and prior is not None:
                 prior = check_prior(prior).with_peak_of(picture)
             self._add(frame, picture)
+        self._observed = True
         return prior
 
     def _add(self, frame: int, picture: FloatImage) -> None:
@@ -150,6 +152,8 @@ class BurstQuadratic(TileNormal):
         self._pass(picture, None, add)
 
     def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling, out: FloatImage) -> None:
+        if not self._observed:
+            raise InputError("the solver holds no pictures: call apply() before solve()")
         weights, weight = coupling.weights(beta), np.float32(0.0 if pull is None else beta)
         nsr, scale = np.float32(self.nsr), np.float32(self._scale)
 

@@ -28,7 +28,6 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import ArrayLike
 
 from rsdeblur._util import validate
 from rsdeblur._util.threads import share, thread_count
@@ -158,20 +157,6 @@ def check_prior(prior: LatentPrior) -> LatentPrior:
     return prior
 
 
-class PriorSolver(Protocol):
-    """A planned solver that takes a prior: :class:`rsdeblur.TileQuadratic`, :class:`rsdeblur.RowDeconvolver`."""
-
-    def apply(
-        self,
-        image: ArrayLike,
-        out: FloatImage | None = None,
-        *,
-        prior: LatentPrior,
-        progress: Callable[[float], None] | None = None,
-    ) -> FloatImage:
-        """Deblur a picture of the planned shape, linear light, under `prior`."""
-
-
 @dataclass(frozen=True, slots=True)
 class DerivativePrior:
     """A penalty on derivatives of the sharp picture, with its numbers.
@@ -291,55 +276,6 @@ class Step:
 
     latent: FloatImage
     change: float
-
-
-def restore(
-    solver: PriorSolver,
-    image: ArrayLike,
-    *,
-    prior: Prior,
-    weight: float,
-    exponent: float = EXPONENT,
-    peak: float | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> FloatImage:
-    """Deblur a picture with a prior on its derivatives.
-
-    The same as ``solver.apply(image, prior=DerivativePrior(prior, weight, exponent, peak))``.
-
-    Parameters
-    ----------
-    solver : TileQuadratic or RowDeconvolver
-        Planned solver; its threads share the work.
-    image : array_like of the planned shape
-        Linear light, floats, nominal range [0, 1].
-    prior, weight, exponent, peak
-        See :class:`rsdeblur.DerivativePrior`.
-    progress : callable, optional
-        Called with the finished fraction after each solve. An exception that it raises stops the work.
-
-    Returns
-    -------
-    ndarray of the planned shape, float32
-        Not clipped.
-
-    Raises
-    ------
-    InputError
-        If an argument is out of range, or `image` has another shape, holds integers or is not finite.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import rsdeblur
-    >>> bank = rsdeblur.PsfBank.for_picture(np.full((1, 5), 0.2), (64, 64))
-    >>> solver, light = rsdeblur.TileQuadratic(bank, (64, 64)), np.full((64, 64), 0.5)
-    >>> rsdeblur.restore(solver, light, prior="tv", weight=0.01).shape
-    (64, 64)
-    """
-    if not hasattr(solver, "apply"):
-        raise InputError(f"solver must be a TileQuadratic or a RowDeconvolver, got {validate.shown(solver)}")
-    return solver.apply(image, prior=DerivativePrior(prior, weight, exponent, peak), progress=progress)
 
 
 def brightness(image: FloatImage) -> float:

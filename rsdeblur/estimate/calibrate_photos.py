@@ -273,7 +273,7 @@ class _Search:
         for n, direction in enumerate(READOUT_DIRECTIONS):
             self._progress("readout", n / len(READOUT_DIRECTIONS))
             camera = replace(fit.camera, readout_direction=direction)
-            cameras = [_later(_read_in(camera, time), beside) for time, beside in product(READOUTS, BESIDE)]
+            cameras = [_read_in(camera, time).delayed(beside) for time, beside in product(READOUTS, BESIDE)]
             fits.append(photos.fit(cameras[photos.best(cameras)[0]]))
         leads = np.array([self._leads(each, still) for each in fits])
         best = (_resampled(len(photos)) @ leads.T).argmax(axis=1)
@@ -288,7 +288,7 @@ class _Search:
         kept = []
         for each in (fits[n] for n in likely):
             # Far from the right focal length, the fit may have ended at a local maximum.
-            cameras = [_later(_zoomed(each.camera, zoom), beside) for zoom, beside in product(ZOOMS, BESIDE)]
+            cameras = [_zoomed(each.camera, zoom).delayed(beside) for zoom, beside in product(ZOOMS, BESIDE)]
             kept.append(photos.likeliest([each, photos.fit(cameras[photos.best(cameras)[0]])]))
         return kept, shares[likely] / shares[likely].sum()
 
@@ -378,13 +378,9 @@ def _zoomed(camera: Camera, zoom: float) -> Camera:
     return replace(camera, focal_length=(zoom * fx, zoom * fy))
 
 
-def _later(camera: Camera, seconds: float) -> Camera:
-    return replace(camera, time_offset=camera.time_offset + seconds)
-
-
 def _read_in(camera: Camera, readout_time: float) -> Camera:
     """Return a camera with another readout time; the middle row keeps its time on the log's clock."""
-    later = _later(camera, _middle(camera) * (readout_time - camera.readout_time))
+    later = camera.delayed(_middle(camera) * (readout_time - camera.readout_time))
     return replace(later, readout_time=readout_time)
 
 

@@ -291,9 +291,7 @@ class _Tiles:
         for b, top in enumerate(tops):
             for s, left in enumerate(lefts):
                 values = encoded.values[top : top + side, left : left + side, :channels]
-                cell = EncodedImage(values, encoded.transfer).linear(slice(None)) @ np.full(
-                    channels, 1 / channels, np.float32
-                )
+                cell = EncodedImage(values, encoded.transfer).grey(slice(None))
                 finest[b, s] = cell[:CELL, :CELL]
                 reduced[b, s] = cell.reshape(CELL, self._step, CELL, self._step).mean(axis=(1, 3))
         return reduced, finest

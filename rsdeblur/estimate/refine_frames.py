@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
-from rsdeblur._util.threads import share_map
+from rsdeblur._util.threads import share_map, thread_count
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording, Uncertainty
@@ -103,6 +103,7 @@ def refine_frames(
     translation: Translation | None = None,
     uncertainty: Uncertainty | None = None,
     transfer: Transfer | Auto = "auto",
+    threads: int | None = None,
     progress: Progress | None = None,
 ) -> FramesRefinement:
     """Correct focal length, clock, readout time and roll bias by several blurred frames of one recording.
@@ -122,6 +123,8 @@ def refine_frames(
         How far the recording may be wrong; default `Uncertainty(offset=8e-3)`. Its drift has no effect.
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light, as for :func:`rsdeblur.deblur`.
+    threads : int, optional
+        Number of threads; default all processors. Any number gives the same result.
     progress : callable, optional
         Called as ``progress(stage, fraction)``.
 
@@ -156,7 +159,8 @@ def refine_frames(
         raise InputError(
             f"there must be two images or more, and as many exposures, got {len(lights)} and {len(exposures)}"
         )
-    frames = _Frames(lights, [Recording(log, camera, exposure, translation) for exposure in exposures], uncertainty)
+    recordings = [Recording(log, camera, exposure, translation) for exposure in exposures]
+    frames = _Frames(lights, recordings, uncertainty, thread_count(threads))
     best = frames.best(report)
     reason = frames.verdict(best)
     found = frames.corrected(best)
@@ -177,9 +181,13 @@ class _Frames:
     """The frames, and the worth of corrections that they share."""
 
     def __init__(
-        self, lights: Sequence[NDArray[np.float32]], recordings: Sequence[Recording], uncertainty: Uncertainty
+        self,
+        lights: Sequence[NDArray[np.float32]],
+        recordings: Sequence[Recording],
+        uncertainty: Uncertainty,
+        threads: int,
     ) -> None:
-        camera = recordings[0].camera
+        camera, self._threads = recordings[0].camera, threads
         known = [name not in SHARED for name in PARAMETERS]
         self.deviations = np.where(known, 0.0, uncertainty.deviations(camera))
         self._free = [name for name, deviation in zip(PARAMETERS, self.deviations, strict=True) if deviation > 0]
@@ -244,7 +252,7 @@ class _Frames:
             found, recording = self._photos[n].corrected(place), self._recordings[n]
             return rival_lead(self._spectra[n], self._sharpness[n], found, recording, self.deviations, threads=1)
 
-        return OTHER_AXES if sum(share_map(lead, range(len(self._photos)), None)) > 0 else ""
+        return OTHER_AXES if sum(share_map(lead, range(len(self._photos)), self._threads)) > 0 else ""
 
     def _starts(self, grid: Mapping[str, FloatArray]) -> list[FloatArray]:
         """Return the best places of a grid."""
@@ -262,7 +270,7 @@ class _Frames:
         key = place.tobytes()
         if key not in self._sparsities:
             pairs = list(zip(self._sharpness, self._photos, strict=True))
-            values = share_map(lambda pair: pair[0].of(pair[1].corrected(place)), pairs, None)
+            values = share_map(lambda pair: pair[0].of(pair[1].corrected(place)), pairs, self._threads)
             self._sparsities[key] = np.array(values)
         return self._sparsities[key]
 

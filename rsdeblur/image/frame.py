@@ -21,8 +21,8 @@ from rsdeblur.psf import PsfBank
 class ReadoutFrame:
     """Conversion between the picture as stored and the upright frame, whose readout runs along y.
 
-    A picture with horizontal readout is turned a quarter clockwise; any other is left as it is. Only this class knows
-    which, so that everything else computes in the upright frame.
+    A picture with horizontal readout is turned a quarter clockwise; any other is left as it is. Everything else
+    computes in the upright frame.
 
     Parameters
     ----------
@@ -52,9 +52,17 @@ class ReadoutFrame:
         softness: float = 0.0,
     ) -> Capture:
         """Return the capture of the upright camera; parameters and errors are those of `Capture.from_log`."""
-        if translation is not None and self.quarter:
-            translation = translation.turned()
-        return Capture.from_log(log, self.camera, exposure, translation, motion=motion, softness=softness)
+        return Capture.from_log(
+            log, self.camera, exposure, self.translation(translation), motion=motion, softness=softness
+        )
+
+    def shift(self, stored: tuple[float, float]) -> tuple[float, float]:
+        """Return a shift (x, y) of the stored picture as one of the upright picture."""
+        return (-stored[1], stored[0]) if self.quarter else stored
+
+    def translation(self, stored: Translation | None) -> Translation | None:
+        """Return a translation of the stored camera as one of the upright camera."""
+        return stored.turned() if stored is not None and self.quarter else stored
 
     def image(self, array: NDArray[Any]) -> NDArray[Any]:
         """Return the upright view of a stored array of shape (H, W) or (H, W, C)."""

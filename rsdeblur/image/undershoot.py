@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from rsdeblur._util.threads import share
+from rsdeblur._util.threads import share, share_blocks
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.types import FloatImage
 
@@ -66,14 +66,8 @@ def fade_undershoot(
     near, around = (ndimage.gaussian_filter(light, spread / step, mode="nearest") for light in (below, recorded))
     weight = np.clip(near / (MOST * (np.maximum(around, 0.0) + DARK * max(peak, LEAST_PEAK))) - LEAST, 0.0, 1.0)
     down, across = (_between(n, len_cells, step) for n, len_cells in zip((height, width), weight.shape, strict=True))
-    tiles = [
-        (slice(top, min(top + TILE, height)), slice(left, min(left + TILE, width)))
-        for top in range(0, height, TILE)
-        for left in range(0, width, TILE)
-    ]
 
-    def fade(_: int, n: int) -> None:
-        rows, cols = tiles[n]
+    def fade(_: int, rows: slice, cols: slice) -> None:
         (above, under, low), (left, right, far) = ((a[rows] for a in down), (a[cols] for a in across))
         corners = weight[above[0] : under[-1] + 1, left[0] : right[-1] + 1]
         if not corners.any():
@@ -84,7 +78,7 @@ def fade_undershoot(
         part = sharp[rows, cols]
         part += here * (EncodedImage(values, encoded.transfer).linear(slice(None)) - part)
 
-    share(fade, range(len(tiles)), threads)
+    share_blocks(fade, (height, width), (TILE, TILE), threads)
 
 
 def _between(n: int, cells: int, step: int) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:

@@ -214,7 +214,7 @@ def deblur_burst(
         DeblurResult(
             image=out,
             psfs=frame.bank(bank),
-            bands=bank.kernels.shape[0],
+            bands=len(upright) if chosen.mode == "rowwise" else bank.kernels.shape[0],
             strips=bank.kernels.shape[1],
             nsr=strengths.nsr,
             weight=strengths.weight,
@@ -232,9 +232,7 @@ def deblur_burst(
 
 def _captures(log: GyroLog, frame: ReadoutFrame, exposures: Sequence[Exposure], options: Options) -> list[Capture]:
     """Return the captures of the frames, upright."""
-    translation = options.translation
-    if translation is not None and frame.quarter:
-        translation = translation.turned()
+    translation = frame.translation(options.translation)
     return burst_captures(log, frame.camera, exposures, translation, motion=options.motion, softness=options.softness)
 
 
@@ -265,6 +263,7 @@ def _refinement(
         *(log, camera, [exposures[n] for n in chosen]),
         translation=options.translation,
         transfer=options.transfer,
+        threads=options.threads,
         progress=progress,
     )
 

@@ -108,6 +108,8 @@ class Plan:
         Fixed places of the PSFs and the largest size of their kernels.
     refinement : Refinement, optional
         Correction of the recording that the capture contains.
+    spent : dict
+        Seconds that stages before the plan took.
     """
 
     frame: ReadoutFrame
@@ -116,6 +118,7 @@ class Plan:
     strengths: Strengths | None = None
     grid: Grid | None = None
     refinement: Refinement | None = None
+    spent: dict[str, float] = field(default_factory=dict, repr=False)
     _kept: _KeptSolver = field(default_factory=lambda: _KeptSolver(), repr=False)
 
     @cached_property
@@ -226,7 +229,7 @@ class Plan:
             nsr=self.strengths.nsr,
             weight=self.strengths.weight,
             coverage=self.frame.back(coverage),
-            timings=clock.timings,
+            timings=self.spent | clock.timings,
             check=check,
             noise=self.strengths.noise,
             refinement=self.refinement,
@@ -329,10 +332,13 @@ class _KeptSolver:
     def solver(self, settings: SolverSettings, bank: PsfBank, grid: Grid, shape: tuple[int, int, int]) -> TileSolver:
         """Return the solver with the PSFs of `bank`, which lie on the grid and are no larger than its size."""
         if self._solver is None or self._planned_for != (settings, grid, shape):
-            self._bank = bank if bank.size == grid.size else grid.still()
-            self._solver = settings.plan_tiles(self._bank, shape)
-            self._planned_for = settings, grid, shape
+            first = bank if bank.size == grid.size else grid.still()
+            self._bank = self._solver = None
+            self._solver = settings.plan_tiles(first, shape)
+            self._bank, self._planned_for = first, (settings, grid, shape)
         if self._bank is not bank:
+            # An interrupt leaves filters that belong to neither bank.
+            self._bank = None
             self._solver.replan(bank)
             self._bank = bank
         return self._solver
@@ -426,15 +432,18 @@ def plan_for(
     """
     if not options.refine:
         return plan(log, camera, exposure, options)
-    found = refine(
-        image,
-        log,
-        camera,
-        exposure,
-        translation=options.translation,
-        transfer=options.transfer,
-        threads=options.threads,
-        progress=progress,
-    )
+    clock = StageClock()
+    with clock.stage("refine"):
+        found = refine(
+            image,
+            log,
+            camera,
+            exposure,
+            translation=options.translation,
+            transfer=options.transfer,
+            threads=options.threads,
+            progress=progress,
+        )
     options = replace(options, translation=found.translation, refine=False)
-    return replace(plan(found.log, found.camera, found.exposure, options), refinement=found)
+    planned = plan(found.log, found.camera, found.exposure, options)
+    return replace(planned, refinement=found, spent=clock.timings)

@@ -21,7 +21,7 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.translation import Translation
-from rsdeblur.simulation.simulate import CameraPath, linear_scene
+from rsdeblur.simulation.simulate import MOST_WARPS, CameraPath, linear_scene
 from rsdeblur.types import FloatArray
 
 # Integration steps of the orientation per second. At 10 rad/s and 1000 rad/s^2, steps of 0.5 ms err by less than 1e-4
@@ -90,7 +90,7 @@ def simulate_clip(
     layers: Sequence[Layer] = (),
     transfer: Transfer | Auto = "auto",
 ) -> Iterator[NDArray[np.float32]]:
-    """Yield the frames of a clip of a sharp picture.
+    """Return the frames of a clip of a sharp picture, which are simulated one by one.
 
     Parameters
     ----------
@@ -116,10 +116,10 @@ def simulate_clip(
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light, as for :func:`rsdeblur.deblur`.
 
-    Yields
-    ------
-    ndarray, float32
-        A frame of the camera's size, not clipped, encoded like `sharp`.
+    Returns
+    -------
+    iterator of ndarray, float32
+        Frames of the camera's size, not clipped, encoded like `sharp`.
 
     Raises
     ------
@@ -146,38 +146,39 @@ def simulate_clip(
     if camera.distortion_model != "none" or not exposures:
         raise InputError("a simulated clip needs at least one exposure, and a camera without lens distortion")
     scene, transfer = linear_scene(sharp, transfer)
-    samples = validate.count("samples", samples)
-    noise = validate.finite("noise", noise, minimum=0.0)
+    samples = validate.count("samples", samples, maximum=MOST_WARPS // camera.height)
+    noise = validate.finite("noise", noise, minimum=0.0, maximum=validate.MOST_LIGHT)
     random = np.random.default_rng(validate.count("seed", seed, minimum=0))
+    lights = [_premultiplied(layer, scene, transfer, translation) for layer in layers]
     frame = ReadoutFrame(camera)
     upright = frame.camera
     epoch = exposures[0].epoch_ns
     moved = [Exposure(e.start + 1e-9 * (e.epoch_ns - epoch), e.duration, epoch) for e in exposures]
     spans = np.array([exposure.span(upright) for exposure in moved])
     t0, t1 = float(spans.min()), float(spans.max())
-    if translation is not None and frame.quarter:
-        translation = translation.turned()
+    translation = frame.translation(translation)
     span, reference = (t0, t1), 0.5 * (t0 + t1)
 
     def plane(light: NDArray[np.float32], velocity: tuple[float, float], depth: float | None) -> _Plane:
         places = translation if depth is None or translation is None else replace(translation, depth=depth)
         path = CameraPath(log, upright, *span, epoch, places, steps_per_second=STEPS_PER_SECOND)
-        # A quarter turn clockwise takes (x, y) to (-y, x).
-        across, down = velocity
-        return _Plane(frame.image(light), path, (-down, across) if frame.quarter else velocity)
+        return _Plane(frame.image(light), path, frame.shift(velocity))
 
     background = plane(scene, (0.0, 0.0), None)
-    lights = [_premultiplied(layer, scene, transfer, translation) for layer in layers]
     things = [plane(light, layer.velocity, layer.depth) for light, layer in zip(lights, layers, strict=True)]
     phase = (np.arange(samples) + 0.5) / samples
-    for exposure in moved:
-        opens, closes = exposure.window(np.arange(upright.height), upright)
-        times = opens[:, None] + (closes - opens)[:, None] * phase
-        light = frame.back(_seen(background, things, times, reference)).reshape(
-            camera.height, camera.width, *scene.shape[2:]
-        )
-        light = light + random.normal(0.0, noise, light.shape).astype(np.float32)
-        yield from_linear(np.ascontiguousarray(light), transfer)
+
+    def frames() -> Iterator[NDArray[np.float32]]:
+        for exposure in moved:
+            opens, closes = exposure.window(np.arange(upright.height), upright)
+            times = opens[:, None] + (closes - opens)[:, None] * phase
+            light = frame.back(_seen(background, things, times, reference)).reshape(
+                camera.height, camera.width, *scene.shape[2:]
+            )
+            light = light + random.normal(0.0, noise, light.shape).astype(np.float32)
+            yield from_linear(np.ascontiguousarray(light), transfer)
+
+    return frames()
 
 
 class _Plane:

@@ -128,8 +128,8 @@ def simulate(
     frame = ReadoutFrame(camera)
     if frame.quarter:
         left, top = scene.shape[0] - camera.height - top, left
-        translation = translation and translation.turned()
-    upright = _simulate(frame.image(scene), (left, top), log, frame.camera, exposure, samples, translation)
+    moved = frame.translation(translation)
+    upright = _simulate(frame.image(scene), (left, top), log, frame.camera, exposure, samples, moved)
     clean = Simulation(*(np.ascontiguousarray(frame.back(picture)) for picture in upright))
     grain = np.random.default_rng(seed).normal(0.0, noise, clean.blurred.shape)
     noisy = clean._replace(blurred=clean.blurred + grain.astype(np.float32))

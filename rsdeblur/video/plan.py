@@ -233,6 +233,7 @@ def _refinement(
         [exposures[i] for i in chosen],
         translation=options.translation,
         transfer=options.transfer,
+        threads=options.threads,
         progress=report_progress,
     )
 

@@ -11,6 +11,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
+
 from rsdeblur._util import workers
 from rsdeblur._util.atomic import check_target, remove_unfinished
 from rsdeblur._util.records import Records, contents, fingerprint
@@ -253,6 +255,8 @@ def _fingerprint(plan: ClipPlan, encoding: Encoding, segment: int) -> str:
     log, camera = plan.log, plan.camera
     motion: list[Any] = [log.epoch_ns, log.t.tobytes(), log.omega.tobytes(), camera.imu_to_camera.tobytes()]
     motion += astuple(camera)
+    if (track := plan.options.translation) is not None:
+        motion += [track.epoch_ns, track.t.tobytes(), track.position.tobytes(), np.asarray(track.depth).tobytes()]
     # By its name alone, like the files of a batch, so that the folder may be moved.
     clip = replace(plan.clip, path=Path(plan.clip.path.name))
     shared = [clip, plan.exposures, plan.shares, replace(plan.options, threads=None), plan.strengths, plan.grid]

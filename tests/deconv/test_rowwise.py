@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from rsdeblur import DerivativePrior, InputError, RowBlur, RowDeconvolver, restore
+from rsdeblur import DerivativePrior, InputError, RowBlur, RowDeconvolver
 from rsdeblur.estimate.strength import LENS
 from rsdeblur.kernels import native, rowwise
 from rsdeblur.simulation.scene import scene
@@ -71,7 +71,8 @@ def test_restore_is_apply_with_a_prior(picture):
     deconvolver = RowDeconvolver(wavy_paths(cols=(8.0, 24.0)), picture.shape, nsr=1e-3)
     progress = []
     work = picture.copy()
-    sharp = restore(deconvolver, picture, prior="hyper-laplacian", weight=0.01, exponent=0.7, progress=progress.append)
+    prior = DerivativePrior("hyper-laplacian", 0.01, exponent=0.7)
+    sharp = deconvolver.apply(picture, prior=prior, progress=progress.append)
     prior = DerivativePrior("hyper-laplacian", 0.01, 0.7)
     assert deconvolver.apply(work, out=work, prior=prior) is work
     np.testing.assert_array_equal(sharp, work)

@@ -8,7 +8,7 @@ from scipy import fft
 
 from benchmarks.phone import phone_photo
 from rsdeblur import BlurPaths, Deconvolver, InputError, PsfBank, scene, to_linear
-from rsdeblur.deconv.priors import restore
+from rsdeblur.deconv.priors import DerivativePrior
 from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.estimate import floors
 from rsdeblur.estimate import strength as tuning
@@ -83,7 +83,7 @@ def test_weight_is_the_best_one(sharp: np.ndarray, noise: float) -> None:
 
     def error(weight: float) -> float:
         tiles = TileQuadratic(bank, picture.shape, nsr=1e-6, border="periodic")
-        return float(np.sqrt(np.mean((restore(tiles, picture, prior="gradient", weight=weight) - sharp) ** 2)))
+        return float(np.sqrt(np.mean((tiles.apply(picture, prior=DerivativePrior("gradient", weight)) - sharp) ** 2)))
 
     best = Tuning.of(picture, bank).gradient_weight
     assert error(best) < 1.02 * min(error(weight) for weight in np.geomspace(1e-3, 3, 15))
