@@ -364,6 +364,17 @@ def test_sync_refuses_to_guess(run, files):
     assert files.camera.read_text() == before
 
 
+def test_sync_writes_only_into_files_that_have_a_place_for_it(run, files, tmp_path, monkeypatch):
+    foreign = tmp_path / "lens.json"
+    foreign.write_text("{}")
+    # Before the search, whose answer would be lost.
+    monkeypatch.setattr("rsdeblur.estimate.time_offset.find_shared_time_offset", None)
+    sources = ["--gyro", files.gyro, "--camera", foreign]
+    result = run("sync", files.photo, *sources, "--start", "0.1", "--duration", "0.05", "--write")
+    assert result.exit_code == 1
+    assert str(foreign) in result.stderr
+
+
 def test_sync_of_several_photos(run, files, tmp_path, monkeypatch):
     names = [tmp_path / name for name in ("frame_0.png", "frame_1.png")]
     for name in names:

@@ -17,7 +17,7 @@ from click.testing import Result
 from numpy.typing import NDArray
 from skimage.metrics import peak_signal_noise_ratio
 
-from rsdeblur import Camera, Correction, Exposure, FramesRefinement, simulate
+from rsdeblur import Camera, Correction, Exposure, FramesRefinement, Translation, simulate
 from rsdeblur.image.transfer import from_linear
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -328,6 +328,27 @@ def test_resuming_uses_finished_segments(run: Run, here: None, movie: Movie, tmp
         run(*movie.arguments(*movie.stamped, "--force", "-o", out))
     result = run(*movie.arguments(*movie.stamped, "--nsr", "0.1", "--json", "--force", "-o", out))
     assert json.loads(result.stdout)["resumed"] == 0
+
+
+def test_other_translations_use_no_finished_segments(movie: Movie) -> None:
+    from rsdeblur.io import read_camera, read_gyro
+    from rsdeblur.pipeline.options import Options
+    from rsdeblur.video.clip import open_clip
+    from rsdeblur.video.plan import plan_clip
+    from rsdeblur.video.run import _fingerprint
+    from rsdeblur.video.segments import Encoding
+
+    clip = open_clip(movie.path)
+    exposures = [Exposure(START + t, DURATION) for t in clip.times]
+    options = Options(quality="fast", nsr=0.1, check=False)
+    planned = plan_clip(clip, read_gyro(movie.gyro), read_camera(movie.camera), exposures, options)
+    tracks = [Translation([0.0, 1.0], [[0, 0, 0], [far, 0, 0]], 1.0) for far in (0.1, 0.2)]
+    encoding = Encoding.like(clip)
+    known = {
+        _fingerprint(replace(planned, options=replace(planned.options, translation=track)), encoding, 4)
+        for track in (None, *tracks, *tracks)
+    }
+    assert len(known) == 3
 
 
 @pytest.mark.parametrize("accepted", [True, False])

@@ -198,7 +198,9 @@ def small_slabs(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_rowwise_is_as_good_and_slabs_give_the_same_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     truth = frames()[1][0]
-    whole = together(reference=0, mode="rowwise").image
+    result = together(reference=0, mode="rowwise")
+    whole = result.image
+    assert result.result.bands == len(whole)
     assert error(whole, truth) < 1.1 * error(together(reference=0).image, truth)
     small_slabs(monkeypatch)
     slabs = together(reference=0, mode="rowwise", max_memory=5_000_000).image

@@ -9,7 +9,18 @@ import click
 import numpy as np
 import pytest
 
-from rsdeblur import Camera, Exposure, InputError, Options, deblur, find_time_offset, plan, simulate
+from rsdeblur import (
+    Camera,
+    Deconvolver,
+    Exposure,
+    InputError,
+    Options,
+    PsfBank,
+    deblur,
+    find_time_offset,
+    plan,
+    simulate,
+)
 from rsdeblur.choices import QUALITIES, Quality
 from rsdeblur.cli.batch import command as batch
 from rsdeblur.cli.deblur import command as deblur_command
@@ -131,3 +142,28 @@ def test_a_plan_is_what_deblur_does_and_serves_other_pictures() -> None:
     np.testing.assert_array_equal(later.apply(second).image, again)
     with pytest.raises(InputError, match="call prepare"):
         _ = planned.bank
+
+
+def test_an_interrupted_replan_spoils_no_other_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    log = hand_shake(0.4, strength=0.3, seed=3)
+    picture = simulate(scene(120, 136), log, CAMERA, EXPOSURE).blurred
+    first = plan(log, CAMERA, EXPOSURE, Options(quality="fast", bands=3, strips=2)).prepare(picture)
+    expected = first.apply(picture).image
+    other = first.replan(log, Exposure(0.1, 1 / 30))
+
+    def fail(solver: Deconvolver, bank: PsfBank) -> None:
+        solver._filters[...] = 0
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Deconvolver, "replan", fail)
+        with pytest.raises(KeyboardInterrupt):
+            other.apply(picture)
+    np.testing.assert_array_equal(first.apply(picture).image, expected)
+
+
+def test_timings_contain_the_refinement() -> None:
+    log = hand_shake(0.4, strength=0.3, seed=3)
+    picture = simulate(scene(120, 136), log, CAMERA, EXPOSURE).blurred
+    timings = deblur(picture, log, CAMERA, EXPOSURE, quality="fast", refine=True).timings
+    assert list(timings)[:2] == ["refine", "tune"]

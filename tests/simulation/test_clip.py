@@ -59,7 +59,12 @@ def test_refused(sharp):
         (Camera(96, 72, 110.0, distortion_model="radtan", distortion=[0.1] * 4), [Exposure(0.2, 0.01)]),
     ):
         with pytest.raises(InputError, match="without lens distortion"):
-            next(simulate_clip(sharp, log, camera, exposures))
+            simulate_clip(sharp, log, camera, exposures)
+    # Arguments are checked before the first frame is requested.
+    with pytest.raises(InputError, match="noise must be at most"):
+        simulate_clip(sharp, log, CAMERA, [Exposure(0.2, 0.01)], noise=1e30)
+    with pytest.raises(InputError, match="samples must be"):
+        simulate_clip(sharp, log, CAMERA, [Exposure(0.2, 0.01)], samples=10**9)
 
 
 STILL = GyroLog(np.arange(0, 1, 0.01), np.zeros((100, 3)))
