@@ -1,4 +1,4 @@
-"""A short run of every benchmark on generated data: ``python -m benchmarks.smoke``."""
+"""A short run of some benchmarks on generated data: ``python -m benchmarks.smoke``."""
 
 from __future__ import annotations
 

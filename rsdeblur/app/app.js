@@ -16,7 +16,9 @@ let started = false;
 let rest = {}; // options of the command line that have no field
 
 async function ask(action, body, kind = "application/json") {
-  const answer = await fetch(action, { method: "POST", headers: { "Content-Type": kind }, body });
+  const answer = await fetch(action, { method: "POST", headers: { "Content-Type": kind }, body }).catch(() => {
+    throw new Error("The app was stopped. Start it again: rsdeblur app");
+  });
   if (answer.headers.get("Content-Type") !== "application/json") throw new Error(await answer.text());
   const content = await answer.json();
   if (!answer.ok) throw new Error(content.error);
@@ -24,8 +26,7 @@ async function ask(action, body, kind = "application/json") {
 }
 
 function complain(error) {
-  const lost = error instanceof TypeError; // the browser's word for no connection
-  find("error").textContent = error ? (lost ? "The app was stopped. Start it again: rsdeblur app" : error.message) : "";
+  find("error").textContent = error ? error.message : "";
   find("error").hidden = !error;
 }
 
@@ -36,13 +37,14 @@ function remark(notes) {
   find("notes").hidden = !notes.length;
 }
 
-// The form as the server expects it: texts by name. A slider that was not moved sets nothing.
-function form() {
+// The form as the server expects it: texts by name. A slider that was not moved sets nothing, nor does any for a photo
+// that is not open yet.
+function form(sliders = opened !== null) {
   const values = { ...rest };
   for (const input of document.querySelectorAll("#open-form [name]")) values[input.name] = input.value;
   for (const name of ["mode", "prior"]) values[name] = find("controls").elements[name].value;
   values.output = find("output").value;
-  if (!opened) return values;
+  if (!sliders) return values;
   values.moved = {};
   values.power = Number(find("power").value);
   const moved = (name) => find(name).value !== find(name).defaultValue;
@@ -184,11 +186,10 @@ find("overview").addEventListener("keydown", (event) => {
 async function open() {
   find("state").textContent = "opening…";
   try {
-    opened = null;
-    const answer = await ask("open", JSON.stringify(form()));
-    opened = answer;
+    opened = await ask("open", JSON.stringify(form(false)));
   } catch (error) {
     complain(error);
+    find("state").textContent = "";
     return;
   }
   complain(null);

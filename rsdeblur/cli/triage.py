@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from rsdeblur.choices import DROP, KEEP
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import clip_exposures, read_device, read_recording
@@ -51,7 +52,7 @@ class _Shot(NamedTuple):
 @click.option(
     "--keep",
     type=click.FloatRange(min=0.0),
-    default=1.5,
+    default=KEEP,
     show_default=True,
     metavar="PX",
     help="Longest path of a picture that is sharp enough as it is.",
@@ -59,7 +60,7 @@ class _Shot(NamedTuple):
 @click.option(
     "--drop",
     type=click.FloatRange(min=0.0),
-    default=20.0,
+    default=DROP,
     show_default=True,
     metavar="PX",
     help="Longest path of a picture that is worth deblurring.",

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rsdeblur.choices import CRF, KEEP, SEGMENT
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import clip_exposures, naming, read_device
@@ -56,14 +57,14 @@ class Encode:
         click.option(
             "--crf",
             type=click.IntRange(0, 63),
-            default=17,
+            default=CRF,
             show_default=True,
             help="Quality of the encoding: a lower value is better, and makes a larger file.",
         ),
         click.option(
             "--segment",
             type=click.IntRange(min=1),
-            default=32,
+            default=SEGMENT,
             show_default=True,
             help="Number of frames that are encoded together.",
         ),
@@ -72,7 +73,7 @@ class Encode:
 @click.option(
     "--above",
     type=click.FloatRange(min=0.0),
-    default=1.5,
+    default=KEEP,
     show_default=True,
     metavar="PX",
     help="Deblur only frames in which a point draws a longer path than this.",

@@ -4,10 +4,10 @@ The blur of a tile does not change along a row. So rows are transformed once for
 what happens to columns. There are three stages; each works on blocks that fit a processor's cache, and touches all data
 once:
 
-1. A few rows at a time are cut out of the picture and transformed into the spectra.
-2. A few columns of the spectra at a time are transposed into the cache. There all bands are cut, transformed, filtered,
+A. A few rows at a time are cut out of the picture and transformed into the spectra.
+B. A few columns of the spectra at a time are transposed into the cache. There all bands are cut, transformed, filtered,
    transformed back and blended, and the columns go to their place. Filters may combine the spectra of several pictures.
-3. A few rows of the spectra at a time are transformed back into the picture.
+C. A few rows of the spectra at a time are transformed back into the picture.
 
 Blocks are independent, so threads share them, and any number of threads gives the same bits.
 """
@@ -38,7 +38,7 @@ SLAB_BYTES = 400_000
 
 
 class Filter(Protocol):
-    """What happens to columns between the transforms: the filters of the tiles."""
+    """Filter that is applied to a block of columns in the frequency domain."""
 
     def __call__(self, thread: int, source: int, block: int, bands: slice, slabs: ComplexArray) -> None:
         """Change the slabs of a source in place.

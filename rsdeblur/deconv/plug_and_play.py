@@ -48,7 +48,7 @@ class PlugAndPlayPrior:
     denoise : callable
         Called as ``denoise(image, sigma)`` with linear light, shape (H, W) for grey pictures or (H, W, C), float32, and
         the standard deviation of its noise. Returns the picture without the noise, in the same shape. A solver of
-        strips or slabs calls it for each.
+        strips or chunks calls it once for each.
     weight : float
         Strength, from 1e-20 to 1e20: 0.23 times the variance of the picture's noise in linear light.
         :attr:`rsdeblur.Tuning.denoiser_weight` derives it from a picture.

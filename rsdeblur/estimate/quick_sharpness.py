@@ -42,7 +42,7 @@ NATS_PER_FALL = 1000.0
 
 
 class Moving(Protocol):
-    """What moves the picture, as :class:`rsdeblur.estimate.correction.Recording` has it."""
+    """A camera and, on demand, its motion, as in :class:`rsdeblur.estimate.correction.Recording`."""
 
     @property
     def camera(self) -> Camera:

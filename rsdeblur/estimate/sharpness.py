@@ -30,7 +30,7 @@ from rsdeblur.types import FloatArray, FloatImage
 SIDE, LEAST_SIDE, TILES = 640, 64, (8, 4)
 # Border that is not compared, px, and the parts along both axes that are measured by themselves.
 FRAME, PARTS = 16, (6, 4)
-# Least gradient that is told from none.
+# Gradients below this count as zero.
 FAINTEST = 1e-9
 
 
@@ -61,7 +61,7 @@ class Sharpness:
         rows, cols = (tile_centres(n, size) for n, size in zip(TILES, self._light.shape, strict=False))
         paths = BlurPaths.from_capture(recording.capture(self._scale), rows, cols)
         drawn = PsfBank.from_paths(replace(paths, softness=self._softness))
-        # Drawn kernels, because the least falls of those who compare were chosen with them.
+        # Kernels, not paths: the thresholds of `refine` and `sync` were chosen with kernels.
         return PsfBank(drawn.kernels, rows, cols)
 
     def of(self, recording: Recording) -> float:

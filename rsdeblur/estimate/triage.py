@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from rsdeblur._util import validate
+from rsdeblur.choices import DROP, KEEP
 from rsdeblur.errors import CoverageError, InputError
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.arguments import exposure_list
@@ -19,12 +20,6 @@ from rsdeblur.types import FloatArray, Progress
 
 Decision = Literal["keep", "deblur", "drop", "unknown"]
 DECISIONS: tuple[Decision, ...] = ("keep", "deblur", "drop", "unknown")
-
-# px. The interpolation of colours in a sensor, and lenses, blur a picture by about this much anyway.
-KEEP = 1.5
-# px. Simulated pictures with paths of this length come out of `deblur` as clear as those with paths of 3 to 4 px
-# go in; longer paths lose more (docs/developer/decisions.md).
-DROP = 20.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

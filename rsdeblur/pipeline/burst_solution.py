@@ -113,7 +113,7 @@ class BurstSolution:
         """Return the bytes that a chunk may take, with the highlights of the reference."""
         if most is not None:
             return most - sum(frame.split.nbytes for frame in self.frames[1:])
-        # Nobody asked for a bound, so it is no reason to refuse, or to solve slivers with wide margins.
+        # The default bound grows rather than refuse the burst or cut it into thin chunks.
         least = least_memory(self.bank, self.frames[0].encoded.shape, self.together, len(self.frames))
         return max(MEMORY, int(ABOVE_LEAST[self.together.mode] * least))
 

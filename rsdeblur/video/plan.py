@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util import validate
-from rsdeblur.choices import VERDICTS, Transfer
+from rsdeblur.choices import KEEP, VERDICTS, Transfer
 from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck
 from rsdeblur.estimate.refine_frames import REFINED_FRAMES, FramesRefinement, refine_frames
-from rsdeblur.estimate.triage import KEEP
 from rsdeblur.image.encoded import check_size
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.arguments import check_reach

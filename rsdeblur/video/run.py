@@ -16,6 +16,7 @@ import numpy as np
 from rsdeblur._util import workers
 from rsdeblur._util.atomic import check_target, remove_unfinished
 from rsdeblur._util.records import Records, contents, fingerprint
+from rsdeblur.choices import SEGMENT
 from rsdeblur.errors import FileFormatError, OutputError, RsdeblurError
 from rsdeblur.types import Progress
 from rsdeblur.video._av import av
@@ -24,7 +25,6 @@ from rsdeblur.video.joining import container_of, copied_streams, join
 from rsdeblur.video.plan import ClipPlan
 from rsdeblur.video.segments import Encoding, Segment, add_stream, encode_segment
 
-SEGMENT = 32
 # Frames whose time is taken to estimate that of all.
 TRIAL = 4
 

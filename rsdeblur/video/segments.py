@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.atomic import atomic_write
+from rsdeblur.choices import CRF
 from rsdeblur.errors import InputError, OutputError
 from rsdeblur.pipeline.plan import Plan
 from rsdeblur.video._av import av
@@ -59,7 +60,7 @@ class Encoding:
     crf: int
 
     @classmethod
-    def like(cls, clip: Clip, *, codec: str | None = None, crf: int = 17) -> Encoding:
+    def like(cls, clip: Clip, *, codec: str | None = None, crf: int = CRF) -> Encoding:
         """Return the clip's encoding, or that of another `codec` with the clip's pixel format if it supports it.
 
         Raises
