@@ -14,7 +14,6 @@ from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import BY_QUALITY, MODES, Auto, Mode
 from rsdeblur.errors import InputError
-from rsdeblur.estimate.check import QualityCheck, UndershootMeter, assess, fall_back
 from rsdeblur.estimate.refine_frames import REFINED_FRAMES, FramesRefinement, refine_frames
 from rsdeblur.image.encoded import EncodedImage, check_size, result_like
 from rsdeblur.image.frame import ReadoutFrame
@@ -29,7 +28,7 @@ from rsdeblur.pipeline.burst_solution import BurstSolution
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.pipeline.stages import StageClock
-from rsdeblur.pipeline.steps import split_highlights
+from rsdeblur.pipeline.steps import judged, split_highlights
 from rsdeblur.pipeline.tiles import highlight_bank, tile_error
 from rsdeblur.types import Float32Array, Progress
 
@@ -204,10 +203,8 @@ def deblur_burst(
     with clock.stage("psfs"):
         solution = BurstSolution.of(burst, chosen)
     coverage, meter = solution.run(upright, chosen, clock)
-    check = None
-    if chosen.check or chosen.fallback:
-        with clock.stage("check"):
-            check = _check(burst, upright, meter, chosen)
+    judge = burst.reference.encoded, upright, burst.reference.alignment.capture
+    check = judged(*judge, meter, chosen, clock)
     bank, strengths = solution.bank, solution.together
     shares = dict(zip(burst.used, solution.shares, strict=True))
     return BurstResult(
@@ -234,16 +231,6 @@ def _captures(log: GyroLog, frame: ReadoutFrame, exposures: Sequence[Exposure], 
     """Return the captures of the frames, upright."""
     translation = frame.translation(options.translation)
     return burst_captures(log, frame.camera, exposures, translation, motion=options.motion, softness=options.softness)
-
-
-def _check(burst: AlignedBurst, upright: NDArray[Any], meter: UndershootMeter, options: Options) -> QualityCheck:
-    """Judge the result against the reference; `fallback` blends with it."""
-    source, capture = burst.reference.encoded, burst.reference.alignment.capture
-    result, resampled = EncodedImage(upright, source.transfer), options.geometry == "rectify"
-    check = assess(source, result, capture, meter, resampled=resampled, threads=options.threads)
-    if options.fallback and check.verdict == "bad":
-        return fall_back(source, check, upright)
-    return check
 
 
 def _refinement(

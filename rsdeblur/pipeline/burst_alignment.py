@@ -11,7 +11,7 @@ from rsdeblur._util import validate
 from rsdeblur._util.threads import share, share_map, thread_count
 from rsdeblur.choices import Auto
 from rsdeblur.estimate.burst_fit import FrameFit
-from rsdeblur.estimate.strength import KERNELS, Tuning
+from rsdeblur.estimate.strength import Tuning
 from rsdeblur.image.highlights import HighlightSplit
 from rsdeblur.motion.alignment import Alignment
 from rsdeblur.motion.paths import Capture
@@ -19,8 +19,8 @@ from rsdeblur.pipeline.burst_frames import FIT_TILES, BurstFrame, reduced_bank
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import tuned_part
-from rsdeblur.pipeline.tiles import tile_paths
-from rsdeblur.psf import PsfBank, tile_centres
+from rsdeblur.pipeline.tiles import few_psfs
+from rsdeblur.psf import tile_centres
 
 # A frame whose mean weight over the reference's detail is less contributes nothing: its motion or its scene is another.
 LEAST_SUPPORT = 0.5
@@ -42,10 +42,8 @@ def measured(splits: Sequence[HighlightSplit], captures: Sequence[Capture], opti
 
 
 def _measured(split: HighlightSplit, capture: Capture, options: Options) -> Tuning:
-    height, width, _ = split.encoded.shape
-    paths = tile_paths(capture, "banded", min(KERNELS, height), min(KERNELS, width), 1.0)
     noise = None if options.noise == "auto" else options.noise
-    rows, bank = tuned_part(split.encoded.shape, PsfBank.from_paths(paths, threads=1))
+    rows, bank = tuned_part(split.encoded.shape, few_psfs(capture, threads=1))
     mode = options.mode
     return Tuning.of(split.remainder(rows), bank, noise=noise, one_filter=mode == "global", continued=mode != "rowwise")
 

@@ -18,7 +18,6 @@ from rsdeblur.deconv.priors import brightness
 from rsdeblur.estimate.check import UndershootMeter
 from rsdeblur.estimate.strength import KERNELS, Spectra, Tuning
 from rsdeblur.motion.paths import BlurPaths
-from rsdeblur.motion.rectify import rectify
 from rsdeblur.pipeline.burst_alignment import AlignedBurst
 from rsdeblur.pipeline.burst_frames import BurstFrame
 from rsdeblur.pipeline.burst_prediction import predicted
@@ -57,7 +56,7 @@ class BurstSolution:
     def of(cls, burst: AlignedBurst, options: Options) -> BurstSolution:
         """Derive the shares and strengths of the frames that contribute, and their PSFs."""
         frames = tuple(burst.frames[n] for n in burst.used)
-        mode = "global" if options.mode == "banded" and options.bands == options.strips == 1 else options.mode
+        mode = options.mode_in_effect
         height, width, _ = burst.reference.encoded.shape
         centres = (tile_centres(min(KERNELS, n), n) for n in (height, width))
         some = _paths(frames, *centres, threads=options.threads)
@@ -89,23 +88,15 @@ class BurstSolution:
         """Solve chunk by chunk into `out`, which is upright; return a mask of the pixels that were exposed."""
         reference = self.frames[0]
         meter = UndershootMeter(reference.encoded.shape[0])
-        coverage: NDArray[np.bool_] = np.broadcast_to(np.True_, reference.encoded.shape[:2])
-
-        def rectified(light: FloatImage) -> FloatImage:
-            nonlocal coverage
-            with clock.stage("rectify"):
-                light, coverage = rectify(light, reference.alignment.capture, threads=options.threads)
-            return light
-
         whole = options.geometry == "rectify" or options.normalize or options.boundary is not None
         memory = None if whole else self._memory(options.max_memory)
-        solve_chunks(
+        coverage = solve_chunks(
             reference.split,
             *(out, self.bank, replace(options, max_memory=memory), self.together, clock),
             plan_solver=lambda chunk, _: partial(self._solve, chunk),
             frames=len(self.frames),
             meter=meter,
-            finish=rectified if options.geometry == "rectify" else None,
+            capture=reference.alignment.capture,
         )
         return coverage, meter
 
@@ -165,12 +156,13 @@ class BurstSolution:
     def _plan_solver(self, chunk: Chunk, shape: tuple[int, int, int]) -> BurstQuadratic | RowBurst:
         """Plan the solver of all frames together for a chunk whose light has the given shape."""
         settings = self.together
-        engine: dict[str, Any] = {name: getattr(settings, name) for name in ("nsr", "border", "planning", "threads")}
         if settings.mode != "rowwise":
             if settings.boundary is not None:
                 shape = extended_shape(shape, chunk.bank, settings.boundary)
             banks = [self._drawn(n, chunk) for n in range(1, len(self.frames))]
-            return BurstQuadratic([chunk.bank, *banks], self.shares, shape, wiener=settings.weight is None, **engine)
+            return BurstQuadratic(
+                [chunk.bank, *banks], self.shares, shape, wiener=settings.weight is None, **settings.engine
+            )
         rows = chunk.source
 
         def paths(n: int) -> BlurPaths:
@@ -178,7 +170,7 @@ class BurstSolution:
             return replace(traced, rows=traced.rows - rows.start)
 
         every_row = share_map(paths, range(len(self.frames)), settings.threads)
-        return RowBurst(every_row, self.shares, shape, solver=settings.solver, **engine)
+        return RowBurst(every_row, self.shares, shape, solver=settings.solver, **settings.engine)
 
     def _drawn(self, n: int, chunk: Chunk) -> PsfBank:
         """Return the PSFs of a frame at the places of a chunk, counted from its first row."""

@@ -170,6 +170,11 @@ class Options:
         return getattr(self.prior, "__name__", "denoiser") if callable(self.prior) else self.prior
 
     @property
+    def mode_in_effect(self) -> Mode:
+        """The mode; a single band and strip count as the global mode."""
+        return "global" if self.mode == "banded" and self.bands == self.strips == 1 else self.mode
+
+    @property
     def solver_border(self) -> Border:
         """The continuation of the picture beyond its frame that the solver is planned with."""
         return "blend" if self.border in ("auto", "blend") else "periodic"

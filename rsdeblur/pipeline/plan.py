@@ -13,11 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import html_with_picture, one_line
-from rsdeblur.choices import Mode
 from rsdeblur.errors import InputError, RsdeblurWarning
-from rsdeblur.estimate.check import QualityCheck, UndershootMeter, assess, fall_back
+from rsdeblur.estimate.check import QualityCheck, UndershootMeter
 from rsdeblur.estimate.refine import Refinement, refine
-from rsdeblur.estimate.strength import KERNELS
 from rsdeblur.image.encoded import EncodedImage, check_size, result_like
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.highlights import HighlightSplit
@@ -27,16 +25,15 @@ from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.motion.plausible import too_wide
-from rsdeblur.motion.rectify import rectify
 from rsdeblur.pipeline.memory import Chunk
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.settings import Solve, SolverSettings, TileSolver
 from rsdeblur.pipeline.stages import StageClock
-from rsdeblur.pipeline.steps import derive_strengths, solve_chunks, split_highlights
+from rsdeblur.pipeline.steps import derive_strengths, judged, solve_chunks, split_highlights
 from rsdeblur.pipeline.strengths import Strengths
-from rsdeblur.pipeline.tiles import Grid, highlight_bank, tile_paths
+from rsdeblur.pipeline.tiles import Grid, few_psfs, highlight_bank, tile_paths
 from rsdeblur.psf import PsfBank, kernel_sheet
-from rsdeblur.types import FloatImage, Progress
+from rsdeblur.types import Progress
 
 
 @one_line()
@@ -194,21 +191,14 @@ class Plan:
         InputError
             As :func:`rsdeblur.deblur`.
         """
-        options, clock = self.options, StageClock(validate.callback("progress", progress))
+        clock = StageClock(validate.callback("progress", progress))
         encoded = self._encoded(image)
         out, upright = result_like(image, out, self.frame)
         split = self._split(encoded, clock)
         ready = self._prepared(split, clock)
         meter = UndershootMeter(encoded.shape[0])
         coverage = ready._solve(split, upright, meter, clock)
-        check = None
-        if options.check or options.fallback:
-            with clock.stage("check"):
-                resampled = options.geometry == "rectify"
-                result = EncodedImage(upright, encoded.transfer)
-                check = assess(encoded, result, self.capture, meter, resampled=resampled, threads=options.threads)
-                if options.fallback and check.verdict == "bad":
-                    check = fall_back(encoded, check, upright)
+        check = judged(encoded, upright, self.capture, meter, self.options, clock)
         return ready._result(out, encoded, coverage, check, clock)
 
     def _result(
@@ -259,20 +249,8 @@ class Plan:
 
     def _strengths(self, split: HighlightSplit) -> tuple[Strengths, float]:
         """Return the strengths, and the `nsr` that decides the automatic number of bands."""
-
-        def bank() -> PsfBank:
-            camera = self.capture.camera
-            bands, strips = min(KERNELS, camera.height), min(KERNELS, camera.width)
-            paths = tile_paths(self.capture, "banded", bands, strips, 1.0)
-            return PsfBank.from_paths(paths, threads=self.options.threads)
-
-        return derive_strengths(split, self.options, self._mode, bank)
-
-    @property
-    def _mode(self) -> Mode:
-        """The mode; a single band and strip count as the global mode."""
-        one_tile = self.options.bands == self.options.strips == 1
-        return "global" if self.options.mode == "banded" and one_tile else self.options.mode
+        bank = partial(few_psfs, self.capture, threads=self.options.threads)
+        return derive_strengths(split, self.options, self.options.mode_in_effect, bank)
 
     def tile_paths(self, nsr: float) -> BlurPaths:
         """Trace the paths of the PSFs in the upright frame.
@@ -282,34 +260,24 @@ class Plan:
         nsr : float
             Noise-to-signal ratio that decides the automatic number of bands.
         """
-        return tile_paths(self.capture, self._mode, self.options.bands, self.options.strips, nsr)
+        return tile_paths(self.capture, self.options.mode_in_effect, self.options.bands, self.options.strips, nsr)
 
     @property
     def _settings(self) -> SolverSettings:
         assert self.strengths is not None
-        return SolverSettings.of(self.options, self._mode, self.strengths)
+        return SolverSettings.of(self.options, self.options.mode_in_effect, self.strengths)
 
     def _solve(
         self, split: HighlightSplit, out: NDArray[Any], meter: UndershootMeter, clock: StageClock
     ) -> NDArray[np.bool_]:
         """Solve chunk by chunk into `out`, which is upright; return a mask of the pixels that were exposed."""
-        shape, settings = split.encoded.shape, self._settings
-        coverage: NDArray[np.bool_] = np.broadcast_to(np.True_, shape[:2])
-
-        def rectified(light: FloatImage) -> FloatImage:
-            nonlocal coverage
-            with clock.stage("rectify"):
-                light, coverage = rectify(light, self.capture, threads=self.options.threads)
-            return light
-
         with self._kept.lock:
-            solve_chunks(
-                *(split, out, self.bank, self.options, settings, clock),
+            return solve_chunks(
+                *(split, out, self.bank, self.options, self._settings, clock),
                 plan_solver=self._plan_solver,
                 meter=meter,
-                finish=rectified if self.options.geometry == "rectify" else None,
+                capture=self.capture,
             )
-        return coverage
 
     def _plan_solver(self, chunk: Chunk, shape: tuple[int, int, int]) -> Solve:
         settings, keep = self._settings, chunk.target == slice(0, self.capture.camera.height)

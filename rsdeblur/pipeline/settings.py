@@ -75,7 +75,8 @@ class SolverSettings:
         )
 
     @property
-    def _engine(self) -> dict[str, Any]:
+    def engine(self) -> dict[str, Any]:
+        """The settings that every solver takes under the same name."""
         return {name: getattr(self, name) for name in ("nsr", "border", "planning", "threads")}
 
     @property
@@ -122,9 +123,9 @@ class SolverSettings:
             raise InputError('mode="rowwise" has no tiles')
         prior = self.latent_prior
         if prior is None:
-            wiener = Deconvolver(bank, shape, **self._engine)
+            wiener = Deconvolver(bank, shape, **self.engine)
             return TileSolver(wiener, wiener.apply)
-        quadratic = TileQuadratic(bank, shape, **self._engine)
+        quadratic = TileQuadratic(bank, shape, **self.engine)
         return TileSolver(quadratic, partial(quadratic.apply, prior=prior))
 
     def _extended(
@@ -143,7 +144,7 @@ class SolverSettings:
 
     def _rowwise(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:
         paths = BlurPaths.every_row(capture, bank.cols, within=slice(first, first + shape[0]))
-        rows = RowDeconvolver(replace(paths, rows=paths.rows - first), shape, solver=self.solver, **self._engine)
+        rows = RowDeconvolver(replace(paths, rows=paths.rows - first), shape, solver=self.solver, **self.engine)
         return lambda light, progress: rows.apply(light, prior=self.latent_prior, progress=progress)
 
 

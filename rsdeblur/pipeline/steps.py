@@ -6,24 +6,26 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.choices import Mode
 from rsdeblur.deconv.plug_and_play import DENOISERS, WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.priors import LEAST_PEAK, brightness
-from rsdeblur.estimate.check import UndershootMeter
+from rsdeblur.estimate.check import QualityCheck, UndershootMeter, assess, fall_back
 from rsdeblur.estimate.strength import Tuning
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.highlights import HighlightSplit, are_lights, find_spots, separate_highlights, small_spots
 from rsdeblur.image.transfer import normalized
 from rsdeblur.image.undershoot import fade_undershoot
+from rsdeblur.motion.paths import Capture
+from rsdeblur.motion.rectify import rectify
 from rsdeblur.pipeline.memory import Chunk, plan_chunks
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.settings import Solve, SolverSettings
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.strengths import Strengths
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import FloatImage
 
 # Number of pixels that automatic strengths are derived from: the middle rows of larger pictures are enough.
 MOST_TUNED_PIXELS = 8_000_000
@@ -168,9 +170,9 @@ def solve_chunks(
     plan_solver: Callable[[Chunk, tuple[int, int, int]], Solve],
     frames: int = 1,
     meter: UndershootMeter | None = None,
-    finish: Callable[[FloatImage], FloatImage] | None = None,
-) -> None:
-    """Solve chunk by chunk into `out`, which is upright.
+    capture: Capture | None = None,
+) -> NDArray[np.bool_]:
+    """Solve chunk by chunk into `out`, which is upright; return a mask of the pixels that were exposed.
 
     Parameters
     ----------
@@ -188,9 +190,10 @@ def solve_chunks(
         Number of pictures of the scene that it solves together.
     meter : UndershootMeter, optional
         Measures light before and after the solve.
-    finish : callable, optional
-        Changes the sharp light before it is encoded.
+    capture : Capture, optional
+        The motion, which the options may request to rectify the picture by.
     """
+    coverage: NDArray[np.bool_] = np.broadcast_to(np.True_, split.encoded.shape[:2])
     # Linear methods, of which the published filter is one, stay linear.
     fades = options.prior not in ("wiener", "gradient")
     memory = None if options.max_memory is None else options.max_memory - split.nbytes
@@ -211,10 +214,29 @@ def solve_chunks(
             fade_undershoot(
                 linear, split.encoded, chunk.source.start, bank.size, settings.peak, threads=options.threads
             )
-        if finish is not None:
-            linear = finish(linear)
+        if options.geometry == "rectify" and capture is not None:
+            with clock.stage("rectify"):
+                linear, coverage = rectify(linear, capture, threads=options.threads)
         if options.normalize:
             linear = normalized(linear)
         split.encoded.encode(linear[inner], chunk.target, out, threads=options.threads)
         # Free the memory before the next chunk is planned.
         del linear, solve
+    return coverage
+
+
+def judged(
+    encoded: EncodedImage,
+    out: NDArray[Any],
+    capture: Capture,
+    meter: UndershootMeter,
+    options: Options,
+    clock: StageClock,
+) -> QualityCheck | None:
+    """Check the upright result `out`, if the options request it; a bad one may be blended with the picture."""
+    if not (options.check or options.fallback):
+        return None
+    with clock.stage("check"):
+        result, resampled = EncodedImage(out, encoded.transfer), options.geometry == "rectify"
+        check = assess(encoded, result, capture, meter, resampled=resampled, threads=options.threads)
+        return fall_back(encoded, check, out) if options.fallback and check.verdict == "bad" else check

@@ -9,6 +9,7 @@ import numpy as np
 from rsdeblur._util import validate
 from rsdeblur.choices import Count, Mode
 from rsdeblur.errors import InputError
+from rsdeblur.estimate.strength import KERNELS
 from rsdeblur.motion.arguments import check_reach
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank, tile_centres
@@ -107,6 +108,12 @@ def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: f
         f"{counts[0]} x {counts[1]} PSFs of {wide}x{tall} px", 8 * counts[0] * counts[1] * tall * wide, height * width
     )
     return paths
+
+
+def few_psfs(capture: Capture, *, threads: int | None) -> PsfBank:
+    """Return a few PSFs that are spread over the picture, for automatic strengths."""
+    bands, strips = min(KERNELS, capture.camera.height), min(KERNELS, capture.camera.width)
+    return PsfBank.from_paths(tile_paths(capture, "banded", bands, strips, 1.0), threads=threads)
 
 
 def highlight_bank(capture: Capture, *, threads: int | None) -> PsfBank:
