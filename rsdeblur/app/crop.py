@@ -16,7 +16,7 @@ from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult, plan
-from rsdeblur.pipeline.strengths import Strengths
+from rsdeblur.pipeline.settings import Strengths
 from rsdeblur.pipeline.tiles import Grid
 from rsdeblur.psf import PsfBank
 

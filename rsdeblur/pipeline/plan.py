@@ -27,10 +27,9 @@ from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.motion.plausible import too_wide
 from rsdeblur.pipeline.memory import Chunk
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.settings import Solve, SolverSettings, TileSolver
+from rsdeblur.pipeline.settings import Solve, SolverSettings, Strengths, TileSolver
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import derive_strengths, judged, solve_chunks, split_highlights
-from rsdeblur.pipeline.strengths import Strengths
 from rsdeblur.pipeline.tiles import Grid, few_psfs, highlight_bank, tile_paths
 from rsdeblur.psf import PsfBank, kernel_sheet
 from rsdeblur.types import Progress

@@ -1,4 +1,4 @@
-"""Settings of the solver for a picture or a chunk of its rows, with a number for everything automatic."""
+"""Strengths, and settings of a solver for a picture or a chunk of it, with a number for all that is automatic."""
 
 from __future__ import annotations
 
@@ -19,11 +19,35 @@ from rsdeblur.deconv.wiener import Deconvolver, TileFilter
 from rsdeblur.errors import InputError
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.strengths import Strengths
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import Denoiser, FloatImage, StageProgress
 
 Solve = Callable[[FloatImage, StageProgress], FloatImage]
+
+
+@dataclass(frozen=True, slots=True)
+class Strengths:
+    """Strengths of a solution, derived from a picture's noise and blur or set by the options.
+
+    Parameters
+    ----------
+    nsr : float
+        Noise-to-signal ratio.
+    weight : float or None
+        Weight of the prior; None for the Wiener filter.
+    peak : float
+        Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`; 1 for the Wiener filter.
+    variances : tuple of float
+        Variances of :class:`rsdeblur.deconv.wavelet.WaveletPrior`; empty for other priors.
+    noise : float, optional
+        Standard deviation of the picture's noise; None where no strength needed it.
+    """
+
+    nsr: float
+    weight: float | None
+    peak: float
+    variances: tuple[float, ...] = ()
+    noise: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -22,9 +22,8 @@ from rsdeblur.motion.paths import Capture
 from rsdeblur.motion.rectify import rectify
 from rsdeblur.pipeline.memory import Chunk, plan_chunks
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.settings import Solve, SolverSettings
+from rsdeblur.pipeline.settings import Solve, SolverSettings, Strengths
 from rsdeblur.pipeline.stages import StageClock
-from rsdeblur.pipeline.strengths import Strengths
 from rsdeblur.psf import PsfBank
 
 # Number of pixels that automatic strengths are derived from: the middle rows of larger pictures are enough.
