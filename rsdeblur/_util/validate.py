@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
@@ -36,6 +36,7 @@ PICTURES = {"image", "sharp"}
 LAZY = "pass .compute(), or keep it in a file: numpy.load(..., mmap_mode='r') with max_memory= and out="
 
 Kind = TypeVar("Kind")
+Item = TypeVar("Item")
 
 
 def instance(name: str, value: object, kind: type[Kind], *others: type[Kind]) -> Kind:
@@ -45,7 +46,8 @@ def instance(name: str, value: object, kind: type[Kind], *others: type[Kind]) ->
     hint, kinds = "", " or ".join(each.__name__ for each in (kind, *others))
     if isinstance(value, (str, os.PathLike)) and kind.__name__ in READERS:
         hint = f"; {READERS[kind.__name__]} reads one from a file"
-    raise InputError(f"{name} must be a {kinds}, got {shown(value)}{hint}")
+    article = "an" if kinds[0] in "AEIO" else "a"
+    raise InputError(f"{name} must be {article} {kinds}, got {shown(value)}{hint}")
 
 
 def shown(value: object) -> str:
@@ -60,6 +62,15 @@ def boolean(name: str, value: object) -> bool:
     """Return `value`, which must be True or False."""
     if not isinstance(value, bool):
         raise InputError(f"{name} must be True or False, got {shown(value)}")
+    return value
+
+
+def items(name: str, value: Iterable[Item]) -> Iterable[Item]:
+    """Return `value`, which must be a sequence or another iterable of objects."""
+    try:
+        iter(value)
+    except TypeError:
+        raise InputError(f"{name} must be a sequence, got {shown(value)}") from None
     return value
 
 

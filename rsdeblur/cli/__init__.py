@@ -94,7 +94,8 @@ class Commands(click.Group):
                 # It is no error if the reader of a pipe closes it early; click then exits without a message.
                 if error.errno == errno.EPIPE:
                     raise
-                _refuse(ctx, f"{error.filename}: {error.strerror}" if error.filename else str(error))
+                # Only the stream that the result is printed to has no name.
+                _refuse(ctx, f"{error.filename or 'the output'}: {error.strerror or error}")
             except (KeyboardInterrupt, ImportError) as error:
                 number = _signal_of(error)
                 if number is None:

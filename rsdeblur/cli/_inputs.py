@@ -252,6 +252,8 @@ def with_translation(options: Options, track: Track, camera: Camera, exposure: E
     translation = options.translation
     if (track.translation is None) != (track.depth is None):
         raise _usage("--translation and --depth are needed together")
+    if track.translation is None and track.translation_axes != "camera":
+        raise _usage("--translation-axes belongs to --translation")
     if track.translation is not None and track.depth is not None:
         from rsdeblur.io import read_depths, read_trajectory
 

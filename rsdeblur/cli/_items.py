@@ -17,7 +17,7 @@ import click
 from rsdeblur._util.files import read_file
 from rsdeblur.cli._options import Defaults, Recording
 from rsdeblur.cli._types import BiasType, SecondsType, StartType
-from rsdeblur.errors import FileFormatError, RsdeblurWarning
+from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 
 # Columns of a manifest, with the conversion of their cells; an empty cell sets nothing.
 COLUMNS: dict[str, Callable[[str], Any]] = {
@@ -224,5 +224,13 @@ def _item(photo: Path, result: Path, own: dict[str, Any], defaults: Defaults) ->
 
 
 def result_name(photo: Path) -> Path:
-    """Return the name of a photo's result: its own, or that of a PNG if results cannot have its format."""
+    """Return the name of a photo's result: its own, or that of a PNG if results cannot have its format.
+
+    Raises
+    ------
+    InputError
+        If the path has no name, like that of the current folder.
+    """
+    if not photo.name:
+        raise InputError(f"{photo}: this is a folder, not a photo")
     return photo if photo.suffix.lower() in WRITABLE else photo.with_suffix(".png")

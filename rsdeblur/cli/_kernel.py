@@ -74,7 +74,7 @@ def deconvolve_photo(
     pixels, bank = picture.pixels, read_psfs(psf, picture.pixels.shape)
     options = replace(options, transfer=transfer_of(picture, options.transfer), check=False)
     if changes.nsr_from_iso:
-        options = replace(options, nsr=nsr_of_photo(photo, picture))
+        options = replace(options, nsr=nsr_of_photo(photo, picture, options))
     with naming(psf):
         check_bank(bank, pixels.shape)
     if target.dry_run:

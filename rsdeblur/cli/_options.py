@@ -13,6 +13,9 @@ import click
 from rsdeblur import choices
 from rsdeblur.cli._output import refuse_inputs
 from rsdeblur.cli._types import (
+    PATH as PATH,
+)
+from rsdeblur.cli._types import (
     AutoType,
     Bias,
     BiasType,
@@ -33,8 +36,6 @@ if TYPE_CHECKING:
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
-
-PATH = click.Path(path_type=Path)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -489,8 +490,7 @@ photo_target_options = gathered(
     PhotoTarget,
     (
         click.option(
-            "-o",
-            "--output",
+            *("-o", "--output"),
             type=PATH,
             metavar="OUT|DIR",
             help="Picture to write, or folder for the results.  [default: PHOTO-sharp beside each photo]",

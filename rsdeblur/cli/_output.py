@@ -114,6 +114,8 @@ def _is_same(a: Path, b: Path) -> bool:
 def prepare_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:
     """Make `folder` if needed and check that the files called `names` may be written into it.
 
+    Folders that were made and are still empty when the command ends are removed.
+
     Raises
     ------
     OutputError
@@ -121,13 +123,24 @@ def prepare_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:
     """
     from rsdeblur._util.atomic import check_target
 
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{folder}: cannot make the folder: {error.strerror or error}") from error
+    # Workers have no context; their command removes the folders.
+    if (context := click.get_current_context(silent=True)) is not None:
+        context.call_on_close(lambda: _remove_empty(made))
     for name in names:
         refuse_inputs(folder / name)
         check_target(folder / name, force=force)
+
+
+def _remove_empty(folders: Sequence[Path]) -> None:
+    """Remove folders, the innermost first, as long as they are empty."""
+    with suppress(OSError):
+        for folder in folders:
+            folder.rmdir()
 
 
 def check_page(path: Path, *, force: bool) -> None:

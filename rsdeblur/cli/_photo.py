@@ -99,7 +99,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
 
     options = replace(job.options, transfer=transfer_of(picture, job.options.transfer))
     if job.changes.nsr_from_iso:
-        options = replace(options, nsr=nsr_of_photo(job.photo, picture))
+        options = replace(options, nsr=nsr_of_photo(job.photo, picture, options))
     picture = _recorded(job, picture, exposure, options, credentials)
     pixels = picture.pixels
     begin = time.perf_counter()
@@ -165,7 +165,7 @@ def _dry_run(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:
     with naming(job.photo, job.recording):
         check_size(picture.pixels.shape, camera)
         if job.changes.nsr_from_iso:
-            nsr_of_photo(job.photo, picture)
+            nsr_of_photo(job.photo, picture, job.options)
         if job.changes.work_size is not None:
             camera = reduced(picture.pixels, camera, job.changes.work_size)[1]
         options = job.options
@@ -188,11 +188,13 @@ def _dry_run(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:
     }
 
 
-def nsr_of_photo(photo: Path, picture: Picture) -> float:
-    """Return the NSR that the picture's EXIF sensitivity suggests."""
+def nsr_of_photo(photo: Path, picture: Picture, options: Options) -> float:
+    """Return the NSR that the picture's EXIF sensitivity suggests; the options must not contain another one."""
     from rsdeblur.estimate.strength import nsr_of_iso
     from rsdeblur.io.exif import Exif
 
+    if options.nsr != "auto":
+        raise InputError("--nsr and --nsr-from-iso exclude each other")
     iso = Exif(picture.exif).iso
     if iso is None:
         raise InputError(f"{photo}: the picture's EXIF block has no ISO sensitivity; use --nsr instead")

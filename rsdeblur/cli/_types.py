@@ -19,6 +19,19 @@ Bias = tuple[float, float, float]
 PAPER_SIDE = 2048
 
 
+class NonEmptyPath(click.Path):
+    """A path; an empty one, as of a shell variable that is not set, would mean the current folder."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path."""
+        if not str(value):
+            self.fail("the name is empty", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+PATH = NonEmptyPath(path_type=Path)
+
+
 class SecondsType(click.ParamType[float]):
     """A time: `0.05`, `1/20` or `50ms`."""
 

@@ -149,6 +149,8 @@ def command(
         raise click.UsageError("Missing option '--frames'.")
     if reference is not None and reference not in frames:
         raise click.UsageError(f"--reference {reference} is not one of --frames")
+    if target.output == weights:
+        raise click.UsageError(f"-o and --weights are both {weights}; give each its own name")
     for path in filter(None, (target.output, weights)):
         refuse_inputs(path)
         check_writable(path, force=target.force)
@@ -247,7 +249,6 @@ def _folders(
     outputs = [target.output / f"{folder.resolve().name}.png" for folder in folders]
     if len(set(outputs)) < len(outputs):
         raise click.UsageError("two folders have the same name, and so would their results")
-    is_new = not target.output.exists()
     prepare_folder(target.output, [output.name for output in outputs], force=target.force)
     entries: list[dict[str, Any]] = []
     for folder, output in zip(folders, outputs, strict=True):
@@ -264,8 +265,6 @@ def _folders(
                 say_aside(f"error: {entries[-1]['error']}")
             else:
                 _print(entries[-1])
-    if is_new and all("error" in entry for entry in entries):
-        target.output.rmdir()
     if target.as_json:
         print_json({"bursts": entries})
     if any("error" in entry for entry in entries):

@@ -83,6 +83,8 @@ def command(
     --report writes one page that needs no network. It shows any two pictures under a divider, the kernels over them,
     the gyroscope's rates with the exposure window of each row, figures for each band, all settings, and warnings.
     """
+    if report_paths and report is None:
+        raise click.UsageError("--report-paths is for the page of --report")
     output, force = target.output, target.force
     modes = tuple(mode for mode in MODES if mode in (modes or MODES))
     prepare_folder(output, [*output_names(photo, modes), REPORT], force=force)

@@ -39,6 +39,8 @@ MARGIN = 0.1
 
 REPORT = "demo.json"
 
+# Least side of the picture, px.
+LEAST_SIDE = 64
 # Size in px from which a picture takes every step that a large one takes.
 LEAST_SIZE = 320, 240
 
@@ -83,6 +85,8 @@ def command(size: tuple[int, int], seed: int, session: str | None, target: Targe
     --recording or --video, writes what a logger app would: a gyro log, the exposures, photos or a video, and a camera
     file. With --stock-camera, writes photos with EXIF blocks and a gyro log. Both print the command that deblurs them.
     """
+    if min(size) < LEAST_SIDE:
+        raise click.UsageError(f"--size: the sides must be at least {LEAST_SIDE} px")
     if session:
         _write_session(session, size, seed, target)
         return

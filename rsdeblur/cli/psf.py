@@ -65,6 +65,8 @@ def command(
         refuse_inputs(output)
         check_writable(output, force=force)
     if bank is not None:
+        if bank.suffix.lower() != ".npz":
+            raise click.UsageError(f"--bank {bank}: a bank of kernels is an NPZ file; give it a name like kernels.npz")
         refuse_inputs(bank)
         check_target(bank, force=force)
     if photo is None:

@@ -63,6 +63,8 @@ def command(
     from_exif = recording.start == "exif"
     if from_exif and len(photos) > 1:
         raise click.UsageError("--start exif: times in EXIF differ from photo to photo; give one photo")
+    if first is not None and last is not None and first >= last:
+        raise click.UsageError(f"--from {1e3 * first:g}ms must be less than --to {1e3 * last:g}ms")
     if write:
         # Before the search: the file may be of a kind that has no place for the offset.
         Camera.load(recording.camera)

@@ -93,7 +93,7 @@ def command(
     from rsdeblur.estimate.triage import Triage, blur_of, check_thresholds
     from rsdeblur.report.timeline import timeline_svg
 
-    if not drop >= keep:
+    if drop < keep:
         raise click.UsageError("--drop must be at least --keep", ctx=click.get_current_context())
     check_thresholds(keep, drop)
     is_clip = source.is_file() and source.suffix.lower() not in MANIFESTS

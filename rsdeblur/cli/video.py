@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from rsdeblur.choices import CRF, KEEP, SEGMENT
 from rsdeblur.cli import _options
@@ -103,6 +104,8 @@ def command(
     from rsdeblur.video.run import check_container, check_output, deblur_video, estimated_seconds
     from rsdeblur.video.segments import Encoding
 
+    if is_all and click.get_current_context().get_parameter_source("above") is not ParameterSource.DEFAULT:
+        raise click.UsageError("--above and --all exclude each other")
     begin = time.perf_counter()
     output = target.output
     check_output(output, force=target.force)

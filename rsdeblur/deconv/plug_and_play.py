@@ -125,11 +125,12 @@ class PlugAndPlayPrior:
 
     def _denoised(self, latent: FloatImage, sigma: float) -> FloatImage:
         grey = latent.shape[2] == 1
-        denoised = np.asarray(self.denoise(latent[..., 0] if grey else latent, sigma))
+        denoised = validate.array("the denoiser's result", self.denoise(latent[..., 0] if grey else latent, sigma))
         expected = latent.shape[:2] if grey else latent.shape
-        if denoised.shape != expected or not np.isfinite(denoised).all():
+        if denoised.shape != expected or denoised.dtype.kind != "f" or not np.isfinite(denoised).all():
             raise InputError(
-                f"the denoiser must return a finite picture of shape {expected}, got {validate.shown(denoised)}"
+                f"the denoiser must return finite linear light as floats of shape {expected}, got values of type "
+                f"{denoised.dtype} and shape {denoised.shape}"
             )
         # A copy, because the solver overwrites it and the denoiser may keep its own.
         return np.array(denoised, dtype=np.float32, order="C").reshape(latent.shape)

@@ -71,7 +71,7 @@ class UnknownBorderQuadratic(TileQuadratic):
     def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling, out: FloatImage) -> None:
         if self._observed:
             self._fill(pull, beta, coupling)
-            super().prepare(self._filled)
+            super().prepare(self._filled.reshape(self.shape))
         super()._solve(beta, pull, coupling, out)
 
     def _fill(self, pull: FloatImage | None, beta: float, coupling: Coupling) -> None:

@@ -24,7 +24,7 @@ from rsdeblur.estimate.correction import PARAMETERS, Recording
 from rsdeblur.estimate.mounting import CONFIDENT, RESAMPLES, mounting_name
 from rsdeblur.estimate.photo_fit import START, PhotoFit, PhotoSet
 from rsdeblur.estimate.refine import grey_light
-from rsdeblur.motion.arguments import check_recording
+from rsdeblur.motion.arguments import check_recording, exposure_list
 from rsdeblur.motion.axes import rotations
 from rsdeblur.motion.camera import TIMESTAMP_SHARES, Camera
 from rsdeblur.motion.exposure import Exposure
@@ -157,6 +157,7 @@ def calibrate_photos(
     first, last = validate.real_array("search", search, (2,)).tolist()
     if not 0 <= last - first <= MOST_SEARCH:
         raise InputError(f"search must span 0 to {MOST_SEARCH:g} s, got {first:g} to {last:g}")
+    exposures = exposure_list(exposures)
     logs = list(log) if isinstance(log, Sequence) else [log] * len(exposures)
     if len(logs) != len(exposures):
         raise InputError(f"give one log, or one for each photo, got {len(logs)} logs and {len(exposures)} exposures")
@@ -166,7 +167,7 @@ def calibrate_photos(
     for each, exposure in zip(logs, exposures, strict=True):
         check_recording(each, camera, exposure)
         recordings.append(Recording(each, camera, exposure))
-    lights = [grey_light(image, transfer, camera) for image in images]
+    lights = [grey_light(image, transfer, camera) for image in validate.items("images", images)]
     if len(lights) != len(recordings):
         raise InputError(f"give one exposure for each photo, got {len(lights)} photos and {len(recordings)} exposures")
     return _Search(PhotoSet(lights, recordings), progress or (lambda *_: None)).calibration((first, last))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rsdeblur._util import validate
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.registration import Matches, ReducedFrame, match
 from rsdeblur.image.encoded import EncodedImage, check_size
@@ -89,7 +90,7 @@ def match_clip(
     durations: list[tuple[float, float]] = []
     before: tuple[ReducedFrame, Exposure] | None = None
     count = 0
-    for image in frames:
+    for image in validate.items("frames", frames):
         if count == len(exposures):
             raise InputError(f"there must be one exposure for each frame, got more than {count} frames")
         now = ReducedFrame(_grey(image, camera)), exposures[count]

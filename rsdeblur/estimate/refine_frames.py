@@ -154,7 +154,7 @@ def refine_frames(
     default = Uncertainty(offset=8e-3)
     uncertainty = default if uncertainty is None else validate.instance("uncertainty", uncertainty, Uncertainty)
     report = progress or (lambda *_: None)
-    lights = [grey_light(image, transfer, camera) for image in images]
+    lights = [grey_light(image, transfer, camera) for image in validate.items("images", images)]
     if len(lights) != len(exposures) or len(lights) < 2:
         raise InputError(
             f"there must be two images or more, and as many exposures, got {len(lights)} and {len(exposures)}"

@@ -157,6 +157,8 @@ class Tuning:
         """
         light = validate.linear_light(light)
         validate.instance("bank", bank, PsfBank)
+        for name, value in {"one_filter": one_filter, "continued": continued, "repeats": repeats}.items():
+            validate.boolean(name, value)
         light = light.reshape(*light.shape[:2], -1)
         spectra = Spectra.of(bank, one_filter=one_filter)
         # The scene is taken as the lens shows it, which has a power of its own in each octave.

@@ -27,7 +27,7 @@ from rsdeblur.estimate.rival_axes import OTHER_AXES
 from rsdeblur.estimate.sharpness import Sharpness
 from rsdeblur.estimate.spectra import TileSpectra
 from rsdeblur.image.encoded import EncodedImage, check_size
-from rsdeblur.motion.arguments import check_recording
+from rsdeblur.motion.arguments import check_recording, exposure_list
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -221,6 +221,7 @@ def find_shared_time_offset(
     >>> found.joint.time_offset, [picture.best for picture in found.pictures]  # doctest: +SKIP
     (0.0123, [0.0121, 0.0125])
     """
+    images, exposures = list(validate.items("images", images)), exposure_list(exposures)
     if not 0 < len(images) == len(exposures):
         raise InputError(f"give one exposure for each picture, got {len(images)} images and {len(exposures)} exposures")
     for exposure in exposures:

@@ -67,8 +67,8 @@ def npy_place(file: BinaryIO, size: int, max_pixels: int) -> dict[str, Any]:
     if not is_picture or fortran or dtype not in (np.uint8, np.uint16, np.float32):
         order = " in Fortran order" if fortran else ""
         raise _tiff.Unsupported(
-            f"the array has shape {shape} and type {dtype}{order}; a picture has shape (H, W) or (H, W, C) with "
-            "C = 2, 3 or 4 and type uint8, uint16 or float32, in C order"
+            f"the array has shape {shape} and type {dtype}{order}; a picture is not empty, and has shape (H, W) "
+            "or (H, W, C) with C = 2, 3 or 4 and type uint8, uint16 or float32, in C order"
         )
     if shape[0] * shape[1] > max_pixels:
         raise _tiff.Unsupported(f"the picture claims {shape[1]}x{shape[0]} pixels; the limit is {max_pixels}")

@@ -141,8 +141,8 @@ def finish(
     RsdeblurWarning
         For each caution of the reader and for each repair.
     """
-    if unit is not None and unit not in RATE_UNITS:
-        raise InputError(f"unit must be one of {', '.join(RATE_UNITS)}; got {unit!r}")
+    if unit is not None:
+        validate.choice("unit", unit, RATE_UNITS)
     unit = unit or samples.unit
     _check_values(samples, "rates", unit, error)
     t, rates, epoch, repairs = ordered(_stamps(samples, rate, error), samples)

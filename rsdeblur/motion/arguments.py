@@ -29,9 +29,10 @@ def check_recording(log: object, camera: object, exposure: object, translation: 
 
 def exposure_list(exposures: Iterable[Exposure]) -> list[Exposure]:
     """Return exposures as a list; raise `InputError` unless they are some."""
-    if not isinstance(exposures, Iterable) or isinstance(exposures, Mapping):
+    if isinstance(exposures, Mapping):
         raise InputError(f"exposures must be a sequence of Exposure, got {validate.shown(exposures)}")
-    return [validate.instance(f"exposures[{n}]", each, Exposure) for n, each in enumerate(exposures)]
+    given = validate.items("exposures", exposures)
+    return [validate.instance(f"exposures[{n}]", each, Exposure) for n, each in enumerate(given)]
 
 
 def check_traceable(camera: Camera, translation: Translation | None) -> None:

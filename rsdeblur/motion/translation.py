@@ -220,6 +220,7 @@ class Translation:
         InputError
             If the part does not fit into the picture.
         """
+        validate.instance("camera", camera, Camera)
         later = camera.cropped(left, top, width, height).time_offset - camera.time_offset
         moved = replace(self, t=self.t + later)
         if isinstance(self.depth, float):

@@ -18,7 +18,7 @@ from rsdeblur.estimate.refine_frames import REFINED_FRAMES, FramesRefinement, re
 from rsdeblur.image.encoded import EncodedImage, check_size, result_like
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.alignment import burst_captures
-from rsdeblur.motion.arguments import check_recording
+from rsdeblur.motion.arguments import check_recording, exposure_list
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -177,6 +177,7 @@ def deblur_burst(
     """
     validate.choice("mode", mode, ("auto", *MODES))
     chosen = Options(mode=BY_QUALITY if mode == "auto" else mode, **options)
+    images, exposures = list(validate.items("images", images)), exposure_list(exposures)
     check_burst(images, log, camera, exposures, chosen)
     if not validate.is_auto(reference):
         reference = validate.count("reference", reference, minimum=0, maximum=len(images) - 1)
@@ -186,7 +187,7 @@ def deblur_burst(
         log, camera, chosen = refinement.log, refinement.camera, replace(chosen, refine=False)
     frame = ReadoutFrame(camera)
     encoded = [EncodedImage.of(image, chosen.transfer, frame) for image in images]
-    if out is not None and any(np.may_share_memory(out, np.asarray(image)) for image in images[1:]):
+    if isinstance(out, np.ndarray) and any(np.may_share_memory(out, np.asarray(image)) for image in images[1:]):
         raise InputError("out must not overlap images")
     out, upright = result_like(images[0], out, frame)
     captures = _captures(log, frame, exposures, chosen)

@@ -67,7 +67,8 @@ class Layer:
     depth: float | None = None
 
     def __post_init__(self) -> None:
-        opacity = validate.real_array("opacity", np.asarray(self.opacity, dtype=float), (None, None))
+        mask = validate.array("opacity", self.opacity)
+        opacity = validate.real_array("opacity", mask.astype(float) if mask.dtype == np.bool_ else mask, (None, None))
         if not (opacity.min(initial=1.0) >= 0 and opacity.max(initial=0.0) <= 1):
             raise InputError("opacity must lie from 0 to 1")
         velocity = validate.real_array("velocity", self.velocity, (2,))
@@ -141,6 +142,7 @@ def simulate_clip(
     exposures = exposure_list(exposures)
     for exposure in exposures:
         check_recording(log, camera, exposure, translation)
+    layers = list(validate.items("layers", layers))
     for n, layer in enumerate(layers):
         validate.instance(f"layers[{n}]", layer, Layer)
     if camera.distortion_model != "none" or not exposures:

@@ -215,7 +215,9 @@ def test_nothing_is_overwritten_without_force(run: Run, files: Files, tmp_path: 
     out.write_bytes(b"precious")
     # The photo is missing, so a refusal that names the output came before any reading.
     refused(run("deblur", tmp_path / "none.png", *files.recording, "-o", out), out, "--force")
-    refused(run("psf", "--picture", tmp_path / "none.png", *files.recording, "--bank", out), out, "--force")
+    bank = tmp_path / "o.npz"
+    bank.write_bytes(b"precious")
+    refused(run("psf", "--picture", tmp_path / "none.png", *files.recording, "--bank", bank), bank, "--force")
     folder = tmp_path / "out"
     page = ["compare", tmp_path / "none.png", *files.recording, "-o", folder, "--report"]
     (tmp_path / "r.html").write_bytes(b"precious")
@@ -294,3 +296,36 @@ def test_an_own_kernel_excludes_a_recording(run: Run, files: Files, tmp_path: Pa
     refused(run("deblur", files.photo, "--psf", files.gyro, "-o", out), files.gyro)
     np.save(kernel, np.ones((99, 99)))
     refused(run("deblur", files.photo, "--psf", kernel, "-o", out), kernel, "larger than the picture")
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (["deblur", ""], "the name is empty"),
+        (["deblur", "/", "-o", "a.png"], "this is a folder, not a photo"),
+        (["deblur", "PHOTO", "-o", ""], "the name is empty"),
+        (["deblur", "PHOTO", "--translation-axes", "imu"], "--translation-axes belongs to --translation"),
+        (["psf", "--bank", "kernels.png"], "a bank of kernels is an NPZ file"),
+        (["sync", "PHOTO", "--from", "10ms", "--to", "-10ms"], "--from 10ms must be less than --to -10ms"),
+        (["compare", "PHOTO", "--report-paths", "-o", "out"], "--report-paths is for the page of --report"),
+    ],
+)
+def test_options_that_cannot_be_meant_are_refused(
+    run: Run, files: Files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: list[str], message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = run(*[files.photo if word == "PHOTO" else word for word in command], *files.recording)
+    assert result.exit_code in (1, 2)
+    assert message in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", ["compare", "simulate"])
+def test_refused_photos_leave_no_folder(run: Run, files: Files, tmp_path: Path, command: str) -> None:
+    assert run(command, tmp_path / "none.png", *files.recording, "-o", tmp_path / "a" / "b").exit_code == 1
+    assert not (tmp_path / "a").exists()
+
+
+def test_an_iso_is_no_second_nsr(run: Run, files: Files, tmp_path: Path) -> None:
+    options = ["--quality", "fast", "--nsr", "0.1", "--nsr-from-iso", "-o", tmp_path / "o.png"]
+    refused(run("deblur", files.photo, *files.recording, *options), "--nsr and --nsr-from-iso exclude each other")

@@ -93,10 +93,12 @@ def test_the_denoiser_may_keep_its_arrays() -> None:
 
 
 @pytest.mark.parametrize(
-    "result", [np.zeros((3, 3)), np.full(SHAPE, np.nan), None, "picture"], ids=["shape", "nan", "none", "text"]
+    "result",
+    [np.zeros((3, 3)), np.full(SHAPE, np.nan), None, "picture", *(np.ones(SHAPE, kind) for kind in ("u1", "?", "c8"))],
+    ids=["shape", "nan", "none", "text", "integers", "booleans", "complex"],
 )
 def test_a_denoiser_that_returns_no_picture_is_named(result: object) -> None:
-    with pytest.raises(InputError, match="the denoiser must return a finite picture"):
+    with pytest.raises(InputError, match="the denoiser"):
         tiles().apply(np.zeros(SHAPE, np.float32), prior=PlugAndPlayPrior(lambda *_: result, 1e-4))
 
 
