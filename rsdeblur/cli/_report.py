@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from rsdeblur.choices import Mode, Transfer
     from rsdeblur.cli._inputs import Inputs
-    from rsdeblur.cli._options import Recording
+    from rsdeblur.cli._options import Recording, Track
     from rsdeblur.pipeline.options import Options
     from rsdeblur.psf import PsfBank
     from rsdeblur.report import Page
@@ -61,7 +61,13 @@ def capture_warnings() -> Iterator[list[str]]:
 
 
 def report_page(
-    compared: Compared, recording: Recording, options: Options, remarks: Sequence[str], *, with_paths: bool = False
+    compared: Compared,
+    recording: Recording,
+    options: Options,
+    remarks: Sequence[str],
+    *,
+    track: Track | None = None,
+    with_paths: bool = False,
 ) -> Page:
     """Fill the page of a comparison; it names files without their folders unless `with_paths` is set."""
     from rsdeblur.report import MotionPlot, Page, band_figures, findings
@@ -76,7 +82,7 @@ def report_page(
         motion=MotionPlot.of(log, camera, exposure),
         bands=band_figures(shown, psf, across=camera.horizontal_readout),
         modes=report["modes"],
-        settings=_settings(compared, recording, options, with_paths),
+        settings=_settings(compared, recording, options, track, with_paths),
         findings=findings(
             *(picture.pixels, log, camera, exposure),
             psf=psf,
@@ -127,7 +133,7 @@ def _without_folders(text: str, compared: Compared, recording: Recording) -> str
 
 
 def _settings(
-    compared: Compared, recording: Recording, options: Options, with_paths: bool
+    compared: Compared, recording: Recording, options: Options, track: Track | None, with_paths: bool
 ) -> dict[str, dict[str, str]]:
     from rsdeblur.config import show_config
     from rsdeblur.io.exif import Exif
@@ -164,6 +170,7 @@ def _settings(
     tables: dict[str, Mapping[str, Any]] = {
         "Picture": about_picture,
         "Recording": asdict(recording),
+        "Translation": {} if track is None or not any((track.translation, track.drift)) else asdict(track),
         "Blur and solver": asdict(options) | {"mode": ", ".join(report["modes"]), "transfer": transfer},
         "Correction by the picture": _corrections(report["refinement"]) if "refinement" in report else {},
         "Exposure": times,

@@ -95,7 +95,7 @@ def command(
     if report is not None:
         from rsdeblur.report import write_page
 
-        write_page(report, report_page(compared, recording, options, remarks, with_paths=report_paths))
+        write_page(report, report_page(compared, recording, options, remarks, track=track, with_paths=report_paths))
         compared.report["report"] = str(report)
     write_json(output / REPORT, compared.report)
     if target.as_json:

@@ -63,8 +63,8 @@ CANDIDATES, LEAST_ADJUSTED = 3, 10.0
 ADJUSTED, QUICK_STEPS, WHOLE_STEPS, MOST_STEPS = ("scale", "drift_x", "drift_y"), (0.6, 0.3), (0.3,), 2.0
 # Nats that a parameter costs, and the least gain that counts.
 NATS_PER_PARAMETER, WORST_GAIN = 3.0, -1000.0
-# Least worth (nats) of a correction that is accepted; its least fall by the quick measure or by the whole solve, where
-# the other one must not rise; and the most standard deviations of any parameter.
+# Least worth (nats) of a correction that is accepted, its least fall in the whole solve, and the most standard
+# deviations of any parameter. By the quick measure there must be a fall; its size proves less, as the largest of many.
 LEAST_WORTH, LEAST_FALL, MOST_DEVIATIONS = 30.0, 0.01, 6.0
 # Gain (nats) without which the fall does not count where the paths become shorter than this share of those recorded:
 # less deblurring leaves fewer waves.
@@ -342,8 +342,8 @@ class _Judge:
             return NOT_CLEAR
         if np.abs(place).max() > MOST_DEVIATIONS or not is_held(self._posterior.corrected(place).capture()):
             return TOO_FAR
-        falls = self.fall(place), *self._whole_falls([place])
-        return NOT_SHARPER if min(falls) < 0 or max(falls) < fall else ""
+        (whole,) = self._whole_falls([place])
+        return NOT_SHARPER if whole < fall or self.fall(place) < 0 else ""
 
     def _candidates(self, progress: Progress) -> list[FloatArray]:
         """Return the best correction of each model, the best of all first."""

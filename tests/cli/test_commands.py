@@ -225,7 +225,9 @@ def test_compare_writes_a_report(run: Run, files: Files, tmp_path: Path) -> None
     page = tmp_path / "report.html"
     # Rates as if in degrees: accepted with a warning, which the report repeats.
     files.write_gyro(files.samples() * [1, 6, 6, 6])
-    result = run("compare", files.photo, *files.recording, "--truth", files.photo, "-o", tmp_path, "--report", page)
+    drift = ["--drift", "1,-2"]
+    options = ["--truth", files.photo, "-o", tmp_path, "--report", page]
+    result = run("compare", files.photo, *files.recording, *drift, *options)
     assert result.exit_code == 0, result.stderr
     assert f"Open {page}" in result.stdout
     assert json.loads((tmp_path / "compare.json").read_text())["report"] == str(page)
@@ -238,6 +240,7 @@ def test_compare_writes_a_report(run: Run, files: Files, tmp_path: Path) -> None
     assert files.gyro.name in text
     assert str(files.gyro) not in text
     assert re.search(r"<dt>prior</dt><dd>hyper-laplacian</dd>", text)
+    assert re.search(r"<dt>drift</dt><dd>1, -2</dd>", text)
 
 
 def test_psf_draws_and_saves(run: Run, files: Files, tmp_path: Path) -> None:

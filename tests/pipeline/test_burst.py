@@ -190,21 +190,21 @@ def test_errors_of_paths_are_measured() -> None:
     assert sum(errors) == pytest.approx(known + further)
 
 
-def small_slabs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """So small a picture is solved in slabs only if they read few rows more and fixed buffers do not count."""
+def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So small a picture is solved in chunks only if they read few rows more and fixed buffers do not count."""
     monkeypatch.setattr("rsdeblur.pipeline.memory._reach", lambda *_: 24)
     monkeypatch.setattr("rsdeblur.pipeline.memory.FIXED", 0)
 
 
-def test_rowwise_is_as_good_and_slabs_give_the_same_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rowwise_is_as_good_and_chunks_give_the_same_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     truth = frames()[1][0]
     result = together(reference=0, mode="rowwise")
     whole = result.image
     assert result.result.bands == len(whole)
     assert error(whole, truth) < 1.1 * error(together(reference=0).image, truth)
-    small_slabs(monkeypatch)
-    slabs = together(reference=0, mode="rowwise", max_memory=5_000_000).image
-    assert 0 < np.abs(slabs - whole)[INNER].max() < 0.02
+    small_chunks(monkeypatch)
+    chunks = together(reference=0, mode="rowwise", max_memory=5_000_000).image
+    assert 0 < np.abs(chunks - whole)[INNER].max() < 0.02
 
 
 def test_the_default_bound_grows_instead_of_refusing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -216,14 +216,15 @@ def test_the_default_bound_grows_instead_of_refusing(monkeypatch: pytest.MonkeyP
         together(reference=0, bands=2, max_memory=1)
 
 
-def test_slabs_give_the_same_picture_and_the_check_judges_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = together(reference=0, check=True)
-    assert whole.result.check is not None
-    expected = together(reference=0, bands=2).image
-    small_slabs(monkeypatch)
-    slabs = together(reference=0, bands=2, max_memory=3_500_000).image
+def test_chunks_give_the_same_picture_and_the_check_judges_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = together(reference=0, bands=2, check=True)
+    small_chunks(monkeypatch)
+    chunks = together(reference=0, bands=2, max_memory=3_500_000, check=True)
     # Strengths are the same; tiles end elsewhere.
-    assert 0 < np.abs(slabs - expected)[INNER].max() < 0.02
+    assert 0 < np.abs(chunks.image - whole.image)[INNER].max() < 0.02
+    assert whole.result.check is not None
+    assert chunks.result.check is not None
+    assert chunks.result.check.verdict == whole.result.check.verdict
 
 
 def test_horizontal_readout_and_rectify() -> None:
