@@ -27,6 +27,7 @@ from rsdeblur.estimate.refine import (
     LEAST_WORTH,
     MOST_DEVIATIONS,
     STARTS,
+    TOO_FAR,
     adjusted,
     grey_light,
     spectra_side,
@@ -241,7 +242,7 @@ class _Frames:
         if self._worth(place) < LEAST_WORTH:
             return "the frames do not contradict the recording, or not clearly"
         if np.abs(place).max() > MOST_DEVIATIONS:
-            return "the likeliest correction is too far from the recording"
+            return TOO_FAR
         falls = self.falls(place)
         if falls.mean() < LEAST_FALL:
             return "the sharp frames do not become clearer"
