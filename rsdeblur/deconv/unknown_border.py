@@ -30,7 +30,7 @@ from rsdeblur.deconv.quadratic import TileQuadratic
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage
 
-# Conjugate gradients of a solve. docs/developer/decisions.md has what fewer and more give.
+# Conjugate gradients of a solve. docs/developer/decisions/tiles.md has what fewer and more give.
 STEPS = 2
 
 

@@ -60,7 +60,7 @@ MOST_PATH_ERROR_SHARE, MOST_OF_SPREAD = 0.25, 0.5
 # frames show how large the errors are: real motion errs by that much.
 FRAME_ERROR_SHARE = 0.03
 # Error of resampling the frames of a burst, px: of their alignment and, where pictures are as sharp as their pixels, of
-# interpolation. Only their shares depend on it. Chosen on eight bursts (docs/developer/decisions.md).
+# interpolation. Only their shares depend on it. Chosen on eight bursts (docs/developer/decisions/several.md).
 RESAMPLING_ERROR = 0.25
 # Weight of total variation where that of the gradient prior is 1 and E is 1; and that of a penalty on first and second
 # derivatives, times the root of its exponent.
