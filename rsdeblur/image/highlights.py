@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import reduce
 from math import ceil
 from typing import Any, NamedTuple
 
@@ -144,25 +145,6 @@ def at_full_scale(values: NDArray[Any]) -> Mask:
     return full
 
 
-def clipped(values: NDArray[Any]) -> Mask:
-    """Return which values are clipped: those at full scale, and those next to them that are nearly so.
-
-    Parameters
-    ----------
-    values : ndarray, shape (H, W, C), uint8, uint16 or float
-        Encoded values without alpha.
-    """
-    full = at_full_scale(values)
-    if not full.any():
-        return full
-    # Integers are compared with an integer: no float copy of the picture is made.
-    near: Mask = values >= (ceil(NEAR * _full_scale(values)) if values.dtype.kind == "u" else NEAR)
-    spots, count = ndimage.label(_any(near), TOUCHING)
-    has_full = np.zeros(count + 1, dtype=np.bool_)
-    has_full[spots[_any(full)]] = True
-    return near & has_full[spots][..., None]
-
-
 def _full_scale(values: NDArray[Any]) -> float:
     return np.iinfo(values.dtype).max if values.dtype.kind == "u" else 1.0
 
@@ -177,7 +159,7 @@ def find_spots(encoded: EncodedImage) -> list[Spot]:
     if values.dtype.kind != "u" and values.max() > 1:
         return []
     rows = max(1, LOOKED_AT // width)
-    return [spot for top in range(0, height, rows) for spot in _spots(clipped(values[top : top + rows]), top)]
+    return [spot for top in range(0, height, rows) for spot in _spots(values[top : top + rows], top)]
 
 
 def small_spots(spots: list[Spot], bank: PsfBank) -> list[Spot]:
@@ -299,13 +281,20 @@ class _Box:
         return TileBlur(bank, (*self.shape, self.encoded.shape[2]), threads=threads)
 
 
-def _spots(lost: Mask, top: int) -> Iterator[Spot]:
-    if not lost.any():
+def _spots(values: NDArray[Any], top: int) -> Iterator[Spot]:
+    """Yield the spots of some rows: connected values that are at full scale, or nearly so beside one that is."""
+    full = at_full_scale(values)
+    if not full.any():
         return
-    numbers, _ = ndimage.label(_any(lost), TOUCHING)
+    # Integers are compared with an integer: no float copy of the picture is made.
+    near: Mask = values >= (ceil(NEAR * _full_scale(values)) if values.dtype.kind == "u" else NEAR)
+    numbers, count = ndimage.label(_any(near), TOUCHING)
+    has_full = np.zeros(count + 1, dtype=np.bool_)
+    has_full[numbers[_any(full)]] = True
     for number, (rows, cols) in enumerate(ndimage.find_objects(numbers), 1):
-        own = lost[rows, cols] & (numbers[rows, cols] == number)[..., None]
-        yield Spot(_from(-top, rows), cols, own)
+        if has_full[number]:
+            own = near[rows, cols] & (numbers[rows, cols] == number)[..., None]
+            yield Spot(_from(-top, rows), cols, own)
 
 
 def _boxes(encoded: EncodedImage, spots: list[Spot], bank: PsfBank) -> Iterator[_Box]:
@@ -396,8 +385,7 @@ def _around(light: FloatImage, lost: Mask) -> FloatImage:
 
 def _any(mask: Mask) -> Mask:
     """Return where `mask` holds in any channel; ten times as fast as `numpy.any` along the last axis."""
-    any_channel: Mask = np.logical_or.reduce([mask[..., c] for c in range(mask.shape[2])])
-    return any_channel
+    return reduce(np.logical_or, np.moveaxis(mask, -1, 0))
 
 
 def _from(start: int, span: slice) -> slice:

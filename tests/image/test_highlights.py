@@ -19,7 +19,6 @@ from rsdeblur.image.highlights import (
     Spot,
     are_lights,
     at_full_scale,
-    clipped,
     find_spots,
     separate_highlights,
     small_spots,
@@ -122,19 +121,19 @@ def test_readout_along_x_is_the_same_turned(night: Simulation, log: GyroLog) -> 
     assert np.abs(np.subtract(*places)).max() <= 2
 
 
-def test_clipped_is_full_scale_and_what_touches_it() -> None:
+def test_spots_are_at_full_scale_with_what_touches_it() -> None:
     values = np.zeros((6, 6, 1), dtype=np.uint8)
     values[1, 1:4, 0] = 255, 251, 249
     values[5, 5, 0] = 252
-    mask = clipped(values)
-    assert np.argwhere(mask[..., 0]).tolist() == [[1, 1], [1, 2]]
     as_float = values.astype(np.float32) / np.float32(255)
-    np.testing.assert_array_equal(clipped(as_float), mask)
-    np.testing.assert_array_equal(clipped(values.astype(np.uint16) * 257), mask)
+    for stored in (values, as_float, values.astype(np.uint16) * 257):
+        (spot,) = find_spots(EncodedImage(stored, "linear"))
+        assert (spot.rows, spot.cols) == (slice(1, 2), slice(1, 3))
+        assert spot.lost[..., 0].tolist() == [[True, True]]
     assert np.argwhere(at_full_scale(values)).tolist() == [[1, 1, 0]]
     # A float picture that exceeds 1 was not clipped there.
     as_float[0, 0] = 1.5
-    assert not clipped(as_float).any()
+    assert not find_spots(EncodedImage(as_float, "linear"))
     assert not at_full_scale(as_float).any()
 
 
