@@ -55,8 +55,9 @@ MODELS = (
     (PARAMETERS, 0),
 )
 WIDEST, COMPARED, LEAST_START, STARTS = 3.0, 0.5, -20.0, 2
-# Models whose best corrections are adjusted, if they are worth so many nats, and confirmed.
-CANDIDATES, LEAST_ADJUSTED = 3, 10.0
+# Number of candidates that are adjusted, if they are worth so many nats, and confirmed. Each model has up to two: its
+# best correction, and the best with its numbers alone, which another correction cannot have led astray.
+CANDIDATES, LEAST_ADJUSTED = 5, 10.0
 # Parameters that the quick measure of the sharp picture adjusts if they are corrected, and the steps along each, in
 # standard deviations. At last the whole solve adjusts the others: it finds them more exactly, but on real photos, where
 # the scene has several depths, it leads to drifts that are too long. A parabola leads at most so many steps away.
@@ -346,7 +347,7 @@ class _Judge:
         return NOT_SHARPER if whole < fall or self.fall(place) < 0 else ""
 
     def _candidates(self, progress: Progress) -> list[FloatArray]:
-        """Return the best correction of each model, the best of all first."""
+        """Return the best correction of each model, and the best with its numbers alone; the best of all first."""
         best, worth = self._nothing, 0.0
         found = {best.tobytes(): (worth, best)}
         for n, (names, count) in enumerate(MODELS):
@@ -360,7 +361,10 @@ class _Judge:
             places = share_map(partial(self._posterior.descend, free=model), starts, self._threads)
             worths = np.array(self._worths(places)) - [_cost(place) for place in places]
             most = int(worths.argmax())
-            found[places[most].tobytes()] = float(worths[most]), places[most]
+            others = [name not in model for name in PARAMETERS]
+            alone = [at for at, place in enumerate(places) if not place[others].any()]
+            for at in {most, max(alone, key=worths.__getitem__, default=most)}:
+                found[places[at].tobytes()] = float(worths[at]), places[at]
             if worths[most] > worth:
                 worth, best = float(worths[most]), places[most]
         return [place for _, place in sorted(found.values(), key=lambda pair: -pair[0])]
