@@ -2,8 +2,9 @@
 
 The residual of a point is the sum of its own error and of four errors of its pair: a shift along x and y, a zoom and a
 roll. The latter come from the camera's translation past things at one depth and from the gyro's noise, and are the same
-for all points of a pair; a fit without them would believe in far too small deviations. Their variances are estimated
-from the residuals.
+for all points of a pair; a fit without them would believe in far too small deviations. Translation changes slowly, so
+neighbouring pairs have nearly the same shared errors: each of the four is an autoregressive process of first order.
+Shake that is faster than it then counts more. Variances and correlations are estimated from the residuals.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import least_squares
 
 from rsdeblur.estimate.clip_motion import STEPS, ClipModel, Parameters
@@ -32,7 +34,11 @@ MAD = 1.4826
 # Windows on one thing err alike in all frames that show it, and so do neighbouring windows. Over 24 simulated clips,
 # errors of the parameters were 1.5 to 2.2 times the deviations of a fit that takes them as independent.
 TEXTURE = 2.0
-# Pairs whose errors may be correlated: a hand's translation changes within about 0.1 s.
+# Largest correlation of the shared errors of neighbouring pairs.
+MOST_CORRELATION = 0.99
+# Pairs are neighbours if their distance is no more than this many typical ones.
+NEIGHBOURS = 1.5
+# Pairs whose errors may still be correlated, about 0.1 s.
 LAG = 4
 
 
@@ -66,26 +72,55 @@ class ClipFit:
         return float(np.sqrt(weights @ self.covariance @ weights))
 
 
-class _Errors:
-    """Weights of the points and shared errors of the pairs, estimated from residuals."""
+class PairErrors:
+    """Weights of the points and shared errors of the pairs, estimated from residuals.
+
+    Parameters
+    ----------
+    model : ClipModel
+        The matches.
+    residuals : ndarray, shape (n, 2)
+        Predicted minus measured positions, px.
+    keep : ndarray of bool, shape (pairs,)
+        Pairs that may be used.
+
+    Attributes
+    ----------
+    noise, weights : float and ndarray, shape (n,)
+        Standard deviation of a point, px, and its weight: the variance of a point is noise^2 / weight.
+    modes : ndarray, shape (n, 2, 4)
+        Displacements of all points by a unit of each error that a pair shares.
+    spread, correlation : ndarray, shapes (4,) and (pairs, 4)
+        Variances of the shared errors, and their correlations with those of the pair before; 0 for the first.
+    used : ndarray of bool, shape (pairs,)
+        Pairs that were not left out.
+    pairs : ndarray, shape (2 n + 4 pairs,)
+        Pair of each row of whitened values.
+    """
 
     def __init__(self, model: ClipModel, residuals: FloatArray, keep: NDArray[np.bool_]) -> None:
-        self._starts, self._modes = model.matches.starts, _modes(model)
+        self._starts, self.modes = model.matches.starts, _modes(model)
         own = residuals.copy()
         for _ in range(3):
             self.weights = self._weights(own)
             shared, variances = self._shared(residuals)
-            own = residuals - np.einsum("nim,nm->ni", self._modes, shared[model.matches.pair])
+            own = residuals - np.einsum("nim,nm->ni", self.modes, shared[model.matches.pair])
         typical = np.median(shared[keep] ** 2, axis=0) * MAD**2
         self.used = keep & (shared**2 < OUTLYING**2 * (typical + variances)).all(axis=1)
         self.weights *= self.used[model.matches.pair]
-        spread = np.maximum(typical - np.median(variances[keep], axis=0), 0.0)
-        self._factors = [self._factor(slice(*ends), np.sqrt(spread)) for ends in pairwise(self._starts)]
+        self.spread = np.maximum(typical - np.median(variances[keep], axis=0), 0.0)
+        self.correlation = _correlations(model.matches.opens[:, 0], shared, variances, self.used)
+        # Displacements of the weighted points, in their standard deviations, by one standard deviation of each error.
+        scale = np.sqrt(self.weights)[:, None, None] / self.noise * np.sqrt(self.spread)
+        self._scaled = (self.modes * scale).reshape(-1, 4)
+        self._precision = cholesky_banded(self._bands(), lower=True)
+        pairs = np.arange(len(self._starts) - 1)
+        self.pairs = np.concatenate([np.repeat(model.matches.pair, 2), np.repeat(pairs, 4)])
 
     def _weights(self, own: FloatArray) -> FloatArray:
         distance = np.linalg.norm(own, axis=1)
-        self._noise = max(MAD * float(np.median(np.abs(own))), LEAST_NOISE)
-        weights: FloatArray = 1.0 / (1.0 + (distance / (CAUCHY * self._noise)) ** 2)
+        self.noise = max(MAD * float(np.median(np.abs(own))), LEAST_NOISE)
+        weights: FloatArray = 1.0 / (1.0 + (distance / (CAUCHY * self.noise)) ** 2)
         return weights
 
     def _shared(self, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -93,26 +128,61 @@ class _Errors:
         shared, variances = np.zeros((2, len(self._starts) - 1, 4))
         for k, ends in enumerate(pairwise(self._starts)):
             part = slice(*ends)
-            modes, weights = self._modes[part], self.weights[part]
+            modes, weights = self.modes[part], self.weights[part]
             normal = np.einsum("nim,n,nik->mk", modes, weights, modes) + 1e-9 * np.eye(4)
             inverse = np.linalg.inv(normal)
             shared[k] = inverse @ np.einsum("nim,n,ni->m", modes, weights, residuals[part])
-            variances[k] = self._noise**2 * np.diag(inverse)
+            variances[k] = self.noise**2 * np.diag(inverse)
         return shared, variances
 
-    def _factor(self, part: slice, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return U and g for which `r - U g U'r` makes the errors of a pair independent, of variance 1."""
-        scaled = self._modes[part] * np.sqrt(self.weights[part])[:, None, None] / self._noise * spread
-        u, size, _ = np.linalg.svd(scaled.reshape(-1, 4), full_matrices=False)
-        return u, 1.0 - 1.0 / np.sqrt(1.0 + size**2)
+    def _bands(self) -> FloatArray:
+        """Return the precision of all shared errors given the points, in the lower form of `cholesky_banded`."""
+        news = 1.0 - self.correlation**2
+        bands = np.zeros((5, *news.shape))
+        for k, part in enumerate(self._parts()):
+            gram = self._scaled[part].T @ self._scaled[part]
+            for below in range(4):
+                bands[below, k, : 4 - below] = np.diagonal(gram, -below)
+        bands[0] += 1.0 / news
+        bands[0, :-1] += 1.0 / news[1:] - 1.0
+        bands[4, :-1] = -(self.correlation / news)[1:]
+        return bands.reshape(5, -1)
+
+    def _parts(self) -> list[slice]:
+        """Return the rows of each pair's points."""
+        return [slice(*ends) for ends in pairwise(2 * self._starts)]
 
     def whiten(self, values: FloatArray) -> FloatArray:
-        """Return values, shape (n, 2, ...), whose errors are independent and of variance 1, shape (2 n, ...)."""
-        weight = (np.sqrt(self.weights) / self._noise).reshape(-1, *[1] * (values.ndim - 1))
-        white = (values * weight).reshape(2 * len(values), *values.shape[2:])
-        for (u, g), first, stop in zip(self._factors, 2 * self._starts, 2 * self._starts[1:], strict=False):
-            white[first:stop] -= u @ (g * (u.T @ white[first:stop]).T).T
-        return white
+        """Return values, shape (n, 2, ...), whose errors are independent and of variance 1, shape (2 n + 4 pairs, ...).
+
+        The likeliest shared errors are taken off the points; what is new in each of them is appended.
+        """
+        weight = (np.sqrt(self.weights) / self.noise).reshape(-1, *[1] * (values.ndim - 1))
+        white = (values * weight).reshape(2 * len(values), -1)
+        pulls = np.stack([self._scaled[part].T @ white[part] for part in self._parts()])
+        solved = cho_solve_banded((self._precision, True), pulls.reshape(-1, white.shape[1]))
+        shared = solved.reshape(pulls.shape)
+        white = white - np.einsum("nm,nmk->nk", self._scaled, shared[self.pairs[: len(white)]])
+        kept = self.correlation[..., None]
+        new = (shared - kept * np.roll(shared, 1, axis=0)) / np.sqrt(1.0 - kept**2)
+        return np.concatenate([white, new.reshape(-1, white.shape[1])]).reshape(-1, *values.shape[2:])
+
+
+def _correlations(times: FloatArray, shared: FloatArray, variances: FloatArray, used: NDArray[np.bool_]) -> FloatArray:
+    """Return the correlations of the shared errors of each pair with those of the pair before it, shape (pairs, 4).
+
+    They are estimated from neighbours, and fall exponentially with the time between pairs.
+    """
+    correlations = np.zeros_like(shared)
+    if len(times) > 1:
+        steps = np.diff(times) / np.median(np.diff(times))
+        counted = used[1:] & used[:-1] & (steps < NEIGHBOURS)
+        products = (shared[1:] * shared[:-1])[counted].sum(axis=0)
+        power = shared**2 - variances
+        power = 0.5 * (power[1:] + power[:-1])[counted].sum(axis=0)
+        ratio = np.divide(products, power, out=np.zeros(4), where=power > 0)
+        correlations[1:] = ratio.clip(0.0, MOST_CORRELATION) ** steps[:, None]
+    return correlations
 
 
 def _modes(model: ClipModel) -> FloatArray:
@@ -152,36 +222,35 @@ def fit_clip(
     def at(x: FloatArray) -> Parameters:
         return start._replace(**dict(zip(free, (x * units).tolist(), strict=True)))
 
-    def whitened(x: FloatArray, errors: _Errors) -> FloatArray:
+    def whitened(x: FloatArray, errors: PairErrors) -> FloatArray:
         return errors.whiten(model.residuals(at(x)))
 
-    def slopes(x: FloatArray, errors: _Errors) -> FloatArray:
+    def slopes(x: FloatArray, errors: PairErrors) -> FloatArray:
         return errors.whiten(model.jacobian(at(x), free))
 
     x = np.array([getattr(start, name) for name in free]) / units
     for _ in range(rounds):
-        errors = _Errors(model, model.residuals(at(x)), keep)
+        errors = PairErrors(model, model.residuals(at(x)), keep)
         x = least_squares(whitened, x, slopes, method="lm", max_nfev=EVALUATIONS, args=(errors,)).x
-    covariance = _covariance(slopes(x, errors), whitened(x, errors), 2 * model.matches.starts) * np.outer(units, units)
+    covariance = _covariance(slopes(x, errors), whitened(x, errors), errors.pairs) * np.outer(units, units)
     return ClipFit(at(x), free, covariance, model.residuals(at(x)), errors.used)
 
 
-def _covariance(jacobian: FloatArray, residuals: FloatArray, starts: NDArray[np.intp]) -> FloatArray:
+def _covariance(jacobian: FloatArray, residuals: FloatArray, pairs: NDArray[np.intp]) -> FloatArray:
     """Return the covariance times `TEXTURE` squared, of errors that are correlated over `LAG` pairs or independent.
 
-    The larger of both counts.
-
-    The former is the sandwich estimator of Newey and West (1987), whose sums over each pair are correlated with those
-    of its neighbours.
+    The larger of both counts. The former is the sandwich estimator of Newey and West (1987), whose sums over each pair
+    are correlated with those of its neighbours. `pairs` holds the pair of each row.
     """
     inverse = np.linalg.pinv(jacobian.T @ jacobian)
-    sums = np.stack([jacobian[a:b].T @ residuals[a:b] for a, b in pairwise(starts)])
+    sums = np.zeros((pairs[-1] + 1, jacobian.shape[1]))
+    np.add.at(sums, pairs, jacobian * residuals[:, None])
     middle = sums.T @ sums
     for lag in range(1, min(LAG, len(sums) - 1) + 1):
         product = sums[lag:].T @ sums[:-lag]
         middle += (1.0 - lag / (LAG + 1)) * (product + product.T)
-    pairs, unknowns = sums.shape
-    sandwich = inverse @ middle @ inverse * pairs / max(pairs - unknowns, 1)
+    count, unknowns = sums.shape
+    sandwich = inverse @ middle @ inverse * count / max(count - unknowns, 1)
     growth = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(inverse), 1.0))
     covariance: FloatArray = TEXTURE**2 * inverse * np.outer(growth, growth)
     return covariance

@@ -9,7 +9,7 @@ import pytest
 
 from rsdeblur import Camera, GyroLog, hand_shake
 from rsdeblur.estimate.calibrate import calibrate_matches
-from rsdeblur.estimate.clip_fit import fit_clip
+from rsdeblur.estimate.clip_fit import PairErrors, fit_clip
 from rsdeblur.estimate.clip_matches import ClipMatches
 from rsdeblur.estimate.clip_motion import ClipModel, MeanOrientation, Parameters
 from rsdeblur.motion.axes import imu_to_camera
@@ -52,6 +52,33 @@ def test_deviations_are_those_of_the_errors(shake):
         scores += [(getattr(fit.parameters, name) - getattr(TRUTH, name)) / fit.sd(**{name: 1.0}) for name in FREE]
     # 48 scores: their rms is known to 10 %; correlated parameters allow twice that and more.
     assert 0.25 < np.sqrt(np.mean(np.square(scores))) < 0.8
+
+
+def test_whitened_errors_are_independent():
+    """Whitening W of all errors has W'W = R^-1, for the covariance R of points and of slow errors of the pairs."""
+    log = hand_shake(4.0, strength=0.3, seed=1)
+    # Two runs, 1.4 s apart: the errors of the second hardly depend on those of the first.
+    starts = np.concatenate([0.3 + np.arange(20) / 30, 2.3 + np.arange(10) / 30])
+    matches = matched(starts, log, noise=0.05)
+    model = ClipModel(matches, CAMERA, MeanOrientation(log.t, log.omega), MOUNTING)
+    slow = np.cumsum(np.random.default_rng(3).normal(0.0, 0.3, (len(starts), 2)), axis=0)
+    errors = PairErrors(model, model.residuals(TRUTH) + slow[matches.pair], np.ones(len(starts), bool))
+    assert errors.correlation[1:20, :2].min() > 0.5
+    assert errors.correlation[20].max() < 0.1 * errors.correlation[1].max()
+    pairs, values = len(starts), 2 * len(matches.pair)
+    # Error m of pair k is that of the pair before times the correlation, and something new: u = C u + new.
+    chain = np.zeros((pairs, 4, pairs, 4))
+    for k in range(1, pairs):
+        chain[k, range(4), k - 1, range(4)] = errors.correlation[k]
+    solved = np.linalg.inv(np.eye(4 * pairs) - chain.reshape(4 * pairs, 4 * pairs))
+    shared = solved @ np.diag(1 - errors.correlation.ravel() ** 2) @ solved.T
+    modes = np.zeros((values, pairs, 4))
+    modes[np.arange(values), errors.pairs[:values]] = (errors.modes * np.sqrt(errors.spread)).reshape(values, 4)
+    moved = modes.reshape(values, -1)
+    covariance = np.diag(np.repeat(errors.noise**2 / errors.weights, 2)) + moved @ shared @ moved.T
+    white = errors.whiten(np.eye(values).reshape(-1, 2, values))
+    # Rounding of values up to 400 in two inverses. Measured: 2e-11.
+    np.testing.assert_allclose(white.T @ white, np.linalg.inv(covariance), atol=1e-8)
 
 
 def test_a_minute_shows_the_drift_of_the_clock():
