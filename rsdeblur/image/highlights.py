@@ -21,14 +21,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import partial, reduce
 from math import ceil
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from rsdeblur._util.threads import share_map, thread_count
 from rsdeblur.deconv.wiener import TileBlur
 from rsdeblur.errors import InputError
 from rsdeblur.image.encoded import EncodedImage
@@ -36,6 +37,7 @@ from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage
 
 Mask = NDArray[np.bool_]
+Result = TypeVar("Result")
 
 # Pixels that share an edge or a corner.
 TOUCHING = np.ones((3, 3), dtype=np.bool_)
@@ -218,15 +220,29 @@ def separate_highlights(
     """
     near = list(_boxes(encoded, spots, bank))
     _check_memory(near, max_memory)
-    trails = [spot for box in near for spot in _trails(box, threads)]
+    together = 1 if max_memory is not None else thread_count(threads)
+    trails = [spot for each in _of_each(_trails, near, threads, together) for spot in each]
     boxes = list(_boxes(encoded, trails, bank))
     _check_memory(boxes, max_memory)
-    patches: list[Patch] = []
-    for n, box in enumerate(boxes):
-        patches.append(_patch(box, threads))
+    return HighlightSplit(encoded, tuple(_of_each(_patch, boxes, threads, together, progress)))
+
+
+def _of_each(
+    function: Callable[..., Result],
+    boxes: list[_Box],
+    threads: int | None,
+    together: int,
+    progress: Callable[[float], None] | None = None,
+) -> list[Result]:
+    """Return what `function` returns for each box. Threads share some boxes at a time, and the work in each of them."""
+    results: list[Result] = []
+    while len(results) < len(boxes):
+        some = boxes[len(results) :][:together]
+        within = max(1, thread_count(threads) // len(some))
+        results += share_map(partial(function, threads=within), some, threads)
         if progress is not None:
-            progress((n + 1) / len(boxes))
-    return HighlightSplit(encoded, tuple(patches))
+            progress(len(results) / len(boxes))
+    return results
 
 
 def filled(light: FloatImage, spoiled: Mask) -> FloatImage:
@@ -274,7 +290,7 @@ class _Box:
             numbers[rows, cols][spot.lost.any(axis=2)] = number
         return lost, numbers
 
-    def blur(self, threads: int | None) -> TileBlur:
+    def blur(self, threads: int) -> TileBlur:
         """Return the planned blur in the box, with kernels on pixels, which unlike paths are never negative."""
         bank = self.bank.cut(self.rows, self.cols)
         bank = PsfBank(bank.kernels, bank.rows - self.rows.start, bank.cols - self.cols.start)
@@ -339,7 +355,7 @@ def _check_memory(boxes: list[_Box], max_memory: int | None) -> None:
         )
 
 
-def _trails(box: _Box, threads: int | None) -> list[Spot]:
+def _trails(box: _Box, threads: int) -> list[Spot]:
     """Return the spots that may be trails of highlights."""
     lost, numbers = box.lost()
     each = np.arange(1, len(box.spots) + 1)
@@ -350,7 +366,7 @@ def _trails(box: _Box, threads: int | None) -> list[Spot]:
     return [spot for spot, keep in zip(box.spots, kept, strict=True) if keep]
 
 
-def _patch(box: _Box, threads: int | None) -> Patch:
+def _patch(box: _Box, threads: int) -> Patch:
     """Separate a box by accelerated Richardson-Lucy iteration."""
     light, (lost, _), blur = box.linear, box.lost(), box.blur(threads)
     # The same places for all channels; otherwise highlights would have coloured fringes.
