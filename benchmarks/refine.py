@@ -71,7 +71,7 @@ translations that the recording lacks: one side of the picture moves by 2.4 to 4
 with a soft border between them; the true recording has the map of depths.
 
 The constants of `refine` do not come from these captures, but the table was looked at while they were chosen. With
-`--seed 5151`, on which no constant was chosen, no right recording of 30 is corrected, and 94 % (offset), 77 %
+`--seed 5151`, of which one failure was looked at, no right recording of 30 is corrected, and 94 % (offset), 77 %
 (readout), 38 % (scale), 91 % (drift), 80 % (all) and 32 % (depths) are recovered, of 15 captures each. One capture of
 two depths loses 0.34 dB, no other loses any.
 
