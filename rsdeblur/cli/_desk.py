@@ -36,6 +36,7 @@ from rsdeblur.cli._items import WRITABLE
 from rsdeblur.cli._options import PhotoChanges, Recording, Track
 from rsdeblur.cli._output import FAILURES, reason
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
+from rsdeblur.cli._types import PATH
 from rsdeblur.errors import CoverageError, InputError, RsdeblurError, RsdeblurWarning
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ class Request(NamedTuple):
 
 
 @click.command("deblur", add_help_option=False)
-@click.argument("photo", type=_options.PATH)
+@click.argument("photo", type=PATH)
 @_options.recording_options()
 @_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE)
 @_options.track_options
@@ -367,15 +368,16 @@ def _read(request: Request) -> Inputs:
     with naming(request.photo):
         check_size(picture.pixels.shape, camera)
     if request.recording.start == "exif":
-        return _timed(request.photo, file_state(request.photo), request.recording)
+        files = request.photo, request.recording.gyro, request.recording.camera
+        return _timed(request.photo, tuple(map(file_state, files)), request.recording)
     return Inputs(picture, log, camera, exposure)
 
 
 @lru_cache(maxsize=2)
-def _timed(photo: Path, state: tuple[int, ...] | None, recording: Recording) -> Inputs:
+def _timed(photo: Path, states: tuple[tuple[int, ...] | None, ...], recording: Recording) -> Inputs:
     """Return the inputs of a photo whose time is that of its EXIF block; kept, because the search takes seconds."""
     log, camera, exposure = read_recording(recording, photo)
-    return with_offset(Inputs(_picture(photo, state), log, camera, exposure), photo)
+    return with_offset(Inputs(_picture(photo, states[0]), log, camera, exposure), photo)
 
 
 @lru_cache(maxsize=1)

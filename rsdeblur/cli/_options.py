@@ -13,9 +13,7 @@ import click
 from rsdeblur import choices
 from rsdeblur.cli._output import refuse_inputs
 from rsdeblur.cli._types import (
-    PATH as PATH,
-)
-from rsdeblur.cli._types import (
+    PATH,
     AutoType,
     Bias,
     BiasType,

@@ -15,6 +15,7 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import say
+from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ Examples:
 
 
 @click.command("app", cls=Command, epilog=EXAMPLES)
-@click.argument("photos", metavar="[PHOTO]...", nargs=-1, type=_options.PATH)
+@click.argument("photos", metavar="[PHOTO]...", nargs=-1, type=PATH)
 @_options.recording_options(required=False)
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page.  [default: a free one]")
 @click.option("--no-browser", is_flag=True, help="Print the address, and open no browser.")

@@ -34,6 +34,7 @@ from rsdeblur.cli._output import (
     write_json,
 )
 from rsdeblur.cli._photo import PhotoJob, deblur_photo, with_lights
+from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ Examples:
 
 
 @click.command("batch", cls=Command, help=HELP, epilog=EXAMPLES)
-@click.argument("source", type=_options.PATH, metavar="MANIFEST|FOLDER")
+@click.argument("source", type=PATH, metavar="MANIFEST|FOLDER")
 @_options.defaults_options
 @numbered_from_option
 @_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
@@ -80,7 +81,7 @@ Examples:
     force=click.option("--force", is_flag=True, help="Deblur finished photos again, and replace files that exist."),
     dry_run=True,
 )
-@click.option("--report", type=_options.PATH, metavar="HTML", help="Also write a page of thumbnails with the verdicts.")
+@click.option("--report", type=PATH, metavar="HTML", help="Also write a page of thumbnails with the verdicts.")
 def command(
     source: Path,
     defaults: Defaults,

@@ -40,6 +40,7 @@ from rsdeblur.cli._output import (
 from rsdeblur.cli._photo import facts_of
 from rsdeblur.cli._refinement import correction_text, refinement_facts
 from rsdeblur.cli._report import Compared, capture_warnings, report_page
+from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
@@ -84,8 +85,8 @@ class FramesType(click.ParamType[list[int]]):
 
 
 @click.command("burst", cls=Command, epilog=EXAMPLES)
-@click.argument("photos", type=_options.PATH, nargs=-1, metavar="[PHOTO|FOLDER]...")
-@click.option("--from", "clip", type=_options.PATH, metavar="VIDEO", help="Take the frames from a video.")
+@click.argument("photos", type=PATH, nargs=-1, metavar="[PHOTO|FOLDER]...")
+@click.option("--from", "clip", type=PATH, metavar="VIDEO", help="Take the frames from a video.")
 @click.option(
     "--frames",
     type=FramesType(),
@@ -98,8 +99,8 @@ class FramesType(click.ParamType[list[int]]):
     metavar="N",
     help="Number of the frame whose pose the result has, one of --frames.  [default: the best]",
 )
-@click.option("--weights", type=_options.PATH, metavar="PNG", help="Write the weights of the frames, side by side.")
-@click.option("--report", type=_options.PATH, metavar="HTML", help="Also write a page that shows result and weights.")
+@click.option("--weights", type=PATH, metavar="PNG", help="Write the weights of the frames, side by side.")
+@click.option("--report", type=PATH, metavar="HTML", help="Also write a page that shows result and weights.")
 @_options.clip_options(required=False)
 @numbered_from_option
 @click.option(

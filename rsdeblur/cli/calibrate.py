@@ -16,7 +16,7 @@ from rsdeblur.cli._inputs import clip_exposures, naming, read_log, read_recordin
 from rsdeblur.cli._items import numbered_from_option, read_items
 from rsdeblur.cli._options import Defaults, Moments, Target
 from rsdeblur.cli._output import print_json, print_table, progress, say
-from rsdeblur.cli._types import SecondsType
+from rsdeblur.cli._types import PATH, SecondsType
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -65,9 +65,9 @@ class Photos(NamedTuple):
 
 
 @click.command("calibrate", cls=Command, epilog=EXAMPLES)
-@click.argument("sources", type=_options.PATH, metavar="CLIP|PHOTO...|MANIFEST", nargs=-1, required=True)
+@click.argument("sources", type=PATH, metavar="CLIP|PHOTO...|MANIFEST", nargs=-1, required=True)
 @_options.calibration_options
-@click.option("--camera", "camera_file", type=_options.PATH, metavar="FILE", help="Camera file with start values.")
+@click.option("--camera", "camera_file", type=PATH, metavar="FILE", help="Camera file with start values.")
 @_options.gathered(
     "numbering",
     Numbering,

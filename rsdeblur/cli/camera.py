@@ -15,7 +15,7 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._options import Target
 from rsdeblur.cli._output import print_json, say
-from rsdeblur.cli._types import SecondsType, SizeType
+from rsdeblur.cli._types import PATH, SecondsType, SizeType
 
 if TYPE_CHECKING:
     from rsdeblur.choices import Auto, Transfer
@@ -150,7 +150,7 @@ def command() -> None:
 
 
 @command.command("show", cls=Command)
-@click.argument("file", type=_options.PATH)
+@click.argument("file", type=PATH)
 @click.option("--name", metavar="CAMERA", help="Name of the camera, if the file has several.")
 @_options.json_option
 def show(file: Path, name: str | None, as_json: bool) -> None:
@@ -195,7 +195,7 @@ def new(
 
 
 @command.command("import", cls=Command)
-@click.argument("source", type=_options.PATH)
+@click.argument("source", type=PATH)
 @click.option("--format", metavar="NAME", help="Format of the file.  [default: recognised by its content]")
 @click.option("--name", metavar="CAMERA", help="Name of the camera, if the file has several: cam1.")
 @click.option("--size", type=SizeType(), help="Size of your pictures, if it is not that of the file.")
@@ -262,7 +262,7 @@ def import_(
 
 
 @command.command("measure-readout", cls=Command)
-@click.argument("photos", type=_options.PATH, metavar="PHOTO...", nargs=-1, required=True)
+@click.argument("photos", type=PATH, metavar="PHOTO...", nargs=-1, required=True)
 @click.option("--mains", type=click.FloatRange(40, 70), default=50.0, show_default=True, help="Mains frequency in Hz.")
 @click.option("--horizontal", is_flag=True, help="The readout runs along x, as in upright phone photos stored upright.")
 @_options.transfer_option

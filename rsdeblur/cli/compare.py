@@ -27,6 +27,7 @@ from rsdeblur.cli._output import (
 )
 from rsdeblur.cli._refinement import refinement_facts
 from rsdeblur.cli._report import Compared, capture_warnings, report_page
+from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
@@ -51,18 +52,16 @@ Examples:
 
 
 @click.command("compare", cls=Command, epilog=EXAMPLES)
-@click.argument("photo", type=_options.PATH)
+@click.argument("photo", type=PATH)
 @_options.recording_options()
 @click.option(
     "--mode", "modes", type=click.Choice(MODES), multiple=True, help="Mode to compare; repeat it.  [default: all]"
 )
 @_options.solve_options(*_options.ONE_PHOTO[1:], "refine", "max_memory")
 @_options.track_options
-@click.option("--truth", type=_options.PATH, metavar="FILE", help="Sharp picture, to measure PSNR and SSIM.")
+@click.option("--truth", type=PATH, metavar="FILE", help="Sharp picture, to measure PSNR and SSIM.")
 @_options.target_options("DIR", "Folder to write to.")
-@click.option(
-    "--report", type=_options.PATH, metavar="HTML", help="Also write a page that shows the results in a browser."
-)
+@click.option("--report", type=PATH, metavar="HTML", help="Also write a page that shows the results in a browser.")
 @click.option("--report-paths", is_flag=True, help="Name the files on that page with their folders.")
 def command(
     photo: Path,

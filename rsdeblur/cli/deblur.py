@@ -26,6 +26,7 @@ from rsdeblur.cli._output import (
     say_aside,
 )
 from rsdeblur.cli._photo import PhotoJob, deblur_photo, with_lights
+from rsdeblur.cli._types import PATH
 from rsdeblur.errors import OutputError
 
 if TYPE_CHECKING:
@@ -42,8 +43,8 @@ Examples:
 
 
 @click.command("deblur", cls=Command, epilog=EXAMPLES)
-@click.argument("photos", type=_options.PATH, metavar="PHOTO...", nargs=-1, required=True)
-@click.option("--psf", type=_options.PATH, metavar="KERNEL", help="The blur as a kernel (picture, .npy) or PSF bank.")
+@click.argument("photos", type=PATH, metavar="PHOTO...", nargs=-1, required=True)
+@click.option("--psf", type=PATH, metavar="KERNEL", help="The blur as a kernel (picture, .npy) or PSF bank.")
 @_options.recording_options(required=False)
 @_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
 @_refinement.option

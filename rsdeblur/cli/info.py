@@ -13,7 +13,7 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._describe import describe, print_entry
 from rsdeblur.cli._output import print_json
-from rsdeblur.cli._types import SecondsType
+from rsdeblur.cli._types import PATH, SecondsType
 from rsdeblur.errors import CoverageError, FileFormatError
 
 EXAMPLES = """\b
@@ -35,18 +35,14 @@ class Together:
 
 
 @click.command("info", cls=Command, epilog=EXAMPLES)
-@click.argument("files", type=_options.PATH, nargs=-1)
+@click.argument("files", type=PATH, nargs=-1)
 @_options.gathered(
     "together",
     Together,
     (
-        click.option(
-            "--gyro", type=_options.PATH, metavar="LOG", help="Gyro log, to check the exposures of --capture."
-        ),
-        click.option("--camera", type=_options.PATH, metavar="FILE", help="Camera file, for the same check."),
-        click.option(
-            "--capture", type=_options.PATH, metavar="FILE", help="Metadata file that contains the exposures."
-        ),
+        click.option("--gyro", type=PATH, metavar="LOG", help="Gyro log, to check the exposures of --capture."),
+        click.option("--camera", type=PATH, metavar="FILE", help="Camera file, for the same check."),
+        click.option("--capture", type=PATH, metavar="FILE", help="Metadata file that contains the exposures."),
         click.option("--duration", type=SecondsType(), help="Exposure time, where --capture contains stamps only."),
         click.option("--time-offset", type=SecondsType(), help="Camera time minus gyro time; replaces the camera's."),
     ),

@@ -16,7 +16,7 @@ from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import Inputs, display_values, naming, read_inputs, transfer_of, with_translation
 from rsdeblur.cli._options import Recording, Target, Track
 from rsdeblur.cli._output import print_json, progress, say
-from rsdeblur.cli._types import SecondsType
+from rsdeblur.cli._types import PATH, SecondsType
 from rsdeblur.errors import CoverageError, InputError
 
 if TYPE_CHECKING:
@@ -189,7 +189,7 @@ class Cell(NamedTuple):
 
 
 @click.command("preview", cls=Command, epilog=EXAMPLES)
-@click.argument("photo", type=_options.PATH)
+@click.argument("photo", type=PATH)
 @_options.recording_options()
 @_options.track_options
 @_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE)

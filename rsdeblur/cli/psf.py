@@ -20,6 +20,7 @@ from rsdeblur.cli._inputs import (
 )
 from rsdeblur.cli._options import Recording, Track
 from rsdeblur.cli._output import print_json, progress, refuse_inputs, say
+from rsdeblur.cli._types import PATH
 
 if TYPE_CHECKING:
     from rsdeblur.motion.paths import BlurPaths
@@ -37,11 +38,9 @@ Examples:
 @_options.recording_options()
 @_options.solve_options(*_options.BLUR, "nsr")
 @_options.track_options
-@click.option(
-    "-o", "--output", type=_options.PATH, metavar="PNG", help="Draw the kernels at their places in the picture."
-)
-@click.option("--picture", "photo", type=_options.PATH, metavar="PHOTO", help="Draw the kernels over this picture.")
-@click.option("--bank", type=_options.PATH, metavar="NPZ", help="Save the kernels and their places.")
+@click.option("-o", "--output", type=PATH, metavar="PNG", help="Draw the kernels at their places in the picture.")
+@click.option("--picture", "photo", type=PATH, metavar="PHOTO", help="Draw the kernels over this picture.")
+@click.option("--bank", type=PATH, metavar="NPZ", help="Save the kernels and their places.")
 @_options.force_option
 @_options.json_option
 def command(

@@ -12,6 +12,7 @@ from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import naming, read_inputs, transfer_of, unit_range
 from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import prepare_folder, print_json, progress, say
+from rsdeblur.cli._types import PATH
 
 if TYPE_CHECKING:
     from rsdeblur.choices import Auto, Transfer
@@ -25,7 +26,7 @@ Examples:
 
 
 @click.command("simulate", cls=Command, epilog=EXAMPLES)
-@click.argument("sharp", type=_options.PATH)
+@click.argument("sharp", type=PATH)
 @_options.recording_options()
 @_options.transfer_option
 @click.option(

@@ -13,7 +13,7 @@ from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import check_offset, naming, read_inputs, recordings_of, transfer_of
 from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import print_json, progress, say
-from rsdeblur.cli._types import SecondsType
+from rsdeblur.cli._types import PATH, SecondsType
 
 if TYPE_CHECKING:
     from rsdeblur.choices import Auto, Transfer
@@ -32,7 +32,7 @@ Examples:
 
 
 @click.command("sync", cls=Command, epilog=EXAMPLES)
-@click.argument("photos", type=_options.PATH, metavar="PHOTO...", nargs=-1, required=True)
+@click.argument("photos", type=PATH, metavar="PHOTO...", nargs=-1, required=True)
 @_options.recording_options()
 @_options.transfer_option
 @click.option("--from", "first", type=SecondsType(), help="First shift.  [default: -60ms, or -2s with --start exif]")

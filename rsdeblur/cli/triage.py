@@ -19,6 +19,7 @@ from rsdeblur.cli._inputs import clip_exposures, read_device, read_recording
 from rsdeblur.cli._items import numbered_from_option, read_items
 from rsdeblur.cli._options import Defaults, Recording
 from rsdeblur.cli._output import FAILURES, plain_cell, prepare_folder, print_json, progress, reason, say, write_json
+from rsdeblur.cli._types import PATH
 
 if TYPE_CHECKING:
     from rsdeblur.estimate.triage import Triage
@@ -46,7 +47,7 @@ class _Shot(NamedTuple):
 
 
 @click.command("triage", cls=Command, epilog=EXAMPLES)
-@click.argument("source", type=_options.PATH, metavar="FOLDER|CLIP")
+@click.argument("source", type=PATH, metavar="FOLDER|CLIP")
 @_options.recording_options(required=False)
 @numbered_from_option
 @click.option(
@@ -65,7 +66,7 @@ class _Shot(NamedTuple):
     metavar="PX",
     help="Longest path of a picture that is worth deblurring.",
 )
-@click.option("-o", "--output", type=_options.PATH, metavar="DIR", help=f"Folder for {TABLE}, {REPORT} and {PLOT}.")
+@click.option("-o", "--output", type=PATH, metavar="DIR", help=f"Folder for {TABLE}, {REPORT} and {PLOT}.")
 @_options.force_option
 @_options.json_option
 def command(

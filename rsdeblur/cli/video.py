@@ -21,6 +21,7 @@ from rsdeblur.cli._jobs import jobs_option, shared_threads
 from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import print_json, progress, say, say_aside
 from rsdeblur.cli._refinement import correction_text, refinement_facts
+from rsdeblur.cli._types import PATH
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.video import QUALITY
 
@@ -47,7 +48,7 @@ class Encode:
 
 
 @click.command("video", cls=Command, epilog=EXAMPLES, context_settings={"default_map": {"quality": QUALITY}})
-@click.argument("source", type=_options.PATH, metavar="VIDEO")
+@click.argument("source", type=PATH, metavar="VIDEO")
 @_options.clip_options()
 @_options.solve_options(*_options.BLUR, *_options.SOLVER, "refine", *_options.ENGINE)
 @_options.gathered(

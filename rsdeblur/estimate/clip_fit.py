@@ -113,7 +113,7 @@ class PairErrors:
         # Displacements of the weighted points, in their standard deviations, by one standard deviation of each error.
         scale = np.sqrt(self.weights)[:, None, None] / self.noise * np.sqrt(self.spread)
         self._scaled = (self.modes * scale).reshape(-1, 4)
-        self._precision = cholesky_banded(self._bands(), lower=True)
+        self._precision = cholesky_banded(self._banded_precision(), lower=True)
         pairs = np.arange(len(self._starts) - 1)
         self.pairs = np.concatenate([np.repeat(model.matches.pair, 2), np.repeat(pairs, 4)])
 
@@ -135,17 +135,18 @@ class PairErrors:
             variances[k] = self.noise**2 * np.diag(inverse)
         return shared, variances
 
-    def _bands(self) -> FloatArray:
+    def _banded_precision(self) -> FloatArray:
         """Return the precision of all shared errors given the points, in the lower form of `cholesky_banded`."""
-        news = 1.0 - self.correlation**2
-        bands = np.zeros((5, *news.shape))
+        # Variances of the innovations, in units of those of the errors.
+        innovation = 1.0 - self.correlation**2
+        bands = np.zeros((5, *innovation.shape))
         for k, part in enumerate(self._parts()):
             gram = self._scaled[part].T @ self._scaled[part]
             for below in range(4):
                 bands[below, k, : 4 - below] = np.diagonal(gram, -below)
-        bands[0] += 1.0 / news
-        bands[0, :-1] += 1.0 / news[1:] - 1.0
-        bands[4, :-1] = -(self.correlation / news)[1:]
+        bands[0] += 1.0 / innovation
+        bands[0, :-1] += 1.0 / innovation[1:] - 1.0
+        bands[4, :-1] = -(self.correlation / innovation)[1:]
         return bands.reshape(5, -1)
 
     def _parts(self) -> list[slice]:
@@ -155,7 +156,7 @@ class PairErrors:
     def whiten(self, values: FloatArray) -> FloatArray:
         """Return values, shape (n, 2, ...), whose errors are independent and of variance 1, shape (2 n + 4 pairs, ...).
 
-        The likeliest shared errors are taken off the points; what is new in each of them is appended.
+        The likeliest shared errors are taken off the points, and their innovations are appended.
         """
         weight = (np.sqrt(self.weights) / self.noise).reshape(-1, *[1] * (values.ndim - 1))
         white = (values * weight).reshape(2 * len(values), -1)
@@ -164,8 +165,8 @@ class PairErrors:
         shared = solved.reshape(pulls.shape)
         white = white - np.einsum("nm,nmk->nk", self._scaled, shared[self.pairs[: len(white)]])
         kept = self.correlation[..., None]
-        new = (shared - kept * np.roll(shared, 1, axis=0)) / np.sqrt(1.0 - kept**2)
-        return np.concatenate([white, new.reshape(-1, white.shape[1])]).reshape(-1, *values.shape[2:])
+        innovations = (shared - kept * np.roll(shared, 1, axis=0)) / np.sqrt(1.0 - kept**2)
+        return np.concatenate([white, innovations.reshape(-1, white.shape[1])]).reshape(-1, *values.shape[2:])
 
 
 def _correlations(times: FloatArray, shared: FloatArray, variances: FloatArray, used: NDArray[np.bool_]) -> FloatArray:

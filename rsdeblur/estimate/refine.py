@@ -65,7 +65,7 @@ ADJUSTED, QUICK_STEPS, WHOLE_STEPS, MOST_STEPS = ("scale", "drift_x", "drift_y")
 # Nats that a parameter costs, and the least gain that counts.
 NATS_PER_PARAMETER, WORST_GAIN = 3.0, -1000.0
 # Least worth (nats) of a correction that is accepted, its least fall in the whole solve, and the most standard
-# deviations of any parameter. By the quick measure there must be a fall; its size proves less, as the largest of many.
+# deviations of any parameter. The quick measure must not rise; a fall proves less there, as the largest of many.
 LEAST_WORTH, LEAST_FALL, MOST_DEVIATIONS = 30.0, 0.01, 6.0
 # Gain (nats) without which the fall does not count where the paths become shorter than this share of those recorded:
 # less deblurring leaves fewer waves.
