@@ -241,9 +241,9 @@ def real_array(
     ):
         expected = ", ".join("n" if n is None else str(n) for n in shape)
         raise InputError(f"{name} must have shape ({expected}), got {numbers.shape}")
-    bad = np.argwhere(~np.isfinite(numbers))
-    if bad.size:
-        raise InputError(f"{name} must be finite, got {numbers[tuple(bad[0])]} at index {tuple(map(int, bad[0]))}")
+    if not np.isfinite(numbers).all():
+        bad = tuple(map(int, np.argwhere(~np.isfinite(numbers))[0]))
+        raise InputError(f"{name} must be finite, got {numbers[bad]} at index {bad}")
     if most is not None and numbers.size and np.abs(numbers).max() > most:
         raise InputError(f"{name} must not be beyond {most:g}, got {numbers.flat[np.abs(numbers).argmax()]:g}")
     numbers.setflags(write=False)

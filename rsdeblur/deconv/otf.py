@@ -142,14 +142,17 @@ class _PathTransform(_GridTransform):
             np.exp(-2 * np.square(np.pi * softness * frequencies))
             for frequencies in (np.fft.fftfreq(self._lengths[0]), np.fft.rfftfreq(self._lengths[1]))
         )
+        # Each gain twice, for real and imaginary parts: numpy would multiply complex numbers.
         self._down, self._across = (
-            (gain / window).astype(np.float32) for gain, window in zip((down, across), self._windows, strict=True)
+            np.repeat((gain / window).astype(np.float32), 2)
+            for gain, window in zip((down, across), self._windows, strict=True)
         )
 
     def rows(self, grid: NDArray[np.floating]) -> ComplexArray:
         """Return the row spectra of `grid`, whose centre is the origin, without that of the window."""
         spectrum = super().rows(grid)
-        spectrum *= self._across
+        parts = spectrum.view(np.float32)
+        parts *= self._across
         if self._lengths[1] % 2 == 0:
             # The highest frequency has either sign, so that its phase is cos(pi x).
             spectrum[:, -1] = spectrum[:, -1].real
@@ -162,8 +165,9 @@ class _PathTransform(_GridTransform):
         half = length // 2
         if length % 2 == 0:
             columns[:, points - half] = (columns[:, points - half] + columns[:, half]) / 2
-        np.multiply(columns[:, : length - half], self._down[: length - half], out=self._out[:, : length - half])
-        np.multiply(columns[:, points - half :], self._down[length - half :], out=self._out[:, length - half :])
+        parts, out, split = columns.view(np.float32), self._out.view(np.float32), 2 * (length - half)
+        np.multiply(parts[:, :split], self._down[:split], out=out[:, :split])
+        np.multiply(parts[:, 2 * (points - half) :], self._down[split:], out=out[:, split:])
         return self._out
 
 

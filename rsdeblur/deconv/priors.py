@@ -34,6 +34,7 @@ from rsdeblur._util.threads import share, thread_count
 from rsdeblur.choices import EXPONENT, PRIORS, Prior
 from rsdeblur.deconv.coupling import TO_DERIVATIVES, TO_GRADIENT, Coupling
 from rsdeblur.errors import InputError
+from rsdeblur.kernels.extrapolate import extrapolate
 from rsdeblur.kernels.shrink import TERMS, shrunk_derivatives_adjoint, shrunk_grad_adjoint, workspace
 from rsdeblur.types import Float32Array, FloatImage
 
@@ -43,8 +44,8 @@ PENALTIES, AHEAD = (7.0, 35.0, 178.0, 900.0), 0.5
 BRIGHTEST, LEAST_PEAK = 99.9, 1e-3
 # The splitting ends when a step changes the picture by less than this share of its norm.
 TOLERANCE = 1e-4
-# Rows that a thread shrinks at a time.
-ROWS = 64
+# Values that a thread shrinks at a time; of small pictures, more rows.
+VALUES = 400_000
 
 
 class Sparsity(NamedTuple):
@@ -337,7 +338,7 @@ def half_quadratic(
     penalties = [penalty * max(peak, LEAST_PEAK) ** (exponent - 2.0) for penalty in penalties]
     latent = guess = solver.solve(weight * penalties[0], None, sparsity.coupling)
     polynomial, pull = shrinkage(exponent), np.empty_like(latent)
-    workspaces = [workspace(latent) for _ in range(min(thread_count(threads), -(-len(latent) // ROWS)))]
+    workspaces = [workspace(latent) for _ in range(min(thread_count(threads), len(_blocks(latent))))]
     for penalty in penalties:
         # In units of (weight / beta)^(1 / (2 - p)) the shrinkage has no parameter but p.
         vanishing = np.float32(threshold(exponent) * penalty ** (-1.0 / (2.0 - exponent)))
@@ -356,12 +357,12 @@ def _shrink(
     pull: FloatImage,
 ) -> None:
     """Fill `pull` with that of the shrunk derivatives of `latent`; a thread per workspace shares blocks of rows."""
-    height = len(latent)
 
     def block(thread: int, top: int) -> None:
-        kernel(latent, top, min(ROWS, height - top), *arguments, workspaces[thread], pull)
+        kernel(latent, top, min(tops.step, len(latent) - top), *arguments, workspaces[thread], pull)
 
-    share(block, range(0, height, ROWS), len(workspaces))
+    tops = _blocks(latent)
+    share(block, tops, len(workspaces))
 
 
 def _extrapolate(before: FloatImage, after: FloatImage, ahead: np.float32, threads: int | None) -> float:
@@ -370,18 +371,22 @@ def _extrapolate(before: FloatImage, after: FloatImage, ahead: np.float32, threa
     Return the norm of the change as a share of that of `after`.
     """
     # One sum per block of rows, so that the total does not depend on the threads.
-    squares = np.zeros((-(-len(after) // ROWS), 2))
+    tops = _blocks(after)
+    squares = np.zeros((len(tops), 2))
 
     def block(_: int, n: int) -> None:
-        rows = slice(n * ROWS, (n + 1) * ROWS)
-        step = after[rows] - before[rows]
-        squares[n] = np.vdot(step, step), np.vdot(after[rows], after[rows])
-        step *= ahead
-        np.add(after[rows], step, out=before[rows])
+        rows = slice(tops[n], tops[n] + tops.step)
+        squares[n] = extrapolate(before[rows], after[rows], ahead)
 
-    share(block, range(len(squares)), threads)
+    share(block, range(len(tops)), threads)
     change, norm = squares.sum(axis=0)
     return float(np.sqrt(change / (norm or 1.0)))
+
+
+def _blocks(latent: FloatImage) -> range:
+    """Return the first rows of the blocks that threads share, which have as many rows as its step."""
+    height, width, channels = latent.shape
+    return range(0, height, max(1, VALUES // (width * channels)))
 
 
 def threshold(exponent: float) -> float:

@@ -25,6 +25,7 @@ from rsdeblur.deconv.otf import OtfPlanner
 from rsdeblur.deconv.tiling import BAND_EXCESS, Tiling
 from rsdeblur.errors import InputError
 from rsdeblur.kernels import spectral
+from rsdeblur.kernels.wiener import invert
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, FloatImage
 
@@ -46,6 +47,8 @@ def decay_margin(nsr: float) -> float:
 
 # Called as ``change(strip, ...)`` with the arguments of :class:`rsdeblur.deconv.hybrid.Filter` after the strip.
 StripFilter = Callable[[int, int, int, int, slice, ComplexArray], None]
+# Called as ``put(columns, block, band, out)``, see :func:`_put_columns`.
+PutColumns = Callable[[ComplexArray, int, int, ComplexArray], None]
 
 
 class TileFilter:
@@ -233,14 +236,12 @@ class TileFilter:
         )
         return filters
 
-    def _fill_otfs(self, bank: PsfBank, out: ComplexArray) -> None:
-        """Fill `out` with the OTFs of all tiles."""
-        parts = range(0, self._hybrid.frequencies, otf.COLUMNS)
+    def _fill_otfs(self, bank: PsfBank, out: ComplexArray, put: PutColumns | None = None) -> None:
+        """Fill `out` with the OTFs of all tiles, or with the filters that `put` computes from them."""
+        parts, put = range(0, self._hybrid.frequencies, otf.COLUMNS), put or _put_columns
 
         def fill(thread: int, s: int, b: int, spectrum: ComplexArray, first: int) -> None:
-            columns = self._planners[thread].columns(bank, spectrum, first).reshape(-1, COLUMNS, out.shape[-1])
-            blocks = out[s, first // COLUMNS :][: len(columns), b]
-            blocks[...] = columns[: len(blocks)]
+            put(self._planners[thread].columns(bank, spectrum, first), first // COLUMNS, b, out[s])
 
         def plan(thread: int, tile: int) -> None:
             s, b = divmod(tile, out.shape[2])
@@ -320,13 +321,8 @@ class Deconvolver(TileFilter):
         self.replan(bank)
 
     def _take(self, bank: PsfBank) -> None:
-        scale = np.float32((1.0 + self.nsr) * self._scale)
-
-        def invert(_: int, n: int) -> None:
-            _wiener(self._filters[divmod(n, self._hybrid.blocks)], np.float32(self.nsr), scale)
-
-        self._fill_otfs(bank, self._filters)
-        self._hybrid.team.share(invert, range(len(self._filters) * self._hybrid.blocks))
+        nsr, scale = np.float32(self.nsr), np.float32((1.0 + self.nsr) * self._scale)
+        self._fill_otfs(bank, self._filters, lambda otfs, *place: invert(otfs, nsr, scale, *place))
 
     def apply(
         self,
@@ -403,14 +399,11 @@ class TileBlur(TileFilter):
             return self._apply(self._conjugates, picture, None, None)
 
 
-def _wiener(otf: ComplexArray, nsr: np.float32, scale: np.float32) -> None:
-    """Turn an OTF into its Wiener filter, in place."""
-    gain = np.square(otf.real)
-    gain += np.square(otf.imag)
-    gain += nsr
-    np.divide(scale, gain, out=gain)
-    np.conjugate(otf, out=otf)
-    otf *= gain
+def _put_columns(columns: ComplexArray, block: int, band: int, out: ComplexArray) -> None:
+    """Copy columns (N, L) of a band to `out` (blocks, B, COLUMNS, L) from a block on; those beyond it are ignored."""
+    target = out[block:, band]
+    blocks = columns.reshape(-1, *target.shape[1:])[: len(target)]
+    target[: len(blocks)] = blocks
 
 
 def _check_fit(bank: PsfBank, height: int, width: int) -> None:

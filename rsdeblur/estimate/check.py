@@ -9,7 +9,7 @@ below black: a wrong inverse leaves waves, which in dark places fall below zero.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 
 from rsdeblur._util.one_line import one_line
+from rsdeblur._util.threads import share, share_map
 from rsdeblur.choices import Verdict
 from rsdeblur.estimate.noise import noise_level
 from rsdeblur.estimate.periodograms import TILE
@@ -173,8 +174,10 @@ class UndershootMeter:
 
 
 def _below_black(light: NDArray[np.float32]) -> FloatArray:
-    below: FloatArray = np.square(np.minimum(light, 0.0)).mean((1, 2)).astype(np.float64)
-    return below
+    below = np.minimum(light, 0.0)
+    np.square(below, out=below)
+    means: FloatArray = below.mean((1, 2)).astype(np.float64)
+    return means
 
 
 def assess(
@@ -199,7 +202,7 @@ def assess(
     resampled : bool
         Whether the result was straightened.
     threads : int, optional
-        Threads that draw PSFs; default all processors.
+        Threads that share the work; default all processors.
 
     Returns
     -------
@@ -214,14 +217,19 @@ def assess(
     if min(height, width) < CELL:
         return _with_verdict(check, f"The picture is narrower than {CELL} px, too small to judge the motion by.")
     step = int(max(1.0, min(max(length / REDUCED_BLUR, LEAST_REDUCTION), min(height, width) // (2 * CELL))))
-    tiles = _Tiles(encoded, capture, step, threads)
+    tiles, moving = _Tiles(encoded, capture, step, threads), _Moving(capture)
     if not tiles.detailed:
         return _with_verdict(check, "The picture shows no detail to judge the motion by.")
-    scores = tiles.alternatives()
+    # Each is too small to be shared, but they need not wait for each other.
+    measures: tuple[Callable[[], Any], ...] = (
+        lambda: QuickSharpness(_reduced(encoded), moving),
+        tiles.alternatives,
+        lambda: tiles.compare(result, resampled=resampled),
+    )
+    quick, scores, (gain, residual) = share_map(lambda measure: measure(), measures, threads)
     means = {name: float(score.mean()) for name, score in scores.items()}
     harmful = {name: mean for name, mean in means.items() if name not in HARMLESS}
     alternative = min(harmful if min(harmful.values()) < BAD_LEAD else means, key=means.__getitem__)
-    gain, residual = tiles.compare(result, resampled=resampled)
     check = replace(
         check,
         lead=means[alternative],
@@ -229,7 +237,7 @@ def assess(
         weakest=min(float(_neighbouring(score).min()) for score in scores.values()),
         noise_gain=gain,
         residual=residual,
-        half_turn=_half_turn(encoded, capture, threads),
+        half_turn=quick.half_turn(moving, threads=threads),
         leads=tuple(map(float, np.min([scores[name] for name in harmful], axis=0))),
     )
     return _with_verdict(check)
@@ -270,30 +278,34 @@ class _Tiles:
     """Some tiles of a picture, reduced by a whole factor and in grey, with the PSFs there."""
 
     def __init__(self, encoded: EncodedImage, capture: Capture, step: int, threads: int | None) -> None:
-        self._step, self._threads = step, threads
+        self._step = step
         self._corners = [_spread(n // step) for n in encoded.shape[:2]]
-        self._blurred, finest = self._cells(encoded)
+        self._blurred, finest = self._cells(encoded, threads)
         self._noise = noise_level(_mosaic(finest)[..., None])
         rows, cols = (corners + (CELL + 1) / 2 for corners in self._corners)
         self._paths = BlurPaths.from_capture(_Moving(capture).capture(1 / step), rows, cols)
-        self._kernels = PsfBank.from_paths(self._paths, threads=threads).kernels
+        # So few PSFs are drawn sooner than threads start.
+        self._kernels = PsfBank.from_paths(self._paths, threads=1).kernels
 
     @property
     def detailed(self) -> bool:
         """Whether the tiles show more than noise; the reduction has made the noise weaker."""
         return float(self._blurred.std()) > max(LEAST_DETAIL * self._noise / self._step, 1e-6)
 
-    def _cells(self, encoded: EncodedImage) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def _cells(self, encoded: EncodedImage, threads: int | None = 1) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return the tiles reduced, and corners of them of the same size unreduced, both (B, S, CELL, CELL)."""
         tops, lefts = (corners * self._step for corners in self._corners)
         reduced, finest = np.empty((2, len(tops), len(lefts), CELL, CELL), dtype=np.float32)
         channels, side = encoded.shape[2], CELL * self._step
-        for b, top in enumerate(tops):
+
+        def reduce(_: int, b: int) -> None:
             for s, left in enumerate(lefts):
-                values = encoded.values[top : top + side, left : left + side, :channels]
+                values = encoded.values[tops[b] : tops[b] + side, left : left + side, :channels]
                 cell = EncodedImage(values, encoded.transfer).grey(slice(None))
                 finest[b, s] = cell[:CELL, :CELL]
                 reduced[b, s] = cell.reshape(CELL, self._step, CELL, self._step).mean(axis=(1, 3))
+
+        share(reduce, range(len(tops)), threads)
         return reduced, finest
 
     def alternatives(self) -> dict[str, FloatArray]:
@@ -323,11 +335,8 @@ class _Tiles:
             "mirrored": lead(self._kernels[:, :, ::-1]),
             "exchanged": best((turned, turned[:, :, ::-1])),
             "still": lead(still),
-            "straight": best(_lines(self._threads)),
-            **{
-                f"{size:g} times": lead(PsfBank.from_paths(paths, threads=self._threads).kernels)
-                for size, paths in sized.items()
-            },
+            "straight": best(_lines()),
+            **{f"{size:g} times": lead(PsfBank.from_paths(paths, threads=1).kernels) for size, paths in sized.items()},
         }
 
     def compare(self, result: EncodedImage, *, resampled: bool) -> tuple[float | None, float | None]:
@@ -360,12 +369,15 @@ class _Moving:
         return self.whole.camera
 
     def capture(self, scale: float = 1.0) -> Capture:
+        if scale == 1.0 and self.whole.softness == 0.0:
+            # It may have its probe already.
+            return self.whole
         # In the reduced picture, a softness of up to 1 px hardly counts.
         return replace(self.whole, camera=self.whole.camera.scaled(scale), softness=0.0)
 
 
-def _half_turn(encoded: EncodedImage, capture: Capture, threads: int | None) -> float:
-    """Return by how much the picture is sharper with the motion turned by half a turn."""
+def _reduced(encoded: EncodedImage) -> NDArray[np.float32]:
+    """Return the picture in grey, reduced to :data:`rsdeblur.estimate.sharpness.SIDE` px or a little more."""
     height, width, channels = encoded.shape
     step = max(max(height, width) // SIDE, 1)
     # Four pixels of each cell are enough: the blur has removed fine detail.
@@ -375,9 +387,9 @@ def _half_turn(encoded: EncodedImage, capture: Capture, threads: int | None) -> 
         for top in within
         for left in within
     ]
-    light = np.mean([EncodedImage(cell, encoded.transfer).grey(slice(None)) for cell in cells], axis=0)
-    moving = _Moving(capture)
-    return QuickSharpness(light, moving).half_turn(moving, threads=threads)
+    greys = [EncodedImage(cell, encoded.transfer).grey(slice(None)) for cell in cells]
+    mean: NDArray[np.float32] = np.mean(greys, axis=0)
+    return mean
 
 
 def _spread(length: int) -> NDArray[np.intp]:
@@ -391,13 +403,13 @@ def _mosaic(cells: NDArray[np.float32]) -> NDArray[np.float32]:
     return cells.swapaxes(1, 2).reshape(down * CELL, across * CELL)
 
 
-def _lines(threads: int | None) -> list[NDArray[np.float32]]:
+def _lines() -> list[NDArray[np.float32]]:
     """Return straight blurs as kernels of shape (1, 1, k, k)."""
     along = np.linspace(-0.5, 0.5, 129)[:, None]
     half = int(max(LINES) // 2) + 1
     angles = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     paths = [length * along * (np.cos(angle), np.sin(angle)) for length in LINES for angle in angles]
-    return [kernel[None, None] for kernel in rasterize(np.stack(paths), half, half, threads)]
+    return [kernel[None, None] for kernel in rasterize(np.stack(paths), half, half, 1)]
 
 
 def fall_back(encoded: EncodedImage, check: QualityCheck, out: NDArray[Any]) -> QualityCheck:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import fft
 
+from rsdeblur.kernels.energy import halved_gradient_energy
 from rsdeblur.kernels.shrink import gradient
 from rsdeblur.types import FloatArray, FloatImage
 
@@ -84,7 +85,9 @@ def gradient_energy(light: FloatImage) -> float:
     float
         Squared units of `light` per px of the halved picture.
     """
-    return sum(float(np.square(part).sum(axis=2).mean()) for part in gradient(halved(light), periodic=False))
+    if min(light.shape[:2]) < 2:
+        return sum(float(np.square(part).sum(axis=2).mean()) for part in gradient(light, periodic=False))
+    return halved_gradient_energy(light)
 
 
 def halved(light: FloatImage) -> FloatImage:

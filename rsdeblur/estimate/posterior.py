@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from rsdeblur._util.threads import share_map
 from rsdeblur.errors import ClockError, CoverageError, GapError
 from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording
 from rsdeblur.estimate.spectra import Fit, TileSpectra
@@ -54,14 +53,10 @@ class Posterior:
         Recording as given.
     deviations : ndarray, shape (6,)
         Standard deviations of the errors of the recording, in the units of :class:`Correction`; 0 for what is known.
-    threads : int or None, default 1
-        Threads that share the derivatives; None means all processors.
     """
 
-    def __init__(
-        self, spectra: TileSpectra, recording: Recording, deviations: FloatArray, *, threads: int | None = 1
-    ) -> None:
-        self.spectra, self._recording, self._deviations, self._threads = spectra, recording, deviations, threads
+    def __init__(self, spectra: TileSpectra, recording: Recording, deviations: FloatArray) -> None:
+        self.spectra, self._recording, self._deviations = spectra, recording, deviations
         self._tiles = TILES_AS_ONE * max(spectra.tiles, LEAST_TILES)
         self._nats: dict[bytes, FloatArray | None] = {}
         # Descents ask for the fit of their last place again.
@@ -167,8 +162,8 @@ class Posterior:
     def information(self, place: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return gradient and Fisher information of the tiles together for the parameters `at`, without the prior."""
         fit = self._fit(place.tobytes())
-        slopes = share_map(lambda index: self._slope(place, index, fit.expected), at.tolist(), self._threads)
-        gradient, information = self.spectra.information(fit, np.array(slopes))
+        slopes = np.array([self._slope(place, index, fit.expected) for index in at.tolist()])
+        gradient, information = self.spectra.information(fit, slopes)
         # A tile that alone would gain more than the bound has less weight.
         solved = np.linalg.solve(information + TILES_AS_ONE * np.eye(len(at)), gradient[..., None])[..., 0]
         weight = 1.0 / (1.0 + 0.5 * (solved * gradient).sum(axis=1) / MOST_NATS)

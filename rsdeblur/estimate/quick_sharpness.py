@@ -25,7 +25,7 @@ from rsdeblur.estimate.spectra import softness
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank, tile_centres
-from rsdeblur.types import FloatArray, FloatImage
+from rsdeblur.types import ComplexArray, FloatArray, FloatImage
 
 # The picture is reduced until the mean blur is no longer than this, px.
 LONGEST_BLUR = 20.0
@@ -92,7 +92,7 @@ class QuickSharpness:
 
     def tiles(self, recording: Moving) -> FloatArray:
         """Return what each tile contributes to that mean, shape (N,); errors where the log describes no motion."""
-        return self._under(self._bank(recording, *self._tiles.centres).kernels)
+        return self._under(self._tiles.otfs(self._bank(recording, *self._tiles.centres).kernels))
 
     def half_turn(self, recording: Moving, *, threads: int | None = 1) -> float:
         """Return by how much that falls if the motion is turned by half a turn about the optical axis.
@@ -102,12 +102,13 @@ class QuickSharpness:
         """
         if min(recording.camera.width, recording.camera.height) < LEAST_TURNED:
             return 0.0
-        kernels = self._bank(recording, *self._tiles.centres).kernels
-        own, turned = share_map(self._under, (kernels, kernels[:, :, ::-1, ::-1]), threads)
+        otfs = self._tiles.otfs(self._bank(recording, *self._tiles.centres).kernels)
+        # A PSF turned by half a turn has the conjugate OTF.
+        own, turned = share_map(self._under, (otfs, otfs.conj()), threads)
         return float((own - turned).sum())
 
-    def _under(self, kernels: NDArray[np.float32]) -> FloatArray:
-        solver = self._tiles.under(kernels)
+    def _under(self, otfs: ComplexArray) -> FloatArray:
+        solver = self._tiles.solver(otfs)
         steps = half_quadratic(
             *(solver, GRADIENT),
             weight=self._weight,
@@ -157,6 +158,7 @@ class _RepeatingTiles:
         tiles = np.lib.stride_tricks.sliding_window_view(light, spans)[np.ix_(tops, lefts)].reshape(-1, *spans)
         for axis, fade in enumerate(fades, 1):
             tiles = _faded(tiles, axis, fade)
+        self._observed_parts = self.parts(tiles)
         self._observed: NDArray[np.complex64] = fft.rfft2(tiles)
         self._nsr = np.float32(nsr)
         # |exp(i w) - 1|^2 = 4 sin^2(w / 2)
@@ -165,18 +167,27 @@ class _RepeatingTiles:
         self._softening = np.exp(-0.5 * (2 * np.pi * softness) ** 2 * squared).astype(np.float32)
         self._differences = np.add.outer(*(4 * np.sin(np.pi * f) ** 2 for f in frequencies)).astype(np.float32)
 
-    def under(self, kernels: NDArray[np.float32]) -> _RepeatingSolver:
-        """Return the solver under PSFs of all tiles, shape (B, S, kh, kw)."""
+    def otfs(self, kernels: NDArray[np.float32]) -> ComplexArray:
+        """Return the OTFs of all tiles, shape (N, H, F), from their PSFs, shape (B, S, kh, kw)."""
         bands, strips, height, width = kernels.shape
         grid = wrapped(kernels, self._shape).reshape(bands * strips, *self._shape)
-        otf = self._softening * fft.rfft2(np.roll(grid, (-(height // 2), -(width // 2)), axis=(1, 2)))
-        power = np.square(otf.real) + np.square(otf.imag) + self._nsr
-        data = (1 + self._nsr) * otf.conj() * self._observed
+        centred = np.roll(grid, (-(height // 2), -(width // 2)), axis=(1, 2))
+        otfs: ComplexArray = self._softening * fft.rfft2(centred)
+        return otfs
+
+    def under(self, kernels: NDArray[np.float32]) -> _RepeatingSolver:
+        """Return the solver under PSFs of all tiles, shape (B, S, kh, kw)."""
+        return self.solver(self.otfs(kernels))
+
+    def solver(self, otfs: ComplexArray) -> _RepeatingSolver:
+        """Return the solver under the OTFs of all tiles."""
+        power = np.square(otfs.real) + np.square(otfs.imag) + self._nsr
+        data = (1 + self._nsr) * otfs.conj() * self._observed
         return _RepeatingSolver(data, power, self._differences, self._shape)
 
     def observed_parts(self) -> FloatImage:
         """Return what the tiles show of the blurred picture, shape (N, h, w)."""
-        return self.parts(fft.irfft2(self._observed, self._shape))
+        return self._observed_parts
 
     def parts(self, latent: FloatImage) -> FloatImage:
         """Return what the tiles show of the picture, without the ends that fade, shape (N, h, w)."""
@@ -214,11 +225,15 @@ class _RepeatingSolver:
         out: FloatImage | None = None,
     ) -> FloatImage:
         """Return the minimiser, see :class:`rsdeblur.deconv.priors.QuadraticSolver`."""
-        signal = self.data
-        if pull is not None:
-            signal = signal + np.float32(beta) * fft.rfft2(pull.reshape(-1, *self.shape))
-        normal = self.power + np.float32(beta) * coupling.response(self.differences)
-        latent = fft.irfft2(signal / normal, self.shape)
+        inverse = 1 / (self.power + np.float32(beta) * coupling.response(self.differences))
+        if pull is None:
+            signal = self.data * inverse
+        else:
+            signal = fft.rfft2(pull.reshape(-1, *self.shape))
+            signal *= np.float32(beta)
+            signal += self.data
+            signal *= inverse
+        latent = fft.irfft2(signal, self.shape, overwrite_x=True)
         return np.ascontiguousarray(latent.reshape(-1, self.shape[1], 1))
 
 
@@ -229,5 +244,7 @@ def _faded(tiles: NDArray[np.float32], axis: int, fade: int) -> NDArray[np.float
     rising = np.sin(0.5 * np.pi * (np.arange(fade, dtype=np.float32) + 0.5) / fade) ** 2
     first = rising * tiles[..., :fade] + (1 - rising) * tiles[..., period:]
     # The faded values lie half before the end and half after the beginning.
-    joined = np.concatenate([first, tiles[..., fade:period]], axis=-1)
-    return np.moveaxis(np.roll(joined, -(fade // 2), axis=-1), -1, axis)
+    before, faded = fade // 2, np.empty((*tiles.shape[:-1], period), dtype=np.float32)
+    faded[..., period - before :], faded[..., : fade - before] = first[..., :before], first[..., before:]
+    faded[..., fade - before : period - before] = tiles[..., fade:period]
+    return np.moveaxis(faded, -1, axis)

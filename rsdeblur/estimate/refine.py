@@ -189,9 +189,9 @@ def refine(
         return _unrefined(recording, deviations, f"the picture is smaller than {TILE} px")
     if exposure.duration < LEAST_DURATION:
         return _unrefined(recording, deviations, TOO_SHORT)
-    spectra = TileSpectra(light, recording, side=spectra_side(recording), soft=True)
+    spectra = TileSpectra(light, recording, side=spectra_side(recording), soft=True, threads=1)
     quick = QuickSharpness(light, recording)
-    posterior = Posterior(spectra, recording, deviations, threads=threads)
+    posterior = Posterior(spectra, recording, deviations)
     judge = _Judge(posterior, quick, lambda: Sharpness(light, recording, robust=True), threads)
     best, reason = judge.best(progress or (lambda *_: None))
     found = posterior.corrected(best)

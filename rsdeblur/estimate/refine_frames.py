@@ -194,7 +194,9 @@ class _Frames:
         self._free = [name for name, deviation in zip(PARAMETERS, self.deviations, strict=True) if deviation > 0]
         self._recordings, self._nothing = recordings, np.zeros(len(PARAMETERS))
         pairs = list(zip(lights, recordings, strict=True))
-        self._spectra = [TileSpectra(light, each, side=spectra_side(each), soft=True) for light, each in pairs]
+        self._spectra = [
+            TileSpectra(light, each, side=spectra_side(each), soft=True, threads=1) for light, each in pairs
+        ]
         self._sharpness = [QuickSharpness(light, each) for light, each in pairs]
         self._photos = [
             Posterior(spectra, each, self.deviations) for spectra, each in zip(self._spectra, recordings, strict=True)

@@ -60,7 +60,7 @@ class Sharpness:
     def _bank(self, recording: Recording) -> PsfBank:
         rows, cols = (tile_centres(n, size) for n, size in zip(TILES, self._light.shape, strict=False))
         paths = BlurPaths.from_capture(recording.capture(self._scale), rows, cols)
-        drawn = PsfBank.from_paths(replace(paths, softness=self._softness))
+        drawn = PsfBank.from_paths(replace(paths, softness=self._softness), threads=1)
         # Kernels, not paths: the thresholds of `refine` and `sync` were chosen with kernels.
         return PsfBank(drawn.kernels, rows, cols)
 

@@ -52,6 +52,8 @@ class TileSpectra:
         Longer side of the picture after reduction, px.
     soft : bool, default False
         Whether the power that is expected allows for :func:`softness`.
+    threads : int, optional
+        Threads that share the tiles of a fit; default all processors. 1 suits callers whose threads share motions.
 
     Raises
     ------
@@ -59,8 +61,16 @@ class TileSpectra:
         If the reduced picture is smaller than a tile.
     """
 
-    def __init__(self, light: NDArray[np.float32], recording: Recording, *, side: int, soft: bool = False) -> None:
-        camera = recording.camera
+    def __init__(
+        self,
+        light: NDArray[np.float32],
+        recording: Recording,
+        *,
+        side: int,
+        soft: bool = False,
+        threads: int | None = None,
+    ) -> None:
+        camera, self._threads = recording.camera, threads
         self._scale = min(1.0, side / max(camera.width, camera.height))
         small = camera.scaled(self._scale)
         if min(small.width, small.height) < TILE:
@@ -108,7 +118,7 @@ class TileSpectra:
             If the log does not describe the exposure.
         """
         expected = self.expected(recording)
-        return Fit(expected, *self._periodograms.fit(expected, self._place))
+        return Fit(expected, *self._periodograms.fit(expected, self._place, threads=self._threads))
 
     def score(self, recording: Recording) -> FloatArray:
         """Return the nats of :meth:`fit`."""
@@ -126,7 +136,7 @@ class TileSpectra:
         """
         measured = self._periodograms
         tiles = measured.tiles_under(fit.expected, self._place)
-        return whittle.information(tiles, slopes, (fit.gains, fit.levels), STIFFNESS)
+        return whittle.information(tiles, slopes, (fit.gains, fit.levels), STIFFNESS, threads=self._threads)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,7 +200,12 @@ class TilePeriodograms:
         return expected
 
     def fit(
-        self, expected: NDArray[np.float32], place: NDArray[np.intp], *, levels: FloatArray = LEVELS
+        self,
+        expected: NDArray[np.float32],
+        place: NDArray[np.intp],
+        *,
+        levels: FloatArray = LEVELS,
+        threads: int | None = None,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return nats, gains and levels of the noise of all tiles, see :func:`rsdeblur.kernels.whittle.fit_gains`.
 
@@ -202,8 +217,10 @@ class TilePeriodograms:
             Index of each tile's place.
         levels : ndarray, optional
             Candidates for the noise, as multiples of its first estimate.
+        threads : int, optional
+            Threads that share the tiles; default all processors.
         """
-        return whittle.fit_gains(self.tiles_under(expected, place), levels, STIFFNESS)
+        return whittle.fit_gains(self.tiles_under(expected, place), levels, STIFFNESS, threads=threads)
 
     def tiles_under(self, expected: NDArray[np.float32], place: NDArray[np.intp]) -> whittle.Tiles:
         """Return the tiles with the power expected at K places and the index of each tile's place; see `fit`."""

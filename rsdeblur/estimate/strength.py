@@ -349,11 +349,14 @@ class Tuning:
             + (self.path_error * spectra.gradient + self.border_error) * spectra.signal
         )
 
+        # The error is the sum of (1 - 2 gain match + gain^2 undone power) signal + gain^2 undone noise. Its constant
+        # part is left out.
+        linear, squared = spectra.match * spectra.signal, spectra.undone * (spectra.power * spectra.signal + noise)
+
         def error(strength: float) -> float:
-            added = np.broadcast_to(penalty(strength), spectra.undone.shape)
-            gain = (1.0 + added[0, 0]) / (spectra.undone + added)
-            left = 1.0 - 2.0 * gain * spectra.match + np.square(gain) * spectra.undone * spectra.power
-            return float((left * spectra.signal + np.square(gain) * spectra.undone * noise).sum())
+            added = penalty(strength)
+            gain = (1.0 + np.ravel(added)[0]) / (spectra.undone + added)
+            return float((gain * (gain * squared - 2.0 * linear)).sum())
 
         return float(min(LADDER, key=error))
 

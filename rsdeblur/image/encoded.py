@@ -16,6 +16,7 @@ from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
+from rsdeblur.kernels.tone import to_srgb
 from rsdeblur.motion.camera import Camera
 
 # Rows decoded or encoded at a time, which bounds the memory: a conversion takes several arrays of that size.
@@ -64,8 +65,8 @@ class EncodedImage:
         height, width, channels = self.values.shape
         return height, width, channels - (channels in (2, 4))
 
-    def linear(self, rows: slice) -> NDArray[np.float32]:
-        """Return linear light of `rows`, without alpha.
+    def linear(self, rows: slice, *, threads: int | None = 1) -> NDArray[np.float32]:
+        """Return linear light of `rows`, without alpha; threads share them.
 
         Raises
         ------
@@ -75,15 +76,20 @@ class EncodedImage:
         height, width, channels = self.shape
         rows = slice(*rows.indices(height)[:2])
         light = np.empty((rows.stop - rows.start, width, channels), dtype=np.float32)
-        if self.values.dtype.kind == "u":
-            light_of = _lookup(self.values.dtype.itemsize, self.transfer)
-            for here, there in _blocks(rows):
+        light_of = _lookup(self.values.dtype.itemsize, self.transfer) if self.values.dtype.kind == "u" else None
+        blocks = list(_blocks(rows))
+
+        def decode(_: int, n: int) -> None:
+            here, there = blocks[n]
+            if light_of is not None:
                 # No index is beyond the table; the other modes copy more.
                 np.take(light_of, self.values[there, :, :channels], out=light[here], mode="clip")
-            return light
-        for here, there in _blocks(rows):
-            light[here] = to_linear(_as_float(self.values[there, :, :channels]), self.transfer)
-            validate.bounded("image", light[here])
+            else:
+                light[here] = to_linear(_as_float(self.values[there, :, :channels]), self.transfer)
+                validate.bounded("image", light[here])
+
+        # Of several errors, the first one is raised with any number of threads.
+        share(decode, range(len(blocks)), 1 if light_of is None else threads)
         return light
 
     def grey(self, rows: slice) -> NDArray[np.float32]:
@@ -113,7 +119,10 @@ class EncodedImage:
 
         def encode_block(_: int, n: int) -> None:
             here, there = blocks[n]
-            sharp = from_linear(light[here], self.transfer)
+            if self.transfer == "srgb":
+                sharp = to_srgb(np.ascontiguousarray(light[here]))
+            else:
+                sharp = from_linear(light[here], self.transfer)
             with np.errstate(over="ignore", invalid="ignore"):
                 # One pass instead of the two of np.isfinite(sharp).all().
                 finite = np.isfinite(sharp.sum())

@@ -107,10 +107,12 @@ class HighlightSplit:
     encoded: EncodedImage
     patches: tuple[Patch, ...] = ()
 
-    def remainder(self, rows: slice, step: int = 1) -> FloatImage:
+    def remainder(self, rows: slice, step: int = 1, *, threads: int | None = 1) -> FloatImage:
         """Return linear light of `rows` without highlights; `step` selects every `step`-th row and column."""
         first, stop, _ = rows.indices(self.encoded.shape[0])
-        light = replace(self.encoded, values=self.encoded.values[first:stop:step, ::step]).linear(slice(None))
+        light = replace(self.encoded, values=self.encoded.values[first:stop:step, ::step]).linear(
+            slice(None), threads=threads
+        )
         for patch in self.patches:
             top, bottom = max(patch.rows.start, first), min(patch.rows.stop, stop)
             if top >= bottom:

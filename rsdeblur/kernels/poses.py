@@ -1,4 +1,4 @@
-"""Directions of points from the camera's poses at the rows of a picture: the Numba kernel and its NumPy twin."""
+"""Points as the camera sees them from its poses at the rows of a picture: Numba kernels and their NumPy twins."""
 
 from __future__ import annotations
 
@@ -9,20 +9,55 @@ from rsdeblur.types import FloatArray
 
 
 @njit(nogil=True)
-def _row_directions(world, rows, matrices, out):
+def _direction(x, y, z, row, matrices):
     half, last = len(matrices) // 4, len(matrices) - 1
+    # A comparison with NaN is false, so that NaN is taken for the first row.
+    place = row + half if row + half > 0.0 else 0.0
+    place = min(place, float(last))
+    i = min(int(place), last - 1)
+    low, high = matrices[i], matrices[i + 1]
+    before = (
+        low[0] * x + low[1] * y + low[2] * z + low[3],
+        low[4] * x + low[5] * y + low[6] * z + low[7],
+        low[8] * x + low[9] * y + low[10] * z + low[11],
+    )
+    after = (
+        high[0] * x + high[1] * y + high[2] * z + high[3],
+        high[4] * x + high[5] * y + high[6] * z + high[7],
+        high[8] * x + high[9] * y + high[10] * z + high[11],
+    )
+    share = place - i
+    return (
+        before[0] + share * (after[0] - before[0]),
+        before[1] + share * (after[1] - before[1]),
+        before[2] + share * (after[2] - before[2]),
+    )
+
+
+@njit(nogil=True)
+def _row_directions(world, rows, matrices, out):
     for n in range(len(rows)):
-        # A comparison with NaN is false, so that NaN is taken for the first row.
-        place = rows[n] + half if rows[n] + half > 0.0 else 0.0
-        place = min(place, float(last))
-        i = min(int(place), last - 1)
-        share = place - i
-        for k in range(3):
-            direction = 0.0
-            for j in range(4):
-                low, high = matrices[i, 4 * k + j], matrices[i + 1, 4 * k + j]
-                direction += (low + share * (high - low)) * (world[n, j] if j < 3 else 1.0)
-            out[n, k] = direction
+        x, y, z = _direction(world[n, 0], world[n, 1], world[n, 2], rows[n], matrices)
+        out[n, 0], out[n, 1], out[n, 2] = x, y, z
+
+
+@njit(nogil=True)
+def _pinhole_paths(orientation, position, scene, rows, cols, matrices, pinhole, steps, out):
+    fx, fy, cx, cy = pinhole
+    for b in range(len(rows)):
+        for t in range(orientation.shape[1]):
+            c, p = orientation[b, t], position[b, t]
+            for s in range(len(cols)):
+                u, v, w = scene[b, s, 0], scene[b, s, 1], scene[b, s, 2]
+                across = c[0, 0] * u + c[1, 0] * v + c[2, 0] * w + p[0]
+                down = c[0, 1] * u + c[1, 1] * v + c[2, 1] * w + p[1]
+                ahead = c[0, 2] * u + c[1, 2] * v + c[2, 2] * w + p[2]
+                x, y = cols[s], rows[b]
+                for _ in range(steps):
+                    dx, dy, dz = _direction(across, down, ahead, y, matrices)
+                    near = 1.0 / dz if dz > 0.0 else np.nan
+                    x, y = fx * (dx * near) + cx, fy * (dy * near) + cy
+                out[b, s, t, 0], out[b, s, t, 1] = cols[s] - x, rows[b] - y
 
 
 def row_directions(world: FloatArray, rows: FloatArray, matrices: FloatArray) -> FloatArray:
@@ -54,3 +89,65 @@ def row_directions_numpy(world: FloatArray, rows: FloatArray, matrices: FloatArr
     pose = pose.reshape(*rows.shape, 3, 4)
     directions: FloatArray = np.einsum("...ij,...j->...i", pose[..., :3], world) + pose[..., 3]
     return directions
+
+
+def pinhole_paths(
+    orientation: FloatArray,
+    position: FloatArray,
+    scene: FloatArray,
+    rows: FloatArray,
+    cols: FloatArray,
+    matrices: FloatArray,
+    pinhole: tuple[float, float, float, float],
+    steps: int,
+) -> FloatArray:
+    """Return the displacements of pixels on a grid, by fixed-point iteration over the rows that they fall on.
+
+    Parameters
+    ----------
+    orientation : ndarray, shape (B, T, 3, 3)
+        Orientation C of the camera at T times of each row.
+    position : ndarray, shape (B, T, 3)
+        Position of the camera then.
+    scene : ndarray, shape (B, S, 3)
+        Point or direction in camera axes that each pixel of the grid sees.
+    rows, cols : ndarray, shape (B,) and (S,)
+        Grid, px.
+    matrices : ndarray, shape (2 H, 12)
+        See :func:`row_directions`.
+    pinhole : tuple of float
+        Focal lengths along x and y, and principal point (x, y), px, of a camera without distortion.
+    steps : int
+        Steps of the iteration, which begins at the row of the pixel.
+
+    Returns
+    -------
+    ndarray, shape (B, S, T, 2)
+        Displacements (x, y) in px; NaN behind the camera.
+    """
+    arrays = (read_only(array) for array in (orientation, position, scene, rows, cols, matrices))
+    out = np.empty((len(rows), len(cols), orientation.shape[1], 2))
+    _pinhole_paths(*arrays, pinhole, steps, out)
+    return out
+
+
+def pinhole_paths_numpy(
+    orientation: FloatArray,
+    position: FloatArray,
+    scene: FloatArray,
+    rows: FloatArray,
+    cols: FloatArray,
+    matrices: FloatArray,
+    pinhole: tuple[float, float, float, float],
+    steps: int,
+) -> FloatArray:
+    """Readable twin of :func:`pinhole_paths`."""
+    world = np.einsum("btji,bsj->bsti", orientation, scene) + position[:, None]
+    points = np.stack(np.meshgrid(cols, rows), axis=-1)[:, :, None]
+    pixels = np.broadcast_to(points, (*world.shape[:-1], 2))
+    for _ in range(steps):
+        seen = row_directions_numpy(world, pixels[..., 1], matrices)
+        depth = np.where(seen[..., 2:] > 0, seen[..., 2:], np.nan)
+        pixels = seen[..., :2] / depth * pinhole[:2] + pinhole[2:]
+    displacements: FloatArray = points - pixels
+    return displacements

@@ -23,6 +23,7 @@ from rsdeblur.types import FloatArray
 STEPS, SETTLED = 12, 0.02
 # Largest step of a gain's logarithm.
 LONGEST = 1.0
+HALF = np.float32(0.5)
 # Least gain, as the power of the scene over that of the noise.
 FAINTEST = 3e-3
 
@@ -56,24 +57,26 @@ class Tiles(NamedTuple):
 @njit(nogil=True, error_model="numpy")
 def _ratios(power, noise, expected, gain, level, ratios):
     """Compute what the nats are the logarithm of, at the frequencies of one direction."""
+    gain, level = np.float32(gain), np.float32(level)
     for i in range(len(ratios)):
         variance = gain * expected[i] + level * noise[i]
-        doubled = variance + 0.5 * power[i]
-        ratios[i] = doubled * doubled / (variance * noise[i])
+        doubled = variance + HALF * power[i]
+        # Squares of faint light might be too small for float32.
+        ratios[i] = doubled / variance * (doubled / noise[i])
 
 
 @njit(nogil=True, error_model="numpy")
 def _derivatives(power, noise, expected, gain, level, firsts, seconds):
     """Compute derivatives of the nats by the logarithm of the gain, at the frequencies of one direction."""
+    gain, level = np.float32(gain), np.float32(level)
     for i in range(len(firsts)):
         signal = gain * expected[i]
         variance = signal + level * noise[i]
-        doubled = variance + 0.5 * power[i]
-        # One division serves both.
-        inverse = signal / (variance * doubled)
-        share = inverse * doubled
-        firsts[i] = inverse * (variance - 0.5 * power[i])
-        seconds[i] = 0.5 * share * share
+        doubled = variance + HALF * power[i]
+        # Two divisions: the product of both divisors might be too small for float32.
+        share = signal / variance
+        firsts[i] = share * ((variance - HALF * power[i]) / doubled)
+        seconds[i] = HALF * share * share
 
 
 @njit(nogil=True, fastmath={"reassoc"})  # sums in any order
@@ -149,14 +152,16 @@ def _newton(tile, level, stiffness, gains, buffers):
 @njit(nogil=True, error_model="numpy")
 def _fit(first, stop, tiles, levels, stiffness, nats, gains, chosen):
     count, frequencies = len(tiles.sectors) - 1, tiles.power.shape[1]
-    trial, terms = np.empty(count), (np.empty(frequencies), np.empty(frequencies))
-    buffers = np.empty(count), np.empty(count), np.empty(count), terms[0], terms[1]
+    # Terms are float32, of which twice as many fit into a vector; products of ratios need the range of float64.
+    firsts, seconds = np.empty(frequencies, np.float32), np.empty(frequencies, np.float32)
+    trial, ratios = np.empty(count), np.empty(frequencies)
+    buffers = np.empty(count), np.empty(count), np.empty(count), firsts, seconds
     for n in range(first, stop):
         tile = tiles.power[n], tiles.noise[n], tiles.expected[tiles.place[n]], tiles.sectors
         nats[n] = np.inf
         for level in levels:
             apart = _newton(tile, level, stiffness, trial, buffers)
-            total = apart + _nats(tile, trial, level, terms[0])
+            total = apart + _nats(tile, trial, level, ratios)
             if total < nats[n]:
                 nats[n], chosen[n] = total, level
                 for k in range(count):

@@ -450,19 +450,15 @@ def _lengths(displacements: FloatArray) -> FloatArray:
 def _rotation_paths(
     capture: Capture, rows: FloatArray, cols: FloatArray, samples: int, geometry: Geometry
 ) -> FloatArray:
-    camera = capture.camera
-    points = np.stack(np.meshgrid(cols, rows), axis=-1)[:, :, None, :]  # (B, S, 1, 2), x before y
-    scene = capture.points(points)[:, :, 0]
-    times = capture.times(rows, samples)
-    orientation = capture.track.at(times)  # (B, T, 3, 3)
-    world = np.einsum("btji,bsj->bsti", orientation, scene) + capture.position(times)[:, None]
+    camera, times = capture.camera, capture.times(rows, samples)
+    points = np.stack(np.meshgrid(cols, rows), axis=-1)  # (B, S, 2), x before y
+    scene, orientation, position = capture.points(points), capture.track.at(times), capture.position(times)
     if geometry == "rectify":
-        return points - camera.project((world - capture.position(capture.middle)) @ capture.track.at(capture.middle).T)
+        world = np.einsum("btji,bsj->bsti", orientation, scene) + (position - capture.position(capture.middle))[:, None]
+        return points[:, :, None] - camera.project(world @ capture.track.at(capture.middle).T)
     # The reference orientation of the pixel's own row is nearly right.
-    q = np.broadcast_to(points, (*world.shape[:-1], 2))
-    for _ in range(FIXED_POINT_STEPS if camera.readout_time > 0 else 1):
-        q = capture.row_poses.project(world, q[..., 1])
-    return points - q
+    steps = FIXED_POINT_STEPS if camera.readout_time > 0 else 1
+    return capture.row_poses.paths(orientation, position, scene, (rows, cols), steps=steps)
 
 
 def _small_angle_paths(

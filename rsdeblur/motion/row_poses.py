@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rsdeblur.kernels.poses import row_directions
+import numpy as np
+
+from rsdeblur.kernels.poses import pinhole_paths, row_directions
 from rsdeblur.motion.camera import Camera
 from rsdeblur.types import FloatArray
 
@@ -23,6 +25,43 @@ class RowPoses:
 
     camera: Camera
     matrices: FloatArray
+
+    def paths(
+        self,
+        orientation: FloatArray,
+        position: FloatArray,
+        scene: FloatArray,
+        grid: tuple[FloatArray, FloatArray],
+        *,
+        steps: int,
+    ) -> FloatArray:
+        """Return the displacements of pixels on a grid, by fixed-point iteration over the rows that they fall on.
+
+        Parameters
+        ----------
+        orientation, position, scene
+            See :func:`rsdeblur.kernels.poses.pinhole_paths`.
+        grid : (ndarray, ndarray)
+            Rows (B,) and columns (S,), px.
+        steps : int
+            Steps of the iteration, which begins at the row of the pixel.
+
+        Returns
+        -------
+        ndarray, shape (B, S, T, 2)
+            Displacements (x, y) in px; NaN where the lens shows nothing.
+        """
+        if self.camera.distortion_model == "none":
+            pinhole = *self.camera.focal_length, *self.camera.principal_point
+            return pinhole_paths(orientation, position, scene, *grid, self.matrices, pinhole, steps)
+        rows, cols = grid
+        points = np.stack(np.meshgrid(cols, rows), axis=-1)[:, :, None]  # (B, S, 1, 2), x before y
+        world = np.einsum("btji,bsj->bsti", orientation, scene) + position[:, None]
+        pixels = np.broadcast_to(points, (*world.shape[:-1], 2))
+        for _ in range(steps):
+            pixels = self.project(world, pixels[..., 1])
+        displacements: FloatArray = points - pixels
+        return displacements
 
     def project(self, world: FloatArray, rows: FloatArray) -> FloatArray:
         """Return the pixels at which points appear, each with the pose of a row.

@@ -12,7 +12,7 @@ import numpy as np
 
 from rsdeblur._util.one_line import one_line
 from rsdeblur.errors import InputError
-from rsdeblur.kernels.orientation import magnus, orientations, rotation_matrix
+from rsdeblur.kernels.orientation import integrated, orientations
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.types import FloatArray
@@ -83,12 +83,7 @@ class OrientationTrack:
     @classmethod
     def integrated(cls, t: FloatArray, omega: FloatArray) -> OrientationTrack:
         """Return the track of rates in camera axes at increasing times, over gaps as well."""
-        steps = rotation_matrix(-magnus(omega[:-1], omega[1:], np.diff(t)))
-        rotations = np.empty((len(t), 3, 3))
-        rotations[0] = np.eye(3)
-        for i, step in enumerate(steps):
-            rotations[i + 1] = step @ rotations[i]
-        return cls(t, omega, rotations)
+        return cls(t, omega, integrated(t, omega))
 
     def at(self, times: FloatArray) -> FloatArray:
         """Return the orientation at given times.

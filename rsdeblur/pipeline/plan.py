@@ -32,7 +32,7 @@ from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import derive_strengths, judged, solve_chunks, split_highlights
 from rsdeblur.pipeline.tiles import Grid, few_psfs, highlight_bank, tile_paths
 from rsdeblur.psf import PsfBank, kernel_sheet
-from rsdeblur.types import Progress
+from rsdeblur.types import FloatImage, Progress
 
 
 @one_line()
@@ -194,9 +194,13 @@ class Plan:
         encoded = self._encoded(image)
         out, upright = result_like(image, out, self.frame)
         split = self._split(encoded, clock)
-        ready = self._prepared(split, clock)
+        # Decoded once for strengths and solve, unless memory is bounded.
+        threads = self.options.threads
+        light = split.remainder(slice(None), threads=threads) if self.options.max_memory is None else None
+        ready = self._prepared(split, clock, light)
         meter = UndershootMeter(encoded.shape[0])
-        coverage = ready._solve(split, upright, meter, clock)
+        coverage = ready._solve(split, light, upright, meter, clock)
+        del light
         check = judged(encoded, upright, self.capture, meter, self.options, clock)
         return ready._result(out, encoded, coverage, check, clock)
 
@@ -234,22 +238,22 @@ class Plan:
         bank = partial(highlight_bank, self.capture, threads=self.options.threads)
         return split_highlights(encoded, self.options, bank, clock)
 
-    def _prepared(self, split: HighlightSplit, clock: StageClock) -> Plan:
+    def _prepared(self, split: HighlightSplit, clock: StageClock, light: FloatImage | None = None) -> Plan:
         """Return the plan with fixed strengths and grid, derived from a picture if this plan has none."""
         if self.strengths is not None and self.grid is not None:
             return self
         with clock.stage("tune"):
-            strengths, band_nsr = self._strengths(split)
+            strengths, band_nsr = self._strengths(split, light)
         with clock.stage("psfs"):
             bank = PsfBank.from_paths(self.tile_paths(band_nsr), threads=self.options.threads)
         ready = replace(self, strengths=strengths, grid=Grid.of(bank))
         ready.__dict__["bank"] = bank
         return ready
 
-    def _strengths(self, split: HighlightSplit) -> tuple[Strengths, float]:
+    def _strengths(self, split: HighlightSplit, light: FloatImage | None) -> tuple[Strengths, float]:
         """Return the strengths, and the `nsr` that decides the automatic number of bands."""
         bank = partial(few_psfs, self.capture, threads=self.options.threads)
-        return derive_strengths(split, self.options, self.options.mode_in_effect, bank)
+        return derive_strengths(split, self.options, self.options.mode_in_effect, bank, light=light)
 
     def tile_paths(self, nsr: float) -> BlurPaths:
         """Trace the paths of the PSFs in the upright frame.
@@ -267,13 +271,19 @@ class Plan:
         return SolverSettings.of(self.options, self.options.mode_in_effect, self.strengths)
 
     def _solve(
-        self, split: HighlightSplit, out: NDArray[Any], meter: UndershootMeter, clock: StageClock
+        self,
+        split: HighlightSplit,
+        light: FloatImage | None,
+        out: NDArray[Any],
+        meter: UndershootMeter,
+        clock: StageClock,
     ) -> NDArray[np.bool_]:
         """Solve chunk by chunk into `out`, which is upright; return a mask of the pixels that were exposed."""
         with self._kept.lock:
             return solve_chunks(
                 *(split, out, self.bank, self.options, self._settings, clock),
                 plan_solver=self._plan_solver,
+                light=light,
                 meter=meter,
                 capture=self.capture,
             )

@@ -25,6 +25,7 @@ from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.settings import Solve, SolverSettings, Strengths
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatImage
 
 # Number of pixels that automatic strengths are derived from: the middle rows of larger pictures are enough.
 MOST_TUNED_PIXELS = 8_000_000
@@ -61,7 +62,13 @@ def split_highlights(
 
 
 def derive_strengths(
-    split: HighlightSplit, options: Options, mode: Mode, bank: Callable[[], PsfBank], *, given: bool = False
+    split: HighlightSplit,
+    options: Options,
+    mode: Mode,
+    bank: Callable[[], PsfBank],
+    *,
+    light: FloatImage | None = None,
+    given: bool = False,
 ) -> tuple[Strengths, float]:
     """Return the strengths, and the `nsr` that decides the automatic number of bands.
 
@@ -75,6 +82,8 @@ def derive_strengths(
         The mode in effect.
     bank : callable
         Returns a few PSFs that are spread over the picture; called only if something is derived.
+    light : ndarray, shape (H, W, C), float32, optional
+        Linear light of the picture without highlights, if it is decoded already.
     given : bool, default False
         Whether the PSFs are the caller's own, which count as exact and may describe a picture that repeats.
     """
@@ -85,9 +94,8 @@ def derive_strengths(
     noise = None if options.noise == "auto" else options.noise
     one_filter, continued = mode == "global", mode != "rowwise"
     repeats = given and options.border == "periodic"
-    tuning = Tuning.of(
-        split.remainder(rows), part, noise=noise, one_filter=one_filter, continued=continued, repeats=repeats
-    )
+    tuned = split.remainder(rows, threads=options.threads) if light is None else light[rows]
+    tuning = Tuning.of(tuned, part, noise=noise, one_filter=one_filter, continued=continued, repeats=repeats)
     peak = 1.0 if prior == "wiener" else brightness(split.remainder(slice(None), 4))
     return tuned_strengths(tuning, options, peak, given=given)
 
@@ -167,6 +175,7 @@ def solve_chunks(
     clock: StageClock,
     *,
     plan_solver: Callable[[Chunk, tuple[int, int, int]], Solve],
+    light: FloatImage | None = None,
     frames: int = 1,
     meter: UndershootMeter | None = None,
     capture: Capture | None = None,
@@ -185,6 +194,8 @@ def solve_chunks(
         Times the stages.
     plan_solver : callable
         Plans the solver of a chunk whose light has the given shape.
+    light : ndarray, shape (H, W, C), float32, optional
+        Linear light of the picture without highlights, if it is decoded already.
     frames : int, default 1
         Number of pictures of the scene that it solves together.
     meter : UndershootMeter, optional
@@ -198,7 +209,7 @@ def solve_chunks(
     memory = None if options.max_memory is None else options.max_memory - split.nbytes
     chunks, _ = plan_chunks(bank, split.encoded.shape, settings, memory, frames)
     for n, chunk in enumerate(chunks):
-        linear = split.remainder(chunk.source)
+        linear = split.remainder(chunk.source, threads=options.threads) if light is None else light[chunk.source]
         inner = slice(chunk.target.start - chunk.source.start, chunk.target.stop - chunk.source.start)
         if meter is not None:
             meter.before(linear[inner], chunk.target)

@@ -126,6 +126,7 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     ],
     "shrunk_grad_adjoint": lambda h: [h(5, 6, 3), 1, 3, h.number(), h(9), False, h(10, 3, 8), h(5, 6, 3)],
     "shrunk_derivatives_adjoint": lambda h: [h(5, 6, 3), 1, 3, h.number(), h(9), False, h(10, 3, 8), h(5, 6, 3)],
+    "extrapolate": lambda h: [h(5, 6, 3), h(5, 6, 3), h.number()],
     "fit_gains": lambda h: [tiles(h), h(2, dtype=np.float64), float(h.number())],
     "fit_floors": lambda h: [
         TilePowers._make(
@@ -135,6 +136,9 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
         3,
         float(h.number()),
     ],
+    "halved_gradient_energy": lambda h: [h(5, 7, 3)],
+    "invert": lambda h: [h.pairs(8, 6), h.number(), h.number(), 1, 2, h.pairs(3, 3, 4, 6)],
+    "to_srgb": lambda h: [h(5, 7, 3)],
     "information": lambda h: [
         *(tiles(h), h(3, 2, 9)),
         (h(4, 3, dtype=np.float64), h(4, dtype=np.float64)),
@@ -147,6 +151,11 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "average_alike": lambda h: [h(2, 21, 22), h.number(), h.number(), h(nlm.WORK, 10), h(3, 5, 6)],
     "cut_block": lambda h: [h(5, 6, 3), np.array([1, 0, 4]), np.array([5, 0]), h(3, 3), h(3, 3, 2)],
     "row_directions": lambda h: [h(5, 3, dtype=np.float64), h(5, dtype=np.float64), h(8, 12, dtype=np.float64)],
+    "pinhole_paths": lambda h: [
+        *(h(2, 5, 3, 3, dtype=np.float64), h(2, 5, 3, dtype=np.float64), h(2, 3, 3, dtype=np.float64)),
+        *(h(2, dtype=np.float64), h(3, dtype=np.float64), h(8, 12, dtype=np.float64), (9.0, 8.0, 2.0, 1.0), 3),
+    ],
+    "integrated": lambda h: [np.arange(4.0), h(4, 3, dtype=np.float64)],
     "orientations": lambda h: [
         *(h(5, dtype=np.float64), np.arange(4.0), h(4, 3, dtype=np.float64), h(4, 3, 3, dtype=np.float64)),
     ],

@@ -1,10 +1,16 @@
-"""Orientations between samples; their laws are those of the track, in tests/motion/test_track.py."""
+"""Orientations at and between samples; their laws are those of the track, in tests/motion/test_track.py."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from rsdeblur.kernels.orientation import orientations, orientations_numpy, rotation_matrix
+from rsdeblur.kernels.orientation import (
+    integrated,
+    integrated_numpy,
+    orientations,
+    orientations_numpy,
+    rotation_matrix,
+)
 
 
 def test_the_kernel_equals_its_twin():
@@ -18,3 +24,11 @@ def test_the_kernel_equals_its_twin():
     assert found.shape == (2, 29, 3, 3)
     # Rounding of sums of products of some radians.
     np.testing.assert_allclose(found, orientations_numpy(times, t, omega, rotations), atol=1e-14)
+
+
+def test_the_integral_equals_its_twin():
+    random = np.random.default_rng(1)
+    t, omega = np.cumsum(random.uniform(0.5, 1.5, 30)), random.normal(size=(30, 3))
+    omega[3:5] = 0.0
+    # Rounding of 29 products of matrices.
+    np.testing.assert_allclose(integrated(t, omega), integrated_numpy(t, omega), atol=1e-13)

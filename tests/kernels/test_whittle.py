@@ -40,8 +40,8 @@ def nats(theta, stiffness):
 def test_twins_agree(stiffness):
     arguments = tiles((1.1, 0.2)), LEVELS, stiffness
     for fast, twin in zip(fit_gains(*arguments), fit_gains_numpy(*arguments), strict=True):
-        # Both do the same steps in double precision.
-        np.testing.assert_allclose(fast, twin, rtol=1e-8)
+        # Both do the same steps; the kernel computes the terms of the sums in float32.
+        np.testing.assert_allclose(fast, twin, rtol=1e-6)
 
 
 @pytest.mark.parametrize("stiffness", [0.0, 20.0, 1e4])

@@ -245,6 +245,18 @@ class TestRowPoses:
         capture = Capture.from_log(shaky_log(), Camera(WIDTH, 1, FOCAL, readout_time=0.01), EXPOSURE)
         assert np.isfinite(capture.row_poses.project(np.array([[0.0, 0.0, 1.0]]), np.zeros(1))).all()
 
+    def test_a_lens_whose_coefficients_are_zero_is_a_pinhole(self, shaky_log):
+        """Cameras without distortion have a kernel of their own."""
+        plain = camera_of()
+        bent = replace(plain, distortion_model="radtan", distortion=(0.0,) * 4)
+        rows, cols = np.linspace(0, HEIGHT - 1, 4), np.linspace(0, WIDTH - 1, 3)
+        paths = [
+            BlurPaths.from_capture(Capture.from_log(shaky_log(), camera, EXPOSURE), rows, cols).displacements
+            for camera in (plain, bent)
+        ]
+        # Rounding of coordinates of some 100 px, in three steps.
+        np.testing.assert_allclose(*paths, atol=1e-11)
+
     def test_rays_undo_the_projection(self):
         camera = Camera(WIDTH, HEIGHT, (100.0, 120.0), (40.0, 30.0))
         points = np.random.default_rng(0).uniform(0, 60, (4, 5, 2))

@@ -1,0 +1,37 @@
+"""The tone curve of sRGB: agreement with the NumPy twin and with the transfer."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rsdeblur.image.transfer import from_linear
+from rsdeblur.kernels.tone import END, to_srgb, to_srgb_numpy
+
+# Dark and bright, below black and beyond white, and either side of the end of the straight part.
+LIGHT = np.concatenate(
+    [
+        np.linspace(-2.0, 2.0, 3001, dtype=np.float32),
+        np.nextafter(np.repeat(END, 2), np.array([0, 1], np.float32)),
+        np.array([END, -END, 0.0, 1e-40, 1e12], np.float32),
+    ]
+)
+
+
+def test_twins_agree_in_every_bit() -> None:
+    np.testing.assert_array_equal(to_srgb(LIGHT), to_srgb_numpy(LIGHT))
+
+
+def test_it_is_the_curve_of_the_transfer_in_every_bit() -> None:
+    np.testing.assert_array_equal(to_srgb(LIGHT), from_linear(LIGHT, "srgb"))
+
+
+def test_pictures_keep_their_shape_and_the_light_stays() -> None:
+    light = np.full((4, 5, 3), 0.5, np.float32)
+    assert to_srgb(light).shape == light.shape
+    assert (light == 0.5).all()
+
+
+def test_what_is_not_finite_stays_so() -> None:
+    encoded = to_srgb(np.array([np.nan, np.inf, -np.inf], np.float32))
+    assert np.isnan(encoded[0])
+    np.testing.assert_array_equal(encoded[1:], [np.inf, -np.inf])
