@@ -17,7 +17,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 # User pages; the developer's and the benchmarks' pages and generated ones are not among them.
-PAGES = ("README.md", "docs/*.md", "docs/tutorials/*.md")
+PAGES = ("README.md", "docs/*.md", "docs/theory/*.md", "docs/tutorials/*.md")
 
 
 def docstrings() -> Iterator[tuple[str, str]]:
