@@ -233,8 +233,12 @@ def real_array(
     InputError
         If `value` does not fit.
     """
-    with np.errstate(invalid="ignore"):  # a signalling NaN, which is refused below
-        numbers = np.array(array(name, value), dtype=np.float64, order="C")
+    numbers = array(name, value)
+    if numbers.dtype == np.float64:
+        numbers = np.array(numbers, order="C")
+    else:
+        with np.errstate(invalid="ignore"):  # a signalling NaN, which is refused below
+            numbers = np.array(numbers, dtype=np.float64, order="C")
     if shape is not None and (
         numbers.ndim != len(shape)
         or any(n not in (None, length) for n, length in zip(shape, numbers.shape, strict=True))

@@ -67,7 +67,6 @@ def _orientations(times, t, omega, rotations, out):
 @njit(nogil=True)
 def _integrated(t, omega, out):
     turn = np.empty((3, 3))
-    out[0] = np.eye(3)
     for n in range(len(t) - 1):
         _turn(omega[n], omega[n + 1], t[n + 1] - t[n], turn)
         _product(turn, out[n], out[n + 1])
@@ -123,6 +122,7 @@ def integrated(t: FloatArray, omega: FloatArray) -> FloatArray:
         Matrices.
     """
     out = np.empty((len(t), 3, 3))
+    out[0] = np.eye(3)
     _integrated(read_only(t), read_only(omega), out)
     return out
 

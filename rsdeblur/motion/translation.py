@@ -158,7 +158,7 @@ class Translation:
     @property
     def middle_depth(self) -> float:
         """The depth, or the median of the depths, in m."""
-        return float(np.median(self.depth))
+        return self.depth if isinstance(self.depth, float) else float(np.median(self.depth))
 
     def at(self, times: FloatArray) -> FloatArray:
         """Return the positions at given times.
