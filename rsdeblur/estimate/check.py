@@ -210,7 +210,7 @@ def assess(
     """
     ringing, ringings = meter.ringing()
     check = QualityCheck("cannot tell", (), None, None, None, ringing, None, None, None, (), ringings)
-    length = float(capture.probe.lengths.mean())
+    length = capture.mean_length
     height, width, _ = encoded.shape
     if length < SHORT:
         return _with_verdict(check, f"The motion explains {length:.1f} px of blur, too little to be judged.")

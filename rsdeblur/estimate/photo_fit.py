@@ -157,7 +157,7 @@ class PhotoSet:
 
     def blur(self, fit: PhotoFit) -> float:
         """Return the mean length of the blur, px."""
-        return float(np.mean([each.capture().probe.lengths.mean() for each in fit.recordings]))
+        return float(np.mean([each.capture().mean_length for each in fit.recordings]))
 
     def likeliest(self, fits: Sequence[PhotoFit]) -> PhotoFit:
         """Return the likeliest fit."""

@@ -39,6 +39,8 @@ PENALTIES = (5.0, 14.0)
 LEAST_TURNED = 160
 # Nats of the spectra that a fall of the logarithm of l1 / l2 is worth.
 NATS_PER_FALL = 1000.0
+# Share of the length of other paths below which it favours the shorter ones: less deblurring leaves fewer waves.
+SHORTER = 0.85
 
 
 class Moving(Protocol):
@@ -64,7 +66,7 @@ class QuickSharpness:
     """
 
     def __init__(self, light: FloatImage, recording: Moving) -> None:
-        length = max(float(recording.capture().probe.lengths.mean()), 1.0)
+        length = max(recording.capture().mean_length, 1.0)
         self._scale = scale_of(recording.camera, LONGEST_BLUR / length)
         light = upright(light, recording.camera, self._scale)
         bank = self._bank(

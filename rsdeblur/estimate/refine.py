@@ -21,7 +21,7 @@ from rsdeblur.choices import Auto, Transfer
 from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording, Uncertainty
 from rsdeblur.estimate.periodograms import TILE
 from rsdeblur.estimate.posterior import Posterior
-from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, QuickSharpness
+from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, SHORTER, QuickSharpness
 from rsdeblur.estimate.regions import drift_by_region, with_factors
 from rsdeblur.estimate.rival_axes import OTHER_AXES, rival_lead
 from rsdeblur.estimate.sharpness import Sharpness
@@ -67,9 +67,8 @@ NATS_PER_PARAMETER, WORST_GAIN = 3.0, -1000.0
 # Least worth (nats) of a correction that is accepted, its least fall in the whole solve, and the most standard
 # deviations of any parameter. The quick measure must not rise; a fall proves less there, as the largest of many.
 LEAST_WORTH, LEAST_FALL, MOST_DEVIATIONS = 30.0, 0.01, 6.0
-# Gain (nats) without which the fall does not count where the paths become shorter than this share of those recorded:
-# less deblurring leaves fewer waves.
-LEAST_OF_SHORTER, SHORTER = 10.0, 0.85
+# Gain (nats) without which the fall does not count where the paths become shorter.
+LEAST_OF_SHORTER = 10.0
 # Least worth and fall for the readout time alone: little else looks like that.
 LEAST_OF_READOUT = 15.0, 0.005
 # Exposures that are shorter, s, show no shake; the drifts of the search would have speeds that no hand has, and PSFs of
@@ -246,7 +245,7 @@ def spectra_side(recording: Recording) -> int:
     """Return the longer side to which a picture is reduced for its spectra, px."""
     camera = recording.camera
     longer, shorter = max(camera.width, camera.height), min(camera.width, camera.height)
-    length = float(recording.capture().probe.lengths.mean())
+    length = recording.capture().mean_length
     low, high = (max(side, TILE * longer / shorter + 1) for side in SPECTRA_SIDES)
     return int(np.clip(longer / max(LEAST_REDUCTION, length / LONGEST_BLUR), low, high))
 
@@ -398,7 +397,7 @@ class _Judge:
 
     def _length(self, place: FloatArray) -> float:
         """Return the mean length of the paths, px."""
-        return float(self._posterior.corrected(place).capture().probe.lengths.mean())
+        return self._posterior.corrected(place).capture().mean_length
 
     def _whole_worths(self, places: Sequence[FloatArray]) -> list[float]:
         return [self._sum(place, fall) for place, fall in zip(places, self._whole_falls(places), strict=True)]

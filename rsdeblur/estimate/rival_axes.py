@@ -11,7 +11,7 @@ import numpy as np
 from rsdeblur._util.threads import share_map
 from rsdeblur.estimate.correction import PARAMETERS, Recording
 from rsdeblur.estimate.posterior import UNDESCRIBED, Posterior
-from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, QuickSharpness
+from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, SHORTER, QuickSharpness
 from rsdeblur.estimate.spectra import TileSpectra
 from rsdeblur.motion.axes import rotations
 from rsdeblur.types import FloatArray
@@ -55,8 +55,10 @@ def rival_lead(
         Threads that share the work; None means all processors.
     """
     own, nats, clear = recording.camera.imu_to_camera, spectra.score(found), sharpness.of(found)
+    length = found.capture().mean_length
     free = [name for name in FREE if deviations[PARAMETERS.index(name)] > 0]
     offsets = OFFSETS if "offset" in free else (0.0,)
+    nothing = np.zeros(len(PARAMETERS))
     places = [offset * (np.arange(len(PARAMETERS)) == PARAMETERS.index("offset")) for offset in offsets]
 
     def tried(turn: FloatArray) -> Rival:
@@ -70,11 +72,12 @@ def rival_lead(
         if free:
             with suppress(*UNDESCRIBED):
                 compared.append(posterior.descend(places[int(np.argmax(leads))], free))
-        sharper = (clear - sharpness.of(posterior.corrected(place)) for place in compared)
-        worths = (
-            posterior.lead(place, nats) + NATS_PER_FALL * fall for place, fall in zip(compared, sharper, strict=True)
-        )
-        return max(worths, default=-np.inf)
+        falls = np.array([clear - sharpness.of(posterior.corrected(place)) for place in compared])
+        # With shorter paths, the corrected recording may be clear because it removes less blur.
+        if length < SHORTER * posterior.corrected(nothing).capture().mean_length:
+            falls = np.maximum(falls, 0.0)
+        worths = [posterior.lead(place, nats) for place in compared] + NATS_PER_FALL * falls
+        return float(worths.max(initial=-np.inf))
 
     # Left-handed axes have the spectra of right-handed ones.
     turns = [turn for turn in rotations() if not np.array_equal(turn, np.eye(3))]

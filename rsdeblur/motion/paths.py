@@ -159,6 +159,11 @@ class Capture:
         cols = np.linspace(0.0, self.camera.width - 1, PROBE_COLS)
         return BlurPaths.from_capture(self, rows, cols, samples=2 * len(self.track.t) + 1)
 
+    @property
+    def mean_length(self) -> float:
+        """Mean length of the paths over the whole picture, px."""
+        return float(self.probe.lengths.mean())
+
     @cached_property
     def row_poses(self) -> RowPoses:
         """Poses of all rows, from half a height above the picture to half a height below; paths may leave it."""

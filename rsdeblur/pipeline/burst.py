@@ -244,7 +244,7 @@ def _refinement(
 ) -> FramesRefinement:
     """Return the correction of the recording by the most blurred frames, which determine it best."""
     captures = _captures(log, ReadoutFrame(camera), exposures, options)
-    lengths = [float(capture.probe.lengths.mean()) for capture in captures]
+    lengths = [capture.mean_length for capture in captures]
     chosen = sorted(np.argsort(lengths, kind="stable")[-REFINED_FRAMES:].tolist())
     return refine_frames(
         [images[n] for n in chosen],

@@ -24,7 +24,7 @@ from rsdeblur import (
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL
 from rsdeblur.estimate.refine import _Judge
-from rsdeblur.estimate.rival_axes import OTHER_AXES
+from rsdeblur.estimate.rival_axes import OTHER_AXES, rival_lead
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -128,8 +128,8 @@ def test_a_clearer_picture_does_not_prove_shorter_paths():
         """Return the worth of a correction to paths of 10 px that has a fall of 0.1."""
 
         def corrected(place):
-            paths = SimpleNamespace(lengths=np.array([length if place.any() else 10.0]))
-            return SimpleNamespace(capture=lambda: SimpleNamespace(probe=paths), clear=place.any())
+            capture = SimpleNamespace(mean_length=length if place.any() else 10.0)
+            return SimpleNamespace(capture=lambda: capture, clear=place.any())
 
         posterior = SimpleNamespace(corrected=corrected, gain=lambda *_: gain)
         quick = SimpleNamespace(of=lambda recording: -0.1 if recording.clear else 0.0)
@@ -138,6 +138,28 @@ def test_a_clearer_picture_does_not_prove_shorter_paths():
     assert worth(5.0, 9.0) == 9.0
     assert worth(5.0, 11.0) == pytest.approx(11.0 + 0.1 * NATS_PER_FALL)
     assert worth(9.0, 9.0) == worth(20.0, 9.0) == pytest.approx(9.0 + 0.1 * NATS_PER_FALL)
+
+
+def test_other_axes_are_not_refuted_by_shorter_paths(monkeypatch):
+    """Other axes that the spectra prefer lead, unless the corrected recording is clearer with paths as long."""
+
+    def moving(length, clear=0.0):
+        return SimpleNamespace(capture=lambda: SimpleNamespace(mean_length=length), clear=clear)
+
+    posterior = SimpleNamespace(
+        corrected=lambda place: moving(10.0), lead=lambda *_: 5.0, descend=lambda place, _: place
+    )
+    monkeypatch.setattr("rsdeblur.estimate.rival_axes.Posterior", lambda *_: posterior)
+    measures = SimpleNamespace(score=lambda _: None), SimpleNamespace(of=lambda recording: -recording.clear)
+    recording = Recording(LOG, CAMERA, EXPOSURE)
+
+    def lead(length):
+        """Return the lead of other axes with paths of 10 px over a correction to `length` px that is clearer by 0.1."""
+        deviations = Uncertainty().deviations(CAMERA)
+        return rival_lead(*measures, moving(length, 0.1), recording, deviations, threads=1)
+
+    assert lead(5.0) == 5.0
+    assert lead(9.0) == lead(20.0) == pytest.approx(5.0 - 0.1 * NATS_PER_FALL)
 
 
 def test_few_pixels_prove_nothing():
