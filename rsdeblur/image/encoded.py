@@ -16,7 +16,6 @@ from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
-from rsdeblur.kernels.tone import to_srgb
 from rsdeblur.motion.camera import Camera
 
 # Rows decoded or encoded at a time, which bounds the memory: a conversion takes several arrays of that size.
@@ -119,10 +118,7 @@ class EncodedImage:
 
         def encode_block(_: int, n: int) -> None:
             here, there = blocks[n]
-            if self.transfer == "srgb":
-                sharp = to_srgb(np.ascontiguousarray(light[here]))
-            else:
-                sharp = from_linear(light[here], self.transfer)
+            sharp = from_linear(light[here], self.transfer)
             with np.errstate(over="ignore", invalid="ignore"):
                 # One pass instead of the two of np.isfinite(sharp).all().
                 finite = np.isfinite(sharp.sum())

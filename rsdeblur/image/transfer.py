@@ -11,8 +11,7 @@ from rsdeblur._util import validate
 from rsdeblur.choices import TRANSFERS, Auto, Transfer
 from rsdeblur.errors import InputError
 
-# IEC 61966-2-1: below these values the sRGB curve is a straight line.
-SRGB_LINEAR_END = 0.0031308
+# IEC 61966-2-1: below this value the sRGB curve is a straight line.
 SRGB_STORED_END = 0.04045
 # Largest gamma, and its inverse the least: devices use 0.4 to 3, and 255 steps do not survive more.
 MOST_GAMMA = 10.0
@@ -94,13 +93,12 @@ def from_linear(light: NDArray[np.float32], transfer: Transfer) -> NDArray[np.fl
     if transfer == "linear":
         return light
     light = validate.array("light", light)
-    magnitude = np.abs(light)
     with np.errstate(over="ignore"):  # becomes infinity
         if transfer == "srgb":
-            values = np.where(magnitude <= SRGB_LINEAR_END, magnitude * 12.92, 1.055 * magnitude ** (1 / 2.4) - 0.055)
-        else:
-            values = magnitude ** (1.0 / transfer)
-        return np.copysign(values, light).astype(np.float32)
+            from rsdeblur.kernels.tone import to_srgb  # loads Numba, which checks of options need not wait for
+
+            return to_srgb(np.asarray(light, dtype=np.float32, order="C"))
+        return np.copysign(np.abs(light) ** (1.0 / transfer), light).astype(np.float32)
 
 
 # Share of the values at either end that counts as outliers.

@@ -29,7 +29,7 @@ def to_srgb(light: Float32Array) -> Float32Array:
     light : ndarray, float32, C-contiguous
         Linear light of any shape, nominal range [0, 1].
     """
-    values = np.abs(light)
+    values = np.abs(light, out=np.empty_like(light))
     np.power(values, np.float32(1 / GAMMA), out=values)
     _choose(light.reshape(-1), values.reshape(-1))
     return values

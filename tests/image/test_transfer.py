@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from rsdeblur.errors import InputError
-from rsdeblur.image.transfer import SRGB_LINEAR_END, SRGB_STORED_END, check_transfer, from_linear, normalized, to_linear
+from rsdeblur.image.transfer import SRGB_STORED_END, check_transfer, from_linear, normalized, to_linear
+from rsdeblur.kernels import tone
 
 CURVES = ["linear", "srgb", 2.2, 0.5, 1.0]
 
@@ -54,7 +55,7 @@ def test_the_two_parts_of_srgb_join():
     around = np.float32([SRGB_STORED_END - 1e-6, SRGB_STORED_END + 1e-6])
     # The standard's constants are rounded: the parts meet within 1e-8 in light.
     assert abs(np.diff(to_linear(around, "srgb"))[0] - 2e-6 / 12.92) < 3e-8
-    around = np.float32([SRGB_LINEAR_END - 1e-7, SRGB_LINEAR_END + 1e-7])
+    around = np.float32([tone.END - 1e-7, tone.END + 1e-7])
     assert abs(np.diff(from_linear(around, "srgb"))[0] - 2e-7 * 12.92) < 1e-7
 
 
