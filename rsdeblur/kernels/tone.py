@@ -18,7 +18,7 @@ def _choose(light, values):
     for i in range(len(light)):
         magnitude = abs(light[i])
         value = magnitude * SLOPE if magnitude <= END else values[i] * SCALE - OFFSET
-        values[i] = value if light[i] > 0 else -value
+        values[i] = np.copysign(value, light[i])
 
 
 def to_srgb(light: Float32Array) -> Float32Array:
