@@ -17,6 +17,8 @@ from rsdeblur.motion.axes import rotations
 from rsdeblur.types import FloatArray
 
 OTHER_AXES = "other axes of the gyro explain the picture better: are imu_to_camera and the readout direction right?"
+# Most that the corrected recording may be clearer than other axes by shorter paths, as a fall of log l1 / l2.
+MOST_OF_SHORTER = 0.01
 # Clock offsets with which all mountings are compared by the spectra, standard deviations. The likeliest mountings are
 # fitted, with these parameters free, and compared by the sharp picture: there, and at those offsets that are no less
 # likely than this, nats, because the fit knows the spectra alone.
@@ -73,9 +75,9 @@ def rival_lead(
             with suppress(*UNDESCRIBED):
                 compared.append(posterior.descend(places[int(np.argmax(leads))], free))
         falls = np.array([clear - sharpness.of(posterior.corrected(place)) for place in compared])
-        # With shorter paths, the corrected recording may be clear because it removes less blur.
+        # With shorter paths, the corrected recording may be clearer because it removes less blur.
         if length < SHORTER * posterior.corrected(nothing).capture().mean_length:
-            falls = np.maximum(falls, 0.0)
+            falls = np.maximum(falls, -MOST_OF_SHORTER)
         worths = [posterior.lead(place, nats) for place in compared] + NATS_PER_FALL * falls
         return float(worths.max(initial=-np.inf))
 

@@ -24,7 +24,7 @@ from rsdeblur import (
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL
 from rsdeblur.estimate.refine import _Judge
-from rsdeblur.estimate.rival_axes import OTHER_AXES, rival_lead
+from rsdeblur.estimate.rival_axes import MOST_OF_SHORTER, OTHER_AXES, rival_lead
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -141,7 +141,7 @@ def test_a_clearer_picture_does_not_prove_shorter_paths():
 
 
 def test_other_axes_are_not_refuted_by_shorter_paths(monkeypatch):
-    """Other axes that the spectra prefer lead, unless the corrected recording is clearer with paths as long."""
+    """A clearer picture counts little against other axes if the paths are shorter than theirs."""
 
     def moving(length, clear=0.0):
         return SimpleNamespace(capture=lambda: SimpleNamespace(mean_length=length), clear=clear)
@@ -158,7 +158,7 @@ def test_other_axes_are_not_refuted_by_shorter_paths(monkeypatch):
         deviations = Uncertainty().deviations(CAMERA)
         return rival_lead(*measures, moving(length, 0.1), recording, deviations, threads=1)
 
-    assert lead(5.0) == 5.0
+    assert lead(5.0) == pytest.approx(5.0 - MOST_OF_SHORTER * NATS_PER_FALL)
     assert lead(9.0) == lead(20.0) == pytest.approx(5.0 - 0.1 * NATS_PER_FALL)
 
 
