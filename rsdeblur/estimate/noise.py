@@ -85,7 +85,7 @@ def gradient_energy(light: FloatImage) -> float:
     float
         Squared units of `light` per px of the halved picture.
     """
-    if min(light.shape[:2]) < 2:
+    if min(light.shape[:2]) < 2:  # too narrow to be halved
         return sum(float(np.square(part).sum(axis=2).mean()) for part in gradient(light, periodic=False))
     return halved_gradient_energy(light)
 

@@ -74,7 +74,7 @@ class QuickSharpness:
         )
         tuning = assumed(light[..., None], bank)
         self._tiles = _RepeatingTiles(light, bank.size, nsr=tuning.border_error, softness=softness(self._scale))
-        self._shares = contrast_shares(self._tiles.observed_parts())
+        self._shares = contrast_shares(self._tiles.observed_parts)
         down, across = self._tiles.centres
         #: Centres of the rows and columns of tiles, as shares of the upright picture's height and width.
         self.centres = down / light.shape[0], across / light.shape[1]
@@ -160,7 +160,8 @@ class _RepeatingTiles:
         tiles = np.lib.stride_tricks.sliding_window_view(light, spans)[np.ix_(tops, lefts)].reshape(-1, *spans)
         for axis, fade in enumerate(fades, 1):
             tiles = _faded(tiles, axis, fade)
-        self._observed_parts = self.parts(tiles)
+        #: What the tiles show of the blurred picture, shape (N, h, w).
+        self.observed_parts = self.parts(tiles)
         self._observed: NDArray[np.complex64] = fft.rfft2(tiles)
         self._nsr = np.float32(nsr)
         # |exp(i w) - 1|^2 = 4 sin^2(w / 2)
@@ -177,19 +178,11 @@ class _RepeatingTiles:
         otfs: ComplexArray = self._softening * fft.rfft2(centred)
         return otfs
 
-    def under(self, kernels: NDArray[np.float32]) -> _RepeatingSolver:
-        """Return the solver under PSFs of all tiles, shape (B, S, kh, kw)."""
-        return self.solver(self.otfs(kernels))
-
     def solver(self, otfs: ComplexArray) -> _RepeatingSolver:
         """Return the solver under the OTFs of all tiles."""
         power = np.square(otfs.real) + np.square(otfs.imag) + self._nsr
         data = (1 + self._nsr) * otfs.conj() * self._observed
         return _RepeatingSolver(data, power, self._differences, self._shape)
-
-    def observed_parts(self) -> FloatImage:
-        """Return what the tiles show of the blurred picture, shape (N, h, w)."""
-        return self._observed_parts
 
     def parts(self, latent: FloatImage) -> FloatImage:
         """Return what the tiles show of the picture, without the ends that fade, shape (N, h, w)."""

@@ -23,6 +23,7 @@ from rsdeblur.types import FloatArray
 STEPS, SETTLED = 12, 0.02
 # Largest step of a gain's logarithm.
 LONGEST = 1.0
+# A literal would turn terms of float32 into float64.
 HALF = np.float32(0.5)
 # Least gain, as the power of the scene over that of the noise.
 FAINTEST = 3e-3

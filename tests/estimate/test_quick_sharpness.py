@@ -18,7 +18,7 @@ def test_tiles_without_blur_are_parts_of_the_picture():
     tiles = _RepeatingTiles(light, (3, 5), nsr=0.01, softness=0.0)
     pixel = np.zeros((*TILES, 3, 5), np.float32)
     pixel[:, :, 1, 2] = 1.0
-    parts = tiles.parts(tiles.under(pixel).solve(0.0, None))
+    parts = tiles.parts(tiles.solver(tiles.otfs(pixel)).solve(0.0, None))
     height, width = parts.shape[1:]
     parts = parts.reshape(*TILES, height, width)
     for row, y in enumerate(tiles.centres[0]):
@@ -37,10 +37,10 @@ def test_tiles_are_freed_of_the_softness():
         _RepeatingTiles(picture, (3, 5), nsr=1e-4, softness=softness)
         for picture, softness in ((soft, 0.7), (light, 0.0))
     )
-    parts, originals = (tiles.parts(tiles.under(pixel).solve(0.0, None)) for tiles in (sharp, expected))
+    parts, originals = (tiles.parts(tiles.solver(tiles.otfs(pixel)).solve(0.0, None)) for tiles in (sharp, expected))
     # Beside the parts, the ends of the tiles fade into each other; one that is softened there is not what it would be.
     inside = np.s_[:, 3:-3, 3:-3]
-    assert np.abs(parts - originals)[inside].mean() < 0.1 * np.abs(sharp.observed_parts() - originals)[inside].mean()
+    assert np.abs(parts - originals)[inside].mean() < 0.1 * np.abs(sharp.observed_parts - originals)[inside].mean()
 
 
 def test_every_tile_counts_by_its_contrast_alone():
@@ -57,7 +57,7 @@ def test_a_flat_picture_stays():
     """Under any kernel, even one that wraps around a tile."""
     light = np.full((64, 64), 0.5, np.float32)
     tiles = _RepeatingTiles(light, (3, 3), nsr=0.0, softness=0.0)
-    solver = tiles.under(np.full((*TILES, 71, 83), 1 / (71 * 83), np.float32))
+    solver = tiles.solver(tiles.otfs(np.full((*TILES, 71, 83), 1 / (71 * 83), np.float32)))
     np.testing.assert_allclose(tiles.parts(solver.solve(1.0, None)), 0.5, rtol=1e-4)
 
 
