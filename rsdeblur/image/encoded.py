@@ -84,7 +84,7 @@ class EncodedImage:
                 # No index is beyond the table; the other modes copy more.
                 np.take(light_of, self.values[there, :, :channels], out=light[here], mode="clip")
             else:
-                light[here] = to_linear(_as_float(self.values[there, :, :channels]), self.transfer)
+                light[here] = to_linear(as_float(self.values[there, :, :channels]), self.transfer)
                 validate.bounded("image", light[here])
 
         # Of several errors, the first one is raised with any number of threads.
@@ -131,7 +131,7 @@ class EncodedImage:
                 sharp = sharp.clip(0.0, 1.0)
             out[there, :, :channels] = _as_stored(sharp, out.dtype)
             if channels < out.shape[2]:
-                out[there, :, channels:] = _as_stored(_as_float(self.values[there, :, channels:]), out.dtype)
+                out[there, :, channels:] = _as_stored(as_float(self.values[there, :, channels:]), out.dtype)
 
         share(encode_block, range(len(blocks)), threads)
 
@@ -219,7 +219,7 @@ def reduced(image: ArrayLike, camera: Camera, side: int) -> tuple[NDArray[np.flo
     InputError
         If `image` is not a picture, or does not have the camera's size.
     """
-    values = _as_float(EncodedImage.of(image, "linear").values)
+    values = as_float(EncodedImage.of(image, "linear").values)
     check_size(values.shape, camera)
     scale = validate.count("side", side) / max(values.shape[:2])
     if scale < 1:
@@ -244,10 +244,11 @@ def _blocks(rows: slice) -> Iterator[tuple[slice, slice]]:
 def _lookup(itemsize: int, transfer: Transfer) -> NDArray[np.float32]:
     """Return the light of every value of an unsigned integer; a power for each pixel would take five times as long."""
     values = np.arange(1 << 8 * itemsize, dtype=f"u{itemsize}")
-    return to_linear(_as_float(values), transfer)
+    return to_linear(as_float(values), transfer)
 
 
-def _as_float(values: NDArray[Any]) -> NDArray[np.float32]:
+def as_float(values: NDArray[Any]) -> NDArray[np.float32]:
+    """Return encoded values as float32, integers divided by their full scale."""
     with np.errstate(over="ignore", invalid="ignore"):  # infinity, or a signalling NaN: refused
         scaled = values.astype(np.float32)
     if values.dtype.kind == "u":

@@ -142,14 +142,15 @@ def at_full_scale(values: NDArray[Any]) -> Mask:
 
     Full scale is 255, 65535 or 1. In a float picture that exceeds 1 anywhere, nothing was clipped at 1.
     """
-    white = _full_scale(values)
+    white = full_scale(values)
     if values.max() != white:
         return np.zeros(values.shape, dtype=np.bool_)
     full: Mask = values == white
     return full
 
 
-def _full_scale(values: NDArray[Any]) -> float:
+def full_scale(values: NDArray[Any]) -> float:
+    """Return the full scale of encoded values: 255, 65535 or, of floats, 1."""
     return np.iinfo(values.dtype).max if values.dtype.kind == "u" else 1.0
 
 
@@ -305,7 +306,7 @@ def _spots(values: NDArray[Any], top: int) -> Iterator[Spot]:
     if not full.any():
         return
     # Integers are compared with an integer: no float copy of the picture is made.
-    near: Mask = values >= (ceil(NEAR * _full_scale(values)) if values.dtype.kind == "u" else NEAR)
+    near: Mask = values >= (ceil(NEAR * full_scale(values)) if values.dtype.kind == "u" else NEAR)
     numbers, count = ndimage.label(_any(near), TOUCHING)
     has_full = np.zeros(count + 1, dtype=np.bool_)
     has_full[numbers[_any(full)]] = True

@@ -14,6 +14,7 @@ from rsdeblur.deconv.plug_and_play import DENOISERS, WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.priors import LEAST_PEAK, brightness
 from rsdeblur.estimate.check import QualityCheck, UndershootMeter, assess, fall_back
 from rsdeblur.estimate.strength import Tuning
+from rsdeblur.image.clipping import keep_colours_near_clipped
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.highlights import HighlightSplit, are_lights, find_spots, separate_highlights, small_spots
 from rsdeblur.image.transfer import normalized
@@ -205,7 +206,7 @@ def solve_chunks(
     """
     coverage: NDArray[np.bool_] = np.broadcast_to(np.True_, split.encoded.shape[:2])
     # Linear methods, of which the published filter is one, stay linear.
-    fades = options.prior not in ("wiener", "gradient")
+    is_corrected = options.prior not in ("wiener", "gradient")
     memory = None if options.max_memory is None else options.max_memory - split.nbytes
     chunks, _ = plan_chunks(bank, split.encoded.shape, settings, memory, frames)
     for n, chunk in enumerate(chunks):
@@ -220,10 +221,11 @@ def solve_chunks(
         split.add_highlights(linear, chunk.source.start)
         if meter is not None:
             meter.after(linear[inner], chunk.target)
-        if fades:
+        if is_corrected:
             fade_undershoot(
                 linear, split.encoded, chunk.source.start, bank.size, settings.peak, threads=options.threads
             )
+            keep_colours_near_clipped(linear, split.encoded, chunk.source.start, bank.size, threads=options.threads)
         if options.geometry == "rectify" and capture is not None:
             with clock.stage("rectify"):
                 linear, coverage = rectify(linear, capture, threads=options.threads)

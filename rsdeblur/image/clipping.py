@@ -1,0 +1,98 @@
+"""Colours beside what the sensor clipped: there a result keeps to the colours of the photo around it.
+
+A clipped pixel recorded less than the light that reached it, and each channel clips elsewhere. The solve takes the cut
+for an edge of the scene, another one in each channel, and leaves dark and coloured lines beside it. The colours that
+the photo itself has there limit those of the result. Its darkness limits that of the result loosely, because blur
+lowers the contrast of small things, such as letters on white paper.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from rsdeblur._util.threads import share
+from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.image.highlights import full_scale
+from rsdeblur.kernels.clipping import extremes, limit
+from rsdeblur.types import Float32Array, FloatImage
+
+# Side of the window around a pixel that the photo's range is taken over, in lengths of the PSF: light of the pixel went
+# half a PSF far, and as far again reaches what came from there.
+WINDOW = 1.5
+# By how much a result may leave the range of the photo: as a share of the range, below its brightness and beyond its
+# colours, and at least, as the square root of light. (docs/developer/decisions/estimates.md)
+DARKER, MORE_COLOURED, LEAST_BEYOND = 1.0, 0.1, 1 / 255
+# Cells in the length of a PSF, the least size of a cell in px, and the number of cells over which the limits set in.
+CELLS, LEAST_CELL, FADE = 8, 8, 3
+# Square root of more light than a picture may have, 1e12.
+MOST_ROOT = 1e6
+# Rows that a thread changes at a time.
+ROWS = 64
+
+
+def keep_colours_near_clipped(
+    sharp: FloatImage,
+    encoded: EncodedImage,
+    first: int,
+    size: tuple[int, int],
+    *,
+    threads: int | None = None,
+) -> None:
+    """Limit brightness and colours of a result in place, beside pixels that the blurred picture has at full scale.
+
+    Parameters
+    ----------
+    sharp : ndarray, shape (h, W, C), float32
+        Linear light of the result.
+    encoded : EncodedImage
+        The blurred picture, shape (H, W, C).
+    first : int
+        Its row that is the first of `sharp`.
+    size : (int, int)
+        Height and width of the largest PSF, px.
+    threads : int, optional
+        Number of threads; default all processors. Any number gives the same bits.
+    """
+    height, _, channels = sharp.shape
+    values = encoded.values[first : first + height, :, :channels]
+    white = full_scale(values)
+    # A float picture that exceeds 1 was not clipped there.
+    if values.max() < white or (values.dtype.kind != "u" and encoded.values[..., :channels].max() > white):
+        return
+    step = max(LEAST_CELL, size[0] // CELLS), max(LEAST_CELL, size[1] // CELLS)
+    window = tuple(2 * int(np.ceil(WINDOW / 2 * length / cell)) + 1 for length, cell in zip(size, step, strict=True))
+    clipped, lowest, highest = _measured(EncodedImage(values, encoded.transfer), white, step, threads)
+    near = ndimage.uniform_filter(ndimage.maximum_filter(clipped, window, mode="nearest"), FADE, mode="nearest")
+    low = ndimage.minimum_filter(lowest, (*window, 1), mode="nearest")
+    high = ndimage.maximum_filter(highest, (*window, 1), mode="nearest")
+    darker, coloured = high[..., :1] - low[..., :1], (high - low)[..., 1:].max(axis=2, keepdims=True)
+    beyond = np.concatenate([DARKER * darker, *[MORE_COLOURED * coloured] * channels], axis=2)
+    least, most = low - beyond - np.float32(LEAST_BEYOND), high + beyond + np.float32(LEAST_BEYOND)
+    # Nothing says how bright clipped light was at most.
+    most[..., 0] = MOST_ROOT
+
+    def limit_rows(_: int, top: int) -> None:
+        limit(sharp[top : top + ROWS], top, *step, near, least, most)
+
+    share(limit_rows, range(0, height, ROWS), threads)
+
+
+def _measured(
+    encoded: EncodedImage, white: float, step: tuple[int, int], threads: int | None
+) -> tuple[Float32Array, Float32Array, Float32Array]:
+    """Return 1 for cells with a clipped pixel, else 0, and the extremes of brightness and colours in each cell."""
+    height, width, channels = encoded.shape
+    tops, lefts = range(0, height, step[0]), np.arange(0, width, step[1])
+    clipped = np.empty((len(tops), len(lefts)), np.float32)
+    lowest, highest = np.empty((2, *clipped.shape, channels + 1), np.float32)
+
+    def measure(_: int, n: int) -> None:
+        rows = slice(tops[n], tops[n] + step[0])
+        highest_values: NDArray[np.generic] = encoded.values[rows].max(axis=0)
+        clipped[n] = np.maximum.reduceat(highest_values, lefts).max(axis=1) == white
+        extremes(np.sqrt(np.maximum(encoded.linear(rows), 0)), step[1], lowest[n], highest[n])
+
+    share(measure, range(len(tops)), threads)
+    return clipped, lowest, highest

@@ -1,0 +1,80 @@
+"""Beside clipped light, a result keeps to the colours of the photo around it, and nothing else changes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rsdeblur import Camera, Exposure, deblur, simulate
+from rsdeblur.image.clipping import keep_colours_near_clipped
+from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.simulation.scene import scene
+from rsdeblur.simulation.shake import hand_shake
+
+# A window is 5 cells of 8 px: limits hold up to 2 cells from clipped pixels, and set in over another one. The weight
+# is interpolated to the pixels of one more.
+SIZE = (15, 21)
+FAR = 32
+
+
+def pictures(height: int = 120, width: int = 160) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """A result of any colours, and a photo of even grey whose left is clipped."""
+    sharp = np.random.default_rng(0).uniform(-0.5, 2, (height, width, 3)).astype(np.float32)
+    photo = np.full((height, width, 3), 128, np.uint8)
+    photo[:, :24] = 255
+    return sharp, photo
+
+
+def test_colours_beside_clipped_pixels_are_those_of_the_photo() -> None:
+    sharp, photo = pictures()
+    limited = sharp.copy()
+    keep_colours_near_clipped(limited, EncodedImage(photo, "srgb"), 0, SIZE)
+    np.testing.assert_array_equal(limited[:, 24 + FAR :], sharp[:, 24 + FAR :])
+    roots = np.copysign(np.sqrt(np.abs(limited)), limited)[:, 24:28]
+    # The photo is grey: a step of 8 bits to either side is left of the colours, at most.
+    assert np.ptp(roots[roots.mean(axis=2) <= 1], axis=1).max() <= 2.01 / 255
+    bright = np.copysign(np.sqrt(np.abs(sharp)), sharp).mean(axis=2) > 1
+    np.testing.assert_array_equal(limited[bright], sharp[bright])
+
+
+def test_a_photo_without_clipped_pixels_is_not_touched() -> None:
+    sharp, photo = pictures()
+    limited = sharp.copy()
+    keep_colours_near_clipped(limited, EncodedImage(np.minimum(photo, np.uint8(254)), "srgb"), 0, SIZE)
+    np.testing.assert_array_equal(limited, sharp)
+
+
+def test_floats_beyond_one_are_not_clipped_at_one() -> None:
+    sharp, photo = pictures()
+    values = (photo / np.float32(255)).astype(np.float32)
+    values[-1, -1] = 1.5
+    limited = sharp.copy()
+    keep_colours_near_clipped(limited[:50], EncodedImage(values, "linear"), 0, SIZE)
+    np.testing.assert_array_equal(limited, sharp)
+
+
+def test_threads_give_the_same_bits() -> None:
+    sharp, photo = pictures()
+    one, other = sharp.copy(), sharp.copy()
+    for limited, threads in ((one, 1), (other, 3)):
+        keep_colours_near_clipped(limited, EncodedImage(photo, "srgb"), 0, SIZE, threads=threads)
+    np.testing.assert_array_equal(one, other)
+
+
+def test_a_coloured_photo_that_is_overexposed_gains_and_linear_filters_stay_linear(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    camera, exposure, log = Camera(192, 144, 260.0), Exposure(0.2, 0.05), hand_shake(0.5, seed=4)
+    # Channels clip one after the other.
+    light, _, rolling = simulate(np.array([4, 3, 2], np.float32) * scene(184, 232), log, camera, exposure, noise=0.004)
+    photo, truth = np.clip(light, 0, 1), np.clip(rolling, 0, 1)
+
+    def error(**options: str) -> float:
+        image = deblur(photo, log, camera, exposure, check=False, **options).image
+        return float(np.square(np.clip(image, 0, 1) - truth).mean())
+
+    limited, linear = error(), error(prior="wiener")
+    monkeypatch.setattr("rsdeblur.pipeline.steps.keep_colours_near_clipped", lambda *_, **__: None)
+    assert limited < error()
+    assert linear == error(prior="wiener")
