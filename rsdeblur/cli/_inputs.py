@@ -143,6 +143,12 @@ def read_recording(
 
         with naming(photo, recording):
             exposure = replace(exposure, epoch_ns=on_clock_of(_exif_time(photo), log))
+    if known_axes and photo is not None:
+        from rsdeblur.cli._gravity import gravity_problem
+
+        problem = gravity_problem(photo, recording, camera, exposure)
+        if problem is not None:
+            warnings.warn(problem, RsdeblurWarning, stacklevel=2)
     say_detail(
         f"exposure: {exposure.epoch_ns} ns + {exposure.start:.6f} s, {1e3 * exposure.duration:.3g} ms; camera: "
         f"{camera.width}x{camera.height}, {camera.focal_length[0]:.1f} px, readout {1e3 * camera.readout_time:.3g} ms "
@@ -172,11 +178,21 @@ def read_device(recording: Recording, *, known_axes: bool = True) -> tuple[GyroL
 
 def read_log(recording: Moments) -> GyroFile:
     """Read the log that the options name, without its bias, and show its warnings; see `read_inputs`."""
-    reading = recording.gyro_format, recording.unit, recording.orientation, recording.rate
-    file, messages = _gyro_file(recording.gyro, file_state(recording.gyro), *reading)
+    file, messages = _known_log(recording)
     for message in messages:
         warnings.warn(message, RsdeblurWarning, stacklevel=2)
     return file if recording.bias is None else replace(file, log=file.log.minus_bias(recording.bias))
+
+
+def log_format(recording: Moments) -> str:
+    """Return the name of the format of the log that the options name."""
+    return _known_log(recording)[0].format
+
+
+def _known_log(recording: Moments) -> tuple[GyroFile, list[str]]:
+    """Return the log that the options name, with its bias, and the warnings of its reader."""
+    reading = recording.gyro_format, recording.unit, recording.orientation, recording.rate
+    return _gyro_file(recording.gyro, file_state(recording.gyro), *reading)
 
 
 @lru_cache(maxsize=1)

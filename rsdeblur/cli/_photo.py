@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from rsdeblur.cli._gravity import gravity_problem
 from rsdeblur.cli._history import recorded
 from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of, with_translation
 from rsdeblur.cli._options import PhotoChanges, Recording, Signing, Track
-from rsdeblur.cli._output import prepare_folder
+from rsdeblur.cli._output import prepare_folder, say_detail
 from rsdeblur.cli._refinement import refinement_facts
 from rsdeblur.errors import InputError
 
@@ -29,7 +30,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PhotoJob:
-    """A photo to deblur, with its recording, options and output."""
+    """A photo to deblur, with its recording, options and output.
+
+    `refine_anyway` refines where the options do although gravity contradicts the axes, as the user asked for it.
+    """
 
     photo: Path
     recording: Recording
@@ -41,6 +45,7 @@ class PhotoJob:
     force: bool = False
     dry_run: bool = False
     make_folder: bool = False
+    refine_anyway: bool = False
 
 
 def prepare_result(output: Path, *, force: bool, dry_run: bool, make_folder: bool, signed: bool) -> None:
@@ -98,6 +103,12 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     from rsdeblur.pipeline.plan import plan_for
 
     options = replace(job.options, transfer=transfer_of(picture, job.options.transfer))
+    # With wrong axes, a correction may make the motion more like the right one, but never right.
+    if options.refine and not job.refine_anyway and gravity_problem(job.photo, job.recording, camera, exposure):
+        say_detail(
+            f"{job.photo}: recording not corrected, because of the direction of gravity; --refine does it anyway"
+        )
+        options = replace(options, refine=False)
     if job.changes.nsr_from_iso:
         options = replace(options, nsr=nsr_of_photo(job.photo, picture, options))
     picture = _recorded(job, picture, exposure, options, credentials)

@@ -111,7 +111,7 @@ def command(
     if not target.dry_run:
         prepare_folder(target.output, [TABLE, REPORT], force=target.force or records.folder.is_dir())
     with nullcontext() if target.dry_run else records.held():
-        batch = _Batch(target, replace(options, threads=threads), changes, signing, records)
+        batch = _Batch(target, replace(options, threads=threads), changes, signing, records, refine_anyway=bool(refine))
         entries = batch.run(items, jobs, workers.scheduler, limits)
         counts = Counter(entry["state"] for entry in entries)
         verdicts = Counter(entry["check"]["verdict"] for entry in entries if entry.get("check"))
@@ -139,10 +139,17 @@ class _Batch:
     """A batch in progress."""
 
     def __init__(
-        self, target: Target, options: Options, changes: PhotoChanges, signing: Signing, records: Records
+        self,
+        target: Target,
+        options: Options,
+        changes: PhotoChanges,
+        signing: Signing,
+        records: Records,
+        *,
+        refine_anyway: bool,
     ) -> None:
         self._target, self._options, self._changes, self._records = target, options, changes, records
-        self._signing = signing
+        self._signing, self._refine_anyway = signing, refine_anyway
         self._under_way: dict[int, PhotoJob] = {}
         self._is_remote = False
         # Folders that do not exist before their items start.
@@ -205,6 +212,7 @@ class _Batch:
             options=self._options,
             changes=self._changes,
             signing=self._signing,
+            refine_anyway=self._refine_anyway,
         )
 
     def _tasks(self, items: list[Item], entries: list[dict[str, Any]]) -> Iterator[tuple[int, PhotoJob]]:
@@ -298,7 +306,7 @@ def _fingerprint(job: PhotoJob) -> str:
     from rsdeblur._util.records import fingerprint
 
     # Any number of threads gives the same bits.
-    settings = [replace(job.options, threads=None), job.changes]
+    settings = [replace(job.options, threads=None), job.changes, job.refine_anyway]
     recording = {name: value for name, value in asdict(job.recording).items() if name not in FILES}
     signer = () if job.signing.sign is None else (job.signing.sign,)
     files = [job.photo, *(getattr(job.recording, name) for name in FILES), *signer]

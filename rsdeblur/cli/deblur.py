@@ -94,6 +94,7 @@ def command(
                 force=target.force,
                 dry_run=target.dry_run,
                 make_folder=make_folder,
+                refine_anyway=bool(refine),
             )
             return deblur_photo(job, move)
 

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from click.testing import Result
+from PIL import Image
 
 from rsdeblur import Correction, Exposure, Refinement, read_camera, read_gyro
 from rsdeblur.cli._refinement import correction_text, refinement_facts
+from rsdeblur.motion.axes import imu_to_camera
 
 if TYPE_CHECKING:
     from conftest import Files
@@ -53,3 +55,51 @@ def test_only_changed_numbers_are_named(files: Files) -> None:
     assert text == "Recording corrected: drift +0.0 and -1.5 px, time offset +2.0 ms."
     text = correction_text(refinement_facts(replace(found, regions=np.array([[0.5, 1.0], [1.0, 2.0]]))))
     assert "drift +0.0 and -1.5 px (x 0.5 to 2 by region), time" in text
+
+
+@pytest.mark.parametrize(
+    ("orientation", "preset", "side"),
+    [
+        (1, "phone-portrait", None),
+        (1, "phone-landscape", "right"),
+        (1, "phone-landscape-reversed", "left"),
+        (1, "phone-portrait-reversed", "top"),
+        (6, "phone-landscape", None),
+        (6, "phone-portrait", "left"),
+        (8, "phone-landscape-reversed", None),
+        (3, "phone-portrait-reversed", None),
+        (5, "phone-portrait", None),  # mirrored: nothing is known
+    ],
+)
+def test_gravity_names_wrong_axes_which_are_not_refined(
+    run: Run, files: Files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, orientation: int, preset: str, side: str
+) -> None:
+    t, *rates = files.samples().T
+    force = np.broadcast_to([0.0, 9.8, 0.5], (len(t), 3))  # a phone held upright
+    header = "Timestamp[nanosec], gx[rad/s], gy[rad/s], gz[rad/s], ax[m/s^2], ay[m/s^2], az[m/s^2]"
+    table = np.column_stack([np.round(t * 1e9), *rates, force])
+    np.savetxt(files.gyro, table, ["%d", *["%.6f"] * 6], ", ", header=header, comments="")
+    replace(read_camera(files.camera), imu_to_camera=imu_to_camera(preset)).save(files.camera)
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    with Image.open(files.photo) as picture:
+        picture.save(files.photo, exif=exif)
+    calls = []
+
+    def refine(*_: object, **__: object) -> Refinement:
+        calls.append(1)
+        return found
+
+    given = read_gyro(files.gyro), read_camera(files.camera), Exposure(0.2, 0.04), None
+    found = Refinement(*given, False, "it is right", Correction(), Correction(), 0.0, 0.0)
+    monkeypatch.setattr("rsdeblur.pipeline.plan.refine", refine)
+    call = "deblur", files.photo, *files.recording, "--force", "-o", tmp_path / "sharp.png"
+    said = run(*call).stderr
+    assert ("gravity points" in said) == (side is not None)
+    if side is not None:
+        fits = {1: "phone-portrait", 6: "phone-landscape or gyroflow"}[orientation]
+        assert f"points to the {side} of" in said
+        assert set(said.split("wrong (")[1].split(" fits)")[0].split(" or ")) == set(fits.split(" or "))
+    assert bool(calls) == (side is None)
+    run(*call, "--refine")
+    assert len(calls) == (1 if side else 2)
