@@ -88,7 +88,6 @@ class BurstQuadratic(TileNormal):
             border=border,
             planning=planning,
             threads=threads,
-            sources=1,
         )
         self.shares, self._observed = tuple(map(float, shares)), False
         # Sums of the normal equations: each block of columns has its own place, so that a pass reads them in order.

@@ -108,8 +108,6 @@ class Hybrid:
         How FFTW plans.
     threads : int
         Number of threads.
-    sources : int, default 1
-        Largest number of pictures that are combined.
 
     Attributes
     ----------
@@ -128,7 +126,6 @@ class Hybrid:
         border: Border,
         planning: Planning,
         threads: int,
-        sources: int = 1,
     ) -> None:
         self.height, _, self.channels = shape
         self.bands, self.strips = bands, strips
@@ -142,14 +139,7 @@ class Hybrid:
         self._groups = [_Group.of(first, bands.tiles[first : first + self.together]) for first in firsts]
         self.spectra = self.new_spectra()
         self._workers = [
-            _Worker(
-                self._rows(self.spectra, 0),
-                (sources, self.height),
-                bands.length,
-                strips.length,
-                self.together,
-                planning,
-            )
+            _Worker(self._rows(self.spectra, 0), self.height, bands.length, strips.length, self.together, planning)
             for _ in range(threads)
         ]
         self.team = ThreadTeam(threads)
@@ -164,6 +154,11 @@ class Hybrid:
         # fill them, because the system clears new memory then: 0.3 s for 12 megapixels in one thread.
         spectra[:, self.height :] = 0
         return spectra
+
+    def new_columns(self) -> ComplexArray:
+        """Return memory for the columns of one strip, not initialised: (blocks, C, COLUMNS, H)."""
+        columns: ComplexArray = empty((self.blocks, self.channels, COLUMNS, self.height), np.complex64)
+        return columns
 
     def transform_rows(self, picture: Float32Array, strip: Tile, spectra: ComplexArray) -> bool:
         """Cut `strip` out of `picture` (H, W, C) and transform its rows into `spectra`.
@@ -185,10 +180,19 @@ class Hybrid:
         self.team.share(block, range(0, self.height, ROWS))
         return finite[0]
 
-    def filter_columns(self, sources: Sequence[ComplexArray], target: ComplexArray | None, change: Filter) -> None:
-        """Filter every band of the spectra `sources` by `change`, and write the blend of all bands to `target`.
+    def keep_columns(self, spectra: ComplexArray, columns: ComplexArray) -> None:
+        """Transpose the spectra of rows into `columns`, see :meth:`new_columns`, so that later passes need not."""
 
-        `target` may be one of the sources; None writes nothing.
+        def block(_: int, n: int) -> None:
+            lines.rows_to_columns(spectra, n * COLUMNS, self.height, columns[n])
+
+        self.team.share(block, range(self.blocks))
+
+    def filter_columns(self, sources: Sequence[ComplexArray], target: ComplexArray | None, change: Filter) -> None:
+        """Filter every band of `sources` by `change`, and write the blend of all bands to the spectra `target`.
+
+        A source is the columns that were kept (:meth:`keep_columns`) or, at most one of them, the spectra of rows.
+        `target` may be that one; None writes nothing.
         """
         filter_block = self._filter_single if len(self.bands.tiles) == 1 else self._filter_bands
 
@@ -203,8 +207,8 @@ class Hybrid:
         """Filter a block of columns of a single tile, which is extended in place."""
         slabs, (group,), taper = self._workers[thread].slabs, self._groups, fade(self.bands.taper)
         for n, source in enumerate(sources):
-            lines.rows_to_columns(source, block * COLUMNS, self.height, slabs.lines[0])
-            lines.cut_lines(slabs.lines[0], self.height, group.starts, taper, self._periodic, slabs.lines)
+            columns = self._columns(source, block, slabs.lines[0])
+            lines.cut_lines(columns, self.height, group.starts, taper, self._periodic, slabs.lines)
             slabs.forward()
             change(thread, n, block, group.bands, slabs.spectra)
         if not sources:
@@ -219,13 +223,16 @@ class Hybrid:
     ) -> None:
         """Filter a block of columns of several bands, which are cut out; their sum is collected elsewhere."""
         worker, taper = self._workers[thread], fade(self.bands.taper)
-        for source, copy in zip(sources, worker.columns, strict=False):
-            lines.rows_to_columns(source, block * COLUMNS, self.height, copy)
+        columns = [self._columns(source, block, worker.columns) for source in sources]
+        if columns and columns[0] is not worker.columns:
+            # Bands read short pieces of each line, for which memory is slow; copied whole, all is one stream.
+            np.copyto(worker.kept, columns[0])
+            columns[0] = worker.kept
         worker.blended.fill(0)
         for group in self._groups:
             slabs, spectra = worker.slabs.lines[: len(group.starts)], worker.slabs.spectra[: len(group.starts)]
-            for n in range(len(sources)):
-                lines.cut_lines(worker.columns[n], self.height, group.starts, taper, self._periodic, slabs)
+            for n, lines_of_source in enumerate(columns):
+                lines.cut_lines(lines_of_source, self.height, group.starts, taper, self._periodic, slabs)
                 worker.slabs.forward()
                 change(thread, n, block, group.bands, spectra)
             if not sources:
@@ -236,6 +243,14 @@ class Hybrid:
                 spectral.blend(worker.blended, slabs, group.weights, group.spans)
         if target is not None:
             lines.columns_to_rows(worker.blended, target, block * COLUMNS, self.height)
+
+    def _columns(self, source: ComplexArray, block: int, buffer: ComplexArray) -> ComplexArray:
+        """Return a block of columns of a source; those of spectra of rows are gathered into `buffer`."""
+        if source.ndim == 4:
+            columns: ComplexArray = source[block]
+            return columns
+        lines.rows_to_columns(source, block * COLUMNS, self.height, buffer)
+        return buffer
 
     def restore_rows(self, spectra: ComplexArray, out: Float32Array, strip: Tile, *, clear: bool) -> None:
         """Transform rows back, which destroys `spectra`.
@@ -267,14 +282,13 @@ class _Worker:
     def __init__(
         self,
         spectrum: ComplexArray,
-        columns: tuple[int, int],
+        height: int,
         slab_length: int,
         row_length: int,
         slabs: int,
         planning: Planning,
     ) -> None:
-        channels, (sources, height) = spectrum.shape[0], columns
+        channels = spectrum.shape[0]
         self.rows = RowTransform((channels, ROWS, row_length), planning, spectrum)
         self.slabs = LineTransform((slabs, channels, COLUMNS, slab_length), planning)
-        self.columns: ComplexArray = empty((sources, channels, COLUMNS, height), np.complex64)
-        self.blended: ComplexArray = empty((channels, COLUMNS, height), np.complex64)
+        self.kept, self.columns, self.blended = (empty((channels, COLUMNS, height), np.complex64) for _ in range(3))

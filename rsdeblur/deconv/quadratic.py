@@ -43,8 +43,6 @@ class TileNormal(TileFilter):
         See :class:`rsdeblur.deconv.wiener.TileFilter`.
     border, planning, threads
         See :class:`rsdeblur.Deconvolver`.
-    sources : int
-        See :class:`rsdeblur.deconv.wiener.TileFilter`.
 
     Raises
     ------
@@ -62,11 +60,8 @@ class TileNormal(TileFilter):
         border: Border,
         planning: Planning,
         threads: int | None,
-        sources: int,
     ) -> None:
-        super().__init__(
-            *(bank, shape), margin=margin, border=border, planning=planning, threads=threads, sources=sources
-        )
+        super().__init__(bank, shape, margin=margin, border=border, planning=planning, threads=threads)
         self.nsr, self.periodic = nsr, border == "periodic"
         self._otfs = self._new_filters()
         # |exp(i w) - 1|^2 = 4 sin^2(w / 2)
@@ -170,11 +165,9 @@ class TileQuadratic(TileNormal):
         threads: int | None = None,
     ) -> None:
         nsr = validate.finite("nsr", nsr, minimum=0.0, maximum=validate.MOST_STRENGTH)
-        super().__init__(
-            *(bank, shape), nsr=nsr, margin=MARGIN, border=border, planning=planning, threads=threads, sources=2
-        )
+        super().__init__(*(bank, shape), nsr=nsr, margin=MARGIN, border=border, planning=planning, threads=threads)
         self._take(bank)
-        # The spectra of its strips; made when there is a picture.
+        # The columns of each strip of the observation; made when there is a picture.
         self._observed: list[ComplexArray] = []
         # Each thread's right-hand sides of a few bands of a block of columns.
         block = self._hybrid.together, self._channelled[2], COLUMNS, self._bands.length
@@ -243,11 +236,13 @@ class TileQuadratic(TileNormal):
             If it has another shape, holds integers or is not finite.
         """
         if not self._observed:
-            self._observed = [self._hybrid.new_spectra() for _ in self._strips.tiles]
+            self._observed = [self._hybrid.new_columns() for _ in self._strips.tiles]
         picture = validate.linear_light(image, self.shape).reshape(self._channelled)
-        for strip, spectra in zip(self._strips.tiles, self._observed, strict=True):
-            if not self._hybrid.transform_rows(picture, strip, spectra):
-                raise InputError("image must be finite")
+        with self.lock:
+            for strip, columns in zip(self._strips.tiles, self._observed, strict=True):
+                if not self._hybrid.transform_rows(picture, strip, self._hybrid.spectra):
+                    raise InputError("image must be finite")
+                self._hybrid.keep_columns(self._hybrid.spectra, columns)
 
     def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling, out: FloatImage) -> None:
         if not self._observed:
@@ -266,7 +261,7 @@ class TileQuadratic(TileNormal):
     ) -> None:
         """Write the minimiser, or its blur, to `out`, which may be `picture`.
 
-        `observed` holds the spectra of the observation's strips, and `picture` is the pull; without spectra, `picture`
+        `observed` holds the columns of the observation's strips, and `picture` is the pull; without columns, `picture`
         is the observation, and nothing pulls.
         """
         last = 1 if observed and picture is not None else 0

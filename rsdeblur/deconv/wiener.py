@@ -64,8 +64,6 @@ class TileFilter:
         Margin of a tile: by how much it is longer than the part that it contributes, in PSF sizes.
     border, planning, threads
         See :class:`Deconvolver`.
-    sources : int, default 1
-        Number of pictures that the filters of :meth:`_pass` combine at most.
 
     Raises
     ------
@@ -82,7 +80,6 @@ class TileFilter:
         border: Border,
         planning: Planning,
         threads: int | None,
-        sources: int = 1,
     ) -> None:
         validate.instance("bank", bank, PsfBank)
         self.shape = validate.shape(shape)
@@ -102,7 +99,6 @@ class TileFilter:
             border=border,
             planning=planning,
             threads=threads,
-            sources=sources,
         )
         tiles = bank.kernels[..., 0, 0].size
         validate.memory(
@@ -201,8 +197,9 @@ class TileFilter:
     ) -> None:
         """Filter pictures into `target`, strip by strip.
 
-        The sources of the filters are `kept`, the spectra of the strips of another picture, and after it `source`,
-        unless it is None. `target` may be `source`; None writes nothing.
+        The sources of the filters are `kept`, the columns of the strips of another picture
+        (:meth:`rsdeblur.deconv.hybrid.Hybrid.keep_columns`), and after it `source`, unless it is None. `target`
+        may be `source`; None writes nothing.
         """
         several = len(self._strips.tiles) > 1
         with self.lock:
