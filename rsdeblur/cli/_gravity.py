@@ -44,7 +44,7 @@ def gravity_problem(photo: Path, recording: Recording, camera: Camera, exposure:
     from rsdeblur.io.pictures import read_header
 
     # Other axes than those of the file are the user's, and the accelerometer is read in those of the file.
-    log = None if recording.orientation else _acceleration(recording.gyro, file_state(recording.gyro))
+    log = None if recording.orientation else accelerometer(recording.gyro)
     bottom = None if log is None else BOTTOMS.get(Exif(read_header(photo)[2]).orientation)
     angle = None if log is None or bottom is None else _turn(log, camera, exposure, bottom)
     if log is None or bottom is None or angle is None or abs(angle) < ASIDE:
@@ -71,6 +71,11 @@ def _presets(log: AccelerationLog, camera: Camera, exposure: Exposure, bottom: f
 
     turns = {name: _turn(log, replace(camera, imu_to_camera=imu_to_camera(name)), exposure, bottom) for name in PRESETS}
     return " or ".join(name for name, turn in turns.items() if turn is not None and abs(turn) < ASIDE)
+
+
+def accelerometer(path: Path) -> AccelerationLog | None:
+    """Return the accelerometer's samples in a gyro log; None if there are none that can be read."""
+    return _acceleration(path, file_state(path))
 
 
 @lru_cache(maxsize=1)

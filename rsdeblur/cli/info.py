@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -59,7 +60,8 @@ def command(
     """Show what FILES contain.
 
     FILES are gyro logs, camera files, capture files or pictures. With --gyro, --camera and --capture, also show whether
-    the log covers each exposure.
+    the log covers each exposure, and if the log has an accelerometer, the angle by which gravity is turned from the
+    bottom of the picture, as stored, towards its right.
     """
     named = [together.gyro, together.camera, together.capture]
     if any(named) and not all(named):
@@ -96,6 +98,7 @@ def _entries(files: tuple[Path, ...], together: Together, reading: dict[str, Any
 def _coverage(
     gyro: Path, camera_file: Path, capture: Path, together: Together, reading: dict[str, Any]
 ) -> list[dict[str, Any]]:
+    from rsdeblur.cli._gravity import accelerometer
     from rsdeblur.io import read_camera, read_captures, read_gyro
 
     log, camera = read_gyro(gyro, **reading), read_camera(camera_file)
@@ -110,5 +113,8 @@ def _coverage(
         except CoverageError as error:
             state = str(error)
         start_ns = exposure.epoch_ns + round(exposure.start * 1e9)
-        report.append({"start_ns": start_ns, "duration_s": exposure.duration, "coverage": state})
+        acceleration = accelerometer(gyro)
+        angle = None if acceleration is None else acceleration.gravity_angle(camera, exposure)
+        gravity = {} if angle is None else {"gravity_deg": round(math.degrees(angle), 1)}
+        report.append({"start_ns": start_ns, "duration_s": exposure.duration} | gravity | {"coverage": state})
     return report

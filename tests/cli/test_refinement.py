@@ -103,3 +103,6 @@ def test_gravity_names_wrong_axes_which_are_not_refined(
     assert bool(calls) == (side is None)
     run(*call, "--refine")
     assert len(calls) == (1 if side else 2)
+    (entry,) = json.loads(run("info", *files.sources, "--capture", files.captures, "--json").stdout)
+    angle = {"phone-portrait": 0, "phone-landscape": 90, "phone-landscape-reversed": -90}.get(preset)
+    assert angle in (entry["exposures"][0]["gravity_deg"], None)
