@@ -40,14 +40,9 @@ def gravity_problem(photo: Path, recording: Recording, camera: Camera, exposure:
     camera, exposure
         The camera and the exposure.
     """
-    from rsdeblur.io.exif import Exif
-    from rsdeblur.io.pictures import read_header
-
-    # Other axes than those of the file are the user's, and the accelerometer is read in those of the file.
-    log = None if recording.orientation else accelerometer(recording.gyro)
-    bottom = None if log is None else BOTTOMS.get(Exif(read_header(photo)[2]).orientation)
-    angle = None if log is None or bottom is None else _turn(log, camera, exposure, bottom)
-    if log is None or bottom is None or angle is None or abs(angle) < ASIDE:
+    log, bottom = _known(photo, recording)
+    angle = None if log is None else _turn(log, camera, exposure, bottom)
+    if log is None or angle is None or abs(angle) < ASIDE:
         return None
     if abs(angle) > TOP and log_format(recording) not in ONE_SIGN:
         return None
@@ -57,6 +52,24 @@ def gravity_problem(photo: Path, recording: Recording, camera: Camera, exposure:
         f"by the accelerometer in {recording.gyro}, gravity points to the {side} of {photo}: if the picture is "
         f"viewed upright, imu_to_camera in {recording.camera} is wrong" + (f" ({fits} fits)" if fits else "")
     )
+
+
+def gravity_confirms(photo: Path, recording: Recording, camera: Camera, exposure: Exposure) -> bool:
+    """Return whether gravity points to the bottom of a picture; False if that is unknown. See `gravity_problem`."""
+    log, bottom = _known(photo, recording)
+    angle = None if log is None else _turn(log, camera, exposure, bottom)
+    return angle is not None and abs(angle) < ASIDE
+
+
+def _known(photo: Path, recording: Recording) -> tuple[AccelerationLog | None, float]:
+    """Return the accelerometer's log and where the bottom of the viewed picture is; None if either is unknown."""
+    from rsdeblur.io.exif import Exif
+    from rsdeblur.io.pictures import read_header
+
+    # Other axes than those of the file are the user's, and the accelerometer is read in those of the file.
+    log = None if recording.orientation else accelerometer(recording.gyro)
+    bottom = None if log is None else BOTTOMS.get(Exif(read_header(photo)[2]).orientation)
+    return (None, 0.0) if bottom is None else (log, bottom)
 
 
 def _turn(log: AccelerationLog, camera: Camera, exposure: Exposure, bottom: float) -> float | None:

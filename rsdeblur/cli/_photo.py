@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from rsdeblur.cli._gravity import gravity_problem
+from rsdeblur.cli._gravity import gravity_confirms, gravity_problem
 from rsdeblur.cli._history import recorded
 from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of, with_translation
 from rsdeblur.cli._options import PhotoChanges, Recording, Signing, Track
@@ -109,6 +109,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
             f"{job.photo}: recording not corrected, because of the direction of gravity; --refine does it anyway"
         )
         options = replace(options, refine=False)
+    known_axes = options.refine and gravity_confirms(job.photo, job.recording, camera, exposure)
     if job.changes.nsr_from_iso:
         options = replace(options, nsr=nsr_of_photo(job.photo, picture, options))
     picture = _recorded(job, picture, exposure, options, credentials)
@@ -122,7 +123,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         picture_to_fill(job.output, pixels.shape, like=picture, force=job.force, in_place=in_place) as out,
         naming(job.photo, job.recording),
     ):
-        planned = plan_for(pixels, log, camera, exposure, options, progress=move)
+        planned = plan_for(pixels, log, camera, exposure, options, known_axes=known_axes, progress=move)
         result = planned.apply(pixels, out=out, progress=move)
     seconds = time.perf_counter() - begin
     facts = facts_of(result, job.output, job.options.mode, job.options.prior_name, seconds)

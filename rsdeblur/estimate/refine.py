@@ -129,6 +129,7 @@ def refine(
     translation: Translation | None = None,
     uncertainty: Uncertainty | None = None,
     transfer: Transfer | Auto = "auto",
+    known_axes: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Refinement:
@@ -146,6 +147,9 @@ def refine(
         How far the recording may be wrong; default `Uncertainty()`.
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light, as for :func:`rsdeblur.deblur`.
+    known_axes : bool, default False
+        Whether `imu_to_camera` is certain, as where an accelerometer confirms it
+        (:meth:`rsdeblur.AccelerationLog.gravity_angle`): then no other axes are tried.
     threads : int, optional
         Threads that share the work, from 1 to 1024; default all processors. Any number gives the same bits.
     progress : callable, optional
@@ -195,7 +199,8 @@ def refine(
     best, reason = judge.best(progress or (lambda *_: None))
     found = posterior.corrected(best)
     # With wrong axes, a correction may make the motion more like the right one, but never right.
-    if not reason and rival_lead(spectra, quick, found, recording, deviations, threads=threads) > 0:
+    doubtful = not (reason or known_axes)
+    if doubtful and rival_lead(spectra, quick, found, recording, deviations, threads=threads) > 0:
         reason = OTHER_AXES
     correction, regions = Correction(*(best * deviations).tolist()), None
     if not reason and translation is None:

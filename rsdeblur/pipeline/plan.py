@@ -384,6 +384,7 @@ def plan_for(
     exposure: Exposure,
     options: Options,
     *,
+    known_axes: bool = False,
     progress: Progress | None = None,
 ) -> Plan:
     """Plan the deblurring of one picture; with ``options.refine``, of the recording as corrected by it.
@@ -394,6 +395,8 @@ def plan_for(
         See :func:`rsdeblur.deblur`.
     options : Options
         All options.
+    known_axes : bool, default False
+        See :func:`rsdeblur.refine`.
     progress : callable, optional
         See :func:`rsdeblur.deblur`.
 
@@ -418,6 +421,7 @@ def plan_for(
             exposure,
             translation=options.translation,
             transfer=options.transfer,
+            known_axes=known_axes,
             threads=options.threads,
             progress=progress,
         )

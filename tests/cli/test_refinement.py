@@ -86,8 +86,8 @@ def test_gravity_names_wrong_axes_which_are_not_refined(
         picture.save(files.photo, exif=exif)
     calls = []
 
-    def refine(*_: object, **__: object) -> Refinement:
-        calls.append(1)
+    def refine(*_: object, known_axes: bool, **__: object) -> Refinement:
+        calls.append(known_axes)
         return found
 
     given = read_gyro(files.gyro), read_camera(files.camera), Exposure(0.2, 0.04), None
@@ -100,9 +100,11 @@ def test_gravity_names_wrong_axes_which_are_not_refined(
         fits = {1: "phone-portrait", 6: "phone-landscape or gyroflow"}[orientation]
         assert f"points to the {side} of" in said
         assert set(said.split("wrong (")[1].split(" fits)")[0].split(" or ")) == set(fits.split(" or "))
-    assert bool(calls) == (side is None)
+    # Other axes are only tried where gravity says nothing.
+    known = orientation != 5
+    assert calls == ([] if side else [known])
     run(*call, "--refine")
-    assert len(calls) == (1 if side else 2)
+    assert calls == ([False] if side else [known, known])
     (entry,) = json.loads(run("info", *files.sources, "--capture", files.captures, "--json").stdout)
     angle = {"phone-portrait": 0, "phone-landscape": 90, "phone-landscape-reversed": -90}.get(preset)
     assert angle in (entry["exposures"][0]["gravity_deg"], None)
