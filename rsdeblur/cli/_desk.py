@@ -29,6 +29,7 @@ from rsdeblur.cli._inputs import (
     read_recording,
     transfer_of,
     unit_range,
+    warn_of_gravity,
     with_offset,
     with_translation,
 )
@@ -367,10 +368,12 @@ def _read(request: Request) -> Inputs:
 
     with naming(request.photo):
         check_size(picture.pixels.shape, camera)
+    inputs = Inputs(picture, log, camera, exposure)
+    warn_of_gravity(request.photo, inputs, request.recording)
     if request.recording.start == "exif":
         files = request.photo, request.recording.gyro, request.recording.camera
         return _timed(request.photo, tuple(map(file_state, files)), request.recording)
-    return Inputs(picture, log, camera, exposure)
+    return inputs
 
 
 @lru_cache(maxsize=2)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rsdeblur.estimate.time_offset import OffsetSearch
     from rsdeblur.io.exif_times import CaptureTime
     from rsdeblur.io.pictures import Picture
-    from rsdeblur.io.samples import GyroFile
+    from rsdeblur.io.samples import Axes, GyroFile
     from rsdeblur.motion.camera import Camera
     from rsdeblur.motion.exposure import Exposure
     from rsdeblur.motion.gyro import GyroLog
@@ -46,10 +46,13 @@ class Inputs(NamedTuple):
     exposure: Exposure
 
 
-def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False, search: bool = True) -> Inputs:
+def read_inputs(
+    photo: Path, recording: Recording, *, in_place: bool = False, search: bool = True, is_scene: bool = False
+) -> Inputs:
     """Read the picture, or map its file if `in_place` is set, and read the log, the camera and the exposure.
 
-    A time from EXIF is a second off, so the picture determines the camera's time offset, unless `search` is unset.
+    A time from EXIF is a second off, so the picture determines the camera's time offset, unless `search` is unset. If
+    `is_scene` is set, the camera did not take the picture, so its directions have no relation to the recording.
 
     Raises
     ------
@@ -63,7 +66,19 @@ def read_inputs(photo: Path, recording: Recording, *, in_place: bool = False, se
     # The small files come first, so that a wrong option shows before a large picture is read.
     log, camera, exposure = read_recording(recording, photo)
     inputs = Inputs(read_picture(photo, in_place=in_place), log, camera, exposure)
+    if not is_scene:
+        warn_of_gravity(photo, inputs, recording)
     return with_offset(inputs, photo) if search and recording.start == "exif" else inputs
+
+
+def warn_of_gravity(photo: Path, inputs: Inputs, recording: Recording) -> None:
+    """Warn where the log's accelerometer contradicts the camera's axes."""
+    from rsdeblur.cli._gravity import gravity_problem
+
+    picture, _, camera, exposure = inputs
+    problem = gravity_problem(photo, picture.exif, recording, camera, exposure)
+    if problem is not None:
+        warnings.warn(problem, RsdeblurWarning, stacklevel=3)
 
 
 def with_offset(inputs: Inputs, photo: Path) -> Inputs:
@@ -143,12 +158,6 @@ def read_recording(
 
         with naming(photo, recording):
             exposure = replace(exposure, epoch_ns=on_clock_of(_exif_time(photo), log))
-    if known_axes and photo is not None:
-        from rsdeblur.cli._gravity import gravity_problem
-
-        problem = gravity_problem(photo, recording, camera, exposure)
-        if problem is not None:
-            warnings.warn(problem, RsdeblurWarning, stacklevel=2)
     say_detail(
         f"exposure: {exposure.epoch_ns} ns + {exposure.start:.6f} s, {1e3 * exposure.duration:.3g} ms; camera: "
         f"{camera.width}x{camera.height}, {camera.focal_length[0]:.1f} px, readout {1e3 * camera.readout_time:.3g} ms "
@@ -187,6 +196,11 @@ def read_log(recording: Moments) -> GyroFile:
 def log_format(recording: Moments) -> str:
     """Return the name of the format of the log that the options name."""
     return _known_log(recording)[0].format
+
+
+def log_axes(recording: Moments) -> Axes:
+    """Return the frame of the rates of the log that the options name."""
+    return _known_log(recording)[0].axes
 
 
 def _known_log(recording: Moments) -> tuple[GyroFile, list[str]]:

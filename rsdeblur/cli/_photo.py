@@ -104,12 +104,13 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
 
     options = replace(job.options, transfer=transfer_of(picture, job.options.transfer))
     # With wrong axes, a correction may make the motion more like the right one, but never right.
-    if options.refine and not job.refine_anyway and gravity_problem(job.photo, job.recording, camera, exposure):
+    known = job.photo, picture.exif, job.recording, camera, exposure
+    if options.refine and not job.refine_anyway and gravity_problem(*known):
         say_detail(
             f"{job.photo}: recording not corrected, because of the direction of gravity; --refine does it anyway"
         )
         options = replace(options, refine=False)
-    known_axes = options.refine and gravity_confirms(job.photo, job.recording, camera, exposure)
+    known_axes = options.refine and gravity_confirms(*known[1:])
     if job.changes.nsr_from_iso:
         options = replace(options, nsr=nsr_of_photo(job.photo, picture, options))
     picture = _recorded(job, picture, exposure, options, credentials)

@@ -22,6 +22,7 @@ from rsdeblur.cli._inputs import (
     read_inputs,
     transfer_of,
     unit_range,
+    warn_of_gravity,
 )
 from rsdeblur.cli._items import numbered_from_option, read_items
 from rsdeblur.cli._options import Defaults, Recording, Target
@@ -298,7 +299,10 @@ def _from_photos(photos: tuple[Path, ...], frames: list[int], recording: Recordi
     _check_range(frames, len(captures), f"{recording.capture}: there is no exposure")
     # The small files come first, so that a wrong one shows before large pictures are read.
     device = read_device(recording)
-    return Shots([read_picture(photo) for photo in photos], frames, [captures[n] for n in frames], *device)
+    shots = Shots([read_picture(photo) for photo in photos], frames, [captures[n] for n in frames], *device)
+    for photo, picture, exposure in zip(photos, shots.pictures, shots.exposures, strict=True):
+        warn_of_gravity(photo, Inputs(picture, *device, exposure), recording)
+    return shots
 
 
 def _from_clip(clip: Path, frames: list[int], recording: Recording) -> Shots:

@@ -57,7 +57,7 @@ def command(
     names = ("blurred", "rectified", "rolling")
     paths = [target.output / f"{name}.png" for name in names]
     prepare_folder(target.output, [path.name for path in paths], force=target.force)
-    picture, log, camera, exposure = read_inputs(sharp, recording)
+    picture, log, camera, exposure = read_inputs(sharp, recording, is_scene=True)
 
     from rsdeblur.image.transfer import from_linear, to_linear
     from rsdeblur.io.pictures import write_picture
