@@ -32,6 +32,7 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
     FileFormatError
         If the file is not a gyro log, camera file, capture file, trajectory or picture.
     """
+    from rsdeblur.io.archives import is_archive
     from rsdeblur.io.cameras import detect_camera_format
     from rsdeblur.io.captures import WHAT
     from rsdeblur.io.clocks import is_clocks
@@ -65,6 +66,9 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
     try:
         return describe_captures(path)
     except FileFormatError as error:
+        if is_archive(source):
+            # Archives contain gyro logs only; its error names the damage.
+            return describe_gyro(path, reading)
         raise FileFormatError(f"{error}; it is not a gyro log, a camera file or a picture either") from error
 
 

@@ -33,6 +33,11 @@ def gyro_first(name: str) -> tuple[bool, bool, str]:
     return "gyro" not in stem, "uncalibrated" in stem, name
 
 
+def is_archive(source: Source) -> bool:
+    """Whether the file is a zip archive."""
+    return source.head.startswith((b"PK\x03\x04", b"PK\x05\x06"))
+
+
 def members_of(source: Source, order: Callable[[str], tuple[bool, bool, str]] = gyro_first) -> list[Source]:
     """Return the text files of a zip archive, in the order of this key; any other file is returned alone.
 
@@ -41,7 +46,7 @@ def members_of(source: Source, order: Callable[[str], tuple[bool, bool, str]] = 
     FileFormatError
         If the archive is damaged or encrypted, contains no text file, or unpacks to an incredible size.
     """
-    if not source.head.startswith((b"PK\x03\x04", b"PK\x05\x06")):
+    if not is_archive(source):
         return [source]
     try:
         with zipfile.ZipFile(BytesIO(source.data)) as archive:

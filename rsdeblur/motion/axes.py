@@ -48,7 +48,7 @@ def orientation(letters: str) -> FloatArray:
         If `letters` does not name each axis once.
     """
     if not re.fullmatch(r"[XYZxyz]{3}", letters) or len(set(letters.upper())) != 3:
-        raise InputError(f"{letters!r} is not an orientation: it must name each of X, Y and Z once, like 'YxZ'")
+        raise InputError(f"orientation must name each of X, Y and Z once, like 'YxZ'; got {letters!r}")
     matrix = np.zeros((3, 3))
     for row, letter in enumerate(letters):
         matrix[row, "XYZ".index(letter.upper())] = 1.0 if letter.isupper() else -1.0

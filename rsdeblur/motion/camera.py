@@ -470,7 +470,7 @@ def _focal_length(value: Any) -> tuple[float, float]:
     pair: Any = (value, value) if isinstance(value, (int, float, np.number)) else value
     fx, fy = validate.real_array("focal_length", pair, (2,), most=LARGEST)
     if min(fx, fy) < 1 / LARGEST:
-        raise InputError(f"focal_length must be positive px, got ({fx:g}, {fy:g})")
+        raise InputError(f"focal_length must be positive and at least {1 / LARGEST:g} px, got ({fx:g}, {fy:g})")
     return float(fx), float(fy)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -280,6 +281,15 @@ def test_info_on_unknown_files(run: Run, files: Files, tmp_path: Path) -> None:
     assert run("info", "--gyro", files.gyro).exit_code == 2
     refused(run("simulate", files.photo, *files.sources, "--start", 9, "--duration", DURATION, "-o", tmp_path / "s"),
             files.gyro)  # fmt: skip
+
+
+def test_info_names_the_damage_of_an_archive(run: Run, files: Files, tmp_path: Path) -> None:
+    path = tmp_path / "log.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.write(files.gyro, "Gyroscope.csv")
+        archive.writestr("TotalAcceleration.csv", "time,z,y,x")
+    path.write_bytes(path.read_bytes().replace(b"time,z,y,x", b"time,z,y,q"))
+    refused(run("info", path), path, "damaged or encrypted", "TotalAcceleration.csv")
 
 
 def test_an_own_kernel_excludes_a_recording(run: Run, files: Files, tmp_path: Path) -> None:

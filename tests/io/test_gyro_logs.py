@@ -138,7 +138,7 @@ def test_an_orientation_that_is_given_replaces_the_one_of_the_file(write: Write)
     path = write("GYROFLOW IMU LOG\norientation,YxZ\ngscale,0.5\nt,gx,gy,gz\n0,1,2,3\n4,1,2,3\n")
     np.testing.assert_array_equal(read_gyro(path, orientation="xZy").omega[0], [-0.5, 1.5, -1])
     np.testing.assert_array_equal(read_gyro(write(GOOD), orientation="YxZ").omega[0], [2, -1, 3])
-    with pytest.raises(InputError, match="'XXZ' is not an orientation"):
+    with pytest.raises(InputError, match="orientation must name each of X, Y and Z once, like 'YxZ'; got 'XXZ'"):
         read_gyro(path, orientation="XXZ")
 
 

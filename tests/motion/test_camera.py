@@ -173,6 +173,7 @@ class TestCropped:
         ({"width": True}, "width must be a whole number"),
         ({"focal_length": 0.0}, "focal_length must be positive"),
         ({"focal_length": (80.0, -80.0)}, "focal_length must be positive"),
+        ({"focal_length": 1e-300}, r"at least 1e-12 px, got \(1e-300, 1e-300\)"),
         ({"focal_length": math.nan}, "focal_length must be finite"),
         ({"focal_length": (1.0, 2.0, 3.0)}, r"focal_length must have shape \(2\)"),
         ({"focal_length": "80 px"}, "focal_length must be an array of real numbers"),
