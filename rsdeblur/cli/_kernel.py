@@ -12,8 +12,9 @@ from click.core import ParameterSource
 
 from rsdeblur.cli._history import recorded
 from rsdeblur.cli._inputs import naming, transfer_of
-from rsdeblur.cli._options import PhotoChanges, Recording, Signing, Target, Track
+from rsdeblur.cli._options import PhotoChanges, Recording, Target, Track
 from rsdeblur.cli._photo import facts_of, nsr_of_photo, prepare_result
+from rsdeblur.cli._signing import Signing
 
 if TYPE_CHECKING:
     from rsdeblur.pipeline.options import Options

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -27,10 +27,8 @@ from rsdeblur.cli._types import (
     TransferType,
     WorkSizeType,
 )
+from rsdeblur.cli._usage import options_of
 from rsdeblur.pipeline.options import Options
-
-if TYPE_CHECKING:
-    from rsdeblur.io.claims import Credentials
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
@@ -124,42 +122,18 @@ class PhotoChanges:
     nsr_from_iso: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Signing:
-    """Files of a signer's certificates and private key, and the address of a timestamp server."""
-
-    sign: Path | None = None
-    sign_key: Path | None = None
-    sign_time: str | None = None
-
-    def credentials(self) -> Credentials | None:
-        """Read the signer of the results, or return None if they are not signed.
-
-        Raises
-        ------
-        click.UsageError
-            If only some of the options are given.
-        RsdeblurError
-            If the files are refused, or the extra is not installed.
-        """
-        if self == Signing():
-            return None
-        if self.sign is None or self.sign_key is None:
-            missing = "--sign" if self.sign is None else "--sign-key"
-            raise click.UsageError(f"{missing} missing: signing needs certificates, --sign, and their key, --sign-key")
-        from rsdeblur.io.claims import read_credentials
-
-        return read_credentials(self.sign, self.sign_key, timestamps=self.sign_time)
+def gathered(name: str, kind: type, options: Sequence[Decorator]) -> Decorator:
+    """Return a decorator that adds `options` and passes their values as one argument `name`, a dataclass `kind`."""
+    return _gathered(name, kind, [field.name for field in fields(kind)], options)
 
 
-def gathered(name: str, kind: type, options: Sequence[Decorator], members: Sequence[str] | None = None) -> Decorator:
-    """Return a decorator that adds `options` and passes their values as one argument `name`, a `kind`."""
+def _gathered(name: str, make: Callable[..., Any], members: Sequence[str], options: Sequence[Decorator]) -> Decorator:
+    """Return a decorator that adds `options` and passes what `make` returns for the values of `members`."""
 
     def decorate(function: Command) -> Command:
         @wraps(function)
         def call(**arguments: Any) -> Any:
-            known = members or [field.name for field in fields(kind)]
-            group = kind(**{member: arguments.pop(member) for member in known if member in arguments})
+            group = make(**{member: arguments.pop(member) for member in members if member in arguments})
             return function(**arguments, **{name: group})
 
         decorated: Command = call
@@ -431,7 +405,7 @@ ONE_RESULT = ("max_memory", "fallback")
 
 def solve_options(*names: str) -> Decorator:
     """Return a decorator that adds the options called `names` and passes them as one `options: Options`."""
-    return gathered("options", Options, [_SOLVE[name] for name in names], names)
+    return _gathered("options", options_of, names, [_SOLVE[name] for name in names])
 
 
 work_size_option = click.option(
@@ -444,20 +418,6 @@ nsr_from_iso_option = click.option(
     "--nsr-from-iso", is_flag=True, help="Derive --nsr from the picture's EXIF sensitivity: 0.01 at ISO 100."
 )
 photo_options = gathered("changes", PhotoChanges, (work_size_option, nsr_from_iso_option))
-signing_options = gathered(
-    "signing",
-    Signing,
-    (
-        click.option(
-            "--sign",
-            type=PATH,
-            metavar="PEM",
-            help="Sign the result: a C2PA manifest names the photo and the parameters. Certificates of the signer.",
-        ),
-        click.option("--sign-key", type=PATH, metavar="PEM", help="Private key for --sign."),
-        click.option("--sign-time", metavar="URL", help="Timestamp server for --sign.  [default: none]"),
-    ),
-)
 force_option = click.option("--force", is_flag=True, help="Replace files that exist.")
 dry_run_option = click.option("--dry-run", is_flag=True, help="Read and check all inputs, and write nothing.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")

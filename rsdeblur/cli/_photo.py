@@ -13,9 +13,11 @@ from click.core import ParameterSource
 from rsdeblur.cli._gravity import gravity_confirms, gravity_problem
 from rsdeblur.cli._history import recorded
 from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of, with_translation
-from rsdeblur.cli._options import PhotoChanges, Recording, Signing, Track
+from rsdeblur.cli._options import PhotoChanges, Recording, Track
 from rsdeblur.cli._output import prepare_folder, say_detail
 from rsdeblur.cli._refinement import refinement_facts
+from rsdeblur.cli._signing import Signing
+from rsdeblur.cli._usage import warn_of_nsr
 from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
@@ -207,7 +209,8 @@ def nsr_of_photo(photo: Path, picture: Picture, options: Options) -> float:
     from rsdeblur.io.exif import Exif
 
     if options.nsr != "auto":
-        raise InputError("--nsr and --nsr-from-iso exclude each other")
+        raise click.UsageError("--nsr and --nsr-from-iso exclude each other")
+    warn_of_nsr("--nsr-from-iso", options)
     iso = Exif(picture.exif).iso
     if iso is None:
         raise InputError(f"{photo}: the picture's EXIF block has no ISO sensitivity; use --nsr instead")

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rsdeblur.cli._usage import usage_errors
+
 if TYPE_CHECKING:
     from rsdeblur.estimate.refine import Refinement
     from rsdeblur.estimate.refine_frames import FramesRefinement
@@ -26,7 +28,8 @@ def with_refinement(options: Options, asked: bool | None) -> Options:
     """Return the options of photos, which are refined unless that would be slow or impossible, or as asked."""
     if asked is None:
         asked = options.quality != "fast" and options.max_memory is None
-    return replace(options, refine=asked)
+    with usage_errors():
+        return replace(options, refine=asked)
 
 
 def refinement_facts(refinement: Refinement | FramesRefinement) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from rsdeblur.cli import _options, _refinement
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._items import COLUMNS, FILES, Item, numbered_from_option, read_items
 from rsdeblur.cli._jobs import Workers, shared_threads, workers_options
-from rsdeblur.cli._options import Defaults, PhotoChanges, Signing, Target
+from rsdeblur.cli._options import Defaults, PhotoChanges, Target
 from rsdeblur.cli._output import (
     SOME_FAILED,
     check_page,
@@ -34,6 +34,7 @@ from rsdeblur.cli._output import (
     write_json,
 )
 from rsdeblur.cli._photo import PhotoJob, deblur_photo, with_lights
+from rsdeblur.cli._signing import Signing, signing_options
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
 
@@ -73,7 +74,7 @@ Examples:
 @_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
 @_refinement.option
 @_options.photo_options
-@_options.signing_options
+@signing_options
 @workers_options
 @_options.target_options(
     "DIR",

@@ -42,6 +42,7 @@ from rsdeblur.cli._photo import facts_of
 from rsdeblur.cli._refinement import correction_text, refinement_facts
 from rsdeblur.cli._report import Compared, capture_warnings, report_page
 from rsdeblur.cli._types import PATH
+from rsdeblur.cli._usage import refuse_unused
 from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
@@ -138,6 +139,7 @@ def command(
 
     if (clip is None) == (not photos):
         raise click.UsageError("give either photos or --from VIDEO")
+    refuse_unused(options, choices.MODES if mode == "auto" else [mode])
     if photos and all(photo.is_dir() for photo in photos):
         if not frames and reference is None and weights is None and report is None:
             return _folders(photos, numbered_from, recording, mode, options, target)

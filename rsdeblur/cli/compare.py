@@ -28,6 +28,7 @@ from rsdeblur.cli._output import (
 from rsdeblur.cli._refinement import refinement_facts
 from rsdeblur.cli._report import Compared, capture_warnings, report_page
 from rsdeblur.cli._types import PATH
+from rsdeblur.cli._usage import refuse_unused
 from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
@@ -86,6 +87,7 @@ def command(
         raise click.UsageError("--report-paths is for the page of --report")
     output, force = target.output, target.force
     modes = tuple(mode for mode in MODES if mode in (modes or MODES))
+    refuse_unused(options, modes)
     prepare_folder(output, [*output_names(photo, modes), REPORT], force=force)
     if report is not None:
         check_page(report, force=force)

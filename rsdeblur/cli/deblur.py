@@ -13,7 +13,7 @@ from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import recordings_of
 from rsdeblur.cli._items import result_name
 from rsdeblur.cli._kernel import check_sources, deconvolve_photo
-from rsdeblur.cli._options import PhotoChanges, PhotoTarget, Recording, Signing, Track
+from rsdeblur.cli._options import PhotoChanges, PhotoTarget, Recording, Track
 from rsdeblur.cli._output import (
     FAILURES,
     SOME_FAILED,
@@ -26,6 +26,7 @@ from rsdeblur.cli._output import (
     say_aside,
 )
 from rsdeblur.cli._photo import PhotoJob, deblur_photo, with_lights
+from rsdeblur.cli._signing import Signing, signing_options
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import OutputError
 
@@ -50,7 +51,7 @@ Examples:
 @_refinement.option
 @_options.track_options
 @_options.photo_options
-@_options.signing_options
+@signing_options
 @_options.photo_target_options
 def command(
     photos: tuple[Path, ...],

@@ -20,9 +20,10 @@ from rsdeblur._util.records import Records
 from rsdeblur.choices import VERDICTS
 from rsdeblur.cli._inputs import read_device
 from rsdeblur.cli._items import COLUMNS
-from rsdeblur.cli._options import PhotoChanges, Recording, Signing
+from rsdeblur.cli._options import PhotoChanges, Recording
 from rsdeblur.cli._output import SOME_FAILED
 from rsdeblur.cli._photo import PhotoJob
+from rsdeblur.cli._signing import Signing
 from rsdeblur.cli.batch import _absolute
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.io import read_picture
@@ -108,8 +109,8 @@ def test_options_that_exclude_each_other_are_refused_before_any_item(
     result = run(
         *("batch", manifest, *files.sources, "--fallback", "--geometry", "rectify", "-o", tmp_path / "out"),
     )
-    assert result.exit_code == 1
-    assert "fallback=True blends with the input" in result.stderr
+    assert result.exit_code == 2
+    assert "--fallback blends with the input, but --geometry rectify changes" in result.stderr
     assert not (tmp_path / "out").exists()
 
 

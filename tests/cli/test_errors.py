@@ -336,6 +336,55 @@ def test_refused_photos_leave_no_folder(run: Run, files: Files, tmp_path: Path, 
     assert not (tmp_path / "a").exists()
 
 
-def test_an_iso_is_no_second_nsr(run: Run, files: Files, tmp_path: Path) -> None:
-    options = ["--quality", "fast", "--nsr", "0.1", "--nsr-from-iso", "-o", tmp_path / "o.png"]
-    refused(run("deblur", files.photo, *files.recording, *options), "--nsr and --nsr-from-iso exclude each other")
+@pytest.mark.parametrize(
+    ("command", "options", "message"),
+    [
+        ("deblur", "--mode global --bands 4", "--bands has no effect with --mode global; use --mode banded"),
+        ("deblur", "--mode global --strips 2", "--strips has no effect with --mode global; use"),
+        ("deblur", "--quality best --bands 4", "--bands has no effect with --mode rowwise"),
+        ("deblur", "--solver cg", "--solver has no effect with --mode banded; use --mode rowwise"),
+        ("deblur", "--prior wiener --weight 0.1", "--prior wiener has no weight"),
+        ("deblur", "--prior tv --exponent 0.5", "exponent belongs to --prior hyper-laplacian"),
+        ("deblur", "--mode rowwise --border smooth", "--mode rowwise takes no --border smooth"),
+        ("deblur", "--refine --max-memory 1GB", "leave out --max-memory or --refine"),
+        ("deblur", "--nsr nan", "nsr must be finite"),
+        ("deblur", "--quality fast --nsr 0.1 --nsr-from-iso", "--nsr and --nsr-from-iso exclude each other"),
+        ("preview", "--mode rowwise --bands 4", "--bands has no effect"),
+        ("psf", "--mode global --bands 4", "--bands has no effect"),
+        ("compare", "--mode global --solver cg", "--solver has no effect with --mode global; use --mode rowwise"),
+        ("compare", "--mode global --mode rowwise --bands 3", "--bands has no effect with --mode global and rowwise"),
+        ("batch", "--mode global --strips 2", "--strips has no effect"),
+    ],
+)
+def test_options_without_effect_are_wrong_usage(
+    run: Run, files: Files, tmp_path: Path, command: str, options: str, message: str
+) -> None:
+    inputs: list[Path | object] = [] if command == "psf" else [files.photo]
+    recording = files.sources if command == "batch" else files.recording
+    result = run(command, *inputs, *recording, *options.split(), "-o", tmp_path / "o.png")
+    assert (result.exit_code, message in result.stderr) == (2, True), result.stderr
+    assert not (tmp_path / "o.png").exists()
+
+
+def test_options_that_one_of_the_modes_uses_are_taken(run: Run, files: Files, tmp_path: Path) -> None:
+    options = ["--bands", 3, "--solver", "cg", "--quality", "fast", "-o", tmp_path / "out"]
+    result = run("compare", files.photo, *files.recording, *options)
+    assert result.exit_code == 0, result.output
+
+
+def test_nsr_with_a_prior_of_another_strength_warns(run: Run, files: Files, tmp_path: Path) -> None:
+    common = [
+        "deblur",
+        files.photo,
+        *files.recording,
+        "--no-refine",
+        "--nsr",
+        0.01,
+        "--force",
+        "-o",
+        tmp_path / "o.png",
+    ]
+    result = run(*common)
+    assert result.exit_code == 0
+    assert "warning: --nsr is the strength of --prior wiener; with hyper-laplacian it only smooths" in result.stderr
+    assert run(*common, "--prior", "wiener").stderr == ""
