@@ -16,6 +16,8 @@ from rsdeblur.types import FloatArray
 # Largest absolute value of a picture, in linear light of nominal range [0, 1]. Its square times 10^14, the number of
 # values that are added up and the square of a filter's gain, is within float32.
 MOST_LIGHT = 1e12
+# s; times of float64 are exact to 0.1 ms up to here.
+MOST_SECONDS = 1e12
 # Range of `nsr` and `weight`. Penalties are up to 10^9 times a weight, and their products are within float32.
 LEAST_STRENGTH, MOST_STRENGTH = 1e-20, 1e20
 
@@ -107,6 +109,11 @@ def finite(
     if maximum is not None and number > maximum:
         raise InputError(f"{name} must be at most {maximum:g}, got {number:g}")
     return number
+
+
+def time(name: str, value: Any, *, above: float | None = None) -> float:
+    """Return a time in s, from -1e12 to 1e12, greater than `above`."""
+    return finite(name, value, minimum=-MOST_SECONDS, above=above, maximum=MOST_SECONDS)
 
 
 def strength(name: str, value: Any) -> float:

@@ -428,7 +428,12 @@ def _usage(message: str) -> click.UsageError:
 
 def transfer_of(picture: Picture, transfer: Transfer | Auto) -> Transfer:
     """Return how the picture encodes light; "auto" is sRGB for integers, linear for floats and raw files."""
-    return picture.transfer if transfer == "auto" else transfer
+    if transfer != "auto":
+        return transfer
+    from rsdeblur.image.encoded import warn_of_encoded_floats
+
+    warn_of_encoded_floats(picture.pixels)
+    return picture.transfer
 
 
 def display_values(values: NDArray[Any], transfer: Transfer) -> NDArray[Any]:

@@ -27,7 +27,9 @@ COLUMNS: dict[str, Callable[[str], Any]] = {
     **dict.fromkeys(("rate", "focal_length"), float),
     "bias": lambda cell: BiasType().convert(cell, None, None),
     "start": lambda cell: StartType().convert(cell, None, None),
-    **dict.fromkeys(("duration", "time_offset", "readout_time"), lambda cell: SecondsType().convert(cell, None, None)),
+    "duration": lambda cell: SecondsType(above=0.0).convert(cell, None, None),
+    "time_offset": lambda cell: SecondsType().convert(cell, None, None),
+    "readout_time": lambda cell: SecondsType(minimum=0.0).convert(cell, None, None),
 }
 # Columns by their former names.
 RENAMED = {"readout": "readout_time"}
@@ -81,7 +83,8 @@ def _without_clashes(items: Iterable[Item], folder: Path, inputs: set[Place]) ->
         if item.error is not None:
             yield item
         elif other is not item.photo:
-            yield replace(item, error=f"{item.photo}: {item.output} is the result of {other}; name another output")
+            result = folder / item.output
+            yield replace(item, error=f"{item.photo}: {other} has the same result, {result}; name another output")
         elif not inputs.isdisjoint(_places([folder / item.output])):
             yield replace(item, error=f"{item.photo}: {folder / item.output} is an input too; name another output")
         else:

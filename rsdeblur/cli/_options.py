@@ -193,7 +193,9 @@ _EXPOSURE = (
         "which the picture then makes exact.",
     ),
     click.option(
-        "--duration", type=SecondsType(), help="Exposure time of a row: 0.05, 1/20 or 50ms.  [default: from EXIF]"
+        "--duration",
+        type=SecondsType(above=0.0),
+        help="Exposure time of a row: 0.05, 1/20 or 50ms.  [default: from EXIF]",
     ),
 )
 
@@ -205,7 +207,9 @@ def _camera(*, required: bool = True) -> Decorator:
 
 _OVERRIDES = (
     click.option("--time-offset", type=SecondsType(), help="Camera time minus gyro time; replaces the camera file's."),
-    click.option("--readout-time", type=SecondsType(), help="Readout time of the picture; replaces the camera file's."),
+    click.option(
+        "--readout-time", type=SecondsType(minimum=0.0), help="Readout time of the picture; replaces the camera file's."
+    ),
     click.option(
         "--focal-length",
         type=click.FloatRange(min=0.0, min_open=True),
@@ -234,7 +238,9 @@ _CLIP_TIMES = (
     click.option("--start-ns", type=int, metavar="NS", help="Timestamp of the first frame in ns, camera clock."),
     click.option("--start", type=SecondsType(), help="The same in seconds on the log's own clock.  [default: 0]"),
     click.option(
-        "--duration", type=SecondsType(), help="Exposure time of a row; replaces that of --capture or of the video."
+        "--duration",
+        type=SecondsType(above=0.0),
+        help="Exposure time of a row; replaces that of --capture or of the video.",
     ),
 )
 
@@ -255,7 +261,9 @@ defaults_options = gathered(
         click.option("--camera", type=PATH, metavar="FILE", help="Camera file of photos that name none."),
         click.option("--capture", type=PATH, metavar="FILE", help="Metadata file of photos that name none."),
         click.option("--start", type=click.Choice(["exif"]), help="Take the photos' times from EXIF; see deblur."),
-        click.option("--duration", type=SecondsType(), help="Exposure time of other photos.  [default: from EXIF]"),
+        click.option(
+            "--duration", type=SecondsType(above=0.0), help="Exposure time of other photos.  [default: from EXIF]"
+        ),
         *_OVERRIDES,
     ),
 )

@@ -119,15 +119,21 @@ def prepare_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:
     Raises
     ------
     OutputError
-        If the folder cannot be made, or a file cannot be written, is an input, or exists and `force` is not set.
+        If the folder cannot be made or has the name of a picture, or a file cannot be written, is an input, or exists
+        and `force` is not set.
     """
     from rsdeblur._util.atomic import check_target
+    from rsdeblur.cli._items import WRITABLE
+
+    if folder.suffix.lower() in WRITABLE and not folder.is_dir():
+        raise OutputError(f"{folder}: the results are several files, so the output is a folder; give the name of one")
 
     made = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{folder}: cannot make the folder: {error.strerror or error}") from error
+        what = "it is a file" if folder.is_file() else error.strerror or error
+        raise OutputError(f"{folder}: cannot make the folder: {what}") from error
     # Workers have no context; their command removes the folders.
     if (context := click.get_current_context(silent=True)) is not None:
         context.call_on_close(lambda: _remove_empty(made))

@@ -33,14 +33,23 @@ PATH = NonEmptyPath(path_type=Path)
 
 
 class SecondsType(click.ParamType[float]):
-    """A time: `0.05`, `1/20` or `50ms`."""
+    """A time: `0.05`, `1/20` or `50ms`; if it is a length, positive or at least not negative."""
 
     name = "SECONDS"
 
+    def __init__(self, *, above: float | None = None, minimum: float | None = None) -> None:
+        self.above, self.minimum = above, minimum
+
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return seconds."""
-        if isinstance(value, float):
-            return value
+        seconds = value if isinstance(value, float) else self._seconds(value, param, ctx)
+        if self.above is not None and seconds <= self.above:
+            self.fail(f"{value} is not greater than {self.above:g}", param, ctx)
+        if self.minimum is not None and seconds < self.minimum:
+            self.fail(f"{value} is less than {self.minimum:g}", param, ctx)
+        return seconds
+
+    def _seconds(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         number = r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)"
         match = re.fullmatch(rf"{number}(?:/{number})?\s*(s|ms|us)?", str(value))
         try:

@@ -65,7 +65,7 @@ class NumbersType(click.ParamType[tuple[float, ...]]):
 
 POSITIVE = click.FloatRange(min=0, min_open=True)
 SETTINGS: tuple[Callable[[Any], Any], ...] = (
-    click.option("--readout-time", type=SecondsType(), help="Readout time of the picture."),
+    click.option("--readout-time", type=SecondsType(minimum=0.0), help="Readout time of the picture."),
     click.option(
         "--readout-direction",
         type=click.Choice(["top-down", "bottom-up", "left-right", "right-left"]),

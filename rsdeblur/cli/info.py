@@ -44,7 +44,9 @@ class Together:
         click.option("--gyro", type=PATH, metavar="LOG", help="Gyro log, to check the exposures of --capture."),
         click.option("--camera", type=PATH, metavar="FILE", help="Camera file, for the same check."),
         click.option("--capture", type=PATH, metavar="FILE", help="Metadata file that contains the exposures."),
-        click.option("--duration", type=SecondsType(), help="Exposure time, where --capture contains stamps only."),
+        click.option(
+            "--duration", type=SecondsType(above=0.0), help="Exposure time, where --capture contains stamps only."
+        ),
         click.option("--time-offset", type=SecondsType(), help="Camera time minus gyro time; replaces the camera's."),
     ),
 )
@@ -84,7 +86,8 @@ def _entries(files: tuple[Path, ...], together: Together, reading: dict[str, Any
     for path in files:
         try:
             if not path.is_file():
-                what = "a folder; give the files in it" if path.is_dir() else "there is no such file"
+                what = "not a regular file" if path.exists() else "there is no such file"
+                what = "a folder; give the files in it" if path.is_dir() else what
                 raise FileFormatError(f"{path}: {what}")
             yield {"file": str(path)} | describe(path, reading)
         except FileFormatError as error:

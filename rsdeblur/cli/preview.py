@@ -70,14 +70,16 @@ def _factors(first: float, last: float, steps: int) -> list[Value]:
     import numpy as np
 
     if not min(first, last) > 0:
-        raise InputError(f"--from and --to are factors, which must be positive, got {first:g} and {last:g}")
+        raise click.UsageError(f"--from and --to are factors, which must be positive, got {first:g} and {last:g}")
     return [(factor,) for factor in np.geomspace(first, last, steps).tolist()]
 
 
 def _drifts(first: float, last: float, steps: int) -> list[Value]:
     side = math.isqrt(steps)
     if side**2 != steps:
-        raise InputError(f"--steps of a drift is a square, along x times along y, like {side**2} or {(side + 1) ** 2}")
+        raise click.UsageError(
+            f"--steps of a drift is a square, along x times along y, like {side**2} or {(side + 1) ** 2}"
+        )
     along = _shifts(first, last, side)
     return [x + y for y, x in product(along, along)]
 
@@ -158,8 +160,8 @@ class Sweep:
 
         Raises
         ------
-        InputError
-            If a factor is not positive, or the number of drifts no square.
+        click.UsageError
+            If a factor is not positive, or the number of drifts is not a square.
         """
         first, last = (
             default if given is None else given
@@ -329,6 +331,9 @@ def _cells(
 
 def _cut(inputs: Inputs, region: Region) -> Inputs:
     left, top, width, height = region
-    camera = inputs.camera.cropped(left, top, width, height)
+    try:
+        camera = inputs.camera.cropped(left, top, width, height)
+    except InputError as error:
+        raise click.UsageError(f"--region: {error}") from error
     pixels = inputs.picture.pixels[top : top + height, left : left + width]
     return inputs._replace(picture=replace(inputs.picture, pixels=pixels), camera=camera)

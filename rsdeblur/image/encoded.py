@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.threads import share
 from rsdeblur.choices import Auto, Transfer
-from rsdeblur.errors import InputError
+from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
 from rsdeblur.motion.camera import Camera
@@ -49,12 +50,21 @@ class EncodedImage:
         ------
         InputError
             If it is not a picture.
+
+        Warns
+        -----
+        RsdeblurWarning
+            If floats are probably encoded values.
         """
         array = validate.array("image", image)
         if array.ndim not in (2, 3) or array.size == 0 or (array.ndim == 3 and array.shape[2] > 4):
             raise InputError(f"image must have shape (H, W) or (H, W, C) with C from 1 to 4, got {array.shape}")
+        if not array.dtype.isnative:
+            array = array.astype(array.dtype.newbyteorder("="))
         if array.dtype not in (np.uint8, np.uint16) and not np.issubdtype(array.dtype, np.floating):
             raise InputError(f"image must be uint8, uint16 or float, got {array.dtype}")
+        if validate.is_auto(transfer):
+            warn_of_encoded_floats(array)
         array = array if array.ndim == 3 else array[:, :, None]
         return cls(frame.image(array) if frame else array, resolve_transfer(transfer, array.dtype))
 
@@ -238,6 +248,18 @@ def _blocks(rows: slice) -> Iterator[tuple[slice, slice]]:
     for top in range(rows.start, rows.stop, ROWS):
         stop = min(top + ROWS, rows.stop)
         yield slice(top - rows.start, stop - rows.start), slice(top, stop)
+
+
+def warn_of_encoded_floats(array: NDArray[Any]) -> None:
+    """Warn if floats are whole numbers beyond 1, judged by three rows: encoded values are, linear light is not."""
+    rows = array[:: max(1, len(array) // 2)]
+    if array.dtype.kind == "f" and rows.max() > 1 and (rows == np.round(rows)).all():
+        warnings.warn(
+            "the picture has floats, which mean linear light, but they are whole numbers like encoded values, of up to "
+            f"{array.max():g}: convert it to uint8 or uint16, or divide it by its full scale and set transfer",
+            RsdeblurWarning,
+            stacklevel=3,
+        )
 
 
 @lru_cache(maxsize=8)

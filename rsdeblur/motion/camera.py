@@ -129,10 +129,10 @@ class Camera:
             "principal_point",
             tuple(map(float, validate.real_array("principal_point", principal_point, (2,), most=LARGEST))),
         )
-        put("readout_time", validate.finite("readout_time", readout_time, minimum=0.0))
+        put("readout_time", validate.finite("readout_time", readout_time, minimum=0.0, maximum=validate.MOST_SECONDS))
         put("readout_direction", validate.choice("readout_direction", readout_direction, READOUT_DIRECTIONS))
         put("imu_to_camera", _rotation(np.eye(3) if imu_to_camera is None else imu_to_camera))
-        put("time_offset", validate.finite("time_offset", time_offset))
+        put("time_offset", validate.time("time_offset", time_offset))
         put("distortion_model", validate.choice("distortion_model", distortion_model, DISTORTIONS))
         put("distortion", _coefficients(self.distortion_model, distortion))
         put("timestamp_marks", validate.choice("timestamp_marks", timestamp_marks, TIMESTAMP_MARKS))
@@ -432,6 +432,8 @@ class Camera:
         try:
             # A ValueError also where an integer has thousands of digits.
             table = tomllib.loads(read_file(path, "camera file").decode("utf-8-sig"))
+        except UnicodeDecodeError as error:
+            raise FileFormatError(f"{path}: not a TOML camera file: the text is not UTF-8; save it as UTF-8") from error
         except (ValueError, RecursionError) as error:
             raise FileFormatError(f"{path}: not a TOML camera file: {error}") from error
         known = [f.name for f in fields(cls)]

@@ -29,7 +29,7 @@ class Exposure:
     Raises
     ------
     InputError
-        If a value is not finite, the duration is not positive, or `epoch_ns` does not fit into 64 bits.
+        If a value is not finite or beyond 1e12, the duration is not positive, or `epoch_ns` does not fit into 64 bits.
 
     Examples
     --------
@@ -45,8 +45,8 @@ class Exposure:
     epoch_ns: int = 0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "start", validate.finite("start", self.start))
-        object.__setattr__(self, "duration", validate.finite("duration", self.duration, above=0.0))
+        object.__setattr__(self, "start", validate.time("start", self.start))
+        object.__setattr__(self, "duration", validate.time("duration", self.duration, above=0.0))
         object.__setattr__(self, "epoch_ns", validate.nanoseconds("epoch_ns", self.epoch_ns))
 
     def shifted(self, dt: float) -> Exposure:

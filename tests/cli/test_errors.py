@@ -163,9 +163,35 @@ def test_bad_files(run: Run, files: Files, tmp_path: Path, spoil: Callable[[File
     assert not out.exists()
 
 
-def test_zero_length_exposure(run: Run, files: Files, tmp_path: Path) -> None:
-    arguments = [*files.sources, "--start", START, "--duration", 0]
-    refused(run("deblur", files.photo, *arguments, "-o", tmp_path / "o.png"), "duration")
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("--duration", "0", "'--duration': 0 is not greater than 0"),
+        ("--duration", "-1/20", "'--duration': -1/20 is not greater than 0"),
+        ("--readout-time", "-30ms", "'--readout-time': -30ms is less than 0"),
+    ],
+)
+def test_lengths_of_time_are_not_negative(
+    run: Run, files: Files, tmp_path: Path, option: str, value: str, message: str
+) -> None:
+    result = run("deblur", files.photo, *files.recording, option, value, "-o", tmp_path / "o.png")
+    assert (result.exit_code, message in result.stderr) == (2, True), result.stderr
+
+
+def test_a_time_beyond_all_clocks_is_refused(run: Run, files: Files, tmp_path: Path) -> None:
+    result = run("deblur", files.photo, *files.recording, "--time-offset", "1e300", "-o", tmp_path / "o.png")
+    refused(result, "time_offset must be at most 1e+12, got 1e+300")
+
+
+def test_floats_like_encoded_values_warn(run: Run, files: Files, tmp_path: Path) -> None:
+    pixels = np.asarray(Image.open(files.photo)).astype(np.float32)
+    np.save(tmp_path / "a.npy", pixels)
+    arguments = [*files.recording, "--no-refine", "-o", tmp_path / "o.npy", "--force"]
+    result = run("deblur", tmp_path / "a.npy", *arguments)
+    assert "warning: the picture has floats, which mean linear light, but they are whole numbers" in result.stderr
+    assert run("deblur", tmp_path / "a.npy", *arguments, "--transfer", "linear").stderr == ""
+    np.save(tmp_path / "a.npy", pixels / 255)
+    assert run("deblur", tmp_path / "a.npy", *arguments).stderr == ""
 
 
 def test_degrees_warn_in_one_line(run: Run, files: Files, tmp_path: Path) -> None:
@@ -241,6 +267,16 @@ def test_folders_are_not_overwritten_either(run: Run, files: Files, tmp_path: Pa
     assert [path.read_bytes() for path in out.iterdir()] == [b"precious"]
 
 
+@pytest.mark.parametrize("command", ["compare", "simulate", "demo", "batch"])
+def test_a_folder_is_not_given_the_name_of_a_picture(run: Run, files: Files, tmp_path: Path, command: str) -> None:
+    out = tmp_path / "out.png"
+    manifest = tmp_path / "list.csv"
+    manifest.write_text(f"photo\n{files.photo}\n")
+    arguments = {"demo": [], "batch": [manifest, *files.sources]}.get(command, [files.photo, *files.recording])
+    refused(run(command, *arguments, "-o", out), out, "the output is a folder")
+    assert not out.exists()
+
+
 def test_unwritable_outputs(run: Run, files: Files, tmp_path: Path) -> None:
     missing = tmp_path / "none" / "o.png"
     refused(run("deblur", files.photo, *files.recording, "-o", missing), missing)
@@ -277,7 +313,8 @@ def test_info_on_unknown_files(run: Run, files: Files, tmp_path: Path) -> None:
     mixed = run("info", strange, files.camera)
     refused(mixed, strange)
     assert f"{files.camera}: camera" in mixed.stdout
-    refused(run("info", tmp_path / "none.csv"), tmp_path / "none.csv")
+    refused(run("info", tmp_path / "none.csv"), tmp_path / "none.csv", "there is no such file")
+    refused(run("info", "/dev/null"), "/dev/null: not a regular file")
     assert run("info", "--gyro", files.gyro).exit_code == 2
     refused(run("simulate", files.photo, *files.sources, "--start", 9, "--duration", DURATION, "-o", tmp_path / "s"),
             files.gyro)  # fmt: skip

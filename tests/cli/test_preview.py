@@ -54,11 +54,13 @@ def test_preview_varies_sizes_and_drifts(run: Run, files: Files, tmp_path: Path)
     ]
     before = files.camera.read_text()
     refused = run(*common, "--vary", "drift", "--steps", 8)
-    assert refused.exit_code == 1
+    assert refused.exit_code == 2
     assert "like 4 or 9" in refused.stderr
     result = run(*common, "--vary", "drift", "--steps", 4, "--drift", "1,0", "--choose", 2)
     assert "4 of 4 cells, drift -6.0, -6.0 px to +6.0, +6.0 px\ncell 2: --drift 7,-6" in result.stdout
     assert files.camera.read_text() == before
+    result = run(*common, "--region", "0,0,1000,1000")
+    assert (result.exit_code, "--region: the cut-out 1000x1000" in result.stderr) == (2, True)
     result = run(*common, "--vary", "readout", "--from", 0)
-    assert result.exit_code == 1
+    assert result.exit_code == 2
     assert "--from and --to are factors, which must be positive, got 0 and 2" in result.stderr

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
-from rsdeblur import Camera, InputError
+from rsdeblur import Camera, InputError, RsdeblurWarning
 from rsdeblur.image.encoded import EncodedImage, reduced
 
 CAMERA = Camera(120, 90, 200.0, readout_time=0.02)
@@ -47,6 +49,19 @@ def test_small_pictures_keep_their_size():
     same, camera = reduced(picture, CAMERA, 2048)
     np.testing.assert_array_equal(same, picture.astype(np.float32))
     assert camera is CAMERA
+
+
+def test_the_order_of_bytes_does_not_matter():
+    values = np.arange(12, dtype=np.uint16).reshape(3, 4)
+    np.testing.assert_array_equal(EncodedImage.of(values.astype(">u2")).values, EncodedImage.of(values).values)
+
+
+@pytest.mark.parametrize(("scale", "transfer"), [(255.0, "auto"), (1.0, "auto"), (255.0, "linear")])
+def test_floats_like_encoded_values_warn(scale, transfer):
+    values = np.arange(256.0).reshape(16, 16) / 255.0 * scale
+    doubted = scale > 1 and transfer == "auto"
+    with pytest.warns(RsdeblurWarning, match="of up to 255") if doubted else nullcontext():
+        EncodedImage.of(np.round(values) if scale > 1 else values, transfer)
 
 
 def test_what_is_not_the_cameras_is_refused():

@@ -258,7 +258,7 @@ class TestFile:
         binary = tmp_path / "photo.jpg"
         binary.write_bytes(bytes(range(256)))
         for path, message in (
-            (binary, "not a TOML camera file"),
+            (binary, "not a TOML camera file: the text is not UTF-8"),
             (tmp_path / "none.toml", "No such file"),
             (tmp_path, "Is a directory"),
         ):
