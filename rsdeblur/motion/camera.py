@@ -123,8 +123,7 @@ class Camera:
         put("width", _pixels("width", width))
         put("height", _pixels("height", height))
         put("focal_length", _focal_length(focal_length))
-        if principal_point is None:
-            principal_point = ((self.width - 1) / 2, (self.height - 1) / 2)
+        principal_point = ((self.width - 1) / 2, (self.height - 1) / 2) if principal_point is None else principal_point
         put(
             "principal_point",
             tuple(map(float, validate.real_array("principal_point", principal_point, (2,), most=LARGEST))),
