@@ -253,7 +253,8 @@ def _blocks(rows: slice) -> Iterator[tuple[slice, slice]]:
 def warn_of_encoded_floats(array: NDArray[Any]) -> None:
     """Warn if floats are whole numbers beyond 1, judged by three rows: encoded values are, linear light is not."""
     rows = array[:: max(1, len(array) // 2)]
-    if array.dtype.kind == "f" and rows.max() > 1 and (rows == np.round(rows)).all():
+    # Larger numbers than those of 16 bits are no encoded values, and floats of any kind beyond 2^24 are whole.
+    if array.dtype.kind == "f" and 1 < rows.max() <= np.iinfo(np.uint16).max and (rows == np.round(rows)).all():
         warnings.warn(
             "the picture has floats, which mean linear light, but they are whole numbers like encoded values, of up to "
             f"{array.max():g}: convert it to uint8 or uint16, or divide it by its full scale and set transfer",
