@@ -139,6 +139,8 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "halved_gradient_energy": lambda h: [h(5, 7, 3)],
     "invert": lambda h: [h.pairs(8, 6), h.number(), h.number(), 1, 2, h.pairs(3, 3, 4, 6)],
     "to_srgb": lambda h: [h(5, 7, 3)],
+    "extremes": lambda h: [h(5, 7, 3), 3, h(3, 4), h(3, 4)],
+    "limit": lambda h: [h(5, 7, 3), 0, 2, 3, h(3, 3), h(3, 3, 4), h(3, 3, 4)],
     "information": lambda h: [
         *(tiles(h), h(3, 2, 9)),
         (h(4, 3, dtype=np.float64), h(4, dtype=np.float64)),
