@@ -21,8 +21,8 @@ from rsdeblur.types import Float32Array, FloatImage
 # Side of the window around a pixel that the photo's range is taken over, in lengths of the PSF: light of the pixel went
 # half a PSF far, and as far again reaches what came from there.
 WINDOW = 1.5
-# By how much a result may leave the range of the photo: as a share of the range, below its brightness and beyond its
-# colours, and at least, as the square root of light. (docs/developer/decisions/estimates.md)
+# By how much a result may leave the range of the photo: as a share of the range, below its luma and beyond its
+# chroma, and at least, as the square root of light. (docs/developer/decisions/estimates.md)
 DARKER, MORE_COLOURED, LEAST_BEYOND = 1.0, 0.1, 1 / 255
 # Cells in the length of a PSF, the least size of a cell in px, and the number of cells over which the limits set in.
 CELLS, LEAST_CELL, FADE = 8, 8, 3
@@ -40,7 +40,7 @@ def keep_colours_near_clipped(
     *,
     threads: int | None = None,
 ) -> None:
-    """Limit brightness and colours of a result in place, beside pixels that the blurred picture has at full scale.
+    """Limit luma and chroma of a result in place, beside pixels that the blurred picture has at full scale.
 
     Parameters
     ----------
@@ -67,8 +67,9 @@ def keep_colours_near_clipped(
     near = ndimage.uniform_filter(ndimage.maximum_filter(clipped, window, mode="nearest"), FADE, mode="nearest")
     low = ndimage.minimum_filter(lowest, (*window, 1), mode="nearest")
     high = ndimage.maximum_filter(highest, (*window, 1), mode="nearest")
-    darker, coloured = high[..., :1] - low[..., :1], (high - low)[..., 1:].max(axis=2, keepdims=True)
-    beyond = np.concatenate([DARKER * darker, *[MORE_COLOURED * coloured] * channels], axis=2)
+    luma, chroma = high[..., :1] - low[..., :1], (high - low)[..., 1:].max(axis=2, keepdims=True)
+    # Channels share the widest range of the chroma.
+    beyond = np.concatenate([DARKER * luma, *[MORE_COLOURED * chroma] * channels], axis=2)
     least, most = low - beyond - np.float32(LEAST_BEYOND), high + beyond + np.float32(LEAST_BEYOND)
     # Nothing says how bright clipped light was at most.
     most[..., 0] = MOST_ROOT
@@ -82,7 +83,7 @@ def keep_colours_near_clipped(
 def _measured(
     encoded: EncodedImage, white: float, step: tuple[int, int], threads: int | None
 ) -> tuple[Float32Array, Float32Array, Float32Array]:
-    """Return 1 for cells with a clipped pixel, else 0, and the extremes of brightness and colours in each cell."""
+    """Return 1 for cells with a clipped pixel, else 0, and the extremes of luma and chroma in each cell."""
     height, width, channels = encoded.shape
     tops, lefts = range(0, height, step[0]), np.arange(0, width, step[1])
     clipped = np.empty((len(tops), len(lefts)), np.float32)
@@ -90,8 +91,8 @@ def _measured(
 
     def measure(_: int, n: int) -> None:
         rows = slice(tops[n], tops[n] + step[0])
-        highest_values: NDArray[np.generic] = encoded.values[rows].max(axis=0)
-        clipped[n] = np.maximum.reduceat(highest_values, lefts).max(axis=1) == white
+        brightest: NDArray[np.generic] = encoded.values[rows].max(axis=0)
+        clipped[n] = np.maximum.reduceat(brightest, lefts).max(axis=1) == white
         extremes(np.sqrt(np.maximum(encoded.linear(rows), 0)), step[1], lowest[n], highest[n])
 
     share(measure, range(len(tops)), threads)

@@ -1,7 +1,7 @@
-"""Limits of brightness and colour beside clipped light: Numba kernels and their NumPy twins.
+"""Limits of luma and chroma beside clipped light: Numba kernels and their NumPy twins.
 
-Both work on square roots of linear light, which are about as even to the eye as encoded values. The *brightness* of a
-pixel is the mean of its channels there, its *colours* are what each channel has more than that.
+Both work on square roots of linear light, which are about as even to the eye as encoded values. The *luma* of a pixel
+is the mean of its channels there, its *chroma* is what each channel has more than that.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from rsdeblur.types import Float32Array, FloatImage
 
 @njit(nogil=True)
 def extremes(roots, wide, lowest, highest):
-    """Measure the extremes of brightness and colours in one row of cells.
+    """Measure the extremes of luma and chroma in one row of cells.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def extremes(roots, wide, lowest, highest):
     wide : int
         Width of a cell, px; the last one may be smaller.
     lowest, highest : ndarray, shape (N, C + 1), float32
-        Receive the extremes of the brightness and of the C colours.
+        Receive the extremes of the luma and of the C values of the chroma.
     """
     height, width, channels = roots.shape
     for n in range(len(lowest)):
@@ -33,16 +33,16 @@ def extremes(roots, wide, lowest, highest):
     for y in range(height):
         for x in range(width):
             n = x // wide
-            brightness = np.float32(0.0)
+            luma = np.float32(0.0)
             for c in range(channels):
-                brightness += roots[y, x, c]
-            brightness /= np.float32(channels)
-            lowest[n, 0] = min(lowest[n, 0], brightness)
-            highest[n, 0] = max(highest[n, 0], brightness)
+                luma += roots[y, x, c]
+            luma /= np.float32(channels)
+            lowest[n, 0] = min(lowest[n, 0], luma)
+            highest[n, 0] = max(highest[n, 0], luma)
             for c in range(channels):
-                colour = roots[y, x, c] - brightness
-                lowest[n, c + 1] = min(lowest[n, c + 1], colour)
-                highest[n, c + 1] = max(highest[n, c + 1], colour)
+                chroma = roots[y, x, c] - luma
+                lowest[n, c + 1] = min(lowest[n, c + 1], chroma)
+                highest[n, c + 1] = max(highest[n, c + 1], chroma)
 
 
 def extremes_numpy(roots: Float32Array, wide: int, lowest: Float32Array, highest: Float32Array) -> None:
@@ -54,7 +54,7 @@ def extremes_numpy(roots: Float32Array, wide: int, lowest: Float32Array, highest
 
 @njit(nogil=True)
 def limit(rows, top, tall, wide, weight, least, most):
-    """Limit brightness and colours of a picture, by a weight; pixels brighter than full scale stay.
+    """Limit luma and chroma of a picture, by a weight; pixels brighter than full scale stay.
 
     Weights and limits hold at the centres of cells, and are interpolated bilinearly.
 
@@ -69,7 +69,7 @@ def limit(rows, top, tall, wide, weight, least, most):
     weight : ndarray, shape (M, N), float32
         Weights of the cells, in [0, 1]; 0 changes nothing.
     least, most : ndarray, shape (M, N, C + 1), float32
-        Limits of the brightness and of the C colours in the cells.
+        Limits of the luma and of the C values of the chroma in the cells.
     """
     height, width, channels = rows.shape
     down, across = weight.shape
@@ -89,19 +89,19 @@ def limit(rows, top, tall, wide, weight, least, most):
                 share += shares[k] * weight[places[k]]
             if share == 0:
                 continue
-            brightness = np.float32(0.0)
+            luma = np.float32(0.0)
             for c in range(channels):
-                brightness += _root(rows[y, x, c])
-            brightness /= np.float32(channels)
-            if brightness > one:
+                luma += _root(rows[y, x, c])
+            luma /= np.float32(channels)
+            if luma > one:
                 continue
-            bounded = _bounded(brightness, 0, shares, places, least, most)
+            bounded = _bounded(luma, 0, shares, places, least, most)
             for c in range(channels):
                 root = _root(rows[y, x, c])
-                colour = _bounded(root - brightness, c + 1, shares, places, least, most)
+                chroma = _bounded(root - luma, c + 1, shares, places, least, most)
                 # Values within the limits keep their bits.
-                if bounded != brightness or colour != root - brightness:
-                    changed = bounded + colour
+                if bounded != luma or chroma != root - luma:
+                    changed = bounded + chroma
                     rows[y, x, c] += share * (changed * abs(changed) - rows[y, x, c])
 
 
@@ -146,6 +146,6 @@ def _bounded(value, n, shares, places, least, most):
 
 
 def _parts(roots: Float32Array) -> Float32Array:
-    """Return brightness and colours, shape (h, w, C + 1)."""
-    brightness = roots.mean(axis=2, keepdims=True)
-    return np.concatenate([brightness, roots - brightness], axis=2)
+    """Return luma and chroma, shape (h, w, C + 1)."""
+    luma = roots.mean(axis=2, keepdims=True)
+    return np.concatenate([luma, roots - luma], axis=2)

@@ -1,4 +1,4 @@
-"""Limits of brightness and colours that are known for cells."""
+"""Limits of luma and chroma that are known for cells."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_colours_and_darkness_are_limited_and_brighter_light_than_full_scale_is_
     least, most = (np.array([[[n, 0, 0, 0]]], np.float32) for n in (0.2, 9))
     changed = rows.copy()
     limit(changed, 0, 1, 3, np.ones((1, 1), np.float32), least, most)
-    # The mean of the roots 0.9, 0.1 and 0.1, squared; and the least brightness, squared.
+    # The mean of the roots 0.9, 0.1 and 0.1, squared; and the least luma, squared.
     np.testing.assert_allclose(changed[0, 0], (1.1 / 3) ** 2, rtol=1e-5)
     np.testing.assert_allclose(changed[0, 1], 0.04, rtol=1e-5)
     np.testing.assert_array_equal(changed[0, 2], rows[0, 2])
