@@ -439,9 +439,7 @@ class Camera:
         for old, new in FORMER_KEYS.items():
             if old in table and new not in table:
                 table[new] = table.pop(old)
-                warnings.warn(
-                    f"{path}: the key {old!r} is now called {new!r}; rename it", RsdeblurWarning, stacklevel=2
-                )
+                warnings.warn(f"{path}: {old!r} is now called {new!r}; rename it", RsdeblurWarning, stacklevel=2)
         for key in table:
             if key not in known:
                 close = get_close_matches(key, known, n=1)
