@@ -125,15 +125,22 @@ def _session(folder: Path, defaults: Defaults, output: Path, numbered_from: int 
 
 
 def _manifest(path: Path, defaults: Defaults) -> Iterator[Item]:
+    from rsdeblur.io.kinds import mistaken
+    from rsdeblur.io.source import Source
+
     try:
         text = read_file(path, "manifest").decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise FileFormatError(f"{path}: cannot read the manifest: it is not UTF-8 text") from error
+        unreadable = FileFormatError(f"{path}: cannot read the manifest: it is not UTF-8 text")
+        raise mistaken(Source(path, "manifest")) or unreadable from error
     rows = iter(_rows(text))
     _, head = next(rows, (0, []))
     if not head:
         raise FileFormatError(f"{path}: the manifest is empty; its first line must name the columns, like photo,index")
-    head = _head(path, head)
+    try:
+        head = _head(path, head)
+    except FileFormatError as error:
+        raise mistaken(Source(path, "manifest")) or error from None
     for line, row in rows:
         if any(cell.strip() for cell in row):
             yield _row(path, line, head, row, defaults)

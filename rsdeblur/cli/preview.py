@@ -246,15 +246,14 @@ def command(
     value and the kernel at the middle of the picture. Shifts and factors are relative to the camera file, or to the
     options that replace its values. Shifts that the log does not cover are left out.
     """
-    from rsdeblur.io.camera_file import write_time_offset
+    from rsdeblur.io.camera_file import check_editable, write_time_offset
     from rsdeblur.io.pictures import check_writable, write_picture
-    from rsdeblur.motion.camera import Camera
     from rsdeblur.report import contact_sheet
 
     check_writable(target.output, force=target.force)
     if choose is not None and sweep.vary == "offset":
         # Before the work: the file may be of a kind that has no place for the offset.
-        Camera.load(recording.camera)
+        check_editable(recording.camera)
     values = sweep.values()
     cells = _cells(photo, recording, track, options, sweep, region)
     if choose is not None and choose > len(cells):

@@ -56,9 +56,8 @@ def command(
     or frame numbers in their names.
     """
     from rsdeblur.estimate.time_offset import find_shared_time_offset
-    from rsdeblur.io.camera_file import write_time_offset
+    from rsdeblur.io.camera_file import check_editable, write_time_offset
     from rsdeblur.io.exif_times import EXIF_ERROR
-    from rsdeblur.motion.camera import Camera
 
     from_exif = recording.start == "exif"
     if from_exif and len(photos) > 1:
@@ -67,7 +66,7 @@ def command(
         raise click.UsageError(f"--from {1e3 * first:g}ms must be less than --to {1e3 * last:g}ms")
     if write:
         # Before the search: the file may be of a kind that has no place for the offset.
-        Camera.load(recording.camera)
+        check_editable(recording.camera)
     usual = EXIF_ERROR if from_exif else SEARCH
     pairs = zip(photos, recordings_of(photos, recording), strict=True)
     inputs = [read_inputs(photo, each, search=False) for photo, each in pairs]

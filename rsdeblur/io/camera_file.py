@@ -132,6 +132,29 @@ class CameraFile:
         return replace(self, camera=cut, assumptions=(*self.assumptions, Assumption("focal_length", text)))
 
 
+def check_editable(path: str | os.PathLike[str]) -> None:
+    """Check that `write_time_offset` can edit a file, before the work that finds the offset.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be read or is not a camera file of rsdeblur.
+    """
+    try:
+        Camera.load(path)
+    except FileFormatError as error:
+        # Imported here because it imports this module.
+        from rsdeblur.io.cameras import open_camera
+
+        format = open_camera(path).format
+        if format == "toml":
+            raise
+        raise FileFormatError(
+            f"{path}: a file of the format {format} has no place for the time offset; make a camera file of it: "
+            f"rsdeblur camera import {path} -o camera.toml"
+        ) from error
+
+
 def write_time_offset(path: str | os.PathLike[str], time_offset: float) -> None:
     """Write `time_offset` into a camera file, whose other lines stay as they are, down to their line ends.
 
@@ -152,7 +175,7 @@ def write_time_offset(path: str | os.PathLike[str], time_offset: float) -> None:
         If it cannot be written.
     """
     time_offset = validate.finite("time_offset", time_offset)
-    Camera.load(path)
+    check_editable(path)
     data = read_file(path, "camera file")
     text = data.removeprefix(codecs.BOM_UTF8).decode()
     try:

@@ -1,6 +1,6 @@
 """Camera files: our own, those of calibration tools, and as a last resort a picture's EXIF block.
 
-To add a format, write its `sniff` and `read` and add them to the table in `_formats`.
+To add a format, write its `sniff` and `read` and add them to the table in `formats`.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from rsdeblur.io.source import Source
 from rsdeblur.motion.camera import Camera
 
 WHAT = "camera file"
+DEFAULT = Request()
 
 
 def read_camera(
@@ -133,7 +134,7 @@ def open_camera(
         sensor_width = validate.count("sensor_width", sensor_width)
     source = Source(path, WHAT)
     request = Request(size, name, fps, focal_length, sensor_width)
-    file = choose(_formats(request), source, format).read(source)
+    file = choose(formats(request), source, format).read(source)
     return file if focal_length is None else file.with_overrides(focal_length=(focal_length, focal_length))
 
 
@@ -155,7 +156,7 @@ def detect_camera_format(path: str | os.PathLike[str]) -> str:
     FileFormatError
         If the file cannot be read or is of no known format.
     """
-    return choose(_formats(Request()), Source(path, WHAT)).name
+    return choose(formats(), Source(path, WHAT)).name
 
 
 def _sniff_toml(source: Source) -> bool:
@@ -177,7 +178,10 @@ def _read_exif(source: Source, request: Request) -> CameraFile:
         focal_length, origin = exif.focal_px(width, height)
         camera = Camera(width, height, focal_length, imu_to_camera=axes)
     except InputError as error:
-        raise source.error(f"{error}; calibrate the camera, or give its focal length: rsdeblur camera new") from error
+        raise source.error(
+            f"it is a picture, and its {error}; give a camera file, calibrate the camera, or give its focal length: "
+            "rsdeblur camera new"
+        ) from error
     assumptions = [
         Assumption(
             "focal_length",
@@ -198,7 +202,7 @@ def _read_exif(source: Source, request: Request) -> CameraFile:
     return file.fitted(request.size)
 
 
-def _formats(request: Request) -> tuple[Format[CameraFile], ...]:
+def formats(request: Request = DEFAULT) -> tuple[Format[CameraFile], ...]:
     """Return the formats, whose readers follow `request`."""
     return tuple(
         Format(name, title, sniff, partial(read, request=request))

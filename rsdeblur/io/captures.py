@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rsdeblur.errors import InputError
-from rsdeblur.io.columns import TIME_UNITS, Cell
+from rsdeblur.io.columns import TIME_UNITS, Cell, named_columns
 from rsdeblur.io.exif import Exif
 from rsdeblur.io.formats import Format, choose, text_format
 from rsdeblur.io.gyro_binary import trailer_of
@@ -156,8 +156,15 @@ def _has_numbers(text: TextFile, count: int) -> bool:
     return len(cells) == count and all(map(is_number, cells))
 
 
+def _sniff_image_info(text: TextFile) -> bool:
+    # A pose has eight numbers too, but a quaternion has none beyond 1, and no camera has a focal length below 1 px.
+    return _has_numbers(text, IMAGE_INFO_CELLS) and float(cells_of(text.head)[4]) > 1
+
+
 def _stamp_header(text: TextFile) -> str | None:
-    """Return the unit in a header `timestamp[unit]`; None without such a header."""
+    """Return the unit in a header `timestamp[unit]`; None without such a header, and for that of a gyro log."""
+    if named_columns(text) is not None:
+        return None
     cell = Cell.of(re.split(r"[,;|\t]", text.head, maxsplit=1)[0])
     return cell.unit if STAMP.fullmatch(cell.name) and cell.unit in TIME_UNITS else None
 
@@ -187,7 +194,7 @@ FORMATS: tuple[Format[CaptureFile], ...] = (
     text_format(
         "image-info",
         "GyroDeblurNet image_info.txt",
-        lambda text: _has_numbers(text, IMAGE_INFO_CELLS),
+        _sniff_image_info,
         lambda text: _captures("image-info", text, text.rows, (0, 2)),
     ),
     text_format(

@@ -57,7 +57,7 @@ def choose(formats: Sequence[Format[T]], source: Source, name: str | None = None
     Raises
     ------
     FileFormatError
-        If there is no such format; the message lists the known ones.
+        If there is no such format; the message names the kind of file that it looks like, or lists the known formats.
     """
     known = "; ".join(f"{each.name} ({each.title})" for each in formats)
     if name is not None:
@@ -69,6 +69,11 @@ def choose(formats: Sequence[Format[T]], source: Source, name: str | None = None
     for each in formats:
         if each.fits(source):
             return each
+    # Imported here because it imports the formats of all kinds.
+    from rsdeblur.io.kinds import mistaken
+
+    if (error := mistaken(source)) is not None:
+        raise error
     start = source.text.head.strip()[:60]
     raise source.text.error(
         f"unknown {source.what} format, the content starts with {start!r}; known formats: {known}", source.text.rows[0]

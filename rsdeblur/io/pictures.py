@@ -180,7 +180,12 @@ def _decoding(path: Path) -> Iterator[None]:
     try:
         yield
     except UnidentifiedImageError:
-        raise FileFormatError(f"{path}: not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture") from None
+        # Imported here because it imports the readers of all kinds.
+        from rsdeblur.io.kinds import mistaken
+
+        raise mistaken(Source(path, "picture")) or FileFormatError(
+            f"{path}: not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture"
+        ) from None
     except (Image.DecompressionBombError, _tiff.Unsupported, _heif.MissingPackage, untrusted.Blocked) as error:
         raise FileFormatError(f"{path}: {error}") from error
     except MemoryError as error:

@@ -54,8 +54,9 @@ def read_mars(source: Source, request: Request) -> CameraFile:
     size = request.size or facts.pop("size", None)
     if size is None:
         raise source.error(
-            "MARS logger does not write the size of the pictures; give it: --size 1920x1080, or 1080x1920 for upright "
-            "frames, and the width of the whole sensor, to which its focal length often refers: --sensor-width 4000"
+            "MARS logger does not write the size of the pictures: make a camera file with rsdeblur camera import, "
+            "--size 1920x1080, or 1080x1920 for upright frames, and the width of the whole sensor, to which its focal "
+            "length often refers: --sensor-width 4000"
         )
     width, height = size
     stored, readout = facts.pop("focal_length_px"), facts.pop("readout_time_s", None)
@@ -146,7 +147,10 @@ def read_log(source: Source, request: Request) -> CameraFile:
         facts = dict(open_gyro(source.path).facts)
     size = request.size or (_video_size(source) if is_video(source) else None)
     if size is None:
-        raise source.error("the file does not contain the size of the picture; give it: --size 1920x1080")
+        raise source.error(
+            "the file does not contain the size of the picture: make a camera file with rsdeblur camera import and "
+            "--size 1920x1080"
+        )
     view, readout = facts.get("field_of_view_deg"), facts.pop("readout_time_s", None)
     direction = facts.pop("readout_direction", "top-down")
     focal_length = request.focal_length

@@ -17,6 +17,7 @@ from rsdeblur.io.columns import (
     layout_grid,
     named_columns,
 )
+from rsdeblur.io.formats import Format, choose, text_format
 from rsdeblur.io.samples import ordered, table_samples
 from rsdeblur.io.source import Source
 from rsdeblur.io.text import Table, TextFile, line_error, read_table
@@ -55,7 +56,10 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
         cell is not a finite number, a timestamp conflicts with another, or a quaternion's norm is not 1.
     """
     source = Source(path, WHAT)
-    text = source.text
+    return choose(FORMATS, source).read(source)
+
+
+def _read(text: TextFile) -> Trajectory:
     columns, quaternion = _columns(text)
     rows = text.rows[columns.start :]
     check_layout(text, rows, columns)
@@ -66,7 +70,7 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
     try:
         return Trajectory(t, values[:, :3], values[:, 3:] if quaternion else None, epoch)
     except InputError as reason:
-        raise line_error(source.path, str(reason)) from reason
+        raise line_error(text.path, str(reason)) from reason
 
 
 def _columns(text: TextFile) -> tuple[Columns, list[int]]:
@@ -79,12 +83,20 @@ def _columns(text: TextFile) -> tuple[Columns, list[int]]:
         return Columns((0, 1, 2, 3)), [4, 5, 6, 7]
     if layout_grid(text, 4) is not None:
         return Columns((0, 1, 2, 3)), []
-    raise text.error(
-        "not a trajectory: expected `t tx ty tz qx qy qz qw`, `t x y z`, or a header that names these columns",
-        text.rows[0],
-    )
+    raise text.error("no poses: expected `t tx ty tz qx qy qz qw`, or a header that names these columns", text.rows[0])
+
+
+def _sniff(text: TextFile) -> bool:
+    # Raises `FileFormatError`, which means no.
+    _columns(text)
+    return True
 
 
 def _unit_of(table: Table) -> str:
     steps = np.diff(table.stamps).astype(np.float64)
     return "ns" if len(steps) and np.median(np.abs(steps)) > LARGEST_SECONDS else "s"
+
+
+FORMATS: tuple[Format[Trajectory], ...] = (
+    text_format("poses", "`t tx ty tz qx qy qz qw`, `t x y z`, or a header that names these columns", _sniff, _read),
+)

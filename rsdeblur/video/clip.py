@@ -137,7 +137,10 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def _unreadable(path: Path, error: Any) -> FileFormatError:
-    return FileFormatError(f"{path}: cannot read the video: {error.strerror}")
+    from rsdeblur.io.kinds import mistaken
+    from rsdeblur.io.source import Source
+
+    return mistaken(Source(path, "video")) or FileFormatError(f"{path}: cannot read the video: {error.strerror}")
 
 
 def open_clip(path: str | os.PathLike[str]) -> Clip:

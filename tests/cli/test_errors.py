@@ -425,3 +425,17 @@ def test_nsr_with_a_prior_of_another_strength_warns(run: Run, files: Files, tmp_
     assert result.exit_code == 0
     assert "warning: --nsr is the strength of --prior wiener; with hyper-laplacian it only smooths" in result.stderr
     assert run(*common, "--prior", "wiener").stderr == ""
+
+
+def test_exchanged_files_are_named(run: Run, files: Files, tmp_path: Path) -> None:
+    moment = ("--start", START, "--duration", DURATION, "-o", tmp_path / "o.png")
+    exchanged = run("deblur", files.photo, "--gyro", files.camera, "--camera", files.gyro, *moment)
+    refused(exchanged, files.gyro, "it looks like a gyro log", "give it as --gyro")
+    capture = ("--capture", files.gyro, "--duration", DURATION, "-o", tmp_path / "o.png")
+    refused(run("deblur", files.photo, *files.sources, *capture), files.gyro, "give it as --gyro")
+    refused(
+        run("deblur", files.gyro, *files.recording, "-o", tmp_path / "o.png"), "not a picture: it looks like a gyro log"
+    )
+    for manifest, kind in ((files.photo, "picture"), (files.gyro, "gyro log"), (files.captures, "capture file")):
+        refused(run("batch", manifest, "-o", tmp_path / "o"), manifest, f"not a manifest: it looks like a {kind}")
+    assert not (tmp_path / "o").exists()

@@ -400,10 +400,10 @@ def test_gopro_sample(data_dir: Path) -> None:
 
 REFUSED = {
     "euroc/sensor.yaml": "unknown gyro log format, the content starts with 'sensor_type: imu'",
-    "exif/Canon_40D.jpg": "not a gyro log: the file is binary",
-    "gyroflow-lens-profile/S25Ultra_23mm_3840x2160.json": "unknown gyro log format",
-    "kalibr/rs_camchain_line_delay.yaml": "unknown gyro log format, the content starts with 'cam0:'",
-    "opencamera-sensors/timestamps.csv": "unknown gyro log format, the content starts with '195476361410000'",
+    "exif/Canon_40D.jpg": "not a gyro log: it looks like a picture; give it as the photo",
+    "gyroflow-lens-profile/S25Ultra_23mm_3840x2160.json": "not a gyro log: it looks like a camera file .Gyroflow lens",
+    "kalibr/rs_camchain_line_delay.yaml": "not a gyro log: it looks like a camera file .Kalibr.*; give it as --camera",
+    "opencamera-sensors/timestamps.csv": "it looks like a capture file .one stamp in ns a line.; give it as --capture",
     "sensor-logger/android/Metadata.csv": "unknown gyro log format, the content starts with 'version,device name",
 }
 

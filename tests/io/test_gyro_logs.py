@@ -353,9 +353,9 @@ def test_faults_of_the_whole_file_name_it(write: Write, text: str, message: str)
 
 
 def test_a_file_that_is_not_utf8_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "picture.csv"
-    path.write_bytes(b"\xff\xd8\xff\xe0 JFIF")
-    with pytest.raises(FileFormatError, match=r"picture\.csv: not a gyro log: the file is binary"):
+    path = tmp_path / "latin.csv"
+    path.write_bytes(b"t,wx,wy,wz,\xb0C\n")
+    with pytest.raises(FileFormatError, match=r"latin\.csv: not a gyro log: the file is binary"):
         detect_gyro_format(path)
 
 

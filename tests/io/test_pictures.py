@@ -269,7 +269,7 @@ def png_of_size(width: int, height: int, rows: bytes) -> bytes:
 NOISE = Image.fromarray(random_pixels("uint8", 64, 64, 3))
 DAMAGED = {
     "empty": (b"", "the file is empty"),
-    "table": (b"t,wx,wy,wz\n0,1,2,3\n", "not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture"),
+    "table": (b"a,b\n0,1\n", "not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture"),
     "GIF": (encoded(OPENED, "GIF"), "not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture"),
     "half a JPEG": (encoded(NOISE, "JPEG")[:2000], "truncated"),
     "half a PNG": (encoded(NOISE, "PNG")[:6000], "truncated"),

@@ -61,7 +61,7 @@ def test_positions_alone(path: Path, header: str) -> None:
 
 
 FAULTS = {
-    "other columns": ("0 1 2 3 4\n1 1 2 3 4\n", "line 1: not a trajectory"),
+    "other columns": ("0.5 1 2 3 4\n1 1 2 3 4\n", "line 1: unknown trajectory format"),
     "zero quaternion": ("0 1 2 3 0 0 0 0\n1 1 2 3 0 0 0 1\n", "quaternion 0 has the norm 0 instead of 1"),
     "cell": ("0 1 2 3 0 0 0 1\n1 1 x 3 0 0 0 1\n2 1 2 3 0 0 0 1\n", "line 2: 'x' in column 3"),
     "repeated time": ("0 1 2 3\n1 1 2 3\n1 1 2 4\n2 1 2 3\n", "line 3: duplicate stamp"),
