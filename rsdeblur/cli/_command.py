@@ -61,7 +61,9 @@ LEAST_OPTIONS = 12
 
 def _set_level(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     if value:
-        ctx.meta[LEVEL] = 1 if param.name == "verbose" else -1
+        level = 1 if param.name == "verbose" else -1
+        if ctx.meta.setdefault(LEVEL, level) != level:
+            raise click.UsageError("--quiet and --verbose exclude each other", ctx)
 
 
 class Command(click.Command):

@@ -53,38 +53,44 @@ def names(kind: str) -> list[str]:
     return [*others, *(KINDS[kind].files or [MOVIE])]
 
 
-def write(kind: str, size: tuple[int, int], seed: int, folder: Path, *, force: bool) -> None:
-    """Simulate a session and write its files.
-
-    They are those of MARS logger with a camera file, or photos with EXIF blocks and a log of Sensor Logger.
-    """
+def recording(kind: str, size: tuple[int, int], seed: int) -> tuple[GyroLog, Camera, list[Exposure]]:
+    """Return the simulated log, the camera and the exposures of a session."""
     from rsdeblur.io.exif import FILM_DIAGONAL
-    from rsdeblur.io.pictures import Picture, write_picture
     from rsdeblur.motion.camera import Camera
     from rsdeblur.motion.exposure import Exposure
     from rsdeblur.motion.gyro import GyroLog
     from rsdeblur.simulation.shake import hand_shake
 
     (width, height), session = size, KINDS[kind]
-    if kind == "video":
-        import rsdeblur.video._av  # noqa: F401  refuses a missing extra before the work
     starts = [
         session.epoch_ns + round(1e9 * (session.start + float(i * session.interval))) for i in range(session.frames)
     ]
     exposures = [Exposure(0.0, float(session.duration), stamp) for stamp in starts]
     shake = hand_shake(2 * session.start + float(session.frames * session.interval), strength=STRENGTH, seed=seed)
-    log = GyroLog(shake.t, shake.omega, session.epoch_ns)
-    stock = kind == "stock-camera"
-    focal = FOCAL35 / FILM_DIAGONAL * math.hypot(width, height) if stock else FOCAL * width
+    focal = FOCAL35 / FILM_DIAGONAL * math.hypot(width, height) if kind == "stock-camera" else FOCAL * width
     # The apps log in phone axes.
     camera = Camera(width, height, focal, readout_time=READOUT, imu_to_camera="phone-landscape")
+    return GyroLog(shake.t, shake.omega, session.epoch_ns), camera, exposures
+
+
+def write(kind: str, size: tuple[int, int], seed: int, folder: Path, *, force: bool) -> None:
+    """Simulate a session and write its files.
+
+    They are those of MARS logger with a camera file, or photos with EXIF blocks and a log of Sensor Logger.
+    """
+    from rsdeblur.io.pictures import Picture, write_picture
+
+    session, stock = KINDS[kind], kind == "stock-camera"
+    if kind == "video":
+        import rsdeblur.video._av  # noqa: F401  refuses a missing extra before the work
+    log, camera, exposures = recording(kind, size, seed)
     frames = _frames(log, camera, exposures, seed)
     if session.files:
         for name, frame, exposure in zip(session.files, frames, exposures, strict=True):
             like = Picture(frame, _exif(exposure)) if stock else None
             write_picture(folder / name, frame, like=like, bits=8, force=force)
     else:
-        _write_movie(folder / MOVIE, frames, (width, height), session.interval)
+        _write_movie(folder / MOVIE, frames, size, session.interval)
     if stock:
         _write_log(folder / UNIX_LOG, log, "time,x,y,z")
         return

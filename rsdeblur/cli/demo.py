@@ -21,6 +21,8 @@ from rsdeblur.cli.compare import compare_modes, output_names, print_report
 from rsdeblur.pipeline.options import Options
 
 if TYPE_CHECKING:
+    from rsdeblur.motion.camera import Camera
+    from rsdeblur.motion.exposure import Exposure
     from rsdeblur.motion.gyro import GyroLog
     from rsdeblur.types import Progress
 
@@ -85,8 +87,7 @@ def command(size: tuple[int, int], seed: int, session: str | None, target: Targe
     --recording or --video, writes what a logger app would: a gyro log, the exposures, photos or a video, and a camera
     file. With --stock-camera, writes photos with EXIF blocks and a gyro log. Both print the command that deblurs them.
     """
-    if min(size) < LEAST_SIDE:
-        raise click.UsageError(f"--size: the sides must be at least {LEAST_SIDE} px")
+    _check_size(size, seed, session)
     if session:
         _write_session(session, size, seed, target)
         return
@@ -113,6 +114,40 @@ def command(size: tuple[int, int], seed: int, session: str | None, target: Targe
         print_report(report)
         where = f"The pictures are in {output}; see side-by-side.png. This command deblurs the blurred one again:"
         say("", where, "", f"  {report['command']}")
+
+
+def _check_size(size: tuple[int, int], seed: int, session: str | None) -> None:
+    """Refuse a size that the scene, the video or the simulated blur does not allow, before anything is written."""
+    from rsdeblur.cli import _demo_session
+    from rsdeblur.motion.arguments import is_held
+    from rsdeblur.motion.paths import Capture
+    from rsdeblur.simulation.scene import MOST_PIXELS
+
+    width, height = size
+    margin = round(MARGIN * max(size))
+    problem = None
+    if min(size) < LEAST_SIDE:
+        problem = f"the sides must be at least {LEAST_SIDE} px"
+    elif (width + 2 * margin) * (height + 2 * margin) > MOST_PIXELS:
+        problem = f"the scene may have {MOST_PIXELS} px at most, with a margin of {margin} px; use a smaller size"
+    elif session == "video" and (width % 2 or height % 2):
+        problem = "the sides of a video must be even"
+    else:
+        log, camera, exposures = _demo_session.recording(session, size, seed) if session else _recording(size, seed)
+        if not all(is_held(Capture.from_log(log, camera, exposure)) for exposure in exposures):
+            problem = "the simulated blur is larger than so narrow a picture can hold; use a shape nearer to 4:3"
+    if problem:
+        raise click.UsageError(f"--size {width}x{height}: {problem}")
+
+
+def _recording(size: tuple[int, int], seed: int) -> tuple[GyroLog, Camera, list[Exposure]]:
+    """Return the simulated log, the camera and the exposure."""
+    from rsdeblur.motion.camera import Camera
+    from rsdeblur.motion.exposure import Exposure
+    from rsdeblur.simulation.shake import hand_shake
+
+    camera = Camera(*size, FOCAL * size[0], readout_time=READOUT)
+    return hand_shake(LOG, strength=STRENGTH, seed=seed), camera, [Exposure(START, EXPOSURE)]
 
 
 def _write_session(kind: str, size: tuple[int, int], seed: int, target: Target) -> None:
@@ -159,18 +194,14 @@ def _capture(size: tuple[int, int], seed: int, output: Path, *, force: bool) -> 
     """Simulate the capture, and write the files that a user would have and the truth."""
     from rsdeblur.image.transfer import from_linear
     from rsdeblur.io.pictures import write_picture
-    from rsdeblur.motion.camera import Camera
-    from rsdeblur.motion.exposure import Exposure
     from rsdeblur.simulation.scene import scene
-    from rsdeblur.simulation.shake import hand_shake
     from rsdeblur.simulation.simulate import simulate
 
     width, height = size
     margin = round(MARGIN * max(size))
     sharp = scene(height + 2 * margin, width + 2 * margin, seed=seed)
-    log = hand_shake(LOG, strength=STRENGTH, seed=seed)
-    camera = Camera(width, height, FOCAL * width, readout_time=READOUT)
-    taken = simulate(sharp, log, camera, Exposure(START, EXPOSURE), noise=NOISE, seed=seed)
+    log, camera, (exposure,) = _recording(size, seed)
+    taken = simulate(sharp, log, camera, exposure, noise=NOISE, seed=seed)
     pictures: dict[str, Any] = {"sharp": taken.rectified, "rolling": taken.rolling, "blurred": taken.blurred}
     for name, light in pictures.items():
         write_picture(output / f"{name}.png", from_linear(light.clip(0.0, 1.0), "srgb"), force=force)
@@ -182,16 +213,12 @@ def _compile(move: Progress | None) -> None:
     """Deblur a small picture in every mode, so that the times of the table contain no compilation."""
     import numpy as np
 
-    from rsdeblur.motion.camera import Camera
-    from rsdeblur.motion.exposure import Exposure
     from rsdeblur.pipeline.deblur import deblur
     from rsdeblur.simulation.scene import scene
-    from rsdeblur.simulation.shake import hand_shake
 
     width, height = LEAST_SIZE
     picture = np.rint(255 * scene(height, width)).astype(np.uint8)
-    log = hand_shake(LOG, strength=STRENGTH)
-    camera, exposure = Camera(width, height, FOCAL * width, readout_time=READOUT), Exposure(START, EXPOSURE)
+    log, camera, (exposure,) = _recording(LEAST_SIZE, seed=0)
     for mode in MODES:
         deblur(picture, log, camera, exposure, mode=mode, **(PUBLISHED if mode == "global" else {}), progress=move)
 

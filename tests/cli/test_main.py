@@ -54,6 +54,16 @@ def test_wrong_usage_exits_with_2() -> None:
         assert "Error" in result.stderr
 
 
+@pytest.mark.parametrize("flags", [["-q", "-v"], ["--verbose", "--quiet"], ["-qv"]])
+def test_quiet_and_verbose_exclude_each_other(flags: list[str]) -> None:
+    parts = [["camera", part] for part in ("new", "import", "show", "measure-readout")]
+    for command in [*([name] for name in COMMANDS if name not in ("camera", "completion")), *parts]:
+        result = CliRunner().invoke(main, [*command, *flags])
+        assert result.exit_code == 2, command
+        assert "--quiet and --verbose exclude each other" in result.stderr
+    assert CliRunner().invoke(main, ["info", "-v", "-v", __file__]).exit_code == 1
+
+
 def test_an_unknown_command_gets_a_suggestion() -> None:
     for arguments, hint in ((["deblr"], "did you mean deblur?"), (["camera", "imprt"], "Did you mean 'import'?")):
         result = CliRunner().invoke(main, arguments)
