@@ -29,7 +29,7 @@ from rsdeblur.cli._inputs import (
     read_recording,
     transfer_of,
     unit_range,
-    warn_of_gravity,
+    warn_of_photo_gravity,
     with_offset,
     with_translation,
 )
@@ -369,7 +369,7 @@ def _read(request: Request) -> Inputs:
     with naming(request.photo):
         check_size(picture.pixels.shape, camera)
     inputs = Inputs(picture, log, camera, exposure)
-    warn_of_gravity(request.photo, inputs, request.recording)
+    warn_of_photo_gravity(request.photo, inputs, request.recording)
     if request.recording.start == "exif":
         files = request.photo, request.recording.gyro, request.recording.camera
         return _timed(request.photo, tuple(map(file_state, files)), request.recording)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -27,66 +28,92 @@ ONE_SIGN = "mars", "deepgyro"
 # Where the bottom of the viewed picture is in the stored one, for each orientation in EXIF that does not mirror: angle
 # (rad) from its bottom towards its right.
 BOTTOMS = {1: 0.0, 3: math.pi, 6: math.pi / 2, 8: -math.pi / 2}
+# Number of frames of a clip, spread over it, whose mean direction counts: a camera in motion tilts and turns.
+CLIP_FRAMES = 16
+
+
+def bottom_of_photo(exif: bytes | None) -> float | None:
+    """Return where the bottom of the viewed picture is in the stored one, see `BOTTOMS`; None if it is unknown."""
+    from rsdeblur.io.exif import Exif
+
+    return BOTTOMS.get(Exif(exif).orientation)
+
+
+def bottom_of_clip(matrix: tuple[int, ...] | None) -> float | None:
+    """Return the same for a video with a display matrix."""
+    if matrix is None:
+        return 0.0
+    (a, b), (c, d) = matrix[:2], matrix[3:5]
+    return math.atan2(b, d) if a * d - b * c > 0 else None
+
+
+def some_frames(exposures: Sequence[Exposure]) -> Sequence[Exposure]:
+    """Return the exposures of some frames of a clip, for `gravity_problem`."""
+    return exposures[:: -(-len(exposures) // CLIP_FRAMES)]
 
 
 def gravity_problem(
-    photo: Path, exif: bytes | None, recording: Recording, camera: Camera, exposure: Exposure
+    picture: Path, bottom: float | None, recording: Recording, camera: Camera, exposures: Sequence[Exposure]
 ) -> str | None:
     """Return what is wrong where gravity does not point to the bottom of a picture; None if nothing is, or unknown.
 
     Parameters
     ----------
-    photo : Path
-        The picture.
-    exif : bytes or None
-        Its EXIF block, which contains how it is viewed.
+    picture : Path
+        The picture, or a video.
+    bottom : float or None
+        Where the bottom of the viewed picture is in the stored one, rad.
     recording : Recording
         Names the log.
-    camera, exposure
-        The camera and the exposure.
+    camera, exposures
+        The camera and the exposure, or those of frames of a video.
     """
-    log, bottom = _known(exif, recording)
-    angle = None if log is None else _turn(log, camera, exposure, bottom)
+    log = _log(bottom, recording)
+    angle = _turn(log, camera, exposures, bottom)
     if log is None or angle is None or abs(angle) < ASIDE:
         return None
     if abs(angle) > TOP and log_format(recording) not in ONE_SIGN:
         return None
     side = "top" if abs(angle) > TOP else "right" if angle > 0 else "left"
-    fits = _presets(log, log_axes(recording), camera, exposure, bottom)
+    fits = _presets(log, log_axes(recording), camera, exposures, bottom)
     return (
-        f"by the accelerometer in {recording.gyro}, gravity points to the {side} of {photo}: if the picture is "
+        f"by the accelerometer in {recording.gyro}, gravity points to the {side} of {picture}: if the picture is "
         f"viewed upright, imu_to_camera in {recording.camera} is wrong" + (f" ({fits} fits)" if fits else "")
     )
 
 
-def gravity_confirms(exif: bytes | None, recording: Recording, camera: Camera, exposure: Exposure) -> bool:
+def gravity_confirms(bottom: float | None, recording: Recording, camera: Camera, exposures: Sequence[Exposure]) -> bool:
     """Return whether gravity points to the bottom of a picture; False if that is unknown. See `gravity_problem`."""
-    log, bottom = _known(exif, recording)
-    angle = None if log is None else _turn(log, camera, exposure, bottom)
+    angle = _turn(_log(bottom, recording), camera, exposures, bottom)
     return angle is not None and abs(angle) < ASIDE
 
 
-def _known(exif: bytes | None, recording: Recording) -> tuple[AccelerationLog | None, float]:
-    """Return the accelerometer's log and where the bottom of the viewed picture is; None if either is unknown."""
-    from rsdeblur.io.exif import Exif
-
+def _log(bottom: float | None, recording: Recording) -> AccelerationLog | None:
+    """Return the accelerometer's log where it can be compared with the bottom of the viewed picture."""
     # Other axes than those of the file are the user's, and the accelerometer is read in those of the file.
-    log = None if recording.orientation else accelerometer(recording.gyro)
-    bottom = None if log is None else BOTTOMS.get(Exif(exif).orientation)
-    return (None, 0.0) if bottom is None else (log, bottom)
+    return None if bottom is None or recording.orientation else accelerometer(recording.gyro)
 
 
-def _turn(log: AccelerationLog, camera: Camera, exposure: Exposure, bottom: float) -> float | None:
-    """Return the angle from the bottom of the viewed picture to gravity, from -pi to pi; None where it is unknown."""
-    angle = log.gravity_angle(camera, exposure)
-    return None if angle is None else math.remainder(angle - bottom, math.tau)
+def _turn(
+    log: AccelerationLog | None, camera: Camera, exposures: Sequence[Exposure], bottom: float | None
+) -> float | None:
+    """Return the mean angle from the bottom of the viewed picture to gravity, from -pi to pi; None if it is unknown."""
+    if log is None or bottom is None:
+        return None
+    angles = [angle for each in exposures if (angle := log.gravity_angle(camera, each)) is not None]
+    if not angles:
+        return None
+    return math.remainder(math.atan2(sum(map(math.sin, angles)), sum(map(math.cos, angles))) - bottom, math.tau)
 
 
-def _presets(log: AccelerationLog, axes: Axes, camera: Camera, exposure: Exposure, bottom: float) -> str:
+def _presets(
+    log: AccelerationLog, axes: Axes, camera: Camera, exposures: Sequence[Exposure], bottom: float | None
+) -> str:
     """Return the presets of a log in `axes` with which gravity points to the bottom of the picture."""
     from rsdeblur.motion.axes import PRESETS, imu_to_camera
 
-    turns = {name: _turn(log, replace(camera, imu_to_camera=imu_to_camera(name)), exposure, bottom) for name in PRESETS}
+    cameras = {name: replace(camera, imu_to_camera=imu_to_camera(name)) for name in PRESETS}
+    turns = {name: _turn(log, each, exposures, bottom) for name, each in cameras.items()}
     fits = [name for name, turn in turns.items() if turn is not None and abs(turn) < ASIDE]
     return " or ".join(name for name in fits if axes == "sensor" or name.startswith(axes))
 

@@ -67,16 +67,31 @@ def read_inputs(
     log, camera, exposure = read_recording(recording, photo)
     inputs = Inputs(read_picture(photo, in_place=in_place), log, camera, exposure)
     if not is_scene:
-        warn_of_gravity(photo, inputs, recording)
+        warn_of_photo_gravity(photo, inputs, recording)
     return with_offset(inputs, photo) if search and recording.start == "exif" else inputs
 
 
-def warn_of_gravity(photo: Path, inputs: Inputs, recording: Recording) -> None:
+def warn_of_photo_gravity(photo: Path, inputs: Inputs, recording: Recording) -> None:
     """Warn where the log's accelerometer contradicts the camera's axes."""
-    from rsdeblur.cli._gravity import gravity_problem
+    from rsdeblur.cli._gravity import bottom_of_photo
 
     picture, _, camera, exposure = inputs
-    problem = gravity_problem(photo, picture.exif, recording, camera, exposure)
+    _warn_of_gravity(photo, bottom_of_photo(picture.exif), recording, camera, [exposure])
+
+
+def warn_of_clip_gravity(clip: Clip, recording: Recording, camera: Camera, exposures: Sequence[Exposure]) -> None:
+    """Warn where the accelerometer contradicts the camera's axes on average over frames of a video."""
+    from rsdeblur.cli._gravity import bottom_of_clip, some_frames
+
+    _warn_of_gravity(clip.path, bottom_of_clip(clip.matrix), recording, camera, some_frames(exposures))
+
+
+def _warn_of_gravity(
+    picture: Path, bottom: float | None, recording: Recording, camera: Camera, exposures: Sequence[Exposure]
+) -> None:
+    from rsdeblur.cli._gravity import gravity_problem
+
+    problem = gravity_problem(picture, bottom, recording, camera, exposures)
     if problem is not None:
         warnings.warn(problem, RsdeblurWarning, stacklevel=3)
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import time
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 from click.core import ParameterSource
 
-from rsdeblur.cli._gravity import gravity_confirms, gravity_problem
+from rsdeblur.cli._gravity import bottom_of_photo, gravity_confirms, gravity_problem
 from rsdeblur.cli._history import recorded
 from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of, with_translation
 from rsdeblur.cli._options import PhotoChanges, Recording, Track
@@ -21,6 +21,8 @@ from rsdeblur.cli._usage import warn_of_nsr
 from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rsdeblur.choices import Mode
     from rsdeblur.io.claims import Credentials
     from rsdeblur.io.pictures import Picture
@@ -74,6 +76,61 @@ def with_lights(options: Options) -> Options:
     return replace(options, saturation="auto")
 
 
+class Derived(NamedTuple):
+    """Inputs of a photo, the options with all that these decide, and whether gravity confirms the camera's axes."""
+
+    inputs: Inputs
+    options: Options
+    known_axes: bool
+
+
+def derive(photo: Path, recording: Recording, options: Options, track: Track, *, refine_anyway: bool) -> Derived:
+    """Read the inputs of a photo, and decide by them how it is deblurred.
+
+    Parameters
+    ----------
+    photo : Path
+        The photo.
+    recording : Recording
+        Names the log, the camera and the exposure.
+    options : Options
+        The options; with `max_memory`, the photo is mapped instead of read.
+    track : Track
+        Positions of the camera.
+    refine_anyway : bool
+        Refine where `options` do although gravity contradicts the axes.
+
+    Raises
+    ------
+    RsdeblurError
+        If a file is refused.
+    click.UsageError
+        If the options do not give the exposure.
+    """
+    inputs = read_inputs(photo, recording, in_place=options.max_memory is not None)
+    picture, _, camera, exposure = inputs
+    options = with_translation(options, track, camera, exposure)
+    options = replace(options, transfer=transfer_of(picture, options.transfer))
+    # With wrong axes, a correction may make the motion more like the right one, but never right.
+    known = bottom_of_photo(picture.exif), recording, camera, [exposure]
+    if options.refine and not refine_anyway and gravity_problem(photo, *known):
+        say_detail(f"{photo}: recording not corrected, because of the direction of gravity; --refine does it anyway")
+        options = replace(options, refine=False)
+    return Derived(inputs, options, options.refine and gravity_confirms(*known))
+
+
+def moment_facts(recording: Recording, inputs: Inputs) -> dict[str, float]:
+    """Return the time offset that the picture determined, if its time is that of its EXIF block."""
+    return {"time_offset_s": inputs.camera.time_offset} if recording.start == "exif" else {}
+
+
+def moment_lines(facts: Mapping[str, Any]) -> list[str]:
+    """Return a line about the start of an exposure whose time in EXIF is later, of which `moment_facts` are given."""
+    if (offset := facts.get("time_offset_s")) is None:
+        return []
+    return [f"  The exposure began {abs(offset):.3f} s {'before' if offset > 0 else 'after'} the time in EXIF."]
+
+
 def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     """Deblur and write one photo, or only read and check its files, and return the facts to report.
 
@@ -95,24 +152,16 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         signed=credentials is not None,
     )
     in_place = job.options.max_memory is not None
-    inputs = read_inputs(job.photo, job.recording, in_place=in_place)
-    job = replace(job, options=with_translation(job.options, job.track, inputs.camera, inputs.exposure))
+    inputs, options, known_axes = derive(
+        job.photo, job.recording, job.options, job.track, refine_anyway=job.refine_anyway
+    )
     if job.dry_run:
-        return _dry_run(job, inputs)
+        return _dry_run(job, inputs, options)
     picture, log, camera, exposure = inputs
 
     from rsdeblur.image.encoded import reduced
     from rsdeblur.pipeline.plan import plan_for
 
-    options = replace(job.options, transfer=transfer_of(picture, job.options.transfer))
-    # With wrong axes, a correction may make the motion more like the right one, but never right.
-    known = job.photo, picture.exif, job.recording, camera, exposure
-    if options.refine and not job.refine_anyway and gravity_problem(*known):
-        say_detail(
-            f"{job.photo}: recording not corrected, because of the direction of gravity; --refine does it anyway"
-        )
-        options = replace(options, refine=False)
-    known_axes = options.refine and gravity_confirms(*known[1:])
     if job.changes.nsr_from_iso:
         options = replace(options, nsr=nsr_of_photo(job.photo, picture, options))
     picture = _recorded(job, picture, exposure, options, credentials)
@@ -130,7 +179,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         result = planned.apply(pixels, out=out, progress=move)
     seconds = time.perf_counter() - begin
     facts = facts_of(result, job.output, job.options.mode, job.options.prior_name, seconds)
-    return facts | ({"time_offset_s": camera.time_offset} if job.recording.start == "exif" else {})
+    return facts | moment_facts(job.recording, inputs)
 
 
 def _recorded(
@@ -171,7 +220,7 @@ def facts_of(result: DeblurResult, output: Path, mode: Mode, prior: str, seconds
     }
 
 
-def _dry_run(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:
+def _dry_run(job: PhotoJob, inputs: Inputs, options: Options) -> dict[str, Any]:
     """Check as much as possible without solving, and return the facts known by then."""
     from rsdeblur.image.encoded import check_size, reduced
     from rsdeblur.pipeline.deblur import psfs
@@ -180,10 +229,9 @@ def _dry_run(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:
     with naming(job.photo, job.recording):
         check_size(picture.pixels.shape, camera)
         if job.changes.nsr_from_iso:
-            nsr_of_photo(job.photo, picture, job.options)
+            nsr_of_photo(job.photo, picture, options)
         if job.changes.work_size is not None:
             camera = reduced(picture.pixels, camera, job.changes.work_size)[1]
-        options = job.options
         bank = psfs(
             *(log, camera, exposure),
             mode=options.mode,
@@ -196,9 +244,9 @@ def _dry_run(job: PhotoJob, inputs: Inputs) -> dict[str, Any]:
     return {
         "output": str(job.output),
         "dry_run": True,
-        "mode": job.options.mode,
+        "mode": options.mode,
         "psf_px": [bank.size[1], bank.size[0]],
-        "prior": job.options.prior,
+        "prior": options.prior,
         "size_px": [camera.width, camera.height],
     }
 

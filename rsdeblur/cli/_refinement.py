@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rsdeblur.cli._output import level
 from rsdeblur.cli._usage import usage_errors
 
 if TYPE_CHECKING:
@@ -44,6 +45,13 @@ def refinement_facts(refinement: Refinement | FramesRefinement) -> dict[str, Any
         # Several frames have drifts of their own.
         "regions": None if (regions := getattr(refinement, "regions", None)) is None else regions.tolist(),
     }
+
+
+def correction_lines(facts: Mapping[str, Any] | None, *, asked: bool) -> list[str]:
+    """Return a line about the correction of the recording, if there is one or it was asked for."""
+    if facts is None or not (asked or facts["accepted"] or level() > 0):
+        return []
+    return ["  " + correction_text(facts)]
 
 
 def correction_text(facts: Mapping[str, Any]) -> str:

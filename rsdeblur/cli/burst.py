@@ -22,7 +22,8 @@ from rsdeblur.cli._inputs import (
     read_inputs,
     transfer_of,
     unit_range,
-    warn_of_gravity,
+    warn_of_clip_gravity,
+    warn_of_photo_gravity,
 )
 from rsdeblur.cli._items import numbered_from_option, read_items
 from rsdeblur.cli._options import Defaults, Recording, Target
@@ -303,7 +304,7 @@ def _from_photos(photos: tuple[Path, ...], frames: list[int], recording: Recordi
     device = read_device(recording)
     shots = Shots([read_picture(photo) for photo in photos], frames, [captures[n] for n in frames], *device)
     for photo, picture, exposure in zip(photos, shots.pictures, shots.exposures, strict=True):
-        warn_of_gravity(photo, Inputs(picture, *device, exposure), recording)
+        warn_of_photo_gravity(photo, Inputs(picture, *device, exposure), recording)
     return shots
 
 
@@ -318,6 +319,7 @@ def _from_clip(clip: Path, frames: list[int], recording: Recording) -> Shots:
     _check_range(frames, len(opened), f"{clip}: there is no frame")
     exposures = clip_exposures(opened, recording)
     device = read_device(recording)
+    warn_of_clip_gravity(opened, recording, device[1], [exposures[n] for n in frames])
     pictures = [Picture(values_of(next(decoded(opened, n, n + 1)))) for n in frames]
     return Shots(pictures, frames, [exposures[n] for n in frames], *device)
 

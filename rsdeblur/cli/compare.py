@@ -14,7 +14,7 @@ import click
 from rsdeblur.choices import MODES, Auto, Mode, Transfer
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
-from rsdeblur.cli._inputs import display_values, naming, read_inputs, transfer_of, unit_range, with_translation
+from rsdeblur.cli._inputs import display_values, naming, transfer_of, unit_range
 from rsdeblur.cli._options import Recording, Target, Track
 from rsdeblur.cli._output import (
     check_page,
@@ -25,7 +25,8 @@ from rsdeblur.cli._output import (
     say,
     write_json,
 )
-from rsdeblur.cli._refinement import refinement_facts
+from rsdeblur.cli._photo import derive, moment_facts, moment_lines
+from rsdeblur.cli._refinement import correction_lines, refinement_facts
 from rsdeblur.cli._report import Compared, capture_warnings, report_page
 from rsdeblur.cli._types import PATH
 from rsdeblur.cli._usage import refuse_unused
@@ -128,13 +129,13 @@ def compare_modes(
 
     `changes` holds fields of `options` that differ in a mode.
     """
-    inputs = read_inputs(photo, recording, in_place=options.max_memory is not None)
-    picture = inputs.picture
-    options = with_translation(options, track, inputs.camera, inputs.exposure)
-    transfer = transfer_of(picture, options.transfer)
-    sharp = None if truth is None else _read_truth(truth, photo, picture, options.transfer)
+    encoding = options.transfer
+    # Only --refine refines here, so it is always asked for.
+    inputs, options, known_axes = derive(photo, recording, options, track, refine_anyway=True)
+    picture, transfer = inputs.picture, transfer_of(inputs.picture, options.transfer)
+    sharp = None if truth is None else _read_truth(truth, photo, picture, encoding)
     # Options that a mode does not take are refused before the first mode is solved.
-    each_mode = [replace(options, mode=mode, transfer=transfer, **changes.get(mode, {})) for mode in modes]
+    each_mode = [replace(options, mode=mode, **changes.get(mode, {})) for mode in modes]
 
     from rsdeblur.cli._measure import forget_peak_memory, peak_memory_mib, similarity
     from rsdeblur.io.pictures import write_picture
@@ -144,11 +145,16 @@ def compare_modes(
     shown = {"input": display_values(unit_range(picture.pixels), transfer)}
     banks: dict[Mode, PsfBank] = {}
     report: dict[str, Any] = {"photo": str(photo), "size_px": list(picture.pixels.shape[1::-1])}
+    report |= moment_facts(recording, inputs)
     if sharp is not None:
         report |= {"truth": str(truth), "blurred": similarity(shown["input"], sharp)}
     report["modes"] = {}
     with progress("plan") as move, naming(photo, recording):
-        planned = plan_for(picture.pixels, inputs.log, inputs.camera, inputs.exposure, each_mode[0], progress=move)
+        planned = plan_for(
+            *(picture.pixels, inputs.log, inputs.camera, inputs.exposure, each_mode[0]),
+            known_axes=known_axes,
+            progress=move,
+        )
     recorded: PsfBank | None = None
     if planned.refinement is not None:
         report["refinement"] = refinement_facts(planned.refinement)
@@ -215,7 +221,7 @@ def _draw(target: Target, shown: dict[str, NDArray[Any]], banks: dict[Mode, PsfB
 
 
 def print_report(report: dict[str, Any]) -> None:
-    """Print the table of modes."""
+    """Print the table of modes, and below it what `deblur` says of a result too."""
     with_truth = "blurred" in report
     columns = [
         "mode",
@@ -245,6 +251,9 @@ def print_report(report: dict[str, Any]) -> None:
             ]
         )
     print_table(columns, rows)
+    checks = {mode: facts["check"] for mode, facts in report["modes"].items() if facts["check"] is not None}
+    say(*(f"  {mode}: {' '.join(check['reasons'])}" for mode, check in checks.items() if check["reasons"]))
+    say(*moment_lines(report), *correction_lines(report.get("refinement"), asked=True))
 
 
 def _similarity_cells(facts: dict[str, Any]) -> list[str]:

@@ -17,7 +17,6 @@ from rsdeblur.cli._options import PhotoChanges, PhotoTarget, Recording, Track
 from rsdeblur.cli._output import (
     FAILURES,
     SOME_FAILED,
-    level,
     print_json,
     progress,
     reason,
@@ -25,7 +24,7 @@ from rsdeblur.cli._output import (
     say,
     say_aside,
 )
-from rsdeblur.cli._photo import PhotoJob, deblur_photo, with_lights
+from rsdeblur.cli._photo import PhotoJob, deblur_photo, moment_lines, with_lights
 from rsdeblur.cli._signing import Signing, signing_options
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import OutputError
@@ -174,25 +173,9 @@ def _print(photo: Path, facts: dict[str, Any], options: Options, *, asked: bool)
     say(
         f"{facts['output']}: {facts['mode']}, {kernels}, {options.prior}, {strength}, {seconds}{verdict}",
         *reasons,
-        *_moment(facts.get("time_offset_s")),
-        *_correction(facts["refinement"], asked),
+        *moment_lines(facts),
+        *_refinement.correction_lines(facts["refinement"], asked=asked),
     )
-
-
-def _correction(refinement: dict[str, Any] | None, asked: bool) -> list[str]:
-    """Return a line about the correction of the recording, if there is one or it was asked for."""
-    if refinement is None or not (asked or refinement["accepted"] or level() > 0):
-        return []
-    return ["  " + _refinement.correction_text(refinement)]
-
-
-def _moment(time_offset: float | None) -> list[str]:
-    """Return a line about the start of an exposure whose time in EXIF is later by `time_offset`."""
-    if time_offset is None:
-        return []
-    return [
-        f"  The exposure began {abs(time_offset):.3f} s {'before' if time_offset > 0 else 'after'} the time in EXIF."
-    ]
 
 
 def _verdict(check: dict[str, Any] | None) -> tuple[str, list[str]]:

@@ -16,7 +16,7 @@ from click.core import ParameterSource
 from rsdeblur.choices import CRF, KEEP, SEGMENT
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
-from rsdeblur.cli._inputs import clip_exposures, naming, read_device
+from rsdeblur.cli._inputs import clip_exposures, naming, read_device, warn_of_clip_gravity
 from rsdeblur.cli._jobs import jobs_option, shared_threads
 from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import print_json, progress, say, say_aside
@@ -114,6 +114,7 @@ def command(
     with progress("video") as move, naming(source, recording):
         clip = open_clip(source)
         exposures = clip_exposures(clip, recording)
+        warn_of_clip_gravity(clip, recording, camera, exposures)
         encoding = Encoding.like(clip, codec=encode.codec, crf=encode.crf)
         check_container(clip, encoding, output)
         jobs, threads = shared_threads(jobs, options.threads, tasks=-(-len(clip) // encode.segment))

@@ -478,6 +478,8 @@ def test_times_from_exif(run: Run, files: Files, tmp_path: Path, monkeypatch: py
     assert without.stderr.count(str(files.photo)) == 1
     result = run(*base, "--start", "exif", "-o", tmp_path / "a.png")
     assert "The exposure began 0.500 s before the time in EXIF." in result.stdout
+    compared = run("compare", *base[1:-2], "--start", "exif", "--mode", "global", "-o", tmp_path / "compared")
+    assert "The exposure began 0.500 s before the time in EXIF." in compared.stdout
     start_ns = noon_ns + round(1e9 * START)
     assert run(*base, "--start-ns", start_ns, "-o", tmp_path / "b.png").exit_code == 0
     np.testing.assert_array_equal(read_picture(tmp_path / "a.png").pixels, read_picture(tmp_path / "b.png").pixels)

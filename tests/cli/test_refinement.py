@@ -107,6 +107,11 @@ def test_gravity_names_wrong_axes_which_are_not_refined(
     assert calls == ([] if side else [known])
     run(*call, "--refine")
     assert calls == ([False] if side else [known, known])
+    # `compare` sees, says and refines the same.
+    compared = run("compare", *call[1:-2], "--mode", "banded", "--refine", "-o", tmp_path / "compared")
+    assert compared.stderr == said
+    assert calls[-1] == (known and side is None)
+    assert "Recording not corrected: it is right." in compared.stdout
     (entry,) = json.loads(run("info", *files.sources, "--capture", files.captures, "--json").stdout)
     angle = {"phone-portrait": 0, "phone-landscape": 90, "phone-landscape-reversed": -90}.get(preset)
     assert angle in (entry["exposures"][0]["gravity_deg"], None)
