@@ -11,7 +11,7 @@ import threading
 import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
@@ -26,6 +26,8 @@ from rsdeblur.cli._inputs import (
     display_values,
     file_state,
     naming,
+    read_device,
+    read_log,
     read_recording,
     transfer_of,
     unit_range,
@@ -273,6 +275,41 @@ class Desk:
     def _cancel(self, form: Mapping[str, Any]) -> dict[str, Any]:
         self._job.cancelled = True
         return self._progress(form)
+
+
+def check_files(photos: Sequence[Path], recording: Recording) -> None:
+    """Read the files that the page will start with, of which any may be missing; the page shows their warnings.
+
+    Raises
+    ------
+    RsdeblurError
+        If one is refused.
+    """
+    from rsdeblur.image.encoded import check_size
+    from rsdeblur.io import open_camera
+    from rsdeblur.io.captures import open_captures
+
+    camera = None
+    with _collected():
+        if recording.gyro and recording.camera:
+            camera = read_device(recording)[1]
+        elif recording.camera:
+            camera = open_camera(recording.camera).camera
+        elif recording.gyro:
+            read_log(recording)
+        if recording.capture:
+            open_captures(recording.capture)
+        # The page opens the first photo, which is kept.
+        for photo in reversed(photos):
+            pixels = _picture(photo, file_state(photo)).pixels
+            if camera is None:
+                continue
+            with naming(photo):
+                check_size(pixels.shape, camera)
+            # The page asks for what is not given.
+            with suppress(click.UsageError):
+                if recording.gyro:
+                    read_recording(recording, photo)
 
 
 def arguments(form: Mapping[str, Any], moved: Mapping[str, Any] | None = None) -> list[str]:

@@ -41,8 +41,9 @@ def command(photos: tuple[Path, ...], recording: Recording, port: int, no_browse
     shows a crop with its PSFs and the check's verdict, copies the command for `rsdeblur deblur`, and saves the full
     picture with the same code. Ctrl-C ends it.
     """
-    from rsdeblur.cli._desk import Desk
+    from rsdeblur.cli._desk import Desk, check_files
 
+    check_files(photos, recording)
     with (
         Desk([str(photo.absolute()) for photo in photos], _given(click.get_current_context())) as desk,
         _server(desk, port) as server,

@@ -13,7 +13,8 @@ import pytest
 from PIL import Image
 
 from rsdeblur.app import LocalServer, page_files
-from rsdeblur.cli._desk import Desk
+from rsdeblur.cli._desk import Desk, check_files
+from rsdeblur.cli._options import Recording
 from rsdeblur.errors import InputError, OutputError, RsdeblurError
 
 
@@ -184,3 +185,37 @@ def violations(tab):
         "Runtime.evaluate", {"expression": f"{script};{run}", "awaitPromise": True, "returnByValue": True}
     )
     return answer["result"]["value"]
+
+
+def test_wrong_files_are_refused_as_by_deblur_before_the_page_opens(run, files, tmp_path):
+    moment = ["--start", "0.2", "--duration", "1/25"]
+    good = [files.photo, *files.sources, *moment]
+    other = tmp_path / "other.png"
+    Image.new("RGB", (40, 30)).save(other)
+    wrong = [
+        [tmp_path / "none.png", *good[1:]],
+        [files.gyro, *good[1:]],
+        [*good, "--gyro", tmp_path / "none.csv"],
+        [*good, "--gyro", files.camera],
+        [*good, "--camera", files.gyro],
+        [*good[:-4], "--capture", files.gyro],
+        [*good[:-4], "--capture", files.captures, "--index", "99"],
+        [*good, "--duration", "50"],
+        [other, *good[1:]],
+    ]
+    for arguments in wrong:
+        by_deblur = run("deblur", *arguments, "-o", tmp_path / "o.png")
+        result = run("app", "--no-browser", *arguments)
+        assert result.exit_code == by_deblur.exit_code == 1, arguments
+        assert (result.stdout, result.stderr) == ("", by_deblur.stderr)
+    # Several photos, and options that are not complete.
+    for arguments in ([files.photo, other], ["--gyro", files.camera], ["--camera", files.gyro]):
+        assert run("app", "--no-browser", *arguments, "--capture", tmp_path / "none.csv").exit_code == 1
+
+
+def test_the_page_asks_for_what_is_not_given(files):
+    recording = Recording(gyro=files.gyro, camera=files.camera)
+    check_files([files.photo], recording)
+    check_files([files.photo], replace(recording, capture=files.captures))
+    check_files([files.photo, files.photo], replace(recording, gyro=None))
+    check_files([], replace(recording, camera=None))
