@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from rsdeblur.cli._hints import refuse_longer, start_hint
 from rsdeblur.cli._output import printable, progress, say_detail
 from rsdeblur.errors import CoverageError, FileFormatError, InputError, RsdeblurWarning
 
@@ -167,7 +168,7 @@ def read_recording(
     """
     exposure = _exposure(recording, photo)
     log, camera = read_device(recording, known_axes=known_axes)
-    _refuse_longer(recording.duration, log.span[1] - log.span[0], recording.gyro)
+    refuse_longer(recording.duration, log.span[1] - log.span[0], recording.gyro)
     if recording.start == "exif":
         from rsdeblur.io.exif_times import on_clock_of
 
@@ -341,16 +342,11 @@ def _exposure(recording: Recording, photo: Path | None) -> Exposure:
         duration = _exif_exposure(photo)
     if start is None or duration is None:
         raise _usage(_missing(start is None, duration is None))
-    return Exposure(start[0], duration, start[1])
-
-
-def _refuse_longer(duration: float | None, whole: float, path: Path) -> None:
-    """Refuse an exposure time that exceeds the file which must cover the exposure."""
-    if duration is not None and duration > whole:
-        raise InputError(
-            f"--duration: {duration:g} s is longer than {path} ({whole:.3g} s); did you mean {duration:g}ms or "
-            f"1/{duration:g}?"
-        )
+    try:
+        return Exposure(start[0], duration, start[1])
+    except InputError as error:
+        # The message begins with the name of the argument.
+        raise _usage(f"--{error}".replace("--epoch_ns", "--start-ns")) from error
 
 
 def _missing(start: bool, duration: bool) -> str:
@@ -415,7 +411,7 @@ def clip_exposures(clip: Clip, recording: Moments) -> list[Exposure]:
         raise _usage(f"{options} exclude each other")
     if recording.capture is not None:
         return exposures_from_captures(clip, recording.capture, duration=recording.duration)
-    _refuse_longer(recording.duration, float((clip.end - clip.stamps[0]) * clip.time_base), clip.path)
+    refuse_longer(recording.duration, float((clip.end - clip.stamps[0]) * clip.time_base), clip.path)
     durations = recording.duration or _clip_durations(recording.gyro, clip)
     if durations is None:
         raise _usage("the exposure time is not given; use --duration, or --capture FILE")
@@ -480,6 +476,9 @@ def naming(file: Path | None, recording: Moments | None = None) -> Iterator[None
     try:
         yield
     except CoverageError as error:
-        raise type(error)(named(recording.gyro if recording else None, error)) from error
+        hint = ""
+        if recording is not None and isinstance(recording.start, float):
+            hint = start_hint(recording.start, _known_log(recording)[0].log)
+        raise type(error)(named(recording.gyro if recording else None, error) + hint) from error
     except InputError as error:
         raise InputError(named(file, error)) from error

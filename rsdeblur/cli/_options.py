@@ -14,11 +14,13 @@ from rsdeblur import choices
 from rsdeblur.cli._output import refuse_inputs
 from rsdeblur.cli._types import (
     PATH,
+    POSITIVE,
     AutoType,
     Bias,
     BiasType,
     BytesType,
     DepthType,
+    NumberType,
     PairType,
     SecondsType,
     Start,
@@ -156,7 +158,7 @@ _READING = (
         metavar="XYZ",
         help="Axes of the log as an orientation string of Gyroflow, like YxZ; replaces the file's.",
     ),
-    click.option("--rate", type=float, metavar="HZ", help="Sampling rate of a log without timestamps."),
+    click.option("--rate", type=POSITIVE, metavar="HZ", help="Sampling rate of a log without timestamps."),
 )
 _LOG = (
     *_READING,
@@ -212,7 +214,7 @@ _OVERRIDES = (
     ),
     click.option(
         "--focal-length",
-        type=click.FloatRange(min=0.0, min_open=True),
+        type=POSITIVE,
         metavar="PX",
         help="Focal length along x in px; replaces the camera file's. That along y keeps its ratio to it.",
     ),
@@ -334,7 +336,7 @@ _SOLVE: dict[str, Decorator] = {
     "motion": _choice("motion", choices.MOTIONS, "Full rotation, or small angles about x and y only."),
     "softness": click.option(
         "--softness",
-        type=click.FloatRange(0.0, 1.0),
+        type=NumberType(0.0, 1.0),
         metavar="PX",
         default=_DEFAULTS["softness"],
         show_default=True,
@@ -351,7 +353,7 @@ _SOLVE: dict[str, Decorator] = {
     ),
     "exponent": click.option(
         "--exponent",
-        type=click.FloatRange(min=0.0, min_open=True, max=1.0),
+        type=NumberType(min=0.0, min_open=True, max=1.0),
         metavar="P",
         default=_DEFAULTS["exponent"],
         show_default="2/3",

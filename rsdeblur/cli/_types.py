@@ -32,6 +32,20 @@ class NonEmptyPath(click.Path):
 PATH = NonEmptyPath(path_type=Path)
 
 
+class NumberType(click.FloatRange):
+    """A number in a range, which NaN is not."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number", param, ctx)
+        return number
+
+
+POSITIVE = NumberType(min=0.0, min_open=True)
+
+
 class SecondsType(click.ParamType[float]):
     """A time: `0.05`, `1/20` or `50ms`; if it is a length, positive or at least not negative."""
 
@@ -56,7 +70,10 @@ class SecondsType(click.ParamType[float]):
             if match is None:
                 raise ValueError(value)
             above, below, unit = match.groups(default="")
-            return float(above) / float(below or 1.0) / {"": 1.0, "s": 1.0, "ms": 1e3, "us": 1e6}[unit]
+            seconds = float(above) / float(below or 1.0) / {"": 1.0, "s": 1.0, "ms": 1e3, "us": 1e6}[unit]
+            if not math.isfinite(seconds):
+                raise ValueError(value)
+            return seconds
         except (ValueError, ZeroDivisionError):
             self.fail(f"{value!r} is not a time; write 0.05, 1/20 or 50ms", param, ctx)
 
@@ -98,7 +115,7 @@ class DepthType(click.ParamType[Any]):
             number = float(value)
         except ValueError:
             return Path(value)
-        return click.FloatRange(min=0.0, min_open=True).convert(number, param, ctx)
+        return float(POSITIVE.convert(number, param, ctx))
 
 
 class AutoType(click.ParamType[Any]):
@@ -118,7 +135,7 @@ class StrengthType(click.ParamType[Any]):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Strength:
         """Return the number, or "auto"."""
-        return "auto" if value == "auto" else click.FloatRange(min=0.0, min_open=True).convert(value, param, ctx)
+        return "auto" if value == "auto" else POSITIVE.convert(value, param, ctx)
 
 
 class BytesType(click.ParamType[Any]):
@@ -146,7 +163,7 @@ class TransferType(click.ParamType[Any]):
         for name in names:
             if value == name:
                 return name
-        return float(click.FloatRange(min=0.0, min_open=True).convert(value, param, ctx))
+        return float(POSITIVE.convert(value, param, ctx))
 
 
 class WorkSizeType(click.ParamType[Any]):

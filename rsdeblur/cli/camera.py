@@ -15,7 +15,7 @@ from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._options import Target
 from rsdeblur.cli._output import print_json, say
-from rsdeblur.cli._types import PATH, SecondsType, SizeType
+from rsdeblur.cli._types import PATH, POSITIVE, NumberType, SecondsType, SizeType
 
 if TYPE_CHECKING:
     from rsdeblur.choices import Auto, Transfer
@@ -63,7 +63,6 @@ class NumbersType(click.ParamType[tuple[float, ...]]):
             self.fail(f"{value!r} is not a list of numbers; write 1.5,2,-3", param, ctx)
 
 
-POSITIVE = click.FloatRange(min=0, min_open=True)
 SETTINGS: tuple[Callable[[Any], Any], ...] = (
     click.option("--readout-time", type=SecondsType(minimum=0.0), help="Readout time of the picture."),
     click.option(
@@ -199,7 +198,7 @@ def new(
 @click.option("--format", metavar="NAME", help="Format of the file.  [default: recognised by its content]")
 @click.option("--name", metavar="CAMERA", help="Name of the camera, if the file has several: cam1.")
 @click.option("--size", type=SizeType(), help="Size of your pictures, if it is not that of the file.")
-@click.option("--fps", type=float, help="Frame rate, if a lens profile has several settings of one size.")
+@click.option("--fps", type=POSITIVE, help="Frame rate, if a lens profile has several settings of one size.")
 @_options.gathered(
     "lens",
     Lens,
@@ -217,9 +216,7 @@ def new(
     "edits",
     Edits,
     (
-        click.option(
-            "--scale", type=click.FloatRange(min=0, min_open=True), help="Factor by which the picture is resized."
-        ),
+        click.option("--scale", type=POSITIVE, help="Factor by which the picture is resized."),
         click.option("--crop", type=BoxType(), help="Part of the picture that is kept."),
         click.option(
             "--turn", type=click.IntRange(1, 3), help="Number of quarter turns clockwise from that picture to yours."
@@ -263,7 +260,7 @@ def import_(
 
 @command.command("measure-readout", cls=Command)
 @click.argument("photos", type=PATH, metavar="PHOTO...", nargs=-1, required=True)
-@click.option("--mains", type=click.FloatRange(40, 70), default=50.0, show_default=True, help="Mains frequency in Hz.")
+@click.option("--mains", type=NumberType(40, 70), default=50.0, show_default=True, help="Mains frequency in Hz.")
 @click.option("--horizontal", is_flag=True, help="The readout runs along x, as in upright phone photos stored upright.")
 @_options.transfer_option
 @_options.json_option

@@ -12,7 +12,7 @@ from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import naming, read_inputs, transfer_of, unit_range
 from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import prepare_folder, print_json, progress, say
-from rsdeblur.cli._types import PATH
+from rsdeblur.cli._types import PATH, NumberType
 
 if TYPE_CHECKING:
     from rsdeblur.choices import Auto, Transfer
@@ -31,7 +31,7 @@ Examples:
 @_options.transfer_option
 @click.option(
     "--noise",
-    type=click.FloatRange(min=0.0),
+    type=NumberType(min=0.0),
     default=0.0,
     show_default=True,
     help="Standard deviation of the noise, in linear light from 0 to 1.",

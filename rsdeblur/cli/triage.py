@@ -19,7 +19,7 @@ from rsdeblur.cli._inputs import clip_exposures, read_device, read_recording
 from rsdeblur.cli._items import numbered_from_option, read_items
 from rsdeblur.cli._options import Defaults, Recording
 from rsdeblur.cli._output import FAILURES, plain_cell, prepare_folder, print_json, progress, reason, say, write_json
-from rsdeblur.cli._types import PATH
+from rsdeblur.cli._types import PATH, NumberType
 
 if TYPE_CHECKING:
     from rsdeblur.estimate.triage import Triage
@@ -52,7 +52,7 @@ class _Shot(NamedTuple):
 @numbered_from_option
 @click.option(
     "--keep",
-    type=click.FloatRange(min=0.0),
+    type=NumberType(min=0.0),
     default=KEEP,
     show_default=True,
     metavar="PX",
@@ -60,7 +60,7 @@ class _Shot(NamedTuple):
 )
 @click.option(
     "--drop",
-    type=click.FloatRange(min=0.0),
+    type=NumberType(min=0.0),
     default=DROP,
     show_default=True,
     metavar="PX",

@@ -21,7 +21,7 @@ from rsdeblur.cli._jobs import jobs_option, shared_threads
 from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import print_json, progress, say, say_aside
 from rsdeblur.cli._refinement import correction_text, refinement_facts
-from rsdeblur.cli._types import PATH
+from rsdeblur.cli._types import PATH, NumberType
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.video import QUALITY
 
@@ -74,7 +74,7 @@ class Encode:
 )
 @click.option(
     "--above",
-    type=click.FloatRange(min=0.0),
+    type=NumberType(min=0.0),
     default=KEEP,
     show_default=True,
     metavar="PX",

@@ -215,6 +215,7 @@ class SensorLog:
             if before < t1 and after > t0:
                 raise GapError(
                     f"the {self.SENSOR} log has a gap of {1e3 * (after - before):.1f} ms inside the exposure, "
-                    f"{1e3 * (before - t0):.1f} ms after the first row opens; the motion there is unknown"
+                    f"{1e3 * abs(before - t0):.1f} ms {'after' if before >= t0 else 'before'} the first row opens; the "
+                    "motion there is unknown"
                 )
         return log.trimmed(t0, t1)

@@ -78,6 +78,8 @@ class TestCovering:
         # Samples at 195 ms and 250 ms remain.
         with pytest.raises(GapError, match=r"gap of 55\.0 ms inside the exposure, 15\.0 ms after the first row opens"):
             holed.covering(0.18, 0.3, 0)
+        with pytest.raises(GapError, match=r"gap of 55\.0 ms inside the exposure, 15\.0 ms before the first row opens"):
+            holed.covering(0.21, 0.3, 0)
 
     @pytest.mark.parametrize("window", [(0.2, 0.3), (0.1, 0.24), (0.21, 0.23)], ids=["begins", "ends", "lies"])
     def test_window_that_touches_a_gap(self, log, window):
