@@ -466,10 +466,10 @@ def unit_range(pixels: NDArray[Any]) -> NDArray[Any]:
 
 
 @contextmanager
-def naming(file: Path | None, recording: Moments | None = None) -> Iterator[None]:
+def naming(file: Path | str | None, recording: Moments | None = None) -> Iterator[None]:
     """Put the name of the file at fault before errors of a computation, unless they name it already."""
 
-    def named(fault: Path | None, error: Exception) -> str:
+    def named(fault: Path | str | None, error: Exception) -> str:
         name = f"{fault}: " if fault else ""
         return name + str(error).removeprefix(name)
 

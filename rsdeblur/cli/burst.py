@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -187,6 +188,22 @@ class Shots(NamedTuple):
     camera: Camera
 
 
+def _checked(shots: Shots, names: Sequence[Path | str]) -> Shots:
+    """Return the frames of a burst; raise an error that names a frame which the camera or the others do not fit."""
+    from rsdeblur.image.encoded import check_size
+
+    shapes = [picture.pixels.shape for picture in shots.pictures]
+    for name, shape in zip(names, shapes, strict=True):
+        with naming(name):
+            check_size(shape, shots.camera)
+        if shape != shapes[0]:
+            raise InputError(
+                f"{name}: the picture has shape {shape}, but {names[0]} has {shapes[0]}; the frames of a burst must "
+                "have the same channels"
+            )
+    return shots
+
+
 def _deblurred(
     shots: Shots, mode: Mode | Auto, options: Options, target: Target, *, reference: int | None = None
 ) -> tuple[dict[str, Any], BurstResult]:
@@ -286,7 +303,8 @@ def _from_folder(folder: Path, numbered_from: int | None, recording: Recording, 
             raise InputError(item.error or str(item.photo))
         inputs.append(read_inputs(item.photo, item.recording))
     pictures, exposures = [each.picture for each in inputs], [each.exposure for each in inputs]
-    return Shots(pictures, list(range(len(items))), exposures, inputs[0].log, inputs[0].camera)
+    shots = Shots(pictures, list(range(len(items))), exposures, inputs[0].log, inputs[0].camera)
+    return _checked(shots, [item.photo for item in items])
 
 
 def _from_photos(photos: tuple[Path, ...], frames: list[int], recording: Recording) -> Shots:
@@ -305,7 +323,7 @@ def _from_photos(photos: tuple[Path, ...], frames: list[int], recording: Recordi
     shots = Shots([read_picture(photo) for photo in photos], frames, [captures[n] for n in frames], *device)
     for photo, picture, exposure in zip(photos, shots.pictures, shots.exposures, strict=True):
         warn_of_photo_gravity(photo, Inputs(picture, *device, exposure), recording)
-    return shots
+    return _checked(shots, photos)
 
 
 def _from_clip(clip: Path, frames: list[int], recording: Recording) -> Shots:
@@ -321,7 +339,8 @@ def _from_clip(clip: Path, frames: list[int], recording: Recording) -> Shots:
     device = read_device(recording)
     warn_of_clip_gravity(opened, recording, device[1], [exposures[n] for n in frames])
     pictures = [Picture(values_of(next(decoded(opened, n, n + 1)))) for n in frames]
-    return Shots(pictures, frames, [exposures[n] for n in frames], *device)
+    shots = Shots(pictures, frames, [exposures[n] for n in frames], *device)
+    return _checked(shots, [f"{clip}, frame {n}" for n in frames])
 
 
 def _check_range(frames: list[int], count: int, problem: str) -> None:

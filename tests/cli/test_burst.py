@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from rsdeblur import Camera, Exposure, hand_shake, read_picture, simulate_clip, write_picture
 from rsdeblur.simulation.scene import scene
@@ -129,3 +130,18 @@ def test_refusals(run, burst: Path, tmp_path: Path, more: list[str], code: int, 
     assert result.exit_code == code
     assert message in " ".join(result.output.split())
     assert np.array_equal(list(tmp_path.iterdir()), [])
+
+
+def test_the_frame_that_does_not_fit_is_named(run, burst: Path, tmp_path: Path) -> None:
+    with Image.open(burst / "1.png") as picture:
+        picture.resize((90, 80)).save(tmp_path / "small.png")
+        picture.convert("L").save(tmp_path / "grey.png")
+    for name, problem in (("small.png", "the picture is 90x80 px"), ("grey.png", "must have the same channels")):
+        odd = tmp_path / name
+        call = [*arguments(burst, "--frames", "0,1", "-o", tmp_path / "out.png")]
+        call[2] = odd
+        result = run(*call)
+        assert result.exit_code == 1
+        assert f"error: {odd}: " in result.stderr
+        assert problem in result.stderr
+        assert not (tmp_path / "out.png").exists()

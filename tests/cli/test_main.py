@@ -65,7 +65,11 @@ def test_quiet_and_verbose_exclude_each_other(flags: list[str]) -> None:
 
 
 def test_an_unknown_command_gets_a_suggestion() -> None:
-    for arguments, hint in ((["deblr"], "did you mean deblur?"), (["camera", "imprt"], "Did you mean 'import'?")):
+    for arguments, hint in (
+        (["deblr"], "did you mean deblur?"),
+        (["camera", "imprt"], "Did you mean 'import'?"),
+        ([__file__], f"it is a file; did you mean deblur {__file__}?"),
+    ):
         result = CliRunner().invoke(main, arguments)
         assert result.exit_code == 2
         assert hint in result.stderr
