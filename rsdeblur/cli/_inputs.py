@@ -477,8 +477,10 @@ def naming(file: Path | str | None, recording: Moments | None = None) -> Iterato
         yield
     except CoverageError as error:
         hint = ""
-        if recording is not None and isinstance(recording.start, float):
-            hint = start_hint(recording.start, _known_log(recording)[0].log)
+        # A clip may start at the log's zero unless the user says another moment.
+        if recording is not None and recording.capture is None and recording.start_ns is None:
+            start = recording.start or 0.0
+            hint = "" if start == "exif" else start_hint(start, _known_log(recording)[0].log)
         raise type(error)(named(recording.gyro if recording else None, error) + hint) from error
     except InputError as error:
         raise InputError(named(file, error)) from error

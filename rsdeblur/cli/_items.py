@@ -68,11 +68,26 @@ def read_items(source: Path, defaults: Defaults, output: Path, *, numbered_from:
     Raises
     ------
     FileFormatError
-        If the manifest cannot be read, or the folder is no session.
+        If the manifest or a file of the defaults cannot be read, or the folder is no session.
     """
+    _check_shared(defaults)
     found = _session(source, defaults, output, numbered_from) if source.is_dir() else _manifest(source, defaults)
     items = list(found)
     return list(_without_clashes(items, output, _places([source, *(path for item in items for path in item.inputs)])))
+
+
+def _check_shared(defaults: Defaults) -> None:
+    """Refuse wrong files that all photos would share, once instead of for every photo."""
+    from rsdeblur.io.cameras import detect_camera_format
+    from rsdeblur.io.captures import open_captures
+    from rsdeblur.io.gyro_logs import detect_gyro_format
+
+    if defaults.gyro is not None and defaults.gyro_format is None:
+        detect_gyro_format(defaults.gyro)
+    if defaults.camera is not None:
+        detect_camera_format(defaults.camera)
+    if defaults.capture is not None:
+        open_captures(defaults.capture)
 
 
 def _without_clashes(items: Iterable[Item], folder: Path, inputs: set[Place]) -> Iterator[Item]:

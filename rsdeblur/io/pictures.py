@@ -184,7 +184,7 @@ def _decoding(path: Path) -> Iterator[None]:
         from rsdeblur.io.kinds import mistaken
 
         raise mistaken(Source(path, "picture")) or FileFormatError(
-            f"{path}: not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture"
+            f"{path}: not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture; convert other pictures first"
         ) from None
     except (Image.DecompressionBombError, _tiff.Unsupported, _heif.MissingPackage, untrusted.Blocked) as error:
         raise FileFormatError(f"{path}: {error}") from error

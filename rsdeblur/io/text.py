@@ -225,7 +225,7 @@ def read_table(text: TextFile, rows: Rows | Sequence[int], columns: Sequence[int
     """
     rows = np.asarray(rows, dtype=np.intp)
     if not len(rows):
-        raise text.error("the file holds no samples")
+        raise text.error("the file contains no samples")
     _check_last(text, rows)
     separator = separator_of(text.lines[rows[0]])
 

@@ -438,4 +438,9 @@ def test_exchanged_files_are_named(run: Run, files: Files, tmp_path: Path) -> No
     )
     for manifest, kind in ((files.photo, "picture"), (files.gyro, "gyro log"), (files.captures, "capture file")):
         refused(run("batch", manifest, "-o", tmp_path / "o"), manifest, f"not a manifest: it looks like a {kind}")
+    manifest = tmp_path / "m.csv"
+    manifest.write_text(f"photo,start,duration\n{files.photo.name},0.2,0.04\n" * 2)
+    for shared in (("--gyro", files.camera), ("--camera", files.gyro), ("--capture", files.gyro)):
+        for command in (["batch", "-o", tmp_path / "o"], ["triage"]):
+            refused(run(*command, manifest, *files.sources, *shared), f"{shared[1]}: not a", "it looks like a")
     assert not (tmp_path / "o").exists()

@@ -47,6 +47,11 @@ def test_a_start_counted_from_the_first_sample() -> None:
     assert start_hint(1_560_250.0, log) == "; did you mean --start 1560250ms?"
 
 
+def test_a_clip_that_starts_at_zero() -> None:
+    log = GyroLog(np.linspace(0.0, 0.6, 121), np.zeros((121, 3)), 1_560_000_000_000)
+    assert start_hint(0.0, log) == "; did you mean --start 1560, as the log begins at 1560 s?"
+
+
 @pytest.mark.parametrize(("seconds", "hint"), [(50.0, "50ms or 1/50?"), (0.05, "give a longer recording")])
 def test_exposures_longer_than_the_log(seconds: float, hint: str) -> None:
     with pytest.raises(InputError, match=f"is longer than log.csv .*{hint}"):

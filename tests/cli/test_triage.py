@@ -52,8 +52,8 @@ def test_manifest_and_missing_files(run: Run, files: Files, tmp_path: Path) -> N
     assert [item["decision"] for item in json.loads(result.stdout)["items"]] == ["keep", "deblur"]
     assert run("triage", manifest, *files.sources, "--keep", 3, "--drop", 2).exit_code == 2
     # JSON has no such numbers.
-    assert "drop must be" in run("triage", manifest, *files.sources, "--drop", "nan").stderr
-    assert "drop must be finite, got inf" in run("triage", manifest, *files.sources, "--drop", "inf").stderr
+    assert "nan is not a finite number" in run("triage", manifest, *files.sources, "--drop", "nan").stderr
+    assert "inf is not a finite number" in run("triage", manifest, *files.sources, "--drop", "inf").stderr
     clip = tmp_path / "clip.mp4"
     clip.write_bytes(b"no clip")
     result = run("triage", clip)
