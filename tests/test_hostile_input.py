@@ -137,7 +137,7 @@ class TestPlaces:
         assert "a pipe or a device" in refusal(read, Path("/dev/zero"))
 
     def test_folder(self, read: Callable[[Path], Any], tmp_path: Path) -> None:
-        assert "Is a directory" in refusal(read, tmp_path)
+        assert "it is a folder" in refusal(read, tmp_path)
 
     def test_link_to_nothing_or_to_itself(self, read: Callable[[Path], Any], tmp_path: Path) -> None:
         (tmp_path / "nothing").symlink_to("nowhere")

@@ -68,4 +68,6 @@ def _open_at_once(path: str, flags: int) -> int:
 def _unreadable(path: str | os.PathLike[str], what: str, error: OSError | ValueError) -> FileFormatError:
     # A ValueError is raised for names that no file can have, with NUL or lone surrogates.
     reason = error.strerror if isinstance(error, OSError) else None
+    if isinstance(error, IsADirectoryError):
+        reason = "it is a folder; give a file"
     return FileFormatError(f"{Path(path)}: cannot read the {what}: {reason or error}")

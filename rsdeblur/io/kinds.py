@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io import cameras, captures, gyro_logs, trajectories
+from rsdeblur.io.archives import is_archive
 from rsdeblur.io.formats import Format
 from rsdeblur.io.gyro_binary import is_video
 from rsdeblur.io.pictures import is_picture
@@ -26,7 +27,7 @@ class Kind(NamedTuple):
 KINDS = (
     Kind("picture", "give it as the photo", lambda: [_plain("picture", is_picture)]),
     Kind("video", "give it to rsdeblur video", lambda: [_plain("video", _is_video)]),
-    Kind("gyro log", "give it as --gyro", lambda: gyro_logs.FORMATS),
+    Kind("gyro log", "give it as --gyro", lambda: [*gyro_logs.FORMATS, _plain("zip archive", _has_log)]),
     Kind("capture file", "give it as --capture", lambda: captures.FORMATS),
     Kind("camera file", "give it as --camera", cameras.formats),
     Kind("trajectory", "give it as --translation", lambda: trajectories.FORMATS),
@@ -46,6 +47,11 @@ def mistaken(source: Source) -> FileFormatError | None:
 def _plain(name: str, sniff: Callable[[Source], bool]) -> Format[None]:
     """Return the only format of a kind, which is read elsewhere."""
     return Format(name, name, sniff, lambda source: None)
+
+
+def _has_log(source: Source) -> bool:
+    """Whether the file is an archive of a logger app with a gyro log; raises `FileFormatError` if it has none."""
+    return is_archive(source) and bool(gyro_logs.detect_gyro_format(source.path))
 
 
 def _is_video(source: Source) -> bool:

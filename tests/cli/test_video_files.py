@@ -208,7 +208,7 @@ NO_VIDEOS: dict[str, tuple[Callable[[Path], object], str]] = {
         "not a video in a container that is read",
     ),
     "pipe": (os.mkfifo, "it is a pipe or a device"),
-    "folder": (os.mkdir, "Is a directory"),
+    "folder": (os.mkdir, "it is a folder"),
     "empty": (Path.touch, "cannot read the video"),
 }
 

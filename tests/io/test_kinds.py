@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -122,6 +123,19 @@ def test_videos_are_named(tmp_path: Path, reader: str) -> None:
     path = tmp_path / "clip.mp4"
     path.write_bytes(b"\0\0\0\x18ftypmp42" + bytes(64))
     with pytest.raises(FileFormatError, match=f"not a {reader}: it looks like a video; give it to rsdeblur video"):
+        READERS[reader](path)
+
+
+@pytest.mark.parametrize("reader", ["capture file", "camera file", "trajectory", "picture"])
+def test_archives_of_logger_apps_are_named(tmp_path: Path, reader: str) -> None:
+    path = tmp_path / "export.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr(*FILES["gyro log"][0])
+    with pytest.raises(FileFormatError, match=f"not a {reader}: it looks like a gyro log .zip archive.; give it as"):
+        READERS[reader](path)
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("notes.txt", "no log")
+    with pytest.raises(FileFormatError, match=r"export\.zip: (?!.*looks like)"):
         READERS[reader](path)
 
 

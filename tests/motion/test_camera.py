@@ -260,7 +260,7 @@ class TestFile:
         for path, message in (
             (binary, "not a TOML camera file: the text is not UTF-8"),
             (tmp_path / "none.toml", "No such file"),
-            (tmp_path, "Is a directory"),
+            (tmp_path, "it is a folder"),
         ):
             with pytest.raises(FileFormatError, match=message) as caught:
                 Camera.load(path)
