@@ -478,9 +478,8 @@ def naming(file: Path | str | None, recording: Moments | None = None) -> Iterato
     except CoverageError as error:
         hint = ""
         # A clip may start at the log's zero unless the user says another moment.
-        if recording is not None and recording.capture is None and recording.start_ns is None:
-            start = recording.start or 0.0
-            hint = "" if start == "exif" else start_hint(start, _known_log(recording)[0].log)
+        if recording is not None and recording.capture is None and recording.start != "exif":
+            hint = start_hint(recording.start or 0.0, recording.start_ns, _known_log(recording)[0].log)
         raise type(error)(named(recording.gyro if recording else None, error) + hint) from error
     except InputError as error:
         raise InputError(named(file, error)) from error

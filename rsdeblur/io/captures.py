@@ -28,6 +28,8 @@ MARS_COLUMNS = (
 STAMP = re.compile("(frame)?timestamp")
 # s between frames, from 2000 to 2 per second.
 FRAME_SPACING = (0.0005, 0.5)
+# s; the fastest electronic shutters of cameras take ten times as long.
+LEAST_EXPOSURE = 1e-6
 # Columns of GyroDeblurNet's image_info.txt: `t_ns ISO exposure_ns fx fy cx cy s`.
 IMAGE_INFO_CELLS = 8
 
@@ -119,6 +121,10 @@ def _captures(format: str, text: TextFile, rows: Rows, columns: Sequence[int], u
     per_second = 1e9 / float(TIME_UNITS[unit])
     durations = {row: float(value) / per_second for row, value in zip(timed, values, strict=True)}
     for row, duration in durations.items():
+        if 0 < duration < LEAST_EXPOSURE:
+            raise text.error(
+                f"an exposure time of {1e9 * duration:g} ns is shorter than that of any camera; write it in {unit}", row
+            )
         try:
             Exposure(0.0, duration)
         except InputError as error:

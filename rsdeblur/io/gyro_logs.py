@@ -95,7 +95,8 @@ def read_gyro(
     Warns
     -----
     RsdeblurWarning
-        If samples were sorted or dropped, if the rates look like degrees, or if the file gives reason for caution.
+        If samples were sorted or dropped, if the rates look like degrees or the stamps like another unit, or if the
+        file gives reason for caution.
 
     Examples
     --------

@@ -27,6 +27,9 @@ RATE_UNITS = {"rad/s": 1.0, "deg/s": pi / 180, "mrad/s": 1e-3, "mdeg/s": pi / 18
 # y left, z back), or the sensor's own, which only its owner knows.
 Axes = Literal["phone", "gyroflow", "sensor"]
 
+# Hz. Gyros sample at 20 Hz to 8 kHz; beyond these bounds the stamps are rather in another unit, by a factor of 1000.
+LEAST_RATE, MOST_RATE = 5.0, 50_000.0
+
 # Samples that come late by up to ten intervals, at most one in a hundred, are harmless delays. Anything else is another
 # recording or a broken clock, which sorting would hide.
 LATE_INTERVALS = 10
@@ -154,9 +157,19 @@ def finish(
             "give the gyro's file, or the unit if it is not rad/s"
         )
     log = _made(GyroLog, t, rates, epoch, samples, error)
-    for caution in (*samples.cautions, *repairs):
+    for caution in (*samples.cautions, *repairs, *_doubts_of_rate(log, samples)):
         warnings.warn(str(error(caution)), RsdeblurWarning, stacklevel=3)
     return GyroFile(log, format, samples.axes, samples.time_unit, unit, samples.facts)
+
+
+def _doubts_of_rate(log: GyroLog, samples: Samples) -> list[str]:
+    """Return a sentence if the stamps are probably in another unit than the file names."""
+    if LEAST_RATE <= log.rate <= MOST_RATE:
+        return []
+    return [
+        f"the stamps in {samples.time_unit} mean a sampling rate of {log.rate:.3g} Hz, but a gyro's is 20 to 8000 Hz; "
+        "is the unit of time right?"
+    ]
 
 
 def finish_acceleration(samples: Samples, unit: str | None, error: Callable[[str], FileFormatError]) -> AccelerationLog:

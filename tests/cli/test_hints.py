@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,27 +37,45 @@ FAST = ("--mode", "global", "--prior", "wiener", "--nsr", "0.01", "--no-refine")
 )
 def test_starts_in_other_units(start: float, option: str | None) -> None:
     log = GyroLog(np.linspace(0.0, 0.6, 121), np.zeros((121, 3)))
-    assert start_hint(start, log) == ("" if option is None else f"; did you mean {option}?")
+    assert start_hint(start, None, log) == ("" if option is None else f"; did you mean {option}?")
 
 
 def test_a_start_counted_from_the_first_sample() -> None:
     log = GyroLog(np.linspace(0.0, 0.6, 121), np.zeros((121, 3)), 1_560_000_000_000)
-    assert start_hint(0.25, log) == "; did you mean --start 1560.25, as the log begins at 1560 s?"
-    assert start_hint(1560.25, log) == ""
+    assert start_hint(0.25, None, log) == "; did you mean --start 1560.25, as the log begins at 1560 s?"
+    assert start_hint(1560.25, None, log) == ""
     # The start in ms, which lies far after the end.
-    assert start_hint(1_560_250.0, log) == "; did you mean --start 1560250ms?"
+    assert start_hint(1_560_250.0, None, log) == "; did you mean --start 1560250ms?"
+
+
+def test_stamps_in_other_units() -> None:
+    log = GyroLog(np.linspace(0.0, 0.6, 121), np.zeros((121, 3)), 1_560_000_000_000)
+    for stamp in (1_560, 1_560_250, 1_560_250_000):
+        meant = 1_560_250_000_000 if stamp > 1_560 else 1_560_000_000_000
+        assert start_hint(0.0, stamp, log) == f"; did you mean --start-ns {meant}?"
+    assert start_hint(0.0, 1_560_250_000_000, log) == ""
+    assert start_hint(0.0, 5, log) == ""
 
 
 def test_a_clip_that_starts_at_zero() -> None:
     log = GyroLog(np.linspace(0.0, 0.6, 121), np.zeros((121, 3)), 1_560_000_000_000)
-    assert start_hint(0.0, log) == "; did you mean --start 1560, as the log begins at 1560 s?"
+    assert start_hint(0.0, None, log) == "; did you mean --start 1560, as the log begins at 1560 s?"
 
 
-@pytest.mark.parametrize(("seconds", "hint"), [(50.0, "50ms or 1/50?"), (0.05, "give a longer recording")])
+@pytest.mark.parametrize(
+    ("seconds", "hint"),
+    [
+        (50.0, "did you mean 50ms or 1/50?"),
+        (5_000.0, "did you mean 1/5000 or 5000us?"),
+        (50_000_000.0, "did you mean 0.05 (50000000 ns)?"),
+        (0.7, "give a longer recording"),
+        (1e12, "give a longer recording"),
+    ],
+)
 def test_exposures_longer_than_the_log(seconds: float, hint: str) -> None:
-    with pytest.raises(InputError, match=f"is longer than log.csv .*{hint}"):
-        refuse_longer(seconds, 0.01, Path("log.csv"))
-    refuse_longer(seconds, 60.0, Path("log.csv"))
+    with pytest.raises(InputError, match=rf"is longer than log\.csv \(0\.6 s\); {re.escape(hint)}"):
+        refuse_longer(seconds, 0.6, Path("log.csv"))
+    refuse_longer(seconds, 1e13, Path("log.csv"))
     refuse_longer(None, 0.01, Path("log.csv"))
 
 
