@@ -4,7 +4,7 @@
 readers of gyro logs are grouped by family: `gyro_tables` (text), `gyroflow`, `gyro_binary` (pictures and videos) and
 `archives`; `columns` finds the columns of tables, and `samples` makes a log from what they return. `accelerations`
 reads accelerometers from the same files, `trajectories` reads poses that other programs found, and
-`depths` maps of depths.
+`depths` maps of depths. `kinds` names the kind of a file that is given in place of another one.
 """
 
 from rsdeblur.io.accelerations import read_acceleration
