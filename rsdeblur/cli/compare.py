@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
     from rsdeblur.io.pictures import Picture
     from rsdeblur.pipeline.options import Options
+    from rsdeblur.pipeline.plan import DeblurResult
     from rsdeblur.psf import PsfBank
 
 SHEET, MAP, REPORT = "side-by-side.png", "psfs.png", "compare.json"
@@ -174,24 +175,28 @@ def compare_modes(
             result = Plan(planned.frame, planned.capture, chosen).apply(picture.pixels, progress=move)
         seconds, memory = time.perf_counter() - begin, peak_memory_mib()
         write_picture(target.output / name, result.image, like=picture, force=target.force)
-        tall, wide = result.psfs.size
         shown[mode], banks[mode] = display_values(result.image, transfer), result.psfs
-        report["modes"][mode] = {
-            "output": str(target.output / name),
-            "bands": result.bands,
-            "strips": result.strips,
-            "psf_px": [wide, tall],
-            "nsr": result.nsr,
-            "weight": result.weight,
-            "seconds": seconds,
-            "timings": result.timings,
-            "check": None if result.check is None else asdict(result.check),
-            "peak_memory_mib": memory,
-        } | ({} if sharp is None else similarity(shown[mode], sharp))
+        facts = _facts_of(result, target.output / name) | {"seconds": seconds, "peak_memory_mib": memory}
+        report["modes"][mode] = facts | ({} if sharp is None else similarity(shown[mode], sharp))
     if sharp is not None:
         shown["truth"] = sharp
     _draw(target, shown, banks, report["modes"])
     return Compared(report, inputs, shown, banks, 1.0 - float(result.coverage.mean()), transfer, recorded)
+
+
+def _facts_of(result: DeblurResult, output: Path) -> dict[str, Any]:
+    """Return the facts to report about the result of a mode."""
+    tall, wide = result.psfs.size
+    return {
+        "output": str(output),
+        "bands": result.bands,
+        "strips": result.strips,
+        "psf_px": [wide, tall],
+        "nsr": result.nsr,
+        "weight": result.weight,
+        "timings": result.timings,
+        "check": None if result.check is None else asdict(result.check),
+    }
 
 
 def _read_truth(truth: Path, photo: Path, picture: Picture, transfer: Transfer | Auto) -> NDArray[Any]:
