@@ -40,7 +40,10 @@ def bottom_of_photo(exif: bytes | None) -> float | None:
 
 
 def bottom_of_clip(matrix: tuple[int, ...] | None) -> float | None:
-    """Return the same for a video with a display matrix."""
+    """Return where the bottom of the viewed picture is in the stored frames of a video, rad; None if it is mirrored.
+
+    `matrix` is its display matrix; None means that viewers do not turn it.
+    """
     if matrix is None:
         return 0.0
     (a, b), (c, d) = matrix[:2], matrix[3:5]

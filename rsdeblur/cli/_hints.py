@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 # Lengths of the log after its end from which a moment is rather in another unit than just missed by the log.
 FAR = 10
 # s; a shorter exposure time leaves no blur.
-LEAST_EXPOSURE = 1e-4
+LEAST_DURATION = 1e-4
 
 
 def refuse_longer(duration: float | None, whole: float, path: Path) -> None:
@@ -29,7 +29,7 @@ def refuse_longer(duration: float | None, whole: float, path: Path) -> None:
             f"{duration:.10g}us": 1e-6 * duration,
             f"{1e-9 * duration:.10g} ({duration:.10g} ns)": 1e-9 * duration,
         }
-        options = [option for option, seconds in meant.items() if LEAST_EXPOSURE <= seconds <= whole]
+        options = [option for option, seconds in meant.items() if LEAST_DURATION <= seconds <= whole]
         hint = f"did you mean {' or '.join(options)}?" if options else hint
     raise InputError(f"--duration: {duration:g} s is longer than {path} ({whole:.3g} s); {hint}")
 

@@ -202,21 +202,27 @@ def _recorded(
 
 def facts_of(result: DeblurResult, output: Path, mode: Mode, prior: str, seconds: float) -> dict[str, Any]:
     """Return the facts to report about a written result."""
+    return result_facts(result, output) | {
+        "mode": mode,
+        "prior": prior,
+        "noise": result.noise,
+        "seconds": seconds,
+        "refinement": None if result.refinement is None else refinement_facts(result.refinement),
+    }
+
+
+def result_facts(result: DeblurResult, output: Path) -> dict[str, Any]:
+    """Return the facts that `compare` reports about the result of each mode, too."""
     tall, wide = result.psfs.size
     return {
         "output": str(output),
-        "mode": mode,
         "bands": result.bands,
         "strips": result.strips,
         "psf_px": [wide, tall],
-        "prior": prior,
         "nsr": result.nsr,
         "weight": result.weight,
-        "noise": result.noise,
-        "seconds": seconds,
         "timings": result.timings,
         "check": None if result.check is None else asdict(result.check),
-        "refinement": None if result.refinement is None else refinement_facts(result.refinement),
     }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -25,7 +25,7 @@ from rsdeblur.cli._output import (
     say,
     write_json,
 )
-from rsdeblur.cli._photo import derive, moment_facts, moment_lines
+from rsdeblur.cli._photo import derive, moment_facts, moment_lines, result_facts
 from rsdeblur.cli._refinement import correction_lines, refinement_facts
 from rsdeblur.cli._report import Compared, capture_warnings, report_page
 from rsdeblur.cli._types import PATH
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 
     from rsdeblur.io.pictures import Picture
     from rsdeblur.pipeline.options import Options
-    from rsdeblur.pipeline.plan import DeblurResult
     from rsdeblur.psf import PsfBank
 
 SHEET, MAP, REPORT = "side-by-side.png", "psfs.png", "compare.json"
@@ -176,27 +175,12 @@ def compare_modes(
         seconds, memory = time.perf_counter() - begin, peak_memory_mib()
         write_picture(target.output / name, result.image, like=picture, force=target.force)
         shown[mode], banks[mode] = display_values(result.image, transfer), result.psfs
-        facts = _facts_of(result, target.output / name) | {"seconds": seconds, "peak_memory_mib": memory}
+        facts = result_facts(result, target.output / name) | {"seconds": seconds, "peak_memory_mib": memory}
         report["modes"][mode] = facts | ({} if sharp is None else similarity(shown[mode], sharp))
     if sharp is not None:
         shown["truth"] = sharp
     _draw(target, shown, banks, report["modes"])
     return Compared(report, inputs, shown, banks, 1.0 - float(result.coverage.mean()), transfer, recorded)
-
-
-def _facts_of(result: DeblurResult, output: Path) -> dict[str, Any]:
-    """Return the facts to report about the result of a mode."""
-    tall, wide = result.psfs.size
-    return {
-        "output": str(output),
-        "bands": result.bands,
-        "strips": result.strips,
-        "psf_px": [wide, tall],
-        "nsr": result.nsr,
-        "weight": result.weight,
-        "timings": result.timings,
-        "check": None if result.check is None else asdict(result.check),
-    }
 
 
 def _read_truth(truth: Path, photo: Path, picture: Picture, transfer: Transfer | Auto) -> NDArray[Any]:
