@@ -130,6 +130,7 @@ class Hybrid:
         self.height, _, self.channels = shape
         self.bands, self.strips = bands, strips
         self._periodic = border == "periodic"
+        self._strip_fade, self._band_fade = fade(strips.taper), fade(bands.taper)
         self.frequencies = strips.length // 2 + 1
         # Columns that fill up the last block are zero.
         self.blocks = -(-self.frequencies // COLUMNS)
@@ -165,13 +166,15 @@ class Hybrid:
 
         Return whether all values that were read are finite. To check it here costs no further pass over the picture.
         """
-        taper = fade(self.strips.taper)
         finite = [True]
 
         def block(thread: int, top: int) -> None:
             worker = self._workers[thread]
             rows = min(ROWS, self.height - top)
-            if not lines.picture_to_lines(picture, top, rows, strip.start, taper, self._periodic, worker.rows.real):
+            all_finite = lines.picture_to_lines(
+                picture, top, rows, strip.start, self._strip_fade, self._periodic, worker.rows.real
+            )
+            if not all_finite:
                 finite[0] = False
             worker.rows.move(self._rows(spectra, top))
             worker.rows.forward()
@@ -205,10 +208,10 @@ class Hybrid:
         self, thread: int, block: int, sources: Sequence[ComplexArray], target: ComplexArray | None, change: Filter
     ) -> None:
         """Filter a block of columns of a single tile, which is extended in place."""
-        slabs, (group,), taper = self._workers[thread].slabs, self._groups, fade(self.bands.taper)
+        slabs, (group,) = self._workers[thread].slabs, self._groups
         for n, source in enumerate(sources):
             columns = self._columns(source, block, slabs.lines[0])
-            lines.cut_lines(columns, self.height, group.starts, taper, self._periodic, slabs.lines)
+            lines.cut_lines(columns, self.height, group.starts, self._band_fade, self._periodic, slabs.lines)
             slabs.forward()
             change(thread, n, block, group.bands, slabs.spectra)
         if not sources:
@@ -222,7 +225,7 @@ class Hybrid:
         self, thread: int, block: int, sources: Sequence[ComplexArray], target: ComplexArray | None, change: Filter
     ) -> None:
         """Filter a block of columns of several bands, which are cut out; their sum is collected elsewhere."""
-        worker, taper = self._workers[thread], fade(self.bands.taper)
+        worker = self._workers[thread]
         columns = [self._columns(source, block, worker.columns) for source in sources]
         if columns and columns[0] is not worker.columns:
             # Bands read short pieces of each line, for which memory is slow; copied whole, all is one stream.
@@ -232,7 +235,7 @@ class Hybrid:
         for group in self._groups:
             slabs, spectra = worker.slabs.lines[: len(group.starts)], worker.slabs.spectra[: len(group.starts)]
             for n, lines_of_source in enumerate(columns):
-                lines.cut_lines(lines_of_source, self.height, group.starts, taper, self._periodic, slabs)
+                lines.cut_lines(lines_of_source, self.height, group.starts, self._band_fade, self._periodic, slabs)
                 worker.slabs.forward()
                 change(thread, n, block, group.bands, spectra)
             if not sources:

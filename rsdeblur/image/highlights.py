@@ -290,7 +290,7 @@ class _Box:
         for number, spot in enumerate(self.spots, 1):
             rows, cols = _from(self.rows.start, spot.rows), _from(self.cols.start, spot.cols)
             lost[rows, cols] |= spot.lost
-            numbers[rows, cols][spot.lost.any(axis=2)] = number
+            numbers[rows, cols][_any(spot.lost)] = number
         return lost, numbers
 
     def blur(self, threads: int) -> TileBlur:
@@ -362,7 +362,7 @@ def _trails(box: _Box, threads: int) -> list[Spot]:
     """Return the spots that may be trails of highlights."""
     lost, numbers = box.lost()
     each = np.arange(1, len(box.spots) + 1)
-    sent = box.blur(threads).adjoint(lost.astype(np.float32)).max(axis=2)
+    sent = reduce(np.maximum, np.moveaxis(box.blur(threads).adjoint(lost.astype(np.float32)), -1, 0))
     kept = ndimage.mean(sent > MOSTLY, numbers, each) < WALL
     if kept.any():
         kept &= ndimage.mean(_around(box.linear, lost).mean(axis=2), numbers, each) < BRIGHT
@@ -373,7 +373,7 @@ def _patch(box: _Box, threads: int) -> Patch:
     """Separate a box by accelerated Richardson-Lucy iteration."""
     light, (lost, _), blur = box.linear, box.lost(), box.blur(threads)
     # The same places for all channels; otherwise highlights would have coloured fringes.
-    possible = (blur.adjoint(lost.astype(np.float32)) > SEEN).any(axis=2, keepdims=True)
+    possible = _any(blur.adjoint(lost.astype(np.float32)) > SEEN)[..., None]
     around = _around(light, lost).clip(DARK)
     highlights = before = np.where(possible, (light - around).clip(DARK), np.float32(0))
     step, ahead = np.zeros_like(highlights), 0.0
@@ -388,12 +388,12 @@ def _patch(box: _Box, threads: int) -> Patch:
         length = float(np.vdot(earlier, earlier))
         ahead = min(max(float(np.vdot(earlier, step)) / length, 0.0), 1.0) if length > 0 else 0.0
     blurred = blur.forward(highlights).clip(0)
-    lit = (blurred > LIT).any(axis=2)
-    return Patch(box.rows, box.cols, highlights, filled(light - blurred, _spoiled(lost) | lit))
+    spoiled = _spoiled(lost) | _any(blurred > LIT)
+    return Patch(box.rows, box.cols, highlights, filled(light - blurred, spoiled))
 
 
 def _spoiled(lost: Mask) -> Mask:
-    spoiled: Mask = ndimage.binary_dilation(np.any(lost, axis=2), iterations=SPOILED)
+    spoiled: Mask = ndimage.binary_dilation(_any(lost), iterations=SPOILED)
     return spoiled
 
 

@@ -8,14 +8,13 @@ motion leaves hardly any such light, so it changes hardly anything.
 
 from __future__ import annotations
 
-from functools import reduce
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from rsdeblur._util.threads import share, share_blocks
+from rsdeblur._util.threads import share, share_blocks, share_map
 from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.kernels.undershoot import Between, depths, fade_to
 from rsdeblur.types import FloatImage
 
 # Standard deviation of the Gaussian that the weight of the blurred picture is smooth by, in lengths of the PSF, and at
@@ -63,26 +62,24 @@ def fade_undershoot(
     height, width, channels = sharp.shape
     cells = encoded.values[first : first + height : step, ::step, :channels]
     recorded = EncodedImage(cells, encoded.transfer).grey(slice(None))
-    near, around = (ndimage.gaussian_filter(light, spread / step, mode="nearest") for light in (below, recorded))
+    near, around = share_map(
+        lambda light: ndimage.gaussian_filter(light, spread / step, mode="nearest"), [below, recorded], threads
+    )
     weight = np.clip(near / (MOST * (np.maximum(around, 0.0) + DARK * max(peak, LEAST_PEAK))) - LEAST, 0.0, 1.0)
     down, across = (_between(n, len_cells, step) for n, len_cells in zip((height, width), weight.shape, strict=True))
 
-    def fade(_: int, rows: slice, cols: slice) -> None:
+    def fade_tile(_: int, rows: slice, cols: slice) -> None:
         (above, under, low), (left, right, far) = ((a[rows] for a in down), (a[cols] for a in across))
-        corners = weight[above[0] : under[-1] + 1, left[0] : right[-1] + 1]
-        if not corners.any():
-            return
-        lines = weight[above] + low[:, None] * (weight[under] - weight[above])
-        here = (lines[:, left] + far * (lines[:, right] - lines[:, left]))[..., None]
-        values = encoded.values[first + rows.start : first + rows.stop, cols]
-        part = sharp[rows, cols]
-        part += here * (EncodedImage(values, encoded.transfer).linear(slice(None)) - part)
+        if weight[above[0] : under[-1] + 1, left[0] : right[-1] + 1].any():
+            values = encoded.values[first + rows.start : first + rows.stop, cols]
+            blurred = EncodedImage(values, encoded.transfer).linear(slice(None))
+            fade_to(sharp[rows, cols], blurred, weight, (above, under, low), (left, right, far))
 
-    share_blocks(fade, (height, width), (TILE, TILE), threads)
+    share_blocks(fade_tile, (height, width), (TILE, TILE), threads)
 
 
-def _between(n: int, cells: int, step: int) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
-    """Return, for each of `n` pixels, the cells before and after it and how near it is to the latter, from 0 to 1."""
+def _between(n: int, cells: int, step: int) -> Between:
+    """Return the cells that `n` pixels lie between."""
     place = np.clip((np.arange(n) + 0.5) / step - 0.5, 0.0, cells - 1.0)
     before = np.minimum(place.astype(np.intp), max(cells - 2, 0))
     return before, np.minimum(before + 1, cells - 1), (place - before).astype(np.float32)
@@ -91,19 +88,10 @@ def _between(n: int, cells: int, step: int) -> tuple[NDArray[np.intp], NDArray[n
 def _below_black(sharp: FloatImage, step: int, threads: int | None) -> NDArray[np.float32]:
     """Return the mean depth below zero, of the channel where it is largest, in cells of `step` x `step` px."""
     height, width, _ = sharp.shape
-    below = np.zeros((-(-height // step), -(-width // step)), dtype=np.float32)
-    counts = np.diff([*range(0, width, step), width])
+    below = np.empty((-(-height // step), -(-width // step)), dtype=np.float32)
 
     def measure(_: int, top: int) -> None:
-        rows = sharp[top * step : (top + ROWS) * step]
-        # Several times as fast as min(axis=2).
-        lowest: NDArray[np.float32] = reduce(np.minimum, np.moveaxis(rows, 2, 0))
-        depth = -np.minimum(lowest, 0.0)
-        if not depth.any():
-            return
-        tall = np.add.reduceat(depth, np.arange(0, len(depth), step), axis=0)
-        cells = np.add.reduceat(tall, np.arange(0, width, step), axis=1)
-        below[top : top + ROWS] = cells / (counts * np.diff([*range(0, len(depth), step), len(depth)])[:, None])
+        depths(sharp[top * step : (top + ROWS) * step], step, below[top : top + ROWS])
 
     share(measure, range(0, len(below), ROWS), threads)
     return below

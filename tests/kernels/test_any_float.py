@@ -85,6 +85,8 @@ def lanes(hostile: Hostile) -> list[Any]:
     return [model(hostile), hostile(1, 2, LANES), *planes, hostile(4000)]
 
 
+# Cells that four pixels lie between.
+BETWEEN = np.array([0, 0, 0, 1]), np.array([1, 1, 1, 1]), np.zeros(4, np.float32)
 # First frequencies of three directions.
 SECTORS = np.array([0, 2, 5, 9])
 # Octave of each sector.
@@ -141,6 +143,8 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "to_srgb": lambda h: [h(5, 7, 3)],
     "extremes": lambda h: [h(5, 7, 3), 3, h(3, 4), h(3, 4)],
     "limit": lambda h: [h(5, 7, 3), 0, 2, 3, h(3, 3), h(3, 3, 4), h(3, 3, 4)],
+    "depths": lambda h: [h(5, 7, 3), 3, h(2, 3)],
+    "fade_to": lambda h: [h(4, 4, 3), h(4, 4, 3), h(2, 3), BETWEEN, (*BETWEEN[:2], h(4))],
     "information": lambda h: [
         *(tiles(h), h(3, 2, 9)),
         (h(4, 3, dtype=np.float64), h(4, dtype=np.float64)),
