@@ -129,7 +129,7 @@ def command(
     options: Options,
     target: Target,
 ) -> None:
-    """Deblur several frames of one scene together: PHOTOS, or frames of a video.
+    """Deblur several frames of one scene together. They are PHOTOs, or frames of a video.
 
     Each shaken frame has lost other details; together they have almost all. Frames that do not fit, or places where
     something moves, do not count. EXIF, colour profile and bit depth are those of the reference.

@@ -47,6 +47,14 @@ def test_every_help_has_examples(name: str) -> None:
     assert f"Examples:\n    rsdeblur {name} " in result.stdout
 
 
+@pytest.mark.parametrize("group", [[], ["camera"]])
+def test_the_list_of_commands_is_not_cut_off(group: list[str]) -> None:
+    text = CliRunner().invoke(main, [*group, "--help"], terminal_width=80).stdout
+    listed = text.split("Commands:\n")[1].split("\n\n")[0].splitlines()
+    assert len(listed) >= 4
+    assert [line for line in listed if line.endswith("...")] == []
+
+
 def test_wrong_usage_exits_with_2() -> None:
     for arguments in (["unknown"], ["deblur"], ["demo", "--size", "big", "-o", "x"], ["info"]):
         result = CliRunner().invoke(main, arguments)
