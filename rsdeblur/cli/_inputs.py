@@ -355,7 +355,8 @@ def _missing(start: bool, duration: bool, photo: Path | None) -> str:
         searched = "" if photo is None else " (the photo's EXIF block does not contain it)"
         return f"the exposure time is missing: give --duration{searched}"
     time = "" if duration else "the start of "
-    return f"{time}the exposure is missing: give --capture FILE --index N, or --start or --start-ns" + (
+    from_exif = "" if photo is None else " (exif: the time in the photo's EXIF block)"
+    return f"{time}the exposure is missing: give --capture FILE --index N, or --start{from_exif} or --start-ns" + (
         " together with --duration, which may be left out if the photo's EXIF block contains it" if duration else ""
     )
 

@@ -141,7 +141,7 @@ def gyro_log_in(folder: Path, files: list[Path]) -> Path:
         for path in files:
             if word in path.name.lower() and path.suffix.lower() in TABLES and _is_log(path):
                 return path
-    raise FileFormatError(f"{folder}: no gyro log in the folder (a .csv or .txt named like gyro or imu)")
+    raise FileFormatError(f"{folder}: no gyro log in the folder (a .csv or .txt named like gyro or imu); give --gyro")
 
 
 def _is_log(path: Path) -> bool:

@@ -225,6 +225,7 @@ def test_what_is_missing_of_the_exposure_is_named(run: Run, files: Files, tmp_pa
         (["--start", "0.2"], "Error: the exposure time is missing: give --duration"),
         (["--duration", "0.04"], "Error: the start of the exposure is missing: give --capture"),
         ([], "Error: the exposure is missing: give --capture"),
+        ([], "--start (exif: the time in the photo's EXIF block)"),
     ):
         result = run(*base, *options)
         assert result.exit_code == 2
