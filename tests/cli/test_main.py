@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -77,11 +78,18 @@ def test_an_unknown_command_gets_a_suggestion() -> None:
         (["deblr"], "did you mean deblur?"),
         (["camera", "imprt"], "Did you mean 'import'?"),
         ([__file__], f"it is a file; did you mean deblur {__file__}?"),
+        ([str(Path(__file__).parent)], f"it is a folder; did you mean batch {Path(__file__).parent}?"),
     ):
         result = CliRunner().invoke(main, arguments)
         assert result.exit_code == 2
         assert hint in result.stderr
     assert CliRunner().invoke(main, ["help", "sync"]).stdout == CliRunner().invoke(main, ["sync", "--help"]).stdout
+
+
+def test_a_group_without_a_command_shows_its_help_once() -> None:
+    result = CliRunner().invoke(main, ["camera"])
+    assert result.exit_code == 2
+    assert result.output == CliRunner().invoke(main, ["camera", "--help"]).output
 
 
 def test_long_lists_of_options_are_in_sections() -> None:
