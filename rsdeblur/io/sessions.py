@@ -164,7 +164,7 @@ def _captures(folder: Path, files: list[Path]) -> tuple[Path, CaptureFile]:
     if not candidates:
         raise FileFormatError(
             f"{folder}: no capture file in the folder (movie_metadata.csv, ..._timestamps.csv or images.txt); "
-            "give --capture, or --start exif for photos of a camera app"
+            "give --capture, or for the photos of a camera app: rsdeblur batch --start exif"
         )
     # First a file with all exposure times, then one named after its stamps: flashes are logged like frames.
     return min(candidates, key=lambda pair: (None in pair[1].durations, "timestamps" not in pair[0].name.lower()))
