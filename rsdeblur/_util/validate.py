@@ -303,9 +303,9 @@ def memory(what: str, size: int, pixels: int) -> None:
         )
 
 
-def mostly_beyond_white(image: NDArray[Any]) -> bool:
-    """Return whether most values of a picture would become white in integers, whose largest one represents 1."""
-    return image.dtype.kind == "f" and bool(np.median(image[::4, ::4]) > 1)
+def mostly_beyond_white(image: NDArray[Any], white: float = 1.0) -> bool:
+    """Return whether most values of a picture would become white in integers, whose largest one represents `white`."""
+    return image.dtype.kind == "f" and bool(np.median(image[::4, ::4]) > white)
 
 
 def output(out: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:

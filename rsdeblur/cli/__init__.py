@@ -73,7 +73,8 @@ class Commands(click.Group):
             close = get_close_matches(name, COMMANDS, n=1)
             hint = f"did you mean {close[0]}?" if close else f"commands are {', '.join(COMMANDS)}"
             if Path(name).exists():
-                hint = f"it is a file; did you mean deblur {name}?"
+                what, command = ("folder", "batch") if Path(name).is_dir() else ("file", "deblur")
+                hint = f"it is a {what}; did you mean {command} {name}?"
             raise click.UsageError(f"there is no command {name!r}; {hint}", ctx)
         return super().resolve_command(ctx, args)
 
@@ -84,6 +85,8 @@ class Commands(click.Group):
                 return super().invoke(ctx)
             except RsdeblurError as error:
                 _refuse(ctx, str(error))
+            except click.exceptions.NoArgsIsHelpError:
+                raise  # it is the help of a group of commands
             except click.UsageError as error:
                 # The message may quote the names of files; click's own may have several lines.
                 lines = error.format_message().expandtabs().split("\n")

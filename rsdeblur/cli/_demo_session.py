@@ -92,10 +92,10 @@ def write(kind: str, size: tuple[int, int], seed: int, folder: Path, *, force: b
     else:
         _write_movie(folder / MOVIE, frames, size, session.interval)
     if stock:
-        _write_log(folder / UNIX_LOG, log, "time,x,y,z")
+        _write_log(folder / UNIX_LOG, log, "time,seconds_elapsed,z,y,x", "{t},{s:.9f},{z:.9f},{y:.9f},{x:.9f}")
         return
     camera.save(folder / CAMERA)
-    _write_log(folder / LOG, log, "Timestamp[nanosec], gx[rad/s], gy[rad/s], gz[rad/s]")
+    _write_log(folder / LOG, log, "Timestamp[nanosec], gx[rad/s], gy[rad/s], gz[rad/s]", "{t},{x:.9f},{y:.9f},{z:.9f}")
     _write_captures(folder / CAPTURES, exposures, camera)
 
 
@@ -132,10 +132,12 @@ def _frames(log: GyroLog, camera: Camera, exposures: list[Exposure], seed: int) 
         yield from_linear(frame.clip(0.0, 1.0), "srgb")
 
 
-def _write_log(path: Path, log: GyroLog, header: str) -> None:
-    stamps = (log.epoch_ns + np.rint(1e9 * log.t)).astype(np.int64).tolist()
-    rows = (f"{stamp},{x:.9f},{y:.9f},{z:.9f}" for stamp, (x, y, z) in zip(stamps, log.omega.tolist(), strict=True))
-    _write_lines(path, [header, *rows])
+def _write_log(path: Path, log: GyroLog, header: str, row: str) -> None:
+    """Write a line for each sample; `row` contains the stamp `t` in ns, the seconds `s` from the start, x, y and z."""
+    lines = [header]
+    for s, (x, y, z) in zip(log.t.tolist(), log.omega.tolist(), strict=True):
+        lines.append(row.format(t=log.epoch_ns + round(1e9 * s), s=s, x=x, y=y, z=z))
+    _write_lines(path, lines)
 
 
 def _write_captures(path: Path, exposures: list[Exposure], camera: Camera) -> None:

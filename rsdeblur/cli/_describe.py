@@ -34,7 +34,7 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
     """
     from rsdeblur.io.archives import is_archive
     from rsdeblur.io.cameras import detect_camera_format
-    from rsdeblur.io.captures import WHAT
+    from rsdeblur.io.captures import FORMATS, WHAT
     from rsdeblur.io.clocks import is_clocks
     from rsdeblur.io.gyro_logs import detect_gyro_format
     from rsdeblur.io.pictures import KINDS, is_picture
@@ -63,13 +63,15 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
         trajectory = describe_trajectory(path)
         if trajectory["orientations"]:
             return trajectory
-    try:
+    if any(each.fits(source) for each in FORMATS):
         return describe_captures(path)
+    try:
+        # Logs are the commonest tables, and archives contain nothing else, so this error is the most likely to help.
+        return describe_gyro(path, reading)
     except FileFormatError as error:
         if is_archive(source):
-            # Archives contain gyro logs only; its error names the damage.
-            return describe_gyro(path, reading)
-        raise FileFormatError(f"{error}; it is not a gyro log, a camera file or a picture either") from error
+            raise
+        raise FileFormatError(f"{error}; it is not a camera file, a capture file or a picture either") from error
 
 
 def _is_lens_profile(path: Path) -> bool:

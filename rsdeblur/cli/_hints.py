@@ -51,7 +51,9 @@ def start_hint(start: float, start_ns: int | None, log: GyroLog) -> str:
         start = 1e-9 * start_ns
         meant = {f"--start-ns {factor * start_ns}": factor * start for factor in (10**3, 10**6, 10**9)}
     else:
-        meant = {f"--start {first + start:.10g}, as the log begins at {first:.10g} s": first + start}
+        # Digits for microseconds of Unix time, and no more.
+        moment = round(first + start, 6)
+        meant = {f"--start {moment:.16g}, as the log begins at {round(first, 6):.16g} s": moment}
         if start > last + FAR * (last - first):
             units = {f"--start {start:.10g}ms": 1e-3, f"--start {start:.10g}us": 1e-6, f"--start-ns {start:.0f}": 1e-9}
             meant |= {option: unit * start for option, unit in units.items()}

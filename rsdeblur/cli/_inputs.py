@@ -341,7 +341,7 @@ def _exposure(recording: Recording, photo: Path | None) -> Exposure:
     elif duration is None:
         duration = _exif_exposure(photo)
     if start is None or duration is None:
-        raise _usage(_missing(start is None, duration is None))
+        raise _usage(_missing(start is None, duration is None, photo))
     try:
         return Exposure(start[0], duration, start[1])
     except InputError as error:
@@ -349,12 +349,14 @@ def _exposure(recording: Recording, photo: Path | None) -> Exposure:
         raise _usage(f"--{error}".replace("--epoch_ns", "--start-ns")) from error
 
 
-def _missing(start: bool, duration: bool) -> str:
+def _missing(start: bool, duration: bool, photo: Path | None) -> str:
     """Return what to give where the start, the exposure time or both are unknown."""
     if not start:
-        return "the exposure time is missing: give --duration (the photo's EXIF block does not contain it)"
+        searched = "" if photo is None else " (the photo's EXIF block does not contain it)"
+        return f"the exposure time is missing: give --duration{searched}"
     time = "" if duration else "the start of "
-    return f"{time}the exposure is missing: give --capture FILE --index N, or --start or --start-ns" + (
+    from_exif = "" if photo is None else " (exif: the time in the photo's EXIF block)"
+    return f"{time}the exposure is missing: give --capture FILE --index N, or --start{from_exif} or --start-ns" + (
         " together with --duration, which may be left out if the photo's EXIF block contains it" if duration else ""
     )
 

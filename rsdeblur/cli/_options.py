@@ -203,7 +203,7 @@ _EXPOSURE = (
 
 
 def _camera(*, required: bool = True) -> Decorator:
-    text = "Camera file of rsdeblur, Gyroflow or Kalibr."
+    text = "Camera file of rsdeblur, Gyroflow or Kalibr, or a photo with EXIF."
     return click.option("--camera", type=PATH, required=required, metavar="FILE", help=text)
 
 

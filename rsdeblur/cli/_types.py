@@ -35,6 +35,8 @@ PATH = NonEmptyPath(path_type=Path)
 class NumberType(click.FloatRange):
     """A number in a range, which NaN is not."""
 
+    name = "number"
+
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the number."""
         number = super().convert(value, param, ctx)

@@ -35,7 +35,7 @@ Examples:
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page.  [default: a free one]")
 @click.option("--no-browser", is_flag=True, help="Print the address, and open no browser.")
 def command(photos: tuple[Path, ...], recording: Recording, port: int, no_browser: bool) -> None:
-    """Open a page in the browser that deblurs while its sliders move.
+    """Open a page that deblurs while its sliders move.
 
     The page is served to this machine only, and requests nothing from the network. It opens photo, log and camera,
     shows a crop with its PSFs and the check's verdict, copies the command for `rsdeblur deblur`, and saves the full

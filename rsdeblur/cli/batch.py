@@ -67,8 +67,18 @@ Examples:
 """
 
 
+def _only(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -> Path:
+    """Return the only file or folder; several are probably photos that a shell listed."""
+    if len(value) > 1:
+        raise click.UsageError(
+            f"{len(value)} files, but batch takes one manifest or folder; for photos by name: rsdeblur deblur PHOTO...",
+            ctx,
+        )
+    return value[0]
+
+
 @click.command("batch", cls=Command, help=HELP, epilog=EXAMPLES)
-@click.argument("source", type=PATH, metavar="MANIFEST|FOLDER")
+@click.argument("source", type=PATH, metavar="MANIFEST|FOLDER", nargs=-1, required=True, callback=_only)
 @_options.defaults_options
 @numbered_from_option
 @_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)

@@ -129,7 +129,7 @@ def command(
     options: Options,
     target: Target,
 ) -> None:
-    """Deblur several frames of one scene together: PHOTOS, or frames of a video.
+    """Deblur several frames of one scene together. They are PHOTOs, or frames of a video.
 
     Each shaken frame has lost other details; together they have almost all. Frames that do not fit, or places where
     something moves, do not count. EXIF, colour profile and bit depth are those of the reference.
@@ -152,7 +152,8 @@ def command(
         if getattr(recording, name) is None:
             raise click.UsageError(f"Missing option '--{name}'.")
     if frames is None:
-        raise click.UsageError("Missing option '--frames'.")
+        where = "frames of the video" if clip else "lines of --capture that belong to the photos"
+        raise click.UsageError(f"Missing option '--frames': the {where}, counted from 0, like 2,3,5 or 2:6")
     if reference is not None and reference not in frames:
         raise click.UsageError(f"--reference {reference} is not one of --frames")
     if target.output == weights:

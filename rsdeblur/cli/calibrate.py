@@ -105,7 +105,7 @@ def command(
     frames: int,
     target: Target,
 ) -> None:
-    """Calibrate a camera from a CLIP, or from several PHOTOs, and the gyro log.
+    """Calibrate a camera from a CLIP or PHOTOs, and their gyro log.
 
     The motion between frames against the log gives the clock offset, the mounting of the gyro (all 24, and left-handed
     logs by name), the readout time and its direction, the focal length, and the gyro's bias. The clip may be blurred.

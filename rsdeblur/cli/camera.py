@@ -145,7 +145,7 @@ def pixels_of_focal35(focal35: float, size: tuple[int, int]) -> float:
 
 @click.group("camera", epilog=EXAMPLES)
 def command() -> None:
-    """Create, import and show camera files; measure the readout time."""
+    """Create, import and show camera files. Measure the readout time."""
 
 
 @command.command("show", cls=Command)
@@ -153,7 +153,7 @@ def command() -> None:
 @click.option("--name", metavar="CAMERA", help="Name of the camera, if the file has several.")
 @_options.json_option
 def show(file: Path, name: str | None, as_json: bool) -> None:
-    """Show the camera in FILE, which may also be a picture with EXIF."""
+    """Show the camera in FILE. It may also be a picture with EXIF."""
     from rsdeblur.io import open_camera
 
     _print_camera(file, open_camera(file, name=name), as_json)
@@ -204,7 +204,7 @@ def new(
     Lens,
     (
         click.option("--focal-length", type=POSITIVE, help="Focal length in px of your pictures; replaces the file's."),
-        click.option("--focal35", type=POSITIVE, help="The same as 35 mm equivalent; needs --size."),
+        click.option("--focal35", type=POSITIVE, help="Focal length as 35 mm equivalent; needs --size."),
         click.option(
             "--sensor-width",
             type=click.IntRange(min=1),
@@ -267,10 +267,10 @@ def import_(
 def measure_readout(
     photos: tuple[Path, ...], mains: float, horizontal: bool, transfer: Transfer | Auto, as_json: bool
 ) -> None:
-    """Measure the readout time by the bands that a lamp on the mains leaves in each PHOTO.
+    """Measure the readout time by the bands that a lamp leaves.
 
     Take one photo of an evenly lit wall, or better several of one scene from a fixed place, at 1/200 s or shorter: a
-    lamp flickers at twice the mains frequency. Exit code 1 means that there are no clear bands.
+    lamp on the mains flickers at twice the mains frequency. Exit code 1 means that there are no clear bands.
     """
     from rsdeblur.cli._inputs import naming, transfer_of
     from rsdeblur.errors import InputError

@@ -76,7 +76,7 @@ def command(
     report_paths: bool,
     target: Target,
 ) -> None:
-    """Deblur PHOTO in every mode, or those of --mode, and lay the results side by side.
+    """Deblur PHOTO in every mode and show the results side by side.
 
     Writes to DIR the picture of each mode, side-by-side.png with enlarged details, psfs.png with the kernels at their
     places in the picture, and compare.json with times, memory and, with --truth, PSNR and SSIM.

@@ -63,7 +63,7 @@ def command(
     signing: Signing,
     target: PhotoTarget,
 ) -> None:
-    """Deblur each PHOTO; metadata, colour profile and bit depth are kept.
+    """Deblur each PHOTO. Metadata, colour profile and bit depth are kept.
 
     The blur follows from a gyro log, a camera and an exposure, or is given as a kernel: --psf. Several photos share the
     log and the camera; their exposures come from EXIF, with --start exif, or from --capture, by the stamps or frame
@@ -74,8 +74,8 @@ def command(
     if psf is None:
         options = _refinement.with_refinement(options, refine)
     signing.credentials()  # Before the work, a mistake in them is an error once, not for every photo.
-    outputs = _outputs(photos, target.output)
-    make_folder = target.output is not None and len(photos) > 1
+    make_folder = _is_folder(target.output, len(photos))
+    outputs = _outputs(photos, target.output, into_folder=make_folder)
     recordings = [recording] if psf is not None else recordings_of(photos, recording)
 
     def solve(i: int) -> dict[str, Any]:
@@ -131,7 +131,12 @@ def _solve_all(photos: Sequence[Path], solve: Callable[[int], dict[str, Any]]) -
     return entries
 
 
-def _outputs(photos: Sequence[Path], output: Path | None) -> list[Path]:
+def _is_folder(output: Path | None, count: int) -> bool:
+    """Whether results go into a folder, which need not exist: no picture is named without an extension."""
+    return output is not None and (count > 1 or output.is_dir() or not output.suffix)
+
+
+def _outputs(photos: Sequence[Path], output: Path | None, *, into_folder: bool) -> list[Path]:
     """Return the path of each photo's result.
 
     Raises
@@ -144,10 +149,8 @@ def _outputs(photos: Sequence[Path], output: Path | None) -> list[Path]:
         from rsdeblur.io.sessions import SHARP
 
         results = [name.with_name(f"{name.stem}{SHARP}{name.suffix}") for name in names]
-    elif len(photos) == 1 and not output.is_dir():
-        results = [output]
     else:
-        results = [output / name.name for name in names]
+        results = [output / name.name for name in names] if into_folder else [output]
     for i, result in enumerate(results):
         refuse_inputs(result)
         if result in results[:i]:

@@ -48,7 +48,7 @@ def command(
     write: bool,
     as_json: bool,
 ) -> None:
-    """Estimate the clocks' time offset from the blur in PHOTO, or the one that several photos share.
+    """Estimate the time offset of the clocks from the blur in PHOTO. Several PHOTOs share one.
 
     The time offset is camera time minus gyro time. Shifts are relative to the camera file's time offset, or to
     --time-offset. Exit code 1 means that the picture does not determine the offset: use one with more blur, and with

@@ -79,12 +79,12 @@ def command(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Measure the blur of the photos in FOLDER, or of the frames of CLIP, by the gyro log alone.
+    """Measure the blur of photos or frames by the gyro log alone.
 
     No pixels are read. Each picture gets the length of the longest path that a point draws during the exposure, in px,
     and a decision: keep, deblur or drop; unknown where the log does not cover the exposure. FOLDER is a session of a
-    logger, a folder of photos with --gyro and --capture, or a manifest like that of `batch`. Blur by focus and by
-    moving subjects is not in a gyro log.
+    logger, a folder of photos with --gyro and --capture, or a manifest like that of `batch`; CLIP is a video. Blur by
+    focus and by moving subjects is not in a gyro log.
     """
     if output is not None:
         prepare_folder(output, [TABLE, REPORT, PLOT], force=force)

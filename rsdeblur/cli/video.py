@@ -93,7 +93,7 @@ def command(
     jobs: int | None,
     target: Target,
 ) -> None:
-    """Deblur the blurred frames of VIDEO, each with its own exposure window.
+    """Deblur the blurred frames of VIDEO. Each has its own exposure window.
 
     Frames whose blur is at most --above stay as they are; up to twice that, frames are mixed with their deblurred
     version. Sound, motion data, timing, rotation and colour tags are kept. The times of the exposures come from

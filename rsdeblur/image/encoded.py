@@ -188,10 +188,10 @@ def check_size(shape: tuple[int, ...], camera: Camera) -> None:
             "(or 3) -o OUT, or camera.turned() in Python"
         )
     elif abs(width * camera.height - height * camera.width) <= max(width, camera.width):
-        scale = f"{width / camera.width:.6g}"
+        # A factor would not give this size where its sides were rounded in another way.
         hint = (
-            f"if it was resized, scale the camera too: rsdeblur camera import CAMERA --scale {scale} -o OUT, "
-            f"or camera.scaled({scale}) in Python"
+            f"if it was resized, resize the camera too: rsdeblur camera import CAMERA --size {width}x{height} -o OUT, "
+            f"or camera.resized({width}, {height}) in Python"
         )
     else:
         hint = (

@@ -46,7 +46,7 @@ UNIT_OF = {
 
 # Names of columns, in lower case and reduced to letters.
 TIME = re.compile(
-    "(sensor|event|sampling|elapsed|gyro)?(t|ts|time|timestamp|stamp)(sincereboot)?|zeit|temps|tiempo|tempo"
+    "(sensor|event|sampling|elapsed|gyro|motion)?(t|ts|time|timestamp|stamp)(sincereboot)?|zeit|temps|tiempo|tempo"
 )
 # Sensor Logger's second clock, for tables without another.
 ELAPSED = re.compile("(seconds|time)elapsed|elapsed(seconds|time)?")

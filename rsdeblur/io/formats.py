@@ -51,13 +51,14 @@ def text_format(name: str, title: str, sniff: Callable[[TextFile], bool], read: 
     )
 
 
-def choose(formats: Sequence[Format[T]], source: Source, name: str | None = None) -> Format[T]:
+def choose(formats: Sequence[Format[T]], source: Source, name: str | None = None, *, advice: str = "") -> Format[T]:
     """Return the format called `name`; without a name, the first whose `sniff` accepts the content.
 
     Raises
     ------
     FileFormatError
-        If there is no such format; the message names the kind of file that it looks like, or lists the known formats.
+        If there is no such format; the message names the kind of file that it looks like, or gives the advice and
+        lists the known formats.
     """
     known = "; ".join(f"{each.name} ({each.title})" for each in formats)
     if name is not None:
@@ -76,5 +77,6 @@ def choose(formats: Sequence[Format[T]], source: Source, name: str | None = None
         raise error
     start = source.text.head.strip()[:60]
     raise source.text.error(
-        f"unknown {source.what} format, the content starts with {start!r}; known formats: {known}", source.text.rows[0]
+        f"unknown {source.what} format, the content starts with {start!r}{advice}; known formats: {known}",
+        source.text.rows[0],
     )

@@ -32,6 +32,10 @@ GOPRO_VIEW = "0x5a464f56"
 TIMED_EXPOSURES = "Insta360"
 
 
+# Beginnings of the brands of HEIC and AVIF pictures, whose files begin like a video.
+PICTURE_BRANDS = (b"hei", b"hev", b"mif", b"msf", b"avi")
+
+
 class Trailer(NamedTuple):
     """Header of a GYRODATA trailer, and the bytes after it."""
 
@@ -81,7 +85,10 @@ def _read_trailer(source: Source) -> Samples:
 def is_video(source: Source) -> bool:
     """Whether the file is a video of a kind that may contain telemetry."""
     # MP4 and related formats, Blackmagic's included, begin with a box of one of these names; RED's files with RE.
-    return source.head[4:8] in (b"ftyp", b"moov", b"mdat", b"wide", b"skip", b"free") or source.head[4:6] == b"RE"
+    head = source.head
+    if head[4:8] == b"ftyp":
+        return head[8:11] not in PICTURE_BRANDS
+    return head[4:8] in (b"moov", b"mdat", b"wide", b"skip", b"free") or head[4:6] == b"RE"
 
 
 @contextlib.contextmanager
@@ -124,7 +131,10 @@ def telemetry_of(source: Source) -> Telemetry:
             blocks = parser.telemetry(human_readable=False)
             samples = parser.normalized_imu()
     except (OSError, ValueError, RuntimeError) as error:
-        raise source.error(f"the video contains no gyro data that telemetry-parser can read: {error}") from error
+        raise source.error(
+            f"the video contains no gyro data that telemetry-parser can read: {error}; phones write none into their "
+            "videos, a logger app writes a log"
+        ) from error
     except BaseException as error:
         # Its native code panics on some damaged files; the exception for that derives from BaseException only.
         if type(error).__name__ != "PanicException":

@@ -27,6 +27,9 @@ FORMATS: tuple[Format[Samples], ...] = (
     *archives.FORMATS,
     *gyro_tables.FORMATS,
 )
+ADVICE = (
+    "; name the columns of a table in its first line, like t,wx,wy,wz, or with units t_ms,wx_deg_s,wy_deg_s,wz_deg_s"
+)
 
 
 def read_gyro(
@@ -174,4 +177,4 @@ def _choose(path: str | os.PathLike[str], format: str | None) -> tuple[Format[Sa
     for member in members:
         if format is None and any(each.fits(member) for each in FORMATS):
             return choose(FORMATS, member), member, facts
-    return choose(FORMATS, members[0], format), members[0], facts
+    return choose(FORMATS, members[0], format, advice=ADVICE), members[0], facts

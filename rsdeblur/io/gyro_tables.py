@@ -200,6 +200,10 @@ def sensors_beside(grid: FloatArray, t: int) -> tuple[list[Columns], list[Column
 def _read_plain(text: TextFile) -> Samples:
     columns = _plain_columns(text)
     if columns is None:
+        # The user named the format, so columns called x, y and z are rates, unless the file's name says otherwise.
+        refuse_other_sensor(text)
+        columns = named_columns(text, RATE.bare)
+    if columns is None:
         raise text.error("expected four numbers `t wx wy wz`, or a header that names them", text.rows[0])
     return read_columns(text, columns, "sensor")
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io import cameras, captures, gyro_logs, trajectories
 from rsdeblur.io.archives import is_archive
+from rsdeblur.io.columns import RATE, named_columns
 from rsdeblur.io.formats import Format
 from rsdeblur.io.gyro_binary import is_video
 from rsdeblur.io.pictures import is_picture
@@ -40,8 +41,16 @@ def mistaken(source: Source) -> FileFormatError | None:
         fits = (each for each in kind.formats() if each.fits(source)) if kind.name != source.what else iter(())
         if (format := next(fits, None)) is not None:
             title = f" ({format.title})" if format.title != kind.name else ""
-            return source.error(f"not a {source.what}: it looks like a {kind.name}{title}; {kind.advice}")
+            rates = ", or if x, y and z are rates, add --gyro-format plain" if _may_be_rates(source) else ""
+            return source.error(f"not a {source.what}: it looks like a {kind.name}{title}; {kind.advice}{rates}")
     return None
+
+
+def _may_be_rates(source: Source) -> bool:
+    """Whether a file that should be a gyro log is a table of t, x, y and z, which a trajectory may be too."""
+    return (
+        source.what == gyro_logs.WHAT and source.looks_like_text and named_columns(source.text, RATE.bare) is not None
+    )
 
 
 def _plain(name: str, sniff: Callable[[Source], bool]) -> Format[None]:

@@ -46,6 +46,8 @@ KINDS = {
     ".npy": "NumPy",
 }
 DEPTHS = {"JPEG": (8,), "PNG": (8, 16), "TIFF": (8, 16, 32), "WebP": (8,), "NumPy": (8, 16, 32)}
+# Solvers overshoot white a little; values of another scale exceed it by far.
+OVERSHOOT = 2.0
 
 # The largest phone sensors have 200 megapixels, the largest stitched camera files 400.
 MAX_PIXELS = 500_000_000
@@ -248,7 +250,7 @@ def write_picture(
         Path that ends in .jpg, .jpeg, .png, .tif, .tiff, .webp or .npy, which keeps neither EXIF nor profile.
     image : ndarray of float, uint8 or uint16, shape (H, W) or (H, W, C)
         Values in [0, 1]; integers represent them by their full range. Values outside are clipped, except in float32
-        files. C is 2 (grey and alpha), 3 or 4.
+        files, and refused if most are far beyond 1, as of a picture from 0 to 255. C is 2 (grey and alpha), 3 or 4.
     like : Picture, optional
         Source of the bit depth (or the next lower one that the format has), of EXIF, XMP and IPTC, of the file's time,
         of the colour profile if it fits the number of channels, and of the claim, which is signed. Sizes, program,
@@ -262,7 +264,7 @@ def write_picture(
     Raises
     ------
     InputError
-        If `image` has a wrong shape or type, or contains NaN or infinity.
+        If `image` has a wrong shape or type, contains NaN or infinity, or would become white.
     OutputError
         If the extension is unknown, the format does not support `bits`, the size of the picture or a claim, the file
         exists and `force` is not set, or the file cannot be written.
@@ -288,7 +290,9 @@ def write_picture(
     check_writable(path, force=force, signed=claim is not None)
     kind = KINDS[path.suffix.lower()]
     _check_image(image)
-    pixels = quantised(image, _depth(path, kind, like, bits))
+    depth = _depth(path, kind, like, bits)
+    _check_range(path, image, depth, OVERSHOOT)
+    pixels = quantised(image, depth)
     if pixels.ndim == 3 and kind == "JPEG" and pixels.shape[2] in (2, 4):
         pixels = pixels[..., 0] if pixels.shape[2] == 2 else pixels[..., :3]
     metadata = _metadata_for(like, pixels, grey=kind != "WebP") if like else Metadata()
@@ -456,8 +460,8 @@ def _check_image(image: NDArray[Any]) -> None:
         raise InputError(f"image must be finite, got {np.count_nonzero(~np.isfinite(image))} NaN or infinite values")
 
 
-def _check_range(path: Path, image: NDArray[Any], bits: int) -> None:
-    if bits < 32 and validate.mostly_beyond_white(image):
+def _check_range(path: Path, image: NDArray[Any], bits: int, white: float = 1.0) -> None:
+    if bits < 32 and validate.mostly_beyond_white(image, white):
         raise InputError(
             f"{path}: the picture has values of up to {image.max():g}, most of them beyond 1, which is white and the "
             f"most that {bits} bits can hold: divide the picture by its full scale, or write floats (TIFF or .npy)"

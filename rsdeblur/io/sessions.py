@@ -141,7 +141,7 @@ def gyro_log_in(folder: Path, files: list[Path]) -> Path:
         for path in files:
             if word in path.name.lower() and path.suffix.lower() in TABLES and _is_log(path):
                 return path
-    raise FileFormatError(f"{folder}: no gyro log in the folder (a .csv or .txt named like gyro or imu)")
+    raise FileFormatError(f"{folder}: no gyro log in the folder (a .csv or .txt named like gyro or imu); give --gyro")
 
 
 def _is_log(path: Path) -> bool:
@@ -163,7 +163,8 @@ def _captures(folder: Path, files: list[Path]) -> tuple[Path, CaptureFile]:
     candidates = [(path, file) for path in tables if (file := _captures_in(path)) is not None]
     if not candidates:
         raise FileFormatError(
-            f"{folder}: no capture file in the folder (movie_metadata.csv, ..._timestamps.csv or images.txt)"
+            f"{folder}: no capture file in the folder (movie_metadata.csv, ..._timestamps.csv or images.txt); "
+            "give --capture, or for the photos of a camera app: rsdeblur batch --start exif"
         )
     # First a file with all exposure times, then one named after its stamps: flashes are logged like frames.
     return min(candidates, key=lambda pair: (None in pair[1].durations, "timestamps" not in pair[0].name.lower()))

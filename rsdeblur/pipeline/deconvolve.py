@@ -174,5 +174,6 @@ def check_bank(bank: PsfBank, shape: tuple[int, ...]) -> None:
         if places[0] < 0 or places[-1] > length - 1 or (np.diff(places) < 1).any():
             raise InputError(
                 f"{name} of the PSFs must lie within the picture of {width}x{height} px, a pixel or more apart, got "
-                f"{places.tolist()}"
+                f"{len(places)} from {places[0]:g} to {places[-1]:g} px; PSFs fit pictures of the size that "
+                "they were made for"
             )

@@ -116,6 +116,7 @@ def test_results_of_folders_are_no_picture(run, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("more", "code", "message"),
     [
+        ([], 2, "Missing option '--frames': the lines of --capture that belong to the photos"),
         (["--frames", "0,1,2"], 2, "names 3 exposures for 2 photos"),
         (["--frames", "0,7"], 1, "there is no exposure 7; the last one is 1"),
         (["--frames", "1:0"], 2, "neither a list of numbers"),

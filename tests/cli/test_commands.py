@@ -453,6 +453,10 @@ def test_several_photos(run: Run, files: Files, tmp_path: Path) -> None:
     alone = read_picture(tmp_path / "frame_0-sharp.png").pixels
     np.testing.assert_array_equal(alone, read_picture(tmp_path / "sharp" / "frame_0.png").pixels)
 
+    # A single photo makes the folder too.
+    assert run("deblur", names[0], *files.sources, *capture, "--index", "0", "-o", tmp_path / "new").exit_code == 0
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["frame_0.png"]
+
     result = run("deblur", *names, *files.recording)
     assert result.exit_code == 2
     assert "3 photos, but --start is one moment" in result.stderr

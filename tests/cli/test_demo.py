@@ -1,14 +1,17 @@
-"""The demo refuses sizes before it writes anything."""
+"""The demo refuses sizes before it writes anything, and its logs are those of the apps that it plays."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import Result
 
 from rsdeblur.cli import demo
+from rsdeblur.cli._demo_session import recording
+from rsdeblur.io import open_gyro
 
 Run = Callable[..., Result]
 
@@ -39,3 +42,16 @@ def test_a_size_is_refused_before_anything_is_written(
 def test_usual_sizes_are_taken(size: tuple[int, int], session: str | None) -> None:
     for seed in range(3):
         demo._check_size(size, seed, session)
+
+
+@pytest.mark.parametrize(
+    ("session", "name", "format"),
+    [("stock-camera", "Gyroscope.csv", "sensorlogger"), ("recording", "gyro_accel.csv", "mars")],
+)
+def test_the_log_is_that_of_the_app(run: Run, tmp_path: Path, session: str, name: str, format: str) -> None:
+    assert run("demo", f"--{session}", "--size", "64x64", "-o", tmp_path).exit_code == 0
+    file = open_gyro(tmp_path / name)
+    log, _, _ = recording(session, (64, 64), 0)
+    assert (file.format, file.axes, file.log.epoch_ns) == (format, "phone", log.epoch_ns)
+    # The file has nine decimals.
+    np.testing.assert_allclose(file.log.omega, log.omega, rtol=0, atol=6e-10)

@@ -225,11 +225,13 @@ def test_what_is_missing_of_the_exposure_is_named(run: Run, files: Files, tmp_pa
         (["--start", "0.2"], "Error: the exposure time is missing: give --duration"),
         (["--duration", "0.04"], "Error: the start of the exposure is missing: give --capture"),
         ([], "Error: the exposure is missing: give --capture"),
+        ([], "--start (exif: the time in the photo's EXIF block)"),
     ):
         result = run(*base, *options)
         assert result.exit_code == 2
         assert message in result.stderr
     refused(run(*base, "--start", "0.2", "--duration", "50"), "did you mean 50ms or 1/50?")
+    assert "EXIF" not in run("psf", *files.sources, "--start", "0.2").stderr
 
 
 def test_capture_out_of_range(run: Run, files: Files, tmp_path: Path) -> None:
@@ -310,6 +312,11 @@ def test_info_on_unknown_files(run: Run, files: Files, tmp_path: Path) -> None:
     strange = tmp_path / "strange.bin"
     strange.write_bytes(bytes(range(256)) * 8)
     refused(run("info", strange), strange)
+    table = tmp_path / "rates.csv"
+    table.write_text("time_ms,rot_x,rot_y,rot_z\n0,1,2,3\n")
+    refused(
+        run("info", table), table, "unknown gyro log format", "like t,wx,wy,wz", "not a camera file, a capture file"
+    )
     mixed = run("info", strange, files.camera)
     refused(mixed, strange)
     assert f"{files.camera}: camera" in mixed.stdout

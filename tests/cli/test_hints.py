@@ -44,6 +44,9 @@ def test_a_start_counted_from_the_first_sample() -> None:
     log = GyroLog(np.linspace(0.0, 0.6, 121), np.zeros((121, 3)), 1_560_000_000_000)
     assert start_hint(0.25, None, log) == "; did you mean --start 1560.25, as the log begins at 1560 s?"
     assert start_hint(1560.25, None, log) == ""
+    # Unix time, as of Sensor Logger.
+    late = GyroLog(np.linspace(0.0, 0.6, 121), np.zeros((121, 3)), 1_700_000_000_000_000_000)
+    assert start_hint(0.25, None, late) == "; did you mean --start 1700000000.25, as the log begins at 1700000000 s?"
     # The start in ms, which lies far after the end.
     assert start_hint(1_560_250.0, None, log) == "; did you mean --start 1560250ms?"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -47,6 +48,14 @@ def test_every_help_has_examples(name: str) -> None:
     assert f"Examples:\n    rsdeblur {name} " in result.stdout
 
 
+@pytest.mark.parametrize("group", [[], ["camera"]])
+def test_the_list_of_commands_is_not_cut_off(group: list[str]) -> None:
+    text = CliRunner().invoke(main, [*group, "--help"], terminal_width=80).stdout
+    listed = text.split("Commands:\n")[1].split("\n\n")[0].splitlines()
+    assert len(listed) >= 4
+    assert [line for line in listed if line.endswith("...")] == []
+
+
 def test_wrong_usage_exits_with_2() -> None:
     for arguments in (["unknown"], ["deblur"], ["demo", "--size", "big", "-o", "x"], ["info"]):
         result = CliRunner().invoke(main, arguments)
@@ -69,11 +78,18 @@ def test_an_unknown_command_gets_a_suggestion() -> None:
         (["deblr"], "did you mean deblur?"),
         (["camera", "imprt"], "Did you mean 'import'?"),
         ([__file__], f"it is a file; did you mean deblur {__file__}?"),
+        ([str(Path(__file__).parent)], f"it is a folder; did you mean batch {Path(__file__).parent}?"),
     ):
         result = CliRunner().invoke(main, arguments)
         assert result.exit_code == 2
         assert hint in result.stderr
     assert CliRunner().invoke(main, ["help", "sync"]).stdout == CliRunner().invoke(main, ["sync", "--help"]).stdout
+
+
+def test_a_group_without_a_command_shows_its_help_once() -> None:
+    result = CliRunner().invoke(main, ["camera"])
+    assert result.exit_code == 2
+    assert result.output == CliRunner().invoke(main, ["camera", "--help"]).output
 
 
 def test_long_lists_of_options_are_in_sections() -> None:

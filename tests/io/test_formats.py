@@ -78,6 +78,9 @@ TABLES = {
             "{t},1,{x},{y},{z}", "plain", "sensor"),
     "sensorlog": ("loggingTime(txt),gyroTimestamp_sinceReboot(s),gyroRotationX(rad/s),gyroRotationY(rad/s),"
                   "gyroRotationZ(rad/s)\n", "2020-01-01,{s},{x},{y},{z}", "plain", "sensor"),
+    "sensorlog without the gyro itself": ("motionTimestamp_sinceReboot(s),motionYaw(rad),motionRotationRateX(rad/s),"
+                                          "motionRotationRateY(rad/s),motionRotationRateZ(rad/s)\n",
+                                          "{s},9,{x},{y},{z}", "plain", "sensor"),
     "seven columns": ("", "{t} {x} {y} {z} 0.1 -9.7 1.1", "plain", "sensor"),
     "seven columns, accelerometer first": ("", "{t} 0.1 -9.7 1.1 {x} {y} {z}", "plain", "sensor"),
     "seconds elapsed alone": ("seconds_elapsed,GYRO Z (rad/s),GYRO Y (rad/s),GYRO X (rad/s)\n", "{s},{z},{y},{x}",

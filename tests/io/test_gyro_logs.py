@@ -251,6 +251,23 @@ def test_a_log_without_stamps_needs_the_sampling_rate(write: Write) -> None:
         read_gyro(write(table()), rate=200.0)
 
 
+def test_columns_of_other_names_get_advice(write: Write) -> None:
+    for header in ("time_ms,rot_x,rot_y,rot_z", "stamp,roll rate,pitch rate,yaw rate"):
+        with pytest.raises(FileFormatError, match="name the columns of a table in its first line, like t,wx,wy,wz, or"):
+            read_gyro(write(f"{header}\n0,1,2,3\n5,1,2,3\n"))
+    log = read_gyro(write("t_ms,wx_deg_s,wy_deg_s,wz_deg_s\n0,1,2,3\n5,1,2,3\n"))
+    np.testing.assert_allclose(np.rad2deg(log.omega[0]), [1, 2, 3], atol=1e-12)
+
+
+def test_the_user_says_that_x_y_and_z_are_rates(write: Write) -> None:
+    path = write("t_us,x,y,z\n0,1,2,3\n5000,1,2,3\n")
+    with pytest.raises(FileFormatError, match=r"looks like a trajectory .* if x, y and z are rates, add --gyro-format"):
+        read_gyro(path)
+    np.testing.assert_array_equal(read_gyro(path, "plain").omega, [[1, 2, 3], [1, 2, 3]])
+    with pytest.raises(FileFormatError, match="named after another sensor"):
+        read_gyro(path.rename(path.with_name("accelerometer.csv")), "plain")
+
+
 def test_a_row_of_units_may_follow_the_names(write: Write) -> None:
     log = read_gyro(write("t;gx;gy;gz\n[ms];deg/s;deg/s;deg/s\n0;1;2;3\n5;0,5;1,5;-2\n"))
     np.testing.assert_array_equal(log.t, [0, 0.005])

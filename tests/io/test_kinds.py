@@ -126,6 +126,17 @@ def test_videos_are_named(tmp_path: Path, reader: str) -> None:
         READERS[reader](path)
 
 
+@pytest.mark.parametrize(("brand", "message"), [(b"heic", "it looks like a picture"), (b"avif", "the file is binary")])
+def test_pictures_that_begin_like_a_video_are_none(tmp_path: Path, brand: bytes, message: str) -> None:
+    path = tmp_path / "photo.bin"
+    path.write_bytes(b"\0\0\0\x18ftyp" + brand + bytes(64))
+    with pytest.raises(FileFormatError, match=f"not a gyro log: {message}"):
+        rsdeblur.read_gyro(path)
+    if brand == b"avif":
+        with pytest.raises(FileFormatError, match=r"not a JPEG, .* picture; convert other pictures first"):
+            rsdeblur.read_picture(path)
+
+
 @pytest.mark.parametrize("reader", ["capture file", "camera file", "trajectory", "picture"])
 def test_archives_of_logger_apps_are_named(tmp_path: Path, reader: str) -> None:
     path = tmp_path / "export.zip"

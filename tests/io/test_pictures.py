@@ -160,9 +160,9 @@ def test_constant_pictures(tmp_path: Path, extension: str, value: float) -> None
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
 def test_values_are_clipped_and_rounded(tmp_path: Path, dtype: type) -> None:
-    image = np.array([[-1.0, 0.0, 0.25, 1.0, 7.0]], dtype)
+    image = np.array([[-1.0, 0.0, 7.0, 1.0, 0.25]], dtype)
     write_picture(tmp_path / "picture.png", image, bits=16)
-    np.testing.assert_array_equal(read_picture(tmp_path / "picture.png").pixels, [[0, 0, 16384, 65535, 65535]])
+    np.testing.assert_array_equal(read_picture(tmp_path / "picture.png").pixels, [[0, 0, 65535, 65535, 16384]])
 
 
 def test_float_pictures_keep_what_is_brighter_than_white(tmp_path: Path) -> None:
@@ -440,6 +440,16 @@ def test_premultiplied_colours_are_divided_by_alpha(tmp_path: Path, dtype: str) 
         # Half of a level is two levels, as the stored values are cut to whole ones.
         np.testing.assert_allclose(pixels, straight, atol=2e-7 if full == 1 else 2)
         assert pixels.dtype == dtype
+
+
+def test_values_of_another_scale_do_not_become_white(tmp_path: Path) -> None:
+    """Those of solvers, which overshoot white, do."""
+    path = tmp_path / "picture.png"
+    with pytest.raises(InputError, match=r"up to 255, most of them beyond 1, .* divide the picture by its full scale"):
+        write_picture(path, np.full((8, 8), 255.0))
+    assert not path.exists()
+    write_picture(path, np.full((8, 8), 1.1))
+    write_picture(tmp_path / "light.tif", np.full((8, 8), 255.0), bits=32)
 
 
 @pytest.mark.parametrize("dtype", ["int8", "int16"])

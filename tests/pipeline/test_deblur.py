@@ -343,7 +343,8 @@ def test_bad_arguments_are_refused(log: GyroLog, kwargs: dict[str, object], mess
     ("image", "message"),
     [
         (np.zeros((192, 160)), "turned by a quarter"),
-        (np.zeros((80, 96)), r"camera.scaled\(0.5\)"),
+        (np.zeros((80, 96)), r"--size 96x80 -o OUT, or camera.resized\(96, 80\)"),
+        (np.zeros((121, 144)), r"--size 144x121"),
         (np.zeros((100, 100)), "camera.cropped"),
         (np.zeros((160, 192, 5)), "C from 1 to 4"),
         (np.zeros(7), "must have shape"),
