@@ -173,7 +173,7 @@ def _plain_columns(text: TextFile) -> Columns | None:
     if named is not None:
         return named
     bare = named_columns(text, RATE.bare)
-    if bare is not None and (any(bare.value_units) or "gyr" in text.path.stem.lower()):
+    if bare is not None and (any(bare.value_units) or bare.sensors or "gyr" in text.path.stem.lower()):
         return bare
     for width in (4, 7):
         grid = layout_grid(text, width)

@@ -251,7 +251,7 @@ def _stamps(samples: Samples, rate: float | None, error: Callable[[str], FileFor
             raise error("the file contains stamps; leave out the sampling rate (rate, --rate)")
         return samples.ns
     if rate is None:
-        raise error("the file contains no stamps; give the sampling rate in Hz (rate, --rate)")
+        raise error("the file contains no stamps; give the sampling rate in Hz (rate, --rate), or call their column t")
     rate = validate.finite("rate", rate, above=0.0)
     if not SPACING[0] <= 1e9 / rate <= SPACING[1]:
         raise InputError(f"rate must be a gyro's sampling rate from 20 to 8000 Hz, got {rate:g}")
