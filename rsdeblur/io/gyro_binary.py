@@ -81,6 +81,8 @@ def _read_trailer(source: Source) -> Samples:
 def is_video(source: Source) -> bool:
     """Whether the file is a video of a kind that may contain telemetry."""
     # MP4 and related formats, Blackmagic's included, begin with a box of one of these names; RED's files with RE.
+    if source.head[4:12] in (b"ftypavif", b"ftypavis"):
+        return False
     return source.head[4:8] in (b"ftyp", b"moov", b"mdat", b"wide", b"skip", b"free") or source.head[4:6] == b"RE"
 
 
