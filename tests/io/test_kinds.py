@@ -154,7 +154,7 @@ def test_json_that_was_cut_off_is_named(tmp_path: Path, reader: str) -> None:
 
 def test_what_pillow_does_not_know_is_neither_a_camera_nor_a_video(tmp_path: Path) -> None:
     (tmp_path / "x.avif").write_bytes(b"\0\0\0 ftypavif" + bytes(40))
-    with pytest.raises(FileFormatError, match="not a JPEG, PNG, .* convert other pictures first"):
+    with pytest.raises(FileFormatError, match=r"not a JPEG, PNG, .* convert other pictures first"):
         rsdeblur.read_picture(tmp_path / "x.avif")
     Image.new("L", (1, 1)).save(tmp_path / "x.png")
     content = bytearray((tmp_path / "x.png").read_bytes())
