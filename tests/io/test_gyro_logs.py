@@ -324,6 +324,13 @@ def test_tables_of_other_apps_and_spreadsheets(write: Write, text: str) -> None:
     np.testing.assert_array_equal(log.omega, RATES)
 
 
+@pytest.mark.parametrize("names", ["Time Gyroscope", "Zeit Gyroskop", "Tiempo Giroscopio"])
+def test_phyphox_names_columns_in_the_language_of_its_user(write: Write, names: str) -> None:
+    time, gyro = names.split()
+    header = ",".join([f'"{time} (s)"', *(f'"{gyro} {axis} (rad/s)"' for axis in "xyz")])
+    assert detect_gyro_format(write(spelled(header + "\n"))) == "phyphox"
+
+
 def test_samples_of_several_sensors_are_no_rates(write: Write) -> None:
     rows = "".join(f"{i},gyro,0.1,0,{i % 3}\n{i + 5},accelerometer,0,9.8,{i % 4}\n" for i in range(0, 400, 10))
     with pytest.raises(FileFormatError, match=r"line 2: column 2 names several sensors \(accelerometer, gyro\)"):
