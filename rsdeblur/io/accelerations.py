@@ -20,7 +20,7 @@ from rsdeblur.io.source import Source
 from rsdeblur.io.text import TextFile, line_error
 from rsdeblur.motion.acceleration import AccelerationLog
 
-WHAT = "accelerometer log"
+WHAT = "log of an accelerometer"
 # Sensor Logger's names; its "Accelerometer" is without gravity.
 SENSORS = ("TotalAcceleration", "AccelerometerUncalibrated", "Accelerometer")
 

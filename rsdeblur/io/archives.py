@@ -68,7 +68,9 @@ def members_of(source: Source, order: Callable[[str], tuple[bool, bool, str]] = 
     except DAMAGE as error:
         raise source.error(f"the archive is damaged or encrypted: {error}") from error
     if not members:
-        raise source.error(f"the archive contains no {source.what}")
+        # A spreadsheet is an archive, too.
+        sheet = b"[Content_Types].xml" in source.head or b"mimetypeapplication/vnd.oasis" in source.head
+        raise source.error("a spreadsheet; save it as CSV" if sheet else f"the archive contains no {source.what}")
     return members
 
 

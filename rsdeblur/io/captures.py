@@ -25,7 +25,7 @@ MARS_COLUMNS = (
     re.compile(r"timestamp\s*\[nanosec\]"),
     re.compile(r"exposure (time|duration)\s*\[nanosec\]"),
 )
-STAMP = re.compile("(frame)?timestamp")
+STAMP, EXPOSURE = re.compile("(frame)?timestamp"), re.compile("exposure(time|duration)?")
 # s between frames, from 2000 to 2 per second.
 FRAME_SPACING = (0.0005, 0.5)
 # s; the fastest electronic shutters of cameras take ten times as long.
@@ -104,8 +104,18 @@ def open_captures(path: str | os.PathLike[str]) -> CaptureFile:
     return choose(FORMATS, source).read(source)
 
 
-def _captures(format: str, text: TextFile, rows: Rows, columns: Sequence[int], unit: str | None = None) -> CaptureFile:
-    """Read stamps and, if there is a second column, exposure times, in `unit` or what the stamps look like."""
+def _captures(
+    format: str,
+    text: TextFile,
+    rows: Rows,
+    columns: Sequence[int],
+    unit: str | None = None,
+    exposure_unit: str | None = None,
+) -> CaptureFile:
+    """Read stamps and, if there is a second column, exposure times, in `unit` or what the stamps look like.
+
+    `exposure_unit` is that of exposure times in another unit.
+    """
     table = read_table(text, rows, columns[:1])
     unit = unit or _unit_of_stamps(table)
     stamps = table.nanoseconds(TIME_UNITS[unit]).tolist()
@@ -118,6 +128,7 @@ def _captures(format: str, text: TextFile, rows: Rows, columns: Sequence[int], u
     # Phones that do not report exposure times write `null`.
     timed = [row for row in rows if cells_of(text.lines[row])[columns[1] :][:1] != ["null"]]
     values = read_table(text, timed, columns).values[:, 0] if timed else ()
+    unit = exposure_unit or unit
     per_second = 1e9 / float(TIME_UNITS[unit])
     durations = {row: float(value) / per_second for row, value in zip(timed, values, strict=True)}
     for row, duration in durations.items():
@@ -167,17 +178,29 @@ def _sniff_image_info(text: TextFile) -> bool:
     return _has_numbers(text, IMAGE_INFO_CELLS) and float(cells_of(text.head)[4]) > 1
 
 
-def _stamp_header(text: TextFile) -> str | None:
-    """Return the unit in a header `timestamp[unit]`; None without such a header, and for that of a gyro log."""
+def _stamp_header(text: TextFile) -> list[Cell] | None:
+    """Return the cells of a header `timestamp` or `timestamp[unit], ...`; None for that of a gyro log."""
     if named_columns(text) is not None:
         return None
-    cell = Cell.of(re.split(r"[,;|\t]", text.head, maxsplit=1)[0])
-    return cell.unit if STAMP.fullmatch(cell.name) and cell.unit in TIME_UNITS else None
+    cells = [Cell.of(cell.strip('" ')) for cell in re.split(r"[,;|\t]", text.head)]
+    known = cells[0].unit in TIME_UNITS or (len(cells) == 1 and not cells[0].unknown)
+    return cells if known and STAMP.fullmatch(cells[0].name) else None
 
 
 def _read_stamps(text: TextFile) -> CaptureFile:
-    unit = _stamp_header(text)
-    return _captures("stamps", text, text.rows[1:] if unit else text.rows, [0], unit)
+    cells = _stamp_header(text) or []
+    exposures = [k for k, cell in enumerate(cells) if EXPOSURE.fullmatch(cell.name) and cell.unit in TIME_UNITS][:1]
+    units = [cells[k].unit for k in (0, *exposures)] if cells else []
+    rows = text.rows[1:] if cells else text.rows
+    file = _captures("stamps", text, rows, [0, *exposures], *units)
+    spacing = float(np.median(np.diff(file.stamps))) if len(file.stamps) > 1 else np.inf
+    if not any(units) and spacing < 1e9 * FRAME_SPACING[0]:
+        raise text.error(
+            f"whole numbers are taken as ns, but then the captures are {spacing:g} ns apart; name the unit in a "
+            "header, like timestamp[ms]",
+            rows[0],
+        )
+    return file
 
 
 def _read_trailer(source: Source) -> CaptureFile:

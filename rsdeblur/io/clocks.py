@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass
 
 from rsdeblur.io.source import Source
+from rsdeblur.io.text import cells_of
 
 WHAT = "file of clocks"
 SOURCE = re.compile(r"SENSOR_INFO_TIMESTAMP_SOURCE is (?:SENSOR_INFO_TIMESTAMP_SOURCE_)?(REALTIME|UNKNOWN)")
@@ -68,7 +69,7 @@ def read_clocks(path: str | os.PathLike[str]) -> Clocks:
         raise source.error("not an edge_epochs.txt: it does not contain Android's SENSOR_INFO_TIMESTAMP_SOURCE")
     differences: list[int] = []
     for row in text.rows:
-        cells = text.lines[row].split()
+        cells = cells_of(text.lines[row])
         if len(cells) != 3 or not all(re.fullmatch(r"-?\d+", cell) for cell in cells):
             raise text.error("expected three whole numbers of ns: both clocks and their difference", row)
         boot, nano, difference = map(int, cells)

@@ -26,13 +26,13 @@ TIME_SPELLINGS = {
     "ns": "ns nsec nanosec nanoseconds",
 }
 RATE_SPELLINGS = {
-    "rad/s": "rad/s rads rads^-1 rads-1 rad*s^-1 rad/sec radians/s radians/sec radianspersecond rad_s",
-    "deg/s": "deg/s degs^-1 degs-1 deg/sec °/s º/s °/sec dps degrees/s degrees/sec degreespersecond deg_s",
+    "rad/s": "rad/s rads rads^-1 rads-1 rads⁻¹ rad·s⁻¹ rad*s^-1 rad/sec radians/s radians/sec radianspersecond rad_s",
+    "deg/s": "deg/s degs^-1 degs-1 degs⁻¹ deg/sec °/s °s⁻¹ º/s °/sec dps degrees/s degrees/sec degreespersecond deg_s",
     "mrad/s": "mrad/s",
     "mdeg/s": "mdeg/s mdps",
 }
 ACCELERATION_SPELLINGS = {
-    "m/s^2": "m/s^2 m/s2 m/s² ms^-2 ms-2 m*s^-2 m/s/s mps2 m/sec^2",
+    "m/s^2": "m/s^2 m/s2 m/s² ms^-2 ms-2 ms⁻² m*s^-2 m/s/s mps2 m/sec^2",
     "g": "g",
     "mg": "mg",
 }
@@ -46,7 +46,8 @@ UNIT_OF = {
 
 # Names of columns, in lower case and reduced to letters.
 TIME = re.compile(
-    "(sensor|event|sampling|elapsed|gyro|motion)?(t|ts|time|timestamp|stamp)(sincereboot)?|zeit|temps|tiempo|tempo"
+    "(sensor|event|sampling|elapsed|gyro|motion|unix|epoch)?(t|ts|time|timestamp|stamp)(since(reboot|start|boot))?"
+    "|zeit|temps|tiempo|tempo"
 )
 # Sensor Logger's second clock, for tables without another.
 ELAPSED = re.compile("(seconds|time)elapsed|elapsed(seconds|time)?")
@@ -54,8 +55,13 @@ GYRO = (
     "w|omega|g|gyr|gyro|gyroscope|gyroskop|giroscopio|gyrorotation|(motion)?rotationrate"
     "|(field)?angular(velocity|rate)|angvel|wrss"
 )
+# A column that says whose sample a row is.
+SENSOR = re.compile("(sensor|device)(type|name|id)?|type")
 # Without gravity ("linear", "user"), accelerations are of no use.
 ACCELEROMETER = "a|alpha|acc|accl|accel|accelero(meter)?|acceleration|beschleunigung|total(acc|acceleration)|arss"
+
+# Units that may follow a name without brackets: `t_ns`, `gx_deg/s`, `Time since start in ms`.
+SUFFIX = re.compile(rf"(.*?)(?:_| in )({'|'.join(map(re.escape, UNIT_OF))}|rad_s|deg_s)\s*")
 
 # Longest cell that may be a name: the patterns take time in proportion to the square of the length.
 CELL_WIDTH = 100
@@ -83,7 +89,7 @@ class Quantity:
     @property
     def bare(self) -> Quantity:
         """The quantity whose columns may also be called x, y and z alone."""
-        names = (re.compile(rf"{axis}|{name.pattern}") for axis, name in zip("xyz", self.names, strict=True))
+        names = (re.compile(rf"{axis}(axis)?|{name.pattern}") for axis, name in zip("xyz", self.names, strict=True))
         return Quantity(tuple(names), self.spellings)
 
 
@@ -105,6 +111,11 @@ class Columns:
     start: int = 0
     names: tuple[str, ...] = ()
 
+    @property
+    def sensors(self) -> list[int]:
+        """Places of columns that say whose sample a row is."""
+        return [k for k, name in enumerate(self.names) if SENSOR.fullmatch(name)]
+
 
 @dataclass(frozen=True, slots=True)
 class Cell:
@@ -125,7 +136,7 @@ class Cell:
         text = text.lower()
         match = re.fullmatch(r"(.*?)\s*[\[(](.*?)[\])]", text)
         if match is None:
-            match = re.fullmatch(r"(.*?)_(ns|us|ms|s|rad_?s|deg_?s|dps)", text)
+            match = SUFFIX.fullmatch(text)
         name, unit = match.groups() if match else (text, "")
         known = _unit_of(unit)
         return cls(re.sub(r"[^a-z]", "", name), known, bool(unit) and known is None)
@@ -170,8 +181,8 @@ def named_columns(text: TextFile, values: Quantity = RATE, *, stamped: bool = Tr
 def check_layout(text: TextFile, rows: Rows, columns: Columns) -> None:
     """Raise `FileFormatError` if some rows contradict the columns.
 
-    A row has more cells than the header names, as those of a comma table with decimal commas have; or the stamps do not
-    rise, but another column does.
+    A row has more cells than the header names, as those of a comma table with decimal commas have; or the rows are
+    samples of several sensors; or the stamps do not rise, but another column does.
     """
     some = spread(rows, LAYOUT_ROWS)
     cells = [cells_of(text.lines[row]) for row in some]
@@ -181,6 +192,13 @@ def check_layout(text: TextFile, rows: Rows, columns: Columns) -> None:
                 f"{len(found)} cells, but the header names {len(columns.names)} columns; if the numbers have decimal "
                 "commas, separate the columns by semicolons or tabs",
                 row,
+            )
+    for k in columns.sensors:
+        sensors = sorted({found[k] for found in cells if k < len(found)})
+        if len(sensors) > 1:
+            raise text.error(
+                f"column {k + 1} names several sensors ({', '.join(sensors)[:80]}); keep the lines of one only",
+                some[0],
             )
     place = columns.places[0]
     width = min([LAYOUT_COLUMNS, *map(len, cells)])

@@ -75,6 +75,8 @@ def choose(formats: Sequence[Format[T]], source: Source, name: str | None = None
 
     if (error := mistaken(source)) is not None:
         raise error
+    if source.looks_like_json and b"{" in source.head:
+        _ = source.json  # raises with the place where a file was cut off
     start = source.text.head.strip()[:60]
     raise source.text.error(
         f"unknown {source.what} format, the content starts with {start!r}{advice}; known formats: {known}",

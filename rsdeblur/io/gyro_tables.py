@@ -35,6 +35,12 @@ GYRO_TYPE, UNCALIBRATED_TYPE, ACCELEROMETER_TYPE = "4", "16", "1"
 # Columns of `type t_ns x y z`.
 TAGGED = Columns((1, 2, 3, 4), "ns")
 
+# Names of phyphox's first columns in the languages of its users.
+PHYPHOX = (
+    *(("time", "gyroscopex"), ("zeit", "gyroskopx"), ("temps", "gyroscopex")),
+    *(("tiempo", "giroscopiox"), ("tempo", "giroscopiox")),
+)
+
 BIASED = {"bias": "not removed by the phone"}
 
 # Words in the file names of other sensors, whose tables may have the same columns as a gyro's.
@@ -92,7 +98,7 @@ def _sniff_euroc(text: TextFile) -> bool:
 
 def _sniff_phyphox(text: TextFile) -> bool:
     columns = named_columns(text)
-    return columns is not None and columns.names[:2] == ("time", "gyroscopex") and columns.time_unit == "s"
+    return columns is not None and columns.time_unit == "s" and columns.names[:2] in PHYPHOX
 
 
 def _sensorlogger_columns(text: TextFile) -> Columns | None:
@@ -173,7 +179,7 @@ def _plain_columns(text: TextFile) -> Columns | None:
     if named is not None:
         return named
     bare = named_columns(text, RATE.bare)
-    if bare is not None and (any(bare.value_units) or "gyr" in text.path.stem.lower()):
+    if bare is not None and (any(bare.value_units) or bare.sensors or "gyr" in text.path.stem.lower()):
         return bare
     for width in (4, 7):
         grid = layout_grid(text, width)

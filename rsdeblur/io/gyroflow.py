@@ -61,13 +61,13 @@ def readout_of(table: Mapping[str, Any]) -> dict[str, Any]:
 
 def is_gcsv(text: TextFile) -> bool:
     """Whether the file is a `.gcsv` log."""
-    return text.lines[0].strip().strip(",;").upper() in TITLES
+    return text.head.strip().strip('",;').upper() in TITLES
 
 
 def read_gcsv(text: TextFile, sensor: str = "g", unit: str = "rad/s") -> Samples:
     """Read the gyro ("g", in rad/s) or the accelerometer ("a", in g) of a `.gcsv` file, both times their scale."""
     if not is_gcsv(text):
-        raise text.error(f"not a Gyroflow log: the first line must read {' or '.join(TITLES)}", 0)
+        raise text.error(f"not a Gyroflow log: the first line must read {' or '.join(TITLES)}", text.rows[0])
     columns = [sensor + axis for axis in "xyz"]
     keys: dict[str, tuple[str, int]] = {}
     for i, (row, line) in enumerate(zip(text.rows, text.filled(), strict=True)):
@@ -75,9 +75,9 @@ def read_gcsv(text: TextFile, sensor: str = "g", unit: str = "rad/s") -> Samples
         if len(names) >= 4 and names[0] in ("t", "time") and set(columns) <= set(names):
             places = [0, *map(names.index, columns)]
             return _gcsv_samples(text, text.rows[i + 1 :], places, keys, f"{sensor}scale", unit)
-        key, *value = (part.strip() for part in re.split("[,:]", line, maxsplit=1))
+        key, *value = (part.strip(' "') for part in re.split("[,:;]", line.strip().rstrip(",;"), maxsplit=1))
         if value:
-            keys[key.lower()] = (value[0].rstrip(",;").strip(), int(row))
+            keys[key.lower()] = (value[0], int(row))
     raise text.error(f"the Gyroflow log has no line `t,{','.join(columns)}` above its samples")
 
 

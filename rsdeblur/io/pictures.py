@@ -185,7 +185,10 @@ def _decoding(path: Path) -> Iterator[None]:
         # Imported here because it imports the readers of all kinds.
         from rsdeblur.io.kinds import mistaken
 
-        raise mistaken(Source(path, "picture")) or FileFormatError(
+        source = Source(path, "picture")
+        if is_picture(source):
+            raise FileFormatError(f"{path}: the picture is truncated or damaged: its header cannot be read") from None
+        raise mistaken(source) or FileFormatError(
             f"{path}: not a JPEG, PNG, TIFF, WebP, NumPy, HEIC or raw picture; convert other pictures first"
         ) from None
     except (Image.DecompressionBombError, _tiff.Unsupported, _heif.MissingPackage, untrusted.Blocked) as error:

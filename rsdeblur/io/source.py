@@ -74,8 +74,8 @@ class Source:
     def _parsed(self) -> TextFile | FileFormatError:
         # An error is cached as well, because every format asks for the text.
         try:
-            # A binary file, perhaps a video of gigabytes, is not read: one zero byte replaces it.
-            return TextFile.parse(self.path, self.data if self.looks_like_text else b"\0" * bool(self.head), self.what)
+            # A binary file, perhaps a video of gigabytes, is not read beyond its start.
+            return TextFile.parse(self.path, self.data if self.looks_like_text else self.head, self.what)
         except FileFormatError as error:
             return error
 

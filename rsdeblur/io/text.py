@@ -35,6 +35,19 @@ COMMA_ROWS = 50
 # Stamps that are converted at a time, to bound memory.
 BLOCK = 2**16
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+# First bytes of files that contain a log, but not as text.
+PACKED = {
+    b"\x1f\x8b": "compressed (gzip); unpack it",
+    b"BZh": "compressed (bzip2); unpack it",
+    b"\xfd7zXZ": "compressed (xz); unpack it",
+    b"(\xb5/\xfd": "compressed (zstd); unpack it",
+    b"7z\xbc\xaf": "a 7z archive; unpack it",
+    b"Rar!": "a RAR archive; unpack it",
+    b"\xd0\xcf\x11\xe0": "a spreadsheet; save it as CSV",
+    b"MATLAB ": "a MAT-file; save the table as CSV",
+    b"SQLite format": "a database; export the table as CSV",
+}
+DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*", re.ASCII)
 
 Rows = NDArray[np.intp]
 
@@ -74,14 +87,30 @@ class TextFile:
         except UnicodeDecodeError:
             text = "\0"
         if "\0" in text:
-            raise FileFormatError(f"{path}: not a {what}: the file is binary, or text of another encoding than UTF-8")
+            packed = (kind for mark, kind in PACKED.items() if data.startswith(mark))
+            problem = next(packed, "binary, or text of another encoding than UTF-8")
+            raise FileFormatError(f"{path}: not a {what}: the file is {problem}")
+        if "\r" in text:
+            # Also the breaks of old Macs, and those that Windows doubles when a program writes \r\n as text.
+            text = text.replace("\r\r\n", "\n").replace("\r\n", "\n").replace("\r", "\n")
         lines = text.split("\n")
         rows = np.flatnonzero(np.fromiter((line.lstrip()[:1] not in ("", "#") for line in lines), bool))
         if not len(rows):
             raise FileFormatError(f"{path}: not a {what}: the file is empty{' but for comments' * ('#' in text)}")
+        start = text[:START]
         if any(_has_decimal_commas(lines[row]) for row in spread(rows, COMMA_ROWS)):
-            lines = text.replace(",", ".").split("\n")
-        return cls(path, lines, rows, text[:START])
+            text = text.replace(",", ".")
+            lines = text.split("\n")
+        file = cls(path, lines, rows, start)
+        if file.is_tabbed:
+            return cls(path, text.replace("\t", ";").split("\n"), rows, start)
+        return file
+
+    @property
+    def is_tabbed(self) -> bool:
+        """Whether tabs separate the columns that a header names, so that cells may contain spaces or nothing."""
+        tabs = self.lines[self.rows[len(self.rows) // 2]].count("\t")
+        return any(2 <= line.count("\t") <= tabs and separator_of(line) is None for line, _ in self.headers)
 
     def filled(self) -> Iterator[str]:
         """Return the lines of `rows`."""
@@ -189,8 +218,7 @@ def separator_of(line: str) -> str | None:
 def _has_decimal_commas(line: str) -> bool:
     """Whether `line` holds numbers like `1,5`, separated by semicolons or tabs: some countries write them so."""
     mark = ";" if ";" in line else "\t"
-    cells = [cell.strip() for cell in line.split(mark)]
-    return "," in line and len(cells) > 1 and all(is_number(cell.replace(",", ".", 1)) for cell in cells)
+    return "," in line and mark in line and any(map(DECIMAL_COMMA.fullmatch, line.split(mark)))
 
 
 def cells_of(line: str) -> list[str]:
@@ -291,6 +319,8 @@ def _bad_cell(text: TextFile, row: int, columns: Sequence[int]) -> FileFormatErr
     needed = max(columns) + 1
     if len(cells) < needed:
         return text.error(f"too few columns: {len(cells)} found, at least {needed} needed", row)
-    bad = next((k for k in columns if not NUMBER.fullmatch(cells[k]) or math.isinf(float(cells[k]))), columns[0])
+    bad = next((k for k in columns if not NUMBER.fullmatch(cells[k]) or math.isinf(float(cells[k]))), None)
+    if bad is None:
+        return text.error(f"{text.lines[row].strip()[:60]!r}: cells must be numbers with decimal points", row)
     problem = "is not finite; remove the line" if is_number(cells[bad]) else "is not a number"
     return text.error(f"{cells[bad][:40]!r} in column {bad + 1} {problem}", row)

@@ -152,11 +152,33 @@ def test_read_camera_refuses_what_is_no_camera(tmp_path: Path) -> None:
 
 def test_stamps_alone_need_the_exposure_time(tmp_path: Path) -> None:
     path = tmp_path / "timestamps.csv"
-    for text in (f"{STAMP}\n{STAMP + 7}\n", f"Frame timestamp[nanosec]\n{STAMP}\n{STAMP + 7}\n"):
+    for text in (f"{STAMP}\n{STAMP + 10**7}\n", f"Frame timestamp[nanosec]\n{STAMP}\n{STAMP + 10**7}\n"):
         path.write_text(text)
-        assert read_captures(path, duration=0.1) == [Exposure(0.0, 0.1, STAMP), Exposure(0.0, 0.1, STAMP + 7)]
+        assert read_captures(path, duration=0.1) == [Exposure(0.0, 0.1, STAMP), Exposure(0.0, 0.1, STAMP + 10**7)]
         with pytest.raises(FileFormatError, match=r"timestamps\.csv: .* stamps without exposure times"):
             read_captures(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "duration"),
+    [
+        ("timestamp_ns,exposure_ns\n1000000000,20000000\n2000000000,10000000\n", 0.02),
+        ("timestamp[s],f,exposure time (ms)\n1.0,0,20\n2.0,0,10\n", 0.02),
+        ("timestamp\n1000000000\n2000000000\n", 0.5),
+    ],
+)
+def test_a_header_of_stamps_may_name_exposure_times(tmp_path: Path, text: str, duration: float) -> None:
+    path = tmp_path / "captures.csv"
+    path.write_text(text)
+    assert read_captures(path, duration=0.5)[0] == Exposure(0.0, duration, 10**9)
+
+
+@pytest.mark.parametrize("header", ["", "timestamp\n"])
+def test_milliseconds_are_not_nanoseconds(tmp_path: Path, header: str) -> None:
+    path = tmp_path / "captures.csv"
+    path.write_text(header + "".join(f"{33 * i}\n" for i in range(9)))
+    with pytest.raises(FileFormatError, match=r"captures are 33 ns apart; name the unit in a header"):
+        read_captures(path, duration=0.01)
 
 
 def test_image_info_of_gyrodeblurnet(tmp_path: Path) -> None:
