@@ -29,6 +29,7 @@ from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write, check_target
 from rsdeblur._util.files import checked_path, open_file, read_file
 from rsdeblur._util.one_line import one_line
+from rsdeblur._util.threads import held_at_forks
 from rsdeblur.errors import FileFormatError, InputError, OutputError
 from rsdeblur.io import _heif, _jpeg, _metadata, _raw, _tiff, claims, mapped, untrusted
 from rsdeblur.io._encode import encode, quantised
@@ -65,7 +66,7 @@ DAMAGE = (
     TokenError,  # NumPy, from the header of its files
 )
 
-_limit_lock = threading.Lock()
+_limit_lock = held_at_forks(threading.RLock())
 
 
 @one_line()
