@@ -334,7 +334,7 @@ def affecting(centres: FloatArray, part: slice) -> slice:
 
 
 def _kernels(value: ArrayLike) -> NDArray[np.float32]:
-    kernels = validate.real_array("kernels", value).astype(np.float32)
+    kernels = validate.real_array("kernels", value, most=validate.MOST_LIGHT).astype(np.float32)
     if kernels.ndim not in (2, 3, 4) or kernels.size == 0:
         raise InputError(f"kernels must have shape (B, S, kh, kw), (B, kh, kw) or (kh, kw), got {kernels.shape}")
     if kernels.ndim < 4:

@@ -145,9 +145,10 @@ class RowBlur:
 
     def __init__(self, paths: BlurPaths, width: int, *, channels: int = 1, threads: int | None = None) -> None:
         validate.instance("paths", paths, BlurPaths)
-        width, channels = validate.shape((width, channels))
+        width = validate.count("width", width, maximum=validate.MOST_VALUES)
+        channels = validate.count("channels", channels, maximum=validate.MOST_VALUES)
         self.top, latents = latent_rows(paths)
-        height = len(paths.rows)
+        height, width, channels = validate.shape((len(paths.rows), width, channels))
         self.picture_shape, self.latent_shape = (height, width, channels), (latents, width, channels)
         threads = thread_count(threads)
         self._strips = strip_blurs([paths], [1.0], self.top, latents, threads)
@@ -174,7 +175,7 @@ class RowBlur:
         Raises
         ------
         InputError
-            If `latent` has another shape.
+            If `latent` has another shape, or a value is not finite or beyond 1e12.
         """
         source = self._checked("latent", latent, self.latent_shape)
         out = np.zeros(self.picture_shape, dtype=np.float32)
@@ -201,7 +202,7 @@ class RowBlur:
         Raises
         ------
         InputError
-            If `picture` has another shape.
+            If `picture` has another shape, or a value is not finite or beyond 1e12.
         """
         source = self._checked("picture", picture, self.picture_shape)
         out = np.zeros(self.latent_shape, dtype=np.float32)
@@ -236,10 +237,11 @@ class RowBlur:
 
     @staticmethod
     def _checked(name: str, picture: ArrayLike, shape: tuple[int, int, int]) -> Float32Array:
-        array = np.ascontiguousarray(validate.array(name, picture), dtype=np.float32)
+        array = validate.array(name, picture)
         if array.shape != shape and (shape[2] != 1 or array.shape != shape[:2]):
             raise InputError(f"{name} must have shape {shape}, got {array.shape}")
-        return array.reshape(shape)
+        validate.bounded(name, array)
+        return np.ascontiguousarray(array, dtype=np.float32).reshape(shape)
 
 
 def strip_blurs(

@@ -379,6 +379,7 @@ def check_writable(path: str | os.PathLike[str], *, force: bool, signed: bool = 
         or not writable; or if `path` is a folder, a pipe or a device, or it exists and `force` is not set.
     """
     path = checked_path(path)
+    validate.boolean("force", force)
     if path.suffix.lower() not in KINDS:
         raise OutputError(f"{path}: unknown picture extension {path.suffix!r}; use one of {', '.join(KINDS)}")
     if signed:
