@@ -258,7 +258,8 @@ def write_picture(
     force : bool, default False
         Replace an existing file.
     bits : {8, 16, 32}, optional
-        Bit depth instead of that of `like`; 32 is float32, TIFF and NumPy only. Without either, 8.
+        Bit depth instead of that of `like`; 32 is float32, TIFF and NumPy only. Without either, that of `image` if it
+        holds integers (or the next lower one that the format has), and 8 for floats.
 
     Raises
     ------
@@ -289,7 +290,8 @@ def write_picture(
     check_writable(path, force=force, signed=claim is not None)
     kind = KINDS[path.suffix.lower()]
     _check_image(image)
-    pixels = quantised(image, _depth(path, kind, like, bits))
+    source = like.pixels if like is not None else image if image.dtype.kind == "u" else None
+    pixels = quantised(image, _depth(path, kind, source, bits))
     if pixels.ndim == 3 and kind == "JPEG" and pixels.shape[2] in (2, 4):
         pixels = pixels[..., 0] if pixels.shape[2] == 2 else pixels[..., :3]
     metadata = _metadata_for(like, pixels, grey=kind != "WebP") if like else Metadata()
@@ -336,7 +338,7 @@ def picture_to_fill(
     """
     path = checked_path(path)
     check_writable(path, force=force, signed=like.claim is not None)
-    _check_range(path, like.pixels, _depth(path, KINDS[path.suffix.lower()], like, None))
+    _check_range(path, like.pixels, _depth(path, KINDS[path.suffix.lower()], like.pixels, None))
     if not in_place or path.suffix.lower() not in mapped.SUFFIXES:
         pixels = np.empty(shape, like.pixels.dtype)
         yield pixels
@@ -466,9 +468,9 @@ def _check_range(path: Path, image: NDArray[Any], bits: int) -> None:
         )
 
 
-def _depth(path: Path, kind: str, like: Picture | None, bits: int | None) -> int:
+def _depth(path: Path, kind: str, source: NDArray[Any] | None, bits: int | None) -> int:
     if bits is None:
-        input_bits = 8 * like.pixels.dtype.itemsize if like else 8
+        input_bits = 8 if source is None else 8 * source.dtype.itemsize
         return max(depth for depth in DEPTHS[kind] if depth <= max(input_bits, 8))
     if validate.count("bits", bits, maximum=64) not in DEPTHS[kind]:
         allowed = ", ".join(map(str, DEPTHS[kind]))
