@@ -154,7 +154,7 @@ CALLS: dict[str, Call] = {
     "refine: log": lambda x: rs.refine(IMAGE, x, CAMERA, EXPOSURE),
     "refine: camera": lambda x: rs.refine(IMAGE, LOG, x, EXPOSURE),
     "refine: exposure": lambda x: rs.refine(IMAGE, LOG, CAMERA, x),
-    **options(rs.refine, (IMAGE, LOG, CAMERA, EXPOSURE), "translation uncertainty transfer progress"),
+    **options(rs.refine, (IMAGE, LOG, CAMERA, EXPOSURE), "translation uncertainty transfer known_axes progress"),
     "refine_frames: image": lambda x: rs.refine_frames([x, x], LOG, CAMERA, [EXPOSURE] * 2),
     "refine_frames: log": lambda x: rs.refine_frames([IMAGE] * 2, x, CAMERA, [EXPOSURE] * 2),
     "refine_frames: camera": lambda x: rs.refine_frames([IMAGE] * 2, LOG, x, [EXPOSURE] * 2),
@@ -265,19 +265,31 @@ def test_a_path_is_no_object() -> None:
 def test_numbers_that_are_out_of_range_are_refused() -> None:
     """None of them is converted with a warning of NumPy, or fills the memory."""
     huge = np.full(SHAPE, 1e300)
+
+    def longest(reach: float) -> BlurPaths:
+        return BlurPaths(np.array([[0.0, 0.0], [reach, reach]]) * np.ones((36, 1, 1, 1)), np.arange(36), [20.0])
+
     calls: dict[str, Callable[[], Any]] = {
         "kernels must not be beyond": lambda: PsfBank.for_picture([[1e300]], SHAPE),
         "picture must not have values beyond": lambda: BLUR.adjoint(huge),
         "latent must be finite": lambda: BLUR.forward(np.full(BLUR.latent_shape, np.nan)),
         "at most 2000000000 values": lambda: rs.RowBlur(PATHS, 10**9),
         "drift_sd must be at least": lambda: rs.fit_drifts(INERTIAL, CAMERA, [EXPOSURE], [[1, 0]], drift_sd=1e-99),
+        "the paths reach 1e+300 px, further than any picture": lambda: longest(1e300),
+        "36 x 1 PSFs of 2000003x2000003 px would take": lambda: PsfBank.from_paths(longest(1e6)),
+        "PSFs of 1000009x1000009 px would take": lambda: rs.RowBlur(longest(1e6), 48),
+        "PSFs of 1000001x1000001 px would take": lambda: BANK.padded((1_000_001, 1_000_001)),
+        "cols of the paths must increase, got 30 before 10": lambda: rs.RowBlur(
+            BlurPaths.every_row(CAPTURE, [30, 10]), 48
+        ),
+        "cols must be finite": lambda: BlurPaths(PATHS.displacements, PATHS.rows, [np.nan]),
         "t1 must be at most": lambda: LOG.covering(0.0, 1e300, 0),
         "values must be floats, got uint8; divide them by 255": lambda: rs.to_linear(PIXELS, "srgb"),
         "light must be an array of real numbers": lambda: rs.from_linear("abc", "linear"),
         "axes must be a str": lambda: TRAJECTORY.translation(EXPOSURE, CAMERA, 1.0, axes=1),
     }
     for message, call in calls.items():
-        with pytest.raises(InputError, match=message):
+        with pytest.raises(InputError, match=re.escape(message)):
             call()
 
 

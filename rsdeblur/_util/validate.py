@@ -262,6 +262,14 @@ def real_array(
     return numbers
 
 
+def increasing(name: str, places: FloatArray) -> None:
+    """Raise `InputError` unless numbers increase."""
+    (wrong,) = np.nonzero(np.diff(places) <= 0)
+    if wrong.size:
+        before, after = places[wrong[0] : wrong[0] + 2]
+        raise InputError(f"{name} must increase, got {before:g} before {after:g}")
+
+
 def linear_light(image: ArrayLike, shape: tuple[int, ...] | None = None) -> NDArray[np.float32]:
     """Return `image` as C-contiguous float32 of the planned `shape`, by default any (H, W) or (H, W, C).
 

@@ -127,7 +127,8 @@ class RowBlur:
     Raises
     ------
     InputError
-        If `paths` do not belong to the rows 0, 1, 2 and so on, or a count is not a positive whole number.
+        If `paths` do not belong to the rows 0, 1, 2 and so on and to columns that increase, or a count is not a
+        positive whole number.
 
     Examples
     --------
@@ -260,13 +261,14 @@ def latent_rows(*frames: BlurPaths) -> tuple[int, int]:
     Raises
     ------
     InputError
-        If paths do not belong to the rows 0, 1, 2 and so on.
+        If paths do not belong to the rows 0, 1, 2 and so on, or their columns do not increase.
     """
     top = end = 0
     for paths in frames:
         rows = paths.rows
         if not np.array_equal(rows, np.arange(len(rows))):
             raise InputError("paths must be those of every row of the picture; trace them with BlurPaths.every_row")
+        validate.increasing("cols of the paths", paths.cols)
         visited = rows[:, None, None] - paths.displacements[..., 1]
         # The interpolating window, and a row more, into which rounding may lead a path.
         reach = (WIDTH if paths.softness else SINC_WIDTH) // 2
@@ -285,6 +287,8 @@ def _draw(
     local = np.ascontiguousarray(paths - centres[:, None])
     farthest = np.maximum(highest - centres, centres - lowest).max(axis=0)
     half_width, half_height = (int(np.ceil(reach)) + WIDTH // 2 for reach in farthest)
+    size = 4 * min(len(paths), ROWS_TOGETHER) * (2 * half_height + 1) * (2 * half_width + 1)
+    validate.memory(f"PSFs of {2 * half_width + 1}x{2 * half_height + 1} px", size, 0)
     taps = []
     for top in range(0, len(paths), ROWS_TOGETHER):
         kernels = interpolated(local[top : top + ROWS_TOGETHER], half_height, half_width, softness, threads=1)
