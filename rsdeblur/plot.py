@@ -17,6 +17,7 @@ from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.image.transfer import from_linear
+from rsdeblur.motion.arguments import exposure_list
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -178,9 +179,7 @@ def log(log: GyroLog, camera: Camera, exposures: Exposure | Iterable[Exposure] =
     """
     validate.instance("log", log, GyroLog)
     validate.instance("camera", camera, Camera)
-    windows = [exposures] if isinstance(exposures, Exposure) else list(exposures)
-    for window in windows:
-        validate.instance("exposures", window, Exposure)
+    windows = exposure_list([exposures] if isinstance(exposures, Exposure) else exposures)
     ax = _axes(ax)
     epoch = windows[0].epoch_ns if windows else log.epoch_ns
     # Stamps are subtracted as integers; only the difference becomes a float.
@@ -232,7 +231,7 @@ def comparison(
     Raises
     ------
     InputError
-        If there is no picture, the shapes differ, or Matplotlib is not installed.
+        If there is no picture, the shapes differ, `crop` shows nothing, or Matplotlib is not installed.
 
     Examples
     --------
@@ -243,16 +242,18 @@ def comparison(
     >>> [ax.get_title() for ax in axes]
     ['grey', 'lighter, 29.9 dB']
     """
+    if not isinstance(pictures, Mapping):
+        raise InputError(f"pictures must be a dict of pictures by their titles, got {validate.shown(pictures)}")
     shown = {title: _display(picture, transfer) for title, picture in pictures.items()}
     truth = None if reference is None else _display(reference, transfer)
     shapes = {picture.shape for picture in shown.values()} | ({truth.shape} if truth is not None else set())
-    if len(shapes) != 1:
+    if not shown or len(shapes) != 1:
         raise InputError(f"pictures must be at least one and all of one shape, got {sorted(shapes) or 'none'}")
-    top, left, tall, wide = crop or (0, 0, *shapes.pop()[:2])
+    height, width = shapes.pop()[:2]
+    top, left, tall, wide = _checked_crop((0, 0, height, width) if crop is None else crop, height, width)
     plt = _pyplot()
-    width = 3.2 * len(shown)
     _, axes = plt.subplots(
-        1, len(shown), squeeze=False, figsize=(width, width / len(shown) * tall / wide + 0.5), layout="constrained"
+        1, len(shown), squeeze=False, figsize=(3.2 * len(shown), 3.2 * tall / wide + 0.5), layout="constrained"
     )
     for ax, (title, picture) in zip(axes[0], shown.items(), strict=True):
         part = picture[top : top + tall, left : left + wide]
@@ -262,6 +263,15 @@ def comparison(
         ax.set_axis_off()
     row: NDArray[Any] = axes[0]
     return row
+
+
+def _checked_crop(crop: Any, height: int, width: int) -> tuple[int, int, int, int]:
+    if not isinstance(crop, (tuple, list)) or len(crop) != 4:
+        raise InputError(f"crop must be (top, left, height, width), got {validate.shown(crop)}")
+    top = validate.count("top of crop", crop[0], minimum=0, maximum=height - 1)
+    left = validate.count("left of crop", crop[1], minimum=0, maximum=width - 1)
+    tall, wide = validate.count("height of crop", crop[2]), validate.count("width of crop", crop[3])
+    return top, left, min(tall, height - top), min(wide, width - left)
 
 
 def _pyplot() -> Any:

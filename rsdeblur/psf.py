@@ -79,9 +79,7 @@ class PsfBank:
         object.__setattr__(self, "kernels", kernels)
         for axis, name in enumerate(("rows", "cols")):
             centres = validate.real_array(name, getattr(self, name), (kernels.shape[axis],))
-            if (np.diff(centres) <= 0).any():
-                i = int(np.argmax(np.diff(centres) <= 0))
-                raise InputError(f"{name} must increase, got {centres[i]:g} before {centres[i + 1]:g}")
+            validate.increasing(name, centres)
             object.__setattr__(self, name, centres)
         if self.displacements is not None:
             object.__setattr__(self, "displacements", _paths_within(self.displacements, kernels))
@@ -109,6 +107,7 @@ class PsfBank:
         validate.instance("paths", paths, BlurPaths)
         height, width = size_of(paths)
         bands, strips, samples, _ = paths.displacements.shape
+        validate.memory(f"{bands} x {strips} PSFs of {width}x{height} px", 4 * bands * strips * height * width, 0)
         flat = np.ascontiguousarray(paths.displacements.reshape(bands * strips, samples, 2))
         kernels = rasterize(flat, height // 2, width // 2, threads).reshape(bands, strips, height, width)
         if paths.softness > 0:
@@ -202,10 +201,12 @@ class PsfBank:
         InputError
             If `size` is even or smaller.
         """
-        wanted = validate.real_array("size", size, (2,))
+        wanted = validate.real_array("size", size, (2,), most=validate.MOST_VALUES)
         if (wanted < self.size).any() or (wanted % 2 != 1).any():
             raise InputError(f"size must be two odd numbers of at least {self.size}, got {size}")
-        down, across = ((n - own) // 2 for n, own in zip(size, self.size, strict=True))
+        height, width = map(int, wanted)
+        validate.memory(f"PSFs of {width}x{height} px", 4 * self.kernels[..., 0, 0].size * height * width, 0)
+        down, across = ((n - own) // 2 for n, own in zip((height, width), self.size, strict=True))
         return replace(self, kernels=np.pad(self.kernels, ((0, 0), (0, 0), (down, down), (across, across))))
 
     def without_softness(self) -> PsfBank:
@@ -334,7 +335,7 @@ def affecting(centres: FloatArray, part: slice) -> slice:
 
 
 def _kernels(value: ArrayLike) -> NDArray[np.float32]:
-    kernels = validate.real_array("kernels", value).astype(np.float32)
+    kernels = validate.real_array("kernels", value, most=validate.MOST_LIGHT).astype(np.float32)
     if kernels.ndim not in (2, 3, 4) or kernels.size == 0:
         raise InputError(f"kernels must have shape (B, S, kh, kw), (B, kh, kw) or (kh, kw), got {kernels.shape}")
     if kernels.ndim < 4:

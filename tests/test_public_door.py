@@ -23,6 +23,7 @@ PATHS = BlurPaths.every_row(CAPTURE, [20.0])
 FORCE = rs.AccelerationLog([0.0, 0.1, 0.2], [[0.0, 0.0, 9.8]] * 3)
 INERTIAL = rs.InertialTrack.from_logs(LOG, FORCE, CAMERA, 0.0, 0.15)
 TRANSLATION = rs.Translation([0, 1], [[0, 0, 0], [0, 0, 1]], 1.0)
+TRAJECTORY = rs.Trajectory([0, 1], [[0, 0, 0], [1, 0, 0]], [[0, 0, 0, 1]] * 2)
 WIENER, TILES, ROWS = rs.Deconvolver(BANK, SHAPE), rs.TileQuadratic(BANK, SHAPE), rs.RowDeconvolver(PATHS, SHAPE)
 BLUR, PLAN, PRIOR = rs.RowBlur(PATHS, 48), rs.plan(LOG, CAMERA, EXPOSURE), rs.DerivativePrior("tv", 0.01)
 PIXELS = np.zeros((4, 4), np.uint8)
@@ -40,6 +41,7 @@ NEVER: dict[str, Any] = {
     "array": np.ones(5),
     "short tuple": (1,),
     "huge": 10**400,
+    "NumPy's duration": np.timedelta64(1, "s"),
 }
 Call = Callable[[Any], Any]
 
@@ -134,8 +136,11 @@ CALLS: dict[str, Call] = {
     "RowDeconvolver.apply: image": ROWS.apply,
     "RowDeconvolver.apply: prior": lambda x: ROWS.apply(IMAGE, prior=x),
     "RowBlur: paths": lambda x: rs.RowBlur(x, 48),
+    "RowBlur: width": lambda x: rs.RowBlur(PATHS, x),
+    "RowBlur: channels": lambda x: rs.RowBlur(PATHS, 48, channels=x),
     "forward: latent": BLUR.forward,
     "adjoint: picture": BLUR.adjoint,
+    "DerivativePrior: kind": lambda x: rs.DerivativePrior(x, 0.1),
     "DerivativePrior: weight": lambda x: rs.DerivativePrior("tv", x),
     "DerivativePrior: exponent": lambda x: rs.DerivativePrior("tv", 0.1, x),
     "PlugAndPlayPrior: denoise": lambda x: rs.PlugAndPlayPrior(x, 0.1),
@@ -149,7 +154,7 @@ CALLS: dict[str, Call] = {
     "refine: log": lambda x: rs.refine(IMAGE, x, CAMERA, EXPOSURE),
     "refine: camera": lambda x: rs.refine(IMAGE, LOG, x, EXPOSURE),
     "refine: exposure": lambda x: rs.refine(IMAGE, LOG, CAMERA, x),
-    **options(rs.refine, (IMAGE, LOG, CAMERA, EXPOSURE), "translation uncertainty transfer progress"),
+    **options(rs.refine, (IMAGE, LOG, CAMERA, EXPOSURE), "translation uncertainty transfer known_axes progress"),
     "refine_frames: image": lambda x: rs.refine_frames([x, x], LOG, CAMERA, [EXPOSURE] * 2),
     "refine_frames: log": lambda x: rs.refine_frames([IMAGE] * 2, x, CAMERA, [EXPOSURE] * 2),
     "refine_frames: camera": lambda x: rs.refine_frames([IMAGE] * 2, LOG, x, [EXPOSURE] * 2),
@@ -167,6 +172,10 @@ CALLS: dict[str, Call] = {
     "InertialTrack.from_logs: log": lambda x: rs.InertialTrack.from_logs(x, FORCE, CAMERA, 0.0, 0.1),
     "InertialTrack.from_logs: acceleration": lambda x: rs.InertialTrack.from_logs(LOG, x, CAMERA, 0.0, 0.1),
     "InertialTrack.from_logs: camera": lambda x: rs.InertialTrack.from_logs(LOG, FORCE, x, 0.0, 0.1),
+    "InertialTrack.during: exposure": lambda x: INERTIAL.during(x, CAMERA),
+    "InertialTrack.translation: exposure": lambda x: INERTIAL.translation(x, CAMERA, 1.0, [0, 0, 0]),
+    "Trajectory.translation: exposure": lambda x: TRAJECTORY.translation(x, CAMERA, 1.0),
+    "Trajectory.translation: camera": lambda x: TRAJECTORY.translation(EXPOSURE, x, 1.0),
     "fit_drifts: track": lambda x: rs.fit_drifts(x, CAMERA, [EXPOSURE], [[1.0, 0.0]]),
     "fit_drifts: camera": lambda x: rs.fit_drifts(INERTIAL, x, [EXPOSURE], [[1.0, 0.0]]),
     "fit_drifts: exposures": lambda x: rs.fit_drifts(INERTIAL, CAMERA, x, [[1.0, 0.0]]),
@@ -188,6 +197,7 @@ CALLS: dict[str, Call] = {
     "read_camera: size": lambda x: rs.read_camera("camera.toml", size=x),
     "write_picture: image": lambda x: rs.write_picture("a.png", x),
     "write_picture: like": lambda x: rs.write_picture("a.png", PIXELS, like=x),
+    "write_picture: force": lambda x: rs.write_picture("a.png", PIXELS, force=x),
     "write_picture: bits": lambda x: rs.write_picture("a.png", PIXELS, bits=x),
     "to_linear: transfer": lambda x: rs.to_linear(IMAGE, x),
     "show_config: mode": rs.show_config,
@@ -250,6 +260,41 @@ def test_a_path_is_no_object() -> None:
         rs.psfs(Path("gyro.csv"), CAMERA, EXPOSURE)
     with pytest.raises(InputError, match=r"camera must be a Camera, got 'phone.toml'; rsdeblur.read_camera reads one"):
         rs.psfs(LOG, "phone.toml", EXPOSURE)
+
+
+def test_numbers_that_are_out_of_range_are_refused() -> None:
+    """None of them is converted with a warning of NumPy, or fills the memory."""
+    huge = np.full(SHAPE, 1e300)
+
+    def longest(reach: float) -> BlurPaths:
+        return BlurPaths(np.array([[0.0, 0.0], [reach, reach]]) * np.ones((36, 1, 1, 1)), np.arange(36), [20.0])
+
+    calls: dict[str, Callable[[], Any]] = {
+        "kernels must not be beyond": lambda: PsfBank.for_picture([[1e300]], SHAPE),
+        "picture must not have values beyond": lambda: BLUR.adjoint(huge),
+        "latent must be finite": lambda: BLUR.forward(np.full(BLUR.latent_shape, np.nan)),
+        "at most 2000000000 values": lambda: rs.RowBlur(PATHS, 10**9),
+        "drift_sd must be at least": lambda: rs.fit_drifts(INERTIAL, CAMERA, [EXPOSURE], [[1, 0]], drift_sd=1e-99),
+        "the paths reach 1e+300 px, further than any picture": lambda: longest(1e300),
+        "36 x 1 PSFs of 2000003x2000003 px would take": lambda: PsfBank.from_paths(longest(1e6)),
+        "PSFs of 1000009x1000009 px would take": lambda: rs.RowBlur(longest(1e6), 48),
+        "PSFs of 1000001x1000001 px would take": lambda: BANK.padded((1_000_001, 1_000_001)),
+        "cols of the paths must increase, got 30 before 10": lambda: rs.RowBlur(
+            BlurPaths.every_row(CAPTURE, [30, 10]), 48
+        ),
+        "cols must be finite": lambda: BlurPaths(PATHS.displacements, PATHS.rows, [np.nan]),
+        "t1 must be at most": lambda: LOG.covering(0.0, 1e300, 0),
+        "values must be floats, got uint8; divide them by 255": lambda: rs.to_linear(PIXELS, "srgb"),
+        "light must be an array of real numbers": lambda: rs.from_linear("abc", "linear"),
+        "axes must be a str": lambda: TRAJECTORY.translation(EXPOSURE, CAMERA, 1.0, axes=1),
+    }
+    for message, call in calls.items():
+        with pytest.raises(InputError, match=re.escape(message)):
+            call()
+
+
+def test_noise_of_minus_zero_is_none() -> None:
+    assert np.isfinite(rs.simulate(IMAGE, LOG, CAMERA, EXPOSURE, noise=-0.0).blurred).all()
 
 
 def test_lists_are_taken_for_arrays() -> None:

@@ -5,16 +5,18 @@ from __future__ import annotations
 import os
 import threading
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any, TypeVar
 from weakref import WeakSet
 
 from rsdeblur._util import interrupts, validate
+from rsdeblur.errors import InputError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+Lock = TypeVar("Lock", bound=Any)
 
 # Parts per thread of a range that is cut into equal parts: some parts take longer than others.
 PARTS = 4
@@ -35,30 +37,64 @@ def thread_count(threads: int | None) -> int:
     return validate.count("threads", threads, maximum=MOST_THREADS)
 
 
-class ThreadTeam:
+class Turns:
+    """Turns of the threads that share a solver, whose buffers hold one picture at a time.
+
+    Attributes
+    ----------
+    lock : context manager
+        Re-entrant lock. A thread holds it while the buffers belong to the thread's picture.
+    """
+
+    lock: AbstractContextManager[Any]
+
+    def __init__(self) -> None:
+        self.renew()
+        _all_turns.add(self)
+
+    def renew(self) -> None:
+        """Replace the lock by one that no thread holds."""
+        self.lock = threading.RLock()
+        self._taken = False
+
+    @contextmanager
+    def turn(self) -> Iterator[None]:
+        """Wait for other threads, and hold the lock while a picture is solved.
+
+        Raises
+        ------
+        InputError
+            If this thread is already solving a picture: a function that the solver calls would spoil its buffers.
+        """
+        with self.lock:
+            if self._taken:
+                raise InputError(
+                    "the solver is at work on a picture: its progress function or denoiser must not use it; "
+                    "make another solver for that"
+                )
+            try:
+                self._taken = True
+                yield
+            finally:
+                self._taken = False
+
+
+class ThreadTeam(Turns):
     """The threads of a solver.
 
     Parameters
     ----------
     threads : int
         Number of threads, of which the calling thread is one.
-
-    Attributes
-    ----------
-    lock : context manager
-        Re-entrant lock. A thread holds it while the solver's buffers belong to the thread's picture.
     """
-
-    lock: AbstractContextManager[Any]
 
     def __init__(self, threads: int) -> None:
         self.threads = threads
-        self.renew()
-        _teams.add(self)
+        super().__init__()
 
     def renew(self) -> None:
         """Replace the lock and the threads by new ones, all of them idle."""
-        self.lock = threading.RLock()
+        super().renew()
         self._pool = _pool(self.threads) if self.threads > 1 else None
 
     def share(self, work: Callable[[int, int], None], tasks: Sequence[int]) -> None:
@@ -171,14 +207,21 @@ def _share(pool: ThreadPoolExecutor, threads: int, work: Callable[[int, int], No
             wait(runs)
 
 
-_teams: WeakSet[ThreadTeam] = WeakSet()
+_all_turns: WeakSet[Turns] = WeakSet()
 
 
 def _renew_all() -> None:
-    for team in _teams:
-        team.renew()
+    for turns in _all_turns:
+        turns.renew()
 
 
 # A forked process has only the thread that forked, and locks in the state that other threads left them in.
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_renew_all)
+
+
+def held_at_forks(lock: Lock) -> Lock:
+    """Return a re-entrant lock of the process that a fork waits for: a forked process could never take it otherwise."""
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(before=lock.acquire, after_in_parent=lock.release, after_in_child=lock.release)
+    return lock

@@ -108,7 +108,7 @@ def finite(
         raise InputError(f"{name} must be greater than {above:g}, got {number:g}")
     if maximum is not None and number > maximum:
         raise InputError(f"{name} must be at most {maximum:g}, got {number:g}")
-    return number
+    return number + 0.0  # without the sign of -0.0, which NumPy refuses as a deviation
 
 
 def time(name: str, value: Any, *, above: float | None = None) -> float:
@@ -141,7 +141,8 @@ def softness(value: Any) -> float:
 
 def count(name: str, value: Any, *, minimum: int = 1, maximum: int | None = None) -> int:
     """Return `value` as an int; it must be a whole number of at least `minimum` and at most `maximum`."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+    # NumPy counts its durations among the integers.
+    if isinstance(value, (bool, np.timedelta64)) or not isinstance(value, (int, np.integer)):
         raise InputError(f"{name} must be a whole number, got {shown(value)}")
     if value < minimum:
         raise InputError(f"{name} must be at least {minimum}, got {shown(int(value))}")
@@ -206,8 +207,8 @@ def _other_picture(value: object) -> str:
 
 
 def is_plain(value: object) -> TypeGuard[NDArray[Any]]:
-    """Return whether `value` is an array whose elements all count."""
-    return isinstance(value, np.ndarray) and not isinstance(value, np.ma.MaskedArray)
+    """Return whether `value` is an array whose elements all count and whose parts may have any number of axes."""
+    return isinstance(value, np.ndarray) and not isinstance(value, (np.ma.MaskedArray, np.matrix))
 
 
 def _kind(value: object, numbers: NDArray[Any]) -> str:
@@ -244,7 +245,7 @@ def real_array(
     if numbers.dtype == np.float64:
         numbers = np.array(numbers, order="C")
     else:
-        with np.errstate(invalid="ignore"):  # a signalling NaN, which is refused below
+        with np.errstate(over="ignore", invalid="ignore"):  # infinity, or a signalling NaN: refused below
             numbers = np.array(numbers, dtype=np.float64, order="C")
     if shape is not None and (
         numbers.ndim != len(shape)
@@ -259,6 +260,14 @@ def real_array(
         raise InputError(f"{name} must not be beyond {most:g}, got {numbers.flat[np.abs(numbers).argmax()]:g}")
     numbers.setflags(write=False)
     return numbers
+
+
+def increasing(name: str, places: FloatArray) -> None:
+    """Raise `InputError` unless numbers increase."""
+    (wrong,) = np.nonzero(np.diff(places) <= 0)
+    if wrong.size:
+        before, after = places[wrong[0] : wrong[0] + 2]
+        raise InputError(f"{name} must increase, got {before:g} before {after:g}")
 
 
 def linear_light(image: ArrayLike, shape: tuple[int, ...] | None = None) -> NDArray[np.float32]:

@@ -124,7 +124,7 @@ class BurstQuadratic(TileNormal):
             If there is another number of pictures, or one has another shape, holds integers or is not finite.
         """
         validate.callback("progress", progress)
-        with self.lock:
+        with self._hybrid.team.turn():
             prior = self._observe(images, prior)
             latent = self.solve(0.0) if prior is None else prior.restore(self, threads=self.threads, progress=progress)
         return latent.reshape(self.shape)

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.files import read_file
+from rsdeblur._util.threads import held_at_forks
 from rsdeblur.choices import Planning
 from rsdeblur.errors import FileFormatError, OutputError, RsdeblurWarning
 from rsdeblur.types import ComplexArray, Float32Array
@@ -131,7 +132,7 @@ def _plan(source: NDArray[Any], target: NDArray[Any], direction: str, planning: 
 # Wisdom about the plans that this process and earlier ones measured.
 _measured: list[bytes] = []
 # FFTW has one planner and one wisdom per process.
-_planner = threading.Lock()
+_planner = held_at_forks(threading.RLock())
 
 
 @contextmanager

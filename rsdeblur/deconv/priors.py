@@ -194,16 +194,15 @@ class DerivativePrior:
     peak: float | None = None
 
     def __post_init__(self) -> None:
-        validate.choice("prior", self.kind, PRIORS)
         others = {
             "wiener": "rsdeblur.Deconvolver",
             "wavelet": "rsdeblur.Tuning.wavelet",
             "nlm": "rsdeblur.PlugAndPlayPrior",
             "cnn": "rsdeblur.PlugAndPlayPrior",
         }
-        other = others.get(self.kind)
-        if other is not None:
-            raise InputError(f'prior "{self.kind}" is not a prior on derivatives: use {other}')
+        if isinstance(self.kind, str) and self.kind in others:
+            raise InputError(f'kind "{self.kind}" is not a prior on derivatives: use {others[self.kind]}')
+        validate.choice("kind", self.kind, set(PRIORS) - set(others))
         object.__setattr__(self, "weight", validate.strength("weight", self.weight))
         object.__setattr__(self, "exponent", validate.exponent(self.exponent))
         if self.peak is not None:

@@ -213,7 +213,7 @@ class TileQuadratic(TileNormal):
         if out is not None:
             out = validate.output(out, self.shape)
         light = validate.linear_light(image, self.shape)
-        with self.lock:
+        with self._hybrid.team.turn():
             self.prepare(light)
             latent = prior.with_peak_of(light).restore(self, threads=self.threads, progress=progress)
         latent = latent.reshape(self.shape)

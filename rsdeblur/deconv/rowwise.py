@@ -153,7 +153,7 @@ class RowSolver:
         strips = len(self._strips)
         if strips > 1:
             target[...] = 0
-        with self._spectra.team.lock:
+        with self._spectra.team.turn():
             for s, tile in enumerate(self._tiling.tiles):
                 report = None if progress is None else _part_of(progress, s, strips)
                 term = self._observe(source, s)

@@ -127,7 +127,8 @@ class RowBlur:
     Raises
     ------
     InputError
-        If `paths` do not belong to the rows 0, 1, 2 and so on, or a count is not a positive whole number.
+        If `paths` do not belong to the rows 0, 1, 2 and so on and to columns that increase, or a count is not a
+        positive whole number.
 
     Examples
     --------
@@ -145,9 +146,10 @@ class RowBlur:
 
     def __init__(self, paths: BlurPaths, width: int, *, channels: int = 1, threads: int | None = None) -> None:
         validate.instance("paths", paths, BlurPaths)
-        width, channels = validate.shape((width, channels))
+        width = validate.count("width", width, maximum=validate.MOST_VALUES)
+        channels = validate.count("channels", channels, maximum=validate.MOST_VALUES)
         self.top, latents = latent_rows(paths)
-        height = len(paths.rows)
+        height, width, channels = validate.shape((len(paths.rows), width, channels))
         self.picture_shape, self.latent_shape = (height, width, channels), (latents, width, channels)
         threads = thread_count(threads)
         self._strips = strip_blurs([paths], [1.0], self.top, latents, threads)
@@ -174,7 +176,7 @@ class RowBlur:
         Raises
         ------
         InputError
-            If `latent` has another shape.
+            If `latent` has another shape, or a value is not finite or beyond 1e12.
         """
         source = self._checked("latent", latent, self.latent_shape)
         out = np.zeros(self.picture_shape, dtype=np.float32)
@@ -201,7 +203,7 @@ class RowBlur:
         Raises
         ------
         InputError
-            If `picture` has another shape.
+            If `picture` has another shape, or a value is not finite or beyond 1e12.
         """
         source = self._checked("picture", picture, self.picture_shape)
         out = np.zeros(self.latent_shape, dtype=np.float32)
@@ -236,10 +238,11 @@ class RowBlur:
 
     @staticmethod
     def _checked(name: str, picture: ArrayLike, shape: tuple[int, int, int]) -> Float32Array:
-        array = np.ascontiguousarray(validate.array(name, picture), dtype=np.float32)
+        array = validate.array(name, picture)
         if array.shape != shape and (shape[2] != 1 or array.shape != shape[:2]):
             raise InputError(f"{name} must have shape {shape}, got {array.shape}")
-        return array.reshape(shape)
+        validate.bounded(name, array)
+        return np.ascontiguousarray(array, dtype=np.float32).reshape(shape)
 
 
 def strip_blurs(
@@ -258,13 +261,14 @@ def latent_rows(*frames: BlurPaths) -> tuple[int, int]:
     Raises
     ------
     InputError
-        If paths do not belong to the rows 0, 1, 2 and so on.
+        If paths do not belong to the rows 0, 1, 2 and so on, or their columns do not increase.
     """
     top = end = 0
     for paths in frames:
         rows = paths.rows
         if not np.array_equal(rows, np.arange(len(rows))):
             raise InputError("paths must be those of every row of the picture; trace them with BlurPaths.every_row")
+        validate.increasing("cols of the paths", paths.cols)
         visited = rows[:, None, None] - paths.displacements[..., 1]
         # The interpolating window, and a row more, into which rounding may lead a path.
         reach = (WIDTH if paths.softness else SINC_WIDTH) // 2
@@ -283,6 +287,8 @@ def _draw(
     local = np.ascontiguousarray(paths - centres[:, None])
     farthest = np.maximum(highest - centres, centres - lowest).max(axis=0)
     half_width, half_height = (int(np.ceil(reach)) + WIDTH // 2 for reach in farthest)
+    size = 4 * min(len(paths), ROWS_TOGETHER) * (2 * half_height + 1) * (2 * half_width + 1)
+    validate.memory(f"PSFs of {2 * half_width + 1}x{2 * half_height + 1} px", size, 0)
     taps = []
     for top in range(0, len(paths), ROWS_TOGETHER):
         kernels = interpolated(local[top : top + ROWS_TOGETHER], half_height, half_width, softness, threads=1)

@@ -151,7 +151,7 @@ class TileFilter:
                 f"{' x '.join(map(str, self._kernel_size))} px, got {' x '.join(map(str, bank.size))} px"
                 + ("" if places else " elsewhere")
             )
-        with self.lock:
+        with self._hybrid.team.turn():
             self._take(bank)
 
     def _take(self, bank: PsfBank) -> None:
@@ -169,7 +169,8 @@ class TileFilter:
         validate.callback("progress", progress)
         picture = validate.linear_light(image, self.shape)
         out = validate.output(out, self.shape)
-        self._filter(filters, picture.reshape(self._channelled), out.reshape(self._channelled), progress)
+        with self._hybrid.team.turn():
+            self._filter(filters, picture.reshape(self._channelled), out.reshape(self._channelled), progress)
         return out
 
     def _filter(

@@ -183,6 +183,7 @@ def refine(
     """
     check_recording(log, camera, exposure, translation)
     validate.callback("progress", progress)
+    validate.boolean("known_axes", known_axes)
     uncertainty = Uncertainty() if uncertainty is None else validate.instance("uncertainty", uncertainty, Uncertainty)
     light = grey_light(image, transfer, camera)
     recording = Recording(log, camera, exposure, translation)

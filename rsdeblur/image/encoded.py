@@ -80,7 +80,7 @@ class EncodedImage:
         Raises
         ------
         InputError
-            If a value is not finite, or its light is beyond 1e12.
+            If a value is not finite, or its light or alpha is beyond 1e12.
         """
         height, width, channels = self.shape
         rows = slice(*rows.indices(height)[:2])
@@ -96,6 +96,8 @@ class EncodedImage:
             else:
                 light[here] = to_linear(as_float(self.values[there, :, :channels]), self.transfer)
                 validate.bounded("image", light[here])
+                if channels < self.values.shape[2]:
+                    validate.bounded("alpha of image", self.values[there, :, channels])
 
         # Of several errors, the first one is raised with any number of threads.
         share(decode, range(len(blocks)), 1 if light_of is None else threads)
@@ -115,7 +117,7 @@ class EncodedImage:
     def encode(self, light: NDArray[np.float32], rows: slice, out: NDArray[Any], *, threads: int | None = None) -> None:
         """Encode `light` into `rows` of `out`, which is upright like the picture, and copy alpha; threads share rows.
 
-        Results are clipped to [0, 1] if the picture or `out` has integers, and rounded if `out` has.
+        Results and alpha are clipped to [0, 1] if the picture or `out` has integers, and rounded if `out` has.
 
         Raises
         ------
@@ -141,7 +143,8 @@ class EncodedImage:
                 sharp = sharp.clip(0.0, 1.0)
             out[there, :, :channels] = _as_stored(sharp, out.dtype)
             if channels < out.shape[2]:
-                out[there, :, channels:] = _as_stored(as_float(self.values[there, :, channels:]), out.dtype)
+                alpha = as_float(self.values[there, :, channels:])
+                out[there, :, channels:] = _as_stored(alpha.clip(0.0, 1.0) if clip else alpha, out.dtype)
 
         share(encode_block, range(len(blocks)), threads)
 

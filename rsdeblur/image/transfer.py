@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur.choices import TRANSFERS, Auto, Transfer
@@ -49,16 +49,20 @@ def to_linear(values: NDArray[np.float32], transfer: Transfer) -> NDArray[np.flo
     ndarray, float32
         `values` themselves if the curve is linear.
 
+    Raises
+    ------
+    InputError
+        If `values` are unsigned integers, as pictures store them, or no real numbers.
+
     Examples
     --------
     >>> import rsdeblur
     >>> rsdeblur.to_linear([0.0, 0.5, 1.0], "srgb").round(3)
     array([0.   , 0.214, 1.   ], dtype=float32)
     """
-    transfer = check_transfer(transfer)
+    transfer, values = check_transfer(transfer), _floats("values", values)
     if transfer == "linear":
         return values
-    values = validate.array("values", values)
     magnitude = np.abs(values)
     with np.errstate(over="ignore"):  # becomes infinity
         if transfer == "srgb":
@@ -83,22 +87,34 @@ def from_linear(light: NDArray[np.float32], transfer: Transfer) -> NDArray[np.fl
     ndarray, float32
         `light` itself if the curve is linear.
 
+    Raises
+    ------
+    InputError
+        If `light` is unsigned integers or no real numbers.
+
     Examples
     --------
     >>> import rsdeblur
     >>> rsdeblur.from_linear([0.0, 0.214, 1.0], "srgb").round(3)
     array([0. , 0.5, 1. ], dtype=float32)
     """
-    transfer = check_transfer(transfer)
+    transfer, light = check_transfer(transfer), _floats("light", light)
     if transfer == "linear":
         return light
-    light = validate.array("light", light)
     with np.errstate(over="ignore"):  # becomes infinity
         if transfer == "srgb":
             from rsdeblur.kernels.tone import to_srgb  # loads Numba, which checks of options need not wait for
 
             return to_srgb(np.asarray(light, dtype=np.float32, order="C"))
         return np.copysign(np.abs(light) ** (1.0 / transfer), light).astype(np.float32)
+
+
+def _floats(name: str, values: ArrayLike) -> NDArray[Any]:
+    """Return values as an array, which may be the same; integers of pictures are refused, because they mean up to 1."""
+    array = validate.array(name, values)
+    if array.dtype.kind == "u":
+        raise InputError(f"{name} must be floats, got {array.dtype}; divide them by {np.iinfo(array.dtype).max} before")
+    return array
 
 
 # Share of the values at either end that counts as outliers.

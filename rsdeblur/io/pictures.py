@@ -29,6 +29,7 @@ from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write, check_target
 from rsdeblur._util.files import checked_path, open_file, read_file
 from rsdeblur._util.one_line import one_line
+from rsdeblur._util.threads import held_at_forks
 from rsdeblur.errors import FileFormatError, InputError, OutputError
 from rsdeblur.io import _heif, _jpeg, _metadata, _raw, _tiff, claims, mapped, untrusted
 from rsdeblur.io._encode import encode, quantised
@@ -67,7 +68,7 @@ DAMAGE = (
     TokenError,  # NumPy, from the header of its files
 )
 
-_limit_lock = threading.Lock()
+_limit_lock = held_at_forks(threading.RLock())
 
 
 @one_line()
@@ -262,7 +263,8 @@ def write_picture(
     force : bool, default False
         Replace an existing file.
     bits : {8, 16, 32}, optional
-        Bit depth instead of that of `like`; 32 is float32, TIFF and NumPy only. Without either, 8.
+        Bit depth instead of that of `like`; 32 is float32, TIFF and NumPy only. Without either, that of `image` if it
+        holds integers (or the next lower one that the format has), and 8 for floats.
 
     Raises
     ------
@@ -293,7 +295,8 @@ def write_picture(
     check_writable(path, force=force, signed=claim is not None)
     kind = KINDS[path.suffix.lower()]
     _check_image(image)
-    depth = _depth(path, kind, like, bits)
+    source = like.pixels if like is not None else image if image.dtype.kind == "u" else None
+    depth = _depth(path, kind, source, bits)
     _check_range(path, image, depth, OVERSHOOT)
     pixels = quantised(image, depth)
     if pixels.ndim == 3 and kind == "JPEG" and pixels.shape[2] in (2, 4):
@@ -342,7 +345,7 @@ def picture_to_fill(
     """
     path = checked_path(path)
     check_writable(path, force=force, signed=like.claim is not None)
-    _check_range(path, like.pixels, _depth(path, KINDS[path.suffix.lower()], like, None))
+    _check_range(path, like.pixels, _depth(path, KINDS[path.suffix.lower()], like.pixels, None))
     if not in_place or path.suffix.lower() not in mapped.SUFFIXES:
         pixels = np.empty(shape, like.pixels.dtype)
         yield pixels
@@ -385,6 +388,7 @@ def check_writable(path: str | os.PathLike[str], *, force: bool, signed: bool = 
         or not writable; or if `path` is a folder, a pipe or a device, or it exists and `force` is not set.
     """
     path = checked_path(path)
+    validate.boolean("force", force)
     if path.suffix.lower() not in KINDS:
         raise OutputError(f"{path}: unknown picture extension {path.suffix!r}; use one of {', '.join(KINDS)}")
     if signed:
@@ -471,9 +475,9 @@ def _check_range(path: Path, image: NDArray[Any], bits: int, white: float = 1.0)
         )
 
 
-def _depth(path: Path, kind: str, like: Picture | None, bits: int | None) -> int:
+def _depth(path: Path, kind: str, source: NDArray[Any] | None, bits: int | None) -> int:
     if bits is None:
-        input_bits = 8 * like.pixels.dtype.itemsize if like else 8
+        input_bits = 8 if source is None else 8 * source.dtype.itemsize
         return max(depth for depth in DEPTHS[kind] if depth <= max(input_bits, 8))
     if validate.count("bits", bits, maximum=64) not in DEPTHS[kind]:
         allowed = ", ".join(map(str, DEPTHS[kind]))

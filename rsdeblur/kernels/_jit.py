@@ -8,9 +8,15 @@ from typing import Any, TypeVar
 
 import numba
 import numpy as np
+from numba.core.compiler_lock import global_compiler_lock
 from numpy.typing import NDArray
 
+from rsdeblur._util.threads import held_at_forks
+
 Scalar = TypeVar("Scalar", bound=np.generic)
+
+# Numba takes it to compile a function, and to look for one that is compiled.
+held_at_forks(global_compiler_lock)
 
 
 class _ToleratedCache:

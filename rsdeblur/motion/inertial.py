@@ -117,8 +117,8 @@ class InertialTrack:
         validate.instance("log", log, GyroLog)
         validate.instance("acceleration", acceleration, AccelerationLog)
         validate.instance("camera", camera, Camera)
-        t0 = validate.finite("t0", t0)
-        t1 = validate.finite("t1", t1, above=t0)
+        t0 = validate.time("t0", t0)
+        t1 = validate.time("t1", t1, above=t0)
         arm = validate.real_array("lever", lever, (3,))
         track = OrientationTrack.from_log(log, camera, t0, t1, epoch_ns, most=MOST_RECORDED)
         offset = camera.time_offset
@@ -246,8 +246,8 @@ class InertialTrack:
 
     def _span(self, exposure: Exposure, camera: Camera) -> tuple[float, float]:
         """Return the start and the end of an exposure, in the track's times and within them."""
-        shift = (exposure.epoch_ns - self.epoch_ns) * 1e-9
-        opens, closes = (edge + shift for edge in exposure.span(camera))
+        span = validate.instance("exposure", exposure, Exposure).span(camera)
+        opens, closes = (edge + (exposure.epoch_ns - self.epoch_ns) * 1e-9 for edge in span)
         first, last = float(self.t[0]), float(self.t[-1])
         if opens < first - CLOCK_TICK or closes > last + CLOCK_TICK:
             raise CoverageError(
@@ -325,11 +325,12 @@ def fit_drifts(
     pixels : array_like, shape (k, 2), optional
         Where the drifts were measured, as (x, y) in px; by default at the principal point.
     drift_sd : float, default 0.5
-        Standard deviation of the drifts in px, positive.
+        Standard deviation of the drifts in px, from 1e-12 to 1e12.
     velocity_sd : float, default 0.1
-        Standard deviation of the start velocity in m/s, positive: that of a hand.
+        Standard deviation of the start velocity in m/s, from 1e-12 to 1e12: that of a hand.
     gravity_sd : float, default 0.1
-        Standard deviation of the track's gravity in m/s^2, positive: the change of velocity over the duration.
+        Standard deviation of the track's gravity in m/s^2, from 1e-12 to 1e12: the change of velocity over the
+        duration.
 
     Returns
     -------
@@ -355,7 +356,7 @@ def fit_drifts(
     places = np.tile(camera.principal_point, (len(exposures), 1)) if pixels is None else pixels
     rays = camera.rays(validate.real_array("pixels", places, (len(exposures), 2)))
     deviations = {"drift_sd": drift_sd, "velocity_sd": velocity_sd, "gravity_sd": gravity_sd}
-    drift_sd, *others = (validate.finite(name, value, above=0.0) for name, value in deviations.items())
+    drift_sd, *others = (validate.finite(name, sd, minimum=1e-12, maximum=1e12) for name, sd in deviations.items())
     pairs = zip(exposures, rays / rays[:, 2:], strict=True)
     matrix = np.concatenate([_drifts_of(track, camera, *pair) for pair in pairs])
     prior = np.concatenate([np.zeros(3), track.gravity])

@@ -32,7 +32,7 @@ from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import GEOMETRIES, MOTIONS, Geometry, Motion
 from rsdeblur.errors import InputError
 from rsdeblur.motion.arguments import check_recording, check_traceable
-from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.camera import MOST_PIXELS, Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.row_poses import RowPoses
@@ -285,11 +285,12 @@ class BlurPaths:
     softness: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("displacements", "rows", "cols"):
-            # A view, so that the caller's own array stays writable.
-            values = validate.array(name, getattr(self, name)).astype(np.float64, copy=False).view()
-            values.flags.writeable = False
-            object.__setattr__(self, name, values)
+        # A view, so that the caller's own array stays writable.
+        values = validate.array("displacements", self.displacements).astype(np.float64, copy=False).view()
+        values.flags.writeable = False
+        object.__setattr__(self, "displacements", values)
+        for name in ("rows", "cols"):
+            object.__setattr__(self, name, validate.real_array(name, getattr(self, name), (None,)))
         object.__setattr__(self, "softness", validate.softness(self.softness))
         paths, grid = self.displacements, (*self.rows.shape, *self.cols.shape)
         if paths.ndim != 4 or paths.shape[:2] != grid or paths.shape[2] < 2 or paths.shape[3] != 2:
@@ -298,6 +299,11 @@ class BlurPaths:
                 f"for a grid of shape {grid}"
             )
         _check_finite(paths)
+        if paths.size and max(self.extent) > MOST_PIXELS:
+            raise InputError(
+                f"the paths reach {max(self.extent):.3g} px, further than any picture; are the rates in rad/s, "
+                "the focal length in px and the exposure in s?"
+            )
 
     @classmethod
     def from_capture(

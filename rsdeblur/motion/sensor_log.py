@@ -153,7 +153,7 @@ class SensorLog:
         InputError
             If a time is not finite, `t1` is before `t0`, or the log has no sample between them.
         """
-        t0, t1 = validate.finite("t0", t0), validate.finite("t1", t1)
+        t0, t1 = validate.time("t0", t0), validate.time("t1", t1)
         if t1 < t0:
             raise InputError(f"t1 must not be before t0, got t0 = {t0} and t1 = {t1}")
         if t1 < self.t[0] or t0 > self.t[-1]:
@@ -186,7 +186,7 @@ class SensorLog:
         GapError
             If the log has a gap inside [t0, t1].
         """
-        t0, t1 = validate.finite("t0", t0), validate.finite("t1", t1)
+        t0, t1 = validate.time("t0", t0), validate.time("t1", t1)
         epoch_ns = validate.nanoseconds("epoch_ns", epoch_ns)
         # The difference of the epochs is exact: both are integers.
         shift = (self.epoch_ns - epoch_ns) * 1e-9

@@ -103,8 +103,9 @@ class Trajectory:
         CoverageError
             If the trajectory does not cover the exposure.
         """
+        opens, closes = validate.instance("exposure", exposure, Exposure).span(camera)
+        validate.instance("axes", axes, str)
         to_camera = np.eye(3) if axes == "camera" else camera.imu_to_camera if axes == "imu" else imu_to_camera(axes)
-        opens, closes = exposure.span(camera)
         track = Translation(self.t, self.position, depth, self.epoch_ns).covering(opens, closes, exposure.epoch_ns)
         start = track.at(np.array(opens)) * track.middle_depth
         moved = (track.position - start) @ self._orientation(opens, track.t) @ to_camera.T

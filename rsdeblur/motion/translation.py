@@ -145,7 +145,7 @@ class Translation:
         CoverageError
             If the track does not cover [t0, t1].
         """
-        t0, t1 = validate.finite("t0", t0), validate.finite("t1", t1)
+        t0, t1 = validate.time("t0", t0), validate.time("t1", t1)
         epoch_ns = validate.nanoseconds("epoch_ns", epoch_ns)
         t = self.t + (self.epoch_ns - epoch_ns) * 1e-9
         if t[0] > t0 + CLOCK_TICK or t[-1] < t1 - CLOCK_TICK:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import warnings
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import html_with_picture, one_line
+from rsdeblur._util.threads import Turns
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck, UndershootMeter
 from rsdeblur.estimate.refine import Refinement, refine
@@ -279,7 +279,7 @@ class Plan:
         clock: StageClock,
     ) -> NDArray[np.bool_]:
         """Solve chunk by chunk into `out`, which is upright; return a mask of the pixels that were exposed."""
-        with self._kept.lock:
+        with self._kept.turn():
             return solve_chunks(
                 *(split, out, self.bank, self.options, self._settings, clock),
                 plan_solver=self._plan_solver,
@@ -296,12 +296,14 @@ class Plan:
         return settings.plan_solver(self.capture, chunk.bank, shape, chunk.source.start)
 
 
-class _KeptSolver:
-    """The solver of tiles that a plan and its replans share; it is planned for one shape at a time."""
+class _KeptSolver(Turns):
+    """The solver of tiles that a plan and its replans share; it is planned for one shape at a time.
+
+    A plan whose PSFs the solver has holds the lock.
+    """
 
     def __init__(self) -> None:
-        # Held by the plan whose PSFs the solver has.
-        self.lock = threading.Lock()
+        super().__init__()
         self._planned_for: tuple[SolverSettings, Grid, tuple[int, int, int]] | None = None
         self._solver: TileSolver | None = None
         self._bank: PsfBank | None = None

@@ -141,6 +141,15 @@ def test_depth_is_that_of_like_or_the_next_lower_one(
     assert read_picture(path).pixels.dtype == expected
 
 
+def test_integers_keep_their_depth(tmp_path: Path) -> None:
+    pixels = np.arange(16, dtype=np.uint16).reshape(4, 4)
+    for name, dtype in (("a.png", "uint16"), ("a.tif", "uint16"), ("a.npy", "uint16"), ("a.jpg", "uint8")):
+        write_picture(tmp_path / name, pixels)
+        assert read_picture(tmp_path / name).pixels.dtype == dtype
+    write_picture(tmp_path / "float.tif", pixels / 15)
+    assert read_picture(tmp_path / "float.tif").pixels.dtype == np.uint8
+
+
 def test_bits_override_like(tmp_path: Path) -> None:
     for bits, dtype in ((8, "uint8"), (16, "uint16"), (32, "float32")):
         path = tmp_path / f"{bits}.tif"

@@ -190,6 +190,18 @@ def test_shapes_and_alpha(log: GyroLog, shape: tuple[int, ...]) -> None:
         np.testing.assert_array_equal(result[..., :-1], colour)
 
 
+def test_alpha_beyond_its_range_is_clipped_in_integers(log: GyroLog) -> None:
+    picture = np.full((CAMERA.height, CAMERA.width, 4), 0.5, np.float32)
+    picture[0, :3, 3] = -0.1, 1.2, 1e9
+    out = np.empty(picture.shape, np.uint8)
+    deblur(picture, log, CAMERA, EXPOSURE, mode="global", out=out)
+    assert out[0, :4, 3].tolist() == [0, 255, 255, 128]
+    np.testing.assert_array_equal(deblur(picture, log, CAMERA, EXPOSURE, mode="global").image[..., 3], picture[..., 3])
+    picture[0, 0, 3] = np.nan
+    with pytest.raises(InputError, match="alpha of image must be finite"):
+        deblur(picture, log, CAMERA, EXPOSURE, mode="global")
+
+
 @pytest.mark.parametrize(("dtype", "top"), [(np.uint8, 255), (np.uint16, 65535)])
 def test_integers_are_scaled_and_clipped(capture: Simulation, log: GyroLog, dtype: type, top: int) -> None:
     stored = np.round(capture.blurred.clip(0, 1) * top).astype(dtype)

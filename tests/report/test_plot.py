@@ -76,5 +76,16 @@ def test_a_comparison_has_one_shape():
     assert [ax.images[0].get_array().shape for ax in axes] == [(7, 8, 3)] * 2
     with pytest.raises(InputError, match="all of one shape"):
         plot.comparison({"a": PICTURE, "b": PICTURE[1:]})
-    with pytest.raises(InputError, match="at least one"):
-        plot.comparison({})
+    for reference in (None, PICTURE):
+        with pytest.raises(InputError, match="at least one"):
+            plot.comparison({}, reference=reference)
+
+
+def test_bad_arguments_of_drawings_are_refused_by_name():
+    with pytest.raises(InputError, match="pictures must be a dict of pictures by their titles, got list"):
+        plot.comparison([PICTURE, PICTURE])
+    for crop in ((), (5, 6, 7), 3, (0, 0, 0, 5), (-1, 0, 5, 5), (0, 10**6, 5, 5), "abcd"):
+        with pytest.raises(InputError, match="crop must be"):
+            plot.comparison({"a": PICTURE}, crop=crop)
+    with pytest.raises(InputError, match="exposures must be a sequence, got None"):
+        plot.log(LOG, CAMERA, None)
