@@ -19,9 +19,8 @@ blurred, _, truth = rsdeblur.simulate(scene, log, camera, exposure, translation=
 # %%
 # Only the drift is unknown here, which makes the search short:
 
-unknown = rsdeblur.Uncertainty(scale=0.0, offset=0.0, readout=0.0, roll=0.0)
-found = rsdeblur.refine(blurred, log, camera, exposure, uncertainty=unknown)
-print(found.accepted, found.correction)
+found = rsdeblur.refine(blurred, log, camera, exposure, free="drift")
+print(found.accepted, found.values)
 
 pictures = {
     "blurred": blurred,

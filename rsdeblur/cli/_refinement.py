@@ -38,8 +38,10 @@ def refinement_facts(refinement: Refinement | FramesRefinement) -> dict[str, Any
     return {
         "accepted": refinement.accepted,
         "reason": refinement.reason,
-        "values": asdict(refinement.correction),
-        "deviations": asdict(refinement.deviation),
+        "values": asdict(refinement.values),
+        "sd": asdict(refinement.sd),
+        # Measured for one picture only.
+        "confidence": getattr(refinement, "confidence", None),
         "gain": refinement.gain,
         "fall": refinement.fall,
         # Several frames have drifts of their own.

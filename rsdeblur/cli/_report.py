@@ -115,10 +115,12 @@ def _corrections(refinement: Mapping[str, Any]) -> dict[str, str]:
         "readout": (1.0, "readout time, logarithm of the factor"),
         "roll": (1.0, "roll bias, rad/s"),
     }
-    return {
-        label: f"{unit * refinement['values'][name]:+.3g} ± {unit * refinement['deviations'][name]:.2g}"
+    values = {
+        label: f"{unit * refinement['values'][name]:+.3g} ± {unit * refinement['sd'][name]:.2g}"
         for name, (unit, label) in units.items()
-    } | {"accepted": "yes" if refinement["accepted"] else f"no: {refinement['reason']}"}
+    }
+    verdict = "yes" if refinement["accepted"] else f"no: {refinement['reason']}"
+    return values | {"confidence": f"{refinement['confidence']:.2f}", "accepted": verdict}
 
 
 def _without_folders(text: str, compared: Compared, recording: Recording) -> str:

@@ -7,7 +7,7 @@ sharp picture that they lead to: with the right motion, its gradient is concentr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -71,6 +71,9 @@ LEAST_WORTH, LEAST_FALL, MOST_DEVIATIONS = 30.0, 0.01, 6.0
 LEAST_OF_SHORTER = 10.0
 # Least worth and fall for the readout time alone: little else looks like that.
 LEAST_OF_READOUT = 15.0, 0.005
+# Worth (nats) of corrections of which half bring the motion nearer to the truth, and by how much more the odds grow
+# e-fold: a fit to simulated recordings (docs/developer/decisions/refinement.md).
+EVEN_WORTH, WORTH_SCALE = 8.0, 12.0
 # Exposures that are shorter, s, show no shake; the drifts of the search would have speeds that no hand has, and PSFs of
 # the rows between them that fill the memory.
 LEAST_DURATION = 1e-4
@@ -94,10 +97,12 @@ class Refinement:
         Whether the correction is accepted.
     reason : str
         Why it is not; empty otherwise.
-    correction : Correction
+    values : Correction
         The most likely correction, accepted or not.
-    deviation : Correction
+    sd : Correction
         Standard deviations of its numbers; those of the :class:`Uncertainty` where the picture does not determine them.
+    confidence : float
+        How likely the correction brings the motion nearer to the truth, in [0, 1]; 0 where other axes fit better.
     gain : float
         How much likelier the correction is than none, nats.
     fall : float
@@ -113,8 +118,9 @@ class Refinement:
     translation: Translation | None
     accepted: bool
     reason: str
-    correction: Correction
-    deviation: Correction
+    values: Correction
+    sd: Correction
+    confidence: float
     gain: float
     fall: float
     regions: FloatArray | None = None
@@ -128,6 +134,7 @@ def refine(
     *,
     translation: Translation | None = None,
     uncertainty: Uncertainty | None = None,
+    free: str | Collection[str] | None = None,
     transfer: Transfer | Auto = "auto",
     known_axes: bool = False,
     threads: int | None = None,
@@ -145,6 +152,8 @@ def refine(
         Translation of the camera, if it is known.
     uncertainty : Uncertainty, optional
         How far the recording may be wrong; default `Uncertainty()`.
+    free : str or collection of str, optional
+        Which of "scale", "drift", "offset", "readout" and "roll" may be corrected; default all.
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light, as for :func:`rsdeblur.deblur`.
     known_axes : bool, default False
@@ -184,7 +193,7 @@ def refine(
     check_recording(log, camera, exposure, translation)
     validate.callback("progress", progress)
     validate.boolean("known_axes", known_axes)
-    uncertainty = Uncertainty() if uncertainty is None else validate.instance("uncertainty", uncertainty, Uncertainty)
+    uncertainty = Uncertainty.of(uncertainty, free, Uncertainty())
     light = grey_light(image, transfer, camera)
     recording = Recording(log, camera, exposure, translation)
     deviations = uncertainty.deviations(camera)
@@ -193,7 +202,7 @@ def refine(
         return _unrefined(recording, deviations, f"the picture is smaller than {TILE} px")
     if exposure.duration < LEAST_DURATION:
         return _unrefined(recording, deviations, TOO_SHORT)
-    spectra = TileSpectra(light, recording, side=spectra_side(recording), soft=True, threads=1)
+    spectra = TileSpectra(light, recording, side=spectra_side(recording), soft=True, white=False, threads=1)
     quick = QuickSharpness(light, recording)
     posterior = Posterior(spectra, recording, deviations)
     judge = _Judge(posterior, quick, lambda: Sharpness(light, recording, robust=True), threads)
@@ -203,11 +212,11 @@ def refine(
     doubtful = not (reason or known_axes)
     if doubtful and rival_lead(spectra, quick, found, recording, deviations, threads=threads) > 0:
         reason = OTHER_AXES
-    correction, regions = Correction(*(best * deviations).tolist()), None
+    values, regions = Correction(*(best * deviations).tolist()), None
     if not reason and translation is None:
-        regions = drift_by_region(posterior, quick, judge.whole, recording, correction, threads=threads)
+        regions = drift_by_region(posterior, quick, judge.whole, recording, values, threads=threads)
         if regions is not None:
-            found = with_factors(recording, correction, regions, quick.centres)
+            found = with_factors(recording, values, regions, quick.centres)
             regions = ReadoutFrame(camera).back(regions)
     used = recording if reason else found
     return Refinement(
@@ -217,8 +226,9 @@ def refine(
         used.translation,
         accepted=not reason,
         reason=reason,
-        correction=correction,
-        deviation=Correction(*(posterior.spread(best) * deviations).tolist()),
+        values=values,
+        sd=Correction(*(posterior.spread(best) * deviations).tolist()),
+        confidence=0.0 if reason == OTHER_AXES else judge.confidence(best),
         gain=judge.gain(best),
         fall=judge.fall(best),
         regions=regions,
@@ -228,10 +238,9 @@ def refine(
 def _unrefined(recording: Recording, deviations: FloatArray, reason: str) -> Refinement:
     """Return the recording as given."""
     given = recording.log, recording.camera, recording.exposure, recording.translation
-    deviation = Correction(*deviations.tolist())
-    return Refinement(
-        *given, accepted=False, reason=reason, correction=Correction(), deviation=deviation, gain=0.0, fall=0.0
-    )
+    sd = Correction(*deviations.tolist())
+    nothing = Correction()
+    return Refinement(*given, accepted=False, reason=reason, values=nothing, sd=sd, confidence=0.0, gain=0.0, fall=0.0)
 
 
 def grey_light(image: ArrayLike, transfer: Transfer | Auto, camera: Camera) -> NDArray[np.float32]:
@@ -305,6 +314,10 @@ class _Judge:
     def fall(self, place: FloatArray) -> float:
         """Return how much the logarithm of l1 / l2 falls."""
         return self._sparsity(self._nothing) - self._sparsity(place)
+
+    def confidence(self, place: FloatArray) -> float:
+        """Return how likely a correction brings the motion nearer to the truth."""
+        return 1.0 / (1.0 + float(np.exp((EVEN_WORTH - self._worth(place)) / WORTH_SCALE))) if place.any() else 0.0
 
     def _sparsity(self, place: FloatArray) -> float:
         key = place.tobytes()

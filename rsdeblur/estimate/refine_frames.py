@@ -7,7 +7,7 @@ frame's own, and is not corrected here.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -75,9 +75,9 @@ class FramesRefinement:
         Whether the correction is accepted.
     reason : str
         Why it is not; empty otherwise.
-    correction : Correction
+    values : Correction
         The most likely correction, accepted or not; without a drift.
-    deviation : Correction
+    sd : Correction
         Standard deviations of its numbers.
     gain : float
         How much likelier the correction is than none, nats.
@@ -89,8 +89,8 @@ class FramesRefinement:
     camera: Camera
     accepted: bool
     reason: str
-    correction: Correction
-    deviation: Correction
+    values: Correction
+    sd: Correction
     gain: float
     fall: float
 
@@ -103,6 +103,7 @@ def refine_frames(
     *,
     translation: Translation | None = None,
     uncertainty: Uncertainty | None = None,
+    free: str | Collection[str] | None = None,
     transfer: Transfer | Auto = "auto",
     threads: int | None = None,
     progress: Progress | None = None,
@@ -122,6 +123,8 @@ def refine_frames(
         Translation of the camera, if it is known.
     uncertainty : Uncertainty, optional
         How far the recording may be wrong; default `Uncertainty(offset=8e-3)`. Its drift has no effect.
+    free : str or collection of str, optional
+        Which of "scale", "offset", "readout" and "roll" may be corrected; default all.
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light, as for :func:`rsdeblur.deblur`.
     threads : int, optional
@@ -152,8 +155,7 @@ def refine_frames(
         check_recording(log, camera, exposure, translation)
     validate.callback("progress", progress)
     # Several frames distinguish an offset from a motion of the hand, so it may be larger than for one.
-    default = Uncertainty(offset=8e-3)
-    uncertainty = default if uncertainty is None else validate.instance("uncertainty", uncertainty, Uncertainty)
+    uncertainty = Uncertainty.of(uncertainty, free, Uncertainty(offset=8e-3))
     report = progress or (lambda *_: None)
     lights = [grey_light(image, transfer, camera) for image in validate.items("images", images)]
     if len(lights) != len(exposures) or len(lights) < 2:
@@ -171,8 +173,8 @@ def refine_frames(
         camera if reason else found.camera,
         accepted=not reason,
         reason=reason,
-        correction=Correction(*(best * deviations).tolist()),
-        deviation=Correction(*(frames.spread(best) * deviations).tolist()),
+        values=Correction(*(best * deviations).tolist()),
+        sd=Correction(*(frames.spread(best) * deviations).tolist()),
         gain=frames.gain(best),
         fall=float(frames.falls(best).mean()),
     )

@@ -23,6 +23,10 @@ LOWEST, HIGHEST = 1.5 / TILE, 0.5
 # Frequencies that mostly contain noise, cycles/px. Some directions may contain signal there, so the weakest is the
 # noise.
 NOISE_FROM, NOISE_TO = 0.35, 0.5
+# Bounds of the rings in which phones leave noise of different power, cycles/px: half octaves. Of all tiles, this share
+# has no more than the noise there.
+RINGS = 2.0 ** np.arange(-4.5, -1.0, 0.5)
+QUIET = 0.1
 # Candidates for the noise, as multiples of its first estimate.
 LEVELS = np.array([0.3, 1.0])
 # Weight, in nats, of squared differences between the logarithms of a scene's power in different directions, which
@@ -52,6 +56,8 @@ class TileSpectra:
         Longer side of the picture after reduction, px.
     soft : bool, default False
         Whether the power that is expected allows for :func:`softness`.
+    white : bool, default True
+        See :class:`TilePeriodograms`.
     threads : int, optional
         Threads that share the tiles of a fit; default all processors. 1 suits callers whose threads share motions.
 
@@ -68,6 +74,7 @@ class TileSpectra:
         *,
         side: int,
         soft: bool = False,
+        white: bool = True,
         threads: int | None = None,
     ) -> None:
         camera, self._threads = recording.camera, threads
@@ -86,7 +93,8 @@ class TileSpectra:
         nearest = np.abs(cols[:, None] - self._cols).argmin(axis=1)
         #: Centres of the rows and columns of tiles, as shares of the upright picture's height and width.
         self.centres = self._rows / grey.shape[0], cols / grey.shape[1]
-        self._periodograms = TilePeriodograms(grey, tops, lefts, softness=softness(self._scale) if soft else 0.0)
+        softened = softness(self._scale) if soft else 0.0
+        self._periodograms = TilePeriodograms(grey, tops, lefts, softness=softened, white=white)
         self._place = (np.arange(len(tops))[:, None] * strips + nearest).ravel()
         longest = float(recording.capture(self._scale).probe.lengths.max())
         self._samples = max(LEAST_SAMPLES, int(SAMPLES_PER_PIXEL * longest) + 1)
@@ -168,6 +176,9 @@ class TilePeriodograms:
         First rows and first columns of the tiles.
     softness : float, default 0.0
         Standard deviation of a Gaussian that softens the scene, px.
+    white : bool, default True
+        Whether the noise is white. Otherwise its colour is measured, because denoising leaves more noise on coarse
+        scales: a bare wall would look like a scene that is blurred alike in all directions.
 
     Attributes
     ----------
@@ -178,7 +189,13 @@ class TilePeriodograms:
     """
 
     def __init__(
-        self, grey: NDArray[np.float32], tops: NDArray[np.intp], lefts: NDArray[np.intp], *, softness: float = 0.0
+        self,
+        grey: NDArray[np.float32],
+        tops: NDArray[np.intp],
+        lefts: NDArray[np.intp],
+        *,
+        softness: float = 0.0,
+        white: bool = True,
     ) -> None:
         used = np.flatnonzero((RADIUS > LOWEST) & (RADIUS < HIGHEST))
         self._used = used[np.argsort(DIRECTION.flat[used], kind="stable")]
@@ -188,8 +205,26 @@ class TilePeriodograms:
         noise = _noise(power).reshape(-1, 1)
         self.power = np.ascontiguousarray(power.reshape(len(noise), -1)[:, self._used])
         self.noise = (noise * GRADIENT.flat[self._used]).astype(np.float32)
+        if not white:
+            self.noise *= self._colour()
         scene = GRADIENT / np.maximum(RADIUS, LOWEST) ** 2 * np.exp(-np.square(2 * np.pi * softness * RADIUS))
         self._scene = scene.astype(np.float32).flat[self._used]
+
+    def _colour(self) -> NDArray[np.float32]:
+        """Return the power of the noise at all frequencies, as multiples of white noise.
+
+        In each ring, the direction with the least power contains the least of the scene, and quiet tiles contain
+        hardly anything else.
+        """
+        relative = self.power / self.noise
+        ring, direction = np.digitize(RADIUS, RINGS).flat[self._used], DIRECTION.flat[self._used]
+        multiples = np.ones(len(RINGS) + 2)
+        for n in range(len(RINGS), -1, -1):
+            cells = [relative[:, (ring == n) & (direction == k)] for k in range(DIRECTIONS)]
+            means = [cell.mean(axis=1) for cell in cells if cell.shape[1] > 1]
+            quiet = float(np.quantile(np.min(means, axis=0), QUIET)) if means else 0.0
+            multiples[n] = max(quiet, multiples[n + 1])
+        return multiples[ring].astype(np.float32)
 
     def expected(self, kernels: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the power of the scene under `kernels` (B, S, kh, kw), up to a gain, shape (B * S, F)."""

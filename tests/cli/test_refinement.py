@@ -39,7 +39,7 @@ def test_recordings_are_refined_unless_that_is_slow_or_impossible(
 ) -> None:
     log, camera = read_gyro(files.gyro), read_camera(files.camera)
     given = log, camera, Exposure(0.2, 0.04), None
-    found = Refinement(*given, False, "it is right", Correction(), Correction(), 0.0, 0.0)
+    found = Refinement(*given, False, "it is right", Correction(), Correction(), 0.0, 0.0, 0.0)
     monkeypatch.setattr("rsdeblur.pipeline.plan.refine", lambda *_, **__: found)
     call = "deblur", files.photo, *files.recording, "--force", *options, "-o", tmp_path / "sharp.png"
     facts = json.loads(run(*call, "--json").stdout)
@@ -51,7 +51,7 @@ def test_recordings_are_refined_unless_that_is_slow_or_impossible(
 
 def test_only_changed_numbers_are_named(files: Files) -> None:
     given = read_gyro(files.gyro), read_camera(files.camera), Exposure(0.2, 0.04), None
-    found = Refinement(*given, True, "", Correction(drift_y=-1.5, offset=2e-3), Correction(), 40.0, 0.05)
+    found = Refinement(*given, True, "", Correction(drift_y=-1.5, offset=2e-3), Correction(), 0.99, 40.0, 0.05)
     text = correction_text(refinement_facts(found))
     assert text == "Recording corrected: drift +0.0 and -1.5 px, time offset +2.0 ms."
     text = correction_text(refinement_facts(replace(found, regions=np.array([[0.5, 1.0], [1.0, 2.0]]))))
@@ -92,7 +92,7 @@ def test_gravity_names_wrong_axes_which_are_not_refined(
         return found
 
     given = read_gyro(files.gyro), read_camera(files.camera), Exposure(0.2, 0.04), None
-    found = Refinement(*given, False, "it is right", Correction(), Correction(), 0.0, 0.0)
+    found = Refinement(*given, False, "it is right", Correction(), Correction(), 0.0, 0.0, 0.0)
     monkeypatch.setattr("rsdeblur.pipeline.plan.refine", refine)
     call = "deblur", files.photo, *files.recording, "--force", "-o", tmp_path / "sharp.png"
     said = run(*call).stderr

@@ -33,7 +33,6 @@ CAMERA = Camera(288, 216, 420.0, readout_time=0.02)
 EXPOSURE = Exposure(0.5, 1 / 20)
 LOG = hand_shake(1.2, seed=5)
 # Only the drift may be wrong: the search is short.
-DRIFT = Uncertainty(scale=0.0, offset=0.0, readout=0.0, roll=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -79,16 +78,16 @@ def test_an_unknown_drift_is_found(picture):
     true = Recording(LOG, CAMERA, EXPOSURE)
     given = true.corrected(Correction(drift_x=3.0, drift_y=-2.0))
     recording = given.log, given.camera, given.exposure
-    found = refine(picture, *recording, translation=given.translation, uncertainty=DRIFT)
+    found = refine(picture, *recording, translation=given.translation, free="drift")
     assert found.accepted, found.reason
     refined = Recording(found.log, found.camera, found.exposure, found.translation)
     # A quarter of the error is a goal that the authors of the method would call refined.
     assert distance(refined, true) < 0.25 * distance(given, true)
-    assert found.correction.offset == found.deviation.offset == 0.0
+    assert found.values.offset == found.sd.offset == 0.0
 
 
 def test_a_right_recording_stays(picture):
-    found = refine(picture, LOG, CAMERA, EXPOSURE, uncertainty=DRIFT)
+    found = refine(picture, LOG, CAMERA, EXPOSURE, free="drift")
     assert not found.accepted
     assert found.reason
     assert found.camera is CAMERA
@@ -102,15 +101,15 @@ def test_a_wrong_clock_is_corrected_by_the_offset_alone(picture):
     given = true.corrected(Correction(offset=0.01))
     found = refine(picture, given.log, given.camera, given.exposure)
     assert found.accepted, found.reason
-    assert [name for name, value in asdict(found.correction).items() if value] == ["offset"]
+    assert [name for name, value in asdict(found.values).items() if value] == ["offset"]
     # As for the drift above.
     assert distance(Recording(found.log, found.camera, found.exposure), true) < 0.25 * distance(given, true)
 
 
 def test_threads_change_no_bits(picture):
     given = replace(CAMERA, focal_length=460.0)
-    one, two = (refine(picture, LOG, given, EXPOSURE, uncertainty=DRIFT, threads=threads) for threads in (1, 2))
-    assert one.correction == two.correction
+    one, two = (refine(picture, LOG, given, EXPOSURE, free="drift", threads=threads) for threads in (1, 2))
+    assert one.values == two.values
     assert (one.gain, one.fall) == (two.gain, two.fall)
 
 
@@ -167,7 +166,7 @@ def test_few_pixels_prove_nothing():
     found = refine(np.random.default_rng(0).random((60, 96)), LOG, camera, EXPOSURE)
     assert not found.accepted
     assert "smaller than 64 px" in found.reason
-    assert found.deviation == Correction(*Uncertainty().deviations(camera).tolist())
+    assert found.sd == Correction(*Uncertainty().deviations(camera).tolist())
 
 
 def test_a_blur_beyond_the_picture_is_an_error(picture):
@@ -191,7 +190,7 @@ def test_wrong_axes_are_named(picture, late):
 
 def test_deblur_uses_the_corrected_recording(picture, monkeypatch):
     camera = replace(CAMERA, time_offset=2e-3)
-    found = Refinement(LOG, camera, EXPOSURE, None, True, "", Correction(offset=2e-3), Correction(), 9.0, 0.05)
+    found = Refinement(LOG, camera, EXPOSURE, None, True, "", Correction(offset=2e-3), Correction(), 0.9, 9.0, 0.05)
     monkeypatch.setattr("rsdeblur.pipeline.plan.refine", lambda *_, **__: found)
     result = deblur(picture, LOG, CAMERA, EXPOSURE, prior="wiener", refine=True)
     assert result.refinement is found
@@ -210,9 +209,22 @@ def test_uncertainties_are_checked():
         Uncertainty(scale=0.0, drift=0.0, offset=0.0, readout=0.0, roll=0.0)
 
 
+@pytest.mark.parametrize(
+    ("free", "wrong"),
+    [
+        ((), "nothing to refine"),
+        (("drift", "focal"), "free must be one of drift, offset, readout, roll, scale; got 'focal'"),
+        (3, "free must be a sequence"),
+    ],
+)
+def test_what_is_free_is_checked(picture, free, wrong):
+    with pytest.raises(InputError, match=wrong):
+        refine(picture, LOG, CAMERA, EXPOSURE, free=free)
+
+
 def test_nothing_uncertain_is_left_as_it_is(picture):
     """A global shutter has no readout time to correct."""
     fixed = Uncertainty(scale=0.0, drift=0.0, offset=0.0, roll=0.0)
     found = refine(picture, LOG, replace(CAMERA, readout_time=0.0), EXPOSURE, uncertainty=fixed)
     assert not found.accepted
-    assert found.deviation == Correction()
+    assert found.sd == Correction()

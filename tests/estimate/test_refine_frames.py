@@ -31,9 +31,9 @@ def test_a_wrong_clock_is_found(pictures):
     assert found.accepted, found.reason
     # Paths differ by 2.4 to 4.5 px before, and by up to 0.5 px with 1 ms left. Measured: 0.2 ms.
     assert found.camera.time_offset == pytest.approx(0.0, abs=1e-3)
-    assert found.correction.offset == pytest.approx(found.camera.time_offset - 9e-3)
-    assert found.correction.scale == found.deviation.scale == found.correction.drift_x == 0.0
-    assert 0.0 < found.deviation.offset < CLOCK.offset
+    assert found.values.offset == pytest.approx(found.camera.time_offset - 9e-3)
+    assert found.values.scale == found.sd.scale == found.values.drift_x == 0.0
+    assert 0.0 < found.sd.offset < CLOCK.offset
     assert found.log is LOG
 
 
