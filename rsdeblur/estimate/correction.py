@@ -99,23 +99,6 @@ class Uncertainty:
         if not any(getattr(self, field.name) for field in fields(self)):
             raise InputError("uncertainty is 0 in all its parts, so that there is nothing to refine")
 
-    @classmethod
-    def of(cls, given: Uncertainty | None, free: str | Collection[str] | None, default: Uncertainty) -> Uncertainty:
-        """Return what a caller gives as `uncertainty` and `free`: `default`, if nothing, with 0 for what is not free.
-
-        Raises
-        ------
-        InputError
-            If `given` is no uncertainty, `free` has other names than the fields, or nothing is left to refine.
-        """
-        uncertainty = default if given is None else validate.instance("uncertainty", given, Uncertainty)
-        if free is None:
-            return uncertainty
-        names = [field.name for field in fields(cls)]
-        chosen = [free] if isinstance(free, str) else validate.items("free", free)
-        kept = set(names) - {validate.choice("free", name, names) for name in chosen}
-        return replace(uncertainty, **dict.fromkeys(kept, 0.0))
-
     def deviations(self, camera: Camera) -> FloatArray:
         """Return the standard deviations of the parameters of a :class:`Correction`.
 
@@ -132,6 +115,23 @@ class Uncertainty:
         drift = self.drift * max(camera.width, camera.height)
         readout = self.readout if camera.readout_time > 0 else 0.0
         return Correction(self.scale, drift, drift, self.offset, readout, self.roll).vector
+
+
+def uncertainty_of(given: Uncertainty | None, free: str | Collection[str] | None, default: Uncertainty) -> Uncertainty:
+    """Return what a caller gives as `uncertainty` and `free`: `default`, if nothing, with 0 for what is not free.
+
+    Raises
+    ------
+    InputError
+        If `given` is no uncertainty, `free` has other names than the fields, or nothing is left to refine.
+    """
+    uncertainty = default if given is None else validate.instance("uncertainty", given, Uncertainty)
+    if free is None:
+        return uncertainty
+    names = [field.name for field in fields(Uncertainty)]
+    chosen = [free] if isinstance(free, str) else validate.items("free", free)
+    kept = set(names) - {validate.choice("free", name, names) for name in chosen}
+    return replace(uncertainty, **dict.fromkeys(kept, 0.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

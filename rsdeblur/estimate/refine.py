@@ -18,7 +18,7 @@ from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import share_map
 from rsdeblur.choices import Auto, Transfer
-from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording, Uncertainty
+from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording, Uncertainty, uncertainty_of
 from rsdeblur.estimate.periodograms import TILE
 from rsdeblur.estimate.posterior import Posterior
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, SHORTER, QuickSharpness
@@ -193,7 +193,7 @@ def refine(
     check_recording(log, camera, exposure, translation)
     validate.callback("progress", progress)
     validate.boolean("known_axes", known_axes)
-    uncertainty = Uncertainty.of(uncertainty, free, Uncertainty())
+    uncertainty = uncertainty_of(uncertainty, free, Uncertainty())
     light = grey_light(image, transfer, camera)
     recording = Recording(log, camera, exposure, translation)
     deviations = uncertainty.deviations(camera)

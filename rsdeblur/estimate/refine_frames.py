@@ -19,7 +19,7 @@ from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import share_map, thread_count
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
-from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording, Uncertainty
+from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording, Uncertainty, uncertainty_of
 from rsdeblur.estimate.posterior import Posterior
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, QuickSharpness
 from rsdeblur.estimate.refine import (
@@ -155,7 +155,7 @@ def refine_frames(
         check_recording(log, camera, exposure, translation)
     validate.callback("progress", progress)
     # Several frames distinguish an offset from a motion of the hand, so it may be larger than for one.
-    uncertainty = Uncertainty.of(uncertainty, free, Uncertainty(offset=8e-3))
+    uncertainty = uncertainty_of(uncertainty, free, Uncertainty(offset=8e-3))
     report = progress or (lambda *_: None)
     lights = [grey_light(image, transfer, camera) for image in validate.items("images", images)]
     if len(lights) != len(exposures) or len(lights) < 2:
