@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from rsdeblur.io import directories
 from rsdeblur.io._metadata import Metadata, of_heif
 
+# Brands of HEIC; those of AVIF, which is not read, begin files of the same kind.
 BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
+AVIF_BRANDS = (b"avif", b"avis")
 # EXIF orientation for 0, 1, 2 and 3 quarter turns anticlockwise.
 ORIENTATION_OF_TURNS = (1, 8, 3, 6)
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io import untrusted
+from rsdeblur.io._heif import AVIF_BRANDS, BRANDS
 from rsdeblur.io.formats import Format
 from rsdeblur.io.sample_tables import check_sample_sizes
 from rsdeblur.io.samples import Samples, nanoseconds
@@ -30,10 +31,6 @@ GOPRO_VIEW = "0x5a464f56"
 # Camera whose exposures telemetry-parser returns as pairs of time and seconds. KanDao's are pairs too, but nothing
 # public documents their unit.
 TIMED_EXPOSURES = "Insta360"
-
-
-# Beginnings of the brands of HEIC and AVIF pictures, whose files begin like a video.
-PICTURE_BRANDS = (b"hei", b"hev", b"mif", b"msf", b"avi")
 
 
 class Trailer(NamedTuple):
@@ -84,10 +81,11 @@ def _read_trailer(source: Source) -> Samples:
 
 def is_video(source: Source) -> bool:
     """Whether the file is a video of a kind that may contain telemetry."""
-    # MP4 and related formats, Blackmagic's included, begin with a box of one of these names; RED's files with RE.
+    # MP4 and related formats, Blackmagic's included, begin with a box of one of these names; RED's files with RE. HEIC
+    # and AVIF pictures begin like MP4.
     head = source.head
     if head[4:8] == b"ftyp":
-        return head[8:11] not in PICTURE_BRANDS
+        return head[8:12] not in (*BRANDS, *AVIF_BRANDS)
     return head[4:8] in (b"moov", b"mdat", b"wide", b"skip", b"free") or head[4:6] == b"RE"
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,20 +10,7 @@ import pytest
 
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io import detect_gyro_format, read_gyro
-
-RATES = [(0.1, -0.2, 0.3), (0.11, -0.21, 3.8e-4), (-1.5, 0.0, 2.0), (0.0, 1.0, -1.0)]
-
-Write = Callable[[str], Path]
-
-
-@pytest.fixture
-def write(tmp_path: Path) -> Write:
-    def write(text: str) -> Path:
-        path = tmp_path / "log.txt"
-        path.write_bytes(text.encode())
-        return path
-
-    return write
+from tests.io.test_gyro_logs import RATES, Write
 
 
 def spelled(header: str, separator: str = ",", row: str = "{t} {x} {y} {z}", comma: bool = False) -> str:

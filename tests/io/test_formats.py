@@ -30,16 +30,6 @@ STAMPS = EPOCH + STEP * np.arange(len(RATES))
 Write = Callable[..., Path]
 
 
-@pytest.fixture
-def write(tmp_path: Path) -> Write:
-    def write(content: str | bytes, name: str = "log.csv") -> Path:
-        path = tmp_path / name
-        path.write_bytes(content.encode() if isinstance(content, str) else content)
-        return path
-
-    return write
-
-
 def rows(pattern: str, scale: float = 1.0) -> str:
     """Return a line for each sample; `pattern` contains t, s (seconds), x, y and z."""
     return "".join(

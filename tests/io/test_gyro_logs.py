@@ -19,17 +19,7 @@ EPOCH = 1_766_385_749_427_863_801
 STEP = 5_000_000
 RATES = [(0.1, -0.2, 0.3), (0.11, -0.21, 3.8e-4), (-1.5, 0.0, 2.0), (0.0, 1.0, -1.0)]
 
-Write = Callable[[str], Path]
-
-
-@pytest.fixture
-def write(tmp_path: Path) -> Write:
-    def write(text: str) -> Path:
-        path = tmp_path / "log.txt"
-        path.write_bytes(text.encode())
-        return path
-
-    return write
+Write = Callable[..., Path]
 
 
 def table(separator: str = ",", header: str = "", unit: int = 1, start: int = EPOCH) -> str:
@@ -173,7 +163,7 @@ def test_degrees_are_warned_about(write: Write) -> None:
 def test_late_samples_are_sorted_in_and_reported(write: Write) -> None:
     rows = [f"{i / 100} 0 0 {i / 100}" for i in range(200)]
     rows[50], rows[51], rows[52] = rows[51], rows[52], rows[50]
-    with pytest.warns(RsdeblurWarning, match="log.txt: 1 samples came late and were sorted in"):
+    with pytest.warns(RsdeblurWarning, match="log.csv: 1 samples came late and were sorted in"):
         log = read_gyro(write("\n".join(rows)))
     np.testing.assert_array_equal(log.omega[:, 2], np.arange(200) / 100)
 
@@ -352,7 +342,7 @@ FAULTS = {
 
 @pytest.mark.parametrize(("text", "line", "message"), FAULTS.values(), ids=FAULTS)
 def test_faults_name_the_file_and_the_line(write: Write, text: str, line: int, message: str) -> None:
-    with pytest.raises(FileFormatError, match=rf"log\.txt, line {line}: .*{message}"):
+    with pytest.raises(FileFormatError, match=rf"log\.csv, line {line}: .*{message}"):
         read_gyro(write(text))
 
 
@@ -374,7 +364,7 @@ WHOLE_FILE_FAULTS = {
 
 @pytest.mark.parametrize(("text", "message"), WHOLE_FILE_FAULTS.values(), ids=WHOLE_FILE_FAULTS)
 def test_faults_of_the_whole_file_name_it(write: Write, text: str, message: str) -> None:
-    with pytest.raises(FileFormatError, match=rf"log\.txt.*: .*{message}"):
+    with pytest.raises(FileFormatError, match=rf"log\.csv.*: .*{message}"):
         read_gyro(write(text))
 
 
@@ -394,14 +384,14 @@ def test_missing_file_and_folder(tmp_path: Path) -> None:
 
 def test_unknown_format_name_lists_the_known_ones(write: Write) -> None:
     with pytest.raises(
-        FileFormatError, match=r"log\.txt: there is no gyro log format 'eurok'; known formats: gyrodata"
+        FileFormatError, match=r"log\.csv: there is no gyro log format 'eurok'; known formats: gyrodata"
     ):
         read_gyro(write(table()), format="eurok")
 
 
 @pytest.mark.parametrize("name", [each.name for each in FORMATS])
 def test_a_forced_format_that_does_not_fit_is_refused(write: Write, name: str) -> None:
-    with pytest.raises(FileFormatError, match=r"log\.txt"):
+    with pytest.raises(FileFormatError, match=r"log\.csv"):
         read_gyro(write("no,gyro\nlog,at\nall,either\n"), format=name)
 
 
