@@ -60,7 +60,6 @@ def rival_lead(
     length = found.capture().mean_length
     free = [name for name in FREE if deviations[PARAMETERS.index(name)] > 0]
     offsets = OFFSETS if "offset" in free else (0.0,)
-    nothing = np.zeros(len(PARAMETERS))
     places = [offset * (np.arange(len(PARAMETERS)) == PARAMETERS.index("offset")) for offset in offsets]
 
     def tried(turn: FloatArray) -> Rival:
@@ -68,18 +67,23 @@ def rival_lead(
         posterior = Posterior(spectra, replace(recording, camera=camera), deviations)
         return Rival(posterior, [posterior.lead(place, nats) for place in places])
 
+    def fall(posterior: Posterior, place: FloatArray) -> float:
+        other = posterior.corrected(place)
+        fall = clear - sharpness.of(other)
+        # With shorter paths, the corrected recording may be clearer because it removes less blur.
+        shorter = length < SHORTER * other.capture().mean_length
+        return max(fall, -MOST_OF_SHORTER) if shorter else fall
+
     def whole_lead(rival: Rival) -> float:
         posterior, leads = rival
         compared = [place for place, lead in zip(places, leads, strict=True) if lead >= LEAST_COMPARED]
         if free:
             with suppress(*UNDESCRIBED):
                 compared.append(posterior.descend(places[int(np.argmax(leads))], free))
-        falls = np.array([clear - sharpness.of(posterior.corrected(place)) for place in compared])
-        # With shorter paths, the corrected recording may be clearer because it removes less blur.
-        if length < SHORTER * posterior.corrected(nothing).capture().mean_length:
-            falls = np.maximum(falls, -MOST_OF_SHORTER)
-        worths = [posterior.lead(place, nats) for place in compared] + NATS_PER_FALL * falls
-        return float(worths.max(initial=-np.inf))
+        return max(
+            (posterior.lead(place, nats) + NATS_PER_FALL * fall(posterior, place) for place in compared),
+            default=-np.inf,
+        )
 
     # Left-handed axes have the spectra of right-handed ones.
     turns = [turn for turn in rotations() if not np.array_equal(turn, np.eye(3))]
