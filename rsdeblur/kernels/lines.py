@@ -102,8 +102,8 @@ def cut_lines_numpy(
 ) -> None:
     """Copy the tiles at `starts` (B,) of `columns` (C, N, M) into `slabs` (B, C, N, L).
 
-    Only the first `height` values of a column are read. A single slab that starts at 0 may be `columns` itself, which
-    is then extended in place.
+    Only the first `height` values of a column are read. A single slab that starts at 0 and fades only values from
+    `height` on may be `columns` itself, which is then extended in place.
     """
     for start, slab in zip(starts, slabs, strict=True):
         slab[...] = _cut(columns[..., :height], int(start), fade, periodic, slab.shape[-1])
