@@ -19,7 +19,7 @@ of brightness that their exponents require.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -119,7 +119,7 @@ class Tuning:
     energy: float
     radius: float
     border_error: float
-    spectra: Spectra = field(repr=False)
+    spectra: Spectra
     path_error: float
 
     @classmethod
