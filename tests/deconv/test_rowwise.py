@@ -39,7 +39,7 @@ def dense_gradients(rows: int) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("solver", ["direct", "cg"])
 @pytest.mark.parametrize(("nsr", "beta"), [(0.01, 0.0), (0.01, 0.3), (1e-3, 5.0), (1e-4, 1000.0)])
 def test_solve_is_the_dense_minimum(picture, solver, nsr, beta, monkeypatch):
-    monkeypatch.setattr("rsdeblur.deconv.rowwise_cg.conjugate_gradients.__kwdefaults__", {"tolerance": 1e-6})
+    monkeypatch.setattr("rsdeblur.deconv.rowwise_cg.TOLERANCE", 1e-6)
     paths, rng = wavy_paths(down=2.0), np.random.default_rng(3)
     grey = np.ascontiguousarray(picture[..., 0])
     term = RowDeconvolver(paths, grey.shape, nsr=nsr, border="periodic", solver=solver)._observe(grey[..., None], 0)
