@@ -249,11 +249,12 @@ static PyObject *columns_to_rows(PyObject *module, PyObject *args)
     return none_if(success);
 }
 
-/* Whether the only slab is `columns` itself, whose lines are extended in place. */
-static bool in_place(const Py_buffer *columns, const Py_buffer *starts, const Py_buffer *slabs)
+/* Whether the only slab is `columns` itself, whose lines are extended in place: no value that is read is faded. */
+static bool in_place(const Py_buffer *columns, Py_ssize_t height, const Py_buffer *starts, const Py_buffer *fade,
+                     const Py_buffer *slabs)
 {
     return slabs->buf == columns->buf && slabs->shape[0] == 1 && slabs->shape[3] == columns->shape[2] &&
-           *(const int32_t *)starts->buf == 0;
+           *(const int32_t *)starts->buf == 0 && fade->shape[0] <= slabs->shape[3] - height;
 }
 
 static bool call_cut_lines(Py_buffer *columns, Py_ssize_t height, Py_buffer *starts, Py_buffer *fade, int periodic,
@@ -269,9 +270,9 @@ static bool call_cut_lines(Py_buffer *columns, Py_ssize_t height, Py_buffer *sta
     else if (!rsd_within(0, height, columns->shape[2]))
         refusal = "height must lie within columns";
     else if (rsd_overlap(slabs, fade) || rsd_overlap(slabs, starts) ||
-             (rsd_overlap(slabs, columns) && !in_place(columns, starts, slabs)))
-        refusal = "slabs must not overlap fade or starts, nor columns unless the only one is the same array and "
-                  "starts at 0";
+             (rsd_overlap(slabs, columns) && !in_place(columns, height, starts, fade, slabs)))
+        refusal = "slabs must not overlap fade or starts, nor columns unless the only one is the same array, starts "
+                  "at 0 and fades only values from height on";
     else {
         const rsd_layout layout = {(size_t)(shape[2] * shape[3]), (size_t)shape[3]};
         rsd_tile tile = {.length = layout.line, .fade = fade->buf, .taper = (size_t)fade->shape[0],

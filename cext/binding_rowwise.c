@@ -236,7 +236,8 @@ PyObject *rsd_bind_rowwise_solve_assembled(PyObject *module, PyObject *args)
     if (refusal == NULL) {
         Py_BEGIN_ALLOW_THREADS
         status = rsd_rowwise_solve_assembled(&model, views[SOLVE_NORMAL].buf, views[SOLVE_PENALTY].buf,
-                                             views[SOLVE_LATENT].buf, (size_t)views[SOLVE_LATENT].shape[0], views[SOLVE_WORKSPACE].buf);
+                                             views[SOLVE_LATENT].buf, (size_t)views[SOLVE_LATENT].shape[0],
+                                             views[SOLVE_WORKSPACE].buf);
         Py_END_ALLOW_THREADS
     }
     rsd_release(views, MOST);
@@ -250,7 +251,8 @@ static PyObject *sized(PyObject *args, bool normal)
     Py_buffer views[OWN];
     Py_ssize_t rows;
     int solve = 0;
-    if (!PyArg_ParseTuple(args, normal ? "OOOOOOOn" : "OOOOOOOni", o, o + 1, o + 2, o + 3, o + 4, o + 5, o + 6, &rows, &solve) ||
+    if (!PyArg_ParseTuple(args, normal ? "OOOOOOOn" : "OOOOOOOni", o, o + 1, o + 2, o + 3, o + 4, o + 5, o + 6, &rows,
+                          &solve) ||
         !acquire(o, views, NULL, OWN))
         return NULL;
     rsd_rowwise_model model;

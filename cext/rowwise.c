@@ -3,10 +3,7 @@
 
 #include <stdbool.h>
 
-static size_t block_pairs(const rsd_rowwise_model *model, size_t block)
-{
-    return RSD_BLOCK * (size_t)(model->row_end[block] - model->row_first[block]);
-}
+#include "internal.h"
 
 size_t rsd_rowwise_reach(const rsd_rowwise_model *model)
 {
@@ -36,7 +33,7 @@ static bool valid(const rsd_rowwise_model *model)
         const int32_t first = model->row_first[b], end = model->row_end[b], coupled = model->coupled[b];
         if (first < 0 || end < first || (size_t)end > model->rows || coupled < 0 || (size_t)coupled > b)
             return false;
-        pairs += block_pairs(model, b);
+        pairs += rsd_rowwise_pairs(model, b);
     }
     if (model->tap_start[0] != 0 || (size_t)model->tap_start[pairs] != model->taps)
         return false;
@@ -53,13 +50,15 @@ size_t rsd_rowwise_workspace(const rsd_rowwise_model *model, int solve)
 {
     if (model->blocks == 0 || !valid(model))
         return 0;
-    size_t records = RSD_BLOCK * rsd_rowwise_reach(model);
-    if (solve) {
-        /* The columns of A for a window of blocks, and the factor, whose rows are as long as the window. */
-        const size_t window = rsd_rowwise_window(model);
-        records = window * (records + model->blocks * RSD_BLOCK * RSD_BLOCK);
-    }
-    return records * RSD_RECORD;
+    const size_t reach = rsd_rowwise_reach(model);
+    if (!rsd_addressable(reach, RSD_BLOCK * RSD_RECORD) || !rsd_addressable(model->blocks, RSD_TILE * RSD_RECORD))
+        return 0;
+    const size_t columns = reach * RSD_BLOCK * RSD_RECORD;
+    if (!solve)
+        return columns;
+    /* The columns of A for a window of blocks, and the factor, whose rows are as long as the window. */
+    const size_t window = rsd_rowwise_window(model), each = columns + model->blocks * RSD_TILE * RSD_RECORD;
+    return rsd_addressable(window, each) ? window * each : 0;
 }
 
 size_t rsd_rowwise_assembled_size(const rsd_rowwise_model *model)
@@ -67,8 +66,11 @@ size_t rsd_rowwise_assembled_size(const rsd_rowwise_model *model)
     size_t tiles = 0;
     if (!valid(model))
         return 0;
-    for (size_t b = 0; b < model->blocks; b++)
+    for (size_t b = 0; b < model->blocks; b++) {
         tiles += b - (size_t)model->coupled[b] + 1;
+        if (!rsd_addressable(tiles, RSD_TILE * RSD_RECORD))
+            return 0;
+    }
     return tiles * RSD_TILE * RSD_RECORD;
 }
 

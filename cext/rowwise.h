@@ -23,6 +23,12 @@ extern const rsd_rowwise_kernels rsd_rowwise_baseline;
 extern const rsd_rowwise_kernels rsd_rowwise_avx2, rsd_rowwise_avx512;
 #endif
 
+/* Pairs of a row of a block and a picture row that sees it. */
+static inline size_t rsd_rowwise_pairs(const rsd_rowwise_model *model, size_t block)
+{
+    return RSD_BLOCK * (size_t)(model->row_end[block] - model->row_first[block]);
+}
+
 /* Largest number of picture rows that see one block. */
 size_t rsd_rowwise_reach(const rsd_rowwise_model *model);
 /* Largest number of blocks from the first one that a block is coupled to up to the block itself. */

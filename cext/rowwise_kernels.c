@@ -160,11 +160,6 @@ static void fill(float *columns, size_t stride, const rsd_rowwise_model *model, 
             }
 }
 
-static size_t pairs(const rsd_rowwise_model *model, size_t block)
-{
-    return RSD_BLOCK * (size_t)(model->row_end[block] - model->row_first[block]);
-}
-
 static void forward(const rsd_rowwise_model *model, const float *table, const float *latent, float *data,
                     size_t channels, float *columns)
 {
@@ -172,7 +167,7 @@ static void forward(const rsd_rowwise_model *model, const float *table, const fl
     const size_t latent_plane = model->blocks * RSD_BLOCK * RSD_RECORD;
     const int32_t *start = model->tap_start;
     memset(data, 0, channels * plane * sizeof *data);
-    for (size_t b = 0; b < model->blocks; start += pairs(model, b++)) {
+    for (size_t b = 0; b < model->blocks; start += rsd_rowwise_pairs(model, b++)) {
         const size_t first = (size_t)model->row_first[b], rows = (size_t)model->row_end[b] - first;
         fill(columns, stride, model, table, b, start);
         for (size_t c = 0; c < channels; c++)
@@ -191,7 +186,7 @@ static void adjoint(const rsd_rowwise_model *model, const float *table, const fl
     const size_t stride = rsd_rowwise_reach(model) * RSD_RECORD, plane = model->rows * RSD_RECORD;
     const size_t latent_plane = model->blocks * RSD_BLOCK * RSD_RECORD;
     const int32_t *start = model->tap_start;
-    for (size_t b = 0; b < model->blocks; start += pairs(model, b++)) {
+    for (size_t b = 0; b < model->blocks; start += rsd_rowwise_pairs(model, b++)) {
         const size_t first = (size_t)model->row_first[b], rows = (size_t)model->row_end[b] - first;
         fill(columns, stride, model, table, b, start);
         for (size_t c = 0; c < channels; c++)
@@ -433,7 +428,7 @@ static void assemble(const rsd_rowwise_model *model, const float *table, float *
 {
     const system s = system_in(model, workspace);
     const int32_t *start = model->tap_start;
-    for (size_t J = 0; J < model->blocks; start += pairs(model, J++)) {
+    for (size_t J = 0; J < model->blocks; start += rsd_rowwise_pairs(model, J++)) {
         fill_columns(&s, table, J, start);
         for (size_t I = (size_t)model->coupled[J]; I <= J; I++, normal += RSD_TILE * RSD_RECORD)
             for (size_t lane = 0; lane < RSD_LANES; lane += WIDTH) {
@@ -454,7 +449,7 @@ static void solve(const rsd_rowwise_model *model, const float *table, const floa
     const size_t data_plane = model->rows * RSD_RECORD, plane = model->blocks * RSD_BLOCK * RSD_RECORD;
     const int32_t *start = model->tap_start;
     size_t tile = 0;
-    for (size_t J = 0; J < model->blocks; start += pairs(model, J++)) {
+    for (size_t J = 0; J < model->blocks; start += rsd_rowwise_pairs(model, J++)) {
         if (normal == NULL)
             fill_columns(&s, table, J, start);
         for (size_t I = (size_t)model->coupled[J]; I < J; I++)

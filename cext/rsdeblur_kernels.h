@@ -69,7 +69,7 @@ typedef struct {
  *
  * picture   rows x width x channels floats
  * lines     lines of tile.length floats
- * finite    output: whether all values read inside the picture are finite
+ * finite    output: whether all values read inside the picture are finite; 1 if the call is refused
  */
 rsd_status rsd_picture_to_lines(const float *picture, size_t rows, size_t width, size_t channels, rsd_tile tile,
                                 float *lines, rsd_layout layout, int *finite);
@@ -96,8 +96,8 @@ rsd_status rsd_columns_to_rows(const float *columns, rsd_layout column_layout, f
                                size_t channels, size_t height, size_t count);
 
 /*
- * Copy a tile of complex lines of n values. If the tile starts at 0, `lines` may be `source`, which is then extended in
- * place.
+ * Copy a tile of complex lines of n values. If the tile starts at 0 and no faded position lies among the n values
+ * (tile.taper <= tile.length - n), `lines` may be `source`, which is then extended in place.
  */
 rsd_status rsd_cut_lines(const float *source, rsd_layout source_layout, size_t n, rsd_tile tile, float *lines,
                          rsd_layout layout, size_t channels, size_t count);
@@ -121,9 +121,9 @@ typedef struct {
 } rsd_shrinkage;
 
 /*
- * Compute the adjoint derivatives of the shrunk derivatives of `rows` rows of a picture, from row `top` on. All channels
- * of a pixel are one vector: of its gradient, whose two directions are one vector, or of its derivatives of first and
- * second order, each alone, with the factors of rsdeblur.kernels.shrink.
+ * Compute the adjoint derivatives of the shrunk derivatives of `rows` rows of a picture, from row `top` on. All
+ * channels of a pixel are one vector: of its gradient, whose two directions are one vector, or of its derivatives of
+ * first and second order, each alone, with the factors of rsdeblur.kernels.shrink.
  *
  * workspace  RSD_SHRINK_PLANES x channels x (width + 2) floats
  * out        height x width x channels floats, of which only these rows are written
@@ -158,11 +158,11 @@ typedef struct {
 } rsd_rowwise_model;
 
 /*
- * Return the floats of workspace that rsd_rowwise_forward and rsd_rowwise_adjoint need, or (if `solve`) the others; 0 if
- * the model is invalid.
+ * Return the floats of workspace that rsd_rowwise_forward and rsd_rowwise_adjoint need, or (if `solve`) the others; 0
+ * if the model is invalid, or if that many cannot be addressed.
  */
 size_t rsd_rowwise_workspace(const rsd_rowwise_model *model, int solve);
-/* Return the floats of the assembled normal matrix A^H A; 0 if the model is invalid. */
+/* Return the floats of the assembled normal matrix A^H A; 0 as for the workspace. */
 size_t rsd_rowwise_assembled_size(const rsd_rowwise_model *model);
 
 /*
@@ -188,8 +188,8 @@ rsd_status rsd_rowwise_solve(const rsd_rowwise_model *model, const float *table,
                              const float *data, float *latent, size_t channels, float *workspace);
 
 /*
- * Assemble the normal matrix A^H A, which does not depend on a picture: for each block J and each block I from coupled[J]
- * to J nine records, the conjugates of the values at the rows of J (outer) and the columns of I.
+ * Assemble the normal matrix A^H A, which does not depend on a picture: for each block J and each block I from
+ * coupled[J] to J nine records, the conjugates of the values at the rows of J (outer) and the columns of I.
  */
 rsd_status rsd_rowwise_assemble(const rsd_rowwise_model *model, const float *table, float *normal, float *workspace);
 

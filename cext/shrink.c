@@ -11,8 +11,8 @@
 #define BENDING 2.0f
 #define MIXED 1.41421356237309505f
 
-/* Rows are split into planes of width + 2 values, one per channel, so that loops over all planes are SIMD code. Values 1
- * to `width` are those of the row; the two others let neighbours be read beyond its ends. */
+/* Rows are split into planes of width + 2 values, one per channel, so that loops over all planes are SIMD code. Values
+ * 1 to `width` are those of the row; the two others let neighbours be read beyond its ends. */
 typedef struct {
     size_t width, channels, n; /* n: values of all planes together */
     int periodic;

@@ -1,4 +1,7 @@
-"""The named choices that options offer, each typed once; loading this module loads nothing else."""
+"""The named choices that options offer, each typed once, and defaults that commands name in their help.
+
+Loading this module loads nothing else.
+"""
 
 from __future__ import annotations
 

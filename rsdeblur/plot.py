@@ -23,7 +23,7 @@ from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
-from rsdeblur.report.psf_map import visible_part
+from rsdeblur.report.psf_map import evenly, visible_part
 from rsdeblur.types import FloatArray
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def kernels(
     validate.instance("bank", bank, PsfBank)
     ax = _axes(ax)
     _show(ax, picture, transfer)
-    rows, cols = _some(bank.rows, MOST_DOWN), _some(bank.cols, MOST_ACROSS)
+    rows, cols = evenly(len(bank.rows), MOST_DOWN), evenly(len(bank.cols), MOST_ACROSS)
     shown = visible_part(np.asarray(bank.kernels[np.ix_(rows, cols)], dtype=np.float64))
     tall, wide = shown.shape[2:]
     zoom = _zoom(bank.rows[rows], bank.cols[cols], tall, wide)
@@ -129,7 +129,7 @@ def paths(paths: BlurPaths, picture: ArrayLike | None = None, *, ax: Axes | None
     from matplotlib.collections import LineCollection
 
     _show(ax, picture, "auto")
-    rows, cols = _some(paths.rows, MOST_DOWN), _some(paths.cols, MOST_ACROSS)
+    rows, cols = evenly(len(paths.rows), MOST_DOWN), evenly(len(paths.cols), MOST_ACROSS)
     drawn = paths.displacements[np.ix_(rows, cols)]
     across, down = 2.0 * np.abs(drawn).max(axis=(0, 1, 2)) + 1.0
     zoom = _zoom(paths.rows[rows], paths.cols[cols], down, across)
@@ -298,12 +298,6 @@ def _show(ax: Any, picture: ArrayLike | None, transfer: Transfer | Auto) -> None
     ax.set_facecolor("0.1")
     if picture is not None:
         ax.imshow(DIM * _display(picture, transfer), cmap="gray", vmin=0.0, vmax=1.0, zorder=1)
-
-
-def _some(centres: FloatArray, most: int) -> NDArray[np.intp]:
-    """Return the indices of at most `most` centres, spread evenly."""
-    count = len(centres)
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
 
 
 def _grid(rows: FloatArray, cols: FloatArray) -> tuple[FloatArray, FloatArray]:

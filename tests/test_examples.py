@@ -55,6 +55,7 @@ def test_representations_are_one_short_line() -> None:
         assert "array(" not in text
         assert " at 0x" not in text
         assert len(text) < 330
+    assert "spent" not in repr(rs.plan(LOG, CAMERA, EXPOSURE)), "a field that is not to be shown"
     assert repr(Camera(48, 36, 60.0, time_offset=0.5)).endswith("imu_to_camera=float64[3, 3], time_offset=0.5)")
 
 

@@ -26,7 +26,7 @@ from rsdeblur.cli._options import Defaults
 from rsdeblur.cli.deblur import command as deblur
 from rsdeblur.errors import LONGEST_MESSAGE, FileFormatError, OutputError, RsdeblurError
 from rsdeblur.io import directories, read_camera, read_captures
-from rsdeblur.io.camera_file import write_time_offset
+from rsdeblur.io.cameras import write_time_offset
 from rsdeblur.io.clocks import is_clocks, read_clocks
 from rsdeblur.io.exif import Exif
 from rsdeblur.io.exif_times import capture_time, on_clock_of, shown_time

@@ -23,8 +23,8 @@ static void test_blocks(shrinking *shrink, rsd_picture picture, rsd_shrinkage sh
     free(whole), free(parts), free(before), free(memory);
 }
 
-/* The pull is a sum of adjoint differences, which sums up to zero over a channel. With a threshold beyond all derivatives
- * it is zero. */
+/* The pull is a sum of adjoint differences, which sums up to zero over a channel. With a threshold beyond all
+ * derivatives it is zero. */
 static void test_extremes(shrinking *shrink, rsd_picture picture)
 {
     const float whole[RSD_SHRINK_TERMS] = {1.0f};

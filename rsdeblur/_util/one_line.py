@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import html
 import inspect
 import numbers
@@ -25,8 +26,8 @@ SHEET = 600
 def one_line(*names: str) -> Callable[[Class], Class]:
     """Return a class decorator that makes `repr` one line: the class with the attributes `names`.
 
-    Without names, these are the constructor's arguments that are attributes too; those at their default are left out.
-    An underscore in front of a name is not shown.
+    Without names, these are the constructor's arguments that are attributes too; those at their default, and fields
+    with ``repr=False``, are left out. An underscore in front of a name is not shown.
     """
 
     def decorate(cls: Class) -> Class:
@@ -46,10 +47,12 @@ def _arguments(thing: Any) -> dict[str, Any]:
     parameters = inspect.signature(type(thing)).parameters.values()
     values = {each.name: getattr(thing, each.name) for each in parameters if hasattr(thing, each.name)}
     defaults = {each.name: each.default for each in parameters}
+    fields = dataclasses.fields(thing) if dataclasses.is_dataclass(thing) else ()
+    hidden = {each.name for each in fields if not each.repr}
     return {
         name: value
         for name, value in values.items()
-        if name[0] != "_" and (isinstance(value, np.ndarray) or value != defaults[name])
+        if name not in hidden and (isinstance(value, np.ndarray) or value != defaults[name])
     }
 
 

@@ -22,24 +22,23 @@ from rsdeblur._util import interrupts
 from rsdeblur.cli._output import level, printable, say_aside, tolerant_output
 from rsdeblur.errors import RsdeblurError, RsdeblurWarning
 
+# The most important ones first.
 COMMANDS = (
-    *(
-        "deblur",
-        "burst",
-        "compare",
-        "batch",
-        "video",
-        "triage",
-        "preview",
-        "app",
-        "sync",
-        "calibrate",
-        "psf",
-        "simulate",
-        "info",
-        "camera",
-        "demo",
-    ),
+    "deblur",
+    "burst",
+    "compare",
+    "batch",
+    "video",
+    "triage",
+    "preview",
+    "app",
+    "sync",
+    "calibrate",
+    "psf",
+    "simulate",
+    "info",
+    "camera",
+    "demo",
     "completion",
 )
 # Exit codes of processes that a signal ended, as shells report them, are this and the signal's number.

@@ -30,7 +30,6 @@ from rsdeblur.cli._inputs import (
     read_log,
     read_recording,
     transfer_of,
-    unit_range,
     warn_of_photo_gravity,
     with_offset,
     with_translation,
@@ -159,7 +158,7 @@ class Desk:
             request = _request(arguments(form))
             picture, _, camera, exposure = _read(request)
             stride = max(1, max(picture.pixels.shape[:2]) // (2 * OVERVIEW))
-            shown = display_values(unit_range(picture.pixels[::stride, ::stride]), picture.transfer)
+            shown = display_values(picture.pixels[::stride, ::stride], picture.transfer)
             (overview,), _ = picture_uris({"picture": shown}, picture.icc_profile)
         return {
             "name": request.photo.name,
@@ -451,7 +450,7 @@ def _shown(result: DeblurResult, inputs: Inputs, transfer: Transfer, crop: Crop,
     camera = crop.camera(inputs.camera)
     pictures = {"result": display_values(result.image, transfer)}
     if not draft:
-        pictures["input"] = display_values(unit_range(crop.cut(inputs.picture.pixels)), transfer)
+        pictures["input"] = display_values(crop.cut(inputs.picture.pixels), transfer)
     uris, _ = picture_uris(pictures, inputs.picture.icc_profile)
     motion = motion_data(MotionPlot.of(inputs.log, camera, inputs.exposure))
     return {

@@ -449,22 +449,13 @@ def transfer_of(picture: Picture, transfer: Transfer | Auto) -> Transfer:
     return picture.transfer
 
 
-def display_values(values: NDArray[Any], transfer: Transfer) -> NDArray[Any]:
-    """Return values for display, clipped to [0, 1]; linear light is encoded as sRGB."""
-    import numpy as np
-
+def display_values(pixels: NDArray[Any], transfer: Transfer) -> NDArray[Any]:
+    """Return values for display, integers divided by their full scale, clipped to [0, 1]; linear light becomes sRGB."""
+    from rsdeblur.image.encoded import as_float
     from rsdeblur.image.transfer import from_linear
 
-    clipped = np.clip(values, 0.0, 1.0)
+    clipped = as_float(pixels).clip(0.0, 1.0)
     return from_linear(clipped, "srgb") if transfer == "linear" else clipped
-
-
-def unit_range(pixels: NDArray[Any]) -> NDArray[Any]:
-    """Return pixels as float32 with integers mapped to [0, 1]."""
-    import numpy as np
-
-    scale = np.iinfo(pixels.dtype).max if pixels.dtype.kind == "u" else 1.0
-    return pixels.astype(np.float32) / np.float32(scale)
 
 
 @contextmanager

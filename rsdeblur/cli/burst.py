@@ -22,7 +22,6 @@ from rsdeblur.cli._inputs import (
     read_device,
     read_inputs,
     transfer_of,
-    unit_range,
     warn_of_clip_gravity,
     warn_of_photo_gravity,
 )
@@ -248,7 +247,7 @@ def _compared(photo: Path, shots: Shots, facts: dict[str, Any], result: BurstRes
         {"photo": str(photo), "modes": {label: facts | {"peak_memory_mib": peak_memory_mib()}}},
         Inputs(picture, shots.log, shots.camera, shots.exposures[index]),
         {
-            f"frame {facts['reference']}": display_values(unit_range(picture.pixels), transfer),
+            f"frame {facts['reference']}": display_values(picture.pixels, transfer),
             label: display_values(result.image, transfer),
         },
         {label: result.result.psfs},

@@ -14,7 +14,7 @@ import click
 from rsdeblur.choices import MODES, Auto, Mode, Transfer
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
-from rsdeblur.cli._inputs import display_values, naming, transfer_of, unit_range
+from rsdeblur.cli._inputs import display_values, naming, transfer_of
 from rsdeblur.cli._options import Recording, Target, Track
 from rsdeblur.cli._output import (
     check_page,
@@ -142,7 +142,7 @@ def compare_modes(
     from rsdeblur.pipeline.deblur import psfs
     from rsdeblur.pipeline.plan import Plan, plan_for
 
-    shown = {"input": display_values(unit_range(picture.pixels), transfer)}
+    shown = {"input": display_values(picture.pixels, transfer)}
     banks: dict[Mode, PsfBank] = {}
     report: dict[str, Any] = {"photo": str(photo), "size_px": list(picture.pixels.shape[1::-1])}
     report |= moment_facts(recording, inputs)
@@ -192,7 +192,7 @@ def _read_truth(truth: Path, photo: Path, picture: Picture, transfer: Transfer |
             f"{truth}: the true picture has shape {sharp.pixels.shape}, but {photo} has {picture.pixels.shape}; "
             "give one of the same size and channels"
         )
-    return display_values(unit_range(sharp.pixels), transfer_of(sharp, transfer))
+    return display_values(sharp.pixels, transfer_of(sharp, transfer))
 
 
 def _draw(target: Target, shown: dict[str, NDArray[Any]], banks: dict[Mode, PsfBank], modes: dict[str, Any]) -> None:

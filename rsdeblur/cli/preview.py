@@ -246,7 +246,7 @@ def command(
     value and the kernel at the middle of the picture. Shifts and factors are relative to the camera file, or to the
     options that replace its values. Shifts that the log does not cover are left out.
     """
-    from rsdeblur.io.camera_file import check_editable, write_time_offset
+    from rsdeblur.io.cameras import check_editable, write_time_offset
     from rsdeblur.io.pictures import check_writable, write_picture
     from rsdeblur.report import contact_sheet
 

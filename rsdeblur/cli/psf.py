@@ -15,7 +15,6 @@ from rsdeblur.cli._inputs import (
     read_inputs,
     read_recording,
     transfer_of,
-    unit_range,
     with_translation,
 )
 from rsdeblur.cli._options import Recording, Track
@@ -73,7 +72,7 @@ def command(
         picture = None
     else:
         pixels, log, camera, exposure = read_inputs(photo, recording)
-        picture = display_values(unit_range(pixels.pixels), transfer_of(pixels, "auto"))
+        picture = display_values(pixels.pixels, transfer_of(pixels, "auto"))
 
     from rsdeblur.pipeline.deblur import NSR
     from rsdeblur.pipeline.plan import plan

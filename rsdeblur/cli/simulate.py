@@ -9,7 +9,7 @@ import click
 
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
-from rsdeblur.cli._inputs import naming, read_inputs, transfer_of, unit_range
+from rsdeblur.cli._inputs import naming, read_inputs, transfer_of
 from rsdeblur.cli._options import Recording, Target
 from rsdeblur.cli._output import prepare_folder, print_json, progress, say
 from rsdeblur.cli._types import PATH, NumberType
@@ -59,6 +59,7 @@ def command(
     prepare_folder(target.output, [path.name for path in paths], force=target.force)
     picture, log, camera, exposure = read_inputs(sharp, recording, is_scene=True)
 
+    from rsdeblur.image.encoded import as_float
     from rsdeblur.image.transfer import from_linear, to_linear
     from rsdeblur.io.pictures import write_picture
     from rsdeblur.simulation.simulate import simulate
@@ -66,7 +67,7 @@ def command(
     encoding = transfer_of(picture, transfer)
     # PNG files are for display, so linear light is encoded.
     written: Transfer = "srgb" if encoding == "linear" else encoding
-    light = to_linear(unit_range(picture.pixels), encoding)
+    light = to_linear(as_float(picture.pixels), encoding)
     with progress("simulate"), naming(sharp, recording):
         pictures = simulate(light, log, camera, exposure, noise=noise, seed=seed)
     for path, values in zip(paths, pictures, strict=True):

@@ -56,7 +56,7 @@ def command(
     or frame numbers in their names.
     """
     from rsdeblur.estimate.time_offset import find_shared_time_offset
-    from rsdeblur.io.camera_file import check_editable, write_time_offset
+    from rsdeblur.io.cameras import check_editable, write_time_offset
     from rsdeblur.io.exif_times import EXIF_ERROR
 
     from_exif = recording.start == "exif"

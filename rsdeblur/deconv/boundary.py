@@ -14,6 +14,7 @@ from scipy import fft
 from rsdeblur.choices import Boundary
 from rsdeblur.deconv.fft import fast_length
 from rsdeblur.deconv.tiling import WHOLE_EXCESS
+from rsdeblur.kernels.lines import continued
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import FloatImage
 
@@ -55,9 +56,7 @@ def reflected(light: FloatImage, height: int, width: int) -> FloatImage:
 def _mirrored(n: int, length: int) -> NDArray[np.intp]:
     added = length - n
     after, before = np.arange(n, n + (added + 1) // 2), np.arange(-(added // 2), 0)
-    positions = np.concatenate([np.arange(n), after, before]) % (2 * n)
-    mirrored: NDArray[np.intp] = np.minimum(positions, 2 * n - 1 - positions)
-    return mirrored
+    return continued(np.concatenate([np.arange(n), after, before]), n)
 
 
 def tapered(light: FloatImage, kernel: NDArray[np.floating]) -> FloatImage:

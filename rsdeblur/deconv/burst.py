@@ -13,7 +13,7 @@ from rsdeblur.deconv.coupling import Coupling
 from rsdeblur.deconv.fft import empty
 from rsdeblur.deconv.priors import LatentPrior, check_prior
 from rsdeblur.deconv.quadratic import MARGIN, TileNormal
-from rsdeblur.deconv.rowwise import RowSolver
+from rsdeblur.deconv.rowwise_solver import RowSolver
 from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.normal import add_normal, solve_normal

@@ -121,15 +121,13 @@ def conjugate_gradients(
     multiply: Callable[[Float32Array], Float32Array],
     precondition: Callable[[Float32Array], Float32Array],
     right: Float32Array,
-    *,
-    tolerance: float = TOLERANCE,
 ) -> Float32Array:
     """Return the solution for the right-hand side `right` (C, L, 2, 16).
 
     Every channel and frequency is a system of its own; all take the same number of steps.
     """
     solution, rest = np.zeros_like(right), right.copy()
-    enough = tolerance**2 * _dot(right, right)
+    enough = TOLERANCE**2 * _dot(right, right)
     direction = correction = precondition(rest)
     gain = _dot(rest, correction)
     for _ in range(MOST_STEPS):

@@ -23,12 +23,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.threads import share, thread_count
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.frame import GATES, HALO, LEVELS, ORIENTATIONS, WORK, combine, cut_block, put_block
+from rsdeblur.kernels.lines import continued
 from rsdeblur.types import Float32Array, FloatArray, FloatImage
 
 if TYPE_CHECKING:
@@ -169,7 +169,7 @@ def _combine(
     height, width, channels = out.shape
     tall, wide = min(BLOCK[0], height), min(BLOCK[1], width)
     mix = (OPPONENT if channels == 3 else np.eye(channels)).astype(np.float32)
-    down, across = (_places(n, periodic) for n in (height, width))
+    down, across = (continued(np.arange(-HALO, n + HALO), n, periodic=periodic) for n in (height, width))
     corners = [(top, left) for top in range(0, height, tall) for left in range(0, width, wide)]
     size = tall + 2 * HALO, wide + 2 * HALO
     count = min(thread_count(threads), len(corners))
@@ -188,13 +188,3 @@ def _combine(
         put_block(results[thread], mix, out[top : top + tall, left : left + wide])
 
     share(block, range(len(corners)), threads)
-
-
-def _places(n: int, periodic: bool) -> NDArray[np.intp]:
-    """Return the positions of n pixels and a halo on both sides, in a picture that is repeated or mirrored."""
-    places = np.arange(-HALO, n + HALO)
-    if periodic:
-        return places % n
-    places %= 2 * n
-    mirrored: NDArray[np.intp] = np.minimum(places, 2 * n - 1 - places)
-    return mirrored

@@ -19,39 +19,33 @@ of brightness that their exponents require.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import fft
 
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Prior
-from rsdeblur.deconv.otf import OtfPlanner
 from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.wavelet import MOST_VARIANCE, Factors, WaveletPrior, frame_responses
+from rsdeblur.estimate.blur_spectra import BlurSpectra
 from rsdeblur.estimate.floors import ASSUMED, Floors, measure_floors
-from rsdeblur.estimate.noise import OCTAVES, gradient_energy, noise_level, noise_spectrum, overall_noise
+from rsdeblur.estimate.noise import OCTAVES, noise_level, noise_spectrum, overall_noise
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import FloatArray, FloatImage
+from rsdeblur.types import FloatArray
 
 # docs/benchmarks/priors.md has the measurements behind all constants.
 # Factor on the variance of the noise, for two reasons. Errors count in encoded values, where shadows have more weight,
 # and so has noise that is even in light. And pictures have less of the finest detail than a lens leaves.
 FINE_NOISE = 4.0
-# Softness of a sharp picture (lens, area of the pixels, demosaicing): standard deviation in px.
-LENS = 0.75
 # Factor on the fitted error of the paths: gains of cells absorb a part of it. Chosen on 126 simulated captures of blur
 # radii up to 24 px, pixel-sharp and soft, noise of 30 to 50 dB, with a right model, a wrong one, and processed as by a
 # phone.
 ABSORBED = 2.5
 # Error of the paths in px, where the picture is too small to measure it.
 PATH_ERROR = ABSORBED * ASSUMED
-# Least share of the measured gradient that counts as the scene's: where noise dominates, an error of its estimate must
-# not leave a gradient of zero.
-LEAST_OF_SCENE = 0.1
 # Largest error of the paths as a share of the PSF's radius, where that is more than `PATH_ERROR`. In a photo that is
 # nearly still, what a phone's processing leaves looks like an error larger than the motion itself, and its detail would
 # be taken for noise. Nor is it more than this share of the paths' spread about their mean, which drawn PSFs widen.
@@ -67,8 +61,6 @@ RESAMPLING_ERROR = 0.25
 TV_STRENGTH, DERIVATIVES_STRENGTH = 2.0, 1.6
 # Candidates for the NSR and for the weight of the gradient prior.
 LADDER = np.geomspace(1e-5, 10.0, 73)
-# Kernels used along each axis of the bank.
-KERNELS = 3
 # The NSR of Sindelar and Sroubek (2013), taken to hold at base sensitivity.
 BASE_NSR, BASE_ISO = 0.01, 100.0
 
@@ -99,7 +91,7 @@ class Tuning:
     border_error : float
         Share b of the signal's power that the continuation beyond the frame gets wrong; it is also the `nsr` to use
         with priors on derivatives.
-    spectra : Spectra
+    spectra : BlurSpectra
         Spectra of the PSFs.
     path_error : float
         Mean square of the errors of the paths, px^2.
@@ -119,7 +111,7 @@ class Tuning:
     energy: float
     radius: float
     border_error: float
-    spectra: Spectra = field(repr=False)
+    spectra: BlurSpectra
     path_error: float
 
     @classmethod
@@ -160,7 +152,7 @@ class Tuning:
         for name, value in {"one_filter": one_filter, "continued": continued, "repeats": repeats}.items():
             validate.boolean(name, value)
         light = light.reshape(*light.shape[:2], -1)
-        spectra = Spectra.of(bank, one_filter=one_filter)
+        spectra = BlurSpectra.of(bank, one_filter=one_filter)
         # The scene is taken as the lens shows it, which has a power of its own in each octave.
         octaves = len(OCTAVES) + 1
         floors = measure_floors(light, bank.without_softness()) or Floors((noise_level(light),) * octaves, ASSUMED**2)
@@ -219,7 +211,7 @@ class Tuning:
             first.energy,
             float(np.sqrt(mean([frame.radius**2 for frame in frames]))),
             mean([frame.border_error for frame in frames]),
-            Spectra.mean([frame.spectra for frame in frames], shares),
+            BlurSpectra.mean([frame.spectra for frame in frames], shares),
             path_error,
         )
         return tuning, tuple(shares.tolist())
@@ -369,85 +361,6 @@ class Tuning:
         """
         length = np.sqrt(12.0) * max(self.radius, 1.0)
         return float(2.0 * np.sqrt(self.gradient_weight) / length)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Spectra:
-    """Power spectra of a picture whose gradient has the energy 1, and of the PSFs; all arrays have the same shape.
-
-    Parameters
-    ----------
-    signal : ndarray
-        Spectrum of the picture, L / |D|^2; zero for the mean, which no filter changes.
-    gradient : ndarray
-        Squared response of the differences, |D|^2.
-    power : ndarray
-        Mean of |H|^2 over the PSFs.
-    undone : ndarray
-        |H|^2 of the PSF that a filter undoes; `power` where each filter undoes its own PSF.
-    match : ndarray
-        Mean of H times the conjugate of the undone one; `power` where each filter undoes its own PSF.
-    halved : ndarray
-        Squared response of halving and of the differences at half the size.
-    """
-
-    signal: FloatArray
-    gradient: FloatArray
-    power: FloatArray
-    undone: FloatArray
-    match: FloatArray
-    halved: FloatArray
-
-    @property
-    def gradient_left(self) -> float:
-        """Share of the sharp gradient's energy that is left in the blurred picture."""
-        return float((self.signal * self.gradient * self.power).mean())
-
-    def energy(self, light: FloatImage, octave_noise: Sequence[float], path_error: float) -> float:
-        """Return the mean squared gradient of the sharp picture.
-
-        Parameters
-        ----------
-        light : ndarray, shape (H, W, C), float32
-            The blurred picture.
-        octave_noise : sequence of float
-            Standard deviation of its noise in each octave.
-        path_error : float
-            Mean square of the errors of the paths, px^2.
-        """
-        measured = gradient_energy(light)
-        of_noise = light.shape[2] * float((self.halved * noise_spectrum(octave_noise, len(self.halved))).mean())
-        # What the PSFs leave, and what errors of the paths add.
-        left = float((self.halved * self.signal * (self.power + path_error * self.gradient)).mean())
-        return float(max(measured - of_noise, LEAST_OF_SCENE * measured) / left)
-
-    @classmethod
-    def mean(cls, frames: Sequence[Spectra], shares: FloatArray) -> Spectra:
-        """Return the spectra of frames of one scene together, weighted by their shares; all have the same shape."""
-        power, undone, match = (
-            np.tensordot(shares, [getattr(frame, name) for frame in frames], axes=1)
-            for name in ("power", "undone", "match")
-        )
-        return replace(frames[0], power=power, undone=undone, match=match)
-
-    @classmethod
-    def of(cls, bank: PsfBank, *, one_filter: bool) -> Spectra:
-        """Return the spectra of a few kernels that are spread over the bank; `one_filter` undoes the middle one."""
-        side = fft.next_fast_len(max(128, *(n + n // 2 for n in bank.size)))
-        rows, cols = (np.unique(np.linspace(0, n - 1, KERNELS).astype(int)) for n in bank.kernels.shape[:2])
-        planner = OtfPlanner(bank.size, (side, side))
-        otfs = [planner.whole(bank, b, s) for b in rows for s in cols]
-        power = undone = match = np.mean([np.square(np.abs(otf)) for otf in otfs], axis=0)
-        if one_filter:
-            middle = otfs[len(otfs) // 2]
-            undone, match = np.square(np.abs(middle)), (np.conj(middle) * np.mean(otfs, axis=0)).real
-        down, across = np.meshgrid(*2 * [np.pi * fft.fftfreq(side)], indexing="ij")
-        once, twice = (4 * (np.sin(step * down) ** 2 + np.sin(step * across) ** 2) for step in (1, 2))
-        lens = np.exp(-4 * LENS**2 * (down**2 + across**2))
-        lens /= lens.mean()
-        signal = np.divide(lens, once, out=np.zeros_like(once), where=once > 0)
-        halved = np.square(np.cos(down) * np.cos(across)) * twice
-        return cls(signal, once, power, undone, match, halved)
 
 
 def _spread(bank: PsfBank) -> float:

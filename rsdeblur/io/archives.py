@@ -19,6 +19,8 @@ from rsdeblur.io.source import Source, unpacked_limit
 
 SUFFIXES = (".csv", ".json", ".txt", ".gcsv", ".tsv")
 
+# What reports say of a Sensor Logger export.
+FACTS = ("device name", "platform", "appVersion")
 
 # Errors that `zipfile` raises on damaged or encrypted archives.
 DAMAGE = (
@@ -93,7 +95,7 @@ def facts_beside(members: list[Source]) -> dict[str, Any]:
             lines = member.text.lines[:2]
             if len(lines) == 2:
                 table = dict(zip(lines[0].strip().split(","), lines[1].strip().split(","), strict=False))
-                return {key: table[key] for key in ("device name", "platform", "appVersion") if table.get(key)}
+                return {key: table[key] for key in FACTS if table.get(key)}
     return {}
 
 
@@ -127,10 +129,8 @@ def read_sensorlogger_json(source: Source, sensors: tuple[str, ...], unit: str) 
         raise source.error(f"a sample of {sensor} lacks a number: {error!r}") from error
     if not np.isfinite(values).all():
         raise source.error(f"sample {np.argwhere(~np.isfinite(values))[0][0]} of {sensor} is not finite")
-    device = next((entry for entry in by_sensor.get("Metadata", [])), {})
-    facts = {"sensor": sensor} | {
-        key: device[key] for key in ("device name", "platform", "appVersion") if key in device
-    }
+    device = next(iter(by_sensor.get("Metadata", [])), {})
+    facts = {"sensor": sensor} | {key: device[key] for key in FACTS if key in device}
     return Samples(
         ns, values, lambda message, i: source.error(f"sample {i} of {sensor}: {message}"), unit=unit, facts=facts
     )

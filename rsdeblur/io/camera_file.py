@@ -2,21 +2,12 @@
 
 from __future__ import annotations
 
-import codecs
-import os
-import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-import tomlkit
-from tomlkit.exceptions import TOMLKitError
-
-from rsdeblur._util import validate
-from rsdeblur._util.atomic import atomic_write
-from rsdeblur._util.files import read_file
-from rsdeblur.errors import FileFormatError, RsdeblurWarning
+from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.plausible import doubts
 
@@ -130,62 +121,3 @@ class CameraFile:
         if (width > height) != (camera.width > camera.height):
             text += "; for a picture that was turned, give --size of the picture before it, and --turn"
         return replace(self, camera=cut, assumptions=(*self.assumptions, Assumption("focal_length", text)))
-
-
-def check_editable(path: str | os.PathLike[str]) -> None:
-    """Check that `write_time_offset` can edit a file, before the work that finds the offset.
-
-    Raises
-    ------
-    FileFormatError
-        If the file cannot be read or is not a camera file of rsdeblur.
-    """
-    try:
-        Camera.load(path)
-    except FileFormatError as error:
-        # Imported here because it imports this module.
-        from rsdeblur.io.cameras import open_camera
-
-        format = open_camera(path).format
-        if format == "toml":
-            raise
-        raise FileFormatError(
-            f"{path}: a file of the format {format} has no place for the time offset; make a camera file of it: "
-            f"rsdeblur camera import {path} -o camera.toml"
-        ) from error
-
-
-def write_time_offset(path: str | os.PathLike[str], time_offset: float) -> None:
-    """Write `time_offset` into a camera file, whose other lines stay as they are, down to their line ends.
-
-    Parameters
-    ----------
-    path : path-like
-        The camera file (TOML). It is replaced atomically.
-    time_offset : float
-        Camera time minus gyro time in s.
-
-    Raises
-    ------
-    InputError
-        If `time_offset` is not finite.
-    FileFormatError
-        If the file cannot be read or is not a camera file.
-    OutputError
-        If it cannot be written.
-    """
-    time_offset = validate.finite("time_offset", time_offset)
-    check_editable(path)
-    data = read_file(path, "camera file")
-    text = data.removeprefix(codecs.BOM_UTF8).decode()
-    try:
-        document = tomlkit.parse(text)
-    except (TOMLKitError, RecursionError) as error:
-        raise FileFormatError(f"{path}: cannot edit the file ({error}); set time_offset = {time_offset!r}") from error
-    document["time_offset"] = time_offset
-    changed = tomlkit.dumps(document)
-    if text.count("\n") == text.count("\r\n") > 0:
-        # A new line ends with a line feed alone.
-        changed = re.sub("(?<!\r)\n", "\r\n", changed)
-    with atomic_write(path) as file:
-        file.write(codecs.BOM_UTF8 * data.startswith(codecs.BOM_UTF8) + changed.encode())

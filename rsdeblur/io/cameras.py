@@ -5,13 +5,19 @@ To add a format, write its `sniff` and `read` and add them to the table in `form
 
 from __future__ import annotations
 
+import codecs
 import os
 import re
 from functools import partial
 from typing import Any
 
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+
 from rsdeblur._util import validate
-from rsdeblur.errors import InputError
+from rsdeblur._util.atomic import atomic_write
+from rsdeblur._util.files import read_file
+from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io import kalibr, lens_profiles, recorded_cameras
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request
 from rsdeblur.io.exif import MAKE, MODEL, ZOOM, Exif
@@ -157,6 +163,62 @@ def detect_camera_format(path: str | os.PathLike[str]) -> str:
         If the file cannot be read or is of no known format.
     """
     return choose(formats(), Source(path, WHAT)).name
+
+
+def check_editable(path: str | os.PathLike[str]) -> None:
+    """Check that `write_time_offset` can edit a file, before the work that finds the offset.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be read or is not a camera file of rsdeblur.
+    """
+    try:
+        Camera.load(path)
+    except FileFormatError as error:
+        format = open_camera(path).format
+        if format == "toml":
+            raise
+        raise FileFormatError(
+            f"{path}: a file of the format {format} has no place for the time offset; make a camera file of it: "
+            f"rsdeblur camera import {path} -o camera.toml"
+        ) from error
+
+
+def write_time_offset(path: str | os.PathLike[str], time_offset: float) -> None:
+    """Write `time_offset` into a camera file, whose other lines stay as they are, down to their line ends.
+
+    Parameters
+    ----------
+    path : path-like
+        The camera file (TOML). It is replaced atomically.
+    time_offset : float
+        Camera time minus gyro time in s.
+
+    Raises
+    ------
+    InputError
+        If `time_offset` is not finite.
+    FileFormatError
+        If the file cannot be read or is not a camera file.
+    OutputError
+        If it cannot be written.
+    """
+    time_offset = validate.finite("time_offset", time_offset)
+    check_editable(path)
+    data = read_file(path, "camera file")
+    text = data.removeprefix(codecs.BOM_UTF8).decode()
+    try:
+        document = tomlkit.parse(text)
+    except (TOMLKitError, RecursionError) as error:
+        raise FileFormatError(f"{path}: cannot edit the file ({error}); set time_offset = {time_offset!r}") from error
+    document["time_offset"] = time_offset
+    changed = tomlkit.dumps(document)
+    if text.count("\n") == text.count("\r\n") > 0:
+        # A new line ends with a line feed alone.
+        changed = re.sub("(?<!\r)\n", "\r\n", changed)
+    with atomic_write(path) as file:
+        file.write(codecs.BOM_UTF8 * data.startswith(codecs.BOM_UTF8) + changed.encode())
 
 
 def _sniff_toml(source: Source) -> bool:

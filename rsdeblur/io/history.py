@@ -35,7 +35,8 @@ def file_facts(path: str | os.PathLike[str]) -> dict[str, str]:
     FileFormatError
         If it cannot be read.
     """
-    status = Path(path).stat()
+    with open_file(path, "file") as file:
+        status = os.fstat(file.fileno())
     return {"name": Path(path).name, "sha256": _digest(Path(path), (status.st_size, status.st_mtime_ns))}
 
 

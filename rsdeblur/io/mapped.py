@@ -59,6 +59,8 @@ def npy_place(file: BinaryIO, size: int, max_pixels: int) -> dict[str, Any]:
     ------
     ValueError
         If the header is damaged, or the array is not a picture.
+    EOFError
+        If the file ends within the samples.
     """
     version = np.lib.format.read_magic(file)
     read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0

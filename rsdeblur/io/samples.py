@@ -182,8 +182,8 @@ def finish_acceleration(samples: Samples, unit: str | None, error: Callable[[str
     InputError
         If `unit` is unknown.
     """
-    if unit is not None and unit not in ACCELERATION_UNITS:
-        raise InputError(f"unit must be one of {', '.join(ACCELERATION_UNITS)}; got {unit!r}")
+    if unit is not None:
+        validate.choice("unit", unit, ACCELERATION_UNITS)
     unit = unit or samples.unit
     _check_values(samples, "accelerations", unit, error)
     t, forces, epoch, repairs = ordered(_stamps(samples, None, error), samples)

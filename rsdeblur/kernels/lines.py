@@ -20,18 +20,21 @@ from rsdeblur.kernels import native
 from rsdeblur.types import ComplexArray, Float32Array, Int32Array
 
 
+def continued(positions: NDArray[np.int_], n: int, *, periodic: bool = False) -> NDArray[np.int_]:
+    """Return the positions from 0 to n - 1 whose values continue a line of n values at any `positions`."""
+    folded = positions % (n if periodic else 2 * n)
+    within: NDArray[np.int_] = np.minimum(folded, 2 * n - 1 - folded)
+    return within
+
+
 def _cut(line: NDArray[Any], start: int, fade: Float32Array, periodic: bool, length: int) -> NDArray[Any]:
     """Return the tile at `start` of `line`, along its last axis."""
-    n = line.shape[-1]
-
-    def at(positions: NDArray[np.int_]) -> NDArray[Any]:
-        folded = positions % (n if periodic else 2 * n)
-        return line[..., np.minimum(folded, 2 * n - 1 - folded)]
-
     positions = start + np.arange(length)
-    tile = at(positions)
+    tile, before = (
+        line[..., continued(some, line.shape[-1], periodic=periodic)] for some in (positions, positions - length)
+    )
     tail = np.s_[..., length - len(fade) :]
-    tile[tail] += fade * (at(positions - length)[tail] - tile[tail])
+    tile[tail] += fade * (before[tail] - tile[tail])
     return tile
 
 
@@ -102,8 +105,8 @@ def cut_lines_numpy(
 ) -> None:
     """Copy the tiles at `starts` (B,) of `columns` (C, N, M) into `slabs` (B, C, N, L).
 
-    Only the first `height` values of a column are read. A single slab that starts at 0 may be `columns` itself, which
-    is then extended in place.
+    Only the first `height` values of a column are read. A single slab that starts at 0 and fades only values from
+    `height` on may be `columns` itself, which is then extended in place.
     """
     for start, slab in zip(starts, slabs, strict=True):
         slab[...] = _cut(columns[..., :height], int(start), fade, periodic, slab.shape[-1])

@@ -23,8 +23,6 @@ from rsdeblur.kernels import native
 from rsdeblur.kernels._jit import njit
 from rsdeblur.types import ComplexArray, Float32Array, Int32Array
 
-Index = Int32Array
-
 # Frequencies per block: the widest SIMD vector has 16 floats, and so does a cache line.
 LANES = 16
 # Latent rows that the kernels process together.
@@ -51,11 +49,11 @@ class RowModel(NamedTuple):
         Weight of the tap.
     """
 
-    row_first: Index
-    row_end: Index
-    coupled: Index
-    tap_start: Index
-    tap_shift: Index
+    row_first: Int32Array
+    row_end: Int32Array
+    coupled: Int32Array
+    tap_start: Int32Array
+    tap_shift: Int32Array
     tap_weight: Float32Array
 
     @property

@@ -182,6 +182,8 @@ def fit_gains(
         Candidates for the level of the noise, positive.
     stiffness : float
         Weight of the differences of the gains' logarithms, not negative.
+    threads : int, optional
+        Threads that share the tiles; default all processors. Any number gives the same bits.
 
     Returns
     -------
@@ -309,6 +311,8 @@ def information(
         Gains and levels that :func:`fit_gains` returned.
     stiffness : float
         See :func:`fit_gains`.
+    threads : int, optional
+        Threads that share the tiles; default all processors. Any number gives the same bits.
 
     Returns
     -------

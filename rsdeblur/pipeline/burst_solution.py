@@ -15,8 +15,9 @@ from rsdeblur.choices import EXPONENT
 from rsdeblur.deconv.boundary import extended, extended_shape
 from rsdeblur.deconv.burst import BurstQuadratic, RowBurst
 from rsdeblur.deconv.priors import brightness
+from rsdeblur.estimate.blur_spectra import KERNELS, BlurSpectra
 from rsdeblur.estimate.check import UndershootMeter
-from rsdeblur.estimate.strength import KERNELS, Spectra, Tuning
+from rsdeblur.estimate.strength import Tuning
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.pipeline.burst_alignment import AlignedBurst
 from rsdeblur.pipeline.burst_frames import BurstFrame
@@ -61,7 +62,7 @@ class BurstSolution:
         centres = (tile_centres(min(KERNELS, n), n) for n in (height, width))
         some = _paths(frames, *centres, threads=options.threads)
         few = [PsfBank.from_paths(paths).padded(_largest(some)) for paths in some]
-        spectra = [Spectra.of(bank, one_filter=mode == "global") for bank in few]
+        spectra = [BlurSpectra.of(bank, one_filter=mode == "global") for bank in few]
         tunings = [replace(frame.tuning, spectra=of) for frame, of in zip(frames, spectra, strict=True)]
         errors = [tile_error(frame.alignment.capture) if mode == "banded" else 0.0 for frame in frames]
         tuning, shares = Tuning.of_burst(tunings, tile_errors=errors)

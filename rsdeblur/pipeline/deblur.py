@@ -138,7 +138,7 @@ def deblur(
         Compress light that exceeds [0, 1] into that range and clip outliers, at the price of contrast.
     saturation : {"ignore", "auto", "always"}
         "always" estimates the highlights behind clipped pixels, solves the picture without them and adds them to the
-        result (:mod:`rsdeblur.image.highlights`). This leaves fewer streaks around lamps and takes 63 passes of a
+        result (:mod:`rsdeblur.image.highlights`). This leaves fewer streaks around lamps and takes 19 passes of a
         filter over boxes around them. It does not change the result of a picture without clipped highlights. "auto"
         does so where small clipped spots cover at most 0.5 % of the picture, or half of the picture has less than 5 %
         of full light: by day, more of them are rather white things in the sun, which would lose detail.

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from rsdeblur.deconv.quadratic import MARGIN
-from rsdeblur.deconv.rowwise import ASSEMBLED_BYTES, MOST_MARGIN
+from rsdeblur.deconv.rowwise_solver import ASSEMBLED_BYTES, MOST_MARGIN
 from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.rowwise import BLOCK
@@ -57,8 +57,8 @@ class Chunk:
 
 def plan_chunks(
     bank: PsfBank, shape: tuple[int, int, int], settings: SolverSettings, max_memory: int | None, frames: int = 1
-) -> tuple[list[Chunk], int]:
-    """Return the fewest chunks of a picture that need at most `max_memory` bytes each, and the bytes that they need.
+) -> list[Chunk]:
+    """Return the fewest chunks of a picture that need at most `max_memory` bytes each.
 
     `frames` pictures of one scene are solved together.
 
@@ -70,13 +70,13 @@ def plan_chunks(
     height = shape[0]
     if max_memory is None:
         whole = slice(0, height)
-        return [Chunk(whole, whole, bank)], _bytes(bank, whole, shape, settings, frames)
+        return [Chunk(whole, whole, bank)]
     count, most = 1, _most_chunks(height)
     while True:
         parts = _parts(bank, height, settings, count)
         needed = max(_bytes(bank, source, shape, settings, frames) for source, _ in parts)
         if needed <= max_memory:
-            return [_chunk(bank, source, target, shape[1]) for source, target in parts], needed
+            return [_chunk(bank, source, target, shape[1]) for source, target in parts]
         if count == most:
             raise InputError(
                 f"max_memory is {_mebibytes(max_memory)}, but even {LEAST_ROWS} rows of "

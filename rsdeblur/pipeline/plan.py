@@ -142,8 +142,8 @@ class Plan:
         InputError
             As :func:`rsdeblur.deblur`.
         """
-        encoded = self._encoded(image)
-        return self._prepared(self._split(encoded, StageClock()), StageClock())
+        clock = StageClock()
+        return self._prepared(self._split(self._encoded(image), clock), clock)
 
     def replan(self, log: GyroLog, exposure: Exposure) -> Plan:
         """Return the plan for another exposure of the same camera, with the same strengths, tiles and solver.

@@ -208,7 +208,7 @@ def solve_chunks(
     # Linear methods, of which the published filter is one, stay linear.
     is_corrected = options.prior not in ("wiener", "gradient")
     memory = None if options.max_memory is None else options.max_memory - split.nbytes
-    chunks, _ = plan_chunks(bank, split.encoded.shape, settings, memory, frames)
+    chunks = plan_chunks(bank, split.encoded.shape, settings, memory, frames)
     for n, chunk in enumerate(chunks):
         linear = split.remainder(chunk.source, threads=options.threads) if light is None else light[chunk.source]
         inner = slice(chunk.target.start - chunk.source.start, chunk.target.stop - chunk.source.start)

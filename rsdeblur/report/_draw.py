@@ -38,6 +38,6 @@ def display(image: Image.Image) -> FloatImage:
     return np.asarray(image, dtype=np.float32) / np.float32(255.0)
 
 
-def caption(image: Image.Image, corner: tuple[int, int], text: str, *, size: int, colour: Colour = TEXT) -> None:
+def caption(image: Image.Image, corner: tuple[int, int], text: str, *, size: int) -> None:
     """Write `text` with its upper left corner at `corner`."""
-    ImageDraw.Draw(image).text(corner, text, fill=colour, font=ImageFont.load_default(size))
+    ImageDraw.Draw(image).text(corner, text, fill=TEXT, font=ImageFont.load_default(size))

@@ -20,7 +20,7 @@ from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.psf import PsfBank
 from rsdeblur.report._draw import MARKS, rgb8
-from rsdeblur.report.psf_map import visible_part
+from rsdeblur.report.psf_map import evenly, visible_part
 from rsdeblur.types import FloatArray
 
 # Bytes of all pictures together; base64 adds a third.
@@ -156,7 +156,7 @@ def weight_map_uri(picture: NDArray[np.floating], weights: NDArray[np.floating])
 def bank_data(bank: PsfBank) -> dict[str, Any]:
     """Return an evenly spaced selection of the kernels as one grey picture, each brightened to its own peak."""
     kernels = visible_part(np.asarray(bank.kernels, dtype=np.float64))
-    rows, cols = (_spread(n, most) for n, most in zip(kernels.shape[:2], MOST_KERNELS, strict=True))
+    rows, cols = (evenly(n, most) for n, most in zip(kernels.shape[:2], MOST_KERNELS, strict=True))
     selection = kernels[np.ix_(rows, cols)]
     tall, wide = selection.shape[2:]
     # The square root makes faint parts of a trail visible.
@@ -177,10 +177,6 @@ def script_json(payload: Any) -> str:
     """Return JSON that is safe in a script element: no text in it can end the element or open a comment."""
     text = json.dumps(payload, separators=(",", ":"), allow_nan=False)
     return text.replace("&", r"\u0026").replace("<", r"\u003c").replace(">", r"\u003e")
-
-
-def _spread(count: int, most: int) -> NDArray[np.intp]:
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
 
 
 def _jpeg(image: Image.Image, size: tuple[int, int], icc_profile: bytes | None) -> bytes:

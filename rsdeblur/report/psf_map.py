@@ -89,6 +89,11 @@ def visible_part(kernels: FloatArray) -> FloatArray:
     return padded[:, :, top:bottom, left:right]
 
 
+def evenly(count: int, most: int) -> NDArray[np.intp]:
+    """Return the indices of at most `most` of `count` places, spread evenly from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
+
+
 def _spacing(places: FloatArray, whole: int) -> float:
     return float(np.diff(places).min()) if len(places) > 1 else float(whole)
 

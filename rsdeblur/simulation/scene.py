@@ -223,7 +223,8 @@ def _card(canvas: Canvas, corner: tuple[float, float], size: tuple[float, float]
     return box
 
 
-def _siemens_star(canvas: Canvas, box: Box, spokes: int = 36) -> None:
+def _siemens_star(canvas: Canvas, box: Box) -> None:
+    spokes = 36
     left, top, right, bottom = box
     x, y = (left + right) / 2, (top + bottom) / 2
     radius = 0.46 * (right - left)

@@ -41,7 +41,7 @@ def test_tiles_solve_near_a_target() -> None:
 
 @pytest.mark.parametrize("solver", ["direct", "cg"])
 def test_rows_solve_near_a_target(solver: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rsdeblur.deconv.rowwise_cg.conjugate_gradients.__kwdefaults__", {"tolerance": 1e-6})
+    monkeypatch.setattr("rsdeblur.deconv.rowwise_cg.TOLERANCE", 1e-6)
     rng, paths, nsr, beta = np.random.default_rng(1), wavy_paths(down=2.0), 1e-3, 0.2
     grey = rng.random((H, W), dtype=np.float32)
     term = RowDeconvolver(paths, grey.shape, nsr=nsr, border="periodic", solver=solver)._observe(grey[..., None], 0)

@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from rsdeblur import DerivativePrior, InputError, RowBlur, RowDeconvolver
-from rsdeblur.estimate.strength import LENS
+from rsdeblur.estimate.blur_spectra import LENS
 from rsdeblur.kernels import native, rowwise
 from rsdeblur.simulation.scene import scene
 from tests.deconv.test_rowwise_blur import H, W, still_paths, wavy_paths
@@ -39,7 +39,7 @@ def dense_gradients(rows: int) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("solver", ["direct", "cg"])
 @pytest.mark.parametrize(("nsr", "beta"), [(0.01, 0.0), (0.01, 0.3), (1e-3, 5.0), (1e-4, 1000.0)])
 def test_solve_is_the_dense_minimum(picture, solver, nsr, beta, monkeypatch):
-    monkeypatch.setattr("rsdeblur.deconv.rowwise_cg.conjugate_gradients.__kwdefaults__", {"tolerance": 1e-6})
+    monkeypatch.setattr("rsdeblur.deconv.rowwise_cg.TOLERANCE", 1e-6)
     paths, rng = wavy_paths(down=2.0), np.random.default_rng(3)
     grey = np.ascontiguousarray(picture[..., 0])
     term = RowDeconvolver(paths, grey.shape, nsr=nsr, border="periodic", solver=solver)._observe(grey[..., None], 0)

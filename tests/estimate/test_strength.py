@@ -24,7 +24,7 @@ def kernel(size: tuple[int, int] = (9, 15), seed: int = 1) -> np.ndarray:
 
 @pytest.fixture(autouse=True)
 def no_lens(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tuning, "LENS", 0.0)
+    monkeypatch.setattr("rsdeblur.estimate.blur_spectra.LENS", 0.0)
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from rsdeblur.estimate.rival_axes import OTHER_AXES
 from rsdeblur.estimate.time_offset import MOST_SPREAD, find_shared_time_offset, find_time_offset
 from rsdeblur.image.transfer import to_linear
 from rsdeblur.io import read_camera, read_captures, read_gyro, read_picture
-from rsdeblur.io.camera_file import write_time_offset
+from rsdeblur.io.cameras import write_time_offset
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 

@@ -82,8 +82,9 @@ def test_units(tmp_path: Path) -> None:
     for header, factor, unit in (("t,ax[g],ay[g],az[g]\n", 1 / G, None), ("t,ax,ay,az\n", 1000 / G, "mg")):
         path.write_text(header + rows("t", "x", "y", "z", values=FORCES * factor))
         np.testing.assert_allclose(read_acceleration(path, unit=unit).force, FORCES, rtol=1e-15)
-    with pytest.raises(InputError, match="unit must be one of"):
-        read_acceleration(path, unit="gal")
+    for unknown in ("gal", ["g"]):
+        with pytest.raises(InputError, match="unit must be one of"):
+            read_acceleration(path, unit=unknown)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from PIL import Image
 
 from rsdeblur import Camera, FileFormatError, InputError, RsdeblurWarning, read_camera
 from rsdeblur.io import open_camera
-from rsdeblur.io.camera_file import write_time_offset
+from rsdeblur.io.cameras import write_time_offset
 from rsdeblur.motion.axes import PRESETS, imu_to_camera, orientation
 
 Write = Callable[..., Path]

@@ -14,7 +14,7 @@ from PIL import Image
 
 import rsdeblur
 from rsdeblur.errors import FileFormatError
-from rsdeblur.io.camera_file import write_time_offset
+from rsdeblur.io.cameras import write_time_offset
 
 READERS: dict[str, Callable[[Path], Any]] = {
     "gyro log": rsdeblur.read_gyro,

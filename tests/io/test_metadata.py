@@ -18,10 +18,10 @@ import pytest
 import tifffile
 from PIL import Image
 
-from rsdeblur.errors import RsdeblurWarning
+from rsdeblur.errors import FileFormatError, RsdeblurWarning
 from rsdeblur.io import _metadata, _xmp, read_picture, write_picture
 from rsdeblur.io._jpeg import with_iptc
-from rsdeblur.io.history import with_history
+from rsdeblur.io.history import file_facts, with_history
 from rsdeblur.io.pictures import Picture
 
 WIDTH, HEIGHT = 64, 48
@@ -204,6 +204,12 @@ def test_xmp_says_nothing_of_parts_that_are_gone(tmp_path: Path) -> None:
         assert text not in after.xmp
     for text in (b'HdrPlusMakernote="SERSUA"', b'mm:DocumentID="doc"'):
         assert text in after.xmp
+
+
+def test_facts_need_a_file(tmp_path: Path) -> None:
+    for path in (tmp_path, tmp_path / "missing.jpg"):
+        with pytest.raises(FileFormatError, match="cannot read the file"):
+            file_facts(path)
 
 
 def test_history_grows_by_an_entry() -> None:

@@ -63,8 +63,8 @@ def planned(monkeypatch):
     chunks = []
 
     def plan(*args):
-        chunks[:] = plan_chunks(*args)[0]
-        return chunks, 0
+        chunks[:] = plan_chunks(*args)
+        return chunks
 
     plan_chunks = memory.plan_chunks
     monkeypatch.setattr(memory, "FIXED", 0)
