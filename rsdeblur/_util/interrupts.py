@@ -21,6 +21,8 @@ from typing import Any
 ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 # Time until an interrupt that was lost, or came at a wrong time, is delivered again, s.
 RETRY = 0.02
+# What Python says of a signal that came together with another one, whose handler made it ignored.
+IGNORED = "ignored due to race condition"
 # Compilers whose locks stay locked if an exception comes in the wrong place: the next compilation would never end.
 LOCKING = "numba", "llvmlite"
 
@@ -68,7 +70,8 @@ def _send_again(number: int) -> None:
 def _deliver_again(lost: sys.UnraisableHookArgs) -> None:
     """Repeat a signal whose handler raised where Python only prints errors: in destructors and callbacks."""
     if not isinstance(lost.exc_value, Interrupt):
-        sys.__unraisablehook__(lost)
+        if IGNORED not in str(lost.exc_value):
+            sys.__unraisablehook__(lost)
         return
     number, armed = lost.exc_value.number, threading.Event()
 
@@ -176,6 +179,7 @@ def _handlers(handlers: dict[int, Any]) -> Iterator[None]:
     try:
         yield
     finally:
-        sys.unraisablehook = hook
         for number, handler in before.items():
             signal.signal(number, handler)
+        # Last, as a signal may still be waiting, of which Python would report that it is ignored.
+        sys.unraisablehook = hook

@@ -57,6 +57,22 @@ def test_an_interrupt_is_never_lost(
     assert capsys.readouterr().err == ""
 
 
+def test_two_signals_at_once_are_one_interrupt(capsys: pytest.CaptureFixture[str]) -> None:
+    """A service manager ends all processes of a command, while the command interrupts its workers."""
+    both = {signal.SIGINT, signal.SIGTERM}
+
+    def work() -> None:
+        with interrupts.raised():
+            signal.pthread_sigmask(signal.SIG_BLOCK, both)
+            for number in both:
+                signal.raise_signal(number)
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, both)
+
+    with pytest.raises(interrupts.Interrupt):
+        work()
+    assert capsys.readouterr().err == ""
+
+
 def test_a_compiler_is_not_interrupted() -> None:
     """An exception would leave its locks locked; the interrupt comes when it has ended."""
     numba: dict[str, object] = {"__name__": "numba.core", "signal": signal, "time": time, "done": False}
