@@ -235,8 +235,8 @@ def _converted(name: str, cell: str) -> Any:
 
 def _item(photo: Path, result: Path, own: dict[str, Any], defaults: Defaults) -> Item:
     values = {name: value for name, value in asdict(defaults).items() if value is not None}
-    # A photo with a start of its own needs no capture file.
-    if "capture" not in own and not own.keys().isdisjoint(("start", "start_ns")):
+    # A photo with a start of its own needs no capture file, unless it names an exposure there.
+    if own.keys().isdisjoint(("capture", "index")) and not own.keys().isdisjoint(("start", "start_ns")):
         values.pop("capture", None)
     values |= own
     # Times from EXIF replace a capture file of the defaults.

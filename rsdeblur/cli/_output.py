@@ -111,10 +111,11 @@ def _is_same(a: Path, b: Path) -> bool:
         return False
 
 
-def prepare_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:
+def prepare_folder(folder: Path, names: Iterable[str], *, force: bool, dry_run: bool = False) -> None:
     """Make `folder` if needed and check that the files called `names` may be written into it.
 
-    Folders that were made and are still empty when the command ends are removed.
+    Folders that were made and are still empty when the command ends are removed. A dry run makes none, and checks
+    whether it could.
 
     Raises
     ------
@@ -129,6 +130,9 @@ def prepare_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:
         raise OutputError(f"{folder}: the results are several files, so the output is a folder; give the name of one")
 
     made = [each for each in (folder, *folder.parents) if not each.exists()]
+    if dry_run and made:
+        _check_can_make(folder, made[-1].parent)
+        return
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -140,6 +144,13 @@ def prepare_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:
     for name in names:
         refuse_inputs(folder / name)
         check_target(folder / name, force=force)
+
+
+def _check_can_make(folder: Path, place: Path) -> None:
+    """Check that `folder` can be made in `place`, the nearest of its parents that exists."""
+    if not place.is_dir() or not os.access(place, os.W_OK):
+        what = "not writable" if place.is_dir() else "a file"
+        raise OutputError(f"{folder}: cannot make the folder: {place} is {what}")
 
 
 def _remove_empty(folders: Sequence[Path]) -> None:

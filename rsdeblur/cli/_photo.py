@@ -60,11 +60,13 @@ def prepare_result(output: Path, *, force: bool, dry_run: bool, make_folder: boo
     OutputError
         If it cannot be written.
     """
-    from rsdeblur.io.pictures import check_writable
+    from rsdeblur.io.pictures import check_kind, check_writable
 
-    if make_folder and not dry_run:
-        prepare_folder(output.parent, [], force=force)
-    if not make_folder or output.parent.is_dir():
+    if make_folder:
+        prepare_folder(output.parent, [], force=force, dry_run=dry_run)
+    if dry_run and make_folder and not output.parent.is_dir():
+        check_kind(output, signed=signed)
+    else:
         check_writable(output, force=force, signed=signed)
 
 

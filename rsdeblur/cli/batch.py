@@ -119,8 +119,8 @@ def command(
     jobs, threads = shared_threads(workers.jobs, options.threads, alone=workers.scheduler is None)
     limits = workers.limits(jobs)
     records = Records(target.output / RECORDS)
-    if not target.dry_run:
-        prepare_folder(target.output, [TABLE, REPORT], force=target.force or records.folder.is_dir())
+    is_own = target.force or records.folder.is_dir()
+    prepare_folder(target.output, [TABLE, REPORT], force=is_own, dry_run=target.dry_run)
     with nullcontext() if target.dry_run else records.held():
         batch = _Batch(target, replace(options, threads=threads), changes, signing, records, refine_anyway=bool(refine))
         entries = batch.run(items, jobs, workers.scheduler, limits)

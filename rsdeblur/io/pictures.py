@@ -389,11 +389,22 @@ def check_writable(path: str | os.PathLike[str], *, force: bool, signed: bool = 
     """
     path = checked_path(path)
     validate.boolean("force", force)
+    check_kind(path, signed=signed)
+    check_target(path, force=force)
+
+
+def check_kind(path: Path, *, signed: bool) -> None:
+    """Check by its extension that `write_picture` can write a picture, and sign it if `signed`; see `check_writable`.
+
+    Raises
+    ------
+    OutputError
+        If it cannot.
+    """
     if path.suffix.lower() not in KINDS:
         raise OutputError(f"{path}: unknown picture extension {path.suffix!r}; use one of {', '.join(KINDS)}")
     if signed:
         claims.check_kind(path, KINDS[path.suffix.lower()])
-    check_target(path, force=force)
 
 
 @contextmanager

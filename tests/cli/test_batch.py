@@ -181,6 +181,17 @@ def test_dry_run_writes_nothing(run: Run, files: Files, manifest: Path, tmp_path
     assert sorted(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.usefixtures("here")
+def test_dry_run_names_the_outputs_that_cannot_be_written(run: Run, files: Files, tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text("photo,output,start,duration\nphoto.png,x.gif,0.2,0.04\n")
+    call = ("batch", tmp_path / "m.csv", *files.sources, "--dry-run", "-o")
+    assert "unknown picture extension '.gif'" in run(*call, tmp_path / "new").stderr
+    (file := tmp_path / "file").touch()
+    for folder in (file, file / "new"):
+        result = run(*call, folder)
+        assert (result.exit_code, "a file" in result.stderr) == (1, True)
+
+
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
@@ -218,6 +229,16 @@ def test_bad_rows(run: Run, files: Files, tmp_path: Path, row: str, message: str
     path.write_text(f"photo,index,start\n{row}\n")
     (item,) = entries(run, path, *files.sources, "-o", tmp_path / "out", code=SOME_FAILED)
     assert message in item["error"]
+
+
+@pytest.mark.usefixtures("here")
+def test_a_start_beside_an_index_replaces_that_of_the_shared_capture_file(
+    run: Run, files: Files, tmp_path: Path
+) -> None:
+    (tmp_path / "m.csv").write_text("photo,index,start\nphoto.png,0,0.2\n")
+    capture = "--capture", files.photo.parent / "frames.csv"
+    found = entries(run, tmp_path / "m.csv", *files.sources, *capture, "--dry-run", "-o", tmp_path / "out")
+    assert states(found) == "checked"
 
 
 @pytest.mark.usefixtures("here")
