@@ -38,6 +38,9 @@ KEEP, DROP = 1.5, 20.0
 # Frames of a video that are encoded together, and the constant rate factor of their encoding.
 SEGMENT, CRF = 32, 17
 
+# Folder beside the results of a batch in which it records what is done.
+RECORDS = ".rsdeblur-batch"
+
 Solver = Literal["auto", "direct", "cg"]
 SOLVERS: tuple[Solver, ...] = get_args(Solver)
 

@@ -36,6 +36,9 @@ RENAMED = {"readout": "readout_time"}
 FILES = ("gyro", "camera", "capture")
 # Characters; no path is longer.
 LONGEST_CELL = 4096
+# Why options are refused.
+ONE_OF_MANY = "is one moment, but each photo has its own; leave it out"
+FOR_PHOTOS = "is for photos; the frames of a video are counted from its first one"
 Place = tuple[int, int]
 numbered_from_option = click.option(
     "--numbered-from",
@@ -117,11 +120,12 @@ def _places(paths: Iterable[Path]) -> set[Place]:
 
 
 def _session(folder: Path, defaults: Defaults, output: Path, numbered_from: int | None) -> Iterator[Item]:
-    from rsdeblur.io.sessions import files_in, gyro_log_in, open_session, photos_in
+    from rsdeblur.io.sessions import camera_in, files_in, gyro_log_in, open_session, photos_in
 
     if defaults.start == "exif":
         files = files_in(folder, without=output)
-        known = defaults if defaults.gyro else replace(defaults, gyro=gyro_log_in(folder, files))
+        gyro, camera = defaults.gyro or gyro_log_in(folder, files), defaults.camera or camera_in(files)
+        known = replace(defaults, gyro=gyro, camera=camera)
         for path in photos_in(folder, files):
             yield _item(path, result_name(path.relative_to(folder)), {}, known)
         return
@@ -246,6 +250,13 @@ def _item(photo: Path, result: Path, own: dict[str, Any], defaults: Defaults) ->
         if name not in values:
             return Item(photo, result, None, f"{photo}: no {name} file; give it in the column {name} or with --{name}")
     return Item(photo, result, Recording(**values))
+
+
+def refuse_given(why: str, **values: object) -> None:
+    """Raise `click.UsageError` if one of these options is given: it would have no effect, and `why` says so."""
+    for name, value in values.items():
+        if value is not None:
+            raise click.UsageError(f"--{name.replace('_', '-')} {why}")
 
 
 def result_name(photo: Path) -> Path:

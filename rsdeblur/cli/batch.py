@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rsdeblur.choices import RECORDS
 from rsdeblur.cli import _options, _refinement
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._items import COLUMNS, FILES, Item, numbered_from_option, read_items
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     from rsdeblur._util.workers import Limits
     from rsdeblur.pipeline.options import Options
 
-TABLE, REPORT, RECORDS = "batch.csv", "batch.json", ".rsdeblur-batch"
+TABLE, REPORT = "batch.csv", "batch.json"
 # Rows of a table that fits a screen.
 MOST_ROWS = 40
 

@@ -25,7 +25,7 @@ from rsdeblur.cli._inputs import (
     warn_of_clip_gravity,
     warn_of_photo_gravity,
 )
-from rsdeblur.cli._items import numbered_from_option, read_items
+from rsdeblur.cli._items import ONE_OF_MANY, numbered_from_option, read_items, refuse_given
 from rsdeblur.cli._options import Defaults, Recording, Target
 from rsdeblur.cli._output import (
     FAILURES,
@@ -141,7 +141,7 @@ def command(
     if (clip is None) == (not photos):
         raise click.UsageError("give either photos or --from VIDEO")
     refuse_unused(options, choices.MODES if mode == "auto" else [mode])
-    if photos and all(photo.is_dir() for photo in photos):
+    if any(photo.is_dir() for photo in photos):
         if not frames and reference is None and weights is None and report is None:
             return _folders(photos, numbered_from, recording, mode, options, target)
         raise click.UsageError("folders have no --frames, --reference, --weights or --report")
@@ -266,6 +266,9 @@ def _folders(
     target: Target,
 ) -> None:
     """Deblur the burst of each folder into the folder of results."""
+    if others := [folder for folder in folders if not folder.is_dir()]:
+        raise click.UsageError(f"{others[0]} is not a folder; give either photos or folders")
+    refuse_given(ONE_OF_MANY, start=recording.start, start_ns=recording.start_ns)
     if target.output.suffix and not target.output.is_dir():
         raise click.UsageError(f"-o {target.output}: the results of folders need a folder, whose name has no extension")
     outputs = [target.output / f"{folder.resolve().name}.png" for folder in folders]
@@ -314,6 +317,7 @@ def _from_photos(photos: tuple[Path, ...], frames: list[int], recording: Recordi
 
     if recording.capture is None:
         raise click.UsageError("the exposures are not given; use --capture FILE")
+    refuse_given(ONE_OF_MANY, start=recording.start, start_ns=recording.start_ns)
     if len(frames) != len(photos):
         raise click.UsageError(f"--frames names {len(frames)} exposures for {len(photos)} photos")
     captures = read_captures(recording.capture, duration=recording.duration)

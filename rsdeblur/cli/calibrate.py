@@ -13,7 +13,7 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import clip_exposures, naming, read_log, read_recording
-from rsdeblur.cli._items import numbered_from_option, read_items
+from rsdeblur.cli._items import FOR_PHOTOS, ONE_OF_MANY, numbered_from_option, read_items, refuse_given
 from rsdeblur.cli._options import Defaults, Moments, Target
 from rsdeblur.cli._output import print_json, print_table, progress, say
 from rsdeblur.cli._types import PATH, SecondsType
@@ -173,6 +173,7 @@ def _film(
     output: Path,
 ) -> Photos:
     """Return the pictures to use, their exposures and logs, and the camera with the start values."""
+    from rsdeblur.errors import FileFormatError
     from rsdeblur.io.pictures import is_picture
     from rsdeblur.io.source import Source
 
@@ -181,12 +182,16 @@ def _film(
     if recording.gyro is None:
         raise click.UsageError("Missing option '--gyro'", ctx=click.get_current_context())
     log = read_log(recording).log
-    if len(sources) > 1 or is_picture(Source(sources[0], "video or picture")):
+    others = [source for source in sources if not is_picture(Source(source, "video or picture"))]
+    if others and len(sources) > 1:
+        raise FileFormatError(f"{others[0]}: not a picture; give photos, or one clip, folder or manifest alone")
+    if not others:
         pictures, exposures, size = _photos(sources, recording, numbering)
     else:
         from rsdeblur.video.clip import frames, open_clip
         from rsdeblur.video.pixels import values_of
 
+        refuse_given(FOR_PHOTOS, **asdict(numbering))
         clip = open_clip(sources[0])
         every = clip_exposures(clip, recording)
         runs = _runs(len(clip), count)
@@ -239,13 +244,7 @@ def _listed(source: Path, recording: Moments, camera_file: Path | None, numberin
     from rsdeblur.errors import FileFormatError
     from rsdeblur.io import read_picture
 
-    moments = {"index": numbering.index, "start": recording.start, "start-ns": recording.start_ns}
-    given = [f"--{name}" for name, value in moments.items() if value is not None]
-    if given:
-        raise click.UsageError(
-            f"{given[0]} is one moment; a manifest or a folder gives one for each photo",
-            ctx=click.get_current_context(),
-        )
+    refuse_given(ONE_OF_MANY, index=numbering.index, start=recording.start, start_ns=recording.start_ns)
     known = asdict(recording) | dict.fromkeys(("time_offset", "readout_time", "focal_length"))
     del known["start_ns"]
     items = read_items(source, Defaults(camera=camera_file, **known), output, numbered_from=numbering.numbered_from)

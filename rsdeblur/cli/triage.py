@@ -16,7 +16,7 @@ from rsdeblur.choices import DROP, KEEP
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import clip_exposures, read_device, read_recording
-from rsdeblur.cli._items import numbered_from_option, read_items
+from rsdeblur.cli._items import FOR_PHOTOS, ONE_OF_MANY, numbered_from_option, read_items, refuse_given
 from rsdeblur.cli._options import Defaults, Recording
 from rsdeblur.cli._output import FAILURES, plain_cell, prepare_folder, print_json, progress, reason, say, write_json
 from rsdeblur.cli._types import PATH, NumberType
@@ -98,7 +98,11 @@ def command(
         raise click.UsageError("--drop must be at least --keep", ctx=click.get_current_context())
     check_thresholds(keep, drop)
     is_clip = source.is_file() and source.suffix.lower() not in MANIFESTS
-    shots = _frames(source, recording) if is_clip else _photos(source, recording, numbered_from, output)
+    if is_clip:
+        refuse_given(FOR_PHOTOS, index=recording.index, numbered_from=numbered_from)
+        shots = _frames(source, recording)
+    else:
+        shots = _photos(source, recording, numbered_from, output)
     with progress("triage") as move:
         blurs: list[tuple[float, str | None]] = []
         for i, shot in enumerate(shots):
@@ -126,6 +130,8 @@ def _frames(source: Path, recording: Recording) -> list[_Shot]:
 
     if recording.gyro is None or recording.camera is None:
         raise click.UsageError("a video needs --gyro and --camera", ctx=click.get_current_context())
+    if recording.start == "exif":
+        raise click.UsageError("--start exif is for photos; give --capture, or the start of the first frame")
     log, camera = read_device(recording)
     exposures = clip_exposures(open_clip(source), recording)
     return [_Shot({"frame": i}, (log, camera, exposure)) for i, exposure in enumerate(exposures)]
@@ -133,6 +139,8 @@ def _frames(source: Path, recording: Recording) -> list[_Shot]:
 
 def _photos(source: Path, recording: Recording, numbered_from: int | None, output: Path | None) -> list[_Shot]:
     """Return the photos of a folder or of a manifest."""
+    start = None if recording.start == "exif" else recording.start
+    refuse_given(ONE_OF_MANY, index=recording.index, start=start, start_ns=recording.start_ns)
     defaults = Defaults(**{field.name: getattr(recording, field.name) for field in fields(Defaults)})
     shots = []
     for item in read_items(source, defaults, output or source / "triage", numbered_from=numbered_from):

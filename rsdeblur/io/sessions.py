@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rsdeblur.choices import RECORDS
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.captures import CaptureFile, open_captures
 from rsdeblur.io.gyro_logs import detect_gyro_format
@@ -108,21 +109,23 @@ def open_session(
             f"{folder}: the names of the {len(photos)} photos contain neither stamps nor frame numbers, so their "
             "exposures are unknown; list them in a manifest with the columns photo,index, or give --start exif"
         )
-    cameras = [path for path in files if path.suffix.lower() == ".toml"]
-    return Session(
-        gyro,
-        capture,
-        cameras[0] if len(cameras) == 1 else None,
-        matched,
-    )
+    return Session(gyro, capture, camera_in(files), matched)
 
 
 def files_in(folder: Path, *, without: Path | None = None) -> list[Path]:
-    """Return the files of a folder and of its subfolders, except the subfolder `without` if it is one, sorted."""
-    files = [path for path in sorted([*folder.glob("*"), *folder.glob("*/*")]) if path.is_file()]
-    if without is None or folder not in without.parents:
-        return files
-    return [path for path in files if without not in path.parents]
+    """Return the files of a folder and of its subfolders, sorted.
+
+    Files of the subfolder `without` and those of subfolders with results of a batch are left out.
+    """
+    results = {path.parent for path in folder.glob(f"*/{RECORDS}")} | {without} - {folder}
+    files = sorted([*folder.glob("*"), *folder.glob("*/*")])
+    return [path for path in files if path.is_file() and path.parent not in results]
+
+
+def camera_in(files: list[Path]) -> Path | None:
+    """Return the camera file among the files of a folder; None if there is none, or more than one."""
+    cameras = [path for path in files if path.suffix.lower() == ".toml"]
+    return cameras[0] if len(cameras) == 1 else None
 
 
 def photos_in(folder: Path, files: list[Path]) -> list[Path]:

@@ -113,6 +113,12 @@ def test_results_of_folders_are_no_picture(run, tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+def test_folders_take_neither_photos_nor_one_moment(run, tmp_path: Path) -> None:
+    for more, message in ((["a.png"], "a.png is not a folder"), (["--start-ns", 7], "--start-ns is one moment")):
+        result = run("burst", tmp_path, *more, "-o", tmp_path / "out")
+        assert (result.exit_code, message in result.output) == (2, True)
+
+
 @pytest.mark.parametrize(
     ("more", "code", "message"),
     [
@@ -124,6 +130,7 @@ def test_results_of_folders_are_no_picture(run, tmp_path: Path) -> None:
         (["--frames", "0:2", "--reference", "5"], 2, "is not one of --frames"),
         (["--frames", "0:2", "--from", "clip.mp4"], 2, "either photos or --from"),
         (["--frames", "0:2", "--numbered-from", "1"], 2, "--numbered-from is for folders"),
+        (["--frames", "0:2", "--start", "1"], 2, "--start is one moment, but each photo has its own"),
     ],
 )
 def test_refusals(run, burst: Path, tmp_path: Path, more: list[str], code: int, message: str) -> None:

@@ -106,6 +106,9 @@ def test_usage(run: Run, film: Film, tmp_path):
     result = run("calibrate", *film.photos[:2], *options, "--capture", film.capture, "--index", 1)
     assert result.exit_code == 1
     assert "at least 3 photos, got 2" in result.stderr
+    result = run("calibrate", film.photos[0], film.gyro, *options, "--capture", film.capture)
+    assert result.exit_code == 1
+    assert f"{film.gyro}: not a picture; give photos, or one clip, folder or manifest alone" in result.stderr
 
 
 class Given(NamedTuple):
@@ -240,6 +243,7 @@ def test_a_video(run: Run, film: Film, tmp_path):
     # The log starts at 5 s, so the first frame is 6 s on its clock; the search is around the start's offset.
     Camera(176, 128, 170.0, time_offset=0.3).save(start)
     options = ("--gyro", film.gyro, "--camera", start, "--start", 6.0, "--duration", DURATION, "-o", output, "--json")
+    assert "--index is for photos" in run("calibrate", path, *options, "--index", 1).stderr
     result = run("calibrate", path, *options, "--from", "-400ms", "--to", "100ms")
     assert result.exit_code == 0, result.stderr
     facts = json.loads(result.stdout)

@@ -59,3 +59,19 @@ def test_manifest_and_missing_files(run: Run, files: Files, tmp_path: Path) -> N
     result = run("triage", clip)
     assert result.exit_code == 2
     assert "--gyro and --camera" in result.stderr
+
+
+def test_options_without_effect_are_refused(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "clip.mp4").touch()
+    clip = tmp_path / "clip.mp4", "--gyro", "gyro.csv", "--camera", "camera.toml"
+    for arguments in (
+        (*clip, "--index", 2),
+        (*clip, "--numbered-from", 1),
+        (*clip, "--start", "exif"),
+        (tmp_path, "--index", 2),
+        (tmp_path, "--start", 2),
+        (tmp_path, "--start-ns", 2),
+    ):
+        result = run("triage", *arguments)
+        assert result.exit_code == 2
+        assert any(reason in result.stderr for reason in ("is for photos", "is one moment"))
