@@ -11,6 +11,7 @@ import hmac
 import json
 import secrets
 import socketserver
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -77,6 +78,11 @@ class LocalServer(ThreadingHTTPServer):
         """Bind without the look-up of a host name, which would be a request to the network."""
         socketserver.TCPServer.server_bind(self)
         self.server_name, self.server_port = LOOPBACK, self.server_address[1]
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Report an error, but not that a browser has closed its connection before the answer."""
+        if not isinstance(sys.exc_info()[1], ConnectionError):
+            super().handle_error(request, client_address)
 
     @property
     def url(self) -> str:
@@ -165,7 +171,7 @@ class _Handler(BaseHTTPRequestHandler):
             return HTTPStatus.UNPROCESSABLE_ENTITY, {"error": str(error)}
         except MemoryError:
             return HTTPStatus.UNPROCESSABLE_ENTITY, {"error": "not enough memory; close other programs"}
-        except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
             raise _Refusal(HTTPStatus.BAD_REQUEST, "the body is not valid JSON") from error
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:

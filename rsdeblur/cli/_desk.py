@@ -241,6 +241,8 @@ class Desk:
         """Return what saving deblurs and where it writes."""
         from rsdeblur.io.pictures import check_writable
 
+        if not _text(form, "output"):
+            raise InputError("choose the name of the result")
         with self._busy:
             request = _request(self._tuned(form)[0])
         output = Path(_path(form, "output"))

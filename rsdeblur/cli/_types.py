@@ -26,7 +26,10 @@ class NonEmptyPath(click.Path):
         """Return the path."""
         if not str(value):
             self.fail("the name is empty", param, ctx)
-        return super().convert(value, param, ctx)
+        try:
+            return super().convert(value, param, ctx)
+        except ValueError:
+            self.fail(f"no file can have the name {value!r}", param, ctx)
 
 
 PATH = NonEmptyPath(path_type=Path)

@@ -134,10 +134,21 @@ def test_bodies_are_bounded(ask):
     # The types that a form of another page can have.
     for kind in ("text/plain", "application/x-www-form-urlencoded", "multipart/form-data"):
         assert ask("echo", "POST", b"{}", headers={"Content-Type": kind})[0] == 415
-    for body in (b"", b"[]", b"{", b"\xff"):
+    for body in (b"", b"[]", b"{", b"\xff", b"[" * 60000):
         assert ask("echo", "POST", body)[0] == 400
     _, _, content = ask("upload?name=a%2Fb.jpg", "POST", b"123", headers=octets)
     assert json.loads(content) == {"name": "a/b.jpg", "size": 3}
+
+
+def test_a_browser_that_does_not_wait_for_the_answer_prints_nothing(server, capsys):
+    """A page that is closed or loaded again drops its request."""
+    for error in (BrokenPipeError(), ConnectionResetError(), OSError("disk")):
+        try:
+            raise error
+        except OSError:
+            server.handle_error(None, ("127.0.0.1", 1))
+    err = capsys.readouterr().err
+    assert ("disk" in err, "BrokenPipe" in err, "ConnectionReset" in err) == (True, False, False)
 
 
 def test_errors_of_the_engine_are_sent_as_their_text(ask):

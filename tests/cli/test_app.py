@@ -100,6 +100,8 @@ def test_nothing_is_overwritten_and_a_dropped_file_lands_in_the_folder_of_the_ap
     output.write_bytes(b"mine")
     with pytest.raises(OutputError, match="exists"):
         desk.actions["save"](form)
+    with pytest.raises(InputError, match="choose the name of the result"):
+        desk.actions["save"](form | {"output": ""})
     assert output.read_bytes() == b"mine"
     path = Path(desk.upload("../../etc/ph<oto>.png", b"content")["path"])
     assert path.name == "photo.png"
@@ -123,6 +125,7 @@ def test_nothing_is_overwritten_and_a_dropped_file_lands_in_the_folder_of_the_ap
         ({"box": [0, 0, -5, 5]}, "box must be four whole numbers"),
         ({"power": 1e9}, "power must be a number from -3 to 3"),
         ({"photo": ["a"]}, "photo must be a text"),
+        ({"photo": "a\0.png"}, "no file can have the name"),
         ({"time_offset": "20s"}, "gyro.csv"),
         ({"moved": {"gyro": "other.csv"}}, "moved must name sliders"),
     ],
