@@ -342,7 +342,8 @@ def _from_clip(clip: Path, frames: list[int], recording: Recording) -> Shots:
     exposures = clip_exposures(opened, recording)
     device = read_device(recording)
     warn_of_clip_gravity(opened, recording, device[1], [exposures[n] for n in frames])
-    pictures = [Picture(values_of(next(decoded(opened, n, n + 1)))) for n in frames]
+    with naming(clip):
+        pictures = [Picture(values_of(next(decoded(opened, n, n + 1)))) for n in frames]
     shots = Shots(pictures, frames, [exposures[n] for n in frames], *device)
     return _checked(shots, [f"{clip}, frame {n}" for n in frames])
 

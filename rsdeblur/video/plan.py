@@ -17,7 +17,7 @@ from rsdeblur.estimate.check import QualityCheck
 from rsdeblur.estimate.refine_frames import REFINED_FRAMES, FramesRefinement, refine_frames
 from rsdeblur.image.encoded import check_size
 from rsdeblur.image.frame import ReadoutFrame
-from rsdeblur.motion.arguments import check_reach
+from rsdeblur.motion.arguments import check_reach, exposure_list
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
@@ -146,12 +146,17 @@ def plan_clip(
     CoverageError, ClockError, GapError
         If the log describes no frame.
     InputError
-        If the frames do not have the camera's size, the blur of every frame is too large or at most `above`, `above`
-        is negative, `options.refine` is set and fewer than two frames are blurred, or `options` sets one of those for
-        single pictures: `normalize`, `saturation`, `fallback` and `max_memory`.
+        If the frames do not have the camera's size, there is not one exposure for each, the blur of every frame is too
+        large or at most `above`, `above` is negative, `options.refine` is set and fewer than two frames are blurred, or
+        `options` sets one of those for single pictures: `normalize`, `saturation`, `fallback` and `max_memory`.
     """
     check_size((clip.height, clip.width), camera)
-    options = options or Options(quality=QUALITY)
+    exposures = exposure_list(exposures)
+    if len(exposures) != len(clip):
+        raise InputError(
+            f"{clip.path}: each frame needs an exposure, got {len(clip)} frames, {len(exposures)} exposures"
+        )
+    options = Options(quality=QUALITY) if options is None else validate.instance("options", options, Options)
     _check_options(options)
     above = validate.finite("above", above, minimum=0.0)
     options = replace(options, transfer=_clip_transfer(clip) if options.transfer == "auto" else options.transfer)
@@ -211,6 +216,14 @@ def _spread(numbers: NDArray[np.intp], count: int) -> list[int]:
     return chosen
 
 
+def _more_blurred(measures: FloatArray) -> NDArray[np.intp]:
+    """Return the numbers of the more blurred half of the frames, or both of two."""
+    lengths = measures[:, 1]
+    least = min(np.median(lengths), np.sort(lengths)[-2:][0])
+    numbers: NDArray[np.intp] = measures[lengths >= least, 0].astype(np.intp)
+    return numbers
+
+
 def _refinement(
     clip: Clip,
     log: GyroLog,
@@ -221,8 +234,7 @@ def _refinement(
     report_progress: Progress,
 ) -> FramesRefinement:
     """Return the correction of the recording by frames of the more blurred half."""
-    blurred = measures[measures[:, 1] >= np.median(measures[:, 1]), 0].astype(int)
-    chosen = _spread(blurred, REFINED_FRAMES)
+    chosen = _spread(_more_blurred(measures), REFINED_FRAMES)
     if len(chosen) < 2:
         raise InputError(f"{clip.path}: refine=True needs two blurred frames that the log covers, got {len(chosen)}")
     return refine_frames(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing
@@ -13,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from rsdeblur._util import workers
+from rsdeblur._util import validate, workers
 from rsdeblur._util.atomic import check_target, remove_unfinished
+from rsdeblur._util.files import checked_path
 from rsdeblur._util.records import Records, contents, fingerprint
 from rsdeblur.choices import SEGMENT
 from rsdeblur.errors import FileFormatError, OutputError, RsdeblurError
@@ -23,7 +25,7 @@ from rsdeblur.video._av import av
 from rsdeblur.video.clip import Clip, open_container
 from rsdeblur.video.joining import container_of, copied_streams, join
 from rsdeblur.video.plan import ClipPlan
-from rsdeblur.video.segments import Encoding, Segment, add_stream, encode_segment
+from rsdeblur.video.segments import CONTAINER, Encoding, Segment, add_stream, encode_segment
 
 # Frames whose time is taken to estimate that of all.
 TRIAL = 4
@@ -83,7 +85,7 @@ def check_output(output: Path, *, force: bool) -> None:
 
 
 def check_container(clip: Clip, encoding: Encoding, output: Path) -> None:
-    """Check that the container of a video takes its frames, sound and motion data, before the work.
+    """Check that the frames can be encoded, and that the container takes them, sound and motion data, before the work.
 
     Parameters
     ----------
@@ -97,26 +99,38 @@ def check_container(clip: Clip, encoding: Encoding, output: Path) -> None:
     Raises
     ------
     OutputError
-        If the container does not take them.
+        If they cannot, or the container does not take them.
     """
+    if reason := _refusal(clip, encoding, CONTAINER, None):
+        size = f"{clip.width}x{clip.height} px, {encoding.pixels}"
+        raise OutputError(
+            f"{clip.path}: frames of {size}, cannot be encoded by {encoding.codec} ({reason}); use another --codec, "
+            "like ffv1, which is lossless, into .mkv"
+        )
     with open_container(clip.path) as source:
-        try:
-            with av.open(BytesIO(), "w", format=container_of(output)) as container:
-                add_stream(container, clip, encoding)
-                for stream in copied_streams(source, container):
-                    container.add_stream_from_template(stream)
-                container.start_encoding()  # writes the header
-        except (av.error.FFmpegError, ValueError) as error:
+        if reason := _refusal(clip, encoding, container_of(output), source):
             codecs = " and ".join([encoding.codec, *(sound.codec_context.name for sound in source.streams.audio)])
-            reason = getattr(error, "strerror", error)
             raise OutputError(
                 f"{output}: this container does not take {codecs} ({reason}); use .mkv, or another --codec"
-            ) from error
+            )
+
+
+def _refusal(clip: Clip, encoding: Encoding, kind: str, source: Any) -> str | None:
+    """Return why a container does not take the frames, and the sound and motion data of `source`; None if it does."""
+    try:
+        with av.open(BytesIO(), "w", format=kind) as container:
+            add_stream(container, clip, encoding)
+            for stream in copied_streams(source, container) if source else ():
+                container.add_stream_from_template(stream)
+            container.start_encoding()  # writes the header
+    except (av.error.FFmpegError, ValueError) as error:
+        return str(getattr(error, "strerror", error))
+    return None
 
 
 def deblur_video(
     plan: ClipPlan,
-    output: Path,
+    output: str | os.PathLike[str],
     *,
     encoding: Encoding,
     segment: int = SEGMENT,
@@ -133,7 +147,7 @@ def deblur_video(
     ----------
     plan : ClipPlan
         See :func:`rsdeblur.video.plan.plan_clip`; frames whose share is 0 are left as they are.
-    output : Path
+    output : path-like
         Video to write; its extension chooses the container.
     encoding : Encoding
         See :meth:`Encoding.like`.
@@ -155,9 +169,12 @@ def deblur_video(
     ------
     OutputError
         If a file cannot be written.
+    InputError
+        If `output` is no path, or a number is not at least 1.
     RsdeblurError
         If a segment fails twice.
     """
+    output, segment = checked_path(output), validate.count("segment", segment)
     check_output(output, force=force)
     check_container(plan.clip, encoding, output)
     clip = plan.clip

@@ -17,7 +17,7 @@ from rsdeblur.errors import InputError, OutputError
 from rsdeblur.pipeline.plan import Plan
 from rsdeblur.video._av import av
 from rsdeblur.video.clip import Clip, frames
-from rsdeblur.video.pixels import frame_of, values_of
+from rsdeblur.video.pixels import frame_of, kept_frame, matrix_of, values_of
 from rsdeblur.video.plan import ClipPlan
 
 # Encoder for each decoder name.
@@ -29,7 +29,10 @@ ENCODERS = {
     "av1": "libsvtav1",
     "libdav1d": "libsvtav1",
     "prores": "prores_ks",
+    "rawvideo": "ffv1",  # lossless, too
 }
+# Joined segments of it cannot be decoded: the pixel format is lost.
+UNJOINED = "rawvideo"
 # No frame refers to a later one, so packets come in the order of the frames and segments can be joined.
 OPTIONS = {
     "libx264": {"preset": "faster"},
@@ -66,8 +69,10 @@ class Encoding:
         Raises
         ------
         InputError
-            If FFmpeg has no video encoder of that name.
+            If FFmpeg has no video encoder of that name, or it is "rawvideo".
         """
+        if codec == UNJOINED:
+            raise InputError(f"segments of {codec} cannot be joined; use ffv1, which is lossless, too")
         name = codec or ENCODERS.get(clip.codec, clip.codec)
         encoder = _encoder(name) or (_encoder(FALLBACK) if codec is None else None)
         if encoder is None:
@@ -136,11 +141,7 @@ def encode_segment(segment: Segment) -> None:
 
 def _encoded(stream: Any, frame: Any, sharp: NDArray[np.uint16] | None, pixels: str) -> list[Any]:
     """Return the packets of a frame in the pixel format `pixels`, with the values `sharp` if it has new ones."""
-    if sharp is None:
-        frame = frame.reformat(format=pixels)
-        frame.pict_type = 0  # the encoder chooses
-    else:
-        frame = frame_of(sharp, frame, pixels)
+    frame = kept_frame(frame, pixels) if sharp is None else frame_of(sharp, frame, pixels)
     packets: list[Any] = stream.encode(frame)
     return packets
 
@@ -169,5 +170,7 @@ def add_stream(container: Any, clip: Clip, encoding: Encoding) -> Any:
     context.max_b_frames = 0
     # The bits may depend on the encoder's number of threads; a resumed video must get the same ones.
     context.thread_count = 1
-    context.color_range, context.colorspace, context.color_primaries, context.color_trc = clip.colours
+    context.color_range = clip.colours.range
+    context.color_primaries, context.color_trc = clip.colours.primaries, clip.colours.transfer
+    context.colorspace = matrix_of(clip.colours.space, clip.pixels, encoding.pixels)
     return stream

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from rsdeblur._util.files import checked_path
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io.captures import open_captures
 from rsdeblur.io.sessions import encoded_stamps, nearest_captures
@@ -42,13 +44,15 @@ def exposures_from_stamps(
     InputError
         If the number of exposure times is not that of the frames.
     """
-    durations = [duration] * len(clip) if isinstance(duration, (int, float)) else list(duration)
+    durations = list(duration) if isinstance(duration, Iterable) else [duration] * len(clip)
     if len(durations) != len(clip):
         raise InputError(f"{clip.path}: {len(clip)} frames, but {len(durations)} exposure times")
     return [Exposure(start + time, each, epoch_ns) for time, each in zip(clip.times, durations, strict=True)]
 
 
-def exposures_from_captures(clip: Clip, path: Path, *, duration: float | None = None) -> list[Exposure]:
+def exposures_from_captures(
+    clip: Clip, path: str | os.PathLike[str], *, duration: float | None = None
+) -> list[Exposure]:
     """Return the exposure of each frame from a logger's file with a line for each frame.
 
     MARS logger's ``movie_metadata.csv`` may list more frames than the video has. ``frame_timestamps.txt`` beside it
@@ -58,7 +62,7 @@ def exposures_from_captures(clip: Clip, path: Path, *, duration: float | None = 
     ----------
     clip : Clip
         The video.
-    path : Path
+    path : path-like
         The capture file.
     duration : float, optional
         Exposure time in s; replaces the file's.
@@ -75,6 +79,7 @@ def exposures_from_captures(clip: Clip, path: Path, *, duration: float | None = 
     InputError
         If neither the file nor `duration` gives the exposure time.
     """
+    path = checked_path(path)
     file = open_captures(path)
     encoded = encoded_stamps(path)
     stamps = file.stamps if encoded is None else encoded

@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -19,11 +20,15 @@ import rsdeblur
 from rsdeblur import Camera
 from rsdeblur._util import workers
 from rsdeblur._util.records import Records
-from rsdeblur.errors import FileFormatError
+from rsdeblur.errors import FileFormatError, InputError
 
 av = pytest.importorskip("av", reason="the extra [video] is not installed")
 
 from rsdeblur.video.clip import frames, open_clip  # noqa: E402 (needs PyAV)
+from rsdeblur.video.pixels import frame_of, kept_frame, matrix_of, values_of  # noqa: E402
+from rsdeblur.video.plan import _more_blurred, plan_clip  # noqa: E402
+from rsdeblur.video.segments import Encoding  # noqa: E402
+from rsdeblur.video.times import exposures_from_captures, exposures_from_stamps  # noqa: E402
 
 Run = Callable[..., Result]
 
@@ -166,6 +171,55 @@ def test_a_container_that_does_not_fit_is_refused_before_the_work(
     result = run("video", clip, *recording, *dry, "-o", tmp_path / "x.webm")
     refused(result, "x.webm: this container does not take libx264", "use .mkv")
     assert set(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("codec", "message"), [("png", "cannot be encoded by png"), ("rawvideo", "segments of rawvideo cannot be joined")]
+)
+def test_encoders_of_no_use_are_refused_before_the_work(
+    run: Run, clip: Path, recording: list[object], tmp_path: Path, codec: str, message: str
+) -> None:
+    refused(run("video", clip, *recording, "--codec", codec, "-o", tmp_path / "x.mov"), clip, message, "ffv1")
+
+
+def test_uncompressed_video_stays_lossless(clip: Path) -> None:
+    assert Encoding.like(replace(open_clip(clip), codec="rawvideo")).codec == "ffv1"
+
+
+def test_kept_and_deblurred_frames_are_stored_alike() -> None:
+    """RGB has no matrix that YCbCr could have, and is not darkened by rounding."""
+    noise = np.random.default_rng(0).integers(0, 2**16, (HEIGHT, WIDTH, 3), np.uint16)
+    frame = av.VideoFrame.from_ndarray(noise, format="rgb48le").reformat(format="gbrp")
+    frame.colorspace, frame.pts, frame.time_base = 0, 0, Fraction(1, 30)  # AVCOL_SPC_RGB
+    kept, new = kept_frame(frame, "yuv444p"), frame_of(values_of(frame), frame, "yuv444p")
+    assert int(kept.colorspace) == int(new.colorspace) == 1
+    assert matrix_of(5, "yuv420p", "yuv420p10le") == 5
+    difference = kept.to_ndarray().astype(float) - new.to_ndarray()
+    assert np.abs(difference.mean(axis=(1, 2))).max() < 0.05
+
+
+def test_colours_that_cannot_be_converted_are_named() -> None:
+    frame = av.VideoFrame(WIDTH, HEIGHT, "yuv444p")
+    frame.colorspace = 8  # AVCOL_SPC_YCGCO
+    with pytest.raises(InputError, match="yuv444p with FFmpeg's colour matrix 8 cannot be converted"):
+        values_of(frame)
+
+
+def test_functions_take_names_and_check_their_arguments(clip: Path, tmp_path: Path) -> None:
+    opened = open_clip(clip)
+    (tmp_path / "frames.csv").write_text("Timestamp[nanosec]\n" + "".join(f"{10**9 * n}\n" for n in range(1, 9)))
+    with pytest.warns(rsdeblur.RsdeblurWarning, match="differ by up to"):
+        exposures = exposures_from_captures(opened, str(tmp_path / "frames.csv"), duration=0.01)
+    assert [each.epoch_ns for each in exposures] == [10**9 * n for n in range(1, 9)]
+    assert exposures_from_stamps(opened, np.float32(0.5))[0].duration == 0.5
+    log, camera = rsdeblur.hand_shake(0.5), Camera(WIDTH, HEIGHT, 70.0)
+    with pytest.raises(InputError, match="8 frames, 7 exposures"):
+        plan_clip(opened, log, camera, exposures[1:])
+
+
+@pytest.mark.parametrize(("lengths", "chosen"), [([3], [0]), ([3, 9], [0, 1]), ([5, 1, 7, 2], [0, 2])])
+def test_the_more_blurred_half_is_at_least_two_frames(lengths: list[int], chosen: list[int]) -> None:
+    assert _more_blurred(np.column_stack([np.arange(len(lengths)), lengths]).astype(float)).tolist() == chosen
 
 
 @pytest.mark.usefixtures("here")
