@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -23,7 +24,8 @@ from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 COLUMNS: dict[str, Callable[[str], Any]] = {
     **dict.fromkeys(("photo", "output", "gyro", "camera", "capture"), Path),
     **dict.fromkeys(("gyro_format", "unit", "orientation"), str),
-    **dict.fromkeys(("index", "start_ns"), int),
+    # Programs add ".0" to the whole numbers of a column that has gaps.
+    **dict.fromkeys(("index", "start_ns"), lambda cell: int(re.sub(r"\.0+$", "", cell))),
     **dict.fromkeys(("rate", "focal_length"), float),
     "bias": lambda cell: BiasType().convert(cell, None, None),
     "start": lambda cell: StartType().convert(cell, None, None),

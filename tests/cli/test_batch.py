@@ -168,6 +168,18 @@ def test_a_result_without_its_record_is_made_again(run: Run, files: Files, manif
 
 
 @pytest.mark.usefixtures("here")
+def test_a_run_without_any_result_leaves_the_table_of_earlier_ones(run: Run, files: Files, tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text("photo,start,duration\nphoto.png,0.2,0.04\n")
+    call = ("batch", tmp_path / "m.csv", *files.sources, *FAST, "-o", out := tmp_path / "out")
+    assert run(*call).exit_code == 0
+    before = [(out / name).read_bytes() for name in ("batch.csv", "batch.json")]
+    result = run(*call, "--border", "reflect")
+    assert "made with other options" in result.stderr
+    assert "batch.csv: left as it is" in result.stderr
+    assert [(out / name).read_bytes() for name in ("batch.csv", "batch.json")] == before
+
+
+@pytest.mark.usefixtures("here")
 def test_dry_run_writes_nothing(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
     before = sorted(tmp_path.rglob("*"))
     found = entries(run, manifest, *files.sources, "-o", tmp_path / "out", "--dry-run", code=SOME_FAILED)
@@ -235,7 +247,8 @@ def test_bad_rows(run: Run, files: Files, tmp_path: Path, row: str, message: str
 def test_a_start_beside_an_index_replaces_that_of_the_shared_capture_file(
     run: Run, files: Files, tmp_path: Path
 ) -> None:
-    (tmp_path / "m.csv").write_text("photo,index,start\nphoto.png,0,0.2\n")
+    # pandas writes whole numbers so in a column that has gaps.
+    (tmp_path / "m.csv").write_text("photo,index,start\nphoto.png,0.0,0.2\n")
     capture = "--capture", files.photo.parent / "frames.csv"
     found = entries(run, tmp_path / "m.csv", *files.sources, *capture, "--dry-run", "-o", tmp_path / "out")
     assert states(found) == "checked"
