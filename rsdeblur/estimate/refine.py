@@ -69,8 +69,8 @@ NATS_PER_PARAMETER, WORST_GAIN = 3.0, -1000.0
 LEAST_WORTH, LEAST_FALL, MOST_DEVIATIONS = 30.0, 0.01, 6.0
 # Gain (nats) without which the fall does not count where the paths become shorter.
 LEAST_OF_SHORTER = 10.0
-# Numbers that alone need less, because little else looks like them, and their least worth and fall.
-ALONE, LEAST_ALONE = ("scale", "readout"), (15.0, 0.005)
+# Least worth and fall for the readout time alone: little else looks like that.
+LEAST_OF_READOUT = 15.0, 0.005
 # Worth (nats) of corrections of which half bring the motion nearer to the truth, and by how much more the odds grow
 # e-fold: a fit to simulated recordings (docs/developer/decisions/refinement.md).
 EVEN_WORTH, WORTH_SCALE = 8.0, 12.0
@@ -356,8 +356,7 @@ class _Judge:
     def _doubt(self, place: FloatArray) -> str:
         """Return why an adjusted correction is not credible; nothing if it is."""
         changed = [name for name, value in zip(PARAMETERS, place, strict=True) if value]
-        is_alone = len(changed) == 1 and changed[0] in ALONE
-        worth, fall = LEAST_ALONE if is_alone else (LEAST_WORTH, LEAST_FALL)
+        worth, fall = LEAST_OF_READOUT if changed == ["readout"] else (LEAST_WORTH, LEAST_FALL)
         if self._worth(place) < worth:
             return NOT_CLEAR
         if np.abs(place).max() > MOST_DEVIATIONS or not is_held(self._posterior.corrected(place).capture()):
