@@ -71,6 +71,8 @@ LEAST_WORTH, LEAST_FALL, MOST_DEVIATIONS = 30.0, 0.01, 6.0
 LEAST_OF_SHORTER = 10.0
 # Least worth and fall for the readout time alone: little else looks like that.
 LEAST_OF_READOUT = 15.0, 0.005
+# Nats by which a correction must be likelier than the best one with other axes.
+AHEAD_OF_AXES = 3.0
 # Worth (nats) of corrections of which half bring the motion nearer to the truth, and by how much more the odds grow
 # e-fold: a fit to simulated recordings (docs/developer/decisions/refinement.md).
 EVEN_WORTH, WORTH_SCALE = 8.0, 12.0
@@ -210,7 +212,7 @@ def refine(
     found = posterior.corrected(best)
     # With wrong axes, a correction may make the motion more like the right one, but never right.
     doubtful = not (reason or known_axes)
-    if doubtful and rival_lead(spectra, quick, found, recording, deviations, threads=threads) > 0:
+    if doubtful and rival_lead(spectra, quick, found, recording, deviations, threads=threads) > -AHEAD_OF_AXES:
         reason = OTHER_AXES
     values, regions = Correction(*(best * deviations).tolist()), None
     if not reason and translation is None:

@@ -16,7 +16,7 @@ from rsdeblur.estimate.spectra import TileSpectra
 from rsdeblur.motion.axes import rotations
 from rsdeblur.types import FloatArray
 
-OTHER_AXES = "other axes of the gyro explain the picture better: are imu_to_camera and the readout direction right?"
+OTHER_AXES = "other axes of the gyro explain the picture as well: are imu_to_camera and the readout direction right?"
 # Most that the corrected recording may be clearer than other axes by shorter paths, as a fall of log l1 / l2.
 MOST_OF_SHORTER = 0.01
 # Clock offsets with which all mountings are compared by the spectra, standard deviations. The likeliest mountings are
