@@ -145,19 +145,7 @@ class Posterior:
 
     def descend(self, place: FloatArray, free: Sequence[str], *, steps: int = 6) -> FloatArray:
         """Return the local maximum that Fisher scoring reaches with some parameters free, the others as they are."""
-        at = np.array([PARAMETERS.index(name) for name in free])
-
-        def scoring(place: FloatArray) -> Callable[[float], FloatArray]:
-            gradient, information = self.information(place, at)
-
-            def step(damping: float) -> FloatArray:
-                step = np.zeros(len(place))
-                step[at] = -np.linalg.solve(damped(information, damping), gradient + place[at])
-                return step
-
-            return step
-
-        return climb(place, scoring, self.gain, steps=steps)
+        return climb(place, free, self.information, self.gain, steps=steps)
 
     def information(self, place: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return gradient and Fisher information of the tiles together for the parameters `at`, without the prior."""
@@ -184,7 +172,8 @@ class Posterior:
 
 def climb(
     place: FloatArray,
-    scoring: Callable[[FloatArray], Callable[[float], FloatArray]],
+    free: Sequence[str],
+    information: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
     gain: Callable[[FloatArray, FloatArray], float],
     *,
     steps: int,
@@ -195,19 +184,22 @@ def climb(
     ----------
     place : ndarray
         Where to begin, in standard deviations.
-    scoring : callable
-        Takes a place, and returns the function that takes a damping and returns the step from there.
+    free : sequence of str
+        Names of the parameters that may change.
+    information : callable
+        Takes a place and the indices of parameters, and returns gradient and information, without the prior.
     gain : callable
         Takes a place and another one, and returns how much more likely the first is, nats.
     steps : int
         Most steps.
     """
+    at = np.array([PARAMETERS.index(name) for name in free])
     damping, trust = 0.01, FIRST_TRUST
     for _ in range(steps):
-        step_with = scoring(place)
+        gradient, matrix = information(place, at)
         gained, step = 0.0, np.zeros_like(place)
         while trust > SETTLED and not gained > 0:
-            step = step_with(damping)
+            step[at] = -np.linalg.solve(damped(matrix, damping), gradient + place[at])
             step *= min(1.0, trust / max(float(np.abs(step).max()), 1e-9))
             gained = gain(place + step, place)
             damping, trust = (damping / 4, trust * 1.3) if gained > 0 else (max(6 * damping, 0.05), trust / 2)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -51,19 +51,12 @@ class SharedPosterior:
 
     def descend(self, place: FloatArray, free: Sequence[str], *, steps: int = 8) -> FloatArray:
         """Return the local maximum that Fisher scoring reaches with some parameters free, the others as they are."""
-        at = np.array([PARAMETERS.index(name) for name in free])
 
-        def scoring(place: FloatArray) -> Callable[[float], FloatArray]:
-            gradients, information = self._information(place, at)
+        def information(place: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
+            gradients, total = self._information(place, at)
+            return gradients.sum(axis=0), total
 
-            def step(damping: float) -> FloatArray:
-                step = np.zeros(len(place))
-                step[at] = -np.linalg.solve(damped(information, damping), gradients.sum(axis=0) + place[at])
-                return step
-
-            return step
-
-        return climb(place, scoring, self.gain, steps=steps)
+        return climb(place, free, information, self.gain, steps=steps)
 
     def deviations(self, place: FloatArray, free: Sequence[str]) -> FloatArray:
         """Return standard deviations of the free parameters, as shares of those of the prior.
