@@ -73,7 +73,8 @@ with a soft border between them; the true recording has the map of depths.
 The constants of `refine` do not come from these captures, but the table was looked at while they were chosen. With
 `--seed 5151`, no right recording of 30 is corrected, and 93 % (offset), 77 % (readout), 46 % (scale), 55 % (bias), 90 %
 (drift), 81 % (all) and 24 % (depths) are recovered, of 15 captures each; one capture of two depths loses 0.22 dB. Of
-160 other right recordings (seeds 3131, 4242, 5252 and 6262), one is corrected, with a loss of 0.56 dB.
+160 other right recordings (`--right 40 --kinds none`, seeds 3131, 4242, 5252 and 6262), one is corrected, with a loss
+of 0.56 dB.
 
 [Wrong axes](axes.md) has more recordings with wrong axes.
 """

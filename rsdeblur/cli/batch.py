@@ -129,12 +129,12 @@ def command(
         verdicts = Counter(entry["check"]["verdict"] for entry in entries if entry.get("check"))
         summary: dict[str, Any] = {"items": entries, "counts": dict(counts), "verdicts": dict(verdicts)}
         summary["seconds"] = time.perf_counter() - begin
-        table = target.output / TABLE
-        if not target.dry_run and table.exists() and counts["failed"] == len(entries):
-            say_aside(f"{table}: left as it is, because no photo was deblurred")
-        elif not target.dry_run:
-            _write_table(table, entries)
-            write_json(target.output / REPORT, summary)
+        if not target.dry_run:
+            if counts["failed"] == len(entries) and any(Path(entry.get("output", "")).is_file() for entry in entries):
+                say_aside(f"{TABLE} and {REPORT}: left as they are, because earlier results stand and none is new")
+            else:
+                _write_table(target.output / TABLE, entries)
+                write_json(target.output / REPORT, summary)
             if report is not None:
                 from rsdeblur.report import write_batch_page
 

@@ -104,7 +104,7 @@ class Refinement:
     sd : Correction
         Standard deviations of its numbers; those of the :class:`Uncertainty` where the picture does not determine them.
     confidence : float
-        How likely the correction brings the motion nearer to the truth, in [0, 1]; 0 where other axes fit better.
+        How likely the correction brings the motion nearer to the truth, in [0, 1]; 0 where other axes fit as well.
     gain : float
         How much likelier the correction is than none, nats.
     fall : float

@@ -175,7 +175,7 @@ def test_a_run_without_any_result_leaves_the_table_of_earlier_ones(run: Run, fil
     before = [(out / name).read_bytes() for name in ("batch.csv", "batch.json")]
     result = run(*call, "--border", "reflect")
     assert "made with other options" in result.stderr
-    assert "batch.csv: left as it is" in result.stderr
+    assert "batch.csv and batch.json: left as they are" in result.stderr
     assert [(out / name).read_bytes() for name in ("batch.csv", "batch.json")] == before
 
 

@@ -32,7 +32,6 @@ from rsdeblur.simulation.shake import hand_shake
 CAMERA = Camera(288, 216, 420.0, readout_time=0.02)
 EXPOSURE = Exposure(0.5, 1 / 20)
 LOG = hand_shake(1.2, seed=5)
-# Only the drift may be wrong: the search is short.
 
 
 @pytest.fixture(scope="module")
@@ -145,8 +144,11 @@ def test_other_axes_are_not_refuted_by_shorter_paths(monkeypatch):
     def moving(length, clear=0.0):
         return SimpleNamespace(capture=lambda: SimpleNamespace(mean_length=length), clear=clear)
 
+    # Before a correction of their own, they have longer paths and are too unlikely to be compared.
     posterior = SimpleNamespace(
-        corrected=lambda place: moving(10.0), lead=lambda *_: 5.0, descend=lambda place, _: place
+        corrected=lambda place: moving(10.0 if place.any() else 20.0),
+        lead=lambda place, _: 5.0 if place.any() else -100.0,
+        descend=lambda place, _: place,
     )
     monkeypatch.setattr("rsdeblur.estimate.rival_axes.Posterior", lambda *_: posterior)
     measures = SimpleNamespace(score=lambda _: None), SimpleNamespace(of=lambda recording: -recording.clear)
@@ -159,6 +161,14 @@ def test_other_axes_are_not_refuted_by_shorter_paths(monkeypatch):
 
     assert lead(5.0) == pytest.approx(5.0 - MOST_OF_SHORTER * NATS_PER_FALL)
     assert lead(9.0) == lead(20.0) == pytest.approx(5.0 - 0.1 * NATS_PER_FALL)
+
+
+@pytest.mark.parametrize(("lead", "accepted"), [(-2.0, False), (-4.0, True)])
+def test_other_axes_must_be_clearly_behind(picture, monkeypatch, lead, accepted):
+    monkeypatch.setattr("rsdeblur.estimate.refine.rival_lead", lambda *_, **__: lead)
+    given = Recording(LOG, CAMERA, EXPOSURE).corrected(Correction(drift_x=3.0, drift_y=-2.0))
+    found = refine(picture, given.log, given.camera, EXPOSURE, translation=given.translation, free="drift")
+    assert (found.accepted, found.reason) == (accepted, "" if accepted else OTHER_AXES)
 
 
 def test_few_pixels_prove_nothing():
