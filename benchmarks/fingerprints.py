@@ -54,7 +54,8 @@ NARROW, NARROWER = round(50.0 * 2**20), round(49.3 * 2**20)
 # Every argument, so that a change of defaults is no change of results.
 SETTINGS: dict[str, Any] = {
     "mode": "banded", "bands": "auto", "strips": "auto", "prior": "wiener", "weight": "auto", "exponent": 2 / 3,
-    "nsr": "auto", "solver": "auto", "geometry": "keep", "border": "blend", "motion": "rotation", "translation": None,
+    "nsr": "auto", "solver": "auto", "chroma": "full", "geometry": "keep", "border": "blend", "motion": "rotation",
+    "translation": None,
     "transfer": "linear", "normalize": False, "saturation": "ignore", "check": True, "fallback": False,
     "planning": "estimate", "threads": THREADS, "max_memory": None,
 }  # fmt: skip

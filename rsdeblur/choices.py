@@ -61,6 +61,10 @@ BOUNDARIES: tuple[Boundary, ...] = get_args(Boundary)
 Saturation = Literal["ignore", "auto", "always"]
 SATURATIONS: tuple[Saturation, ...] = get_args(Saturation)
 
+# Resolution at which colours are restored.
+Chroma = Literal["full", "half"]
+CHROMAS: tuple[Chroma, ...] = get_args(Chroma)
+
 Planning = Literal["estimate", "measure"]
 PLANNINGS: tuple[Planning, ...] = get_args(Planning)
 

@@ -28,8 +28,8 @@ SECTIONS = {
     ),
     "Blur": ("mode", "bands", "strips", "motion", "softness", "geometry", "refine"),
     "Solver": (
-        *("quality", "prior", "weight", "exponent", "nsr", "nsr_from_iso", "noise", "solver", "border", "transfer"),
-        *("normalize", "saturation", "fallback", "work_size"),
+        *("quality", "prior", "weight", "exponent", "nsr", "nsr_from_iso", "noise", "solver", "chroma", "border"),
+        *("transfer", "normalize", "saturation", "fallback", "work_size"),
     ),
     "Computing": (
         *("planning", "threads", "max_memory", "jobs", "scheduler"),

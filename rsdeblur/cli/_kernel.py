@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 # Options that describe a motion, or depend on one.
 MOTION = (
     *(field.name for kind in (Recording, Track) for field in fields(kind)),
-    *("mode", "bands", "strips", "motion", "softness", "refine", "solver", "geometry", "fallback", "work_size"),
+    *("mode", "bands", "strips", "motion", "softness", "refine", "solver", "chroma", "geometry", "fallback"),
+    "work_size",
 )
 
 

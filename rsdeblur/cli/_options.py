@@ -366,6 +366,12 @@ _SOLVE: dict[str, Decorator] = {
     "solver": _choice(
         "solver", choices.SOLVERS, "Solver of --mode rowwise: the faster one, banded Cholesky, or conjugate gradients."
     ),
+    "chroma": _choice(
+        "chroma",
+        ("auto", *choices.CHROMAS),
+        "Resolution of the colours: full, or half as in JPEG, in two thirds of the time; auto is half for tv and "
+        "hyper-laplacian, except in --mode rowwise.",
+    ),
     "geometry": _choice("geometry", choices.GEOMETRIES, "Keep the rolling-shutter shape, or straighten it."),
     "border": _choice(
         "border",
@@ -406,7 +412,10 @@ _SOLVE: dict[str, Decorator] = {
     ),
 }
 BLUR = ("mode", "bands", "strips", "motion", "softness")
-SOLVER = ("quality", "prior", "weight", "exponent", "nsr", "noise", "solver", "geometry", "border", "transfer")
+SOLVER = (
+    *("quality", "prior", "weight", "exponent", "nsr", "noise", "solver", "chroma"),
+    *("geometry", "border", "transfer"),
+)
 ENGINE = ("planning", "threads")
 ONE_PICTURE = ("normalize", "saturation")
 ONE_PHOTO = (*BLUR, *SOLVER, *ONE_PICTURE, *ENGINE)

@@ -63,8 +63,8 @@ Examples:
 """
 
 
-# `--mode` has a value more than that of other commands.
-SOLVE = tuple(name for name in (*_options.ONE_PHOTO, "refine", *_options.ONE_RESULT) if name != "mode")
+# `--mode` has a value more than that of other commands. Colours of several frames have the full resolution.
+SOLVE = tuple(name for name in (*_options.ONE_PHOTO, "refine", *_options.ONE_RESULT) if name not in ("mode", "chroma"))
 # Longest span of frames that is taken for no mistake; the burst itself has a lower limit.
 MOST_FRAMES = 1000
 

@@ -177,6 +177,8 @@ def deblur_burst(
     """
     validate.choice("mode", mode, ("auto", *MODES))
     chosen = Options(mode=BY_QUALITY if mode == "auto" else mode, **options)
+    if chosen.chroma == "half":
+        raise InputError('chroma="half" is for single pictures; leave it out')
     images, exposures = list(validate.items("images", images)), exposure_list(exposures)
     check_burst(images, log, camera, exposures, chosen)
     if not validate.is_auto(reference):

@@ -82,7 +82,7 @@ class BurstSolution:
         # Chunks reach as far as the largest PSF of any frame.
         bank = PsfBank.from_paths(paths[0], threads=options.threads).padded(_largest(paths))
         settings = SolverSettings.of(options, mode, strengths)
-        single = SolverSettings.of(simple, mode, alone)
+        single = SolverSettings.of(replace(simple, chroma="full"), mode, alone)
         return cls(frames, tuple(paths), bank, shares, settings, single, strengths.noise)
 
     def run(self, out: NDArray[Any], options: Options, clock: StageClock) -> tuple[NDArray[np.bool_], UndershootMeter]:

@@ -15,6 +15,7 @@ from rsdeblur.choices import (
     Auto,
     Border,
     Boundary,
+    Chroma,
     Count,
     Geometry,
     Mode,
@@ -61,6 +62,7 @@ class Options:
     nsr: Strength = "auto"
     noise: Strength = "auto"
     solver: Solver = "auto"
+    chroma: Chroma | Auto = "auto"
     geometry: Geometry = "keep"
     border: Border | Boundary | Auto = "auto"
     motion: Motion = "rotation"
@@ -91,6 +93,7 @@ class Options:
         allowed = {
             "mode": choices.MODES,
             "solver": choices.SOLVERS,
+            "chroma": ("auto", *choices.CHROMAS),
             "geometry": choices.GEOMETRIES,
             "border": ("auto", *choices.BORDERS, *choices.BOUNDARIES),
             "motion": choices.MOTIONS,
@@ -150,6 +153,12 @@ class Options:
                 'prior="wiener" takes no border="unknown", which needs a prior that takes several steps; use '
                 'border="smooth", or another prior'
             )
+        if self.chroma == "half" and not self._may_halve_chroma:
+            raise InputError(
+                'chroma="half" goes with mode "banded" or "global", a prior on derivatives ("gradient", "tv" or '
+                f'"hyper-laplacian") and no border="unknown", but mode is "{self.mode}", prior {self.prior_name!r} and '
+                f'border "{self.border}"; use chroma="auto"'
+            )
         if self.fallback and self.geometry == "rectify":
             raise InputError(
                 'fallback=True blends with the input, but geometry="rectify" changes its shape; use geometry="keep"'
@@ -168,6 +177,16 @@ class Options:
     def prior_name(self) -> str:
         """Name of the prior for reports."""
         return getattr(self.prior, "__name__", "denoiser") if callable(self.prior) else self.prior
+
+    @property
+    def chroma_in_effect(self) -> Chroma:
+        """The resolution of the colours, where pictures and blur permit half of it."""
+        return "full" if self.chroma == "full" or not self._may_halve_chroma else "half"
+
+    @property
+    def _may_halve_chroma(self) -> bool:
+        derivatives = self.prior in ("gradient", "tv", "hyper-laplacian")
+        return derivatives and self.mode != "rowwise" and self.border != "unknown"
 
     @property
     def mode_in_effect(self) -> Mode:

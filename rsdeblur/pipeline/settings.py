@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from rsdeblur.choices import Border, Boundary, Mode, Planning, Prior, Solver
+from rsdeblur.choices import Border, Boundary, Chroma, Mode, Planning, Prior, Solver
 from rsdeblur.deconv.boundary import extended, extended_shape
+from rsdeblur.deconv.chroma import HalfChroma
 from rsdeblur.deconv.plug_and_play import DENOISERS, PlugAndPlayPrior
 from rsdeblur.deconv.priors import DerivativePrior, LatentPrior
 from rsdeblur.deconv.quadratic import TileQuadratic
@@ -75,6 +76,7 @@ class SolverSettings:
     peak: float
     variances: tuple[float, ...] = ()
     solver: Solver
+    chroma: Chroma
     border: Border
     boundary: Boundary | None = None
     planning: Planning
@@ -92,6 +94,7 @@ class SolverSettings:
             peak=strengths.peak,
             variances=strengths.variances,
             solver=options.solver,
+            chroma=options.chroma_in_effect,
             border=options.solver_border,
             boundary=options.boundary,
             planning=options.planning,
@@ -149,6 +152,9 @@ class SolverSettings:
         if prior is None:
             wiener = Deconvolver(bank, shape, **self.engine)
             return TileSolver(wiener, wiener.apply)
+        if self.chroma == "half" and isinstance(prior, DerivativePrior) and HalfChroma.suits(bank, shape):
+            halves = HalfChroma(bank, shape, **self.engine)
+            return TileSolver(halves, partial(halves.apply, prior=prior))
         quadratic = TileQuadratic(bank, shape, **self.engine)
         return TileSolver(quadratic, partial(quadratic.apply, prior=prior))
 
@@ -176,7 +182,7 @@ class SolverSettings:
 class TileSolver:
     """Solver of tiles, planned for pictures of one shape; its PSFs can be replaced by others at the same places."""
 
-    filters: TileFilter
+    filters: TileFilter | HalfChroma
     apply: Callable[..., FloatImage]
 
     def replan(self, bank: PsfBank) -> None:

@@ -61,7 +61,8 @@ class Grid:
         """Return a bank of unit impulses of the largest size, to plan a solver for."""
         kernels = np.zeros((len(self.rows), len(self.cols), *self.size), dtype=np.float32)
         kernels[:, :, self.size[0] // 2, self.size[1] // 2] = 1.0
-        return PsfBank(kernels, np.array(self.rows), np.array(self.cols))
+        paths = np.zeros((len(self.rows), len(self.cols), 2, 2))
+        return PsfBank(kernels, np.array(self.rows), np.array(self.cols), paths)
 
 
 def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: float) -> BlurPaths:

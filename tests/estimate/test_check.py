@@ -37,7 +37,8 @@ def restored(pictures):
     @cache
     def restore(*, right, fallback=False):
         moved = log if right else wrong(log)
-        return deblur(pictures.blurred.clip(0, 1), moved, camera, exposure, prior="tv", fallback=fallback)
+        blurred = pictures.blurred.clip(0, 1)
+        return deblur(blurred, moved, camera, exposure, prior="tv", chroma="full", fallback=fallback)
 
     return restore
 

@@ -166,6 +166,8 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
         *(h(5, dtype=np.float64), np.arange(4.0), h(4, 3, dtype=np.float64), h(4, 3, 3, dtype=np.float64)),
     ],
     "smoothed_power": lambda h: [h.pairs(2, 6, 4)],
+    "separate": lambda h: [h(5, 7, 3)],
+    "joined": lambda h: [h(5, 7, 1), h(3, 4, 3), float(h.number())],
     "put_block": lambda h: [h(3, 4, 5), h(3, 3), h(4, 5, 3)],
 }
 

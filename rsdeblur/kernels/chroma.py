@@ -1,0 +1,181 @@
+"""Brightness of a picture at full size and its colours at half size, and back: Numba kernels and their NumPy twins.
+
+On the way back, each colour is a linear function of the brightness in a small window, as in the guided filter [1]_. The
+function is found at half size, where both are known, and evaluated at full size, where the brightness is.
+
+.. [1] K. He and J. Sun, "Fast guided filter", arXiv:1505.00996, 2015.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from rsdeblur._util.threads import share
+from rsdeblur.kernels._jit import njit
+from rsdeblur.types import FloatImage
+
+# Weights of red, green and blue in the brightness: most sensors have two green pixels for each red and blue one.
+RED, GREEN, BLUE = (np.float32(weight) for weight in (0.25, 0.5, 0.25))
+# Where the brightness varies by less than the root of this, as a share of the picture's bright parts, colours follow
+# its relative change instead of the line through the window; and the brightness, as a share of them, of which things
+# that are much darker count as grey.
+FLAT, DARK = 1e-3, 1e-3
+# Instead of zero, for a picture without light.
+TINY = np.float32(1e-30)
+# Rows of the half-size picture that a thread takes at a time.
+ROWS = 32
+
+
+@njit(nogil=True)
+def _separate(light, first, last, luma, half):
+    height, width = luma.shape[:2]
+    for i in range(first, last):
+        top, bottom = 2 * i, min(2 * i + 1, height - 1)
+        for y in range(top, bottom + 1):
+            for x in range(width):
+                luma[y, x, 0] = RED * light[y, x, 0] + GREEN * light[y, x, 1] + BLUE * light[y, x, 2]
+        for j in range(half.shape[1]):
+            left, right = 2 * j, min(2 * j + 1, width - 1)
+            for c in range(3):
+                total = light[top, left, c] + light[top, right, c] + light[bottom, left, c] + light[bottom, right, c]
+                half[i, j, c] = np.float32(0.25) * total
+
+
+def separate(light: FloatImage, threads: int | None = None) -> tuple[FloatImage, FloatImage]:
+    """Return the brightness of a picture, and the picture at half size.
+
+    Parameters
+    ----------
+    light : ndarray, shape (H, W, 3), float32
+        Linear light.
+    threads : int, optional
+        Threads that share the rows; any number gives the same bits.
+
+    Returns
+    -------
+    luma : ndarray, shape (H, W, 1), float32
+        The brightness.
+    half : ndarray, shape (ceil(H / 2), ceil(W / 2), 3), float32
+        Means of 2 x 2 pixels; the last row and column of odd sizes count twice.
+    """
+    height, width = light.shape[:2]
+    luma, half = np.empty((height, width, 1), np.float32), np.empty((-(-height // 2), -(-width // 2), 3), np.float32)
+    tops = range(0, len(half), ROWS)
+    share(lambda _, top: _separate(light, top, min(top + ROWS, len(half)), luma, half), tops, threads)
+    return luma, half
+
+
+def separate_numpy(light: FloatImage) -> tuple[FloatImage, FloatImage]:
+    """Readable twin of :func:`separate`."""
+    luma = light @ np.array([[RED], [GREEN], [BLUE]])
+    height, width = light.shape[:2]
+    even = np.pad(light, ((0, height % 2), (0, width % 2), (0, 0)), "edge")
+    half = (even[::2, ::2] + even[::2, 1::2] + even[1::2, ::2] + even[1::2, 1::2]) * np.float32(0.25)
+    return luma, half
+
+
+@njit(nogil=True)
+def _fit(half, first, last, flat, dark, lines):
+    height, width = half.shape[:2]
+    zero, ninth = np.float32(0.0), np.float32(1.0 / 9.0)
+    for i in range(first, last):
+        for j in range(width):
+            mean = square = red = green = blue = with_red = with_green = with_blue = zero
+            for k in range(-1, 2):
+                y = min(max(i + k, 0), height - 1)
+                for m in range(-1, 2):
+                    x = min(max(j + m, 0), width - 1)
+                    r, g, b = half[y, x, 0], half[y, x, 1], half[y, x, 2]
+                    luma = RED * r + GREEN * g + BLUE * b
+                    mean += luma
+                    square += luma * luma
+                    red += r
+                    green += g
+                    blue += b
+                    with_red += luma * r
+                    with_green += luma * g
+                    with_blue += luma * b
+            mean *= ninth
+            variance = max(square * ninth - mean * mean, zero) + flat
+            own = RED * half[i, j, 0] + GREEN * half[i, j, 1] + BLUE * half[i, j, 2]
+            for c, total, product in ((0, red, with_red), (1, green, with_green), (2, blue, with_blue)):
+                colour = total * ninth
+                ratio = (max(colour, zero) + dark) / (max(mean, zero) + dark)
+                slope = (product * ninth - mean * colour + flat * ratio) / variance
+                lines[i, j, c] = slope
+                lines[i, j, 3 + c] = half[i, j, c] - slope * own
+
+
+@njit(nogil=True)
+def _evaluate(lines, luma, first, last, out):
+    height, width = lines.shape[:2]
+    near, far = np.float32(0.75), np.float32(0.25)
+    row = np.empty((width, 6), np.float32)
+    for y in range(first, last):
+        i = y // 2
+        other = max(i - 1, 0) if y % 2 == 0 else min(i + 1, height - 1)
+        for j in range(width):
+            for c in range(6):
+                row[j, c] = near * lines[i, j, c] + far * lines[other, j, c]
+        for x in range(luma.shape[1]):
+            j = x // 2
+            beside = max(j - 1, 0) if x % 2 == 0 else min(j + 1, width - 1)
+            for c in range(3):
+                slope = near * row[j, c] + far * row[beside, c]
+                offset = near * row[j, 3 + c] + far * row[beside, 3 + c]
+                out[y, x, c] = slope * luma[y, x, 0] + offset
+
+
+def joined(luma: FloatImage, half: FloatImage, peak: float, threads: int | None = None) -> FloatImage:
+    """Return the picture that has a brightness, and at half size about the colours of another one.
+
+    Parameters
+    ----------
+    luma : ndarray, shape (H, W, 1), float32
+        The brightness.
+    half : ndarray, shape (ceil(H / 2), ceil(W / 2), 3), float32
+        The colours.
+    peak : float
+        Value of the picture's bright parts.
+    threads : int, optional
+        Threads that share the rows; any number gives the same bits.
+
+    Returns
+    -------
+    ndarray, shape (H, W, 3), float32
+        The picture.
+    """
+    flat, dark = (max(np.float32(share), TINY) for share in (FLAT * peak**2, DARK * peak))
+    lines = np.empty((*half.shape[:2], 6), np.float32)
+    out = np.empty((*luma.shape[:2], 3), np.float32)
+    tops, lasts = range(0, len(half), ROWS), range(0, len(out), 2 * ROWS)
+    share(lambda _, top: _fit(half, top, min(top + ROWS, len(half)), flat, dark, lines), tops, threads)
+    share(lambda _, top: _evaluate(lines, luma, top, min(top + 2 * ROWS, len(out)), out), lasts, threads)
+    return out
+
+
+def joined_numpy(luma: FloatImage, half: FloatImage, peak: float) -> FloatImage:
+    """Readable twin of :func:`joined`."""
+    own = half @ np.array([[RED], [GREEN], [BLUE]])
+    mean, square, colour, product = (
+        uniform_filter(values, 3, mode="nearest", axes=(0, 1)) for values in (own, own * own, half, own * half)
+    )
+    flat, dark = (max(np.float32(share), TINY) for share in (FLAT * peak**2, DARK * peak))
+    ratio = (np.maximum(colour, 0) + dark) / (np.maximum(mean, 0) + dark)
+    slope = (product - mean * colour + flat * ratio) / (np.maximum(square - mean * mean, 0) + flat)
+    slope, offset = (_doubled(values, luma.shape) for values in (slope, half - slope * own))
+    picture: FloatImage = (slope * luma + offset).astype(np.float32)
+    return picture
+
+
+def _doubled(values: NDArray[np.floating], shape: tuple[int, ...]) -> NDArray[np.floating]:
+    """Return a picture at twice its size, interpolated linearly, cut to a shape."""
+    for axis in (0, 1):
+        ahead = np.concatenate([values.take([0], axis), values.take(range(values.shape[axis] - 1), axis)], axis)
+        after = np.concatenate([values.take(range(1, values.shape[axis]), axis), values.take([-1], axis)], axis)
+        pairs = np.stack([0.75 * values + 0.25 * ahead, 0.75 * values + 0.25 * after], axis + 1)
+        values = pairs.reshape(*values.shape[:axis], -1, *values.shape[axis + 1 :])
+        values = values.take(range(shape[axis]), axis)
+    return values

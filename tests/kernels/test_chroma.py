@@ -1,0 +1,72 @@
+"""Laws of separating brightness and colours, on the Numba kernels and on their NumPy twins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rsdeblur.kernels import chroma
+
+SHAPES = [(1, 1), (2, 7), (37, 50), (64, 81), (200, 3)]
+# A few roundings of values up to 1; slopes up to 4 divide by variances down to FLAT.
+FLOAT32, SLOPED = 1e-6, 1e-4
+
+
+@pytest.fixture(params=SHAPES, ids=str)
+def picture(request):
+    return np.random.default_rng(0).random((*request.param, 3), dtype=np.float32)
+
+
+@pytest.fixture(params=["", "_numpy"], ids=["fast", "numpy"])
+def kernels(request):
+    return tuple(getattr(chroma, name + request.param) for name in ("separate", "joined"))
+
+
+def test_twins_agree(picture):
+    luma, half = chroma.separate(picture)
+    for ours, twin in zip((luma, half), chroma.separate_numpy(picture), strict=True):
+        np.testing.assert_allclose(ours, twin, atol=FLOAT32)
+    np.testing.assert_allclose(chroma.joined(luma, half, 1.0), chroma.joined_numpy(luma, half, 1.0), atol=SLOPED)
+
+
+def test_threads_give_the_same_bits(picture):
+    luma, half = chroma.separate(picture, 1)
+    assert all(map(np.array_equal, (luma, half), chroma.separate(picture, 3)))
+    np.testing.assert_array_equal(chroma.joined(luma, half, 1.0, 1), chroma.joined(luma, half, 1.0, 3))
+
+
+def test_a_grey_picture_comes_back(picture, kernels):
+    separate, joined = kernels
+    grey = np.repeat(picture[..., :1], 3, axis=-1)
+    luma, half = separate(grey)
+    np.testing.assert_allclose(luma, picture[..., :1], atol=FLOAT32)
+    np.testing.assert_allclose(joined(luma, half, 1.0), grey, atol=SLOPED)
+
+
+def test_an_even_colour_comes_back(picture, kernels):
+    """Where all pixels have the same ratios of red, green and blue, the brightness says all."""
+    separate, joined = kernels
+    coloured = picture[..., :1] * np.float32([0.9, 0.5, 0.1])
+    # Things much darker than the bright parts count as grey.
+    np.testing.assert_allclose(joined(*separate(coloured), 1.0), coloured, atol=chroma.DARK)
+
+
+def test_a_smooth_picture_comes_back(kernels):
+    separate, joined = kernels
+    y, x = np.mgrid[:60, :80] / 100
+    smooth = np.stack([x, y, 1 - x * y], axis=-1).astype(np.float32)
+    # Interpolated linearly between pixels of twice the size: exact but for the bend of x y and the ends of the picture.
+    np.testing.assert_allclose(joined(*separate(smooth), 1.0)[2:-2, 2:-2], smooth[2:-2, 2:-2], atol=1e-3)
+
+
+def test_half_size_is_the_mean_of_four(kernels):
+    separate, _ = kernels
+    picture = np.random.default_rng(1).random((6, 4, 3), dtype=np.float32)
+    np.testing.assert_allclose(separate(picture)[1], picture.reshape(3, 2, 2, 2, 3).mean(axis=(1, 3)), atol=FLOAT32)
+
+
+def test_a_brighter_picture_comes_back_brighter(picture):
+    """The constants are shares of the bright parts."""
+    luma, half = chroma.separate(picture)
+    once, tenfold = chroma.joined(luma, half, 1.0), chroma.joined(10 * luma, 10 * half, 10.0)
+    np.testing.assert_allclose(tenfold, 10 * once, atol=10 * SLOPED)
