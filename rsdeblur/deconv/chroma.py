@@ -9,87 +9,109 @@ those of the colours. (docs/developer/decisions/priors.md)
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
+import math
+from typing import Protocol
 
 import numpy as np
 
-from rsdeblur.choices import Border, Planning
-from rsdeblur.deconv.priors import LEAST_PEAK, DerivativePrior, brightness
-from rsdeblur.deconv.quadratic import TileQuadratic
+from rsdeblur.deconv.priors import LEAST_PEAK, brightness
 from rsdeblur.kernels.chroma import joined, separate
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import FloatArray, FloatImage
+from rsdeblur.types import FloatArray, FloatImage, StageProgress
 
 # Least size in px of the PSFs of a picture whose colours may have half the resolution: smaller ones leave colours more
 # detail than that. The nearly still capture of the benchmarks, PSFs of 3 px, lost 1.0 dB.
 LEAST_SIZE = 7
+# Strength for the brightness, as a share of what a grey picture needs. White noise alone would need less, noise after
+# JPEG, which is the same in all channels, 1. (docs/developer/decisions/priors.md)
+LUMA_STRENGTH = 0.84
 # Share of the solves' work that the brightness takes.
 LUMA_WORK = 0.65
 
 
+class PictureSolver(Protocol):
+    """Solver of pictures of one shape with the PSFs of a bank."""
+
+    def replan(self, bank: PsfBank) -> None:
+        """Use other PSFs from now on; see :meth:`rsdeblur.Deconvolver.replan`."""
+
+    def __call__(self, light: FloatImage, progress: StageProgress) -> FloatImage:
+        """Restore one picture (H, W, C)."""
+
+
 class HalfChroma:
-    """Deconvolution of RGB pictures with a bank of paths, planned once and applied often.
+    """Two solvers that restore RGB pictures together: one of the brightness, one of the picture at half size.
 
     Parameters
     ----------
-    bank : PsfBank
-        PSFs with their paths.
-    shape : (H, W, 3)
-        Shape of the pictures.
-    nsr, border, planning, threads
-        See :class:`rsdeblur.TileQuadratic`.
-
-    Raises
-    ------
-    InputError
-        As :class:`rsdeblur.TileQuadratic` does.
+    luma : PictureSolver
+        Solver of shape (H, W, 1) with the PSFs of the picture.
+    half : PictureSolver
+        Solver of :func:`half_shape` with those of :func:`halved`.
+    threads : int, optional
+        Threads that separate and join the pictures; default all processors.
     """
 
-    def __init__(
-        self,
-        bank: PsfBank,
-        shape: tuple[int, int, int],
-        *,
-        nsr: float,
-        border: Border = "blend",
-        planning: Planning = "estimate",
-        threads: int | None = None,
-    ) -> None:
-        height, width, colours = shape
-        planned = partial(TileQuadratic, nsr=nsr, border=border, planning=planning, threads=threads)
-        self._luma = planned(bank, (height, width, 1))
-        self._half = planned(halved(bank, threads=threads), (-(-height // 2), -(-width // 2), colours))
-        self._threads = threads
-
-    @staticmethod
-    def suits(bank: PsfBank, shape: tuple[int, ...]) -> bool:
-        """Return whether pictures of a shape are coloured, and blurred enough to lose colour detail anyway."""
-        height, width, channels = shape
-        tall, wide = _half_size(bank.size)
-        fits = tall <= height // 2 and wide <= width // 2
-        return channels == 3 and bank.displacements is not None and max(bank.size) >= LEAST_SIZE and fits
+    def __init__(self, luma: PictureSolver, half: PictureSolver, *, threads: int | None = None) -> None:
+        self._luma, self._half, self._threads = luma, half, threads
 
     def replan(self, bank: PsfBank) -> None:
         """Use other PSFs from now on; see :meth:`rsdeblur.Deconvolver.replan`."""
         self._luma.replan(bank)
         self._half.replan(halved(bank, threads=self._threads))
 
-    def apply(
-        self, light: FloatImage, *, prior: DerivativePrior, progress: Callable[[float], None] | None = None
-    ) -> FloatImage:
-        """Deblur one picture; see :meth:`rsdeblur.TileQuadratic.apply`."""
+    def __call__(self, light: FloatImage, progress: StageProgress) -> FloatImage:
+        """Restore one picture (H, W, 3) and report the finished fraction."""
 
-        def part(done: float, share: float) -> Callable[[float], None] | None:
-            return None if progress is None else lambda fraction: progress(done + share * fraction)
+        def part(done: float, share: float) -> StageProgress:
+            return lambda fraction: progress(done + share * fraction)
 
-        prior = prior.with_peak_of(light)
-        peak = max(brightness(light) if prior.peak is None else prior.peak, LEAST_PEAK)
         luma, half = separate(light, self._threads)
-        luma = self._luma.apply(luma, out=luma, prior=prior.of_luma(), progress=part(0.0, LUMA_WORK))
-        half = self._half.apply(half, out=half, prior=prior, progress=part(LUMA_WORK, 1.0 - LUMA_WORK))
-        return joined(luma, half, peak, self._threads)
+        luma = self._luma(luma, part(0.0, LUMA_WORK))
+        half = self._half(half, part(LUMA_WORK, 1.0 - LUMA_WORK))
+        return joined(luma, half, max(brightness(light), LEAST_PEAK), self._threads)
+
+
+def luma_strength(strength: float, prior: object, exponent: float) -> float:
+    """Return the strength with which the brightness of a picture is restored as the picture would be.
+
+    A grey picture of three channels has three times the data term of its brightness, and derivatives `sqrt(3)` times as
+    long. And the brightness has less noise than the channels.
+
+    Parameters
+    ----------
+    strength : float
+        Noise-to-signal ratio of the Wiener filter, or weight of a prior on derivatives.
+    prior : str
+        Name of the prior.
+    exponent : float
+        Exponent of the hyper-Laplacian.
+    """
+    power = {"tv": 1.0, "hyper-laplacian": exponent}.get(str(prior), 2.0)
+    return strength * LUMA_STRENGTH * math.pow(3.0, power / 2.0 - 1.0)
+
+
+def suits_half(bank: PsfBank, shape: tuple[int, ...]) -> bool:
+    """Return whether pictures of a shape have colours, and a blur that takes more of their detail than half the size.
+
+    Parameters
+    ----------
+    bank : PsfBank
+        The PSFs.
+    shape : (H, W, C)
+        The shape.
+    """
+    rows, cols, channels = half_shape(shape)
+    tall, wide = _half_size(bank.size)
+    fits = tall <= rows and wide <= cols
+    return channels == 3 and bank.displacements is not None and max(bank.size) >= LEAST_SIZE and fits
+
+
+def half_shape(shape: tuple[int, ...]) -> tuple[int, int, int]:
+    """Return the shape of a picture (H, W, C) at half size."""
+    height, width, channels = shape
+    return -(-height // 2), -(-width // 2), channels
 
 
 def halved(bank: PsfBank, *, threads: int | None) -> PsfBank:

@@ -42,9 +42,6 @@ from rsdeblur.types import Float32Array, FloatImage
 PENALTIES, AHEAD = (7.0, 35.0, 178.0, 900.0), 0.5
 # Percentile of a picture's values that counts as the value of its bright parts, and the least value used.
 BRIGHTEST, LEAST_PEAK = 99.9, 1e-3
-# Weight of the prior of a picture's brightness, as a share of what a grey picture needs. White noise alone would need
-# less, noise after JPEG, which is the same in all channels, 1. (docs/developer/decisions/priors.md)
-LUMA_WEIGHT = 0.84
 # The splitting ends when a step changes the picture by less than this share of its norm.
 TOLERANCE = 1e-4
 # Values that a thread shrinks at a time; of small pictures, more rows.
@@ -220,15 +217,6 @@ class DerivativePrior:
             Linear light.
         """
         return self if self.peak is not None else replace(self, peak=brightness(image))
-
-    def of_luma(self) -> DerivativePrior:
-        """Return the prior of a colour picture's brightness that has the effect of this one.
-
-        A grey picture of three channels has three times the data term, and derivatives `sqrt(3)` times as long. And the
-        brightness has less noise than the channels: LUMA_WEIGHT.
-        """
-        power = {"gradient": 2.0, "tv": 1.0}.get(self.kind, self.exponent)
-        return replace(self, weight=self.weight * LUMA_WEIGHT * 3.0 ** (power / 2.0 - 1.0))
 
     def restore(
         self,

@@ -86,8 +86,8 @@ def deblur(
     log, camera, exposure
         The motion, the camera, and when the picture was exposed and for how long.
     quality : {"balanced", "fast", "best"}
-        Mode and prior, where they are not given: "banded" with "hyper-laplacian", "banded" with "wiener", which is the
-        published filter in tiles, or "rowwise" with "hyper-laplacian".
+        Mode and prior, where they are not given: "banded" with "hyper-laplacian", "banded" with "wiener", which is
+        the published filter in tiles, with less noise because of its `chroma`, or "rowwise" with "hyper-laplacian".
     mode : {"banded", "global", "rowwise"}, optional
         One PSF per tile; one for the whole picture (Sindelar and Sroubek 2013); or one per row, solved exactly. By
         default that of `quality`.
@@ -118,9 +118,9 @@ def deblur(
         Solver of "rowwise", see :class:`rsdeblur.RowDeconvolver`.
     chroma : {"auto", "full", "half"}
         Resolution of the colours. "half" restores the brightness at full resolution and the colours at half of it, as
-        JPEG and video store them (:mod:`rsdeblur.deconv.chroma`), in about two thirds of the time. It goes with "tv",
-        "hyper-laplacian" and "gradient", but not with "rowwise" or ``border="unknown"``, and applies to RGB pictures
-        with a blur of some pixels. "auto" is "half" wherever it goes.
+        JPEG and video store them (:mod:`rsdeblur.deconv.chroma`): priors on derivatives take about two thirds of the
+        time. It goes with these and with "wiener", but not with "rowwise" or ``border="unknown"``, and applies to RGB
+        pictures with a blur of some pixels. "auto" is "half" with priors on derivatives and with ``quality="fast"``.
     geometry : {"keep", "rectify"}
         Keep the rolling-shutter shape, or resample the picture to the middle row's mid-exposure.
     border : {"auto", "blend", "periodic", "reflect", "edge-taper", "smooth", "unknown"}

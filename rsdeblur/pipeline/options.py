@@ -155,8 +155,8 @@ class Options:
             )
         if self.chroma == "half" and not self._may_halve_chroma:
             raise InputError(
-                'chroma="half" goes with mode "banded" or "global", a prior on derivatives ("gradient", "tv" or '
-                f'"hyper-laplacian") and no border="unknown", but mode is "{self.mode}", prior {self.prior_name!r} and '
+                'chroma="half" goes with mode "banded" or "global", prior "wiener", "gradient", "tv" or '
+                f'"hyper-laplacian", and no border="unknown", but mode is "{self.mode}", prior {self.prior_name!r} and '
                 f'border "{self.border}"; use chroma="auto"'
             )
         if self.fallback and self.geometry == "rectify":
@@ -180,13 +180,18 @@ class Options:
 
     @property
     def chroma_in_effect(self) -> Chroma:
-        """The resolution of the colours, where pictures and blur permit half of it."""
-        return "full" if self.chroma == "full" or not self._may_halve_chroma else "half"
+        """The resolution of the colours, where pictures and blur permit half of it.
+
+        With ``prior="wiener"`` alone the result is linear in the picture, as in the published method.
+        """
+        linear = self.prior == "wiener" and self.quality != "fast"
+        halves = self.chroma == "half" or (self.chroma == "auto" and self._may_halve_chroma and not linear)
+        return "half" if halves else "full"
 
     @property
     def _may_halve_chroma(self) -> bool:
-        derivatives = self.prior in ("gradient", "tv", "hyper-laplacian")
-        return derivatives and self.mode != "rowwise" and self.border != "unknown"
+        suited = self.prior in ("wiener", "gradient", "tv", "hyper-laplacian")
+        return suited and self.mode != "rowwise" and self.border != "unknown"
 
     @property
     def mode_in_effect(self) -> Mode:

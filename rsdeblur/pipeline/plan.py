@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import html_with_picture, one_line
 from rsdeblur._util.threads import Turns
+from rsdeblur.deconv.chroma import PictureSolver
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck, UndershootMeter
 from rsdeblur.estimate.refine import Refinement, refine
@@ -27,7 +28,7 @@ from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.motion.plausible import too_wide
 from rsdeblur.pipeline.memory import Chunk
 from rsdeblur.pipeline.options import Options
-from rsdeblur.pipeline.settings import Solve, SolverSettings, Strengths, TileSolver
+from rsdeblur.pipeline.settings import Solve, SolverSettings, Strengths
 from rsdeblur.pipeline.stages import StageClock
 from rsdeblur.pipeline.steps import derive_strengths, judged, solve_chunks, split_highlights
 from rsdeblur.pipeline.tiles import Grid, few_psfs, highlight_bank, tile_paths
@@ -305,10 +306,10 @@ class _KeptSolver(Turns):
     def __init__(self) -> None:
         super().__init__()
         self._planned_for: tuple[SolverSettings, Grid, tuple[int, int, int]] | None = None
-        self._solver: TileSolver | None = None
+        self._solver: PictureSolver | None = None
         self._bank: PsfBank | None = None
 
-    def solver(self, settings: SolverSettings, bank: PsfBank, grid: Grid, shape: tuple[int, int, int]) -> TileSolver:
+    def solver(self, settings: SolverSettings, bank: PsfBank, grid: Grid, shape: tuple[int, int, int]) -> PictureSolver:
         """Return the solver with the PSFs of `bank`, which lie on the grid and are no larger than its size."""
         if self._solver is None or self._planned_for != (settings, grid, shape):
             first = bank if bank.size == grid.size else grid.still()

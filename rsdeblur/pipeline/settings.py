@@ -9,7 +9,7 @@ from typing import Any
 
 from rsdeblur.choices import Border, Boundary, Chroma, Mode, Planning, Prior, Solver
 from rsdeblur.deconv.boundary import extended, extended_shape
-from rsdeblur.deconv.chroma import HalfChroma
+from rsdeblur.deconv.chroma import HalfChroma, PictureSolver, half_shape, halved, luma_strength, suits_half
 from rsdeblur.deconv.plug_and_play import DENOISERS, PlugAndPlayPrior
 from rsdeblur.deconv.priors import DerivativePrior, LatentPrior
 from rsdeblur.deconv.quadratic import TileQuadratic
@@ -144,19 +144,30 @@ class SolverSettings:
             return self._rowwise(capture, bank, shape, first)
         return self.plan_tiles(bank, shape)
 
-    def plan_tiles(self, bank: PsfBank, shape: tuple[int, int, int]) -> TileSolver:
+    def plan_tiles(self, bank: PsfBank, shape: tuple[int, int, int]) -> PictureSolver:
         """Plan a solver of tiles, whose PSFs can be replaced later."""
         if self.mode == "rowwise":
             raise InputError('mode="rowwise" has no tiles')
+        if self.chroma == "half" and suits_half(bank, shape):
+            return self._half_chroma(bank, shape)
         prior = self.latent_prior
         if prior is None:
             wiener = Deconvolver(bank, shape, **self.engine)
             return TileSolver(wiener, wiener.apply)
-        if self.chroma == "half" and isinstance(prior, DerivativePrior) and HalfChroma.suits(bank, shape):
-            halves = HalfChroma(bank, shape, **self.engine)
-            return TileSolver(halves, partial(halves.apply, prior=prior))
         quadratic = TileQuadratic(bank, shape, **self.engine)
         return TileSolver(quadratic, partial(quadratic.apply, prior=prior))
+
+    def _half_chroma(self, bank: PsfBank, shape: tuple[int, int, int]) -> HalfChroma:
+        """Plan a solver of the brightness, and one of the picture at half size."""
+        half = replace(self, chroma="full")
+        own = self.nsr if self.weight is None else self.weight
+        strength = luma_strength(own, self.prior, self.exponent)
+        luma = replace(half, nsr=strength) if self.weight is None else replace(half, weight=strength)
+        return HalfChroma(
+            luma.plan_tiles(bank, (*shape[:2], 1)),
+            half.plan_tiles(halved(bank, threads=self.threads), half_shape(shape)),
+            threads=self.threads,
+        )
 
     def _extended(
         self, capture: Capture | None, bank: PsfBank, shape: tuple[int, int, int], boundary: Boundary
@@ -182,7 +193,7 @@ class SolverSettings:
 class TileSolver:
     """Solver of tiles, planned for pictures of one shape; its PSFs can be replaced by others at the same places."""
 
-    filters: TileFilter | HalfChroma
+    filters: TileFilter
     apply: Callable[..., FloatImage]
 
     def replan(self, bank: PsfBank) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ from skimage.metrics import peak_signal_noise_ratio
 
 from rsdeblur import (
     Camera,
+    Deconvolver,
     DerivativePrior,
     Exposure,
     InputError,
@@ -22,16 +23,36 @@ from rsdeblur import (
     scene,
     simulate,
 )
-from rsdeblur.deconv.chroma import LEAST_SIZE, HalfChroma, halved
-from rsdeblur.deconv.priors import LUMA_WEIGHT
+from rsdeblur.deconv.chroma import LEAST_SIZE, LUMA_STRENGTH, halved, luma_strength, suits_half
 from rsdeblur.kernels.chroma import separate
+from rsdeblur.pipeline.settings import SolverSettings, Strengths
 
-CAMERA, LOG, NSR = Camera(161, 121, 170.0, readout_time=0.02), hand_shake(0.3, seed=3), 0.003
-PRIORS = [DerivativePrior(kind, 0.003, peak=1.0) for kind in ("gradient", "tv", "hyper-laplacian")]
+CAMERA, LOG, NSR, WEIGHT = Camera(161, 121, 170.0, readout_time=0.02), hand_shake(0.3, seed=3), 0.003, 0.003
+SHAPE = 121, 161, 3
+PRIORS = "wiener", "gradient", "tv", "hyper-laplacian"
+
+
+def quiet(_: float) -> None:
+    """Ignore the progress."""
 
 
 def bank_of(start, **options):
     return psfs(LOG, CAMERA, Exposure(start, 0.04), **({"bands": 5, "strips": 3} | options))
+
+
+def solver_of(bank, prior, chroma="half"):
+    options = Options(prior=prior, chroma=chroma)
+    strengths = Strengths(NSR, None if prior == "wiener" else WEIGHT, 1.0)
+    return SolverSettings.of(options, "banded", strengths).plan_tiles(bank, SHAPE)
+
+
+def one_plane(bank, prior, share=1.0):
+    """Return the solver of a single plane with the strength that the brightness has, or a share of it."""
+    strength = share * luma_strength(NSR if prior == "wiener" else WEIGHT, prior, 2 / 3)
+    if prior == "wiener":
+        return Deconvolver(bank, SHAPE[:2], nsr=strength).apply
+    solver = TileQuadratic(bank, SHAPE[:2], nsr=NSR)
+    return partial(solver.apply, prior=DerivativePrior(prior, strength, peak=1.0))
 
 
 @pytest.fixture(scope="module")
@@ -39,27 +60,30 @@ def capture():
     return simulate(scene(150, 190), LOG, CAMERA, Exposure(0.08, 0.04), noise=0.003)
 
 
-@pytest.mark.parametrize("prior", PRIORS, ids=lambda prior: prior.kind)
-def test_a_grey_picture_is_its_brightness(capture, prior):
-    bank, grey = bank_of(0.08), np.repeat(capture.blurred[..., 1:2], 3, axis=-1)
-    alone = TileQuadratic(bank, (121, 161), nsr=NSR).apply(grey[..., 0], prior=prior.of_luma())
-    result = HalfChroma(bank, (121, 161, 3), nsr=NSR).apply(grey, prior=prior)
+@pytest.fixture(scope="module")
+def grey(capture):
+    return np.repeat(capture.blurred[..., 1:2], 3, axis=-1)
+
+
+@pytest.mark.parametrize("prior", PRIORS)
+def test_a_grey_picture_is_its_brightness(grey, prior):
+    bank = bank_of(0.08)
+    alone = one_plane(bank, prior)(grey[..., 0])
+    result = solver_of(bank, prior)(grey, quiet)
     # Colours are then the brightness at half size; the line through them has the slope 1, up to rounding.
     np.testing.assert_allclose(result, np.repeat(alone[..., None], 3, axis=-1), atol=2e-4)
 
 
-@pytest.mark.parametrize("prior", PRIORS, ids=lambda prior: prior.kind)
-def test_the_brightness_of_a_grey_picture_has_the_prior_of_three_channels(capture, prior):
-    bank, grey = bank_of(0.08), np.repeat(capture.blurred[..., 1:2], 3, axis=-1)
-    three = TileQuadratic(bank, grey.shape, nsr=NSR).apply(grey, prior=prior)
-    luma = prior.of_luma()
-    same = replace(luma, weight=luma.weight / LUMA_WEIGHT)
-    one = TileQuadratic(bank, grey.shape[:2], nsr=NSR).apply(grey[..., 0], prior=same)
+@pytest.mark.parametrize("prior", PRIORS)
+def test_the_brightness_of_a_grey_picture_has_the_strength_of_three_channels(grey, prior):
+    bank = bank_of(0.08)
+    three = solver_of(bank, prior, "full")(grey, quiet)
+    one = one_plane(bank, prior, 1 / LUMA_STRENGTH)(grey[..., 0])
     # Splitting takes the same steps for both only up to the scale of its penalties.
     assert np.square(three - one[..., None]).mean() < 0.01 * np.square(three - grey).mean()
 
 
-def test_half_a_bank(capture):
+def test_half_a_bank():
     bank = bank_of(0.08)
     half = halved(bank, threads=1)
     assert half.kernels.shape[:2] == (3, 2)
@@ -85,15 +109,14 @@ def test_a_padded_bank_stays_padded():
     assert np.subtract(size, halved(bank, threads=None).size).tolist() == [4, 2]
 
 
-def test_replanned_is_planned_anew(capture):
-    first, second, shape = bank_of(0.08), bank_of(0.12), (121, 161, 3)
+@pytest.mark.parametrize("prior", ["wiener", "tv"])
+def test_replanned_is_planned_anew(capture, prior):
+    first, second = bank_of(0.08), bank_of(0.12)
     size = tuple(np.maximum(first.size, second.size))
-    solver = HalfChroma(first.padded(size), shape, nsr=NSR)
-    solver.apply(capture.blurred, prior=PRIORS[1])
+    solver, anew = solver_of(first.padded(size), prior), solver_of(second.padded(size), prior)
+    solver(capture.blurred, quiet)
     solver.replan(second.padded(size))
-    anew = HalfChroma(second.padded(size), shape, nsr=NSR)
-    results = [which.apply(capture.blurred, prior=PRIORS[1]) for which in (solver, anew)]
-    np.testing.assert_array_equal(*results)
+    np.testing.assert_array_equal(solver(capture.blurred, quiet), anew(capture.blurred, quiet))
 
 
 def test_colours_lose_little(capture):
@@ -110,28 +133,32 @@ def test_colours_lose_little(capture):
 
 def test_progress_only_rises(capture):
     done = []
-    HalfChroma(bank_of(0.08), (121, 161, 3), nsr=NSR).apply(capture.blurred, prior=PRIORS[2], progress=done.append)
+    solver_of(bank_of(0.08), "hyper-laplacian")(capture.blurred, done.append)
     assert done == sorted(done)
     assert done[-1] == pytest.approx(1.0)
 
 
-def test_what_it_suits():
-    bank, shape = bank_of(0.08), (121, 161, 3)
+def test_what_suits_it():
+    bank = bank_of(0.08)
     assert max(bank.size) >= LEAST_SIZE
-    assert HalfChroma.suits(bank, shape)
-    assert not HalfChroma.suits(bank, (121, 161, 1))
-    assert not HalfChroma.suits(bank, (9, 9, 3))
-    assert not HalfChroma.suits(PsfBank(bank.kernels, bank.rows, bank.cols), shape)
-    assert not HalfChroma.suits(PsfBank.for_picture([[0.0, 1.0, 0.0]], shape), shape)
+    assert suits_half(bank, SHAPE)
+    assert not suits_half(bank, (121, 161, 1))
+    assert not suits_half(bank, (9, 9, 3))
+    assert not suits_half(PsfBank(bank.kernels, bank.rows, bank.cols), SHAPE)
+    assert not suits_half(PsfBank.for_picture([[0.0, 1.0, 0.0]], SHAPE), SHAPE)
 
 
-@pytest.mark.parametrize(
-    "options", [{"mode": "rowwise"}, {"prior": "wavelet"}, {"prior": "wiener"}, {"border": "unknown"}], ids=str
-)
+@pytest.mark.parametrize("options", [{"mode": "rowwise"}, {"prior": "wavelet"}, {"border": "unknown"}], ids=str)
 def test_where_colours_are_full(options):
     assert Options(**options).chroma_in_effect == "full"
     with pytest.raises(InputError, match='chroma="half" goes with mode'):
         Options(chroma="half", **options)
+
+
+def test_the_wiener_filter_alone_is_that_of_the_paper():
+    assert Options(prior="wiener").chroma_in_effect == "full"
+    assert Options(quality="fast").chroma_in_effect == "half"
+    assert Options(quality="fast", chroma="full").chroma_in_effect == "full"
 
 
 def test_grey_pictures_are_those_of_full_colours(capture):
