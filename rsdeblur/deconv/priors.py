@@ -244,12 +244,7 @@ class DerivativePrior:
         if self.kind == "gradient":
             latent = solver.solve(self.weight)
         else:
-            exponent, sparsity = (1.0, GRADIENT) if self.kind == "tv" else (self.exponent, DERIVATIVES)
-            peak = 1.0 if self.peak is None else self.peak
-            steps = half_quadratic(
-                *(solver, sparsity), weight=self.weight, exponent=exponent, peak=peak, threads=threads
-            )
-            for done, step in enumerate(steps, 1):
+            for done, step in enumerate(self.steps(solver, threads=threads), 1):
                 if progress is not None:
                     progress(done / len(PENALTIES))
                 latent = step.latent
@@ -260,6 +255,27 @@ class DerivativePrior:
         if progress is not None:
             progress(1.0)
         return latent
+
+    def steps(
+        self,
+        solver: QuadraticSolver,
+        *,
+        start: FloatImage | None = None,
+        penalties: Sequence[float] = PENALTIES,
+        ahead: float = AHEAD,
+        threads: int | None = None,
+    ) -> Iterator[Step]:
+        """Return the steps of :func:`half_quadratic` for this prior, which must be sparse.
+
+        Parameters
+        ----------
+        solver, start, penalties, ahead, threads
+            See :func:`half_quadratic`.
+        """
+        exponent, sparsity = (1.0, GRADIENT) if self.kind == "tv" else (self.exponent, DERIVATIVES)
+        peak = 1.0 if self.peak is None else self.peak
+        strength = {"weight": self.weight, "exponent": exponent, "peak": peak, "ahead": ahead}
+        return half_quadratic(solver, sparsity, start=start, penalties=penalties, threads=threads, **strength)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -304,6 +320,7 @@ def half_quadratic(
     weight: float,
     exponent: float,
     peak: float = 1.0,
+    start: FloatImage | None = None,
     penalties: Sequence[float] = PENALTIES,
     ahead: float = AHEAD,
     threads: int | None = None,
@@ -322,6 +339,9 @@ def half_quadratic(
         Power p of the derivatives, in (0, 1].
     peak : float, default 1.0
         Value of the picture's bright parts.
+    start : ndarray, float32, optional
+        Picture in the solver's frame whose derivatives the first step shrinks, and which later steps overwrite;
+        default the solution without a pull at the first penalty.
     penalties : sequence of float
         Values of beta / weight, one for each step, for a `peak` of 1.
     ahead : float
@@ -335,7 +355,7 @@ def half_quadratic(
     """
     # Derivatives are proportional to the peak, so the largest one that vanishes must be, too.
     penalties = [penalty * max(peak, LEAST_PEAK) ** (exponent - 2.0) for penalty in penalties]
-    latent = guess = solver.solve(weight * penalties[0], None, sparsity.coupling)
+    latent = guess = solver.solve(weight * penalties[0], None, sparsity.coupling) if start is None else start
     polynomial, pull = shrinkage(exponent), np.empty_like(latent)
     workspaces = [workspace(latent) for _ in range(min(thread_count(threads), len(_blocks(latent))))]
     for penalty in penalties:

@@ -1,4 +1,4 @@
-"""The learned prior in a wavelet frame: a few linear restorations, shrunk and added up in one pass.
+"""The learned prior in a wavelet frame: a few linear restorations, shrunk and added up, then two sparse steps.
 
 Filters with a quadratic prior on the gradient restore the picture with a few weights, from sharp and noisy to smooth.
 The results are shrunk in an undecimated Haar frame (:mod:`rsdeblur.kernels.frame`) and added up, with factors that were
@@ -10,6 +10,9 @@ The factors depend on one number, the weight of the gradient prior that suits th
 which grows with its noise and with the errors of the model. Between the weights of the training they are interpolated
 over its logarithm. Colour is turned into its mean and two differences, which have their own factors.
 
+Linear restorations cannot bring back what the blur took away. So the sum is the start of the last two steps of a sparse
+prior (:mod:`rsdeblur.deconv.priors`), which continue its edges into these frequencies.
+
 .. [1] F. Xue, F. Luisier and T. Blu, "Multi-Wiener SURE-LET deconvolution", IEEE Trans. Image Processing 22, 2013.
 """
 
@@ -17,7 +20,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,13 +35,15 @@ from rsdeblur.kernels.lines import continued
 from rsdeblur.types import Float32Array, FloatArray, FloatImage
 
 if TYPE_CHECKING:
-    from rsdeblur.deconv.priors import QuadraticSolver
+    from rsdeblur.deconv.priors import DerivativePrior, QuadraticSolver
 
 FACTORS = Path(__file__).with_name("wavelet.json")
 # Height and width of the blocks that a thread works on, px. With the halo, the planes take 4 MB.
 BLOCK = 64, 256
 # Largest variance of noise, the square of the largest value of a picture.
 MOST_VARIANCE = validate.MOST_LIGHT**2
+# Penalties of the sparse steps.
+PENALTIES = 60.0, 300.0
 # Brightness and two colour differences, an orthonormal basis.
 OPPONENT = np.array([[1, 1, 1], [1, 0, -1], [1, -2, 1]]) / np.sqrt([[3.0], [2.0], [6.0]])
 
@@ -94,6 +99,8 @@ class WaveletPrior:
     variances : sequence of float
         Variances of the noise of the frame's coefficients, from 0 to 1e24, K x LEVELS x 3 of them, see
         :func:`band_shape`.
+    sparse : DerivativePrior
+        Prior of the last steps, "tv" or "hyper-laplacian".
 
     Raises
     ------
@@ -103,6 +110,7 @@ class WaveletPrior:
 
     weight: float
     variances: tuple[float, ...]
+    sparse: DerivativePrior
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "weight", validate.strength("weight", self.weight))
@@ -112,8 +120,8 @@ class WaveletPrior:
         object.__setattr__(self, "variances", tuple(values.ravel().tolist()))
 
     def with_peak_of(self, image: FloatImage) -> WaveletPrior:
-        """Return this prior: the brightness of a picture does not matter."""
-        return self
+        """Return this prior with the brightness of a picture, on which the sparse steps depend, unless it has one."""
+        return replace(self, sparse=self.sparse.with_peak_of(image))
 
     def restore(
         self,
@@ -124,18 +132,41 @@ class WaveletPrior:
     ) -> FloatImage:
         """Return the restored picture, see :meth:`rsdeblur.deconv.priors.LatentPrior.restore`."""
         factors = Factors.learned()
+        solves = len(factors.ratios) + len(PENALTIES)
         latents = []
         for done, ratio in enumerate(factors.ratios, 1):
             latents.append(solver.solve(self.weight * float(ratio)))
             if progress is not None:
-                progress(done / (len(factors.ratios) + 1))
+                progress(done / solves)
         variances = np.array(self.variances, dtype=np.float32).reshape(band_shape())
         means, differences = factors.at(self.weight)
         out = np.empty_like(latents[0])
         _combine(latents, variances, means, differences, solver.periodic, out, threads)
-        if progress is not None:
-            progress(1.0)
+        del latents
+        steps = self.sparse.steps(solver, start=out, penalties=PENALTIES, ahead=0.0, threads=threads)
+        for done, step in enumerate(steps, len(factors.ratios) + 1):
+            out = step.latent
+            if progress is not None:
+                progress(done / solves)
         return out
+
+
+def median_prior(priors: Sequence[WaveletPrior], peak: float) -> WaveletPrior:
+    """Return the prior whose numbers are medians of those of others, for pictures whose bright parts have one value.
+
+    Parameters
+    ----------
+    priors : sequence of WaveletPrior
+        At least one.
+    peak : float
+        Value of the bright parts.
+    """
+    weight, sparse = (
+        float(np.median(weights))
+        for weights in ([each.weight for each in priors], [each.sparse.weight for each in priors])
+    )
+    variances = np.median([each.variances for each in priors], axis=0)
+    return WaveletPrior(weight, tuple(variances.tolist()), replace(priors[0].sparse, weight=sparse, peak=peak))
 
 
 def band_shape() -> tuple[int, int, int]:

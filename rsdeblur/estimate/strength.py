@@ -27,8 +27,9 @@ from numpy.typing import ArrayLike
 
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
-from rsdeblur.choices import Prior
+from rsdeblur.choices import EXPONENT, Prior
 from rsdeblur.deconv.plug_and_play import WEIGHT_OF_VARIANCE
+from rsdeblur.deconv.priors import DerivativePrior
 from rsdeblur.deconv.wavelet import MOST_VARIANCE, Factors, WaveletPrior, frame_responses
 from rsdeblur.estimate.blur_spectra import BlurSpectra
 from rsdeblur.estimate.floors import ASSUMED, Floors, measure_floors
@@ -59,6 +60,9 @@ RESAMPLING_ERROR = 0.25
 # Weight of total variation where that of the gradient prior is 1 and E is 1; and that of a penalty on first and second
 # derivatives, times the root of its exponent.
 TV_STRENGTH, DERIVATIVES_STRENGTH = 2.0, 1.6
+# Share of both in a picture of one channel, whose derivatives are shorter than those of three channels together, and
+# which of them vanish is decided with more noise. (docs/developer/decisions/priors.md)
+GREY_STRENGTH = 0.6
 # Candidates for the NSR and for the weight of the gradient prior.
 LADDER = np.geomspace(1e-5, 10.0, 73)
 # The NSR of Sindelar and Sroubek (2013), taken to hold at base sensitivity.
@@ -95,6 +99,8 @@ class Tuning:
         Spectra of the PSFs.
     path_error : float
         Mean square of the errors of the paths, px^2.
+    channels : int
+        Number of channels of the picture, whose derivatives sparse priors shorten together.
 
     Examples
     --------
@@ -113,6 +119,7 @@ class Tuning:
     border_error: float
     spectra: BlurSpectra
     path_error: float
+    channels: int = 3
 
     @classmethod
     def of(
@@ -165,7 +172,8 @@ class Tuning:
         radius = _radius(bank)
         most = max(MOST_PATH_ERROR_SHARE * radius, min(PATH_ERROR, MOST_OF_SPREAD * _spread(bank)))
         path_error = min(ABSORBED**2 * floors.path_error, most**2)
-        return cls(octave_noise, energy, radius, 0.0 if repeats else share**2 / 4, spectra, path_error)
+        border_error = 0.0 if repeats else share**2 / 4
+        return cls(octave_noise, energy, radius, border_error, spectra, path_error, light.shape[2])
 
     @classmethod
     def of_burst(
@@ -213,6 +221,7 @@ class Tuning:
             mean([frame.border_error for frame in frames]),
             BlurSpectra.mean([frame.spectra for frame in frames], shares),
             path_error,
+            first.channels,
         )
         return tuning, tuple(shares.tolist())
 
@@ -289,8 +298,9 @@ class Tuning:
             return weight
         power = 1.0 if prior == "tv" else validate.exponent(exponent)
         factor = TV_STRENGTH if prior == "tv" else DERIVATIVES_STRENGTH * power**0.5
-        sparse = factor * weight * self.energy ** (1 - power / 2)
-        return float(np.clip(sparse, validate.LEAST_STRENGTH, validate.MOST_STRENGTH))
+        if self.channels == 1:
+            factor *= GREY_STRENGTH
+        return _strength(factor * weight * self.energy ** (1 - power / 2))
 
     def wavelet(self, weight: float | None = None) -> WaveletPrior:
         """Return the learned prior for the picture, for a solver whose `nsr` is at least 0.003, as it was learned with.
@@ -308,13 +318,16 @@ class Tuning:
         left = [spectra.undone / np.square(spectra.undone + penalty) * noise for penalty in penalties]
         responses = frame_responses(len(spectra.signal))
         variances = np.einsum("kyx,joyx->kjo", left, responses) / spectra.signal.size * (weight / suited)
-        return WaveletPrior(weight, tuple(variances.clip(max=MOST_VARIANCE).ravel()))
+        sparse = DerivativePrior(
+            "hyper-laplacian", _strength(self.weight("hyper-laplacian", EXPONENT) * weight / suited)
+        )
+        return WaveletPrior(weight, tuple(variances.clip(max=MOST_VARIANCE).ravel()), sparse)
 
     @property
     def denoiser_weight(self) -> float:
         """Weight of :class:`rsdeblur.PlugAndPlayPrior`, from the variance of noise and errors of the model together."""
         variance = float(self._noise_spectrum.mean())
-        return float(np.clip(WEIGHT_OF_VARIANCE * variance, validate.LEAST_STRENGTH, validate.MOST_STRENGTH))
+        return _strength(WEIGHT_OF_VARIANCE * variance)
 
     @property
     def _sensor_noise(self) -> FloatArray:
@@ -361,6 +374,11 @@ class Tuning:
         """
         length = np.sqrt(12.0) * max(self.radius, 1.0)
         return float(2.0 * np.sqrt(self.gradient_weight) / length)
+
+
+def _strength(value: float) -> float:
+    """Return a strength within its bounds."""
+    return float(np.clip(value, validate.LEAST_STRENGTH, validate.MOST_STRENGTH))
 
 
 def _spread(bank: PsfBank) -> float:

@@ -38,8 +38,8 @@ class Strengths:
         Weight of the prior; None for the Wiener filter.
     peak : float
         Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`; 1 for the Wiener filter.
-    variances : tuple of float
-        Variances of :class:`rsdeblur.deconv.wavelet.WaveletPrior`; empty for other priors.
+    wavelet : WaveletPrior, optional
+        The learned prior with all its numbers; None for other priors.
     noise : float, optional
         Standard deviation of the picture's noise; None where no strength needed it.
     """
@@ -47,7 +47,7 @@ class Strengths:
     nsr: float
     weight: float | None
     peak: float
-    variances: tuple[float, ...] = ()
+    wavelet: WaveletPrior | None = None
     noise: float | None = None
 
 
@@ -61,8 +61,8 @@ class SolverSettings:
         Numbers, never "auto"; `weight` is None for the Wiener filter.
     peak : float
         Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`; 1 for the Wiener filter.
-    variances : tuple of float
-        Variances of :class:`rsdeblur.deconv.wavelet.WaveletPrior`; empty for other priors.
+    wavelet : WaveletPrior, optional
+        The learned prior with all its numbers; None for other priors.
     border, boundary
         How the solver continues the picture beyond its frame, and the method that makes it periodic before, or None;
         see :class:`rsdeblur.Options`.
@@ -74,7 +74,7 @@ class SolverSettings:
     nsr: float
     weight: float | None
     peak: float
-    variances: tuple[float, ...] = ()
+    wavelet: WaveletPrior | None = None
     solver: Solver
     chroma: Chroma
     border: Border
@@ -92,7 +92,7 @@ class SolverSettings:
             nsr=strengths.nsr,
             weight=strengths.weight,
             peak=strengths.peak,
-            variances=strengths.variances,
+            wavelet=strengths.wavelet,
             solver=options.solver,
             chroma=options.chroma_in_effect,
             border=options.solver_border,
@@ -115,8 +115,8 @@ class SolverSettings:
             return PlugAndPlayPrior(self.prior, self.weight, self.peak)
         if self.prior in DENOISERS:
             return PlugAndPlayPrior(partial(DENOISERS[self.prior], threads=self.threads), self.weight, self.peak)
-        if self.prior == "wavelet":
-            return WaveletPrior(self.weight, self.variances)
+        if self.wavelet is not None:
+            return self.wavelet
         return DerivativePrior(self.prior, self.weight, self.exponent, self.peak)
 
     def plan_solver(self, capture: Capture | None, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:

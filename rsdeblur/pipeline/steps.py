@@ -145,7 +145,8 @@ def tuned_strengths(tuning: Tuning, options: Options, peak: float, *, given: boo
     nsr = _prior_nsr(tuning, options, peak, given=given) if options.nsr == "auto" else options.nsr
     if prior == "wavelet":
         wavelet = tuning.wavelet(None if options.weight == "auto" else options.weight)
-        return Strengths(nsr, wavelet.weight, peak, wavelet.variances, tuning.noise), tuning.gradient_nsr
+        wavelet = replace(wavelet, sparse=replace(wavelet.sparse, peak=peak))
+        return Strengths(nsr, wavelet.weight, peak, wavelet, tuning.noise), tuning.gradient_nsr
     if options.weight != "auto":
         weight = options.weight
     else:

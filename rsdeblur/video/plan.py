@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rsdeblur._util import validate
 from rsdeblur.choices import KEEP, VERDICTS, Transfer
+from rsdeblur.deconv.wavelet import median_prior
 from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck
 from rsdeblur.estimate.refine_frames import REFINED_FRAMES, FramesRefinement, refine_frames
@@ -287,8 +288,9 @@ def _median_strengths(samples: Sequence[Plan]) -> Strengths:
     strengths = [sample.strengths for sample in samples if sample.strengths is not None]
     weights = [each.weight for each in strengths if each.weight is not None]
     nsr, peak = (float(np.median([getattr(each, name) for each in strengths])) for name in ("nsr", "peak"))
-    variances = np.median([each.variances for each in strengths], axis=0)
-    return Strengths(nsr, float(np.median(weights)) if weights else None, peak, tuple(variances.tolist()))
+    learned = [each.wavelet for each in strengths if each.wavelet is not None]
+    wavelet = median_prior(learned, peak) if learned else None
+    return Strengths(nsr, float(np.median(weights)) if weights else None, peak, wavelet)
 
 
 def _measure(

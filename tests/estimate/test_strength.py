@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import fft
@@ -177,6 +179,17 @@ def test_an_even_picture_gets_numbers(level: float) -> None:
     strengths = [tuned.wiener_nsr, tuned.gradient_nsr, *(tuned.weight(p, 0.5) for p in ("gradient", "tv"))]
     assert np.isfinite(strengths).all()
     assert min(strengths) > 0
+
+
+def test_sparse_weights_of_one_channel_are_smaller(sharp: np.ndarray) -> None:
+    bank = PsfBank.for_picture(kernel(), sharp.shape)
+    one = Tuning.of(blurred(sharp, kernel(), 0.01)[..., 0], bank)
+    three = replace(one, channels=3)
+    assert one.channels == 1
+    assert one.weight("gradient", 1.0) == three.weight("gradient", 1.0)
+    for prior in ("tv", "hyper-laplacian"):
+        assert one.weight(prior, 0.7) == pytest.approx(tuning.GREY_STRENGTH * three.weight(prior, 0.7))
+    assert one.wavelet().sparse.weight == pytest.approx(one.weight("hyper-laplacian", 2 / 3))
 
 
 def test_nsr_grows_with_the_sensitivity():
