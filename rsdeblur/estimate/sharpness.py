@@ -81,9 +81,10 @@ class Sharpness:
 def assumed(light: FloatImage, bank: PsfBank) -> Tuning:
     """Return the measurements of a picture with an assumed error of the paths.
 
-    A measured one would make the strength larger the worse the recording is.
+    A measured one would make the strength larger the worse the recording is. The weights are those of a colour picture,
+    with which the thresholds of `refine` and `sync` were chosen.
     """
-    return replace(Tuning.of(light, bank), path_error=PATH_ERROR**2)
+    return replace(Tuning.of(light, bank), path_error=PATH_ERROR**2, channels=3)
 
 
 def scale_of(camera: Camera, most: float = 1.0) -> float:
