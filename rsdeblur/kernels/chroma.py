@@ -22,6 +22,8 @@ RED, GREEN, BLUE = (np.float32(weight) for weight in (0.25, 0.5, 0.25))
 # its relative change instead of the line through the window; and the brightness, as a share of them, of which things
 # that are much darker count as grey.
 FLAT, DARK = 1e-3, 1e-3
+# Most that a colour exceeds the brightness: blue light alone has this ratio. Ringing could lead to larger ones.
+MOST_RATIO = np.float32(4.0)
 # Instead of zero, for a picture without light.
 TINY = np.float32(1e-30)
 # Rows of the half-size picture that a thread takes at a time.
@@ -102,7 +104,7 @@ def _fit(half, first, last, flat, dark, lines):
             own = RED * half[i, j, 0] + GREEN * half[i, j, 1] + BLUE * half[i, j, 2]
             for c, total, product in ((0, red, with_red), (1, green, with_green), (2, blue, with_blue)):
                 colour = total * ninth
-                ratio = (max(colour, zero) + dark) / (max(mean, zero) + dark)
+                ratio = min((max(colour, zero) + dark) / (max(mean, zero) + dark), MOST_RATIO)
                 slope = (product * ninth - mean * colour + flat * ratio) / variance
                 lines[i, j, c] = slope
                 lines[i, j, 3 + c] = half[i, j, c] - slope * own
@@ -163,7 +165,7 @@ def joined_numpy(luma: FloatImage, half: FloatImage, peak: float) -> FloatImage:
         uniform_filter(values, 3, mode="nearest", axes=(0, 1)) for values in (own, own * own, half, own * half)
     )
     flat, dark = (max(np.float32(share), TINY) for share in (FLAT * peak**2, DARK * peak))
-    ratio = (np.maximum(colour, 0) + dark) / (np.maximum(mean, 0) + dark)
+    ratio = np.minimum((np.maximum(colour, 0) + dark) / (np.maximum(mean, 0) + dark), MOST_RATIO)
     slope = (product - mean * colour + flat * ratio) / (np.maximum(square - mean * mean, 0) + flat)
     slope, offset = (_doubled(values, luma.shape) for values in (slope, half - slope * own))
     picture: FloatImage = (slope * luma + offset).astype(np.float32)
