@@ -223,6 +223,7 @@ def result_facts(result: DeblurResult, output: Path) -> dict[str, Any]:
         "psf_px": [wide, tall],
         "nsr": result.nsr,
         "weight": result.weight,
+        "chroma": result.chroma,
         "timings": result.timings,
         "check": None if result.check is None else asdict(result.check),
     }

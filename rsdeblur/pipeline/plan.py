@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import html_with_picture, one_line
 from rsdeblur._util.threads import Turns
+from rsdeblur.choices import Chroma
 from rsdeblur.deconv.chroma import PictureSolver
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck, UndershootMeter
@@ -64,6 +65,8 @@ class DeblurResult:
         Standard deviation of the noise in linear light, estimated or given; None where no strength needed it.
     refinement : Refinement or None
         Correction of the recording, see :func:`rsdeblur.refine`; None where none was requested.
+    chroma : {"full", "half"}
+        Resolution at which the colours were restored.
     """
 
     image: NDArray[Any]
@@ -77,6 +80,7 @@ class DeblurResult:
     check: QualityCheck | None = None
     noise: float | None = None
     refinement: Refinement | None = None
+    chroma: Chroma = "full"
 
     def _repr_html_(self) -> str:
         """Return the representation and the kernels for a notebook."""
@@ -227,6 +231,7 @@ class Plan:
             check=check,
             noise=self.strengths.noise,
             refinement=self.refinement,
+            chroma=self._settings.chroma_of(self.bank, encoded.shape),
         )
 
     def _encoded(self, image: ArrayLike) -> EncodedImage:

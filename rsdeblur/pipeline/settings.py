@@ -119,6 +119,10 @@ class SolverSettings:
             return self.wavelet
         return DerivativePrior(self.prior, self.weight, self.exponent, self.peak)
 
+    def chroma_of(self, bank: PsfBank, shape: tuple[int, int, int]) -> Chroma:
+        """Return the resolution at which the colours of a picture are restored."""
+        return "half" if self.chroma == "half" and suits_half(bank, shape) else "full"
+
     def plan_solver(self, capture: Capture | None, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:
         """Plan the solver. The returned function restores one picture and reports its progress.
 
@@ -148,7 +152,7 @@ class SolverSettings:
         """Plan a solver of tiles, whose PSFs can be replaced later."""
         if self.mode == "rowwise":
             raise InputError('mode="rowwise" has no tiles')
-        if self.chroma == "half" and suits_half(bank, shape):
+        if self.chroma_of(bank, shape) == "half":
             return self._half_chroma(bank, shape)
         prior = self.latent_prior
         if prior is None:
