@@ -369,7 +369,7 @@ _SOLVE: dict[str, Decorator] = {
     "chroma": _choice(
         "chroma",
         ("auto", *choices.CHROMAS),
-        "Resolution of the colours: full, or half as in JPEG, in two thirds of the time; auto is half for gradient, tv "
+        "Resolution of the colours: full, or half as in JPEG, in less time; auto is half for gradient, tv "
         "and hyper-laplacian, and with --quality fast, except in --mode rowwise.",
     ),
     "geometry": _choice("geometry", choices.GEOMETRIES, "Keep the rolling-shutter shape, or straighten it."),

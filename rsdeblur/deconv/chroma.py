@@ -14,11 +14,12 @@ from typing import Protocol
 
 import numpy as np
 
-from rsdeblur.deconv.priors import LEAST_PEAK, brightness
+from rsdeblur.choices import Prior
+from rsdeblur.deconv.priors import LEAST_PEAK
 from rsdeblur.kernels.chroma import joined, separate
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import FloatArray, FloatImage, StageProgress
+from rsdeblur.types import Denoiser, FloatArray, FloatImage, StageProgress
 
 # Least size in px of the PSFs of a picture whose colours may have half the resolution: smaller ones leave colours more
 # detail than that. The nearly still capture of the benchmarks, PSFs of 3 px, lost 1.0 dB.
@@ -49,12 +50,15 @@ class HalfChroma:
         Solver of shape (H, W, 1) with the PSFs of the picture.
     half : PictureSolver
         Solver of :func:`half_shape` with those of :func:`halved`.
+    peak : float
+        Value of the pictures' bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
     threads : int, optional
         Threads that separate and join the pictures; default all processors.
     """
 
-    def __init__(self, luma: PictureSolver, half: PictureSolver, *, threads: int | None = None) -> None:
-        self._luma, self._half, self._threads = luma, half, threads
+    def __init__(self, luma: PictureSolver, half: PictureSolver, *, peak: float, threads: int | None = None) -> None:
+        self._luma, self._half = luma, half
+        self._peak, self._threads = max(peak, LEAST_PEAK), threads
 
     def replan(self, bank: PsfBank) -> None:
         """Use other PSFs from now on; see :meth:`rsdeblur.Deconvolver.replan`."""
@@ -70,45 +74,43 @@ class HalfChroma:
         luma, half = separate(light, self._threads)
         luma = self._luma(luma, part(0.0, LUMA_WORK))
         half = self._half(half, part(LUMA_WORK, 1.0 - LUMA_WORK))
-        return joined(luma, half, max(brightness(light), LEAST_PEAK), self._threads)
+        return joined(luma, half, self._peak, self._threads)
 
 
-def luma_strength(strength: float, prior: object, exponent: float) -> float:
-    """Return the strength with which the brightness of a picture is restored as the picture would be.
+def luma_share(prior: Prior | Denoiser, exponent: float) -> float:
+    """Return the share of a picture's strength with which its brightness is restored as the picture would be.
 
-    A grey picture of three channels has three times the data term of its brightness, and derivatives `sqrt(3)` times as
-    long. And the brightness has less noise than the channels.
+    The strength is the noise-to-signal ratio of the Wiener filter, or the weight of a prior on derivatives. A grey
+    picture of three channels has three times the data term of its brightness, and derivatives `sqrt(3)` times as long.
+    And the brightness has less noise than the channels.
 
     Parameters
     ----------
-    strength : float
-        Noise-to-signal ratio of the Wiener filter, or weight of a prior on derivatives.
-    prior : str
-        Name of the prior.
+    prior : {"wiener", "gradient", "tv", "hyper-laplacian"}
+        The prior.
     exponent : float
         Exponent of the hyper-Laplacian.
     """
-    power = {"tv": 1.0, "hyper-laplacian": exponent}.get(str(prior), 2.0)
-    return strength * LUMA_STRENGTH * math.pow(3.0, power / 2.0 - 1.0)
+    power = 1.0 if prior == "tv" else exponent if prior == "hyper-laplacian" else 2.0
+    return LUMA_STRENGTH * math.pow(3.0, power / 2.0 - 1.0)
 
 
-def suits_half(bank: PsfBank, shape: tuple[int, ...]) -> bool:
-    """Return whether pictures of a shape have colours, and a blur that takes more of their detail than half the size.
+def suits_half(size: tuple[int, int], shape: tuple[int, int, int]) -> bool:
+    """Return whether pictures have colours, and a blur that takes more of their detail than half the size.
 
     Parameters
     ----------
-    bank : PsfBank
-        The PSFs.
+    size : (int, int)
+        Height and width of the kernels, px.
     shape : (H, W, C)
-        The shape.
+        Shape of the pictures.
     """
     rows, cols, channels = half_shape(shape)
-    tall, wide = _half_size(bank.size)
-    fits = tall <= rows and wide <= cols
-    return channels == 3 and bank.displacements is not None and max(bank.size) >= LEAST_SIZE and fits
+    tall, wide = _half_size(size)
+    return channels == 3 and max(size) >= LEAST_SIZE and tall <= rows and wide <= cols
 
 
-def half_shape(shape: tuple[int, ...]) -> tuple[int, int, int]:
+def half_shape(shape: tuple[int, int, int]) -> tuple[int, int, int]:
     """Return the shape of a picture (H, W, C) at half size."""
     height, width, channels = shape
     return -(-height // 2), -(-width // 2), channels

@@ -38,7 +38,7 @@ from rsdeblur.kernels.extrapolate import extrapolate
 from rsdeblur.kernels.shrink import TERMS, shrunk_derivatives_adjoint, shrunk_grad_adjoint, workspace
 from rsdeblur.types import Float32Array, FloatImage
 
-# Steps of :func:`half_quadratic`: their penalties, and how far ahead they look.
+# Steps of :meth:`DerivativePrior.steps`: their penalties, and how far ahead they look.
 PENALTIES, AHEAD = (7.0, 35.0, 178.0, 900.0), 0.5
 # Percentile of a picture's values that counts as the value of its bright parts, and the least value used.
 BRIGHTEST, LEAST_PEAK = 99.9, 1e-3
@@ -265,22 +265,46 @@ class DerivativePrior:
         ahead: float = AHEAD,
         threads: int | None = None,
     ) -> Iterator[Step]:
-        """Return the steps of :func:`half_quadratic` for this prior, which must be sparse.
+        """Yield the pictures of half-quadratic splitting with a sparse prior; the caller may stop early.
 
         Parameters
         ----------
-        solver, start, penalties, ahead, threads
-            See :func:`half_quadratic`.
+        solver : QuadraticSolver
+            Solver that holds its observation.
+        start : ndarray, float32, optional
+            Picture in the solver's frame whose derivatives the first step shrinks, and which later steps overwrite;
+            default the solution without a pull at the first penalty.
+        penalties : sequence of float
+            Values of beta / weight, one for each step, for a peak of 1.
+        ahead : float
+            Steps after the first one shrink the derivatives of a picture that is this share of the last change ahead.
+        threads : int, optional
+            Threads that share the shrinking; default all processors.
+
+        Yields
+        ------
+        Step
         """
+        # Derivatives are proportional to the peak, so the largest one that vanishes must be, too.
         exponent, sparsity = (1.0, GRADIENT) if self.kind == "tv" else (self.exponent, DERIVATIVES)
-        peak = 1.0 if self.peak is None else self.peak
-        strength = {"weight": self.weight, "exponent": exponent, "peak": peak, "ahead": ahead}
-        return half_quadratic(solver, sparsity, start=start, penalties=penalties, threads=threads, **strength)
+        weight, peak = self.weight, max(1.0 if self.peak is None else self.peak, LEAST_PEAK)
+        penalties = [penalty * peak ** (exponent - 2.0) for penalty in penalties]
+        latent = guess = solver.solve(weight * penalties[0], None, sparsity.coupling) if start is None else start
+        polynomial, pull = shrinkage(exponent), np.empty_like(latent)
+        workspaces = [workspace(latent) for _ in range(min(thread_count(threads), len(_blocks(latent))))]
+        for penalty in penalties:
+            # In units of (weight / beta)^(1 / (2 - p)) the shrinkage has no parameter but p.
+            vanishing = np.float32(threshold(exponent) * penalty ** (-1.0 / (2.0 - exponent)))
+            _shrink(guess, sparsity.shrink, (vanishing, polynomial, solver.periodic), workspaces, pull)
+            out = None if guess is latent else guess
+            before, latent = latent, solver.solve(weight * penalty, pull, sparsity.coupling, out=out)
+            change, guess = _extrapolate(before, latent, np.float32(ahead), threads), before
+            yield Step(latent, change)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
-    """One step of :func:`half_quadratic`.
+    """One step of :meth:`DerivativePrior.steps`.
 
     Parameters
     ----------
@@ -311,61 +335,6 @@ def brightness(image: FloatImage) -> float:
     if not np.isfinite(value):
         raise InputError("image must be finite")
     return value
-
-
-def half_quadratic(
-    solver: QuadraticSolver,
-    sparsity: Sparsity,
-    *,
-    weight: float,
-    exponent: float,
-    peak: float = 1.0,
-    start: FloatImage | None = None,
-    penalties: Sequence[float] = PENALTIES,
-    ahead: float = AHEAD,
-    threads: int | None = None,
-) -> Iterator[Step]:
-    """Yield the pictures of the splitting, one for each of `penalties`; the caller may stop early.
-
-    Parameters
-    ----------
-    solver : QuadraticSolver
-        Solver that holds its observation.
-    sparsity : Sparsity
-        The derivatives.
-    weight : float
-        Weight of the prior, positive.
-    exponent : float
-        Power p of the derivatives, in (0, 1].
-    peak : float, default 1.0
-        Value of the picture's bright parts.
-    start : ndarray, float32, optional
-        Picture in the solver's frame whose derivatives the first step shrinks, and which later steps overwrite;
-        default the solution without a pull at the first penalty.
-    penalties : sequence of float
-        Values of beta / weight, one for each step, for a `peak` of 1.
-    ahead : float
-        Steps after the first one shrink the derivatives of a picture that is this share of the last change ahead.
-    threads : int, optional
-        Threads that share the shrinking; default all processors.
-
-    Yields
-    ------
-    Step
-    """
-    # Derivatives are proportional to the peak, so the largest one that vanishes must be, too.
-    penalties = [penalty * max(peak, LEAST_PEAK) ** (exponent - 2.0) for penalty in penalties]
-    latent = guess = solver.solve(weight * penalties[0], None, sparsity.coupling) if start is None else start
-    polynomial, pull = shrinkage(exponent), np.empty_like(latent)
-    workspaces = [workspace(latent) for _ in range(min(thread_count(threads), len(_blocks(latent))))]
-    for penalty in penalties:
-        # In units of (weight / beta)^(1 / (2 - p)) the shrinkage has no parameter but p.
-        vanishing = np.float32(threshold(exponent) * penalty ** (-1.0 / (2.0 - exponent)))
-        _shrink(guess, sparsity.shrink, (vanishing, polynomial, solver.periodic), workspaces, pull)
-        out = None if guess is latent else guess
-        before, latent = latent, solver.solve(weight * penalty, pull, sparsity.coupling, out=out)
-        change, guess = _extrapolate(before, latent, np.float32(ahead), threads), before
-        yield Step(latent, change)
 
 
 def _shrink(

@@ -17,7 +17,7 @@ from scipy import fft
 
 from rsdeblur._util.threads import share_map
 from rsdeblur.deconv.coupling import TO_GRADIENT, Coupling
-from rsdeblur.deconv.priors import GRADIENT, brightness, half_quadratic
+from rsdeblur.deconv.priors import DerivativePrior, brightness
 from rsdeblur.estimate.periodograms import wrapped
 from rsdeblur.estimate.posterior import UNDESCRIBED
 from rsdeblur.estimate.sharpness import assumed, concentrations, contrast_shares, scale_of, upright
@@ -78,7 +78,7 @@ class QuickSharpness:
         down, across = self._tiles.centres
         #: Centres of the rows and columns of tiles, as shares of the upright picture's height and width.
         self.centres = down / light.shape[0], across / light.shape[1]
-        self._weight, self._peak = tuning.weight("tv", 1.0), brightness(light)
+        self._prior = DerivativePrior("tv", tuning.weight("tv", 1.0), peak=brightness(light))
 
     def _bank(self, recording: Moving, rows: FloatArray, cols: FloatArray) -> PsfBank:
         paths = BlurPaths.from_capture(recording.capture(self._scale), rows, cols)
@@ -111,16 +111,7 @@ class QuickSharpness:
 
     def _under(self, otfs: ComplexArray) -> FloatArray:
         solver = self._tiles.solver(otfs)
-        steps = half_quadratic(
-            *(solver, GRADIENT),
-            weight=self._weight,
-            exponent=1.0,
-            peak=self._peak,
-            penalties=PENALTIES,
-            ahead=0.0,
-            threads=1,
-        )
-        *_, last = steps
+        *_, last = self._prior.steps(solver, penalties=PENALTIES, ahead=0.0, threads=1)
         return self._shares * concentrations(self._tiles.parts(last.latent))
 
 

@@ -128,6 +128,9 @@ def deconvolve_with(
     encoded = EncodedImage.of(image, options.transfer)
     bank = _bank(psf, encoded.shape)
     check_bank(bank, encoded.shape)
+    if bank.displacements is None:
+        # Kernels, unlike paths, have no half size.
+        options = replace(options, chroma="full")
     out, channelled = result_like(image, out)
     mode, (bands, strips) = mode_of(bank), bank.kernels.shape[:2]
     split = split_highlights(encoded, options, lambda: bank, clock)
@@ -148,6 +151,7 @@ def deconvolve_with(
         coverage=np.broadcast_to(np.True_, encoded.shape[:2]),
         timings=clock.timings,
         noise=strengths.noise,
+        chroma=settings.chroma_of(bank.size, encoded.shape),
     )
 
 

@@ -218,7 +218,10 @@ class Plan:
         clock: StageClock,
     ) -> DeblurResult:
         assert self.strengths is not None
+        assert self.grid is not None
         bands, strips = self.bank.kernels.shape[:2]
+        # The solver is planned for the largest kernels of the grid.
+        tall, wide = map(max, self.bank.size, self.grid.size)
         return DeblurResult(
             image=out,
             psfs=self.frame.bank(self.bank),
@@ -231,7 +234,7 @@ class Plan:
             check=check,
             noise=self.strengths.noise,
             refinement=self.refinement,
-            chroma=self._settings.chroma_of(self.bank, encoded.shape),
+            chroma=self._settings.chroma_of((tall, wide), encoded.shape),
         )
 
     def _encoded(self, image: ArrayLike) -> EncodedImage:

@@ -9,7 +9,7 @@ from typing import Any
 
 from rsdeblur.choices import Border, Boundary, Chroma, Mode, Planning, Prior, Solver
 from rsdeblur.deconv.boundary import extended, extended_shape
-from rsdeblur.deconv.chroma import HalfChroma, PictureSolver, half_shape, halved, luma_strength, suits_half
+from rsdeblur.deconv.chroma import HalfChroma, PictureSolver, half_shape, halved, luma_share, suits_half
 from rsdeblur.deconv.plug_and_play import DENOISERS, PlugAndPlayPrior
 from rsdeblur.deconv.priors import DerivativePrior, LatentPrior
 from rsdeblur.deconv.quadratic import TileQuadratic
@@ -37,7 +37,7 @@ class Strengths:
     weight : float or None
         Weight of the prior; None for the Wiener filter.
     peak : float
-        Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`; 1 for the Wiener filter.
+        Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
     wavelet : WaveletPrior, optional
         The learned prior with all its numbers; None for other priors.
     noise : float, optional
@@ -60,7 +60,7 @@ class SolverSettings:
     nsr, weight : float
         Numbers, never "auto"; `weight` is None for the Wiener filter.
     peak : float
-        Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`; 1 for the Wiener filter.
+        Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
     wavelet : WaveletPrior, optional
         The learned prior with all its numbers; None for other priors.
     border, boundary
@@ -119,9 +119,9 @@ class SolverSettings:
             return self.wavelet
         return DerivativePrior(self.prior, self.weight, self.exponent, self.peak)
 
-    def chroma_of(self, bank: PsfBank, shape: tuple[int, int, int]) -> Chroma:
-        """Return the resolution at which the colours of a picture are restored."""
-        return "half" if self.chroma == "half" and suits_half(bank, shape) else "full"
+    def chroma_of(self, size: tuple[int, int], shape: tuple[int, int, int]) -> Chroma:
+        """Return the resolution of the colours of pictures (H, W, C), restored with kernels of a size (px)."""
+        return "half" if self.chroma == "half" and suits_half(size, shape) else "full"
 
     def plan_solver(self, capture: Capture | None, bank: PsfBank, shape: tuple[int, int, int], first: int = 0) -> Solve:
         """Plan the solver. The returned function restores one picture and reports its progress.
@@ -152,7 +152,7 @@ class SolverSettings:
         """Plan a solver of tiles, whose PSFs can be replaced later."""
         if self.mode == "rowwise":
             raise InputError('mode="rowwise" has no tiles')
-        if self.chroma_of(bank, shape) == "half":
+        if self.chroma_of(bank.size, shape) == "half":
             return self._half_chroma(bank, shape)
         prior = self.latent_prior
         if prior is None:
@@ -164,12 +164,12 @@ class SolverSettings:
     def _half_chroma(self, bank: PsfBank, shape: tuple[int, int, int]) -> HalfChroma:
         """Plan a solver of the brightness, and one of the picture at half size."""
         half = replace(self, chroma="full")
-        own = self.nsr if self.weight is None else self.weight
-        strength = luma_strength(own, self.prior, self.exponent)
-        luma = replace(half, nsr=strength) if self.weight is None else replace(half, weight=strength)
+        share = luma_share(self.prior, self.exponent)
+        luma = replace(half, nsr=share * self.nsr) if self.weight is None else replace(half, weight=share * self.weight)
         return HalfChroma(
             luma.plan_tiles(bank, (*shape[:2], 1)),
             half.plan_tiles(halved(bank, threads=self.threads), half_shape(shape)),
+            peak=self.peak,
             threads=self.threads,
         )
 

@@ -88,16 +88,15 @@ def derive_strengths(
     given : bool, default False
         Whether the PSFs are the caller's own, which count as exact and may describe a picture that repeats.
     """
-    prior = options.prior
-    if prior == "wiener" and options.nsr != "auto":
-        return Strengths(options.nsr, None, 1.0), options.nsr
+    peak = brightness(split.remainder(slice(None), 4))
+    if options.prior == "wiener" and options.nsr != "auto":
+        return Strengths(options.nsr, None, peak), options.nsr
     rows, part = tuned_part(split.encoded.shape, bank())
     noise = None if options.noise == "auto" else options.noise
     one_filter, continued = mode == "global", mode != "rowwise"
     repeats = given and options.border == "periodic"
     tuned = split.remainder(rows, threads=options.threads) if light is None else light[rows]
     tuning = Tuning.of(tuned, part, noise=noise, one_filter=one_filter, continued=continued, repeats=repeats)
-    peak = 1.0 if prior == "wiener" else brightness(split.remainder(slice(None), 4))
     return tuned_strengths(tuning, options, peak, given=given)
 
 
@@ -141,7 +140,7 @@ def tuned_strengths(tuning: Tuning, options: Options, peak: float, *, given: boo
     prior = options.prior
     if prior == "wiener":
         nsr = tuning.wiener_nsr if options.nsr == "auto" else options.nsr
-        return Strengths(nsr, None, 1.0, noise=tuning.noise), nsr
+        return Strengths(nsr, None, peak, noise=tuning.noise), nsr
     nsr = _prior_nsr(tuning, options, peak, given=given) if options.nsr == "auto" else options.nsr
     if prior == "wavelet":
         wavelet = tuning.wavelet(None if options.weight == "auto" else options.weight)

@@ -18,12 +18,14 @@ from rsdeblur import (
     PsfBank,
     TileQuadratic,
     deblur,
+    deconvolve,
     hand_shake,
+    plan,
     psfs,
     scene,
     simulate,
 )
-from rsdeblur.deconv.chroma import LEAST_SIZE, LUMA_STRENGTH, halved, luma_strength, suits_half
+from rsdeblur.deconv.chroma import LEAST_SIZE, LUMA_STRENGTH, halved, luma_share, suits_half
 from rsdeblur.kernels.chroma import separate
 from rsdeblur.pipeline.settings import SolverSettings, Strengths
 
@@ -48,7 +50,7 @@ def solver_of(bank, prior, chroma="half"):
 
 def one_plane(bank, prior, share=1.0):
     """Return the solver of a single plane with the strength that the brightness has, or a share of it."""
-    strength = share * luma_strength(NSR if prior == "wiener" else WEIGHT, prior, 2 / 3)
+    strength = share * luma_share(prior, 2 / 3) * (NSR if prior == "wiener" else WEIGHT)
     if prior == "wiener":
         return Deconvolver(bank, SHAPE[:2], nsr=strength).apply
     solver = TileQuadratic(bank, SHAPE[:2], nsr=NSR)
@@ -141,13 +143,26 @@ def test_progress_only_rises(capture):
 
 
 def test_what_suits_it():
+    size = LEAST_SIZE, LEAST_SIZE - 2
+    assert suits_half(size, SHAPE)
+    assert not suits_half((LEAST_SIZE - 2, LEAST_SIZE - 2), SHAPE)
+    assert not suits_half(size, (121, 161, 1))
+    assert not suits_half(size, (7, 9, 3))
+
+
+def test_own_kernels_have_full_colours_and_paths_may_have_half(capture):
     bank = bank_of(0.08)
-    assert max(bank.size) >= LEAST_SIZE
-    assert suits_half(bank, SHAPE)
-    assert not suits_half(bank, (121, 161, 1))
-    assert not suits_half(bank, (9, 9, 3))
-    assert not suits_half(PsfBank(bank.kernels, bank.rows, bank.cols), SHAPE)
-    assert not suits_half(PsfBank.for_picture([[0.0, 1.0, 0.0]], SHAPE), SHAPE)
+    drawn = PsfBank(bank.kernels, bank.rows, bank.cols)
+    results = [deconvolve(capture.blurred, psf, border="blend", quality="fast") for psf in (drawn, bank)]
+    assert [result.chroma for result in results] == ["full", "half"]
+
+
+def test_replans_have_the_colours_of_their_plan(capture):
+    recording = LOG, CAMERA, Exposure(0.08, 0.04)
+    planned = plan(*recording).prepare(capture.blurred)
+    shorter = planned.replan(LOG, Exposure(0.08, 0.001)).apply(capture.blurred)
+    assert max(shorter.psfs.size) < LEAST_SIZE
+    assert shorter.chroma == "half"
 
 
 @pytest.mark.parametrize("options", [{"mode": "rowwise"}, {"prior": "wavelet"}, {"border": "unknown"}], ids=str)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -15,9 +13,7 @@ from rsdeblur.deconv.priors import (
     GRADIENT,
     PENALTIES,
     DerivativePrior,
-    Sparsity,
     brightness,
-    half_quadratic,
     shrinkage,
     threshold,
 )
@@ -137,14 +133,12 @@ def derivatives_penalty(picture: np.ndarray, exponent: float) -> float:
     return float(sum((np.sqrt((part**2).sum(axis=2)) ** exponent).sum() for part in derivatives)) / 2
 
 
-@pytest.mark.parametrize("exponent", [0.5, 2 / 3, 1.0])
 @pytest.mark.parametrize(
-    ("sparsity", "penalty"), [(GRADIENT, gradient_penalty), (DERIVATIVES, derivatives_penalty)], ids=["first", "second"]
+    ("kind", "exponent"), [("tv", 1.0), *(("hyper-laplacian", exponent) for exponent in (0.5, 2 / 3, 1.0))]
 )
-def test_the_splitting_descends(
-    blurred: np.ndarray, sparsity: Sparsity, penalty: Callable[[np.ndarray, float], float], exponent: float
-) -> None:
-    weight = 0.002
+def test_the_splitting_descends(blurred: np.ndarray, kind: str, exponent: float) -> None:
+    prior, weight = DerivativePrior(kind, 0.002, exponent), 0.002
+    sparsity, penalty = (GRADIENT, gradient_penalty) if kind == "tv" else (DERIVATIVES, derivatives_penalty)
     own = solver(nsr=0.0)
     own.prepare(blurred)
 
@@ -153,7 +147,7 @@ def test_the_splitting_descends(
 
     before = objective(own.solve(weight * PENALTIES[0], None, sparsity.coupling))
     changes = []
-    for step in half_quadratic(own, sparsity, weight=weight, exponent=exponent, threads=1):
+    for step in prior.steps(own, threads=1):
         now = objective(step.latent)
         assert now < before
         before = now
