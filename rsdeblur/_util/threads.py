@@ -142,6 +142,24 @@ def share_map(function: Callable[[Item], Result], items: Sequence[Item], threads
     return [results[n] for n in range(len(items))]
 
 
+@contextmanager
+def beside(function: Callable[[], Result], threads: int | None) -> Iterator[Callable[[], Result]]:
+    """Let another thread call `function` while the body runs; the body gets a function that waits for the result.
+
+    Parameters
+    ----------
+    function : callable
+        What is called, once.
+    threads : int or None
+        Number of threads in all, None means all processors; with one of them, the body's function calls `function`.
+    """
+    if thread_count(threads) == 1:
+        yield function
+        return
+    with _pool(2) as pool:
+        yield pool.submit(function).result
+
+
 def share_range(work: Callable[[int, int], None], count: int, threads: int | None) -> None:
     """Call `work(first, stop)` for parts of `range(count)` that cover it, shared by threads as in :func:`share`.
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from rsdeblur.choices import Prior
 from rsdeblur.deconv.priors import LEAST_PEAK
-from rsdeblur.kernels.chroma import joined, separate
+from rsdeblur.kernels.chroma import join, separate
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import Denoiser, FloatArray, FloatImage, StageProgress
@@ -38,7 +38,7 @@ class PictureSolver(Protocol):
         """Use other PSFs from now on; see :meth:`rsdeblur.Deconvolver.replan`."""
 
     def __call__(self, light: FloatImage, progress: StageProgress) -> FloatImage:
-        """Restore one picture (H, W, C)."""
+        """Restore one picture (H, W, C), which may be overwritten."""
 
 
 class HalfChroma:
@@ -66,7 +66,7 @@ class HalfChroma:
         self._half.replan(halved(bank, threads=self._threads))
 
     def __call__(self, light: FloatImage, progress: StageProgress) -> FloatImage:
-        """Restore one picture (H, W, 3) and report the finished fraction."""
+        """Restore one picture (H, W, 3), which is overwritten, and report the finished fraction."""
 
         def part(done: float, share: float) -> StageProgress:
             return lambda fraction: progress(done + share * fraction)
@@ -74,7 +74,9 @@ class HalfChroma:
         luma, half = separate(light, self._threads)
         luma = self._luma(luma, part(0.0, LUMA_WORK))
         half = self._half(half, part(LUMA_WORK, 1.0 - LUMA_WORK))
-        return joined(luma, half, self._peak, self._threads)
+        # New memory of that size would take the system as long as the work itself.
+        join(luma, half, self._peak, light, self._threads)
+        return light
 
 
 def luma_share(prior: Prior | Denoiser, exponent: float) -> float:

@@ -28,9 +28,9 @@ from rsdeblur.deconv.tiling import Tile, Tiling
 from rsdeblur.kernels import lines, spectral
 from rsdeblur.types import ComplexArray, Float32Array, Int32Array
 
-# Picture rows per block. 16 rows of 2048 RGB pixels and their spectrum are 0.8 MB, within a second-level cache of 1 to
-# 2 MB.
-ROWS = 16
+# Picture rows per block: so many that they and their spectrum fill these bytes, within a second-level cache of 1 to 2
+# MB. With more rows than the most, small pictures have too few blocks for many threads.
+ROW_BYTES, LEAST_ROWS, MOST_ROWS = 800_000, 16, 64
 # Columns per block: two cache lines of complex values. A slab holds one band of a block of columns; so many bytes of
 # slabs are transformed together.
 COLUMNS = 16
@@ -129,6 +129,7 @@ class Hybrid:
     ) -> None:
         self.height, _, self.channels = shape
         self.bands, self.strips = bands, strips
+        self._block = _rows_per_block(self.channels * strips.length)
         self._periodic = border == "periodic"
         self._strip_fade, self._band_fade = fade(strips.taper), fade(bands.taper)
         self.frequencies = strips.length // 2 + 1
@@ -147,7 +148,7 @@ class Hybrid:
 
     def new_spectra(self) -> ComplexArray:
         """Return memory for the spectra of all rows of one strip, not initialised."""
-        padded_height = -(-self.height // ROWS) * ROWS
+        padded_height = -(-self.height // self._block) * self._block
         # The 8 columns more make the number of cache lines in a row odd: with rows a multiple of 4096 bytes apart, all
         # would share cache sets.
         spectra: ComplexArray = empty((self.channels, padded_height, self.blocks * COLUMNS + 8), np.complex64)
@@ -170,7 +171,7 @@ class Hybrid:
 
         def block(thread: int, top: int) -> None:
             worker = self._workers[thread]
-            rows = min(ROWS, self.height - top)
+            rows = min(self._block, self.height - top)
             all_finite = lines.picture_to_lines(
                 picture, top, rows, strip.start, self._strip_fade, self._periodic, worker.rows.real
             )
@@ -178,9 +179,9 @@ class Hybrid:
                 finite[0] = False
             worker.rows.move(self._rows(spectra, top))
             worker.rows.forward()
-            spectra[:, top : top + ROWS, self.frequencies :] = 0
+            spectra[:, top : top + self._block, self.frequencies :] = 0
 
-        self.team.share(block, range(0, self.height, ROWS))
+        self.team.share(block, range(0, self.height, self._block))
         return finite[0]
 
     def keep_columns(self, spectra: ComplexArray, columns: ComplexArray) -> None:
@@ -265,18 +266,18 @@ class Hybrid:
 
         def block(thread: int, top: int) -> None:
             worker = self._workers[thread]
-            rows, offset = min(ROWS, self.height - top), strip.first - strip.start
+            rows, offset = min(self._block, self.height - top), strip.first - strip.start
             worker.rows.move(self._rows(spectra, top))
             worker.rows.inverse()
             if clear:
                 out[top : top + rows] = 0
             lines.lines_to_picture(worker.rows.real, rows, offset, strip.weights, strip.first, several, out, top)
 
-        self.team.share(block, range(0, self.height, ROWS))
+        self.team.share(block, range(0, self.height, self._block))
 
     def _rows(self, spectra: ComplexArray, top: int) -> ComplexArray:
         """Return a view of a block of rows."""
-        return spectra[:, top : top + ROWS, : self.frequencies]
+        return spectra[:, top : top + self._block, : self.frequencies]
 
 
 class _Worker:
@@ -291,7 +292,14 @@ class _Worker:
         slabs: int,
         planning: Planning,
     ) -> None:
-        channels = spectrum.shape[0]
-        self.rows = RowTransform((channels, ROWS, row_length), planning, spectrum)
+        channels, rows, _ = spectrum.shape
+        self.rows = RowTransform((channels, rows, row_length), planning, spectrum)
         self.slabs = LineTransform((slabs, channels, COLUMNS, slab_length), planning)
         self.kept, self.columns, self.blended = (empty((channels, COLUMNS, height), np.complex64) for _ in range(3))
+
+
+def _rows_per_block(values: int) -> int:
+    """Return the rows per block if a row has so many values, of all channels."""
+    # A value takes 4 bytes, and so does its share of the spectrum.
+    rows = ROW_BYTES // (8 * values) // LEAST_ROWS * LEAST_ROWS
+    return max(LEAST_ROWS, min(rows, MOST_ROWS))

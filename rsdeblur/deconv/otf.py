@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur.deconv.fft import LineTransform, RowTransform, fast_length
+from rsdeblur.kernels.otf import columns_around_origin, lowest_frequencies, rows_around_origin
 from rsdeblur.kernels.spread import OVERSAMPLING, WIDTH, spread, window_spectrum
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray
@@ -43,10 +44,9 @@ class OtfPlanner:
             return self._of_kernels.rows(bank.kernels[band, strip])
         path = self._of_paths
         path.soften(bank.softness)
-        spread(bank.displacements[band, strip], path.pitches, path.grid)
         # The mean is the brightness of the picture, so it must be exact.
-        path.grid /= path.grid.sum() / path.mean
-        return path.rows(path.grid)
+        total = spread(bank.displacements[band, strip], path.pitches, path.grid)
+        return path.rows(path.grid, path.mean / total)
 
     def columns(self, bank: PsfBank, spectrum: ComplexArray, first: int) -> ComplexArray:
         """Return columns of the OTF from `first` on, shape (COLUMNS, lengths[0]); the next call overwrites them.
@@ -91,27 +91,21 @@ class _GridTransform:
     """
 
     def __init__(self, rows: int, lengths: tuple[int, int], points: tuple[int, int]) -> None:
-        self._lengths, self._points = lengths, points
+        self._lengths = lengths
         self._rows = RowTransform((rows, points[1]))
         self._columns = LineTransform((COLUMNS, points[0]))
+        # Gains of the frequencies along y and x.
+        self._down, self._across = (np.ones(n, np.float32) for n in (lengths[0], lengths[1] // 2 + 1))
 
-    def rows(self, grid: NDArray[np.floating]) -> ComplexArray:
-        """Return the row spectra of `grid`, whose centre is the origin."""
-        real, left = self._rows.real[: len(grid)], grid.shape[1] // 2
-        real[...] = 0
-        real[:, : grid.shape[1] - left] = grid[:, left:]
-        real[:, real.shape[1] - left :] = grid[:, :left]
+    def rows(self, grid: NDArray[np.floating], factor: float = 1.0) -> ComplexArray:
+        """Return the row spectra of `grid` times a factor; its centre is the origin."""
+        rows_around_origin(grid, factor, self._rows.real[: len(grid)])
         self._rows.forward()
         return self._rows.spectrum[: len(grid), : self._lengths[1] // 2 + 1]
 
     def columns(self, spectrum: ComplexArray, first: int) -> ComplexArray:
         """Return some columns of the transform of the row spectra; the next call overwrites them."""
-        part, up = spectrum[:, first : first + COLUMNS].T, len(spectrum) // 2
-        self._columns.lines[len(part) :] = 0
-        columns = self._columns.lines[: len(part)]
-        columns[:, : len(spectrum) - up] = part[:, up:]
-        columns[:, len(spectrum) - up : self._points[0] - up] = 0
-        columns[:, self._points[0] - up :] = part[:, :up]
+        columns_around_origin(spectrum, self._across, first, self._columns.lines)
         self._columns.forward()
         return self._columns.spectra
 
@@ -142,32 +136,22 @@ class _PathTransform(_GridTransform):
             np.exp(-2 * np.square(np.pi * softness * frequencies))
             for frequencies in (np.fft.fftfreq(self._lengths[0]), np.fft.rfftfreq(self._lengths[1]))
         )
-        # Each gain twice, for real and imaginary parts: numpy would multiply complex numbers.
+        # The spectrum of the grid is that of the path times that of the window.
         self._down, self._across = (
-            np.repeat((gain / window).astype(np.float32), 2)
-            for gain, window in zip((down, across), self._windows, strict=True)
+            (gain / window).astype(np.float32) for gain, window in zip((down, across), self._windows, strict=True)
         )
 
-    def rows(self, grid: NDArray[np.floating]) -> ComplexArray:
-        """Return the row spectra of `grid`, whose centre is the origin, without that of the window."""
-        spectrum = super().rows(grid)
-        parts = spectrum.view(np.float32)
-        parts *= self._across
+    def rows(self, grid: NDArray[np.floating], factor: float = 1.0) -> ComplexArray:
+        """Return the row spectra of `grid` times a factor; its centre is the origin."""
+        spectrum = super().rows(grid, factor)
         if self._lengths[1] % 2 == 0:
             # The highest frequency has either sign, so that its phase is cos(pi x).
-            spectrum[:, -1] = spectrum[:, -1].real
+            spectrum.imag[:, -1] = 0
         return spectrum
 
     def columns(self, spectrum: ComplexArray, first: int) -> ComplexArray:
-        """Return some columns of the transform of the row spectra, without that of the window."""
-        columns = super().columns(spectrum, first)
-        length, points = self._lengths[0], self._points[0]
-        half = length // 2
-        if length % 2 == 0:
-            columns[:, points - half] = (columns[:, points - half] + columns[:, half]) / 2
-        parts, out, split = columns.view(np.float32), self._out.view(np.float32), 2 * (length - half)
-        np.multiply(parts[:, :split], self._down[:split], out=out[:, :split])
-        np.multiply(parts[:, 2 * (points - half) :], self._down[split:], out=out[:, split:])
+        """Return some columns of the transform of the row spectra; the next call overwrites them."""
+        lowest_frequencies(super().columns(spectrum, first), self._down, self._out)
         return self._out
 
 

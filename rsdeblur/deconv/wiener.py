@@ -25,6 +25,7 @@ from rsdeblur.deconv.otf import OtfPlanner
 from rsdeblur.deconv.tiling import BAND_EXCESS, Tiling
 from rsdeblur.errors import InputError
 from rsdeblur.kernels import spectral
+from rsdeblur.kernels.otf import put_columns
 from rsdeblur.kernels.wiener import invert
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import ComplexArray, FloatImage
@@ -236,7 +237,7 @@ class TileFilter:
 
     def _fill_otfs(self, bank: PsfBank, out: ComplexArray, put: PutColumns | None = None) -> None:
         """Fill `out` with the OTFs of all tiles, or with the filters that `put` computes from them."""
-        parts, put = range(0, self._hybrid.frequencies, otf.COLUMNS), put or _put_columns
+        parts, put = range(0, self._hybrid.frequencies, otf.COLUMNS), put or put_columns
 
         def fill(thread: int, s: int, b: int, spectrum: ComplexArray, first: int) -> None:
             put(self._planners[thread].columns(bank, spectrum, first), first // COLUMNS, b, out[s])
@@ -395,13 +396,6 @@ class TileBlur(TileFilter):
             if self._conjugates is None:
                 self._conjugates = self._filters.conj()
             return self._apply(self._conjugates, picture, None, None)
-
-
-def _put_columns(columns: ComplexArray, block: int, band: int, out: ComplexArray) -> None:
-    """Copy columns (N, L) of a band to `out` (blocks, B, COLUMNS, L) from a block on; those beyond it are ignored."""
-    target = out[block:, band]
-    blocks = columns.reshape(-1, *target.shape[1:])[: len(target)]
-    target[: len(blocks)] = blocks
 
 
 def _check_fit(bank: PsfBank, height: int, width: int) -> None:

@@ -63,8 +63,12 @@ def keep_colours_near_clipped(
         return
     step = max(LEAST_CELL, size[0] // CELLS), max(LEAST_CELL, size[1] // CELLS)
     window = tuple(2 * int(np.ceil(WINDOW / 2 * length / cell)) + 1 for length, cell in zip(size, step, strict=True))
-    clipped, lowest, highest = _measured(EncodedImage(values, encoded.transfer), white, step, threads)
+    photo = EncodedImage(values, encoded.transfer)
+    clipped = _clipped(photo, white, step, threads)
     near = ndimage.uniform_filter(ndimage.maximum_filter(clipped, window, mode="nearest"), FADE, mode="nearest")
+    # Limits are interpolated between cells, of which some have no weight.
+    needed = ndimage.maximum_filter(near > 0, [n + 2 for n in window], mode="nearest")
+    lowest, highest = _extremes(photo, needed, step, threads)
     low = ndimage.minimum_filter(lowest, (*window, 1), mode="nearest")
     high = ndimage.maximum_filter(highest, (*window, 1), mode="nearest")
     luma, chroma = high[..., :1] - low[..., :1], (high - low)[..., 1:].max(axis=2, keepdims=True)
@@ -80,20 +84,32 @@ def keep_colours_near_clipped(
     share(limit_rows, range(0, height, ROWS), threads)
 
 
-def _measured(
-    encoded: EncodedImage, white: float, step: tuple[int, int], threads: int | None
-) -> tuple[Float32Array, Float32Array, Float32Array]:
-    """Return 1 for cells with a clipped pixel, else 0, and the extremes of luma and chroma in each cell."""
-    height, width, channels = encoded.shape
-    tops, lefts = range(0, height, step[0]), np.arange(0, width, step[1])
-    clipped = np.empty((len(tops), len(lefts)), np.float32)
-    lowest, highest = np.empty((2, *clipped.shape, channels + 1), np.float32)
+def _clipped(photo: EncodedImage, white: float, step: tuple[int, int], threads: int | None) -> Float32Array:
+    """Return 1 for cells with a clipped pixel, else 0."""
+    height, width, channels = photo.shape
+    clipped = np.zeros((-(-height // step[0]), -(-width // step[1])), np.float32)
+
+    def find(_: int, n: int) -> None:
+        brightest: NDArray[np.generic] = photo.values[n * step[0] : (n + 1) * step[0]].max(axis=0)
+        clipped[n, np.flatnonzero(brightest == white) // (step[1] * channels)] = 1
+
+    share(find, range(len(clipped)), threads)
+    return clipped
+
+
+def _extremes(
+    photo: EncodedImage, needed: NDArray[np.bool_], step: tuple[int, int], threads: int | None
+) -> tuple[Float32Array, Float32Array]:
+    """Return the extremes of luma and chroma in the cells that are needed, and 0 in the others."""
+    lowest, highest = np.zeros((2, *needed.shape, photo.shape[2] + 1), np.float32)
 
     def measure(_: int, n: int) -> None:
-        rows = slice(tops[n], tops[n] + step[0])
-        brightest: NDArray[np.generic] = encoded.values[rows].max(axis=0)
-        clipped[n] = np.maximum.reduceat(brightest, lefts).max(axis=1) == white
-        extremes(np.sqrt(np.maximum(encoded.linear(rows), 0)), step[1], lowest[n], highest[n])
+        rows = photo.values[n * step[0] : (n + 1) * step[0]]
+        # Each run of needed cells begins and ends where they change.
+        changes = np.flatnonzero(np.diff(needed[n], prepend=False, append=False))
+        for first, end in changes.reshape(-1, 2):
+            cells = EncodedImage(rows[:, first * step[1] : end * step[1]], photo.transfer).linear(slice(None))
+            extremes(np.sqrt(np.maximum(cells, 0)), step[1], lowest[n, first:end], highest[n, first:end])
 
-    share(measure, range(len(tops)), threads)
-    return clipped, lowest, highest
+    share(measure, range(len(needed)), threads)
+    return lowest, highest

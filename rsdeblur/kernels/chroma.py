@@ -130,8 +130,8 @@ def _evaluate(lines, luma, first, last, out):
                 out[y, x, c] = slope * luma[y, x, 0] + offset
 
 
-def joined(luma: FloatImage, half: FloatImage, peak: float, threads: int | None = None) -> FloatImage:
-    """Return the picture that has a brightness, and at half size about the colours of another one.
+def join(luma: FloatImage, half: FloatImage, peak: float, out: FloatImage, threads: int | None = None) -> None:
+    """Fill the picture that has a brightness, and at half size about the colours of another one.
 
     Parameters
     ----------
@@ -141,25 +141,20 @@ def joined(luma: FloatImage, half: FloatImage, peak: float, threads: int | None 
         The colours.
     peak : float
         Value of the picture's bright parts.
+    out : ndarray, shape (H, W, 3), float32
+        Receives the picture.
     threads : int, optional
         Threads that share the rows; any number gives the same bits.
-
-    Returns
-    -------
-    ndarray, shape (H, W, 3), float32
-        The picture.
     """
     flat, dark = (max(np.float32(share), TINY) for share in (FLAT * peak**2, DARK * peak))
     lines = np.empty((*half.shape[:2], 6), np.float32)
-    out = np.empty((*luma.shape[:2], 3), np.float32)
     tops, lasts = range(0, len(half), ROWS), range(0, len(out), 2 * ROWS)
     share(lambda _, top: _fit(half, top, min(top + ROWS, len(half)), flat, dark, lines), tops, threads)
     share(lambda _, top: _evaluate(lines, luma, top, min(top + 2 * ROWS, len(out)), out), lasts, threads)
-    return out
 
 
-def joined_numpy(luma: FloatImage, half: FloatImage, peak: float) -> FloatImage:
-    """Readable twin of :func:`joined`."""
+def join_numpy(luma: FloatImage, half: FloatImage, peak: float, out: FloatImage) -> None:
+    """Readable twin of :func:`join`."""
     own = half @ np.array([[RED], [GREEN], [BLUE]])
     mean, square, colour, product = (
         uniform_filter(values, 3, mode="nearest", axes=(0, 1)) for values in (own, own * own, half, own * half)
@@ -168,8 +163,7 @@ def joined_numpy(luma: FloatImage, half: FloatImage, peak: float) -> FloatImage:
     ratio = np.minimum((np.maximum(colour, 0) + dark) / (np.maximum(mean, 0) + dark), MOST_RATIO)
     slope = (product - mean * colour + flat * ratio) / (np.maximum(square - mean * mean, 0) + flat)
     slope, offset = (_doubled(values, luma.shape) for values in (slope, half - slope * own))
-    picture: FloatImage = (slope * luma + offset).astype(np.float32)
-    return picture
+    out[...] = slope * luma + offset
 
 
 def _doubled(values: NDArray[np.floating], shape: tuple[int, ...]) -> NDArray[np.floating]:

@@ -78,7 +78,12 @@ def limit(rows, top, tall, wide, weight, least, most):
         place = min(max((top + y + 0.5) / tall - 0.5, 0.0), down - 1.0)
         above = int(place)
         under, low = min(above + 1, down - 1), np.float32(place - above)
-        for x in range(width):
+        # Weights are interpolated, so they reach up to the centres of the next cells.
+        first, last = across, -1
+        for n in range(across):
+            if weight[above, n] != 0 or weight[under, n] != 0:
+                first, last = min(first, n), n
+        for x in range(max((first - 1) * wide, 0), min((last + 2) * wide, width)):
             place = min(max((x + 0.5) / wide - 0.5, 0.0), across - 1.0)
             left = int(place)
             right, far = min(left + 1, across - 1), np.float32(place - left)

@@ -152,8 +152,21 @@ def interpolated_numpy(
     return kernels
 
 
-def spread(path: NDArray[np.float64], pitches: tuple[float, float], grid: FloatArray) -> None:
-    """Spread a path of unit energy over a grid.
+@njit(nogil=True, error_model="numpy")
+def _spread_within(path, down, across, table, grid):
+    high, wide = (grid.shape[0] - 1 - WIDTH) / 2 / down, (grid.shape[1] - 1 - WIDTH) / 2 / across
+    fits = True
+    for k in range(len(path)):
+        # A displacement that is NaN does not fit.
+        fits &= abs(path[k, 0]) <= wide and abs(path[k, 1]) <= high
+    grid[...] = 0 if fits else np.nan
+    if fits:
+        _spread(path, down, across, table, grid)
+    return grid.sum()
+
+
+def spread(path: NDArray[np.float64], pitches: tuple[float, float], grid: FloatArray) -> float:
+    """Spread a path of unit energy over a grid; return the sum of the grid.
 
     Parameters
     ----------
@@ -165,16 +178,15 @@ def spread(path: NDArray[np.float64], pitches: tuple[float, float], grid: FloatA
         Output, of odd size, with no displacement at the centre; NaN if a displacement is less than half a window from
         the border, or is NaN.
     """
-    grid[...] = 0 if _fits(path, pitches, grid) else np.nan
-    if grid[0, 0] == 0:
-        _spread(path, *pitches, _TABLE, grid)
+    return float(_spread_within(path, *pitches, _TABLE, grid))
 
 
-def spread_numpy(path: NDArray[np.float64], pitches: tuple[float, float], grid: FloatArray) -> None:
+def spread_numpy(path: NDArray[np.float64], pitches: tuple[float, float], grid: FloatArray) -> float:
     """Readable twin of :func:`spread`: first all Gauss points, then a weighted histogram."""
     grid[...] = 0 if _fits(path, pitches, grid) else np.nan
     if grid[0, 0] == 0:
         _spread_numpy(path, pitches, _TABLE, grid)
+    return float(grid.sum())
 
 
 def _spread_numpy(path: NDArray[np.float64], pitches: tuple[float, float], table: FloatArray, grid: FloatArray) -> None:

@@ -14,6 +14,7 @@ from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import BY_QUALITY, MODES, Auto, Mode
 from rsdeblur.errors import InputError
+from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.estimate.refine_frames import REFINED_FRAMES, FramesRefinement, refine_frames
 from rsdeblur.image.encoded import EncodedImage, check_size, result_like
 from rsdeblur.image.frame import ReadoutFrame
@@ -206,8 +207,9 @@ def deblur_burst(
     with clock.stage("psfs"):
         solution = BurstSolution.of(burst, chosen)
     coverage, meter = solution.run(upright, chosen, clock)
-    judge = burst.reference.encoded, upright, burst.reference.alignment.capture
-    check = judged(*judge, meter, chosen, clock)
+    first, capture = burst.reference.encoded, burst.reference.alignment.capture
+    evidence = partial(MotionEvidence.of, first, capture, threads=chosen.threads)
+    check = judged(first, upright, evidence, meter, chosen, clock)
     bank, strengths = solution.bank, solution.together
     shares = dict(zip(burst.used, solution.shares, strict=True))
     return BurstResult(

@@ -179,6 +179,11 @@ class Options:
         return getattr(self.prior, "__name__", "denoiser") if callable(self.prior) else self.prior
 
     @property
+    def judges(self) -> bool:
+        """Whether the result is checked."""
+        return self.check or self.fallback
+
+    @property
     def chroma_in_effect(self) -> Chroma:
         """The resolution of the colours, where pictures and blur permit half of it.
 

@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import html_with_picture, one_line
-from rsdeblur._util.threads import Turns
+from rsdeblur._util.threads import Turns, beside
 from rsdeblur.choices import Chroma
 from rsdeblur.deconv.chroma import PictureSolver
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck, UndershootMeter
+from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.estimate.refine import Refinement, refine
 from rsdeblur.image.encoded import EncodedImage, check_size, result_like
 from rsdeblur.image.frame import ReadoutFrame
@@ -202,11 +203,14 @@ class Plan:
         # Decoded once for strengths and solve, unless memory is bounded.
         threads = self.options.threads
         light = split.remainder(slice(None), threads=threads) if self.options.max_memory is None else None
-        ready = self._prepared(split, clock, light)
         meter = UndershootMeter(encoded.shape[0])
-        coverage = ready._solve(split, light, upright, meter, clock)
-        del light
-        check = judged(encoded, upright, self.capture, meter, self.options, clock)
+        # What the check needs of the blurred picture is measured while other steps leave a processor free.
+        weigh = partial(MotionEvidence.of, encoded, self.capture, threads=1)
+        with beside(weigh, threads if self.options.judges else 1) as evidence:
+            ready = self._prepared(split, clock, light)
+            coverage = ready._solve(split, light, upright, meter, clock)
+            del light
+            check = judged(encoded, upright, evidence, meter, self.options, clock)
         return ready._result(out, encoded, coverage, check, clock)
 
     def _result(

@@ -13,6 +13,7 @@ from rsdeblur.choices import Mode
 from rsdeblur.deconv.plug_and_play import DENOISERS, WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.priors import LEAST_PEAK, brightness
 from rsdeblur.estimate.check import QualityCheck, UndershootMeter, assess, fall_back
+from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.estimate.strength import Tuning
 from rsdeblur.image.clipping import keep_colours_near_clipped
 from rsdeblur.image.encoded import EncodedImage
@@ -240,15 +241,15 @@ def solve_chunks(
 def judged(
     encoded: EncodedImage,
     out: NDArray[Any],
-    capture: Capture,
+    evidence: Callable[[], MotionEvidence],
     meter: UndershootMeter,
     options: Options,
     clock: StageClock,
 ) -> QualityCheck | None:
     """Check the upright result `out`, if the options request it; a bad one may be blended with the picture."""
-    if not (options.check or options.fallback):
+    if not options.judges:
         return None
     with clock.stage("check"):
         result, resampled = EncodedImage(out, encoded.transfer), options.geometry == "rectify"
-        check = assess(encoded, result, capture, meter, resampled=resampled, threads=options.threads)
+        check = assess(evidence(), result, meter, resampled=resampled, threads=options.threads)
         return fall_back(encoded, check, out) if options.fallback and check.verdict == "bad" else check

@@ -107,6 +107,10 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "columns_to_rows": lambda h: [h.pairs(3, 16, 9), h.pairs(3, 9, 30), 2, 5],
     "cut_lines": lambda h: [h.pairs(3, 16, 9), 7, np.array([1, 3], np.int32), h(4), True, h.pairs(2, 3, 16, 12)],
     "rasterize": lambda h: [h(7, 5, 2, dtype=np.float64), 4, 6],
+    "columns_around_origin": lambda h: [h.pairs(3, 6), h(6), 2, h.pairs(4, 5)],
+    "lowest_frequencies": lambda h: [h.pairs(2, 7), h(4), h.pairs(2, 4)],
+    "put_columns": lambda h: [h.pairs(6, 4), 1, 0, h.pairs(2, 2, 3, 4)],
+    "rows_around_origin": lambda h: [h(3, 4, dtype=np.float64), 1.5, h(3, 7)],
     "spread": lambda h: [h(7, 2, dtype=np.float64), (1.25, 1.5), h(21, 15, dtype=np.float64)],
     "interpolated": lambda h: [h(7, 5, 2, dtype=np.float64), 8, 9],
     "add_normal": lambda h: [h.pairs(2, 3, 5, 6), h.pairs(2, 5, 6), h.number(), False, h.pairs(2, 3, 5, 6), h(2, 5, 6)],
@@ -167,7 +171,7 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     ],
     "smoothed_power": lambda h: [h.pairs(2, 6, 4)],
     "separate": lambda h: [h(5, 7, 3)],
-    "joined": lambda h: [h(5, 7, 1), h(3, 4, 3), float(h.number())],
+    "join": lambda h: [h(5, 7, 1), h(3, 4, 3), float(h.number()), h(5, 7, 3)],
     "put_block": lambda h: [h(3, 4, 5), h(3, 3), h(4, 5, 3)],
 }
 

@@ -1,0 +1,242 @@
+"""What a blurred picture alone says of its motion, whatever is done with it.
+
+Its spectra are likelier under the right motion than under alternatives: other sizes of the motion, its mirror image,
+its axes exchanged, straight blurs and no blur. Half a turn of the motion leaves the spectra as they are; there the
+sharp picture that it leads to decides. :mod:`rsdeblur.estimate.check` draws the conclusions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft2, rfft2
+
+from rsdeblur._util.threads import share, share_map
+from rsdeblur.estimate.noise import noise_level
+from rsdeblur.estimate.periodograms import TILE
+from rsdeblur.estimate.quick_sharpness import QuickSharpness
+from rsdeblur.estimate.sharpness import SIDE
+from rsdeblur.estimate.spectra import TilePeriodograms
+from rsdeblur.image.encoded import EncodedImage
+from rsdeblur.kernels.raster import rasterize
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.paths import BlurPaths, Capture
+from rsdeblur.psf import PsfBank
+from rsdeblur.types import FloatArray
+
+# Largest lead that a tile counts for, nats. The edge of a door, say, looks like a straight blur beyond doubt.
+MOST_NATS = 10.0
+# The picture is reduced at least so often, because cameras denoise and sharpen the finest detail, and until the blur is
+# at most so long, px.
+LEAST_REDUCTION, REDUCED_BLUR = 2.0, 16.0
+# Most tiles along each axis of the picture.
+MOST_TILES = 6
+# Least standard deviation of the tiles over that of their noise; with less there is no detail to compare.
+LEAST_DETAIL = 2.0
+# Side of a tile with the pixel before it, which its first differences need, px.
+CELL = TILE + 1
+# Mean length of the paths, px, below which a blur cannot be distinguished from the softness of a lens.
+SHORT = 3.0
+# Alternatives: the motion's size, and lengths (px) and directions of straight blurs.
+SIZES = (0.5, 0.7, 1.4, 2.0)
+LINES, DIRECTIONS = (3.0, 7.0, 15.0), 4
+# Candidates for the power of the scene, as multiples of its mean, which strong edges dominate. For that of the noise
+# there is only its estimate: if less noise were possible, short blurs would explain noise as detail.
+LEVELS = np.ones(1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionEvidence:
+    """What a blurred picture says of its motion.
+
+    Parameters
+    ----------
+    tiles : CheckTiles or None
+        Tiles of the picture; None where they say nothing.
+    unknown : str
+        Sentence that says why they do not; empty where they do.
+    scores : dict
+        Lead of the motion over each alternative, nats, as means of the rows of tiles, shape (B,).
+    half_turn : float or None
+        See :class:`rsdeblur.QualityCheck`.
+    """
+
+    tiles: CheckTiles | None = None
+    unknown: str = ""
+    scores: dict[str, FloatArray] = field(default_factory=dict)
+    half_turn: float | None = None
+
+    @classmethod
+    def of(cls, encoded: EncodedImage, capture: Capture, *, threads: int | None = None) -> MotionEvidence:
+        """Measure a picture.
+
+        Parameters
+        ----------
+        encoded : EncodedImage
+            The blurred picture, readout along y.
+        capture : Capture
+            The motion.
+        threads : int, optional
+            Threads that share the work; default all processors.
+        """
+        length = capture.mean_length
+        height, width, _ = encoded.shape
+        if length < SHORT:
+            return cls(unknown=f"The motion explains {length:.1f} px of blur, too little to be judged.")
+        if min(height, width) < CELL:
+            return cls(unknown=f"The picture is narrower than {CELL} px, too small to judge the motion by.")
+        step = int(max(1.0, min(max(length / REDUCED_BLUR, LEAST_REDUCTION), min(height, width) // (2 * CELL))))
+        tiles, moving = CheckTiles(encoded, capture, step, threads), _Moving(capture)
+        if not tiles.detailed:
+            return cls(unknown="The picture shows no detail to judge the motion by.")
+        # Each is too small to be shared, but they need not wait for each other.
+        measures: tuple[Callable[[], Any], ...] = (
+            lambda: QuickSharpness(_reduced(encoded), moving).half_turn(moving),
+            tiles.alternatives,
+        )
+        turn, scores = share_map(lambda measure: measure(), measures, threads)
+        return cls(tiles, "", scores, turn)
+
+
+class CheckTiles:
+    """Some tiles of a picture, reduced by a whole factor and in grey, with the PSFs there."""
+
+    def __init__(self, encoded: EncodedImage, capture: Capture, step: int, threads: int | None) -> None:
+        self._step = step
+        self._corners = [_spread(n // step) for n in encoded.shape[:2]]
+        self._blurred, finest = self._cells(encoded, threads)
+        self._noise = noise_level(_mosaic(finest)[..., None])
+        rows, cols = (corners + (CELL + 1) / 2 for corners in self._corners)
+        self._paths = BlurPaths.from_capture(_Moving(capture).capture(1 / step), rows, cols)
+        # So few PSFs are drawn sooner than threads start.
+        self._kernels = PsfBank.from_paths(self._paths, threads=1).kernels
+
+    @property
+    def detailed(self) -> bool:
+        """Whether the tiles show more than noise; the reduction has made the noise weaker."""
+        return float(self._blurred.std()) > max(LEAST_DETAIL * self._noise / self._step, 1e-6)
+
+    def _cells(self, encoded: EncodedImage, threads: int | None) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the tiles reduced, and corners of them of the same size unreduced, both (B, S, CELL, CELL)."""
+        tops, lefts = (corners * self._step for corners in self._corners)
+        reduced, finest = np.empty((2, len(tops), len(lefts), CELL, CELL), dtype=np.float32)
+        channels, side = encoded.shape[2], CELL * self._step
+
+        def reduce(_: int, b: int) -> None:
+            for s, left in enumerate(lefts):
+                values = encoded.values[tops[b] : tops[b] + side, left : left + side, :channels]
+                cell = EncodedImage(values, encoded.transfer).grey(slice(None))
+                finest[b, s] = cell[:CELL, :CELL]
+                reduced[b, s] = cell.reshape(CELL, self._step, CELL, self._step).mean(axis=(1, 3))
+
+        share(reduce, range(len(tops)), threads)
+        return reduced, finest
+
+    def alternatives(self) -> dict[str, FloatArray]:
+        """Return the lead of the motion over each alternative, nats, as means of the rows of tiles, shape (B,)."""
+        places = [np.arange(len(corners)) * CELL + 1 for corners in self._corners]
+        measured = TilePeriodograms(_mosaic(self._blurred), *places)
+        shape = tuple(map(len, places))
+
+        def fit(kernels: NDArray[np.float32]) -> FloatArray:
+            expected = measured.expected(kernels)
+            place = np.broadcast_to(np.arange(len(expected)).reshape(kernels.shape[:2]), shape).ravel()
+            return measured.fit(expected, place, levels=LEVELS)[0].reshape(shape)
+
+        of_motion = fit(self._kernels)
+
+        def lead(kernels: NDArray[np.float32]) -> FloatArray:
+            each_row: FloatArray = (fit(kernels) - of_motion).clip(-MOST_NATS, MOST_NATS).mean(axis=1)
+            return each_row
+
+        def best(kernels: Iterable[NDArray[np.float32]]) -> FloatArray:
+            return min(map(lead, kernels), key=lambda score: float(score.sum()))
+
+        turned = np.swapaxes(self._kernels, 2, 3)
+        still = np.ones((1, 1, 1, 1), dtype=np.float32)
+        sized = {size: replace(self._paths, displacements=size * self._paths.displacements) for size in SIZES}
+        return {
+            "mirrored": lead(self._kernels[:, :, ::-1]),
+            "exchanged": best((turned, turned[:, :, ::-1])),
+            "still": lead(still),
+            "straight": best(_lines()),
+            **{f"{size:g} times": lead(PsfBank.from_paths(paths, threads=1).kernels) for size, paths in sized.items()},
+        }
+
+    def compare(
+        self, result: EncodedImage, *, resampled: bool, threads: int | None
+    ) -> tuple[float | None, float | None]:
+        """Return the noise gain and the residual of the result, see :class:`rsdeblur.QualityCheck`."""
+        sharp, finest = self._cells(result, threads)
+        gain = noise_level(_mosaic(finest)[..., None]) / self._noise if self._noise > 0 else None
+        return gain, None if resampled else self._residual(sharp)
+
+    def _residual(self, sharp: NDArray[np.float32]) -> float | None:
+        """Return the residual in the inner parts of the tiles, whose blur needs no pixels outside."""
+        tall, wide = self._kernels.shape[2:]
+        if max(tall, wide) > TILE // 2:
+            return None
+        spectra = rfft2(sharp, (TILE, TILE)) * rfft2(self._kernels, (TILE, TILE))
+        # The part of the periodic convolution that does not wrap around.
+        again = irfft2(spectra, (TILE, TILE))[..., tall - 1 :, wide - 1 :]
+        inner = np.s_[..., tall // 2 : TILE - tall // 2, wide // 2 : TILE - wide // 2]
+        difference = float(np.sqrt(np.mean(np.square(again - self._blurred[inner]))))
+        return difference / float(self._blurred.std())
+
+
+@dataclass(frozen=True, slots=True)
+class _Moving:
+    """The known motion of an upright picture, see :class:`rsdeblur.estimate.quick_sharpness.Moving`."""
+
+    whole: Capture
+
+    @property
+    def camera(self) -> Camera:
+        return self.whole.camera
+
+    def capture(self, scale: float = 1.0) -> Capture:
+        if scale == 1.0 and self.whole.softness == 0.0:
+            # It may have its probe already.
+            return self.whole
+        # In the reduced picture, a softness of up to 1 px hardly counts.
+        return replace(self.whole, camera=self.whole.camera.scaled(scale), softness=0.0)
+
+
+def _reduced(encoded: EncodedImage) -> NDArray[np.float32]:
+    """Return the picture in grey, reduced to :data:`rsdeblur.estimate.sharpness.SIDE` px or a little more."""
+    height, width, channels = encoded.shape
+    step = max(max(height, width) // SIDE, 1)
+    # Four pixels of each cell are enough: the blur has removed fine detail.
+    within = sorted({step // 4, 3 * step // 4})
+    cells = [
+        encoded.values[top::step, left::step, :channels][: height // step, : width // step]
+        for top in within
+        for left in within
+    ]
+    greys = [EncodedImage(cell, encoded.transfer).grey(slice(None)) for cell in cells]
+    mean: NDArray[np.float32] = np.mean(greys, axis=0)
+    return mean
+
+
+def _spread(length: int) -> NDArray[np.intp]:
+    """Return the first pixels of cells that are spread over `length` px and overlap by half at most."""
+    count = min(MOST_TILES, 2 * length // CELL - 1)
+    return np.round(np.linspace(0, length - CELL, count)).astype(np.intp)
+
+
+def _mosaic(cells: NDArray[np.float32]) -> NDArray[np.float32]:
+    down, across = cells.shape[:2]
+    return cells.swapaxes(1, 2).reshape(down * CELL, across * CELL)
+
+
+def _lines() -> list[NDArray[np.float32]]:
+    """Return straight blurs as kernels of shape (1, 1, k, k)."""
+    along = np.linspace(-0.5, 0.5, 129)[:, None]
+    half = int(max(LINES) // 2) + 1
+    angles = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    paths = [length * along * (np.cos(angle), np.sin(angle)) for length in LINES for angle in angles]
+    return [kernel[None, None] for kernel in rasterize(np.stack(paths), half, half, 1)]
