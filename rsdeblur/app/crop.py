@@ -17,7 +17,6 @@ from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import DeblurResult, plan
 from rsdeblur.pipeline.settings import Strengths
-from rsdeblur.pipeline.tiles import Grid
 from rsdeblur.psf import PsfBank
 
 # px around a crop that are solved with it and not shown: as far as the blur reaches, within these bounds.
@@ -173,8 +172,7 @@ def solve_crop(
         )
         options = replace(options, bands=bands, strips=strips)
     planned = plan(log, lens, exposure, options)
-    bank = PsfBank.from_paths(planned.tile_paths(basis.strengths.nsr), threads=options.threads)
-    result = replace(planned, strengths=basis.strengths, grid=Grid.of(bank)).apply(part)
+    result = replace(planned, strengths=basis.strengths).apply(part)
     inner = Crop(crop.left - outer.left, crop.top - outer.top, crop.width, crop.height)
     places = (result.psfs.rows / scale - inner.top, result.psfs.cols / scale - inner.left)
     return replace(

@@ -158,7 +158,7 @@ def _report_of_parts(output: Path) -> Iterator[None]:
 
 
 def _facts(plan: ClipPlan, encoding: Encoding, output: Path) -> dict[str, Any]:
-    clip, (tall, wide) = plan.clip, plan.grid.size
+    clip, (tall, wide) = plan.clip, plan.psf_size
     return {
         "output": str(output),
         "frames": len(clip),
@@ -170,8 +170,8 @@ def _facts(plan: ClipPlan, encoding: Encoding, output: Path) -> dict[str, Any]:
         "span_s": clip.times[-1],
         "size_px": [clip.width, clip.height],
         "mode": plan.options.mode,
-        "bands": len(plan.grid.rows),
-        "strips": len(plan.grid.cols),
+        "bands": plan.tiles[0],
+        "strips": plan.tiles[1],
         "psf_px": [wide, tall],
         "prior": plan.options.prior,
         "nsr": plan.strengths.nsr,
@@ -193,7 +193,7 @@ def _warn(source: Path, reasons: Sequence[str | None]) -> None:
 
 def _print(source: Path, output: Path, facts: dict[str, Any], dry_run: bool) -> None:
     wide, tall = facts["psf_px"]
-    tiles = f"{facts['bands']} x {facts['strips']} PSFs of up to {wide} x {tall} px"
+    tiles = f"up to {facts['bands']} x {facts['strips']} PSFs of up to {wide} x {tall} px"
     how = f"{facts['mode']}, {tiles}, {facts['prior']}, {facts['codec']}"
     frames = (
         f"{facts['treated']} of {facts['frames']} frames deblurred, the largest blur {facts['largest_blur_px']:.1f} px"

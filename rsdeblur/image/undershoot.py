@@ -20,6 +20,8 @@ from rsdeblur.types import FloatImage
 # Standard deviation of the Gaussian that the weight of the blurred picture is smooth by, in lengths of the PSF, and at
 # least in px: the waves of a wrong motion are some tenths of the PSF wide.
 SPREAD, LEAST_SPREAD = 0.15, 1.5
+# About so many cells, of which each has one weight, lie in that standard deviation.
+CELLS = 1.5
 # Light below black, as a share of the recorded light, from which only the blurred picture is left; the share of the
 # picture's bright parts that is added to the recorded light, so that noise in black places is no evidence; the weight
 # that counts as 0; and the least value of bright parts.
@@ -55,7 +57,7 @@ def fade_undershoot(
         Number of threads; default all processors. Any number gives the same bits.
     """
     spread = max(LEAST_SPREAD, SPREAD * max(size))
-    step = max(1, int(spread / 2))
+    step = max(1, round(spread / CELLS))
     below = _below_black(sharp, step, threads)
     if not below.any():
         return

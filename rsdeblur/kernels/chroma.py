@@ -79,33 +79,43 @@ def separate_numpy(light: FloatImage) -> tuple[FloatImage, FloatImage]:
 
 
 @njit(nogil=True)
-def _fit(half, first, last, flat, dark, lines):
+def _column_sums(half, i, sums):
+    """Fill the sums over three rows of brightness, its square, the colours, and the products of both, shape (8, W)."""
     height, width = half.shape[:2]
+    above, below = max(i - 1, 0), min(i + 1, height - 1)
+    for j in range(width):
+        mean = square = np.float32(0.0)
+        for c in range(3):
+            sums[2 + c, j] = half[above, j, c] + half[i, j, c] + half[below, j, c]
+            sums[5 + c, j] = np.float32(0.0)
+        for y in (above, i, below):
+            luma = RED * half[y, j, 0] + GREEN * half[y, j, 1] + BLUE * half[y, j, 2]
+            mean += luma
+            square += luma * luma
+            for c in range(3):
+                sums[5 + c, j] += luma * half[y, j, c]
+        sums[0, j], sums[1, j] = mean, square
+
+
+@njit(nogil=True, error_model="numpy")
+def _fit(half, first, last, flat, dark, lines):
+    width = half.shape[1]
     zero, ninth = np.float32(0.0), np.float32(1.0 / 9.0)
+    sums, total = np.empty((8, width), np.float32), np.empty(8, np.float32)
     for i in range(first, last):
+        _column_sums(half, i, sums)
         for j in range(width):
-            mean = square = red = green = blue = with_red = with_green = with_blue = zero
-            for k in range(-1, 2):
-                y = min(max(i + k, 0), height - 1)
-                for m in range(-1, 2):
-                    x = min(max(j + m, 0), width - 1)
-                    r, g, b = half[y, x, 0], half[y, x, 1], half[y, x, 2]
-                    luma = RED * r + GREEN * g + BLUE * b
-                    mean += luma
-                    square += luma * luma
-                    red += r
-                    green += g
-                    blue += b
-                    with_red += luma * r
-                    with_green += luma * g
-                    with_blue += luma * b
-            mean *= ninth
-            variance = max(square * ninth - mean * mean, zero) + flat
+            left, right = max(j - 1, 0), min(j + 1, width - 1)
+            for n in range(8):
+                total[n] = (sums[n, left] + sums[n, j] + sums[n, right]) * ninth
+            mean = total[0]
+            brighter = np.float32(1.0) / (max(mean, zero) + dark)
+            steeper = np.float32(1.0) / (max(total[1] - mean * mean, zero) + flat)
             own = RED * half[i, j, 0] + GREEN * half[i, j, 1] + BLUE * half[i, j, 2]
-            for c, total, product in ((0, red, with_red), (1, green, with_green), (2, blue, with_blue)):
-                colour = total * ninth
-                ratio = min((max(colour, zero) + dark) / (max(mean, zero) + dark), MOST_RATIO)
-                slope = (product * ninth - mean * colour + flat * ratio) / variance
+            for c in range(3):
+                colour = total[2 + c]
+                ratio = min((max(colour, zero) + dark) * brighter, MOST_RATIO)
+                slope = (total[5 + c] - mean * colour + flat * ratio) * steeper
                 lines[i, j, c] = slope
                 lines[i, j, 3 + c] = half[i, j, c] - slope * own
 

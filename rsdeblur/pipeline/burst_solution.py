@@ -67,14 +67,14 @@ class BurstSolution:
         errors = [tile_error(frame.alignment.capture) if mode == "banded" else 0.0 for frame in frames]
         tuning, shares = Tuning.of_burst(tunings, tile_errors=errors)
         peak = brightness(burst.reference.split.remainder(slice(None), 4))
-        strengths, nsr = tuned_strengths(tuning, options, peak)
+        strengths = tuned_strengths(tuning, options, peak)
         # Where other frames do not show the scene, they repeat the result of the reference alone. For narrow margins, a
         # Wiener filter is good enough; for things that move, it costs up to 0.6 dB (tv, eight simulated bursts).
         alike = len(frames) > 1 and all(frame.fit is None or frame.fit.weights.mean() > ALIKE for frame in frames)
         simple = replace(options, prior="wiener", nsr="auto", weight="auto", exponent=EXPONENT) if alike else options
-        alone, _ = tuned_strengths(tunings[0], simple, peak)
+        alone = tuned_strengths(tunings[0], simple, peak)
         own = share_map(
-            lambda frame: tile_paths(frame.alignment.capture, mode, options.bands, options.strips, nsr),
+            lambda frame: tile_paths(frame.alignment.capture, mode, options.bands, options.strips, strengths.tile_nsr),
             *(frames, options.threads),
         )
         bands, strips = (max(len(getattr(paths, axis)) for paths in own) for axis in ("rows", "cols"))

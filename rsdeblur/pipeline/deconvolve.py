@@ -135,7 +135,7 @@ def deconvolve_with(
     mode, (bands, strips) = mode_of(bank), bank.kernels.shape[:2]
     split = split_highlights(encoded, options, lambda: bank, clock)
     with clock.stage("tune"):
-        strengths, _ = derive_strengths(split, options, mode, lambda: bank, given=True)
+        strengths = derive_strengths(split, options, mode, lambda: bank, given=True)
     settings = SolverSettings.of(options, mode, strengths)
     solve_chunks(
         *(split, channelled, bank, options, settings, clock),

@@ -252,21 +252,19 @@ class Plan:
         return split_highlights(encoded, self.options, bank, clock)
 
     def _prepared(self, split: HighlightSplit, clock: StageClock, light: FloatImage | None = None) -> Plan:
-        """Return the plan with fixed strengths and grid, derived from a picture if this plan has none."""
-        if self.strengths is not None and self.grid is not None:
+        """Return the plan with fixed strengths, derived from a picture if this plan has none, and a fixed grid."""
+        strengths = self.strengths
+        if strengths is None:
+            with clock.stage("tune"):
+                few = partial(few_psfs, self.capture, threads=self.options.threads)
+                strengths = derive_strengths(split, self.options, self.options.mode_in_effect, few, light=light)
+        elif self.grid is not None:
             return self
-        with clock.stage("tune"):
-            strengths, band_nsr = self._strengths(split, light)
         with clock.stage("psfs"):
-            bank = PsfBank.from_paths(self.tile_paths(band_nsr), threads=self.options.threads)
+            bank = PsfBank.from_paths(self.tile_paths(strengths.tile_nsr), threads=self.options.threads)
         ready = replace(self, strengths=strengths, grid=Grid.of(bank))
         ready.__dict__["bank"] = bank
         return ready
-
-    def _strengths(self, split: HighlightSplit, light: FloatImage | None) -> tuple[Strengths, float]:
-        """Return the strengths, and the `nsr` that decides the automatic number of bands."""
-        bank = partial(few_psfs, self.capture, threads=self.options.threads)
-        return derive_strengths(split, self.options, self.options.mode_in_effect, bank, light=light)
 
     def tile_paths(self, nsr: float) -> BlurPaths:
         """Trace the paths of the PSFs in the upright frame.

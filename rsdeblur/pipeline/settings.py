@@ -38,6 +38,8 @@ class Strengths:
         Weight of the prior; None for the Wiener filter.
     peak : float
         Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
+    tile_nsr : float
+        Noise-to-signal ratio that decides the automatic number of bands.
     wavelet : WaveletPrior, optional
         The learned prior with all its numbers; None for other priors.
     noise : float, optional
@@ -47,6 +49,7 @@ class Strengths:
     nsr: float
     weight: float | None
     peak: float
+    tile_nsr: float
     wavelet: WaveletPrior | None = None
     noise: float | None = None
 

@@ -71,8 +71,8 @@ def derive_strengths(
     *,
     light: FloatImage | None = None,
     given: bool = False,
-) -> tuple[Strengths, float]:
-    """Return the strengths, and the `nsr` that decides the automatic number of bands.
+) -> Strengths:
+    """Return the strengths of a picture.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def derive_strengths(
     """
     peak = brightness(split.remainder(slice(None), 4))
     if options.prior == "wiener" and options.nsr != "auto":
-        return Strengths(options.nsr, None, peak), options.nsr
+        return Strengths(options.nsr, None, peak, options.nsr)
     rows, part = tuned_part(split.encoded.shape, bank())
     noise = None if options.noise == "auto" else options.noise
     one_filter, continued = mode == "global", mode != "rowwise"
@@ -117,7 +117,7 @@ def tuned_part(shape: tuple[int, ...], bank: PsfBank) -> tuple[slice, PsfBank]:
     return slice(first, height - first), replace(bank, rows=bank.rows - first) if first else bank
 
 
-def tuned_strengths(tuning: Tuning, options: Options, peak: float, *, given: bool = False) -> tuple[Strengths, float]:
+def tuned_strengths(tuning: Tuning, options: Options, peak: float, *, given: bool = False) -> Strengths:
     """Return the strengths that follow from the measurements of a picture, or of several together.
 
     Parameters
@@ -130,30 +130,23 @@ def tuned_strengths(tuning: Tuning, options: Options, peak: float, *, given: boo
         Value of the picture's bright parts.
     given : bool, default False
         See :func:`derive_strengths`.
-
-    Returns
-    -------
-    strengths : Strengths
-        The strengths.
-    nsr : float
-        Noise-to-signal ratio that decides the automatic number of bands.
     """
     prior = options.prior
     if prior == "wiener":
         nsr = tuning.wiener_nsr if options.nsr == "auto" else options.nsr
-        return Strengths(nsr, None, peak, noise=tuning.noise), nsr
+        return Strengths(nsr, None, peak, nsr, noise=tuning.noise)
     nsr = _prior_nsr(tuning, options, peak, given=given) if options.nsr == "auto" else options.nsr
     if prior == "wavelet":
         wavelet = tuning.wavelet(None if options.weight == "auto" else options.weight)
         wavelet = replace(wavelet, sparse=replace(wavelet.sparse, peak=peak))
-        return Strengths(nsr, wavelet.weight, peak, wavelet, tuning.noise), tuning.gradient_nsr
+        return Strengths(nsr, wavelet.weight, peak, tuning.gradient_nsr, wavelet, tuning.noise)
     if options.weight != "auto":
         weight = options.weight
     else:
         weight = (
             tuning.denoiser_weight if callable(prior) or prior in DENOISERS else tuning.weight(prior, options.exponent)
         )
-    return Strengths(nsr, weight, peak, noise=tuning.noise), tuning.gradient_nsr
+    return Strengths(nsr, weight, peak, tuning.gradient_nsr, noise=tuning.noise)
 
 
 def _prior_nsr(tuning: Tuning, options: Options, peak: float, *, given: bool) -> float:

@@ -25,7 +25,6 @@ from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import Plan, captured, plan
 from rsdeblur.pipeline.settings import Strengths
-from rsdeblur.pipeline.tiles import Grid
 from rsdeblur.types import FloatArray, Progress
 from rsdeblur.video import QUALITY
 from rsdeblur.video.clip import Clip, frames
@@ -41,7 +40,7 @@ LINEAR, HDR = 8, (16, 18)
 
 @dataclass(frozen=True, slots=True)
 class ClipPlan:
-    """A video with its motion, and the options, strengths and tiles that all its frames share.
+    """A video with its motion, and the options and strengths that all its frames share.
 
     Parameters
     ----------
@@ -55,8 +54,10 @@ class ClipPlan:
         Options of every frame.
     strengths : Strengths
         Strengths of every frame.
-    grid : Grid
-        Places of the PSFs, and the size of the largest kernel.
+    tiles : (int, int)
+        Bands and strips of the sample frame that has most.
+    psf_size : (int, int)
+        Height and width of the largest kernel of any frame, px.
     lengths : tuple of float
         Length of the longest path in each frame, px; NaN where there is a reason.
     shares : tuple of float
@@ -74,7 +75,8 @@ class ClipPlan:
     reasons: tuple[str | None, ...]
     options: Options
     strengths: Strengths
-    grid: Grid
+    tiles: tuple[int, int]
+    psf_size: tuple[int, int]
     lengths: tuple[float, ...]
     shares: tuple[float, ...]
     check: QualityCheck | None
@@ -90,20 +92,16 @@ class ClipPlan:
         """Length of the longest path in the frames that are deblurred, px."""
         return max(length for length, share in zip(self.lengths, self.shares, strict=True) if share > 0)
 
-    def frame(self, index: int, previous: Plan | None = None) -> Plan:
-        """Return the plan of one frame.
+    def frame(self, index: int) -> Plan:
+        """Return the plan of one frame, whose own motion decides its tiles.
 
         Parameters
         ----------
         index : int
             Number of the frame, from 0.
-        previous : Plan, optional
-            Plan of another frame, whose solver this one shares.
         """
-        if previous is not None:
-            return previous.replan(self.log, self.exposures[index])
         alone = plan(self.log, self.camera, self.exposures[index], self.options)
-        return replace(alone, strengths=self.strengths, grid=self.grid)
+        return replace(alone, strengths=self.strengths)
 
 
 def plan_clip(
@@ -116,7 +114,7 @@ def plan_clip(
     above: float = KEEP,
     progress: Progress | None = None,
 ) -> ClipPlan:
-    """Plan a video: measure the blur of every frame, and derive shared tiles and strengths from sample frames.
+    """Plan a video: measure the blur of every frame, and derive the strengths that they share from sample frames.
 
     Frames with shorter paths than `above` are left as they are. Up to twice that length, the deblurred frame is mixed
     with the frame itself, so that no step shows.
@@ -178,9 +176,8 @@ def plan_clip(
             f"{np.nanmax(lengths):.2g} px; there is nothing to deblur unless all frames are requested (--all)"
         )
     down, across = measures[:, 2:4].max(axis=0)
-    size = (2 * (int(down) + 1 + SPARE) + 1, 2 * (int(across) + 1 + SPARE) + 1)
     good = measures[:, 0].astype(int)
-    # Frames spread over the video decide the strengths, and those with the fastest change the number of tiles.
+    # Frames spread over the video decide the strengths; those with the fastest change need most tiles.
     spread = _spread(good, SAMPLE_FRAMES)
     samples: list[Plan] = []
     checks: list[QualityCheck | None] = []
@@ -192,12 +189,12 @@ def plan_clip(
             checks.append(samples[-1].apply(values).check)
     _warn_of_bad(checks, clip)
     grids = [sample.grid for sample in samples if sample.grid is not None]
-    rows, cols = (max((getattr(grid, axis) for grid in grids), key=len) for axis in ("rows", "cols"))
     return ClipPlan(
         *(clip, log, camera, tuple(exposures), tuple(reasons)),
         options=replace(options, check=False),
         strengths=_median_strengths(samples),
-        grid=Grid(rows, cols, size),
+        tiles=max((len(grid.rows), len(grid.cols)) for grid in grids),
+        psf_size=(2 * int(down) + 3, 2 * int(across) + 3),
         lengths=tuple(lengths.tolist()),
         shares=tuple(shares.tolist()),
         check=_median_check(checks),
@@ -287,10 +284,12 @@ def _clip_transfer(clip: Clip) -> Transfer:
 def _median_strengths(samples: Sequence[Plan]) -> Strengths:
     strengths = [sample.strengths for sample in samples if sample.strengths is not None]
     weights = [each.weight for each in strengths if each.weight is not None]
-    nsr, peak = (float(np.median([getattr(each, name) for each in strengths])) for name in ("nsr", "peak"))
+    nsr, peak, tile_nsr = (
+        float(np.median([getattr(each, name) for each in strengths])) for name in ("nsr", "peak", "tile_nsr")
+    )
     learned = [each.wavelet for each in strengths if each.wavelet is not None]
     wavelet = median_prior(learned, peak) if learned else None
-    return Strengths(nsr, float(np.median(weights)) if weights else None, peak, wavelet)
+    return Strengths(nsr, float(np.median(weights)) if weights else None, peak, tile_nsr, wavelet)
 
 
 def _measure(

@@ -276,5 +276,5 @@ def _fingerprint(plan: ClipPlan, encoding: Encoding, segment: int) -> str:
         motion += [track.epoch_ns, track.t.tobytes(), track.position.tobytes(), np.asarray(track.depth).tobytes()]
     # By its name alone, like the files of a batch, so that the folder may be moved.
     clip = replace(plan.clip, path=Path(plan.clip.path.name))
-    shared = [clip, plan.exposures, plan.shares, replace(plan.options, threads=None), plan.strengths, plan.grid]
+    shared = [clip, plan.exposures, plan.shares, replace(plan.options, threads=None), plan.strengths]
     return fingerprint([*motion, *shared, encoding, segment], [plan.clip.path])

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur.choices import CRF
 from rsdeblur.errors import InputError, OutputError
-from rsdeblur.pipeline.plan import Plan
 from rsdeblur.video._av import av
 from rsdeblur.video.clip import Clip, frames
 from rsdeblur.video.pixels import frame_of, kept_frame, matrix_of, values_of
@@ -35,7 +34,7 @@ ENCODERS = {
 UNJOINED = "rawvideo"
 # No frame refers to a later one, so packets come in the order of the frames and segments can be joined.
 OPTIONS = {
-    "libx264": {"preset": "faster"},
+    "libx264": {"preset": "veryfast"},
     "libx265": {"preset": "fast", "x265-params": "log-level=none"},
     "libvpx-vp9": {"b": "0", "deadline": "good", "cpu-used": "3", "auto-alt-ref": "0", "lag-in-frames": "0"},
     "libsvtav1": {"preset": "8", "svtav1-params": "pred-struct=1"},
@@ -115,7 +114,6 @@ def encode_segment(segment: Segment) -> None:
         If a frame cannot be decoded, or the file cannot be written.
     """
     plan, pixels = segment.plan, segment.encoding.pixels
-    current: Plan | None = None
     try:
         with (
             atomic_write(segment.output) as file,
@@ -128,9 +126,8 @@ def encode_segment(segment: Segment) -> None:
             for index, frame in enumerate(frames(plan.clip, segment.first, segment.stop), segment.first):
                 sharp, share = None, plan.shares[index]
                 if share:
-                    current = plan.frame(index, current)
                     values = values_of(frame)
-                    sharp = _mixed(values, current.apply(values, out=np.empty_like(values)).image, share)
+                    sharp = _mixed(values, plan.frame(index).apply(values, out=np.empty_like(values)).image, share)
                 container.mux(written.result())
                 written = beside.submit(_encoded, stream, frame, sharp, pixels)
             container.mux(written.result())

@@ -239,15 +239,11 @@ def test_horizontal_readout_is_the_turned_problem(movie: Movie) -> None:
     shared = plan_clip(clip, log, camera, exposures, options, above=0.0)
     assert shared.reasons == (None,) * FRAMES
     # Upright: bands run along the readout.
-    assert (len(shared.grid.rows), len(shared.grid.cols)) == (6, 2)
+    assert shared.tiles == (6, 2)
     values = np.random.default_rng(0).integers(0, 65536, (HEIGHT, WIDTH, 3)).astype(np.uint16)
-    current = None
     for index, exposure in enumerate(exposures[:3]):
-        current = shared.frame(index, current)
-        frame = current.apply(values).image
-        alone = plan(log, camera, exposure, options).apply(values).image
-        # The same PSFs in larger tiles, whose fading ends differ.
-        assert peak_signal_noise_ratio(alone, frame, data_range=1.0) > 30
+        frame = shared.frame(index).apply(values).image
+        np.testing.assert_array_equal(frame, plan(log, camera, exposure, options).apply(values).image)
 
 
 def test_borders_that_photos_take_work_for_videos(run: Run, here: None, movie: Movie, tmp_path: Path) -> None:

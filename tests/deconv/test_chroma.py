@@ -49,7 +49,7 @@ def restored(solver, light, progress=quiet):
 
 def solver_of(bank, prior, chroma="half"):
     options = Options(prior=prior, chroma=chroma)
-    strengths = Strengths(NSR, None if prior == "wiener" else WEIGHT, 1.0)
+    strengths = Strengths(NSR, None if prior == "wiener" else WEIGHT, 1.0, NSR)
     return SolverSettings.of(options, "banded", strengths).plan_tiles(bank, SHAPE)
 
 
