@@ -9,17 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur.choices import Border, Planning, Solver
-from rsdeblur.deconv.coupling import Coupling
-from rsdeblur.deconv.fft import empty
 from rsdeblur.deconv.priors import LatentPrior, check_prior
 from rsdeblur.deconv.quadratic import MARGIN, TileNormal
 from rsdeblur.deconv.rowwise_solver import RowSolver
 from rsdeblur.deconv.wiener import LEAST_NSR, decay_margin
 from rsdeblur.errors import InputError
-from rsdeblur.kernels.normal import add_normal, solve_normal
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import ComplexArray, Float32Array, FloatImage
+from rsdeblur.types import FloatImage
 
 # Shares of frames sum to 1 up to rounding.
 SHARE_TOLERANCE = 1e-6
@@ -89,11 +86,7 @@ class BurstQuadratic(TileNormal):
             planning=planning,
             threads=threads,
         )
-        self.shares, self._observed = tuple(map(float, shares)), False
-        # Sums of the normal equations: each block of columns has its own place, so that a pass reads them in order.
-        *places, columns, length = self._otfs.shape
-        self._signal: ComplexArray = empty((*places, self._channelled[2], columns, length), np.complex64)
-        self._power: Float32Array = empty((*places, columns, length), np.float32)
+        self.shares = tuple(map(float, shares))
 
     def apply(
         self,
@@ -127,42 +120,19 @@ class BurstQuadratic(TileNormal):
         with self._hybrid.team.turn():
             prior = self._observe(images, prior)
             latent = self.solve(0.0) if prior is None else prior.restore(self, threads=self.threads, progress=progress)
+            # They take more memory than all else.
+            self._sums = None
         return latent.reshape(self.shape)
 
     def _observe(self, images: Iterable[ArrayLike], prior: LatentPrior | None) -> LatentPrior | None:
         """Sum up the normal equations of all frames; return the prior with the brightness of the first one."""
-        self._observed = False
+        self._sums, sums = None, self._new_sums()
         for frame, picture in enumerate(_checked(images, len(self.shares), self.shape)):
             if frame == 0 and prior is not None:
                 prior = check_prior(prior).with_peak_of(picture)
-            self._add(frame, picture)
-        self._observed = True
+            self._add(sums, self._banks[frame], picture, self.shares[frame], first=frame == 0)
+        self._sums = sums
         return prior
-
-    def _add(self, frame: int, picture: FloatImage) -> None:
-        """Add the normal equations of a frame; the first one starts the sums."""
-        self._fill_otfs(self._banks[frame], self._otfs)
-        share, first = np.float32(self.shares[frame]), frame == 0
-
-        def add(strip: int, _thread: int, _source: int, block: int, bands: slice, slabs: ComplexArray) -> None:
-            place = strip, block, bands
-            add_normal(slabs, self._otfs[place], share, first, self._signal[place], self._power[place])
-
-        self._pass(picture, None, add)
-
-    def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling, out: FloatImage) -> None:
-        if not self._observed:
-            raise InputError("the solver holds no pictures: call apply() before solve()")
-        weights, weight = coupling.weights(beta), np.float32(0.0 if pull is None else beta)
-        nsr, scale = np.float32(self.nsr), np.float32(self._scale)
-
-        def restore(strip: int, thread: int, _source: int, block: int, bands: slice, slabs: ComplexArray) -> None:
-            place, power = (strip, block, bands), self._powers[thread][: len(slabs)]
-            np.copyto(power, self._power[place])
-            signal, across = self._signal[place], self._across[block]
-            solve_normal(signal, power, across, self._down, nsr, weights, weight, scale, slabs)
-
-        self._pass(pull, out, restore)
 
 
 class RowBurst(RowSolver):

@@ -6,7 +6,7 @@ once:
 
 A. A few rows at a time are cut out of the picture and transformed into the spectra.
 B. A few columns of the spectra at a time are transposed into the cache. There all bands are cut, transformed, filtered,
-   transformed back and blended, and the columns go to their place. Filters may combine the spectra of several pictures.
+   transformed back and blended, and the columns go to their place.
 C. A few rows of the spectra at a time are transformed back into the picture.
 
 Blocks are independent, so threads share them, and any number of threads gives the same bits.
@@ -40,18 +40,13 @@ SLAB_BYTES = 400_000
 class Filter(Protocol):
     """Filter that is applied to a block of columns in the frequency domain."""
 
-    def __call__(self, thread: int, source: int, block: int, bands: slice, slabs: ComplexArray) -> None:
-        """Change the slabs of a source in place.
-
-        Sources come in their order; the result is what the slabs of the last one hold then. Without a source the slabs
-        are zero.
+    def __call__(self, thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
+        """Change slabs in place; they are zero where there is no picture.
 
         Parameters
         ----------
         thread : int
             Number of the calling thread.
-        source : int
-            Number of the source.
         block : int
             Number of the block of columns.
         bands : slice
@@ -114,7 +109,7 @@ class Hybrid:
     blocks : int
         Number of blocks of columns.
     spectra : ndarray, complex64
-        Memory for the spectra of all rows of one strip, see :meth:`new_spectra`.
+        Memory for the spectra of all rows of one strip.
     """
 
     def __init__(
@@ -139,14 +134,14 @@ class Hybrid:
         self.together = max(1, min(len(bands.tiles), SLAB_BYTES // slab_bytes))
         firsts = range(0, len(bands.tiles), self.together)
         self._groups = [_Group.of(first, bands.tiles[first : first + self.together]) for first in firsts]
-        self.spectra = self.new_spectra()
+        self.spectra = self._new_spectra()
         self._workers = [
-            _Worker(self._rows(self.spectra, 0), self.height, bands.length, strips.length, self.together, planning)
+            _Worker(self._rows(0), self.height, bands.length, strips.length, self.together, planning)
             for _ in range(threads)
         ]
         self.team = ThreadTeam(threads)
 
-    def new_spectra(self) -> ComplexArray:
+    def _new_spectra(self) -> ComplexArray:
         """Return memory for the spectra of all rows of one strip, not initialised."""
         padded_height = -(-self.height // self._block) * self._block
         # The 8 columns more make the number of cache lines in a row odd: with rows a multiple of 4096 bytes apart, all
@@ -157,13 +152,8 @@ class Hybrid:
         spectra[:, self.height :] = 0
         return spectra
 
-    def new_columns(self) -> ComplexArray:
-        """Return memory for the columns of one strip, not initialised: (blocks, C, COLUMNS, H)."""
-        columns: ComplexArray = empty((self.blocks, self.channels, COLUMNS, self.height), np.complex64)
-        return columns
-
-    def transform_rows(self, picture: Float32Array, strip: Tile, spectra: ComplexArray) -> bool:
-        """Cut `strip` out of `picture` (H, W, C) and transform its rows into `spectra`.
+    def transform_rows(self, picture: Float32Array, strip: Tile) -> bool:
+        """Cut `strip` out of `picture` (H, W, C) and transform its rows into :attr:`spectra`.
 
         Return whether all values that were read are finite. To check it here costs no further pass over the picture.
         """
@@ -177,87 +167,69 @@ class Hybrid:
             )
             if not all_finite:
                 finite[0] = False
-            worker.rows.move(self._rows(spectra, top))
+            worker.rows.move(self._rows(top))
             worker.rows.forward()
-            spectra[:, top : top + self._block, self.frequencies :] = 0
+            self.spectra[:, top : top + self._block, self.frequencies :] = 0
 
         self.team.share(block, range(0, self.height, self._block))
         return finite[0]
 
-    def keep_columns(self, spectra: ComplexArray, columns: ComplexArray) -> None:
-        """Transpose the spectra of rows into `columns`, see :meth:`new_columns`, so that later passes need not."""
+    def filter_columns(self, change: Filter, *, empty: bool = False, keep: bool = True) -> None:
+        """Filter every band of :attr:`spectra` by `change`, and replace them by the blend of all bands.
 
-        def block(_: int, n: int) -> None:
-            lines.rows_to_columns(spectra, n * COLUMNS, self.height, columns[n])
-
-        self.team.share(block, range(self.blocks))
-
-    def filter_columns(self, sources: Sequence[ComplexArray], target: ComplexArray | None, change: Filter) -> None:
-        """Filter every band of `sources` by `change`, and write the blend of all bands to the spectra `target`.
-
-        A source is the columns that were kept (:meth:`keep_columns`) or, at most one of them, the spectra of rows.
-        `target` may be that one; None writes nothing.
+        Parameters
+        ----------
+        change : Filter
+            The filter.
+        empty : bool, default False
+            Whether what they hold counts as zeros.
+        keep : bool, default True
+            Whether they receive the blend; otherwise they stay, and only `change` has effects.
         """
         filter_block = self._filter_single if len(self.bands.tiles) == 1 else self._filter_bands
 
         def share(thread: int, block: int) -> None:
-            filter_block(thread, block, sources, target, change)
+            filter_block(thread, block, change, empty, keep)
 
         self.team.share(share, range(self.blocks))
 
-    def _filter_single(
-        self, thread: int, block: int, sources: Sequence[ComplexArray], target: ComplexArray | None, change: Filter
-    ) -> None:
+    def _filter_single(self, thread: int, block: int, change: Filter, empty: bool, keep: bool) -> None:
         """Filter a block of columns of a single tile, which is extended in place."""
         slabs, (group,) = self._workers[thread].slabs, self._groups
-        for n, source in enumerate(sources):
-            columns = self._columns(source, block, slabs.lines[0])
+        if empty:
+            slabs.spectra.fill(0)
+        else:
+            columns = slabs.lines[0]
+            lines.rows_to_columns(self.spectra, block * COLUMNS, self.height, columns)
             lines.cut_lines(columns, self.height, group.starts, self._band_fade, self._periodic, slabs.lines)
             slabs.forward()
-            change(thread, n, block, group.bands, slabs.spectra)
-        if not sources:
-            slabs.spectra.fill(0)
-            change(thread, 0, block, group.bands, slabs.spectra)
-        if target is not None:
+        change(thread, block, group.bands, slabs.spectra)
+        if keep:
             slabs.inverse()
-            lines.columns_to_rows(slabs.lines[0], target, block * COLUMNS, self.height)
+            lines.columns_to_rows(slabs.lines[0], self.spectra, block * COLUMNS, self.height)
 
-    def _filter_bands(
-        self, thread: int, block: int, sources: Sequence[ComplexArray], target: ComplexArray | None, change: Filter
-    ) -> None:
+    def _filter_bands(self, thread: int, block: int, change: Filter, empty: bool, keep: bool) -> None:
         """Filter a block of columns of several bands, which are cut out; their sum is collected elsewhere."""
         worker = self._workers[thread]
-        columns = [self._columns(source, block, worker.columns) for source in sources]
-        if columns and columns[0] is not worker.columns:
-            # Bands read short pieces of each line, for which memory is slow; copied whole, all is one stream.
-            np.copyto(worker.kept, columns[0])
-            columns[0] = worker.kept
+        if not empty:
+            lines.rows_to_columns(self.spectra, block * COLUMNS, self.height, worker.columns)
         worker.blended.fill(0)
         for group in self._groups:
             slabs, spectra = worker.slabs.lines[: len(group.starts)], worker.slabs.spectra[: len(group.starts)]
-            for n, lines_of_source in enumerate(columns):
-                lines.cut_lines(lines_of_source, self.height, group.starts, self._band_fade, self._periodic, slabs)
-                worker.slabs.forward()
-                change(thread, n, block, group.bands, spectra)
-            if not sources:
+            if empty:
                 spectra.fill(0)
-                change(thread, 0, block, group.bands, spectra)
-            if target is not None:
+            else:
+                lines.cut_lines(worker.columns, self.height, group.starts, self._band_fade, self._periodic, slabs)
+                worker.slabs.forward()
+            change(thread, block, group.bands, spectra)
+            if keep:
                 worker.slabs.inverse()
                 spectral.blend(worker.blended, slabs, group.weights, group.spans)
-        if target is not None:
-            lines.columns_to_rows(worker.blended, target, block * COLUMNS, self.height)
+        if keep:
+            lines.columns_to_rows(worker.blended, self.spectra, block * COLUMNS, self.height)
 
-    def _columns(self, source: ComplexArray, block: int, buffer: ComplexArray) -> ComplexArray:
-        """Return a block of columns of a source; those of spectra of rows are gathered into `buffer`."""
-        if source.ndim == 4:
-            columns: ComplexArray = source[block]
-            return columns
-        lines.rows_to_columns(source, block * COLUMNS, self.height, buffer)
-        return buffer
-
-    def restore_rows(self, spectra: ComplexArray, out: Float32Array, strip: Tile, *, clear: bool) -> None:
-        """Transform rows back, which destroys `spectra`.
+    def restore_rows(self, out: Float32Array, strip: Tile, *, clear: bool) -> None:
+        """Transform rows back, which destroys :attr:`spectra`.
 
         Write them to `out` (H, W, C) where `strip` contributes; of several strips, add them, and `clear` all of `out`
         before.
@@ -267,7 +239,7 @@ class Hybrid:
         def block(thread: int, top: int) -> None:
             worker = self._workers[thread]
             rows, offset = min(self._block, self.height - top), strip.first - strip.start
-            worker.rows.move(self._rows(spectra, top))
+            worker.rows.move(self._rows(top))
             worker.rows.inverse()
             if clear:
                 out[top : top + rows] = 0
@@ -275,9 +247,9 @@ class Hybrid:
 
         self.team.share(block, range(0, self.height, self._block))
 
-    def _rows(self, spectra: ComplexArray, top: int) -> ComplexArray:
-        """Return a view of a block of rows."""
-        return spectra[:, top : top + self._block, : self.frequencies]
+    def _rows(self, top: int) -> ComplexArray:
+        """Return a view of the spectra of a block of rows."""
+        return self.spectra[:, top : top + self._block, : self.frequencies]
 
 
 class _Worker:
@@ -295,7 +267,7 @@ class _Worker:
         channels, rows, _ = spectrum.shape
         self.rows = RowTransform((channels, rows, row_length), planning, spectrum)
         self.slabs = LineTransform((slabs, channels, COLUMNS, slab_length), planning)
-        self.kept, self.columns, self.blended = (empty((channels, COLUMNS, height), np.complex64) for _ in range(3))
+        self.columns, self.blended = (empty((channels, COLUMNS, height), np.complex64) for _ in range(2))
 
 
 def _rows_per_block(values: int) -> int:

@@ -1,12 +1,14 @@
 """The quadratic problem behind priors on derivatives, solved tile by tile in the hybrid domain.
 
-The rows of a picture are transformed once. A solve transforms the rows of the prior's pull, and combines both pictures
-while their columns are in the cache.
+Its normal equations are one number per frequency and tile on either side. What the observation contributes to them is
+computed once and kept; a solve transforms the prior's pull, combines both, and transforms the result back.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,17 +17,32 @@ from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Border, Planning
 from rsdeblur.deconv.coupling import TO_GRADIENT, Coupling
+from rsdeblur.deconv.fft import empty
 from rsdeblur.deconv.hybrid import COLUMNS
 from rsdeblur.deconv.priors import LatentPrior, check_prior
 from rsdeblur.deconv.wiener import TileFilter
 from rsdeblur.errors import InputError
-from rsdeblur.kernels import spectral
 from rsdeblur.kernels.normal import add_normal, solve_normal
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import ComplexArray, FloatImage
+from rsdeblur.types import ComplexArray, Float32Array, FloatImage
 
 # Margin of a tile: by how much it is longer than the part that it contributes, in PSF sizes.
 MARGIN = 1.5
+
+
+class NormalSums(NamedTuple):
+    """What pictures contribute to the normal equations of all tiles; each block of columns has a place of its own.
+
+    Parameters
+    ----------
+    signal : ndarray, shape (S, blocks, B, C, COLUMNS, L), complex64
+        Sum of `conj(H) G`.
+    power : ndarray, shape (S, blocks, B, COLUMNS, L), float32
+        Sum of `|H|^2`.
+    """
+
+    signal: ComplexArray
+    power: Float32Array
 
 
 class TileNormal(TileFilter):
@@ -63,7 +80,10 @@ class TileNormal(TileFilter):
     ) -> None:
         super().__init__(bank, shape, margin=margin, border=border, planning=planning, threads=threads)
         self.nsr, self.periodic = nsr, border == "periodic"
-        self._otfs = self._new_filters()
+        # OTFs of the tiles of one strip.
+        self._otfs = self._new_filters(1)
+        # Those of the observation, while there is one.
+        self._sums: NormalSums | None = None
         # |exp(i w) - 1|^2 = 4 sin^2(w / 2)
         self._across, self._down = (
             (4 * np.sin(np.pi * np.arange(count) / length) ** 2).astype(np.float32)
@@ -73,10 +93,6 @@ class TileNormal(TileFilter):
             )
         )
         self._across = self._across.reshape(-1, COLUMNS)
-        # Each thread's matrices of a few bands of a block of columns.
-        self._powers = [
-            np.empty((self._hybrid.together, COLUMNS, self._bands.length), np.float32) for _ in range(self.threads)
-        ]
 
     def solve(
         self,
@@ -114,7 +130,59 @@ class TileNormal(TileFilter):
 
     def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling, out: FloatImage) -> None:
         """Write the minimiser to `out`, which may be `pull`."""
-        raise NotImplementedError
+        if self._sums is None:
+            raise InputError("the solver holds no picture: apply() sets it, or prepare() before solve()")
+        (signal, power), minimise = self._sums, self._minimiser(beta, coupling, pulls=pull is not None)
+
+        def restore(strip: int, _thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
+            place = strip, block, bands
+            minimise(block, signal[place], power[place], slabs)
+
+        self._pass(pull, out, restore)
+
+    def _minimiser(
+        self, beta: float, coupling: Coupling, *, pulls: bool
+    ) -> Callable[[int, ComplexArray, Float32Array, ComplexArray], None]:
+        """Return a function that replaces the pull by the minimiser, in slabs of a block of columns.
+
+        It is called as ``minimise(block, signal, power, slabs)``. What slabs hold counts only if something `pulls`.
+        """
+        weights, pull = coupling.weights(beta), np.float32(beta if pulls else 0.0)
+        nsr, scale = np.float32(self.nsr), np.float32(self._scale)
+
+        def minimise(block: int, signal: ComplexArray, power: Float32Array, slabs: ComplexArray) -> None:
+            solve_normal(signal, power, self._across[block], self._down, nsr, weights, pull, scale, slabs)
+
+        return minimise
+
+    def _add(self, sums: NormalSums, bank: PsfBank, picture: FloatImage, share: float, *, first: bool) -> None:
+        """Add what a picture (H, W, C) with the PSFs of `bank` contributes; the `first` one starts the sums."""
+        factor = np.float32(share)
+
+        def add(strip: int, otfs: ComplexArray, _thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
+            place = strip, block, bands
+            add_normal(slabs, otfs[block, bands], factor, first, sums.signal[place], sums.power[place])
+
+        with self.lock:
+            for s, strip in enumerate(self._strips.tiles):
+                if not self._hybrid.transform_rows(picture, strip):
+                    raise InputError("image must be finite")
+                self._hybrid.filter_columns(partial(add, s, self._strip_otfs(bank, s)), keep=False)
+
+    def _strip_otfs(self, bank: PsfBank, strip: int) -> ComplexArray:
+        """Return the OTFs of the tiles of a strip, shape (blocks, B, COLUMNS, L); the next call overwrites them."""
+        self._fill_otfs(bank, self._otfs, first=strip)
+        otfs: ComplexArray = self._otfs[0]
+        return otfs
+
+    def _new_sums(self) -> NormalSums:
+        """Return memory for sums, not initialised."""
+        _, blocks, bands, columns, length = self._otfs.shape
+        places = len(self._strips.tiles), blocks, bands
+        return NormalSums(
+            empty((*places, self._channelled[2], columns, length), np.complex64),
+            empty((*places, columns, length), np.float32),
+        )
 
 
 @one_line("shape", "nsr", "_kernel_size")
@@ -166,15 +234,10 @@ class TileQuadratic(TileNormal):
     ) -> None:
         nsr = validate.finite("nsr", nsr, minimum=0.0, maximum=validate.MOST_STRENGTH)
         super().__init__(*(bank, shape), nsr=nsr, margin=MARGIN, border=border, planning=planning, threads=threads)
-        self._take(bank)
-        # The columns of each strip of the observation; made when there is a picture.
-        self._observed: list[ComplexArray] = []
-        # Each thread's right-hand sides of a few bands of a block of columns.
-        block = self._hybrid.together, self._channelled[2], COLUMNS, self._bands.length
-        self._signals = [np.empty(block, np.complex64) for _ in range(self.threads)]
+        self._bank = bank
 
     def _take(self, bank: PsfBank) -> None:
-        self._fill_otfs(bank, self._otfs)
+        self._bank, self._sums = bank, None
 
     def apply(
         self,
@@ -216,6 +279,8 @@ class TileQuadratic(TileNormal):
         with self._hybrid.team.turn():
             self.prepare(light)
             latent = prior.with_peak_of(light).restore(self, threads=self.threads, progress=progress)
+            # They take more memory than all else.
+            self._sums = None
         latent = latent.reshape(self.shape)
         if out is None:
             return latent
@@ -235,47 +300,8 @@ class TileQuadratic(TileNormal):
         InputError
             If it has another shape, holds integers or is not finite.
         """
-        if not self._observed:
-            self._observed = [self._hybrid.new_columns() for _ in self._strips.tiles]
         picture = validate.linear_light(image, self.shape).reshape(self._channelled)
         with self.lock:
-            for strip, columns in zip(self._strips.tiles, self._observed, strict=True):
-                if not self._hybrid.transform_rows(picture, strip, self._hybrid.spectra):
-                    raise InputError("image must be finite")
-                self._hybrid.keep_columns(self._hybrid.spectra, columns)
-
-    def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling, out: FloatImage) -> None:
-        if not self._observed:
-            raise InputError("the solver holds no picture: call apply(), or prepare() before solve()")
-        self._minimise(self._observed, pull, out, beta, coupling)
-
-    def _minimise(
-        self,
-        observed: Sequence[ComplexArray],
-        picture: FloatImage | None,
-        out: FloatImage,
-        beta: float,
-        coupling: Coupling,
-        *,
-        blurred: bool = False,
-    ) -> None:
-        """Write the minimiser, or its blur, to `out`, which may be `picture`.
-
-        `observed` holds the columns of the observation's strips, and `picture` is the pull; without columns, `picture`
-        is the observation, and nothing pulls.
-        """
-        last = 1 if observed and picture is not None else 0
-        weights, pull = coupling.weights(beta), np.float32(beta if last else 0.0)
-        nsr, scale = np.float32(self.nsr), np.float32(self._scale)
-
-        def restore(strip: int, thread: int, source: int, block: int, bands: slice, slabs: ComplexArray) -> None:
-            signal, power = self._signals[thread][: len(slabs)], self._powers[thread][: len(slabs)]
-            otfs = self._otfs[strip, block, bands]
-            if source == 0:
-                add_normal(slabs, otfs, np.float32(1.0), True, signal, power)
-            if source == last:
-                solve_normal(signal, power, self._across[block], self._down, nsr, weights, pull, scale, slabs)
-            if source == last and blurred:
-                spectral.multiply(slabs, otfs)
-
-        self._pass(picture, out, restore, kept=observed)
+            sums, self._sums = self._sums or self._new_sums(), None
+            self._add(sums, self._bank, picture, 1.0, first=True)
+            self._sums = sums

@@ -26,9 +26,12 @@ from numpy.typing import ArrayLike
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Planning
 from rsdeblur.deconv.coupling import Coupling
-from rsdeblur.deconv.quadratic import TileQuadratic
+from rsdeblur.deconv.hybrid import COLUMNS
+from rsdeblur.deconv.quadratic import NormalSums, TileQuadratic
+from rsdeblur.kernels import spectral
+from rsdeblur.kernels.normal import add_normal
 from rsdeblur.psf import PsfBank
-from rsdeblur.types import FloatImage
+from rsdeblur.types import ComplexArray, FloatImage
 
 # Conjugate gradients of a solve. docs/developer/decisions/tiles.md has what fewer and more give.
 STEPS = 2
@@ -60,6 +63,15 @@ class UnknownBorderQuadratic(TileQuadratic):
     ) -> None:
         super().__init__(bank, shape, nsr=nsr, border="periodic", planning=planning, threads=threads)
         self.recorded = recorded
+        # Conjugate gradients blur: they need the OTFs of all tiles.
+        self._every_otf = self._new_filters()
+        self._fill_otfs(bank, self._every_otf)
+        # Each thread's normal equations of a few bands of a block of columns.
+        block = self._hybrid.together, COLUMNS, self._bands.length
+        slabs = block[0], self._channelled[2], *block[1:]
+        self._parts = [
+            NormalSums(np.empty(slabs, np.complex64), np.empty(block, np.float32)) for _ in range(self.threads)
+        ]
         # The picture with the present values beyond its frame, a direction there that is zero elsewhere, and a blur.
         self._filled, self._direction, self._blurred = (np.zeros(self._channelled, np.float32) for _ in range(3))
 
@@ -68,22 +80,30 @@ class UnknownBorderQuadratic(TileQuadratic):
         super().prepare(image)
         self._filled[...] = np.reshape(image, self._channelled)
 
+    def _take(self, bank: PsfBank) -> None:
+        super()._take(bank)
+        self._fill_otfs(bank, self._every_otf)
+
+    def _strip_otfs(self, bank: PsfBank, strip: int) -> ComplexArray:
+        otfs: ComplexArray = self._every_otf[strip]
+        return otfs
+
     def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling, out: FloatImage) -> None:
-        if self._observed:
-            self._fill(pull, beta, coupling)
+        if self._sums is not None:
+            self._fill(self._sums, pull, beta, coupling)
             super().prepare(self._filled.reshape(self.shape))
         super()._solve(beta, pull, coupling, out)
 
-    def _fill(self, pull: FloatImage | None, beta: float, coupling: Coupling) -> None:
+    def _fill(self, sums: NormalSums, pull: FloatImage | None, beta: float, coupling: Coupling) -> None:
         """Improve the values beyond the frame by conjugate gradients."""
         filled, direction, blurred = map(self._beyond, (self._filled, self._direction, self._blurred))
-        self._minimise(self._observed, pull, self._blurred, beta, coupling, blurred=True)
+        self._blur_minimiser(sums, pull, beta, coupling)
         error = [new - old for new, old in zip(blurred, filled, strict=True)]
         for part, start in zip(direction, error, strict=True):
             part[...] = start
         power = _dot(error, error)
         for _ in range(STEPS):
-            self._minimise((), self._direction, self._blurred, beta, coupling, blurred=True)
+            self._blur_minimiser_of_direction(beta, coupling)
             curvature = _dot(direction, direction) - _dot(direction, blurred)
             # Zero where nothing is wrong, and perhaps negative where tiles do not make quite a symmetric matrix.
             if not curvature > 0:
@@ -96,6 +116,30 @@ class UnknownBorderQuadratic(TileQuadratic):
             for part, left in zip(direction, error, strict=True):
                 part *= np.float32(power / before)
                 part += left
+
+    def _blur_minimiser(self, sums: NormalSums, pull: FloatImage | None, beta: float, coupling: Coupling) -> None:
+        """Write the blur of the minimiser to `_blurred`."""
+        minimise = self._minimiser(beta, coupling, pulls=pull is not None)
+
+        def blur(strip: int, _thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
+            place = strip, block, bands
+            minimise(block, sums.signal[place], sums.power[place], slabs)
+            spectral.multiply(slabs, self._every_otf[place])
+
+        self._pass(pull, self._blurred, blur)
+
+    def _blur_minimiser_of_direction(self, beta: float, coupling: Coupling) -> None:
+        """Write the blur of the minimiser for the observation `_direction` to `_blurred`; nothing pulls."""
+        minimise = self._minimiser(beta, coupling, pulls=False)
+
+        def blur(strip: int, thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
+            otfs, part = self._every_otf[strip, block, bands], self._parts[thread]
+            signal, power = part.signal[: len(slabs)], part.power[: len(slabs)]
+            add_normal(slabs, otfs, np.float32(1.0), True, signal, power)
+            minimise(block, signal, power, slabs)
+            spectral.multiply(slabs, otfs)
+
+        self._pass(self._direction, self._blurred, blur)
 
     def _beyond(self, picture: FloatImage) -> tuple[FloatImage, FloatImage]:
         """Return views of the rows and of the columns that were not recorded."""

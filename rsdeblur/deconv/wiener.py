@@ -6,7 +6,7 @@ Global mode is one band and one strip; it has no code of its own.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any
@@ -47,8 +47,8 @@ def decay_margin(nsr: float) -> float:
 
 
 # Called as ``change(strip, ...)`` with the arguments of :class:`rsdeblur.deconv.hybrid.Filter` after the strip.
-StripFilter = Callable[[int, int, int, int, slice, ComplexArray], None]
-# Called as ``put(columns, block, band, out)``, see :func:`_put_columns`.
+StripFilter = Callable[[int, int, int, slice, ComplexArray], None]
+# Called as ``put(columns, block, band, out)``, see :func:`rsdeblur.kernels.otf.put_columns`.
 PutColumns = Callable[[ComplexArray, int, int, ComplexArray], None]
 
 
@@ -183,7 +183,7 @@ class TileFilter:
     ) -> None:
         """Filter `source` into `target`, both (H, W, C), contiguous, possibly the same memory."""
 
-        def multiply(strip: int, _thread: int, _source: int, block: int, bands: slice, slabs: ComplexArray) -> None:
+        def multiply(strip: int, _thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
             spectral.multiply(slabs, filters[strip, block, bands])
 
         self._pass(source, target, multiply, progress=progress)
@@ -191,32 +191,21 @@ class TileFilter:
     def _pass(
         self,
         source: FloatImage | None,
-        target: FloatImage | None,
+        target: FloatImage,
         change: StripFilter,
         *,
-        kept: Sequence[ComplexArray] = (),
         progress: Callable[[float], None] | None = None,
     ) -> None:
-        """Filter pictures into `target`, strip by strip.
-
-        The sources of the filters are `kept`, the columns of the strips of another picture
-        (:meth:`rsdeblur.deconv.hybrid.Hybrid.keep_columns`), and after it `source`, unless it is None. `target`
-        may be `source`; None writes nothing.
-        """
+        """Filter `source` into `target`, strip by strip; None is a picture of zeros, and `target` may be `source`."""
         several = len(self._strips.tiles) > 1
         with self.lock:
-            if several and source is not None and target is not None and np.shares_memory(source, target):
+            if several and source is not None and np.shares_memory(source, target):
                 source = self._aside(source)
             for s, strip in enumerate(self._strips.tiles):
-                sources = [kept[s]] if kept else []
-                if source is not None:
-                    if not self._hybrid.transform_rows(source, strip, self._hybrid.spectra):
-                        raise InputError("image must be finite")
-                    sources.append(self._hybrid.spectra)
-                filtered = None if target is None else self._hybrid.spectra
-                self._hybrid.filter_columns(sources, filtered, partial(change, s))
-                if target is not None:
-                    self._hybrid.restore_rows(self._hybrid.spectra, target, strip, clear=several and s == 0)
+                if source is not None and not self._hybrid.transform_rows(source, strip):
+                    raise InputError("image must be finite")
+                self._hybrid.filter_columns(partial(change, s), empty=source is None)
+                self._hybrid.restore_rows(target, strip, clear=several and s == 0)
                 if progress is not None:
                     progress((s + 1) / len(self._strips.tiles))
 
@@ -227,33 +216,36 @@ class TileFilter:
         np.copyto(self._copy, picture)
         return self._copy
 
-    def _new_filters(self) -> ComplexArray:
-        """Return zeros for one filter per tile, shape (S, blocks of columns, B, COLUMNS, L): in the order of a pass."""
-        strips, bands = len(self._strips.tiles), len(self._bands.tiles)
+    def _new_filters(self, strips: int | None = None) -> ComplexArray:
+        """Return zeros for one filter per tile, shape (S, blocks of columns, B, COLUMNS, L): in the order of a pass.
+
+        They are for all strips, or for a number of them.
+        """
+        strips, bands = strips or len(self._strips.tiles), len(self._bands.tiles)
         filters: ComplexArray = np.zeros(
             (strips, self._hybrid.blocks, bands, COLUMNS, self._bands.length), np.complex64
         )
         return filters
 
-    def _fill_otfs(self, bank: PsfBank, out: ComplexArray, put: PutColumns | None = None) -> None:
-        """Fill `out` with the OTFs of all tiles, or with the filters that `put` computes from them."""
+    def _fill_otfs(self, bank: PsfBank, out: ComplexArray, put: PutColumns | None = None, *, first: int = 0) -> None:
+        """Fill `out` with the OTFs of the tiles of the strips from `first` on, or with what `put` computes of them."""
         parts, put = range(0, self._hybrid.frequencies, otf.COLUMNS), put or put_columns
 
-        def fill(thread: int, s: int, b: int, spectrum: ComplexArray, first: int) -> None:
-            put(self._planners[thread].columns(bank, spectrum, first), first // COLUMNS, b, out[s])
+        def fill(thread: int, s: int, b: int, spectrum: ComplexArray, part: int) -> None:
+            put(self._planners[thread].columns(bank, spectrum, part), part // COLUMNS, b, out[s])
 
         def plan(thread: int, tile: int) -> None:
             s, b = divmod(tile, out.shape[2])
-            spectrum = self._planners[thread].rows(bank, b, s)
-            for first in parts:
-                fill(thread, s, b, spectrum, first)
+            spectrum = self._planners[thread].rows(bank, b, first + s)
+            for part in parts:
+                fill(thread, s, b, spectrum, part)
 
         tiles = out.shape[0] * out.shape[2]
         if tiles > 1:
             self._hybrid.team.share(plan, range(tiles))
             return
-        spectrum = self._planners[0].rows(bank, 0, 0)
-        self._hybrid.team.share(lambda thread, first: fill(thread, 0, 0, spectrum, first), parts)
+        spectrum = self._planners[0].rows(bank, 0, first)
+        self._hybrid.team.share(lambda thread, part: fill(thread, 0, 0, spectrum, part), parts)
 
 
 @one_line("shape", "nsr", "_kernel_size")

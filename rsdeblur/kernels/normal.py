@@ -71,7 +71,7 @@ def solve_normal(signal, power, across, down, nsr, coupling, pull, scale, spectr
     Parameters
     ----------
     signal, power : ndarray
-        Sums of :func:`add_normal`; `power` is overwritten.
+        Sums of :func:`add_normal`.
     across, down : ndarray, shape (K,) and (L,), float32
         Squared magnitudes of the frequency responses of the horizontal and the vertical difference.
     nsr : float32
@@ -88,15 +88,16 @@ def solve_normal(signal, power, across, down, nsr, coupling, pull, scale, spectr
     norm, tiny = np.float32(1.0) + nsr, np.float32(TINY)
     picture, gradient, bend = coupling
     ridge = nsr + picture
+    gains = np.empty(spectra.shape[3], np.float32)
     for b in range(spectra.shape[0]):
         for k in range(spectra.shape[2]):
             for j in range(spectra.shape[3]):
                 squared = across[k] + down[j]
                 normal = power[b, k, j] + ridge + squared * (gradient + squared * bend)
-                power[b, k, j] = scale / max(normal, tiny)
+                gains[j] = scale / max(normal, tiny)
             for c in range(spectra.shape[1]):
                 for j in range(spectra.shape[3]):
-                    gain, s, v = power[b, k, j], signal[b, c, k, j], spectra[b, c, k, j]
+                    gain, s, v = gains[j], signal[b, c, k, j], spectra[b, c, k, j]
                     real = gain * (norm * s.real + pull * v.real)
                     imag = gain * (norm * s.imag + pull * v.imag)
                     spectra[b, c, k, j] = np.complex64(complex(real, imag))
@@ -116,5 +117,5 @@ def solve_normal_numpy(
     """Readable twin of :func:`solve_normal`."""
     picture, gradient, bend = coupling
     squared = across[:, None] + down
-    power[...] = scale / np.maximum(power + nsr + picture + gradient * squared + bend * squared**2, TINY)
-    spectra[...] = power[:, None] * ((1 + nsr) * signal + pull * spectra)
+    gains = scale / np.maximum(power + nsr + picture + gradient * squared + bend * squared**2, TINY)
+    spectra[...] = gains[:, None] * ((1 + nsr) * signal + pull * spectra)

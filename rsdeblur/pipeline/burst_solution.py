@@ -81,8 +81,10 @@ class BurstSolution:
         paths = _paths(frames, tile_centres(bands, height), tile_centres(strips, width), threads=options.threads)
         # Chunks reach as far as the largest PSF of any frame.
         bank = PsfBank.from_paths(paths[0], threads=options.threads).padded(_largest(paths))
-        settings = SolverSettings.of(options, mode, strengths)
-        single = SolverSettings.of(replace(simple, chroma="full"), mode, alone)
+        settings, single = (
+            SolverSettings.of(replace(each, chroma="full"), mode, strength)
+            for each, strength in ((options, strengths), (simple, alone))
+        )
         return cls(frames, tuple(paths), bank, shares, settings, single, strengths.noise)
 
     def run(self, out: NDArray[Any], options: Options, clock: StageClock) -> tuple[NDArray[np.bool_], UndershootMeter]:

@@ -144,17 +144,19 @@ def _bytes(bank: PsfBank, source: slice, shape: tuple[int, int, int], settings: 
         _tile_length(places, n, kernel, _margin(settings))
         for places, n, kernel in ((centres, rows, tall), (bank.cols, width, wide))
     )
-    # One complex value for every second frequency along x. With a prior, the spectra of the observed rows are kept; of
-    # several frames, the sums of the normal equations of each tile.
+    # One complex value for every second frequency along x: a filter of each tile or, with a prior or several frames, the
+    # sums of the normal equations and the OTFs of one strip.
     tiles = float(bands * strips * length * row)
-    filters, observed = 4.0 * tiles, 0.0
+    filters = 4.0 * tiles
+    if frames > 1 or settings.weight is not None:
+        # Those of brightness and of colours at half size are not kept at the same time.
+        together = 1 if settings.chroma_of(bank.size, shape) == "half" else channels
+        filters = (4.0 * together + 2.0) * tiles + 4.0 * tiles / strips
     if frames > 1:
-        pictures, observed = pictures + BURST_PICTURES, (4.0 * channels + 2.0) * tiles
+        pictures += BURST_PICTURES
         # The prediction of what a frame does not show has OTFs of its own.
-        filters *= 1 + min(1.0, (LONGEST + 2 * wide) / width)
-    elif settings.weight is not None:
-        observed = 4.0 * strips * rows * row * channels
-    return int(FIXED + pictures * picture + filters + observed + 8.0 * length * row)
+        filters += 4.0 * tiles * min(1.0, (LONGEST + 2 * wide) / width)
+    return int(FIXED + pictures * picture + filters + 8.0 * length * row)
 
 
 def _tile_length(centres: FloatArray, n: int, kernel: int, margin: float) -> float:
