@@ -82,7 +82,7 @@ class TileNormal(TileFilter):
         self.nsr, self.periodic = nsr, border == "periodic"
         # OTFs of the tiles of one strip.
         self._otfs = self._new_filters(1)
-        # Those of the observation, while there is one.
+        # Sums of the observation, while there is one.
         self._sums: NormalSums | None = None
         # |exp(i w) - 1|^2 = 4 sin^2(w / 2)
         self._across, self._down = (
