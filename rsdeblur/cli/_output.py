@@ -176,6 +176,21 @@ def check_page(path: Path, *, force: bool) -> None:
     check_target(path, force=force)
 
 
+def check_camera_file(path: Path, *, force: bool) -> None:
+    """Check that a camera file can be written, before the work.
+
+    Raises
+    ------
+    OutputError
+        If its name does not end in ``.toml``, it cannot be written, or it exists and `force` is not set.
+    """
+    from rsdeblur._util.atomic import check_target
+
+    if path.suffix.lower() != ".toml":
+        raise OutputError(f"{path}: a camera file is TOML; give it a name like camera.toml")
+    check_target(path, force=force)
+
+
 def print_json(payload: Any) -> None:
     """Print `payload` as JSON."""
     click.echo(json.dumps(payload, indent=2))

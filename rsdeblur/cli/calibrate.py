@@ -15,7 +15,7 @@ from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import clip_exposures, naming, read_log, read_recording
 from rsdeblur.cli._items import FOR_PHOTOS, ONE_OF_MANY, numbered_from_option, read_items, refuse_given
 from rsdeblur.cli._options import Defaults, Moments, Target
-from rsdeblur.cli._output import print_json, print_table, progress, say
+from rsdeblur.cli._output import check_camera_file, print_json, print_table, progress, say
 from rsdeblur.cli._types import PATH, SecondsType
 
 if TYPE_CHECKING:
@@ -118,12 +118,11 @@ def command(
     A value that the pictures do not determine is assumed: it keeps its start value. Exit code 1 means that the fit is
     not trustworthy; then no file is written.
     """
-    from rsdeblur._util.atomic import check_target
     from rsdeblur.errors import InputError
     from rsdeblur.estimate.calibrate import calibrate
     from rsdeblur.estimate.calibrate_photos import calibrate_photos
 
-    check_target(target.output, force=target.force)
+    check_camera_file(target.output, force=target.force)
     name = sources[0]
     with progress("calibrate") as move, naming(name, recording):
         film = _film(sources, recording, camera_file, numbering, frames, target.output)

@@ -14,7 +14,7 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._options import Target
-from rsdeblur.cli._output import print_json, say
+from rsdeblur.cli._output import check_camera_file, print_json, say
 from rsdeblur.cli._types import PATH, POSITIVE, NumberType, SecondsType, SizeType
 
 if TYPE_CHECKING:
@@ -294,9 +294,7 @@ def measure_readout(
 
 
 def _write(camera: Camera, target: Target) -> None:
-    from rsdeblur._util.atomic import check_target
-
-    check_target(target.output, force=target.force)
+    check_camera_file(target.output, force=target.force)
     camera.save(target.output)
 
 

@@ -60,6 +60,20 @@ def test_new_needs_one_focal_length(run: Run, tmp_path: Path, focal_length: list
     assert run("camera", "new", "--size", "400x300", *focal_length, "-o", tmp_path / "new.toml").exit_code == 2
 
 
+def test_a_camera_file_is_called_toml(run: Run, files: Files, tmp_path: Path) -> None:
+    """All commands that write a camera file refuse another extension, before the work and even with --force."""
+    out = tmp_path / "new.png"
+    for arguments in (
+        ("camera", "new", "--size", "400x300", "--focal35", "26"),
+        ("camera", "import", files.camera),
+        ("calibrate", files.photo, "--gyro", files.gyro, "--capture", files.captures),
+    ):
+        result = run(*arguments, "-o", out, "--force")
+        assert (result.exit_code, f"{out}: a camera file is TOML" in result.stderr) == (1, True)
+        assert not out.exists()
+    assert run("camera", "import", files.camera, "-o", tmp_path / "NEW.TOML").exit_code == 0
+
+
 def test_import_scales_crops_and_turns(run: Run, tmp_path: Path) -> None:
     source, out = tmp_path / "a.toml", tmp_path / "b.toml"
     camera = Camera(400, 300, 410.0, readout_time=0.02, imu_to_camera="phone-landscape")
