@@ -192,11 +192,25 @@ def _film(
 
         refuse_given(FOR_PHOTOS, **asdict(numbering))
         clip = open_clip(sources[0])
+        _check_length(len(clip))
         every = clip_exposures(clip, recording)
         runs = _runs(len(clip), count)
         pictures = (values_of(frame) for run in runs for frame in frames(clip, run.start, run.stop))
         exposures, size = [every[i] for run in runs for i in run], (clip.width, clip.height)
     return Photos(pictures, exposures, [log] * len(exposures), _start(camera_file, sources[0], size))
+
+
+def _check_length(frames: int) -> None:
+    """Refuse a clip that is too short for the motion between its frames."""
+    from rsdeblur.errors import InputError
+    from rsdeblur.estimate.calibrate import LEAST_PAIRS
+    from rsdeblur.estimate.clip_matches import LONGEST_STEP
+
+    if frames <= LEAST_PAIRS:
+        raise InputError(
+            f"the clip has {frames} frame{'s' * (frames > 1)}; at least {LEAST_PAIRS + 1} are needed, at most "
+            f"{LONGEST_STEP:g} s apart; give a clip of some seconds"
+        )
 
 
 def _runs(length: int, count: int) -> list[range]:

@@ -226,18 +226,32 @@ def test_a_long_clip_is_used_in_runs(length, count):
     assert len(runs) == 1 or numbers[-1] == length - 1
 
 
-def test_a_video(run: Run, film: Film, tmp_path):
+def write_clip(path: Path, pictures: list[NDArray[np.uint8]]) -> Path:
     av = pytest.importorskip("av", reason="the extra [video] is not installed")
-    path = tmp_path / "clip.mp4"
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=RATE, options={"crf": "4"})
         stream.width, stream.height, stream.pix_fmt = 176, 128, "yuv444p"
         stream.codec_context.time_base = Fraction(1, RATE)
-        for i, picture in enumerate(film.pictures):
+        for i, picture in enumerate(pictures):
             frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
             frame.pts = i
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
+    return path
+
+
+@pytest.mark.parametrize(("count", "message"), [(1, "has 1 frame;"), (3, "has 3 frames;"), (8, "has 8 frames;")])
+def test_a_short_clip(run: Run, film: Film, tmp_path, count, message):
+    """Eight pairs of frames are needed; with fewer, the message speaks of frames instead of photos."""
+    path = write_clip(tmp_path / "clip.mp4", film.pictures[:count])
+    options = ("--gyro", film.gyro, "--start", 6.0, "--duration", DURATION, "-o", tmp_path / "camera.toml")
+    result = run("calibrate", path, *options)
+    assert result.exit_code == 1
+    assert f"{path}: the clip {message} at least 9 are needed" in result.stderr
+
+
+def test_a_video(run: Run, film: Film, tmp_path):
+    path = write_clip(tmp_path / "clip.mp4", film.pictures)
     output = tmp_path / "camera.toml"
     start = tmp_path / "start.toml"
     # The log starts at 5 s, so the first frame is 6 s on its clock; the search is around the start's offset.
