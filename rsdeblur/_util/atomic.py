@@ -19,6 +19,8 @@ from rsdeblur.errors import OutputError
 
 # Bytes written at a time where a file system cannot reserve space.
 BLOCK = 2**20
+# Advice where a file exists, in the words of the command line.
+REPLACE = "use force (--force) to replace it, or give another name"
 
 
 def check_target(path: str | os.PathLike[str], *, force: bool) -> None:
@@ -39,7 +41,7 @@ def check_target(path: str | os.PathLike[str], *, force: bool) -> None:
     """
     target = _target(path)
     if target.exists() and not force:
-        raise OutputError(f"{path}: the file exists; use force (--force) to replace it, or give another name")
+        raise OutputError(f"{path}: the file exists; {REPLACE}")
     if not target.parent.is_dir():
         raise OutputError(f"{path}: cannot write the file: there is no folder {target.parent}")
     if not os.access(target.parent, os.W_OK):

@@ -39,7 +39,7 @@ from rsdeblur.cli._options import PhotoChanges, Recording, Track
 from rsdeblur.cli._output import FAILURES, reason
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
 from rsdeblur.cli._types import PATH
-from rsdeblur.errors import CoverageError, InputError, RsdeblurError, RsdeblurWarning
+from rsdeblur.errors import CoverageError, InputError, OutputError, RsdeblurError, RsdeblurWarning
 
 if TYPE_CHECKING:
     from rsdeblur.app.crop import Basis, Crop
@@ -246,7 +246,8 @@ class Desk:
         with self._busy:
             request = _request(self._tuned(form)[0])
         output = Path(_path(form, "output"))
-        check_writable(output, force=False)
+        with _never_replacing():
+            check_writable(output, force=False)
         return PhotoJob(
             photo=request.photo,
             recording=request.recording,
@@ -258,7 +259,7 @@ class Desk:
 
     def _run(self, photo: PhotoJob, job: Job) -> None:
         try:
-            with self._busy, _collected():
+            with self._busy, _collected(), _never_replacing():
                 job.facts = deblur_photo(photo, job.move)
         except MemoryError:
             job.error = "not enough memory; close other programs, or use the command with --max-memory"
@@ -463,6 +464,17 @@ def _shown(result: DeblurResult, inputs: Inputs, transfer: Transfer, crop: Crop,
         "banks": {} if draft else {"PSFs": bank_data(result.psfs)},
         "motion": {name: motion[name] for name in ("axis", "opens", "lines", "duration")},
     }
+
+
+@contextmanager
+def _never_replacing() -> Iterator[None]:
+    """Leave the advice to replace a file out of the errors of the block, because the page cannot do that."""
+    from rsdeblur._util.atomic import REPLACE
+
+    try:
+        yield
+    except OutputError as error:
+        raise OutputError(str(error).replace(REPLACE, "choose another name")) from error
 
 
 @contextmanager

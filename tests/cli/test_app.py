@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import threading
 import time
@@ -13,7 +14,7 @@ import pytest
 from PIL import Image
 
 from rsdeblur.app import LocalServer, page_files
-from rsdeblur.cli._desk import Desk, check_files
+from rsdeblur.cli._desk import Desk, Job, check_files
 from rsdeblur.cli._options import Recording
 from rsdeblur.errors import InputError, OutputError, RsdeblurError
 
@@ -97,9 +98,15 @@ def test_a_crop_is_that_part_of_the_whole_result(desk, form, run):
 
 def test_nothing_is_overwritten_and_a_dropped_file_lands_in_the_folder_of_the_app(desk, form):
     output = Path(form["output"])
+    job, photo = Job(), desk._job_of(form)
     output.write_bytes(b"mine")
-    with pytest.raises(OutputError, match="exists"):
+    # The page has no --force.
+    advice = f"{output}: the file exists; choose another name"
+    with pytest.raises(OutputError, match=f"^{re.escape(advice)}$"):
         desk.actions["save"](form)
+    # The file may appear after the check.
+    desk._run(photo, job)
+    assert job.error == advice
     with pytest.raises(InputError, match="choose the name of the result"):
         desk.actions["save"](form | {"output": ""})
     assert output.read_bytes() == b"mine"
