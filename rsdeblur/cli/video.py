@@ -176,6 +176,7 @@ def _facts(plan: ClipPlan, encoding: Encoding, output: Path) -> dict[str, Any]:
         "prior": plan.options.prior,
         "nsr": plan.strengths.nsr,
         "weight": plan.strengths.weight,
+        "chroma": plan.chroma,
         "codec": encoding.codec,
         "pixels": encoding.pixels,
     }

@@ -11,7 +11,7 @@ from rsdeblur.errors import InputError
 from rsdeblur.video._av import av
 
 # 16 bits are enough for the RGB values of 8, 10 and 12 bits of YCbCr.
-RGB = "rgb48le"
+RGB, CHANNELS = "rgb48le", 3
 FULL_RANGE = 2  # AVCOL_RANGE_JPEG; frames without a tag have the limited one
 LIMITED_RANGE = 1
 BT709 = 1  # AVCOL_SPC_BT709

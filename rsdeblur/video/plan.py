@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util import validate
-from rsdeblur.choices import KEEP, VERDICTS, Transfer
+from rsdeblur.choices import KEEP, VERDICTS, Chroma, Transfer
 from rsdeblur.deconv.wavelet import median_prior
 from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck
@@ -24,11 +24,11 @@ from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.pipeline.options import Options
 from rsdeblur.pipeline.plan import Plan, captured, plan
-from rsdeblur.pipeline.settings import Strengths
+from rsdeblur.pipeline.settings import SolverSettings, Strengths
 from rsdeblur.types import FloatArray, Progress
 from rsdeblur.video import QUALITY
 from rsdeblur.video.clip import Clip, frames
-from rsdeblur.video.pixels import values_of
+from rsdeblur.video.pixels import CHANNELS, values_of
 
 # Number of frames, spread over the video, whose noise and brightness represent all.
 SAMPLE_FRAMES = 5
@@ -57,7 +57,7 @@ class ClipPlan:
     tiles : (int, int)
         Bands and strips of the sample frame that has most.
     psf_size : (int, int)
-        Height and width of the largest kernel of any frame, px.
+        Height and width of the largest kernel of any frame, px of the frames as stored.
     lengths : tuple of float
         Length of the longest path in each frame, px; NaN where there is a reason.
     shares : tuple of float
@@ -91,6 +91,12 @@ class ClipPlan:
     def largest(self) -> float:
         """Length of the longest path in the frames that are deblurred, px."""
         return max(length for length, share in zip(self.lengths, self.shares, strict=True) if share > 0)
+
+    @property
+    def chroma(self) -> Chroma:
+        """Resolution at which colours are restored, with the largest kernels; with very small ones it is full."""
+        settings = SolverSettings.of(self.options, self.options.mode_in_effect, self.strengths)
+        return settings.chroma_of(self.psf_size, (self.clip.height, self.clip.width, CHANNELS))
 
     def frame(self, index: int) -> Plan:
         """Return the plan of one frame, whose own motion decides its tiles.
@@ -175,7 +181,7 @@ def plan_clip(
             f"no frame is blurred by more than {above:g} px, the largest blur is "
             f"{np.nanmax(lengths):.2g} px; there is nothing to deblur unless all frames are requested (--all)"
         )
-    down, across = measures[:, 2:4].max(axis=0)
+    reach = measures[:, 2:4].max(axis=0)[:: -1 if camera.horizontal_readout else 1]
     good = measures[:, 0].astype(int)
     # Frames spread over the video decide the strengths; those with the fastest change need most tiles.
     spread = _spread(good, SAMPLE_FRAMES)
@@ -194,7 +200,7 @@ def plan_clip(
         options=replace(options, check=False),
         strengths=_median_strengths(samples),
         tiles=max((len(grid.rows), len(grid.cols)) for grid in grids),
-        psf_size=(2 * int(down) + 3, 2 * int(across) + 3),
+        psf_size=(2 * int(reach[0]) + 3, 2 * int(reach[1]) + 3),
         lengths=tuple(lengths.tolist()),
         shares=tuple(shares.tolist()),
         check=_median_check(checks),
@@ -303,7 +309,8 @@ def _measure(
     """Return measures of the frames that can be deblurred, and for each frame the reason why it cannot, or None.
 
     Columns of the measures: the frame's number; the length of the longest path, px; the blur's extent along y and
-    x, px; its change down the picture, and its curvature down and across, which decide the number of tiles.
+    x, px; its change down the picture, and its curvature down and across, which decide the number of tiles. All in the
+    upright frame.
     """
     frame = ReadoutFrame(camera)
     measures, reasons = [], list[str | None]()

@@ -17,7 +17,7 @@ from click.testing import Result
 from numpy.typing import NDArray
 from skimage.metrics import peak_signal_noise_ratio
 
-from rsdeblur import Camera, Correction, Exposure, FramesRefinement, Translation, simulate
+from rsdeblur import Camera, Correction, Exposure, FramesRefinement, GyroLog, Translation, simulate
 from rsdeblur.image.transfer import from_linear
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -233,6 +233,8 @@ def test_horizontal_readout_is_the_turned_problem(movie: Movie) -> None:
     from rsdeblur.video.plan import plan_clip
 
     log, clip = read_gyro(movie.gyro), open_clip(movie.path)
+    # Mostly about x, so that kernels are much taller than wide.
+    log = GyroLog(log.t, log.omega * (3.0, 0.3, 1.0))
     camera = Camera(WIDTH, HEIGHT, 1.1 * WIDTH, readout_time=0.02, readout_direction="right-left")
     exposures = [Exposure(START + t, DURATION) for t in clip.times]
     options = Options(prior="wiener", bands=6, strips=2, nsr=0.02, threads=1)
@@ -240,6 +242,9 @@ def test_horizontal_readout_is_the_turned_problem(movie: Movie) -> None:
     assert shared.reasons == (None,) * FRAMES
     # Upright: bands run along the readout.
     assert shared.tiles == (6, 2)
+    sizes = [shared.frame(index).prepare(np.zeros((HEIGHT, WIDTH, 3))).bank.size for index in range(FRAMES)]
+    # The bank is upright, the size that of the frames as stored; the few paths of the plan miss some pixels.
+    np.testing.assert_allclose(shared.psf_size, np.max(sizes, axis=0)[::-1], atol=2)
     values = np.random.default_rng(0).integers(0, 65536, (HEIGHT, WIDTH, 3)).astype(np.uint16)
     for index, exposure in enumerate(exposures[:3]):
         frame = shared.frame(index).apply(values).image
@@ -251,6 +256,28 @@ def test_borders_that_photos_take_work_for_videos(run: Run, here: None, movie: M
     result = run(*movie.arguments(*movie.stamped, *STRENGTHS, "--border", "smooth", "-o", out))
     assert result.exit_code == 0, result.stderr
     assert out.is_file()
+
+
+@pytest.mark.parametrize(
+    ("rate", "method", "chroma"),
+    [
+        (2.0, (), "half"),
+        (2.0, ("--chroma", "full"), "full"),
+        (2.0, ("--mode", "rowwise", "--prior", "tv"), "full"),  # has no half colours
+        (0.1, (), "full"),  # kernels below 7 px
+    ],
+)
+def test_the_facts_contain_the_resolution_of_the_colours(
+    run: Run, movie: Movie, tmp_path: Path, rate: float, method: tuple[str, ...], chroma: str
+) -> None:
+    """A steady turn by 2 rad/s draws paths of 8 px."""
+    turn = tmp_path / "turn.csv"
+    np.savetxt(turn, np.column_stack([np.arange(0, 1, 0.005), np.full((200, 3), rate)]), "%.6f", ",")
+    turned = movie._replace(gyro=turn)
+    result = run(
+        *turned.arguments(*movie.stamped, *STRENGTHS, *method, "--dry-run", "--json", "-o", tmp_path / "o.mp4")
+    )
+    assert json.loads(result.stdout)["chroma"] == chroma
 
 
 def test_a_clip_is_planned_with_the_documented_defaults(movie: Movie, monkeypatch: pytest.MonkeyPatch) -> None:
