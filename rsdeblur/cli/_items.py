@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+import unicodedata
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -97,18 +98,26 @@ def _check_shared(defaults: Defaults) -> None:
 
 def _without_clashes(items: Iterable[Item], folder: Path, inputs: set[Place]) -> Iterator[Item]:
     """Set the error of items whose result another item already writes, or would replace an input of any item."""
-    writers: dict[Path, Path] = {}
+    writers: dict[str, Item] = {}
     for item in items:
-        other = writers.setdefault(item.output, item.photo)
+        other = writers.setdefault(one_name(item.output), item)
         if item.error is not None:
             yield item
-        elif other is not item.photo:
+        elif other is not item:
             result = folder / item.output
-            yield replace(item, error=f"{item.photo}: {other} has the same result, {result}; name another output")
+            same = f"{other.photo} has the same result, {result}"
+            if item.output != other.output:
+                same = f"{result} and {folder / other.output}, the result of {other.photo}, are one file on many disks"
+            yield replace(item, error=f"{item.photo}: {same}; name another output")
         elif not inputs.isdisjoint(_places([folder / item.output])):
             yield replace(item, error=f"{item.photo}: {folder / item.output} is an input too; name another output")
         else:
             yield item
+
+
+def one_name(path: Path) -> str:
+    """Return the same text for all paths that some disk takes for one: upper and lower case, composed characters."""
+    return unicodedata.normalize("NFC", str(path)).casefold()
 
 
 def _places(paths: Iterable[Path]) -> set[Place]:

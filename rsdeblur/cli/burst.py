@@ -25,7 +25,7 @@ from rsdeblur.cli._inputs import (
     warn_of_clip_gravity,
     warn_of_photo_gravity,
 )
-from rsdeblur.cli._items import ONE_OF_MANY, numbered_from_option, read_items, refuse_given
+from rsdeblur.cli._items import ONE_OF_MANY, numbered_from_option, one_name, read_items, refuse_given
 from rsdeblur.cli._options import Defaults, Recording, Target
 from rsdeblur.cli._output import (
     FAILURES,
@@ -272,8 +272,10 @@ def _folders(
     if target.output.suffix and not target.output.is_dir():
         raise click.UsageError(f"-o {target.output}: the results of folders need a folder, whose name has no extension")
     outputs = [target.output / f"{folder.resolve().name}.png" for folder in folders]
-    if len(set(outputs)) < len(outputs):
-        raise click.UsageError("two folders have the same name, and so would their results")
+    if len(set(map(one_name, outputs))) < len(outputs):
+        raise click.UsageError(
+            "two folders have the same name, or names that differ only in case, and so would their results"
+        )
     prepare_folder(target.output, [output.name for output in outputs], force=target.force)
     entries: list[dict[str, Any]] = []
     for folder, output in zip(folders, outputs, strict=True):

@@ -11,7 +11,7 @@ import click
 from rsdeblur.cli import _options, _refinement
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import recordings_of
-from rsdeblur.cli._items import result_name
+from rsdeblur.cli._items import one_name, result_name
 from rsdeblur.cli._kernel import check_sources, deconvolve_photo
 from rsdeblur.cli._options import PhotoChanges, PhotoTarget, Recording, Track
 from rsdeblur.cli._output import (
@@ -142,7 +142,7 @@ def _outputs(photos: Sequence[Path], output: Path | None, *, into_folder: bool) 
     Raises
     ------
     OutputError
-        If one is an input, or two are the same.
+        If one is an input, or two are the same, or one file on many disks.
     """
     names = [result_name(photo) for photo in photos]
     if output is None:
@@ -151,10 +151,16 @@ def _outputs(photos: Sequence[Path], output: Path | None, *, into_folder: bool) 
         results = [name.with_name(f"{name.stem}{SHARP}{name.suffix}") for name in names]
     else:
         results = [output / name.name for name in names] if into_folder else [output]
-    for i, result in enumerate(results):
+    known: dict[str, Path] = {}
+    for photo, result in zip(photos, results, strict=True):
         refuse_inputs(result)
-        if result in results[:i]:
-            raise OutputError(f"{result}: two photos have the same name; deblur them into different folders")
+        # Beside each other, the photos show that their disk tells the names apart.
+        other = known.setdefault(one_name(result) if into_folder else str(result), photo)
+        if other is not photo:
+            raise OutputError(
+                f"{result}: {other} and {photo} have the same name, or one that differs only in case; deblur them "
+                "into different folders"
+            )
     return results
 
 

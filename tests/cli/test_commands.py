@@ -453,6 +453,10 @@ def test_several_photos(run: Run, files: Files, tmp_path: Path) -> None:
     alone = read_picture(tmp_path / "frame_0-sharp.png").pixels
     np.testing.assert_array_equal(alone, read_picture(tmp_path / "sharp" / "frame_0.png").pixels)
 
+    # One file on many disks.
+    result = run("deblur", names[0], tmp_path / "old" / "FRAME_0.png", *files.recording, "-o", tmp_path / "sharp")
+    assert (result.exit_code, "differs only in case" in result.stderr) == (1, True)
+
     # A single photo makes the folder too.
     assert run("deblur", names[0], *files.sources, *capture, "--index", "0", "-o", tmp_path / "new").exit_code == 0
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["frame_0.png"]

@@ -191,6 +191,24 @@ def test_a_batch_replaces_no_input(run: Run, files: Files, tmp_path: Path) -> No
 
 
 @pytest.mark.usefixtures("here")
+@pytest.mark.parametrize(
+    ("one", "other"), [("a.png", "A.png"), ("B/a.png", "b/a.png"), ("\u00e9.png", "e\u0301.png"), ("a.png", "a.PNG")]
+)
+def test_results_that_are_one_file_on_some_disks_clash(
+    run: Run, files: Files, tmp_path: Path, one: str, other: str
+) -> None:
+    """Windows and macOS ignore case, macOS how accents are composed; the first row is done, the second refused."""
+    manifest, out = tmp_path / "m.csv", tmp_path / "out"
+    manifest.write_text(f"photo,output,start,duration\nphoto.png,{one},0.2,0.04\nphoto.png,{other},0.2,0.04\n", "utf-8")
+    result = run("batch", manifest, *files.sources, *FAST, "--dry-run", "--json", "-o", out)
+    assert result.exit_code == 3
+    first, second = json.loads(result.stdout)["items"]
+    assert first["state"] == "checked"
+    text = f"{out / other} and {out / one}, the result of {files.photo}, are one file on many disks"
+    assert second["error"] == f"{files.photo}: {text}; name another output"
+
+
+@pytest.mark.usefixtures("here")
 def test_results_may_lie_among_the_photos(run: Run, files: Files, tmp_path: Path) -> None:
     folder = session(files, tmp_path / "session")
     shutil.copy(files.photo, folder / "frames" / "a_0.png")
