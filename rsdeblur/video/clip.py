@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rsdeblur._util import ffmpeg
-from rsdeblur._util.files import open_file
+from rsdeblur._util.files import checked_path, open_file
 from rsdeblur.errors import FileFormatError, RsdeblurWarning
 from rsdeblur.io.sessions import PHOTOS
 from rsdeblur.video._av import av
@@ -153,6 +153,8 @@ def open_clip(path: str | os.PathLike[str]) -> Clip:
 
     Raises
     ------
+    InputError
+        If `path` is no path.
     FileFormatError
         If the file is not a video, has no video stream, or its frames have no stamps.
 
@@ -161,7 +163,7 @@ def open_clip(path: str | os.PathLike[str]) -> Clip:
     RsdeblurWarning
         If the video is interlaced, or has HDR10 metadata, which is left out.
     """
-    path = Path(path)
+    path = checked_path(path)
     with reading(path), open_container(path) as container:
         if not container.streams.video:
             raise FileFormatError(f"{path}: the file has no video stream")

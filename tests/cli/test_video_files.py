@@ -215,6 +215,9 @@ def test_functions_take_names_and_check_their_arguments(clip: Path, tmp_path: Pa
     log, camera = rsdeblur.hand_shake(0.5), Camera(WIDTH, HEIGHT, 70.0)
     with pytest.raises(InputError, match="8 frames, 7 exposures"):
         plan_clip(opened, log, camera, exposures[1:])
+    for path in (None, 1, b"clip.mp4"):
+        with pytest.raises(InputError, match="path must be the path of a file, got"):
+            open_clip(path)
 
 
 @pytest.mark.parametrize(("lengths", "chosen"), [([3], [0]), ([3, 9], [0, 1]), ([5, 1, 7, 2], [0, 2])])
