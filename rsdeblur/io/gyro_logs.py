@@ -9,9 +9,12 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from functools import partial
+from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 from rsdeblur._util import validate
+from rsdeblur.errors import FileFormatError
 from rsdeblur.io import archives, gyro_binary, gyro_tables, gyroflow
 from rsdeblur.io.formats import Format, choose
 from rsdeblur.io.samples import GyroFile, Samples, finish
@@ -27,6 +30,8 @@ FORMATS: tuple[Format[Samples], ...] = (
     *archives.FORMATS,
     *gyro_tables.FORMATS,
 )
+# Formats that many tables fit; in an archive, the file of an app comes first.
+ANY_TABLE = ("plain", "unstamped")
 ADVICE = (
     "; name the columns of a table in its first line, like t,wx,wy,wz, or with units t_ms,wx_deg_s,wy_deg_s,wz_deg_s"
 )
@@ -58,7 +63,7 @@ def read_gyro(
     ``unstamped``         ``wx wy wz``, exactly three columns, or a header that names them and no stamps; needs `rate`
     ===================== ==================================================================================
 
-    A zip archive is searched for a gyro log. Columns of text may be separated by commas, semicolons, bars, spaces or
+    A zip archive is searched for a gyro log, and refused if it contains several that are equally likely. Columns of text may be separated by commas, semicolons, bars, spaces or
     tabs; blank lines and lines that start with ``#`` are skipped. In a table without a header, the one column that
     always rises contains the stamps. Units come from the header; without one, rates are in rad/s and the unit of time
     (s, ms, us or ns) follows from the median sample spacing, which is unambiguous for a gyro between 20 Hz and 8 kHz.
@@ -88,7 +93,7 @@ def read_gyro(
     ------
     FileFormatError
         If the file cannot be read, is empty, damaged, cut off or of an unknown format, contains no gyro samples or
-        those of an accelerometer; if `format` is not the name of a format, or the file is not in it; if an optional
+        those of an accelerometer, or is an archive of several logs; if `format` is not the name of a format, or the file is not in it; if an optional
         package is needed and not installed; or, naming the line, if a cell is missing, not a number or not finite, a
         rate is impossible, a stamp conflicts with another or is beyond int64, or the column of stamps does not rise;
         if the log contains no stamps and `rate` is missing, or contains stamps and `rate` is given.
@@ -174,7 +179,23 @@ def _choose(path: str | os.PathLike[str], format: str | None) -> tuple[Format[Sa
     """Return the format, the source of the log (the file or a member of it), and facts from files beside it."""
     members = archives.members_of(Source(path, WHAT))
     facts = archives.facts_beside(members)
-    for member in members:
-        if format is None and any(each.fits(member) for each in FORMATS):
-            return choose(FORMATS, member), member, facts
+    formats = FORMATS if format is None else (choose(FORMATS, members[0], format),)
+    # In their order, so that large files of other sensors are not parsed beside the gyro's.
+    for _, group in groupby(members, lambda member: archives.gyro_first(member.path.name)[:2]):
+        if fitting := [member for member in group if any(each.fits(member) for each in formats)]:
+            member = fitting[0] if len(fitting) == 1 else _only(Path(path), fitting)
+            return choose(FORMATS, member, format), member, facts
     return choose(FORMATS, members[0], format, advice=ADVICE), members[0], facts
+
+
+def _only(archive: Path, members: list[Source]) -> Source:
+    """Return the only gyro log among members whose names say equally much; raise `FileFormatError` if two may be it."""
+    likely = [each for each in members if not gyro_tables.names_other_sensor(each.path.stem)] or members[:1]
+    logs = [each for each in likely if choose(FORMATS, each).name not in ANY_TABLE] or likely
+    if len(logs) > 1:
+        first, second = (each.path.relative_to(archive).as_posix() for each in logs[:2])
+        raise FileFormatError(
+            f"{archive}: the archive contains more than one gyro log, {first} and {second}; extract the one of your "
+            "photo or video, and give that"
+        )
+    return logs[0]

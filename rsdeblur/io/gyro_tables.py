@@ -120,8 +120,13 @@ def _read_sensorlogger(text: TextFile) -> Samples:
 def refuse_other_sensor(text: TextFile) -> None:
     """Raise `FileFormatError` if a file whose columns do not name the sensor is named after another one."""
     name = text.path.stem
-    if OTHER_SENSORS.search(name) and "gyr" not in name.lower():
+    if names_other_sensor(name):
         raise text.error(f"the file is named after another sensor than the gyro ({name}); give the gyro's file")
+
+
+def names_other_sensor(name: str) -> bool:
+    """Return whether a file's name is that of another sensor's file."""
+    return OTHER_SENSORS.search(name) is not None and "gyr" not in name.lower()
 
 
 def _sniff_opencamera(text: TextFile) -> bool:

@@ -165,6 +165,34 @@ class TestZip:
         with pytest.raises(FileFormatError, match=r"export\.zip: the archive contains no gyro log"):
             read_gyro(path)
 
+    @pytest.mark.parametrize(
+        ("first", "second"),
+        [
+            ("monday/Gyroscope.csv", "tuesday/Gyroscope.csv"),
+            ("GyroscopeUncalibrated.csv", "b/GyroscopeUncalibrated.csv"),
+            ("a.csv", "b.csv"),
+        ],
+    )
+    def test_two_gyroscopes(self, tmp_path: Path, first: str, second: str) -> None:
+        path = tmp_path / "export.zip"
+        with zipfile.ZipFile(path, "w") as archive:
+            for name in (second, "Accelerometer.csv", first):
+                archive.writestr(name, self.HEADER + rows("{t},0.1,{z},{y},{x}"))
+        for format in (None, "sensorlogger"):
+            with pytest.raises(FileFormatError, match=f"export.zip: .* more than one gyro log, {first} and {second};"):
+                read_gyro(path, format)
+
+    def test_an_app_s_format_comes_before_any_table(self, tmp_path: Path) -> None:
+        """EuRoC's position of a laser is a table of four columns, as some gyro logs are."""
+        with zipfile.ZipFile(tmp_path / "euroc.zip", "w") as archive:
+            archive.writestr("a0/data.csv", "#timestamp,p_x,p_y,p_z\n" + rows("{t},{x},{y},{z}"))
+            archive.writestr(
+                "imu0/data.csv",
+                "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1]\n"
+                + rows("{t},{x},{y},{z}"),
+            )
+        assert_contains_the_samples(tmp_path / "euroc.zip", "euroc", "sensor")
+
     def test_damaged(self, write: Write) -> None:
         with pytest.raises(FileFormatError, match=r"log\.zip: the archive is damaged"):
             read_gyro(write(b"PK\x03\x04" + bytes(50), "log.zip"))
