@@ -146,7 +146,7 @@ def _errors(good: Sequence[tuple[FilmedClip, Calibration]]) -> tuple[dict[str, F
     scores: dict[str, list[float]] = {}
     for clip, result in good:
         for name, truth in clip.truth().items():
-            value, sd, _ = result.values[name]
+            value, sd = result.values[name].value, result.values[name].sd
             scale = abs(truth) if name in ("focal_length", "readout_time") else 1.0
             errors.setdefault(name, []).append((value - truth) / scale)
             if sd is not None:

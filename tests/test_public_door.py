@@ -161,6 +161,10 @@ CALLS: dict[str, Call] = {
     "refine_frames: exposures": lambda x: rs.refine_frames([IMAGE] * 2, LOG, CAMERA, [x] * 2),
     **options(rs.refine_frames, ([IMAGE] * 2, LOG, CAMERA, [EXPOSURE] * 2), "translation uncertainty transfer"),
     **options(rs.Uncertainty, (), "scale drift offset readout roll"),
+    **options(rs.Correction, (), "scale drift_x drift_y offset readout roll"),
+    "Estimate: value": lambda x: rs.Estimate(x, 0.1, "s"),
+    "Estimate: sd": lambda x: rs.Estimate(1.0, x, "s"),
+    "Estimate: unit": lambda x: rs.Estimate(1.0, 0.1, x),
     "calibrate: exposures": lambda x: rs.calibrate([IMAGE] * 2, x, LOG, CAMERA),
     "calibrate: log": lambda x: rs.calibrate([IMAGE] * 2, [EXPOSURE] * 2, x, CAMERA),
     "calibrate: camera": lambda x: rs.calibrate([IMAGE] * 2, [EXPOSURE] * 2, LOG, x),
@@ -210,11 +214,12 @@ FITS = {
     ("reading_order: rows", "short tuple"),
     ("PsfBank: rows", "short tuple"),
     ("RowDeconvolver.apply: prior", "none"),
+    ("Estimate: unit", "text"),
 }
 # Arguments that may be None.
 OPTIONAL = {
     "translation", "threads", "max_memory", "out", "progress", "options", "principal_point", "size", "bits", "like",
-    "uncertainty", "mode", "prior", "known",
+    "uncertainty", "mode", "prior", "known", "sd",
 }  # fmt: skip
 
 
@@ -286,6 +291,9 @@ def test_numbers_that_are_out_of_range_are_refused() -> None:
         "t1 must be at most": lambda: LOG.covering(0.0, 1e300, 0),
         "values must be floats, got uint8; divide them by 255": lambda: rs.to_linear(PIXELS, "srgb"),
         "light must be an array of real numbers": lambda: rs.from_linear("abc", "linear"),
+        "sd must be at least 0, got -1": lambda: rs.Estimate(1.0, -1.0, "s"),
+        "value must be finite, got nan": lambda: rs.Estimate(np.nan, None, "s"),
+        "roll must be finite, got inf": lambda: rs.Correction(roll=np.inf),
         "axes must be a str": lambda: TRAJECTORY.translation(EXPOSURE, CAMERA, 1.0, axes=1),
     }
     for message, call in calls.items():

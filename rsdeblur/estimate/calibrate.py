@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
@@ -55,7 +53,8 @@ GROUPS = {
 LEAST_USED = 0.5
 
 
-class Estimate(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Estimate:
     """One calibrated number.
 
     Parameters
@@ -66,11 +65,22 @@ class Estimate(NamedTuple):
         Standard deviation; None for a start value.
     unit : str
         Unit of both.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite, `sd` is negative, or `unit` is no text.
     """
 
     value: float
     sd: float | None
     unit: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "value", validate.finite("value", self.value))
+        if self.sd is not None:
+            object.__setattr__(self, "sd", validate.finite("sd", self.sd, minimum=0.0))
+        validate.instance("unit", self.unit, str)
 
     @property
     def determined(self) -> bool:
@@ -385,7 +395,9 @@ class _Clip:
         p, camera = fit.parameters, self._camera
 
         def value(number: float, unit: str, **slopes: float) -> Estimate:
-            return Estimate(float(number), fit.sd(**slopes) if set(slopes) & set(fit.free) else None, unit)
+            sd = fit.sd(**slopes) if set(slopes) & set(fit.free) else np.nan
+            # A number on which no match depends has no deviation.
+            return Estimate(number, sd if np.isfinite(sd) else None, unit)
 
         signed, axis = (p.across, "across") if p.across else (p.down, "down")
         lines = camera.width if axis == "across" else camera.height

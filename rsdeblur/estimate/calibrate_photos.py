@@ -313,7 +313,7 @@ class _Search:
         if offset.sd is not None and not values["readout"].determined:
             # The photos determine when the middle row was exposed; the timestamp marks another one.
             late = _middle(camera) * START.readout * camera.readout_time
-            offset = offset._replace(sd=float(np.hypot(offset.sd, late)))
+            offset = replace(offset, sd=np.hypot(offset.sd, late))
         return camera, {
             "time_offset": offset,
             "focal_length": values["scale"],
@@ -337,7 +337,7 @@ class _Search:
         focal, readout_time = camera.focal_length[0], camera.readout_time
         numbers = zip(NUMBERS, (camera.time_offset, focal, readout_time), (1.0, focal, readout_time), sd, strict=True)
         return {
-            name: Estimate(value, float(unit * each) if name in free else None, UNITS[name])
+            name: Estimate(value, unit * each if name in free else None, UNITS[name])
             for name, value, unit, each in numbers
         }
 
@@ -401,9 +401,8 @@ def _without(camera: Camera, name: str, start: Camera) -> Camera:
 
 def _excess(name: str, estimate: Estimate) -> float:
     """Return the standard deviation of a number over its limit; 0 if it was not fitted."""
-    value, sd, _ = estimate
-    limit = MOST_ERRORS[name] * (1.0 if name == "offset" else value)
-    return 0.0 if sd is None else sd / limit
+    limit = MOST_ERRORS[name] * (1.0 if name == "offset" else estimate.value)
+    return 0.0 if estimate.sd is None else estimate.sd / limit
 
 
 def _resampled(count: int) -> NDArray[np.int64]:

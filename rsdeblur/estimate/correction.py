@@ -36,6 +36,11 @@ class Correction:
         Logarithm of the factor on the readout time.
     roll : float, default 0.0
         Bias of the gyroscope about the optical axis, rad/s, subtracted from the rates.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite.
     """
 
     scale: float = 0.0
@@ -44,6 +49,10 @@ class Correction:
     offset: float = 0.0
     readout: float = 0.0
     roll: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            object.__setattr__(self, field.name, validate.finite(field.name, getattr(self, field.name)))
 
     @property
     def vector(self) -> FloatArray:
