@@ -20,6 +20,7 @@ from rsdeblur.cli._items import FOR_PHOTOS, ONE_OF_MANY, numbered_from_option, r
 from rsdeblur.cli._options import Defaults, Recording
 from rsdeblur.cli._output import FAILURES, plain_cell, prepare_folder, print_json, progress, reason, say, write_json
 from rsdeblur.cli._types import PATH, NumberType
+from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
     from rsdeblur.estimate.triage import Triage
@@ -103,6 +104,8 @@ def command(
         shots = _frames(source, recording)
     else:
         shots = _photos(source, recording, numbered_from, output)
+    if not shots:
+        raise InputError(f"{source}: there is nothing to measure, because no photo is listed")
     with progress("triage") as move:
         blurs: list[tuple[float, str | None]] = []
         for i, shot in enumerate(shots):
@@ -122,6 +125,9 @@ def command(
         print_json(report)
     else:
         _print(source, judged, output)
+    if judged.counts["unknown"] == len(judged):
+        kind = "frames" if is_clip else "photos"
+        raise InputError(f"{source}: the blur of all {len(judged)} {kind} is unknown, the first: {judged.reasons[0]}")
 
 
 def _frames(source: Path, recording: Recording) -> list[_Shot]:
@@ -198,7 +204,8 @@ def _print(source: Path, judged: Triage, output: Path | None) -> None:
     largest = f"; median {np.median(known):.1f} px, largest {known.max():.1f} px" if len(known) else ""
     say(f"{source}: {counts}{largest}")
     reasons = [reason for reason in judged.reasons if reason is not None]
-    if reasons:
+    # The reason of an error is printed at the end.
+    if reasons and len(known):
         say(f"  {len(reasons)} unknown, the first: {reasons[0]}")
     if output is not None:
         say(f"  see {output / TABLE}, {output / REPORT} and {output / PLOT}")

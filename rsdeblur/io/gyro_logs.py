@@ -63,10 +63,11 @@ def read_gyro(
     ``unstamped``         ``wx wy wz``, exactly three columns, or a header that names them and no stamps; needs `rate`
     ===================== ==================================================================================
 
-    A zip archive is searched for a gyro log, and refused if it contains several that are equally likely. Columns of text may be separated by commas, semicolons, bars, spaces or
-    tabs; blank lines and lines that start with ``#`` are skipped. In a table without a header, the one column that
-    always rises contains the stamps. Units come from the header; without one, rates are in rad/s and the unit of time
-    (s, ms, us or ns) follows from the median sample spacing, which is unambiguous for a gyro between 20 Hz and 8 kHz.
+    A zip archive is searched for a gyro log, and refused if it contains several that are equally likely. Columns of
+    text may be separated by commas, semicolons, bars, spaces or tabs; blank lines and lines that start with ``#`` are
+    skipped. In a table without a header, the one column that always rises contains the stamps. Units come from the
+    header; without one, rates are in rad/s and the unit of time (s, ms, us or ns) follows from the median sample
+    spacing, which is unambiguous for a gyro between 20 Hz and 8 kHz.
     Rates of ``gcsv``, ``gyroflow`` and ``video`` are in Gyroflow's frame (x up, y left, z back), those of the others in
     the sensor's own axes.
 
@@ -93,10 +94,11 @@ def read_gyro(
     ------
     FileFormatError
         If the file cannot be read, is empty, damaged, cut off or of an unknown format, contains no gyro samples or
-        those of an accelerometer, or is an archive of several logs; if `format` is not the name of a format, or the file is not in it; if an optional
-        package is needed and not installed; or, naming the line, if a cell is missing, not a number or not finite, a
-        rate is impossible, a stamp conflicts with another or is beyond int64, or the column of stamps does not rise;
-        if the log contains no stamps and `rate` is missing, or contains stamps and `rate` is given.
+        those of an accelerometer, or is an archive of several logs; if `format` is not the name of a format, or the
+        file is not in it; if an optional package is needed and not installed; or, naming the line, if a cell is
+        missing, not a number or not finite, a rate is impossible, a stamp conflicts with another or is beyond int64, or
+        the column of stamps does not rise; if the log contains no stamps and `rate` is missing, or contains stamps and
+        `rate` is given.
     InputError
         If `unit`, `orientation` or `rate` is not a valid one.
 

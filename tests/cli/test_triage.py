@@ -61,6 +61,22 @@ def test_manifest_and_missing_files(run: Run, files: Files, tmp_path: Path) -> N
     assert "--gyro and --camera" in result.stderr
 
 
+def test_a_blur_that_is_unknown_everywhere_is_an_error(run: Run, files: Files, tmp_path: Path) -> None:
+    """The files are written all the same, as they have all reasons; the message has the first one."""
+    manifest, out = tmp_path / "list.csv", tmp_path / "out"
+    manifest.write_text("photo,start,duration\na.png,9,40ms\nb.png,8,40ms\n")
+    result = run("triage", manifest, *files.sources, "-o", out, "--json")
+    assert result.exit_code == 1
+    assert f"{manifest}: the blur of all 2 photos is unknown, the first: the gyro log" in result.stderr
+    assert json.loads(result.stdout)["counts"]["unknown"] == 2
+    assert json.loads((out / "triage.json").read_text()) == json.loads(result.stdout)
+    result = run("triage", manifest, *files.sources)
+    assert (result.exit_code, result.stdout) == (1, f"{manifest}: 2 unknown\n")
+    manifest.write_text("photo,start,duration\n")
+    result = run("triage", manifest, *files.sources)
+    assert (result.exit_code, "no photo is listed" in result.stderr) == (1, True)
+
+
 def test_options_without_effect_are_refused(run: Run, tmp_path: Path) -> None:
     (tmp_path / "clip.mp4").touch()
     clip = tmp_path / "clip.mp4", "--gyro", "gyro.csv", "--camera", "camera.toml"
