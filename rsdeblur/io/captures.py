@@ -26,6 +26,8 @@ MARS_COLUMNS = (
     re.compile(r"exposure (time|duration)\s*\[nanosec\]"),
 )
 STAMP, EXPOSURE = re.compile("(frame)?timestamp"), re.compile("exposure(time|duration)?")
+# A picture's name beside its stamp.
+PICTURE = re.compile(r".+\.[a-z]\w{2,3}", re.IGNORECASE)
 # s between frames, from 2000 to 2 per second.
 FRAME_SPACING = (0.0005, 0.5)
 # s; the fastest electronic shutters of cameras take ten times as long.
@@ -57,9 +59,9 @@ def read_captures(path: str | os.PathLike[str], *, duration: float | None = None
     """Read the exposures of a recording, in the order of the file.
 
     Reads MARS logger ``movie_metadata.csv`` (Android and iOS; only the stamp and the exposure time are needed, other
-    cells may be ``null``), DeepGyro ``images.txt`` (``t_ns exposure_ns``), GyroDeblurNet ``image_info.txt``, files of
-    stamps alone (OpenCamera Sensors ``..._imu_timestamps.csv``, MARS logger ``frame_timestamps.txt``), and JPEG files
-    with a GYRODATA trailer. The content decides the format. Stamps with fractions are in s, and so are the exposure
+    cells may be ``null``), DeepGyro ``images.txt`` (``t_ns exposure_ns``), GyroDeblurNet ``image_info.txt``, stamps
+    beside the pictures' names (EuRoC ``cam0/data.csv``) or alone (OpenCamera Sensors ``..._imu_timestamps.csv``, MARS
+    logger ``frame_timestamps.txt``), and JPEG files with a GYRODATA trailer. The content decides the format. Stamps with fractions are in s, and so are the exposure
     times beside them, if the frames are then 0.5 to 500 ms apart; others are refused.
 
     Parameters
@@ -178,11 +180,18 @@ def _sniff_image_info(text: TextFile) -> bool:
     return _has_numbers(text, IMAGE_INFO_CELLS) and float(cells_of(text.head)[4]) > 1
 
 
+def _names_pictures(text: TextFile) -> bool:
+    cells = cells_of(text.head)
+    return len(cells) == 2 and is_number(cells[0]) and PICTURE.fullmatch(cells[1]) is not None
+
+
 def _stamp_header(text: TextFile) -> list[Cell] | None:
     """Return the cells of a header `timestamp` or `timestamp[unit], ...`; None for that of a gyro log."""
-    if named_columns(text) is not None:
-        return None
-    cells = [Cell.of(cell.strip('" ')) for cell in re.split(r"[,;|\t]", text.head)]
+    return None if named_columns(text) is not None else _stamp_cells(text.head)
+
+
+def _stamp_cells(line: str) -> list[Cell] | None:
+    cells = [Cell.of(cell.strip('" ')) for cell in re.split(r"[,;|\t]", line)]
     known = cells[0].unit in TIME_UNITS or (len(cells) == 1 and not cells[0].unknown)
     return cells if known and STAMP.fullmatch(cells[0].name) else None
 
@@ -191,8 +200,20 @@ def _read_stamps(text: TextFile) -> CaptureFile:
     cells = _stamp_header(text) or []
     exposures = [k for k, cell in enumerate(cells) if EXPOSURE.fullmatch(cell.name) and cell.unit in TIME_UNITS][:1]
     units = [cells[k].unit for k in (0, *exposures)] if cells else []
-    rows = text.rows[1:] if cells else text.rows
-    file = _captures("stamps", text, rows, [0, *exposures], *units)
+    return _stamps("stamps", text, text.rows[1:] if cells else text.rows, [0, *exposures], units)
+
+
+def _read_pictures(text: TextFile) -> CaptureFile:
+    above = [line.lstrip().removeprefix("#") for line in text.lines[: text.rows[0]] if line.strip()]
+    cells = _stamp_cells(above[-1]) if above else None
+    return _stamps("euroc", text, text.rows, [0], [cells[0].unit] if cells else [])
+
+
+def _stamps(
+    format: str, text: TextFile, rows: Rows, columns: Sequence[int], units: Sequence[str | None]
+) -> CaptureFile:
+    """Read stamps and perhaps exposure times; refuse stamps without a unit that are too close for ns."""
+    file = _captures(format, text, rows, columns, *units)
     spacing = float(np.median(np.diff(file.stamps))) if len(file.stamps) > 1 else np.inf
     if not any(units) and spacing < 1e9 * FRAME_SPACING[0]:
         raise text.error(
@@ -226,6 +247,7 @@ FORMATS: tuple[Format[CaptureFile], ...] = (
         _sniff_image_info,
         lambda text: _captures("image-info", text, text.rows, (0, 2)),
     ),
+    text_format("euroc", "EuRoC cam0/data.csv, `t_ns,filename`", _names_pictures, _read_pictures),
     text_format(
         "stamps",
         "one stamp in ns a line",

@@ -173,10 +173,27 @@ def test_a_header_of_stamps_may_name_exposure_times(tmp_path: Path, text: str, d
     assert read_captures(path, duration=0.5)[0] == Exposure(0.0, duration, 10**9)
 
 
-@pytest.mark.parametrize("header", ["", "timestamp\n"])
-def test_milliseconds_are_not_nanoseconds(tmp_path: Path, header: str) -> None:
+@pytest.mark.parametrize(
+    "text",
+    [
+        "#timestamp [ns],filename\n4000000000,4000000000.png\n4050000000,4050000000.png\n",
+        "# colour images\n# timestamp filename\n4.0000 rgb/4.0000.png\n4.0500 rgb/4.0500.png\n",
+        "#timestamp [us],filename\n4000000,a.jpeg\n4050000,b.jpeg\n",
+    ],
+    ids=["EuRoC", "TUM", "us"],
+)
+def test_stamps_beside_the_names_of_pictures(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "data.csv"
+    path.write_text(text)
+    assert read_captures(path, duration=0.01) == [Exposure(0.0, 0.01, 4 * 10**9), Exposure(0.0, 0.01, 4_050_000_000)]
+    with pytest.raises(FileFormatError, match=r"data\.csv: .* stamps without exposure times; give the exposure time"):
+        read_captures(path)
+
+
+@pytest.mark.parametrize(("header", "name"), [("", ""), ("timestamp\n", ""), ("", ",a.png")])
+def test_milliseconds_are_not_nanoseconds(tmp_path: Path, header: str, name: str) -> None:
     path = tmp_path / "captures.csv"
-    path.write_text(header + "".join(f"{33 * i}\n" for i in range(9)))
+    path.write_text(header + "".join(f"{33 * i}{name}\n" for i in range(9)))
     with pytest.raises(FileFormatError, match=r"captures are 33 ns apart; name the unit in a header"):
         read_captures(path, duration=0.01)
 
