@@ -60,9 +60,10 @@ def read_captures(path: str | os.PathLike[str], *, duration: float | None = None
 
     Reads MARS logger ``movie_metadata.csv`` (Android and iOS; only the stamp and the exposure time are needed, other
     cells may be ``null``), DeepGyro ``images.txt`` (``t_ns exposure_ns``), GyroDeblurNet ``image_info.txt``, stamps
-    beside the pictures' names (EuRoC ``cam0/data.csv``) or alone (OpenCamera Sensors ``..._imu_timestamps.csv``, MARS
-    logger ``frame_timestamps.txt``), and JPEG files with a GYRODATA trailer. The content decides the format. Stamps with fractions are in s, and so are the exposure
-    times beside them, if the frames are then 0.5 to 500 ms apart; others are refused.
+    beside the names of pictures (EuRoC ``cam0/data.csv``), stamps alone (OpenCamera Sensors
+    ``..._imu_timestamps.csv``, MARS logger ``frame_timestamps.txt``), and JPEG files with a GYRODATA trailer. The
+    content decides the format. Stamps with fractions are in s, and so are the exposure times beside them, if the frames
+    are then 0.5 to 500 ms apart; others are refused.
 
     Parameters
     ----------
