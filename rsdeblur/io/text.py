@@ -7,6 +7,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from decimal import Decimal
 from itertools import islice
 from pathlib import Path
@@ -26,7 +27,7 @@ INT64_LIMIT = 2**63
 ROUNDING = 2.0**-51
 # The names of the columns are among the first lines; some apps write a few lines about the recording above them.
 PREAMBLE = 20
-# Characters of the longest line that may name columns: a ROS topic with all its covariances has 1500.
+# Characters of the longest line that may name columns, or contain a date: a ROS topic with all its covariances has 1500.
 HEADER_WIDTH = 4096
 # Characters searched in a file that is not a table, such as a camera's.
 START = 2**20
@@ -47,6 +48,11 @@ PACKED = {
     b"MATLAB ": "a MAT-file; save the table as CSV",
     b"SQLite format": "a database; export the table as CSV",
 }
+# Cells with a date and a time of ISO 8601, whose zone is known.
+ISO_STAMP = re.compile(
+    r'(?<![^\s,;|"])(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?(Z|[+-]\d\d:\d\d)(?![^\s,;|"])', re.ASCII
+)
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*", re.ASCII)
 
 Rows = NDArray[np.intp]
@@ -98,6 +104,9 @@ class TextFile:
         if not len(rows):
             raise FileFormatError(f"{path}: not a {what}: the file is empty{' but for comments' * ('#' in text)}")
         start = text[:START]
+        if ISO_STAMP.search(lines[rows[len(rows) // 2]][:HEADER_WIDTH]):
+            text = ISO_STAMP.sub(_unix_stamp, text)
+            lines = text.split("\n")
         if any(_has_decimal_commas(lines[row]) for row in spread(rows, COMMA_ROWS)):
             text = text.replace(",", ".")
             lines = text.split("\n")
@@ -215,6 +224,16 @@ def separator_of(line: str) -> str | None:
     return next((mark for mark in ";,|" if mark in line), None)
 
 
+def _unix_stamp(match: re.Match[str]) -> str:
+    """Return a match of `ISO_STAMP` in ns since 1970; it stays as it is if there is no such date or time."""
+    whole, fraction, zone = match.groups(default="")
+    try:
+        seconds = (datetime.fromisoformat(whole + zone) - EPOCH) // timedelta(seconds=1)
+    except ValueError:
+        return match.group()
+    return str(10**9 * seconds + int(fraction.ljust(9, "0")))
+
+
 def _has_decimal_commas(line: str) -> bool:
     """Whether `line` holds numbers like `1,5`, separated by semicolons or tabs: some countries write them so."""
     mark = ";" if ";" in line else "\t"
@@ -323,4 +342,6 @@ def _bad_cell(text: TextFile, row: int, columns: Sequence[int]) -> FileFormatErr
     if bad is None:
         return text.error(f"{text.lines[row].strip()[:60]!r}: cells must be numbers with decimal points", row)
     problem = "is not finite; remove the line" if is_number(cells[bad]) else "is not a number"
+    if ISO_STAMP.fullmatch(f"{cells[bad]}Z"):
+        problem = "has no time zone; append Z to all timestamps if they are in UTC, else the offset, like +02:00"
     return text.error(f"{cells[bad][:40]!r} in column {bad + 1} {problem}", row)

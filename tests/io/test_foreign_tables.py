@@ -41,6 +41,14 @@ def test_tables_of_other_apps_and_spreadsheets(write: Write, text: str) -> None:
     np.testing.assert_array_equal(log.omega, RATES)
 
 
+@pytest.mark.parametrize("header", ["", "timestamp,wx,wy,wz\n"])
+def test_dates_may_be_the_stamps(write: Write, header: str) -> None:
+    rows = [f"2024-05-01T23:59:{59.9 + 0.005 * i:.3f}Z,{x},{y},{z}\n" for i, (x, y, z) in enumerate(RATES)]
+    log = read_gyro(write(header + "".join(rows)))
+    np.testing.assert_allclose(log.t, 0.005 * np.arange(len(RATES)), atol=1e-9)
+    assert log.epoch_ns == 1_714_607_999_900_000_000
+
+
 @pytest.mark.parametrize("names", ["Time Gyroscope", "Zeit Gyroskop", "Tiempo Giroscopio"])
 def test_phyphox_names_columns_in_the_language_of_its_user(write: Write, names: str) -> None:
     time, gyro = names.split()

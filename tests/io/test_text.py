@@ -51,6 +51,32 @@ def test_stamps_are_exact(form: str, block: int, monkeypatch: pytest.MonkeyPatch
             assert found.nanoseconds(unit).tolist() == [round(stamp * unit) for stamp in exact]
 
 
+@pytest.mark.parametrize("row", ["{},1\n", "{} 1\n", "{}\t1\n", '"{}","1"\n'])
+def test_dates_with_a_zone_are_nanoseconds_since_1970(row: str) -> None:
+    second = 1_714_564_800
+    cells = {
+        "1969-12-31T23:59:59.5Z": -(10**9) // 2,
+        "2024-05-01T12:00:00.123Z": second * 10**9 + 123_000_000,
+        "2024-05-01T14:00:00.123456789+02:00": second * 10**9 + 123_456_789,
+        "2024-05-01T06:30:01-05:30": (second + 1) * 10**9,
+    }
+    assert table("".join(map(row.format, cells))).nanoseconds(Decimal(1)).tolist() == list(cells.values())
+
+
+@pytest.mark.parametrize(
+    ("cell", "problem"),
+    [
+        ("2024-02-30T12:00:00Z", "is not a number"),
+        ("on 2024-05-01T12:00:00Z.", "is not a number"),
+        ("2024-05-01T12:00:00", "has no time zone; append Z"),
+    ],
+)
+def test_what_is_no_date_with_a_zone_is_no_stamp(cell: str, problem: str) -> None:
+    date = "2024-05-01T12:00:00Z,1\n"
+    with pytest.raises(FileFormatError, match=f"line 2: '{cell}' in column 1 {problem}"):
+        table(f"{date}{cell},1\n{date}{date}")
+
+
 def test_whole_stamps_fill_int64() -> None:
     limit = 2**63 - 4096
     assert table(f"{-limit},1\n{limit - 1},1\n").nanoseconds(Decimal(1)).tolist() == [-limit, limit - 1]
