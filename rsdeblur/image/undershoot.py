@@ -23,9 +23,12 @@ SPREAD, LEAST_SPREAD = 0.15, 1.5
 # About so many cells, of which each has one weight, lie in that standard deviation.
 CELLS = 1.5
 # Light below black, as a share of the recorded light, from which only the blurred picture is left; the share of the
-# picture's bright parts that is added to the recorded light, so that noise in black places is no evidence; the weight
-# that counts as 0; and the least value of bright parts.
-MOST, DARK, LEAST, LEAST_PEAK = 1 / 8, 0.01, 0.02, 1e-9
+# picture's bright parts that is added to the recorded light, so that noise in black places is no evidence; and the
+# weight that counts as 0.
+MOST, DARK, LEAST = 1 / 8, 0.01, 0.02
+# Value of the bright parts of a black picture, against division by 0. Priors have a larger least peak; here, dark
+# pictures keep theirs.
+BLACK_PEAK = 1e-9
 # Rows of cells that a thread measures at a time, and side of the tiles that it fades, px.
 ROWS, TILE = 16, 128
 
@@ -67,7 +70,7 @@ def fade_undershoot(
     near, around = share_map(
         lambda light: ndimage.gaussian_filter(light, spread / step, mode="nearest"), [below, recorded], threads
     )
-    weight = np.clip(near / (MOST * (np.maximum(around, 0.0) + DARK * max(peak, LEAST_PEAK))) - LEAST, 0.0, 1.0)
+    weight = np.clip(near / (MOST * (np.maximum(around, 0.0) + DARK * max(peak, BLACK_PEAK))) - LEAST, 0.0, 1.0)
     down, across = (_between(n, len_cells, step) for n, len_cells in zip((height, width), weight.shape, strict=True))
 
     def fade_tile(_: int, rows: slice, cols: slice) -> None:

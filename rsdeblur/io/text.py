@@ -27,7 +27,7 @@ INT64_LIMIT = 2**63
 ROUNDING = 2.0**-51
 # The names of the columns are among the first lines; some apps write a few lines about the recording above them.
 PREAMBLE = 20
-# Characters of the longest line that may name columns, or contain a date: a ROS topic with all its covariances has 1500.
+# Characters of the longest line that may name columns or contain dates: a ROS topic with all its covariances has 1500.
 HEADER_WIDTH = 4096
 # Characters searched in a file that is not a table, such as a camera's.
 START = 2**20

@@ -38,6 +38,18 @@ def test_only_the_blurred_picture_is_left_where_much_light_is_below_black() -> N
     np.testing.assert_array_equal(faded[:12], sharp[:12])
 
 
+@pytest.mark.parametrize("peak", [2.0**-14, 0.0])
+def test_dark_pictures_fade_as_bright_ones(peak: float) -> None:
+    """Priors take the bright parts of a picture for 1e-3 at least; here, only a black picture has none."""
+    sharp, encoded = pictures()
+    sharp[30:70, 20:60] = -0.5
+    dark, light = peak * sharp, sharp.copy()
+    fade_undershoot(dark, EncodedImage(peak * encoded.values, encoded.transfer), 0, SIZE, peak)
+    fade_undershoot(light, encoded, 0, SIZE)
+    # A power of two scales floats exactly, so nothing is rounded differently.
+    np.testing.assert_array_equal(dark, peak * light)
+
+
 @pytest.mark.parametrize("first", [0, 8])
 def test_parts_and_threads_give_the_same_picture(first: int) -> None:
     sharp, encoded = pictures()
