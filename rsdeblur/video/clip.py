@@ -153,10 +153,8 @@ def open_clip(path: str | os.PathLike[str]) -> Clip:
 
     Raises
     ------
-    InputError
-        If `path` is no path.
-    FileFormatError
-        If the file is not a video, has no video stream, or its frames have no stamps.
+    FileFormatError, InputError
+        If the file is not a video, has no video stream, or its frames have no stamps; or `path` is no path.
 
     Warns
     -----
