@@ -144,8 +144,8 @@ def _bytes(bank: PsfBank, source: slice, shape: tuple[int, int, int], settings: 
         _tile_length(places, n, kernel, _margin(settings))
         for places, n, kernel in ((centres, rows, tall), (bank.cols, width, wide))
     )
-    # One complex value for every second frequency along x: a filter of each tile or, with a prior or several frames, the
-    # sums of the normal equations and the OTFs of one strip.
+    # One complex value for every second frequency along x: a filter of each tile. With a prior or several frames, the
+    # sums of the normal equations instead, and the OTFs of one strip.
     tiles = float(bands * strips * length * row)
     filters = 4.0 * tiles
     if frames > 1 or settings.weight is not None:
