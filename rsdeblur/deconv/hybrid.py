@@ -174,29 +174,29 @@ class Hybrid:
         self.team.share(block, range(0, self.height, self._block))
         return finite[0]
 
-    def filter_columns(self, change: Filter, *, empty: bool = False, keep: bool = True) -> None:
+    def filter_columns(self, change: Filter, *, blank: bool = False, write: bool = True) -> None:
         """Filter every band of :attr:`spectra` by `change`, and replace them by the blend of all bands.
 
         Parameters
         ----------
         change : Filter
             The filter.
-        empty : bool, default False
+        blank : bool, default False
             Whether what they hold counts as zeros.
-        keep : bool, default True
+        write : bool, default True
             Whether they receive the blend; otherwise they stay, and only `change` has effects.
         """
         filter_block = self._filter_single if len(self.bands.tiles) == 1 else self._filter_bands
 
         def share(thread: int, block: int) -> None:
-            filter_block(thread, block, change, empty, keep)
+            filter_block(thread, block, change, blank, write)
 
         self.team.share(share, range(self.blocks))
 
-    def _filter_single(self, thread: int, block: int, change: Filter, empty: bool, keep: bool) -> None:
+    def _filter_single(self, thread: int, block: int, change: Filter, blank: bool, write: bool) -> None:
         """Filter a block of columns of a single tile, which is extended in place."""
         slabs, (group,) = self._workers[thread].slabs, self._groups
-        if empty:
+        if blank:
             slabs.spectra.fill(0)
         else:
             columns = slabs.lines[0]
@@ -204,28 +204,28 @@ class Hybrid:
             lines.cut_lines(columns, self.height, group.starts, self._band_fade, self._periodic, slabs.lines)
             slabs.forward()
         change(thread, block, group.bands, slabs.spectra)
-        if keep:
+        if write:
             slabs.inverse()
             lines.columns_to_rows(slabs.lines[0], self.spectra, block * COLUMNS, self.height)
 
-    def _filter_bands(self, thread: int, block: int, change: Filter, empty: bool, keep: bool) -> None:
+    def _filter_bands(self, thread: int, block: int, change: Filter, blank: bool, write: bool) -> None:
         """Filter a block of columns of several bands, which are cut out; their sum is collected elsewhere."""
         worker = self._workers[thread]
-        if not empty:
+        if not blank:
             lines.rows_to_columns(self.spectra, block * COLUMNS, self.height, worker.columns)
         worker.blended.fill(0)
         for group in self._groups:
             slabs, spectra = worker.slabs.lines[: len(group.starts)], worker.slabs.spectra[: len(group.starts)]
-            if empty:
+            if blank:
                 spectra.fill(0)
             else:
                 lines.cut_lines(worker.columns, self.height, group.starts, self._band_fade, self._periodic, slabs)
                 worker.slabs.forward()
             change(thread, block, group.bands, spectra)
-            if keep:
+            if write:
                 worker.slabs.inverse()
                 spectral.blend(worker.blended, slabs, group.weights, group.spans)
-        if keep:
+        if write:
             lines.columns_to_rows(worker.blended, self.spectra, block * COLUMNS, self.height)
 
     def restore_rows(self, out: Float32Array, strip: Tile, *, clear: bool) -> None:

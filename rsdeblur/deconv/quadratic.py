@@ -167,7 +167,7 @@ class TileNormal(TileFilter):
             for s, strip in enumerate(self._strips.tiles):
                 if not self._hybrid.transform_rows(picture, strip):
                     raise InputError("image must be finite")
-                self._hybrid.filter_columns(partial(add, s, self._strip_otfs(bank, s)), keep=False)
+                self._hybrid.filter_columns(partial(add, s, self._strip_otfs(bank, s)), write=False)
 
     def _strip_otfs(self, bank: PsfBank, strip: int) -> ComplexArray:
         """Return the OTFs of the tiles of a strip, shape (blocks, B, COLUMNS, L); the next call overwrites them."""

@@ -204,7 +204,7 @@ class TileFilter:
             for s, strip in enumerate(self._strips.tiles):
                 if source is not None and not self._hybrid.transform_rows(source, strip):
                     raise InputError("image must be finite")
-                self._hybrid.filter_columns(partial(change, s), empty=source is None)
+                self._hybrid.filter_columns(partial(change, s), blank=source is None)
                 self._hybrid.restore_rows(target, strip, clear=several and s == 0)
                 if progress is not None:
                     progress((s + 1) / len(self._strips.tiles))
