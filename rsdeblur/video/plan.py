@@ -55,7 +55,7 @@ class ClipPlan:
     strengths : Strengths
         Strengths of every frame.
     tiles : (int, int)
-        Bands and strips of the sample frame that has most.
+        Most bands and most strips of a sample frame.
     psf_size : (int, int)
         Height and width of the largest kernel of any frame, px of the frames as stored.
     lengths : tuple of float
@@ -199,7 +199,7 @@ def plan_clip(
         *(clip, log, camera, tuple(exposures), tuple(reasons)),
         options=replace(options, check=False),
         strengths=_median_strengths(samples),
-        tiles=max((len(grid.rows), len(grid.cols)) for grid in grids),
+        tiles=(max(len(grid.rows) for grid in grids), max(len(grid.cols) for grid in grids)),
         psf_size=(2 * int(reach[0]) + 3, 2 * int(reach[1]) + 3),
         lengths=tuple(lengths.tolist()),
         shares=tuple(shares.tolist()),
