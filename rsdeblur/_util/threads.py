@@ -157,7 +157,10 @@ def beside(function: Callable[[], Result], threads: int | None) -> Iterator[Call
         yield function
         return
     with _pool(2) as pool:
-        yield pool.submit(function).result
+        # An interrupt while the thread starts could leave it without an end.
+        with interrupts.Postponed():
+            future = pool.submit(function)
+        yield future.result
 
 
 def share_range(work: Callable[[int, int], None], count: int, threads: int | None) -> None:

@@ -120,7 +120,7 @@ class BurstQuadratic(TileNormal):
         with self._hybrid.team.turn():
             prior = self._observe(images, prior)
             latent = self.solve(0.0) if prior is None else prior.restore(self, threads=self.threads, progress=progress)
-            # They take more memory than all else.
+            # The sums take more memory than all else.
             self._sums = None
         return latent.reshape(self.shape)
 

@@ -94,6 +94,11 @@ class TileNormal(TileFilter):
         )
         self._across = self._across.reshape(-1, COLUMNS)
 
+    @property
+    def _bytes_per_frequency(self) -> int:
+        """Bytes that are kept for each frequency of a tile: both sums of the normal equations."""
+        return 8 * self._channelled[2] + 4
+
     def solve(
         self,
         beta: float,
@@ -279,7 +284,7 @@ class TileQuadratic(TileNormal):
         with self._hybrid.team.turn():
             self.prepare(light)
             latent = prior.with_peak_of(light).restore(self, threads=self.threads, progress=progress)
-            # They take more memory than all else.
+            # The sums take more memory than all else.
             self._sums = None
         latent = latent.reshape(self.shape)
         if out is None:

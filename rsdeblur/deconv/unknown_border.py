@@ -75,6 +75,11 @@ class UnknownBorderQuadratic(TileQuadratic):
         # The picture with the present values beyond its frame, a direction there that is zero elsewhere, and a blur.
         self._filled, self._direction, self._blurred = (np.zeros(self._channelled, np.float32) for _ in range(3))
 
+    @property
+    def _bytes_per_frequency(self) -> int:
+        """Bytes that are kept for each frequency of a tile: the sums and the OTF."""
+        return super()._bytes_per_frequency + 8
+
     def prepare(self, image: ArrayLike) -> None:
         """Set the observation; see :meth:`TileQuadratic.prepare`."""
         super().prepare(image)

@@ -104,7 +104,7 @@ class TileFilter:
         tiles = bank.kernels[..., 0, 0].size
         validate.memory(
             f"the filters of {tiles} tiles of {self._strips.length}x{self._bands.length} px",
-            8 * tiles * self._hybrid.blocks * COLUMNS * self._bands.length,
+            self._bytes_per_frequency * tiles * self._hybrid.blocks * COLUMNS * self._bands.length,
             height * width,
         )
         self._planners = [OtfPlanner(bank.size, (self._bands.length, self._strips.length)) for _ in range(threads)]
@@ -114,6 +114,11 @@ class TileFilter:
         self._scale = 1.0 / (self._bands.length * self._strips.length)
         if planning == "measure":
             remember()
+
+    @property
+    def _bytes_per_frequency(self) -> int:
+        """Bytes that are kept for each frequency of a tile: its filter."""
+        return 8
 
     @property
     def _channelled(self) -> tuple[int, int, int]:

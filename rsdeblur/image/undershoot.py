@@ -20,7 +20,7 @@ from rsdeblur.types import FloatImage
 # Standard deviation of the Gaussian that the weight of the blurred picture is smooth by, in lengths of the PSF, and at
 # least in px: the waves of a wrong motion are some tenths of the PSF wide.
 SPREAD, LEAST_SPREAD = 0.15, 1.5
-# About so many cells, of which each has one weight, lie in that standard deviation.
+# Cells per standard deviation, about; each has one weight.
 CELLS = 1.5
 # Light below black, as a share of the recorded light, from which only the blurred picture is left; the share of the
 # picture's bright parts that is added to the recorded light, so that noise in black places is no evidence; and the

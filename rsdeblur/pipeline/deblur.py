@@ -118,9 +118,9 @@ def deblur(
         Solver of "rowwise", see :class:`rsdeblur.RowDeconvolver`.
     chroma : {"auto", "full", "half"}
         Resolution of the colours. "half" restores the brightness at full resolution and the colours at half of it, as
-        JPEG and video store them (:mod:`rsdeblur.deconv.chroma`): priors on derivatives take two thirds to four fifths
-        of the time. It goes with these and with "wiener", but not with "rowwise" or ``border="unknown"``, and applies
-        to RGB pictures with a blur of some pixels. "auto" is "half" with priors on derivatives and with
+        JPEG and video store them (:mod:`rsdeblur.deconv.chroma`): priors on derivatives take three quarters to four
+        fifths of the time. It goes with these and with "wiener", but not with "rowwise" or ``border="unknown"``, and
+        applies to RGB pictures with a blur of some pixels. "auto" is "half" with priors on derivatives and with
         ``quality="fast"``.
     geometry : {"keep", "rectify"}
         Keep the rolling-shutter shape, or resample the picture to the middle row's mid-exposure.

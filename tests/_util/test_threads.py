@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rsdeblur import BlurPaths, Camera, Capture, Exposure, InputError, PsfBank, deblur
-from rsdeblur._util.threads import ThreadTeam, share, share_blocks, share_range
+from rsdeblur._util.threads import ThreadTeam, beside, share, share_blocks, share_range
 from rsdeblur.kernels.raster import rasterize
 from rsdeblur.kernels.warp import average_warps
 from rsdeblur.simulation.shake import hand_shake
@@ -41,6 +41,36 @@ def test_every_task_is_done_once_by_a_numbered_thread(threads: int, count: int) 
         done = done_by(run)
         assert [task for task, _ in done] == list(range(count))
         assert all(thread < min(threads, count) for _, thread in done)
+
+
+def test_a_function_runs_beside_the_body() -> None:
+    started = threading.Event()
+
+    def start() -> int:
+        started.set()
+        return threading.get_ident()
+
+    with beside(start, 2) as result:
+        # The bound only ends a test that fails.
+        assert started.wait(timeout=60)
+        assert result() == result() != threading.get_ident()
+
+
+@pytest.mark.usefixtures("no_new_threads")
+def test_with_one_thread_a_function_runs_when_its_result_is_wanted() -> None:
+    calls: list[int] = []
+    with beside(lambda: calls.append(threading.get_ident()), 1) as result:
+        assert not calls
+        result()
+    assert calls == [threading.get_ident()]
+
+
+def test_an_error_beside_the_body_is_raised_where_the_result_is_wanted() -> None:
+    def fail() -> None:
+        raise InputError("beside")
+
+    with beside(fail, 2) as result, pytest.raises(InputError, match="beside"):
+        result()
 
 
 @ANYWHERE
