@@ -1,4 +1,4 @@
-"""The learned prior in a wavelet frame: a few linear restorations, shrunk and added up, then two sparse steps.
+"""The learned prior in a wavelet frame: linear restorations, shrunk and added up, two sparse steps, and a second sum.
 
 Filters with a quadratic prior on the gradient restore the picture with a few weights, from sharp and noisy to smooth.
 The results are shrunk in an undecimated Haar frame (:mod:`rsdeblur.kernels.frame`) and added up, with factors that were
@@ -6,12 +6,15 @@ learned once, by least squares over simulated pictures (``python -m benchmarks.t
 (2013) [1]_ introduced such a sum, and estimate its factors from the picture itself; that requires an exact model of the
 blur, while learned factors allow for errors like those in the training.
 
-The factors depend on one number, the weight of the gradient prior that suits the picture (:class:`rsdeblur.Tuning`),
-which grows with its noise and with the errors of the model. Between the weights of the training they are interpolated
-over its logarithm. Colour is turned into its mean and two differences, which have their own factors.
+The factors depend on two numbers: the weight of the gradient prior that suits the picture (:class:`rsdeblur.Tuning`),
+which grows with its noise and with the errors of the model, and the share that the noise has in both. Between the
+weights of the training they are interpolated over its logarithm; in the share they are linear. Colour is turned into
+its mean and two differences, which have their own factors.
 
 Linear restorations cannot bring back what the blur took away. So the sum is the start of the last two steps of a sparse
-prior (:mod:`rsdeblur.deconv.priors`), which continue its edges into these frequencies.
+prior (:mod:`rsdeblur.deconv.priors`), which continue its edges into these frequencies. Their result is the pilot of a
+second sum in the frame: it has little noise, so its energies tell where the middle restoration holds texture that the
+sparse prior took away, and that one is shrunk and added to it, with learned factors again.
 
 .. [1] F. Xue, F. Luisier and T. Blu, "Multi-Wiener SURE-LET deconvolution", IEEE Trans. Image Processing 22, 2013.
 """
@@ -44,48 +47,78 @@ BLOCK = 64, 256
 MOST_VARIANCE = validate.MOST_LIGHT**2
 # Penalties of the sparse steps.
 PENALTIES = 60.0, 300.0
+# The linear restoration in the second sum.
+MIDDLE = 1
 # Brightness and two colour differences, an orthonormal basis.
 OPPONENT = np.array([[1, 1, 1], [1, 0, -1], [1, -2, 1]]) / np.sqrt([[3.0], [2.0], [6.0]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class FrameSum:
+    """Learned factors of a sum of K shrunk pictures; each is a linear function of Q features.
+
+    Parameters
+    ----------
+    means : ndarray, shape (2, Q, K)
+        Factors of the means of the last level, for brightness and for colour differences.
+    differences : ndarray, shape (2, Q, K, LEVELS, 2, 3)
+        Factors of the differences: along one axis and along both, without a gate and with each gate.
+    """
+
+    means: FloatArray
+    differences: FloatArray
+
+    def at(self, features: FloatArray) -> tuple[Float32Array, Float32Array]:
+        """Return the factors for features (Q,): those of the means (2, K), of the differences (2, K, LEVELS, 3, 3).
+
+        Those of the means sum to 1.
+        """
+        means, differences = (np.tensordot(features, each, (0, 1)) for each in (self.means, self.differences))
+        # The differences across and down have the same factors.
+        return means.astype(np.float32), differences[:, :, :, [0, 0, 1]].astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Factors:
-    """Learned factors.
+    """All learned factors.
 
     Parameters
     ----------
     ratios : ndarray, shape (K,)
         Weights of the gradient prior, as multiples of the weight; increasing.
-    knots : ndarray, shape (Q,)
+    knots : ndarray, shape (Q - 1,)
         Logarithms to base 10 of the weights at which the factors were learned, increasing.
-    means : ndarray, shape (2, Q, K)
-        Factors of the means of the last level, for brightness and for colour differences; the sum over K is 1.
-    differences : ndarray, shape (2, Q, K, LEVELS, 2, 3)
-        Factors of the differences: along one axis and along both, without a gate and with each gate.
+    linear : FrameSum
+        Sum of the K linear restorations.
+    piloted : FrameSum
+        Sum of the restoration `MIDDLE` and the result of the sparse steps.
     """
 
     ratios: FloatArray
     knots: FloatArray
-    means: FloatArray
-    differences: FloatArray
+    linear: FrameSum
+    piloted: FrameSum
 
     @classmethod
     @cache
     def learned(cls) -> Factors:
         """Return the factors of the package."""
-        return cls(**{name: np.array(values) for name, values in json.loads(FACTORS.read_text()).items()})
-
-    def at(self, weight: float) -> tuple[Float32Array, Float32Array]:
-        """Return the factors for a weight: those of the means (2, K), of the differences (2, K, LEVELS, 3, 3)."""
-        shares = hats(weight, self.knots)
-        means, differences = (np.tensordot(shares, each, (0, 1)) for each in (self.means, self.differences))
-        # The differences across and down have the same factors.
-        return means.astype(np.float32), differences[:, :, :, [0, 0, 1]].astype(np.float32)
+        stored = json.loads(FACTORS.read_text())
+        linear, piloted = (
+            FrameSum(**{name: np.array(values) for name, values in stored[part].items()})
+            for part in ("linear", "piloted")
+        )
+        return cls(np.array(stored["ratios"]), np.array(stored["knots"]), linear, piloted)
 
 
-def hats(weight: float, knots: FloatArray) -> FloatArray:
-    """Return the shares of the knots (Q,) in a linear interpolation at the logarithm of `weight`."""
-    return np.array([np.interp(np.log10(weight), knots, unit) for unit in np.eye(len(knots))])
+def features(weight: float, noise_share: float, knots: FloatArray) -> FloatArray:
+    """Return the features (Q,) of a picture.
+
+    They are the shares of the knots in a linear interpolation at the logarithm of `weight`, and `noise_share` about its
+    middle.
+    """
+    hats = [np.interp(np.log10(weight), knots, unit) for unit in np.eye(len(knots))]
+    return np.array([*hats, noise_share - 0.5])
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,8 +132,10 @@ class WaveletPrior:
     variances : sequence of float
         Variances of the noise of the frame's coefficients, from 0 to 1e24, K x LEVELS x 3 of them, see
         :func:`band_shape`.
+    noise_share : float
+        Share of the noise in the power of noise and of the model's errors, from 0 to 1.
     sparse : DerivativePrior
-        Prior of the last steps, "tv" or "hyper-laplacian".
+        Prior of the sparse steps, "tv" or "hyper-laplacian".
 
     Raises
     ------
@@ -110,6 +145,7 @@ class WaveletPrior:
 
     weight: float
     variances: tuple[float, ...]
+    noise_share: float
     sparse: DerivativePrior
 
     def __post_init__(self) -> None:
@@ -118,6 +154,8 @@ class WaveletPrior:
         if values.size != np.prod(band_shape()) or (values < 0).any():
             raise InputError(f"variances must be {np.prod(band_shape())} numbers of at least 0, got {self.variances}")
         object.__setattr__(self, "variances", tuple(values.ravel().tolist()))
+        share = validate.finite("noise_share", self.noise_share, minimum=0.0, maximum=1.0)
+        object.__setattr__(self, "noise_share", share)
 
     def with_peak_of(self, image: FloatImage) -> WaveletPrior:
         """Return this prior with the brightness of a picture, on which the sparse steps depend, unless it has one."""
@@ -138,17 +176,25 @@ class WaveletPrior:
             latents.append(solver.solve(self.weight * float(ratio)))
             if progress is not None:
                 progress(done / solves)
-        variances = np.array(self.variances, dtype=np.float32).reshape(band_shape())
-        means, differences = factors.at(self.weight)
-        out = np.empty_like(latents[0])
-        _combine(latents, variances, means, differences, solver.periodic, out, threads)
+        place, variances = features(self.weight, self.noise_share, factors.knots), self.band_variances
+        pilot = add_up(latents, variances, factors.linear.at(place), periodic=solver.periodic, threads=threads)
+        middle = latents[MIDDLE]
         del latents
-        steps = self.sparse.steps(solver, start=out, penalties=PENALTIES, ahead=0.0, threads=threads)
+        steps = self.sparse.steps(solver, start=pilot, penalties=PENALTIES, ahead=0.0, threads=threads)
         for done, step in enumerate(steps, len(factors.ratios) + 1):
-            out = step.latent
+            pilot = step.latent
             if progress is not None:
                 progress(done / solves)
-        return out
+        return add_up(
+            *([middle, pilot], variances[[MIDDLE, MIDDLE]], factors.piloted.at(place)),
+            periodic=solver.periodic,
+            threads=threads,
+        )
+
+    @property
+    def band_variances(self) -> Float32Array:
+        """The variances, shape :func:`band_shape`."""
+        return np.array(self.variances, dtype=np.float32).reshape(band_shape())
 
 
 def median_prior(priors: Sequence[WaveletPrior], peak: float) -> WaveletPrior:
@@ -161,12 +207,9 @@ def median_prior(priors: Sequence[WaveletPrior], peak: float) -> WaveletPrior:
     peak : float
         Value of the bright parts.
     """
-    weight, sparse = (
-        float(np.median(weights))
-        for weights in ([each.weight for each in priors], [each.sparse.weight for each in priors])
-    )
-    variances = np.median([each.variances for each in priors], axis=0)
-    return WaveletPrior(weight, tuple(variances.tolist()), replace(priors[0].sparse, weight=sparse, peak=peak))
+    numbers = [(each.weight, each.noise_share, each.sparse.weight, *each.variances) for each in priors]
+    weight, noise_share, sparse, *variances = np.median(numbers, axis=0).tolist()
+    return WaveletPrior(weight, tuple(variances), noise_share, replace(priors[0].sparse, weight=sparse, peak=peak))
 
 
 def band_shape() -> tuple[int, int, int]:
@@ -187,17 +230,32 @@ def frame_responses(side: int) -> FloatArray:
     return np.array(levels)
 
 
-def _combine(
+def add_up(
     latents: Sequence[FloatImage],
     variances: Float32Array,
-    means: Float32Array,
-    differences: Float32Array,
+    factors: tuple[Float32Array, Float32Array],
+    *,
     periodic: bool,
-    out: FloatImage,
     threads: int | None,
-) -> None:
-    """Fill `out` (H, W, C) with the sum of the shrunk latents; threads share blocks."""
-    height, width, channels = out.shape
+) -> FloatImage:
+    """Return the sum of shrunk pictures; threads share blocks.
+
+    Parameters
+    ----------
+    latents : sequence of ndarray, shape (H, W, C), float32
+        K pictures, least regularised first. The energies of each gate the one before; those of the last one gate that
+        one, too.
+    variances : ndarray, shape (K, LEVELS, 3), float32
+        Variances of the noise of their coefficients.
+    factors : tuple of ndarray
+        See :meth:`FrameSum.at`.
+    periodic : bool
+        Whether the pictures repeat; else they are mirrored at the border.
+    threads : int, optional
+        Default all processors.
+    """
+    (height, width, channels), (means, differences) = latents[0].shape, factors
+    out = np.empty_like(latents[0])
     tall, wide = min(BLOCK[0], height), min(BLOCK[1], width)
     mix = (OPPONENT if channels == 3 else np.eye(channels)).astype(np.float32)
     down, across = (continued(np.arange(-HALO, n + HALO), n, periodic=periodic) for n in (height, width))
@@ -219,3 +277,4 @@ def _combine(
         put_block(results[thread], mix, out[top : top + tall, left : left + wide])
 
     share(block, range(len(corners)), threads)
+    return out

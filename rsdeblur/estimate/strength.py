@@ -256,8 +256,7 @@ class Tuning:
         energy : float
             E of the sharp picture.
         """
-        shown = self.spectra.signal * self.spectra.gradient
-        return FINE_NOISE * float((shown * self._sensor_noise).sum() / shown.sum()) + energy * self.path_error
+        return self._noise_alone + energy * self.path_error
 
     def restoration_error(self, energy: float) -> float:
         """Return the expected mean squared error of the best linear restoration from this frame alone.
@@ -321,13 +320,20 @@ class Tuning:
         sparse = DerivativePrior(
             "hyper-laplacian", _strength(self.weight("hyper-laplacian", EXPONENT) * weight / suited)
         )
-        return WaveletPrior(weight, tuple(variances.clip(max=MOST_VARIANCE).ravel()), sparse)
+        share = self._noise_alone / (self.noise_power(self.energy) or 1.0)
+        return WaveletPrior(weight, tuple(variances.clip(max=MOST_VARIANCE).ravel()), share, sparse)
 
     @property
     def denoiser_weight(self) -> float:
         """Weight of :class:`rsdeblur.PlugAndPlayPrior`, from the variance of noise and errors of the model together."""
         variance = float(self._noise_spectrum.mean())
         return _strength(WEIGHT_OF_VARIANCE * variance)
+
+    @property
+    def _noise_alone(self) -> float:
+        """Power of the noise, as white noise that matters as much for the scene."""
+        shown = self.spectra.signal * self.spectra.gradient
+        return FINE_NOISE * float((shown * self._sensor_noise).sum() / shown.sum())
 
     @property
     def _sensor_noise(self) -> FloatArray:

@@ -83,14 +83,14 @@ def test_chunks_give_the_picture_that_is_solved_whole(capture, log, planned, nam
     assert rows == list(range(HEIGHT))
     assert all(chunk.source.start <= chunk.target.start and chunk.target.stop <= chunk.source.stop for chunk in planned)
     assert (sliced.bands, sliced.strips) == (whole.bands, whole.strips)
-    # Chunks change the rows that they write by some percent of what deblurring changes; measured: 0.1 to 1.5 %, and 3.0
-    # % with the wavelet prior, whose automatic weight lets filters reach further, and 3.3 % with total variation, whose
-    # colours have other tiles in a chunk. The frame is left out: the whole
+    # Chunks change the rows that they write by some percent of what deblurring changes; measured: 0.1 to 1.5 %, 3.8 %
+    # with the wavelet prior, whose automatic weight lets filters reach further and whose second sum has their texture,
+    # and 3.3 % with total variation, whose colours have other tiles in a chunk. The frame is left out: the whole
     # picture continues to its opposite border, a chunk to another row, and rowwise continues rows by the longest PSF of
     # the chunk.
     inside = np.s_[60:-60, 24:-24]
     change, error = (np.sqrt(np.mean((image - whole.image)[inside] ** 2)) for image in (capture.blurred, sliced.image))
-    assert error < (0.035 if name in ("banded wavelet", "banded tv") else 0.03) * change
+    assert error < {"banded wavelet": 0.042, "banded tv": 0.035}.get(name, 0.03) * change
 
 
 def test_more_memory_means_fewer_chunks(capture, log, planned):
