@@ -61,14 +61,24 @@ static void fade_complex(float *line, const float *before, const float *fade, si
     }
 }
 
+RSD_CLONES
+static void fade_real(float *line, const float *before, size_t step, const float *fade, size_t n)
+{
+    for (size_t k = 0; k < n; k++)
+        line[k] += fade[k] * (before[k * step] - line[k]);
+}
+
 /* Fade the last positions of a line into the values before its start. */
 static void fade_line(const float *source, size_t n, size_t step, size_t width, rsd_tile tile, float *line)
 {
     float *end = line + (tile.length - tile.taper) * width;
     const ptrdiff_t before = tile.start - (ptrdiff_t)tile.taper;
-    if (before >= 0 && tile.start <= (ptrdiff_t)n && step == 2 && width == 2) {
+    if (before >= 0 && tile.start <= (ptrdiff_t)n && (width == 1 || step == 2)) {
         /* Nearly every line: all values lie inside the picture, one after the other. */
-        fade_complex(end, source + 2 * (size_t)before, tile.fade, tile.taper);
+        if (width == 1)
+            fade_real(end, source + step * (size_t)before, step, tile.fade, tile.taper);
+        else
+            fade_complex(end, source + step * (size_t)before, tile.fade, tile.taper);
         return;
     }
     for (size_t k = 0; k < tile.taper; k++) {
@@ -99,6 +109,16 @@ static void split3(const float *restrict pixels, size_t n, float *restrict red, 
         green[i] = pixels[3 * i + 1];
         blue[i] = pixels[3 * i + 2];
     }
+}
+
+/* Copy one channel of pixels. */
+static void pick(const float *restrict pixels, size_t channels, size_t n, float *restrict line)
+{
+    if (channels == 1)
+        memcpy(line, pixels, n * sizeof *line);
+    else
+        for (size_t i = 0; i < n; i++)
+            line[i] = pixels[i * channels];
 }
 
 /* Whether `planes` planes of `lines` lines of `length` values of `width` floats can be addressed and do not overlap. */
@@ -142,8 +162,7 @@ rsd_status rsd_picture_to_lines(const float *picture, size_t rows, size_t width,
             split3(seen, high - low, line + low, line + layout.plane + low, line + 2 * layout.plane + low);
         else
             for (size_t c = 0; c < channels; c++)
-                for (size_t k = 0; k < high - low; k++)
-                    line[c * layout.plane + low + k] = seen[k * channels + c];
+                pick(seen + c, channels, high - low, line + c * layout.plane + low);
         for (size_t c = 0; c < channels; c++) {
             if (!all_finite(line + c * layout.plane + low, high - low))
                 *finite = 0;
@@ -176,6 +195,20 @@ static void add3(float *restrict pixels, size_t n, const float *restrict red, co
     }
 }
 
+RSD_CLONES
+static void merge1(float *restrict pixels, size_t n, const float *restrict line, const float *restrict weights)
+{
+    for (size_t i = 0; i < n; i++)
+        pixels[i] = weights[i] * line[i];
+}
+
+RSD_CLONES
+static void add1(float *restrict pixels, size_t n, const float *restrict line, const float *restrict weights)
+{
+    for (size_t i = 0; i < n; i++)
+        pixels[i] += weights[i] * line[i];
+}
+
 rsd_status rsd_lines_to_picture(const float *lines, rsd_layout layout, size_t rows, size_t channels,
                                 const float *weights, size_t n, int add, float *picture, size_t width)
 {
@@ -191,6 +224,10 @@ rsd_status rsd_lines_to_picture(const float *lines, rsd_layout layout, size_t ro
         float *row = picture + r * width * channels;
         if (channels == 3) {
             (add ? add3 : merge3)(row, n, line, line + layout.plane, line + 2 * layout.plane, weights);
+            continue;
+        }
+        if (channels == 1) {
+            (add ? add1 : merge1)(row, n, line, weights);
             continue;
         }
         for (size_t c = 0; c < channels; c++)

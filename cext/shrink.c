@@ -1,4 +1,5 @@
 #include <math.h>
+#include <string.h>
 
 #include "internal.h"
 #include "rsdeblur_kernels.h"
@@ -10,6 +11,8 @@
 #define TWIST 0.25f
 #define BENDING 2.0f
 #define MIXED 1.41421356237309505f
+/* Derivatives that are shortened together: two AVX-512 vectors of values. */
+#define RUN 32
 
 /* Rows are split into planes of width + 2 values, one per channel, so that loops over all planes are SIMD code. Values
  * 1 to `width` are those of the row; the two others let neighbours be read beyond its ends. */
@@ -45,7 +48,9 @@ static void load3(const float *restrict row, size_t width, float *restrict red, 
 static void load(const row_layout *l, const float *row, float *planes)
 {
     const size_t pitch = l->width + 2;
-    if (l->channels == 3)
+    if (l->channels == 1)
+        memcpy(planes + 1, row, l->width * sizeof *row);
+    else if (l->channels == 3)
         load3(row, l->width, planes + 1, planes + pitch + 1, planes + 2 * pitch + 1);
     else
         for (size_t c = 0; c < l->channels; c++)
@@ -90,10 +95,24 @@ static void add_squares(const float *restrict plane, float *restrict squares, si
         squares[x] += plane[x] * plane[x];
 }
 
+/* Whether any of RUN squares is larger than `bound`, or not a number. Without the sign, floats are ordered like their bits
+ * as integers; GCC makes no SIMD code of a comparison of floats here. */
+static inline bool any_larger(const float *squares, float bound)
+{
+    uint32_t least, signs = 0;
+    memcpy(&least, &bound, sizeof least);
+    for (size_t x = 0; x < RUN; x++) {
+        uint32_t bits;
+        memcpy(&bits, squares + x, sizeof bits);
+        signs |= least - (bits & 0x7fffffffu);
+    }
+    return signs >> 31;
+}
+
 /* Replace squared magnitudes by the factors by which such vectors are shortened. A polynomial of some terms takes a
  * quarter of the time of a table, whose entries would have to be gathered. */
-RSD_CLONES
-static void fill_factors(float *restrict squares, size_t n, float threshold, const float *restrict polynomial)
+static inline void replace_by_factors(float *restrict squares, size_t n, float threshold,
+                                      const float *restrict polynomial)
 {
     const float least = threshold * threshold;
     for (size_t x = 0; x < n; x++) {
@@ -104,6 +123,46 @@ static void fill_factors(float *restrict squares, size_t n, float threshold, con
             factor = factor * at + polynomial[k];
         squares[x] = squares[x] > least ? factor : 0.0f;
     }
+}
+
+/* Most derivatives of a picture vanish, most of them beside others that do: such runs need no polynomial. */
+RSD_CLONES
+static void fill_factors(float *restrict squares, size_t n, float threshold, const float *restrict polynomial)
+{
+    const float least = threshold * threshold;
+    size_t x = 0;
+    /* For a constant length the compiler generates straight vector code. */
+    for (; x + RUN <= n; x += RUN)
+        if (any_larger(squares + x, least))
+            replace_by_factors(squares + x, RUN, threshold, polynomial);
+        else
+            memset(squares + x, 0, RUN * sizeof *squares);
+    replace_by_factors(squares + x, n - x, threshold, polynomial);
+}
+
+/* Shorten up to RUN numbers. */
+static inline void shorten_run(float *restrict values, size_t n, float threshold, const float *restrict polynomial)
+{
+    float factors[RUN] = {0.0f};
+    for (size_t i = 0; i < n; i++)
+        factors[i] = values[i] * values[i];
+    if (!any_larger(factors, threshold * threshold)) {
+        memset(values, 0, n * sizeof *values);
+        return;
+    }
+    replace_by_factors(factors, RUN, threshold, polynomial);
+    for (size_t i = 0; i < n; i++)
+        values[i] *= factors[i];
+}
+
+/* Shorten numbers, which are vectors of one part, in one pass. */
+RSD_CLONES
+static void shorten_numbers(float *restrict values, size_t n, float threshold, const float *restrict polynomial)
+{
+    size_t x = 0;
+    for (; x + RUN <= n; x += RUN)
+        shorten_run(values + x, RUN, threshold, polynomial);
+    shorten_run(values + x, n - x, threshold, polynomial);
 }
 
 RSD_CLONES
@@ -119,6 +178,10 @@ static void shorten(const row_layout *l, float threshold, float *one, float *oth
     const size_t pitch = l->width + 2;
     float *const parts[2] = {one, other};
     const size_t count = other == NULL ? 1 : 2;
+    if (count * l->channels == 1) {
+        shorten_numbers(one, pitch, threshold, l->shrinkage.polynomial);
+        return;
+    }
     for (size_t x = 0; x < pitch; x++)
         l->factors[x] = 0.0f;
     for (size_t p = 0; p < count; p++)
@@ -169,7 +232,9 @@ static void store3(const float *restrict red, const float *restrict green, const
 static void store(const row_layout *l, const float *planes, float *row)
 {
     const size_t pitch = l->width + 2;
-    if (l->channels == 3)
+    if (l->channels == 1)
+        memcpy(row, planes + 1, l->width * sizeof *row);
+    else if (l->channels == 3)
         store3(planes + 1, planes + pitch + 1, planes + 2 * pitch + 1, l->width, row);
     else
         for (size_t c = 0; c < l->channels; c++)

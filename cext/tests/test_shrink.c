@@ -72,8 +72,8 @@ int main(void)
     shrinking *const kernels[] = {rsd_shrunk_grad_adjoint, rsd_shrunk_derivatives_adjoint};
     const float polynomial[RSD_SHRINK_TERMS] = {0.8f, -0.2f, 0.05f};
     for (size_t k = 0; k < 2; k++) {
-        /* Widths on both sides of every vector width. */
-        for (size_t width = 1; width <= 20; width++)
+        /* Widths on both sides of every vector width, and of a run of derivatives. */
+        for (size_t width = 1; width <= 40; width++)
             for (size_t height = 1; height <= 5; height += 2)
                 for (size_t channels = 1; channels <= 4; channels++)
                     for (int periodic = 0; periodic < 2; periodic++) {

@@ -56,6 +56,26 @@ def laplacian(picture, periodic):
     return 4 * picture - wide[2:, 1:-1] - wide[:-2, 1:-1] - wide[1:-1, 2:] - wide[1:-1, :-2]
 
 
+@pytest.mark.parametrize("name", KERNELS)
+@pytest.mark.parametrize("channels", [1, 3])
+def test_flat_parts_beside_detail_are_shrunk_as_by_the_twin(name, channels):
+    # Wider than the runs of values that the kernel omits where all of them vanish, with detail at their ends.
+    picture = np.full((12, 150, channels), 0.5, np.float32)
+    rng = np.random.default_rng(3)
+    for x in (0, 31, 64, 149):
+        picture[:, x] = rng.random((12, channels))
+    fast, twin = (in_blocks(getattr(shrink, kernel))(picture, 0.2) for kernel in (name, name + "_numpy"))
+    np.testing.assert_allclose(fast, twin, atol=FLOAT32)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_values_that_are_no_numbers_are_not_hidden(either, channels, sign):
+    picture = np.zeros((5, 150, channels), np.float32)
+    picture[2, 70] = np.copysign(np.nan, sign)
+    assert np.isnan(either(picture, 0.2)).any()
+
+
 @pytest.mark.parametrize("periodic", [False, True])
 def test_what_is_not_shrunk_is_the_laplacian(grad_adjoint, picture, periodic):
     out = grad_adjoint(picture, 1e-9, polynomial=ONE, periodic=periodic)
