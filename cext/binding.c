@@ -189,6 +189,84 @@ static PyObject *lines_to_picture(PyObject *module, PyObject *args)
     return none_if(success);
 }
 
+static const char *refuse_pairs(Py_buffer *pairs, Py_buffer *turns, Py_buffer *spectra, Py_ssize_t top)
+{
+    const Py_ssize_t *shape = pairs->shape;
+    if (spectra->shape[0] != shape[0])
+        return "pairs and spectra must have the same channels";
+    if (turns->shape[0] != shape[2] || shape[2] >= spectra->shape[2])
+        return "turns must have a value for each pair, and spectra one more in a row";
+    return rsd_within(top, shape[1], spectra->shape[1]) ? NULL : "the rows from top on must lie within spectra";
+}
+
+static bool call_unpair(Py_buffer *pairs, Py_buffer *turns, Py_buffer *spectra, Py_ssize_t top)
+{
+    const Py_ssize_t *shape = pairs->shape, stride = spectra->shape[2];
+    const char *refusal = refuse_pairs(pairs, turns, spectra, top);
+    rsd_status status = RSD_OK;
+    if (refusal == NULL && (rsd_overlap(spectra, pairs) || rsd_overlap(spectra, turns)))
+        refusal = "spectra must not overlap pairs or turns";
+    if (refusal == NULL) {
+        Py_BEGIN_ALLOW_THREADS
+        for (Py_ssize_t c = 0; status == RSD_OK && c < shape[0]; c++)
+            status = rsd_unpair((const float *)pairs->buf + 2 * c * shape[1] * shape[2], turns->buf,
+                                (float *)spectra->buf + 2 * (c * spectra->shape[1] + top) * stride, (size_t)shape[1],
+                                (size_t)shape[2], (size_t)stride);
+        Py_END_ALLOW_THREADS
+    }
+    return rsd_conclude(refusal, status);
+}
+
+static PyObject *unpair(PyObject *module, PyObject *args)
+{
+    static const rsd_spec specs[] = {
+        {"pairs", COMPLEX64, 3, false}, {"turns", COMPLEX64, 1, false}, {"spectra", COMPLEX64, 3, true}};
+    PyObject *objects[3];
+    Py_buffer views[3];
+    Py_ssize_t top;
+    (void)module;
+    if (!PyArg_ParseTuple(args, "OOOn:unpair", &objects[0], &objects[1], &objects[2], &top) ||
+        !rsd_acquire(objects, views, specs, 3))
+        return NULL;
+    const bool success = call_unpair(&views[0], &views[1], &views[2], top);
+    rsd_release(views, 3);
+    return none_if(success);
+}
+
+static bool call_pair(Py_buffer *spectra, Py_ssize_t top, Py_buffer *turns, Py_buffer *pairs)
+{
+    const Py_ssize_t *shape = pairs->shape, stride = spectra->shape[2];
+    const char *refusal = refuse_pairs(pairs, turns, spectra, top);
+    rsd_status status = RSD_OK;
+    if (refusal == NULL && (rsd_overlap(pairs, spectra) || rsd_overlap(pairs, turns)))
+        refusal = "pairs must not overlap spectra or turns";
+    if (refusal == NULL) {
+        Py_BEGIN_ALLOW_THREADS
+        for (Py_ssize_t c = 0; status == RSD_OK && c < shape[0]; c++)
+            status = rsd_pair((const float *)spectra->buf + 2 * (c * spectra->shape[1] + top) * stride, turns->buf,
+                              (float *)pairs->buf + 2 * c * shape[1] * shape[2], (size_t)shape[1], (size_t)shape[2],
+                              (size_t)stride);
+        Py_END_ALLOW_THREADS
+    }
+    return rsd_conclude(refusal, status);
+}
+
+static PyObject *pair(PyObject *module, PyObject *args)
+{
+    static const rsd_spec specs[] = {
+        {"spectra", COMPLEX64, 3, false}, {"turns", COMPLEX64, 1, false}, {"pairs", COMPLEX64, 3, true}};
+    PyObject *objects[3];
+    Py_buffer views[3];
+    Py_ssize_t top;
+    (void)module;
+    if (!PyArg_ParseTuple(args, "OnOO:pair", &objects[0], &top, &objects[1], &objects[2]) ||
+        !rsd_acquire(objects, views, specs, 3))
+        return NULL;
+    const bool success = call_pair(&views[0], top, &views[1], &views[2]);
+    rsd_release(views, 3);
+    return none_if(success);
+}
+
 typedef rsd_status transposition(const float *, rsd_layout, float *, rsd_layout, size_t, size_t, size_t);
 
 /* The lines of `columns` are columns of `rows`, from `first` on, with `height` values each. */
@@ -373,6 +451,8 @@ static PyObject *shrunk_derivatives_adjoint(PyObject *module, PyObject *args)
 
 PyDoc_STRVAR(multiply_doc, "multiply(spectra, responses, /)\n--\n\n");
 PyDoc_STRVAR(blend_doc, "blend(accumulator, slabs, weights, spans, /)\n--\n\n");
+PyDoc_STRVAR(unpair_doc, "unpair(pairs, turns, spectra, top, /)\n--\n\n");
+PyDoc_STRVAR(pair_doc, "pair(spectra, top, turns, pairs, /)\n--\n\n");
 PyDoc_STRVAR(picture_to_lines_doc, "picture_to_lines(picture, top, rows, start, fade, periodic, lines, /)\n--\n\n");
 PyDoc_STRVAR(lines_to_picture_doc,
              "lines_to_picture(lines, rows, offset, weights, first, add, picture, top, /)\n--\n\n");
@@ -389,6 +469,8 @@ PyDoc_STRVAR(rowwise_doc, "See rsdeblur.kernels.rowwise.");
 static PyMethodDef methods[] = {
     {"multiply", multiply, METH_VARARGS, multiply_doc},
     {"blend", blend, METH_VARARGS, blend_doc},
+    {"unpair", unpair, METH_VARARGS, unpair_doc},
+    {"pair", pair, METH_VARARGS, pair_doc},
     {"picture_to_lines", picture_to_lines, METH_VARARGS, picture_to_lines_doc},
     {"lines_to_picture", lines_to_picture, METH_VARARGS, lines_to_picture_doc},
     {"rows_to_columns", rows_to_columns, METH_VARARGS, rows_to_columns_doc},

@@ -46,6 +46,19 @@ rsd_status rsd_spectral_multiply(float *spectra, const float *response, size_t c
 rsd_status rsd_blend_lines(float *accumulator, const float *slab, const float *weights, size_t lines, size_t n,
                            size_t accumulator_stride, size_t slab_stride);
 
+/*
+ * A line of 2 n real values is transformed as n complex ones, pairs of neighbours, in half the time. From the spectrum
+ * of the pairs follows that of the values, and back: FFTW's real transforms do the same, with less use of SIMD. The way
+ * back is not scaled: the inverse transform of the pairs gives 2 n times the values. Of the first and the last
+ * frequency it reads the real part.
+ *
+ * pairs     lines x n complex
+ * turns     n complex, exp(-pi i k / n)
+ * spectra   lines of n + 1 complex, `stride` complex values apart; `rsd_unpair` sets the values between them to zero
+ */
+rsd_status rsd_unpair(const float *pairs, const float *turns, float *spectra, size_t lines, size_t n, size_t stride);
+rsd_status rsd_pair(const float *spectra, const float *turns, float *pairs, size_t lines, size_t n, size_t stride);
+
 /* Positions of the lines of an array: line l of plane p starts p * plane + l * line values after the first value. */
 typedef struct {
     size_t plane, line;

@@ -95,8 +95,8 @@ static void add_squares(const float *restrict plane, float *restrict squares, si
         squares[x] += plane[x] * plane[x];
 }
 
-/* Whether any of RUN squares is larger than `bound`, or not a number. Without the sign, floats are ordered like their bits
- * as integers; GCC makes no SIMD code of a comparison of floats here. */
+/* Whether any of RUN squares is larger than `bound`, or not a number. Without the sign, floats are ordered like their
+ * bits as integers; GCC makes no SIMD code of a comparison of floats here. */
 static inline bool any_larger(const float *squares, float bound)
 {
     uint32_t least, signs = 0;

@@ -35,6 +35,38 @@ static void test_blend(size_t lines, size_t n, size_t skipped)
     free(sum), free(before), free(slab), free(weights);
 }
 
+/* The spectrum of a real line, from that of its pairs, which are sums over them; and back. */
+static void test_pairs(size_t n, size_t skipped)
+{
+    const double turn = -3.14159265358979323846 / (double)n;
+    const size_t stride = n + 1 + skipped;
+    float *line = noise(2 * n, 6), *pairs = noise(2 * n, 7), *back = noise(2 * n, 7), *turns = noise(2 * n, 8);
+    float *spectrum = noise(2 * stride, 9);
+    for (size_t k = 0; k < n; k++) {
+        double re = 0.0, im = 0.0;
+        for (size_t j = 0; j < n; j++) {
+            const double at = 2.0 * turn * (double)(j * k % n);
+            re += line[2 * j] * cos(at) - line[2 * j + 1] * sin(at);
+            im += line[2 * j] * sin(at) + line[2 * j + 1] * cos(at);
+        }
+        pairs[2 * k] = (float)re, pairs[2 * k + 1] = (float)im;
+        turns[2 * k] = (float)cos(turn * (double)k), turns[2 * k + 1] = (float)sin(turn * (double)k);
+    }
+    CHECK(rsd_unpair(pairs, turns, spectrum, 1, n, stride) == RSD_OK);
+    CHECK(rsd_pair(spectrum, turns, back, 1, n, stride) == RSD_OK);
+    for (size_t k = 0; k < stride; k++) {
+        double re = 0.0, im = 0.0;
+        for (size_t j = 0; k <= n && j < 2 * n; j++) {
+            const double at = turn * (double)(j * k % (2 * n));
+            re += line[j] * cos(at), im += line[j] * sin(at);
+        }
+        CHECK(fabs(spectrum[2 * k] - re) < 1e-5 && fabs(spectrum[2 * k + 1] - im) < 1e-5); /* sums of 2 n values */
+    }
+    for (size_t i = 0; i < 2 * n; i++)
+        CHECK(fabs(back[i] - 2.0 * pairs[i]) < 1e-5);
+    free(line), free(pairs), free(back), free(turns), free(spectrum);
+}
+
 static void test_refusals(void)
 {
     float a[4] = {1, 2, 3, 4}, b[4] = {1, 2, 3, 4};
@@ -51,6 +83,13 @@ static void test_refusals(void)
     CHECK(rsd_blend_lines(a, b, b, 1, SIZE_MAX / 2, 1, 1) == RSD_SIZE);
     CHECK(rsd_blend_lines(a, b, b, SIZE_MAX / 2, 1, 1, 1) == RSD_SIZE);
     CHECK(rsd_blend_lines(NULL, NULL, NULL, 1, 0, 1, 1) == RSD_OK);
+    CHECK(rsd_unpair(NULL, b, a, 1, 1, 2) == RSD_NULL);
+    CHECK(rsd_unpair(b, NULL, a, 1, 1, 2) == RSD_NULL);
+    CHECK(rsd_unpair(b, b, a, 1, 1, 1) == RSD_SIZE);
+    CHECK(rsd_unpair(b, b, a, SIZE_MAX / 4, 1, 2) == RSD_SIZE);
+    CHECK(rsd_pair(b, b, NULL, 1, 1, 2) == RSD_NULL);
+    CHECK(rsd_pair(b, b, a, 1, 1, SIZE_MAX / 2) == RSD_SIZE);
+    CHECK(rsd_pair(NULL, NULL, NULL, 1, 0, 0) == RSD_OK);
     for (int i = 0; i < 4; i++)
         CHECK(a[i] == (float)(i + 1)); /* a refused call writes nothing */
 }
@@ -63,6 +102,8 @@ int main(void)
         test_multiply(3, n);
         test_blend(1, n, 0);
         test_blend(5, n, 3);
+        if (n > 0)
+            test_pairs(n, n % 3);
     }
     test_refusals();
     CHECK(strlen(rsd_simd_level()) > 0);

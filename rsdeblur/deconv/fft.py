@@ -29,6 +29,7 @@ from rsdeblur._util.files import read_file
 from rsdeblur._util.threads import held_at_forks
 from rsdeblur.choices import Planning
 from rsdeblur.errors import FileFormatError, OutputError, RsdeblurWarning
+from rsdeblur.kernels import spectral
 from rsdeblur.types import ComplexArray, Float32Array
 
 # Bound on the time spent measuring one plan, s.
@@ -68,32 +69,45 @@ def empty(shape: tuple[int, ...], dtype: type[Any]) -> NDArray[Any]:
 
 
 class RowTransform:
-    """Real transform along the last axis: `real` (..., n) <-> `spectrum` (..., n // 2 + 1).
+    """Real transform along the last axis: `real` (C, R, n) <-> R rows of `spectra` (C, H, K), K > n // 2.
 
-    Both buffers are created here, unless a `spectrum` is passed; :meth:`move` then replaces it by another one of the
-    same layout. The inverse is not scaled and destroys `spectrum`.
+    Both buffers are created here, unless `spectra` are passed. The inverse is not scaled. Lines of even length are
+    transformed as half as many complex values (:func:`rsdeblur.kernels.spectral.unpair_numpy`).
     """
 
     def __init__(
-        self, shape: tuple[int, ...], planning: Planning = "estimate", spectrum: ComplexArray | None = None
+        self, shape: tuple[int, int, int], planning: Planning = "estimate", spectra: ComplexArray | None = None
     ) -> None:
+        *lines, n = shape
         self.real: Float32Array = empty(shape, np.float32)
-        self.spectrum: ComplexArray = (
-            empty((*shape[:-1], shape[-1] // 2 + 1), np.complex64) if spectrum is None else spectrum
-        )
-        self._forward = _plan(self.real, self.spectrum, "FFTW_FORWARD", planning)
-        self._inverse = _plan(self.spectrum, self.real, "FFTW_BACKWARD", planning)
-        self.forward: Callable[[], None] = self._forward.execute
-        self.inverse: Callable[[], None] = self._inverse.execute
+        self.spectra: ComplexArray = empty((*lines, n // 2 + 1), np.complex64) if spectra is None else spectra
+        self._paired = n % 2 == 0
+        self._packed: ComplexArray = empty((*lines, n // 2 if self._paired else n // 2 + 1), np.complex64)
+        self._turns = spectral.turns(n // 2)
+        values = self.real.view(np.complex64) if self._paired else self.real
+        self._forward: Callable[[], None] = _plan(values, self._packed, "FFTW_FORWARD", planning).execute
+        self._inverse: Callable[[], None] = _plan(self._packed, values, "FFTW_BACKWARD", planning).execute
         # A caller may fill the buffer in part, but the transform reads all of it.
         self.real[...] = 0
-        self.spectrum[...] = 0
 
-    def move(self, spectrum: ComplexArray) -> None:
-        """Use `spectrum` from now on; it must have the shape, strides and alignment of the one before."""
-        self._forward.update_arrays(self.real, spectrum)
-        self._inverse.update_arrays(spectrum, self.real)
-        self.spectrum = spectrum
+    def forward(self, top: int = 0) -> None:
+        """Transform into the rows of `spectra` from `top` on; the frequencies beyond the highest become zero."""
+        self._forward()
+        if self._paired:
+            spectral.unpair(self._packed, self._turns, self.spectra, top)
+            return
+        rows, frequencies = self._packed.shape[1:]
+        self.spectra[:, top : top + rows, :frequencies] = self._packed
+        self.spectra[:, top : top + rows, frequencies:] = 0
+
+    def inverse(self, top: int = 0) -> None:
+        """Transform the rows of `spectra` from `top` on back."""
+        if self._paired:
+            spectral.pair(self.spectra, top, self._turns, self._packed)
+        else:
+            rows, frequencies = self._packed.shape[1:]
+            self._packed[...] = self.spectra[:, top : top + rows, :frequencies]
+        self._inverse()
 
 
 class LineTransform:

@@ -136,7 +136,7 @@ class Hybrid:
         self._groups = [_Group.of(first, bands.tiles[first : first + self.together]) for first in firsts]
         self.spectra = self._new_spectra()
         self._workers = [
-            _Worker(self._rows(0), self.height, bands.length, strips.length, self.together, planning)
+            _Worker(self.spectra, self.height, (self._block, strips.length), (self.together, bands.length), planning)
             for _ in range(threads)
         ]
         self.team = ThreadTeam(threads)
@@ -167,9 +167,7 @@ class Hybrid:
             )
             if not all_finite:
                 finite[0] = False
-            worker.rows.move(self._rows(top))
-            worker.rows.forward()
-            self.spectra[:, top : top + self._block, self.frequencies :] = 0
+            worker.rows.forward(top)
 
         self.team.share(block, range(0, self.height, self._block))
         return finite[0]
@@ -229,7 +227,7 @@ class Hybrid:
             lines.columns_to_rows(worker.blended, self.spectra, block * COLUMNS, self.height)
 
     def restore_rows(self, out: Float32Array, strip: Tile, *, clear: bool) -> None:
-        """Transform rows back, which destroys :attr:`spectra`.
+        """Transform the rows of :attr:`spectra` back.
 
         Write them to `out` (H, W, C) where `strip` contributes; of several strips, add them, and `clear` all of `out`
         before.
@@ -239,34 +237,23 @@ class Hybrid:
         def block(thread: int, top: int) -> None:
             worker = self._workers[thread]
             rows, offset = min(self._block, self.height - top), strip.first - strip.start
-            worker.rows.move(self._rows(top))
-            worker.rows.inverse()
+            worker.rows.inverse(top)
             if clear:
                 out[top : top + rows] = 0
             lines.lines_to_picture(worker.rows.real, rows, offset, strip.weights, strip.first, several, out, top)
 
         self.team.share(block, range(0, self.height, self._block))
 
-    def _rows(self, top: int) -> ComplexArray:
-        """Return a view of the spectra of a block of rows."""
-        return self.spectra[:, top : top + self._block, : self.frequencies]
-
 
 class _Worker:
     """Buffers of one thread: a block of rows and a group of slabs, with their transforms."""
 
     def __init__(
-        self,
-        spectrum: ComplexArray,
-        height: int,
-        slab_length: int,
-        row_length: int,
-        slabs: int,
-        planning: Planning,
+        self, spectra: ComplexArray, height: int, rows: tuple[int, int], slabs: tuple[int, int], planning: Planning
     ) -> None:
-        channels, rows, _ = spectrum.shape
-        self.rows = RowTransform((channels, rows, row_length), planning, spectrum)
-        self.slabs = LineTransform((slabs, channels, COLUMNS, slab_length), planning)
+        channels, (count, length) = len(spectra), slabs
+        self.rows = RowTransform((channels, *rows), planning, spectra)
+        self.slabs = LineTransform((count, channels, COLUMNS, length), planning)
         self.columns, self.blended = (empty((channels, COLUMNS, height), np.complex64) for _ in range(2))
 
 

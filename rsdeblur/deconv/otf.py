@@ -92,16 +92,16 @@ class _GridTransform:
 
     def __init__(self, rows: int, lengths: tuple[int, int], points: tuple[int, int]) -> None:
         self._lengths = lengths
-        self._rows = RowTransform((rows, points[1]))
+        self._rows = RowTransform((1, rows, points[1]))
         self._columns = LineTransform((COLUMNS, points[0]))
         # Gains of the frequencies along y and x.
         self._down, self._across = (np.ones(n, np.float32) for n in (lengths[0], lengths[1] // 2 + 1))
 
     def rows(self, grid: NDArray[np.floating], factor: float = 1.0) -> ComplexArray:
         """Return the row spectra of `grid` times a factor; its centre is the origin."""
-        rows_around_origin(grid, factor, self._rows.real[: len(grid)])
+        rows_around_origin(grid, factor, self._rows.real[0, : len(grid)])
         self._rows.forward()
-        return self._rows.spectrum[: len(grid), : self._lengths[1] // 2 + 1]
+        return self._rows.spectra[0, : len(grid), : self._lengths[1] // 2 + 1]
 
     def columns(self, spectrum: ComplexArray, first: int) -> ComplexArray:
         """Return some columns of the transform of the row spectra; the next call overwrites them."""

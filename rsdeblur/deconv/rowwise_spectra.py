@@ -56,7 +56,7 @@ class RowSpectra:
             rows, buffers = min(ROWS, height - top), self._rows[thread]
             lines.picture_to_lines(picture, top, rows, start, ramp, periodic, buffers.real)
             buffers.forward()
-            rowwise.spectra_to_lanes(buffers.spectrum, rows, lanes, top)
+            rowwise.spectra_to_lanes(buffers.spectra, rows, lanes, top)
 
         self.team.share(block, range(0, height, ROWS))
 
@@ -66,7 +66,7 @@ class RowSpectra:
 
         def block(thread: int, top: int) -> None:
             rows, buffers = min(ROWS, len(out) - top), self._rows[thread]
-            rowwise.lanes_to_spectra(lanes, first + top, buffers.spectrum, rows)
+            rowwise.lanes_to_spectra(lanes, first + top, buffers.spectra, rows)
             buffers.inverse()
             lines.lines_to_picture(buffers.real, rows, tile.first - tile.start, weights, tile.first, add, out, top)
 

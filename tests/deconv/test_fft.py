@@ -23,32 +23,34 @@ def cache_dir(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("planning", PLANNINGS)
-def test_rows_are_numpys_transform_and_come_back(planning):
+@pytest.mark.parametrize("n", [2, 29, 30])
+def test_rows_are_numpys_transform_and_come_back(planning, n):
     rng = np.random.default_rng(0)
-    rows = fft.RowTransform((2, 3, 30), planning)
-    values = rng.random((2, 3, 30)).astype(np.float32)
+    rows = fft.RowTransform((2, 3, n), planning)
+    values = rng.random((2, 3, n)).astype(np.float32)
     rows.real[...] = values
     rows.forward()
     # 30 values of order 1 are summed in float32.
-    np.testing.assert_allclose(rows.spectrum, np.fft.rfft(values), atol=1e-5)
+    np.testing.assert_allclose(rows.spectra, np.fft.rfft(values), atol=1e-5)
     rows.inverse()
-    np.testing.assert_allclose(rows.real / 30, values, atol=1e-6)
+    np.testing.assert_allclose(rows.real / n, values, atol=1e-6)
 
 
-def test_rows_move_to_another_place():
-    values = np.random.default_rng(0).random((2, 4, 30)).astype(np.float32)
-    spectra = fft.empty((2, 8, 24), np.complex64)
-    rows = fft.RowTransform((2, 4, 30), "estimate", spectra[:, :4, :16])
-    assert not spectra[:, :4, :16].any()
-    for top in (4, 0):
-        rows.move(spectra[:, top : top + 4, :16])
+@pytest.mark.parametrize("n", [29, 30])
+def test_rows_go_to_any_place_among_others(n):
+    values = np.random.default_rng(0).random((2, 4, n)).astype(np.float32)
+    spectra = np.full((2, 9, 24), np.nan, np.complex64)
+    rows = fft.RowTransform((2, 4, n), "estimate", spectra)
+    for top in (5, 0):
         rows.real[...] = values
-        rows.forward()
+        rows.forward(top)
+    used = spectra[:, [0, 1, 2, 3, 5, 6, 7, 8]]
     # 30 values of order 1 are summed in float32.
-    np.testing.assert_allclose(spectra[..., :16], np.tile(np.fft.rfft(values), (1, 2, 1)), atol=1e-5)
-    rows.move(spectra[:, 4:, :16])
-    rows.inverse()
-    np.testing.assert_allclose(rows.real / 30, values, atol=1e-6)
+    np.testing.assert_allclose(used[..., : n // 2 + 1], np.tile(np.fft.rfft(values), (1, 2, 1)), atol=1e-5)
+    assert not used[..., n // 2 + 1 :].any()
+    assert np.isnan(spectra[:, 4]).all()
+    rows.inverse(5)
+    np.testing.assert_allclose(rows.real / n, values, atol=1e-6)
 
 
 def test_lines_are_numpys_transform_and_come_back():

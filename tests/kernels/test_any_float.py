@@ -100,6 +100,8 @@ def tiles(hostile: Hostile) -> Tiles:
 
 ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "multiply": lambda h: [h.pairs(3, 2, 5, 6), h.pairs(3, 5, 6)],
+    "unpair": lambda h: [h.pairs(3, 2, 5), h.pairs(5), h.pairs(3, 4, 8), 1],
+    "pair": lambda h: [h.pairs(3, 4, 8), 1, h.pairs(5), h.pairs(3, 2, 5)],
     "blend": lambda h: [h.pairs(2, 5, 9), h.pairs(3, 2, 5, 6), h(3, 4), np.array(3 * [[1, 2, 4]], np.int32)],
     "picture_to_lines": lambda h: [h(4, 12, 3), 1, 2, -3, h(4), False, h(3, 4, 20)],
     "lines_to_picture": lambda h: [h(3, 4, 20), 2, 1, h(5), 3, True, h(4, 12, 3), 1],

@@ -39,6 +39,8 @@ def model() -> list[Array]:
 CALLS: dict[str, tuple[Callable[[], list[Any]], set[int]]] = {
     "multiply": (lambda: [pairs(3, 2, 5, 6), pairs(3, 5, 6)], {0}),
     "blend": (lambda: [pairs(2, 5, 9), pairs(3, 2, 5, 6), floats(3, 4), integers(3 * [[1, 2, 4]])], {0}),
+    "unpair": (lambda: [pairs(3, 2, 5), pairs(5), pairs(3, 4, 8), 1], {2}),
+    "pair": (lambda: [pairs(3, 4, 8), 1, pairs(5), pairs(3, 2, 5)], {3}),
     "picture_to_lines": (lambda: [floats(4, 12, 3), 1, 2, -3, floats(4), False, floats(3, 4, 20)], {6}),
     "lines_to_picture": (lambda: [floats(3, 4, 20), 2, 1, floats(5), 3, True, floats(4, 12, 3), 1], {6}),
     "rows_to_columns": (lambda: [pairs(3, 9, 30), 2, 5, pairs(3, 16, 9)], {3}),

@@ -12,6 +12,7 @@ from rsdeblur.kernels import native, spectral, why_pure
 
 # Values are of order 1 and each result is one complex product and one sum: a few roundings of 6e-8.
 TOLERANCE = {"rtol": 0, "atol": 1e-6}
+NAMES = ("multiply", "blend", "unpair", "pair")
 
 needs_native = pytest.mark.skipif(native is None, reason=f"no C extension: {why_pure}")
 
@@ -19,8 +20,8 @@ needs_native = pytest.mark.skipif(native is None, reason=f"no C extension: {why_
 @pytest.fixture(params=[pytest.param("native", marks=needs_native), "numpy"])
 def kernels(request):
     if request.param == "native":
-        return SimpleNamespace(multiply=native.multiply, blend=native.blend)
-    return SimpleNamespace(multiply=spectral.multiply_numpy, blend=spectral.blend_numpy)
+        return native
+    return SimpleNamespace(**{name: getattr(spectral, name + "_numpy") for name in NAMES})
 
 
 def complex_noise(rng, *shape):
@@ -30,13 +31,12 @@ def complex_noise(rng, *shape):
 @pytest.mark.skipif(os.environ.get("RSDEBLUR_REQUIRE_CEXT", "0") != "1", reason="RSDEBLUR_REQUIRE_CEXT is not 1")
 def test_c_code_is_in_use():
     assert native is not None, why_pure
-    assert spectral.multiply is native.multiply
-    assert spectral.blend is native.blend
+    assert all(getattr(spectral, name) is getattr(native, name) for name in NAMES)
 
 
 def test_the_names_are_native_where_that_exists():
-    assert spectral.multiply is (native.multiply if native else spectral.multiply_numpy)
-    assert spectral.blend is (native.blend if native else spectral.blend_numpy)
+    for name in NAMES:
+        assert getattr(spectral, name) is getattr(native or spectral, name if native else name + "_numpy")
 
 
 @pytest.mark.parametrize("slabs", [0, 1, 2])
@@ -140,3 +140,38 @@ class TestMisuse:
             native.blend(arrays.whole, arrays.spectra, arrays.weights.astype(float), spans)
         with pytest.raises(TypeError, match="slabs must be complex64"):
             native.blend(arrays.whole, arrays.spectra.real.copy(), arrays.weights, spans)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 8, 37])
+def test_spectra_of_pairs_become_those_of_real_lines_and_back(kernels, n):
+    values = np.random.default_rng(5).uniform(-1, 1, (2, 3, 2 * n)).astype(np.float32)
+    pairs = np.fft.fft(values.view(np.complex64)).astype(np.complex64)
+    spectra = np.full((2, 6, n + 4), 9, np.complex64)
+    kernels.unpair(pairs, spectral.turns(n), spectra, 2)
+    # Sums of up to 74 values of order 1, rounded to float32 a few times.
+    np.testing.assert_allclose(spectra[:, 2:5, : n + 1], np.fft.rfft(values), rtol=0, atol=1e-5)
+    assert not spectra[:, 2:5, n + 1 :].any()
+    assert (spectra[:, [0, 1, 5]] == 9).all()
+    # Like the inverse of any real transform, this one ignores imaginary parts that no real line has.
+    spectra[:, 2:5, [0, n]] += 3j
+    back = np.empty_like(pairs)
+    kernels.pair(spectra, 2, spectral.turns(n), back)
+    np.testing.assert_allclose(back, 2 * pairs, rtol=0, atol=1e-5)
+
+
+@pytest.mark.skipif(native is None, reason=f"no C extension: {why_pure}")
+@pytest.mark.parametrize(
+    ("pairs", "turns", "spectra", "top", "message"),
+    [
+        ((2, 3, 5), 5, (1, 4, 8), 0, "channels"),
+        ((2, 3, 5), 4, (2, 4, 8), 0, "turns"),
+        ((2, 3, 5), 5, (2, 4, 5), 0, "spectra one more"),
+        ((2, 3, 5), 5, (2, 4, 8), 2, "top"),
+    ],
+)
+def test_pairs_that_do_not_fit_their_spectra(pairs, turns, spectra, top, message):
+    pairs, turns, spectra = (np.ones(shape, np.complex64) for shape in (pairs, turns, spectra))
+    with pytest.raises(ValueError, match=message):
+        native.unpair(pairs, turns, spectra, top)
+    with pytest.raises(ValueError, match=message):
+        native.pair(spectra, top, turns, pairs)
