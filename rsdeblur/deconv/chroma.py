@@ -132,7 +132,8 @@ def halved(bank: PsfBank, *, threads: int | None) -> PsfBank:
     """
     assert bank.displacements is not None
     (rows, down), (cols, across) = (_merged(places) for places in (bank.rows, bank.cols))
-    paths = np.einsum("bi,sj,ijtk->bstk", down, across, bank.displacements, optimize=True)
+    # Not optimized, which would call BLAS: its threads wait busily for more work, for 0.1 s of processor time.
+    paths = np.einsum("sj,bjtk->bstk", across, np.einsum("bi,ijtk->bjtk", down, bank.displacements))
     half = BlurPaths(paths / 2, (rows - 0.5) / 2, (cols - 0.5) / 2, bank.softness / 2)
     # A bank that is padded, to plan for larger PSFs, stays so.
     return PsfBank.from_paths(half, threads=threads).padded(_half_size(bank.size))
