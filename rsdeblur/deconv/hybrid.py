@@ -226,21 +226,21 @@ class Hybrid:
         if write:
             lines.columns_to_rows(worker.blended, self.spectra, block * COLUMNS, self.height)
 
-    def restore_rows(self, out: Float32Array, strip: Tile, *, clear: bool) -> None:
-        """Transform the rows of :attr:`spectra` back.
+    def restore_rows(self, out: Float32Array, strip: int) -> None:
+        """Transform the rows of :attr:`spectra` back, and blend them into `out` (H, W, C) where a strip contributes.
 
-        Write them to `out` (H, W, C) where `strip` contributes; of several strips, add them, and `clear` all of `out`
-        before.
+        Strips come in order: each is added to the one before, and overwrites what lies beyond it.
         """
-        several = len(self.strips.tiles) > 1
+        before, tile = self.strips.tiles[strip - 1], self.strips.tiles[strip]
+        overlap = max(before.first + len(before.weights) - tile.first, 0) if strip else 0
 
         def block(thread: int, top: int) -> None:
             worker = self._workers[thread]
-            rows, offset = min(self._block, self.height - top), strip.first - strip.start
+            rows = min(self._block, self.height - top)
             worker.rows.inverse(top)
-            if clear:
-                out[top : top + rows] = 0
-            lines.lines_to_picture(worker.rows.real, rows, offset, strip.weights, strip.first, several, out, top)
+            for part, add in ((slice(overlap), True), (slice(overlap, None), False)):
+                weights, first = tile.weights[part], tile.first + (part.start or 0)
+                lines.lines_to_picture(worker.rows.real, rows, first - tile.start, weights, first, add, out, top)
 
         self.team.share(block, range(0, self.height, self._block))
 

@@ -202,15 +202,14 @@ class TileFilter:
         progress: Callable[[float], None] | None = None,
     ) -> None:
         """Filter `source` into `target`, strip by strip; None is a picture of zeros, and `target` may be `source`."""
-        several = len(self._strips.tiles) > 1
         with self.lock:
-            if several and source is not None and np.shares_memory(source, target):
+            if len(self._strips.tiles) > 1 and source is not None and np.shares_memory(source, target):
                 source = self._aside(source)
             for s, strip in enumerate(self._strips.tiles):
                 if source is not None and not self._hybrid.transform_rows(source, strip):
                     raise InputError("image must be finite")
                 self._hybrid.filter_columns(partial(change, s), blank=source is None)
-                self._hybrid.restore_rows(target, strip, clear=several and s == 0)
+                self._hybrid.restore_rows(target, s)
                 if progress is not None:
                     progress((s + 1) / len(self._strips.tiles))
 
