@@ -44,8 +44,8 @@ PENALTIES, AHEAD = (7.0, 35.0, 178.0, 900.0), 0.5
 BRIGHTEST, LEAST_PEAK = 99.9, 1e-3
 # The splitting ends when a step changes the picture by less than this share of its norm.
 TOLERANCE = 1e-4
-# Values that a thread shrinks at a time; of small pictures, more rows.
-VALUES = 400_000
+# Values that a thread shrinks at a time: few enough that threads finish together.
+VALUES = 150_000
 
 
 class Sparsity(NamedTuple):

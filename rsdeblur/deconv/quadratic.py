@@ -45,6 +45,10 @@ class NormalSums(NamedTuple):
     power: Float32Array
 
 
+# Function of a block of columns, its parts of the sums, and slabs that it changes.
+Minimise = Callable[[int, ComplexArray, Float32Array, ComplexArray], None]
+
+
 class TileNormal(TileFilter):
     """Base of the quadratic solvers of tiles: normal equations per tile, of one or several pictures of a scene.
 
@@ -145,9 +149,7 @@ class TileNormal(TileFilter):
 
         self._pass(pull, out, restore)
 
-    def _minimiser(
-        self, beta: float, coupling: Coupling, *, pulls: bool
-    ) -> Callable[[int, ComplexArray, Float32Array, ComplexArray], None]:
+    def _minimiser(self, beta: float, coupling: Coupling, *, pulls: bool) -> Minimise:
         """Return a function that replaces the pull by the minimiser, in slabs of a block of columns.
 
         It is called as ``minimise(block, signal, power, slabs)``. What slabs hold counts only if something `pulls`.
@@ -160,19 +162,36 @@ class TileNormal(TileFilter):
 
         return minimise
 
-    def _add(self, sums: NormalSums, bank: PsfBank, picture: FloatImage, share: float, *, first: bool) -> None:
-        """Add what a picture (H, W, C) with the PSFs of `bank` contributes; the `first` one starts the sums."""
+    def _add(
+        self,
+        sums: NormalSums,
+        bank: PsfBank,
+        picture: FloatImage,
+        share: float = 1.0,
+        *,
+        first: bool = True,
+        minimise: Minimise | None = None,
+        out: FloatImage | None = None,
+    ) -> None:
+        """Add what a picture (H, W, C) with the PSFs of `bank` contributes; the `first` one starts the sums.
+
+        With a function of :meth:`_minimiser`, the minimiser is written to `out` in the same pass.
+        """
         factor = np.float32(share)
 
         def add(strip: int, otfs: ComplexArray, _thread: int, block: int, bands: slice, slabs: ComplexArray) -> None:
-            place = strip, block, bands
-            add_normal(slabs, otfs[block, bands], factor, first, sums.signal[place], sums.power[place])
+            signal, power = sums.signal[strip, block, bands], sums.power[strip, block, bands]
+            add_normal(slabs, otfs[block, bands], factor, first, signal, power)
+            if minimise is not None:
+                minimise(block, signal, power, slabs)
 
         with self.lock:
             for s, strip in enumerate(self._strips.tiles):
                 if not self._hybrid.transform_rows(picture, strip):
                     raise InputError("image must be finite")
-                self._hybrid.filter_columns(partial(add, s, self._strip_otfs(bank, s)), write=False)
+                self._hybrid.filter_columns(partial(add, s, self._strip_otfs(bank, s)), write=out is not None)
+                if out is not None:
+                    self._hybrid.restore_rows(out, s)
 
     def _strip_otfs(self, bank: PsfBank, strip: int) -> ComplexArray:
         """Return the OTFs of the tiles of a strip, shape (blocks, B, COLUMNS, L); the next call overwrites them."""
@@ -240,9 +259,11 @@ class TileQuadratic(TileNormal):
         nsr = validate.finite("nsr", nsr, minimum=0.0, maximum=validate.MOST_STRENGTH)
         super().__init__(*(bank, shape), nsr=nsr, margin=MARGIN, border=border, planning=planning, threads=threads)
         self._bank = bank
+        # The observation, if its normal equations wait for the first solve.
+        self._observed: FloatImage | None = None
 
     def _take(self, bank: PsfBank) -> None:
-        self._bank, self._sums = bank, None
+        self._bank, self._sums, self._observed = bank, None, None
 
     def apply(
         self,
@@ -282,10 +303,10 @@ class TileQuadratic(TileNormal):
             out = validate.output(out, self.shape)
         light = validate.linear_light(image, self.shape)
         with self._hybrid.team.turn():
-            self.prepare(light)
+            self._observe(light)
             latent = prior.with_peak_of(light).restore(self, threads=self.threads, progress=progress)
             # The sums take more memory than all else.
-            self._sums = None
+            self._sums = self._observed = None
         latent = latent.reshape(self.shape)
         if out is None:
             return latent
@@ -307,6 +328,27 @@ class TileQuadratic(TileNormal):
         """
         picture = validate.linear_light(image, self.shape).reshape(self._channelled)
         with self.lock:
-            sums, self._sums = self._sums or self._new_sums(), None
-            self._add(sums, self._bank, picture, 1.0, first=True)
+            sums, self._observed = self._sums_to_fill(), None
+            self._add(sums, self._bank, picture)
             self._sums = sums
+
+    def _observe(self, picture: FloatImage) -> None:
+        """Set the observation, whose normal equations the first solve may compute."""
+        self._observed = picture.reshape(self._channelled)
+
+    def _solve(self, beta: float, pull: FloatImage | None, coupling: Coupling, out: FloatImage) -> None:
+        picture, self._observed = self._observed, None
+        if picture is not None and pull is None:
+            # One pass instead of two, and equations that are still in the cache.
+            sums = self._sums_to_fill()
+            self._add(sums, self._bank, picture, minimise=self._minimiser(beta, coupling, pulls=False), out=out)
+            self._sums = sums
+            return
+        if picture is not None:
+            self.prepare(picture.reshape(self.shape))
+        super()._solve(beta, pull, coupling, out)
+
+    def _sums_to_fill(self) -> NormalSums:
+        """Return memory for sums, which the solver does not hold meanwhile."""
+        sums, self._sums = self._sums or self._new_sums(), None
+        return sums

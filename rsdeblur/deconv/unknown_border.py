@@ -85,6 +85,9 @@ class UnknownBorderQuadratic(TileQuadratic):
         super().prepare(image)
         self._filled[...] = np.reshape(image, self._channelled)
 
+    def _observe(self, picture: FloatImage) -> None:
+        self.prepare(picture)
+
     def _take(self, bank: PsfBank) -> None:
         super()._take(bank)
         self._fill_otfs(bank, self._every_otf)

@@ -196,6 +196,36 @@ def test_threads_change_nothing(blurred: np.ndarray) -> None:
     np.testing.assert_array_equal(one, three)
 
 
+@pytest.mark.parametrize("grid", [(1, 1), (3, 4)])
+def test_equations_computed_by_the_first_solve_are_those_of_prepare(blurred: np.ndarray, grid: tuple[int, int]) -> None:
+    deconvolver = solver(kernels=np.broadcast_to(kernel(), (*grid, 7, 11)))
+    prior = DerivativePrior("tv", 0.01, peak=1.0)
+    at_once = deconvolver.apply(blurred, prior=prior)
+    deconvolver.prepare(blurred)
+    np.testing.assert_array_equal(at_once, prior.restore(deconvolver))
+
+
+class Interrupted(Exception):
+    pass
+
+
+class StopsBeforeSolving:
+    def with_peak_of(self, image: np.ndarray) -> StopsBeforeSolving:
+        return self
+
+    def restore(self, solver: TileQuadratic, **options: object) -> np.ndarray:
+        raise Interrupted
+
+
+def test_a_picture_that_was_never_solved_is_forgotten(sharp: np.ndarray, blurred: np.ndarray) -> None:
+    deconvolver, expected = solver(), solver()
+    with pytest.raises(Interrupted):
+        deconvolver.apply(sharp, prior=StopsBeforeSolving())
+    for each in (deconvolver, expected):
+        each.prepare(blurred)
+    np.testing.assert_array_equal(deconvolver.solve(0.1), expected.solve(0.1))
+
+
 def test_a_settled_picture_stops_early() -> None:
     flat = np.full((H, W, 3), 0.4, dtype=np.float32)
     fractions: list[float] = []
