@@ -199,19 +199,26 @@ static const char *refuse_pairs(Py_buffer *pairs, Py_buffer *turns, Py_buffer *s
     return rsd_within(top, shape[1], spectra->shape[1]) ? NULL : "the rows from top on must lie within spectra";
 }
 
-static bool call_unpair(Py_buffer *pairs, Py_buffer *turns, Py_buffer *spectra, Py_ssize_t top)
+typedef rsd_status pairing(const float *, const float *, float *, size_t, size_t, size_t);
+
+/* Either `from` or `to` is `pairs`, the other one is `spectra`, of which the rows from `top` on are used. */
+static bool call_pairing(pairing *convert, Py_buffer *from, Py_buffer *to, Py_buffer *pairs, Py_buffer *turns,
+                         Py_buffer *spectra, Py_ssize_t top)
 {
     const Py_ssize_t *shape = pairs->shape, stride = spectra->shape[2];
     const char *refusal = refuse_pairs(pairs, turns, spectra, top);
     rsd_status status = RSD_OK;
-    if (refusal == NULL && (rsd_overlap(spectra, pairs) || rsd_overlap(spectra, turns)))
-        refusal = "spectra must not overlap pairs or turns";
+    if (refusal == NULL && (rsd_overlap(to, from) || rsd_overlap(to, turns)))
+        refusal = "what is written must not overlap another array";
     if (refusal == NULL) {
         Py_BEGIN_ALLOW_THREADS
-        for (Py_ssize_t c = 0; status == RSD_OK && c < shape[0]; c++)
-            status = rsd_unpair((const float *)pairs->buf + 2 * c * shape[1] * shape[2], turns->buf,
-                                (float *)spectra->buf + 2 * (c * spectra->shape[1] + top) * stride, (size_t)shape[1],
-                                (size_t)shape[2], (size_t)stride);
+        for (Py_ssize_t c = 0; status == RSD_OK && c < shape[0]; c++) {
+            const Py_ssize_t of_pairs = 2 * c * shape[1] * shape[2];
+            const Py_ssize_t of_spectra = 2 * (c * spectra->shape[1] + top) * stride;
+            status = convert((const float *)from->buf + (from == pairs ? of_pairs : of_spectra), turns->buf,
+                             (float *)to->buf + (to == pairs ? of_pairs : of_spectra), (size_t)shape[1],
+                             (size_t)shape[2], (size_t)stride);
+        }
         Py_END_ALLOW_THREADS
     }
     return rsd_conclude(refusal, status);
@@ -228,27 +235,9 @@ static PyObject *unpair(PyObject *module, PyObject *args)
     if (!PyArg_ParseTuple(args, "OOOn:unpair", &objects[0], &objects[1], &objects[2], &top) ||
         !rsd_acquire(objects, views, specs, 3))
         return NULL;
-    const bool success = call_unpair(&views[0], &views[1], &views[2], top);
+    const bool success = call_pairing(rsd_unpair, &views[0], &views[2], &views[0], &views[1], &views[2], top);
     rsd_release(views, 3);
     return none_if(success);
-}
-
-static bool call_pair(Py_buffer *spectra, Py_ssize_t top, Py_buffer *turns, Py_buffer *pairs)
-{
-    const Py_ssize_t *shape = pairs->shape, stride = spectra->shape[2];
-    const char *refusal = refuse_pairs(pairs, turns, spectra, top);
-    rsd_status status = RSD_OK;
-    if (refusal == NULL && (rsd_overlap(pairs, spectra) || rsd_overlap(pairs, turns)))
-        refusal = "pairs must not overlap spectra or turns";
-    if (refusal == NULL) {
-        Py_BEGIN_ALLOW_THREADS
-        for (Py_ssize_t c = 0; status == RSD_OK && c < shape[0]; c++)
-            status = rsd_pair((const float *)spectra->buf + 2 * (c * spectra->shape[1] + top) * stride, turns->buf,
-                              (float *)pairs->buf + 2 * c * shape[1] * shape[2], (size_t)shape[1], (size_t)shape[2],
-                              (size_t)stride);
-        Py_END_ALLOW_THREADS
-    }
-    return rsd_conclude(refusal, status);
 }
 
 static PyObject *pair(PyObject *module, PyObject *args)
@@ -262,7 +251,7 @@ static PyObject *pair(PyObject *module, PyObject *args)
     if (!PyArg_ParseTuple(args, "OnOO:pair", &objects[0], &top, &objects[1], &objects[2]) ||
         !rsd_acquire(objects, views, specs, 3))
         return NULL;
-    const bool success = call_pair(&views[0], top, &views[1], &views[2]);
+    const bool success = call_pairing(rsd_pair, &views[0], &views[2], &views[2], &views[1], &views[0], top);
     rsd_release(views, 3);
     return none_if(success);
 }
