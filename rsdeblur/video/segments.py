@@ -34,7 +34,8 @@ ENCODERS = {
 UNJOINED = "rawvideo"
 # No frame refers to a later one, so packets come in the order of the frames and segments can be joined.
 OPTIONS = {
-    "libx264": {"preset": "veryfast"},
+    # Whole macroblocks, which suit the motion of a shaking camera.
+    "libx264": {"preset": "veryfast", "partitions": "i8x8"},
     "libx265": {"preset": "fast", "x265-params": "log-level=none"},
     "libvpx-vp9": {"b": "0", "deadline": "good", "cpu-used": "3", "auto-alt-ref": "0", "lag-in-frames": "0"},
     "libsvtav1": {"preset": "8", "svtav1-params": "pred-struct=1"},
@@ -123,7 +124,8 @@ def encode_segment(segment: Segment) -> None:
             stream = add_stream(container, plan.clip, segment.encoding)
             # A frame is encoded while the next one is deblurred; no more than one waits.
             written: Future[list[Any]] = beside.submit(list)
-            for index, frame in enumerate(frames(plan.clip, segment.first, segment.stop), segment.first):
+            decoded = frames(plan.clip, segment.first, segment.stop, threads=plan.options.threads)
+            for index, frame in enumerate(decoded, segment.first):
                 sharp, share = None, plan.shares[index]
                 if share:
                     values = values_of(frame)

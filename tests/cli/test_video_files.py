@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import Result
+from numpy.typing import NDArray
 from PIL import Image
 
 import rsdeblur
@@ -25,7 +26,7 @@ from rsdeblur.errors import FileFormatError, InputError
 av = pytest.importorskip("av", reason="the extra [video] is not installed")
 
 from rsdeblur.video.clip import frames, open_clip  # noqa: E402 (needs PyAV)
-from rsdeblur.video.pixels import frame_of, kept_frame, matrix_of, values_of  # noqa: E402
+from rsdeblur.video.pixels import BITS, WEIGHTS, frame_of, kept_frame, matrix_of, values_of  # noqa: E402
 from rsdeblur.video.plan import _more_blurred, plan_clip  # noqa: E402
 from rsdeblur.video.segments import Encoding  # noqa: E402
 from rsdeblur.video.times import exposures_from_captures, exposures_from_stamps  # noqa: E402
@@ -186,6 +187,17 @@ def test_uncompressed_video_stays_lossless(clip: Path) -> None:
     assert Encoding.like(replace(open_clip(clip), codec="rawvideo")).codec == "ffv1"
 
 
+def planes(frame: Any) -> list[NDArray[Any]]:
+    """Return views of the planes of a frame, without what fills up their lines."""
+    dtype = np.dtype(np.uint16 if "le" in frame.format.name else np.uint8)
+    return [np.frombuffer(p, dtype).reshape(p.height, -1)[:, : p.width] for p in frame.planes]
+
+
+def fill(frame: Any, values: list[Any]) -> None:
+    for plane, value in zip(planes(frame), values, strict=True):
+        plane[...] = value
+
+
 def test_kept_and_deblurred_frames_are_stored_alike() -> None:
     """RGB has no matrix that YCbCr could have, and is not darkened by rounding."""
     noise = np.random.default_rng(0).integers(0, 2**16, (HEIGHT, WIDTH, 3), np.uint16)
@@ -196,6 +208,30 @@ def test_kept_and_deblurred_frames_are_stored_alike() -> None:
     assert matrix_of(5, "yuv420p", "yuv420p10le") == 5
     difference = kept.to_ndarray().astype(float) - new.to_ndarray()
     assert np.abs(difference.mean(axis=(1, 2))).max() < 0.05
+
+
+@pytest.mark.parametrize("colour_range", [0, 1, 2])
+@pytest.mark.parametrize("matrix", WEIGHTS)
+@pytest.mark.parametrize("name", BITS)
+def test_frames_are_converted_as_by_ffmpeg(
+    name: str, matrix: int, colour_range: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of one colour, and luma of any value: FFmpeg interpolates colours."""
+    frame, unit = av.VideoFrame(48, 6, name), 2 ** (BITS[name] - 8)
+    frame.colorspace, frame.color_range, frame.pts, frame.time_base = matrix, colour_range, 0, Fraction(1, 30)
+    luma = np.random.default_rng(0).integers(50 * unit, 180 * unit, (6, 48))
+    fill(frame, [luma, 110 * unit, 140 * unit])
+    values = values_of(frame)
+    stored = planes(frame_of(values, frame, name))
+    monkeypatch.setattr("rsdeblur.video.pixels.BITS", {})
+    # White is 65535; FFmpeg's is 65280, 255 * 256, from 8 bits, and its matrix is rounded.
+    np.testing.assert_allclose(values, values_of(frame) * 1.002, rtol=0.003, atol=100)
+    # One stored level of 8 bits.
+    for part, same in zip(stored, planes(frame_of(values, frame, name)), strict=True):
+        np.testing.assert_allclose(part.astype(int), same, atol=unit)
+    # And back as it was.
+    for part, before in zip(stored, planes(frame), strict=True):
+        np.testing.assert_array_equal(part, before)
 
 
 def test_colours_that_cannot_be_converted_are_named() -> None:
