@@ -17,6 +17,7 @@ from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
+from rsdeblur.kernels.tone import to_srgb_levels
 from rsdeblur.motion.camera import Camera
 
 # Rows decoded or encoded at a time, which bounds the memory: a conversion takes several arrays of that size.
@@ -130,18 +131,13 @@ class EncodedImage:
 
         def encode_block(_: int, n: int) -> None:
             here, there = blocks[n]
-            sharp = from_linear(light[here], self.transfer)
-            with np.errstate(over="ignore", invalid="ignore"):
-                # One pass instead of the two of np.isfinite(sharp).all().
-                finite = np.isfinite(sharp.sum())
-            if not finite:
+            sharp, is_finite = _stored(light[here], self.transfer, clip, out.dtype)
+            if not is_finite:
                 raise InputError(
                     "the result is not finite: the picture or the strengths (nsr, weight) are beyond what float32 "
                     "carries; scale the picture so that white is 1, or use larger strengths"
                 )
-            if clip:
-                sharp = sharp.clip(0.0, 1.0)
-            out[there, :, :channels] = _as_stored(sharp, out.dtype)
+            out[there, :, :channels] = sharp
             if channels < out.shape[2]:
                 alpha = as_float(self.values[there, :, channels:])
                 out[there, :, channels:] = _as_stored(alpha.clip(0.0, 1.0) if clip else alpha, out.dtype)
@@ -280,6 +276,19 @@ def as_float(values: NDArray[Any]) -> NDArray[np.float32]:
     if values.dtype.kind == "u":
         scaled /= np.iinfo(values.dtype).max
     return scaled
+
+
+def _stored(
+    light: NDArray[np.float32], transfer: Transfer, clip: bool, dtype: np.dtype[Any]
+) -> tuple[NDArray[Any], bool]:
+    """Return encoded light as values of a type, and whether all of it is finite."""
+    if transfer == "srgb" and dtype.kind == "u":
+        return to_srgb_levels(np.ascontiguousarray(light), dtype)
+    values = from_linear(light, transfer)
+    with np.errstate(over="ignore", invalid="ignore"):
+        # One pass instead of the two of np.isfinite(values).all().
+        is_finite = bool(np.isfinite(values.sum()))
+    return _as_stored(values.clip(0.0, 1.0) if clip else values, dtype), is_finite
 
 
 def _as_stored(values: NDArray[np.float32], dtype: np.dtype[Any]) -> NDArray[Any]:

@@ -78,66 +78,72 @@ def separate_numpy(light: FloatImage) -> tuple[FloatImage, FloatImage]:
     return luma, half
 
 
+# Values that lie beside each other in memory, not one colour of each pixel: such loops become SIMD code.
 @njit(nogil=True)
-def _column_sums(half, i, sums):
-    """Fill the sums over three rows of brightness, its square, the colours, and the products of both, shape (8, W)."""
-    height, width = half.shape[:2]
-    above, below = max(i - 1, 0), min(i + 1, height - 1)
-    for j in range(width):
-        mean = square = np.float32(0.0)
+def _products(half, i, row):
+    """Fill the brightness of a row, its square, the colours, and the products of both, shape (8, W)."""
+    for j in range(half.shape[1]):
+        luma = RED * half[i, j, 0] + GREEN * half[i, j, 1] + BLUE * half[i, j, 2]
+        row[0, j], row[1, j] = luma, luma * luma
         for c in range(3):
-            sums[2 + c, j] = half[above, j, c] + half[i, j, c] + half[below, j, c]
-            sums[5 + c, j] = np.float32(0.0)
-        for y in (above, i, below):
-            luma = RED * half[y, j, 0] + GREEN * half[y, j, 1] + BLUE * half[y, j, 2]
-            mean += luma
-            square += luma * luma
-            for c in range(3):
-                sums[5 + c, j] += luma * half[y, j, c]
-        sums[0, j], sums[1, j] = mean, square
+            row[2 + c, j], row[5 + c, j] = half[i, j, c], luma * half[i, j, c]
+
+
+@njit(nogil=True)
+def _means(above, own, below, sums, means):
+    """Fill the means over windows of 3 x 3; the ends of a row count twice."""
+    width, ninth = own.shape[1], np.float32(1.0 / 9.0)
+    for n in range(len(own)):
+        for j in range(width):
+            sums[j + 1] = above[n, j] + own[n, j] + below[n, j]
+        sums[0], sums[width + 1] = sums[1], sums[width]
+        for j in range(width):
+            means[n, j] = (sums[j] + sums[j + 1] + sums[j + 2]) * ninth
 
 
 @njit(nogil=True, error_model="numpy")
 def _fit(half, first, last, flat, dark, lines):
-    width = half.shape[1]
-    zero, ninth = np.float32(0.0), np.float32(1.0 / 9.0)
-    sums, total = np.empty((8, width), np.float32), np.empty(8, np.float32)
+    height, width = half.shape[:2]
+    zero, one = np.float32(0.0), np.float32(1.0)
+    rows, means = np.empty((3, 8, width), np.float32), np.empty((8, width), np.float32)
+    sums = np.empty(width + 2, np.float32)
+    for i in range(max(first - 1, 0), min(first + 1, height)):
+        _products(half, i, rows[i % 3])
     for i in range(first, last):
-        _column_sums(half, i, sums)
+        if i + 1 < height:
+            _products(half, i + 1, rows[(i + 1) % 3])
+        own = rows[i % 3]
+        _means(rows[max(i - 1, 0) % 3], own, rows[min(i + 1, height - 1) % 3], sums, means)
         for j in range(width):
-            left, right = max(j - 1, 0), min(j + 1, width - 1)
-            for n in range(8):
-                total[n] = (sums[n, left] + sums[n, j] + sums[n, right]) * ninth
-            mean = total[0]
-            brighter = np.float32(1.0) / (max(mean, zero) + dark)
-            steeper = np.float32(1.0) / (max(total[1] - mean * mean, zero) + flat)
-            own = RED * half[i, j, 0] + GREEN * half[i, j, 1] + BLUE * half[i, j, 2]
+            mean = means[0, j]
+            brighter = one / (max(mean, zero) + dark)
+            steeper = one / (max(means[1, j] - mean * mean, zero) + flat)
             for c in range(3):
-                colour = total[2 + c]
+                colour = means[2 + c, j]
                 ratio = min((max(colour, zero) + dark) * brighter, MOST_RATIO)
-                slope = (total[5 + c] - mean * colour + flat * ratio) * steeper
-                lines[i, j, c] = slope
-                lines[i, j, 3 + c] = half[i, j, c] - slope * own
+                slope = (means[5 + c, j] - mean * colour + flat * ratio) * steeper
+                lines[i, c, j] = slope
+                lines[i, 3 + c, j] = own[2 + c, j] - slope * own[0, j]
 
 
 @njit(nogil=True)
 def _evaluate(lines, luma, first, last, out):
-    height, width = lines.shape[:2]
+    height, width = lines.shape[0], lines.shape[2]
     near, far = np.float32(0.75), np.float32(0.25)
-    row = np.empty((width, 6), np.float32)
+    row, doubled = np.empty(width + 2, np.float32), np.empty((6, 2 * width), np.float32)
     for y in range(first, last):
         i = y // 2
         other = max(i - 1, 0) if y % 2 == 0 else min(i + 1, height - 1)
-        for j in range(width):
-            for c in range(6):
-                row[j, c] = near * lines[i, j, c] + far * lines[other, j, c]
+        for n in range(6):
+            for j in range(width):
+                row[j + 1] = near * lines[i, n, j] + far * lines[other, n, j]
+            row[0], row[width + 1] = row[1], row[width]
+            for j in range(width):
+                doubled[n, 2 * j] = near * row[j + 1] + far * row[j]
+                doubled[n, 2 * j + 1] = near * row[j + 1] + far * row[j + 2]
         for x in range(luma.shape[1]):
-            j = x // 2
-            beside = max(j - 1, 0) if x % 2 == 0 else min(j + 1, width - 1)
             for c in range(3):
-                slope = near * row[j, c] + far * row[beside, c]
-                offset = near * row[j, 3 + c] + far * row[beside, 3 + c]
-                out[y, x, c] = slope * luma[y, x, 0] + offset
+                out[y, x, c] = doubled[c, x] * luma[y, x, 0] + doubled[3 + c, x]
 
 
 def join(luma: FloatImage, half: FloatImage, peak: float, out: FloatImage, threads: int | None = None) -> None:
@@ -157,7 +163,7 @@ def join(luma: FloatImage, half: FloatImage, peak: float, out: FloatImage, threa
         Threads that share the rows; any number gives the same bits.
     """
     flat, dark = (max(np.float32(share), TINY) for share in (FLAT * peak**2, DARK * peak))
-    lines = np.empty((*half.shape[:2], 6), np.float32)
+    lines = np.empty((half.shape[0], 6, half.shape[1]), np.float32)
     tops, lasts = range(0, len(half), ROWS), range(0, len(out), 2 * ROWS)
     share(lambda _, top: _fit(half, top, min(top + ROWS, len(half)), flat, dark, lines), tops, threads)
     share(lambda _, top: _evaluate(lines, luma, top, min(top + 2 * ROWS, len(out)), out), lasts, threads)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from rsdeblur.kernels._jit import njit
 from rsdeblur.types import Float32Array
@@ -10,6 +13,7 @@ from rsdeblur.types import Float32Array
 # IEC 61966-2-1: light up to END is multiplied by SLOPE; above, the curve is SCALE light^(1 / GAMMA) - OFFSET.
 END, SLOPE, SCALE, OFFSET = map(np.float32, (0.0031308, 12.92, 1.055, 0.055))
 GAMMA = 2.4
+ZERO, HALF, ONE = map(np.float32, (0.0, 0.5, 1.0))
 
 
 # NumPy's vectorised power is several times as fast as Numba's; to choose between both parts of the curve, it is slower.
@@ -33,6 +37,39 @@ def to_srgb(light: Float32Array) -> Float32Array:
     np.power(values, np.float32(1 / GAMMA), out=values)
     _choose(light.reshape(-1), values.reshape(-1))
     return values
+
+
+@njit(nogil=True)
+def _round(light, values, most, levels):
+    lost = 0
+    for i in range(len(light)):
+        value = light[i] * SLOPE if light[i] <= END else values[i] * SCALE - OFFSET
+        levels[i] = np.int32(min(max(value, ZERO), ONE) * most + HALF)
+        lost += not abs(light[i]) < np.inf
+    return lost == 0
+
+
+def to_srgb_levels(light: Float32Array, dtype: np.dtype[Any]) -> tuple[NDArray[Any], bool]:
+    """Return the encoded values of linear light as integers, clipped, and whether all light is finite.
+
+    Parameters
+    ----------
+    light : ndarray, float32, C-contiguous
+        Linear light of any shape, nominal range [0, 1].
+    dtype : dtype
+        uint8 or uint16; the largest integer is 1.
+    """
+    values = np.abs(light, out=np.empty_like(light))
+    np.power(values, np.float32(1 / GAMMA), out=values)
+    levels = np.empty(light.shape, dtype)
+    is_finite = _round(light.reshape(-1), values.reshape(-1), np.float32(np.iinfo(dtype).max), levels.reshape(-1))
+    return levels, is_finite
+
+
+def to_srgb_levels_numpy(light: Float32Array, dtype: np.dtype[Any]) -> tuple[NDArray[Any], bool]:
+    """Readable twin of :func:`to_srgb_levels`."""
+    values = np.nan_to_num(to_srgb_numpy(light)).clip(0.0, 1.0) * np.float32(np.iinfo(dtype).max)
+    return np.floor(values + HALF).astype(dtype), bool(np.isfinite(light).all())
 
 
 def to_srgb_numpy(light: Float32Array) -> Float32Array:

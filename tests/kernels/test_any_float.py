@@ -155,6 +155,7 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "halved_gradient_energy": lambda h: [h(5, 7, 3)],
     "invert": lambda h: [h.pairs(8, 6), h.number(), h.number(), 1, 2, h.pairs(3, 3, 4, 6)],
     "to_srgb": lambda h: [h(5, 7, 3)],
+    "to_srgb_levels": lambda h: [h(5, 7, 3), np.dtype(np.uint16)],
     "extremes": lambda h: [h(5, 7, 3), 3, h(3, 4), h(3, 4)],
     "limit": lambda h: [h(5, 7, 3), 0, 2, 3, h(3, 3), h(3, 3, 4), h(3, 3, 4)],
     "depths": lambda h: [h(5, 7, 3), 3, h(2, 3)],

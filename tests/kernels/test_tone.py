@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import pytest
 
 from rsdeblur.image.transfer import to_linear
-from rsdeblur.kernels.tone import END, to_srgb, to_srgb_numpy
+from rsdeblur.kernels.tone import END, to_srgb, to_srgb_levels, to_srgb_levels_numpy, to_srgb_numpy
 
 # Dark and bright, below black and beyond white, and either side of the end of the straight part.
 LIGHT = np.concatenate(
@@ -21,6 +24,19 @@ def test_twins_agree_in_every_bit() -> None:
     light = np.append(LIGHT, np.float32(-0.0))
     np.testing.assert_array_equal(to_srgb(light), to_srgb_numpy(light))
     np.testing.assert_array_equal(np.signbit(to_srgb(light)), np.signbit(light))
+
+
+@pytest.mark.parametrize("levels_of", [to_srgb_levels, to_srgb_levels_numpy], ids=["fast", "numpy"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_integers_are_the_rounded_clipped_values(levels_of: Any, dtype: type) -> None:
+    most = np.iinfo(dtype).max
+    levels, is_finite = levels_of(LIGHT, np.dtype(dtype))
+    assert levels.dtype == dtype
+    assert is_finite
+    # Half a level, and a rounding of float32 that 16 bits show.
+    np.testing.assert_allclose(levels, to_srgb(LIGHT).clip(0, 1).astype(float) * most, atol=0.51)
+    for value in (np.nan, np.inf, -np.inf):
+        assert not levels_of(np.append(LIGHT, np.float32(value)), np.dtype(dtype))[1]
 
 
 def test_decoding_is_the_inverse() -> None:

@@ -23,11 +23,12 @@ def coding(request):
     return Coding.of(*BT709, bits, full_range=full_range)
 
 
-def planes(coding, height, width, low=0.0, high=1.0):
+def planes(coding, size, low=0.0, high=1.0):
     """Return random planes, within a part of the range."""
     dtype = np.uint8 if coding.grey == 128 else np.uint16
     random = np.random.default_rng(0)
-    shapes = (height, width), *2 * ((-(-height // 2), -(-width // 2)),)
+    height, width = size
+    shapes = size, *2 * ((-(-height // 2), -(-width // 2)),)
     most = 2 * int(coding.grey)
     return [random.integers(int(low * most), int(high * most), shape).astype(dtype) for shape in shapes]
 
@@ -40,7 +41,7 @@ def rgb_of(to_rgb, parts, coding):
 
 @pytest.mark.parametrize("size", [(1, 1), (4, 6), (7, 9)])
 def test_twins_agree(coding, size):
-    parts = planes(coding, *size)
+    parts = planes(coding, size)
     fast, slow = (rgb_of(each, parts, coding).astype(int) for each in (ycbcr.to_rgb, ycbcr.to_rgb_numpy))
     # One rounding of float32.
     assert np.abs(fast - slow).max() <= 1
@@ -55,7 +56,7 @@ def test_twins_agree(coding, size):
 def test_there_and_back_changes_nothing(kernels, coding, size):
     """Where RGB is not clipped: with colours near grey, and luma away from black and white."""
     to_rgb, from_rgb = kernels
-    luma, cb, cr = planes(coding, *size, low=0.35, high=0.65)
+    luma, cb, cr = planes(coding, size, low=0.35, high=0.65)
     cb, cr = (((part.astype(np.float32) + 3 * coding.grey) / 4).astype(part.dtype) for part in (cb, cr))
     back = [np.empty_like(part) for part in (luma, cb, cr)]
     from_rgb(rgb_of(to_rgb, (luma, cb, cr), coding), coding, *back)
