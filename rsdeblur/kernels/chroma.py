@@ -78,7 +78,7 @@ def separate_numpy(light: FloatImage) -> tuple[FloatImage, FloatImage]:
     return luma, half
 
 
-# Values that lie beside each other in memory, not one colour of each pixel: such loops become SIMD code.
+# Loops over values that lie beside each other, each one named alone, become SIMD code.
 @njit(nogil=True)
 def _products(half, i, row):
     """Fill the brightness of a row, its square, the colours, and the products of both, shape (8, W)."""
@@ -141,9 +141,12 @@ def _evaluate(lines, luma, first, last, out):
             for j in range(width):
                 doubled[n, 2 * j] = near * row[j + 1] + far * row[j]
                 doubled[n, 2 * j + 1] = near * row[j + 1] + far * row[j + 2]
+        slope, offset, target = doubled[:3], doubled[3:], out[y].reshape(-1)
         for x in range(luma.shape[1]):
-            for c in range(3):
-                out[y, x, c] = doubled[c, x] * luma[y, x, 0] + doubled[3 + c, x]
+            level = luma[y, x, 0]
+            target[3 * x] = slope[0, x] * level + offset[0, x]
+            target[3 * x + 1] = slope[1, x] * level + offset[1, x]
+            target[3 * x + 2] = slope[2, x] * level + offset[2, x]
 
 
 def join(luma: FloatImage, half: FloatImage, peak: float, out: FloatImage, threads: int | None = None) -> None:

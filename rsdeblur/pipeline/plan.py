@@ -295,7 +295,7 @@ class Plan:
                 *(split, out, self.bank, self.options, self._settings, clock),
                 plan_solver=self._plan_solver,
                 light=light,
-                meter=meter,
+                meter=meter if self.options.judges else None,
                 capture=self.capture,
             )
 
