@@ -13,7 +13,7 @@ from rsdeblur.types import Float32Array
 # IEC 61966-2-1: light up to END is multiplied by SLOPE; above, the curve is SCALE light^(1 / GAMMA) - OFFSET.
 END, SLOPE, SCALE, OFFSET = map(np.float32, (0.0031308, 12.92, 1.055, 0.055))
 GAMMA = 2.4
-ZERO, HALF, ONE = map(np.float32, (0.0, 0.5, 1.0))
+ZERO, ONE = np.float32(0.0), np.float32(1.0)
 
 
 # NumPy's vectorised power is several times as fast as Numba's; to choose between both parts of the curve, it is slower.
@@ -44,7 +44,7 @@ def _round(light, values, most, levels):
     lost = 0
     for i in range(len(light)):
         value = light[i] * SLOPE if light[i] <= END else values[i] * SCALE - OFFSET
-        levels[i] = np.int32(min(max(value, ZERO), ONE) * most + HALF)
+        levels[i] = np.int32(np.rint(min(max(value, ZERO), ONE) * most))
         lost += not abs(light[i]) < np.inf
     return lost == 0
 
@@ -69,7 +69,7 @@ def to_srgb_levels(light: Float32Array, dtype: np.dtype[Any]) -> tuple[NDArray[A
 def to_srgb_levels_numpy(light: Float32Array, dtype: np.dtype[Any]) -> tuple[NDArray[Any], bool]:
     """Readable twin of :func:`to_srgb_levels`."""
     values = np.nan_to_num(to_srgb_numpy(light)).clip(0.0, 1.0) * np.float32(np.iinfo(dtype).max)
-    return np.floor(values + HALF).astype(dtype), bool(np.isfinite(light).all())
+    return np.rint(values).astype(dtype), bool(np.isfinite(light).all())
 
 
 def to_srgb_numpy(light: Float32Array) -> Float32Array:

@@ -43,7 +43,9 @@ def values_of(frame: Any) -> NDArray[np.uint16]:
     InputError
         If FFmpeg cannot convert its colours.
     """
-    if (coding := _coding(frame.format.name, int(frame.colorspace), int(frame.color_range))) is not None:
+    coding = _coding(frame.format.name, int(frame.colorspace), int(frame.color_range))
+    # Some decoders deliver frames bottom-up.
+    if coding is not None and frame.planes[0].line_size > 0:
         values = np.empty((frame.height, frame.width, CHANNELS), np.uint16)
         luma, cb, cr = _planes(frame)
         to_rgb(luma, cb, cr, coding, values)
