@@ -57,7 +57,7 @@ def to_srgb_levels(light: Float32Array, dtype: np.dtype[Any]) -> tuple[NDArray[A
     light : ndarray, float32, C-contiguous
         Linear light of any shape, nominal range [0, 1].
     dtype : dtype
-        uint8 or uint16; the largest integer is 1.
+        Type of the integers, uint8 or uint16, of which the largest is 1.
     """
     values = np.abs(light, out=np.empty_like(light))
     np.power(values, np.float32(1 / GAMMA), out=values)
