@@ -16,7 +16,7 @@ RGB, CHANNELS = "rgb48le", 3
 FULL_RANGE = 2  # AVCOL_RANGE_JPEG; frames without a tag have the limited one
 LIMITED_RANGE = 1
 BT709 = 1  # AVCOL_SPC_BT709
-# Bits per value of the pixel formats of nearly all cameras. Kernels of this package convert them: FFmpeg takes six
+# Bits per value of the pixel formats of nearly all cameras. Kernels of this package convert them: FFmpeg takes four
 # times as long.
 BITS = {"yuv420p": 8, "yuvj420p": 8, "yuv420p10le": 10, "yuv420p12le": 12}
 # Weights of red and blue for FFmpeg's number of the matrix: BT.709, BT.601, which FFmpeg takes where it is unknown, and
