@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.atomic import atomic_write
-from rsdeblur._util.memory import keep_freed_memory
 from rsdeblur.choices import CRF
 from rsdeblur.errors import InputError, OutputError
 from rsdeblur.video._av import av
@@ -116,8 +115,6 @@ def encode_segment(segment: Segment) -> None:
         If a frame cannot be decoded, or the file cannot be written.
     """
     plan, pixels = segment.plan, segment.encoding.pixels
-    # Every frame takes and frees some 200 bytes per pixel.
-    keep_freed_memory()
     try:
         with (
             atomic_write(segment.output) as file,
