@@ -114,15 +114,15 @@ def drawn(rng: np.random.Generator) -> Case:
     blurred = fftconvolve(light, true[:, :, None], "valid", axes=(0, 1)).astype(np.float32)
     known, way = rng.random() < 0.3, rng.random()
     if encoded and colour and way < PHONE_SHARE:
-        sharp = from_phone(sharp, rng, noise=TRUTH_NOISE, quality=TRUTH_QUALITY)
-        return Case(sharp, from_phone(blurred, rng, noise=PHONE_NOISE * noise), believed, None, encoded)
+        sharp = phone_light(sharp, rng, noise=TRUTH_NOISE, quality=TRUTH_QUALITY)
+        return Case(sharp, phone_light(blurred, rng, noise=PHONE_NOISE * noise), believed, None, encoded)
     blurred += rng.normal(0.0, noise, blurred.shape).astype(np.float32)
     if encoded and colour and way < PHONE_SHARE + JPEG_SHARE:
         blurred, known = jpeg(blurred), False
     return Case(sharp, blurred, believed, noise if known else None, encoded)
 
 
-def from_phone(light: Image, rng: np.random.Generator, **settings: Any) -> Image:
+def phone_light(light: Image, rng: np.random.Generator, **settings: Any) -> Image:
     """Return the light of what a phone would store."""
     stored = processed(light, rng, **settings)
     return to_linear(stored.astype(np.float32) / np.float32(255), "srgb")

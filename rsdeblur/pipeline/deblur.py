@@ -96,7 +96,7 @@ def deblur(
         tiles. "global" ignores both, "rowwise" ignores `bands`.
     prior : {"tv", "wiener", "gradient", "hyper-laplacian", "wavelet", "nlm", "cnn"} or callable, optional
         Regularisation, by default that of `quality`: the Wiener filter, a penalty on derivatives
-        (:mod:`rsdeblur.deconv.priors`), a learned start in a wavelet frame (:mod:`rsdeblur.deconv.wavelet`),
+        (:mod:`rsdeblur.deconv.priors`), learned sums in a wavelet frame (:mod:`rsdeblur.deconv.wavelet`),
         non-local means, a small network (:mod:`rsdeblur.deconv.cnn`), or any other denoiser, called as
         ``denoise(image, sigma)`` (:mod:`rsdeblur.deconv.plug_and_play`). "tv" and "hyper-laplacian" keep edges sharp
         and even areas free of noise; "wiener" takes about a fifth of their time. All but the linear ones, "wiener" and
