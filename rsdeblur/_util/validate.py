@@ -10,6 +10,7 @@ from typing import Any, TypeGuard, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rsdeblur._util.memory import empty
 from rsdeblur.errors import InputError
 from rsdeblur.types import FloatArray
 
@@ -320,7 +321,7 @@ def mostly_beyond_white(image: NDArray[Any], white: float = 1.0) -> bool:
 def output(out: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Return `out`, which must be a writable C-contiguous float32 array of `shape`, or a new one if `out` is None."""
     if out is None:
-        return np.empty(shape, dtype=np.float32)
+        return empty(shape, np.float32)
     if not is_plain(out) or out.shape != shape or out.dtype != np.float32:
         got = f"{out.dtype} of shape {out.shape}" if is_plain(out) else type(out).__name__
         raise InputError(f"out must be a float32 array of shape {shape}, got {got}")

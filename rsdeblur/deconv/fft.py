@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from rsdeblur._util.atomic import atomic_write
 from rsdeblur._util.files import read_file
+from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import held_at_forks
 from rsdeblur.choices import Planning
 from rsdeblur.errors import FileFormatError, OutputError, RsdeblurWarning
@@ -60,12 +61,6 @@ def _cost(length: int) -> float:
     odd = sum(cost * powers[factor] for factor, cost in FACTOR_COST.items())
     further = FURTHER_3_COST * max(powers[3] - 1, 0) + SHORT_OF_16_COST * max(4 - powers[2], 0)
     return length * (1.0 + odd + further + (rest - 1))
-
-
-def empty(shape: tuple[int, ...], dtype: type[Any]) -> NDArray[Any]:
-    """Return an uninitialised array that is aligned for SIMD."""
-    buffer: NDArray[Any] = pyfftw.empty_aligned(shape, dtype=dtype)
-    return buffer
 
 
 class RowTransform:

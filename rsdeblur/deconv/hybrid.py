@@ -20,10 +20,11 @@ from typing import Protocol
 
 import numpy as np
 
+from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import ThreadTeam
 from rsdeblur.choices import Border, Planning
 from rsdeblur.deconv.border import fade
-from rsdeblur.deconv.fft import LineTransform, RowTransform, empty
+from rsdeblur.deconv.fft import LineTransform, RowTransform
 from rsdeblur.deconv.tiling import Tile, Tiling
 from rsdeblur.kernels import lines, spectral
 from rsdeblur.types import ComplexArray, Float32Array, Int32Array

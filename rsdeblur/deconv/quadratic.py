@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
+from rsdeblur._util.memory import empty
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Border, Planning
 from rsdeblur.deconv.coupling import TO_GRADIENT, Coupling
-from rsdeblur.deconv.fft import empty
 from rsdeblur.deconv.hybrid import COLUMNS
 from rsdeblur.deconv.priors import LatentPrior, check_prior
 from rsdeblur.deconv.wiener import TileFilter

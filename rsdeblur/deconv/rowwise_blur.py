@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
+from rsdeblur._util.memory import empty
 from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import share_map, thread_count
-from rsdeblur.deconv.fft import empty
 from rsdeblur.deconv.rowwise_spectra import RowSpectra
 from rsdeblur.deconv.tiling import Tile, hat_weights
 from rsdeblur.errors import InputError

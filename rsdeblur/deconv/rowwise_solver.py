@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util import validate
+from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import BORDERS, PLANNINGS, SOLVERS, Border, Planning, Solver
 from rsdeblur.deconv.coupling import TO_GRADIENT, Coupling
-from rsdeblur.deconv.fft import empty, remember
+from rsdeblur.deconv.fft import remember
 from rsdeblur.deconv.priors import LatentPrior
 from rsdeblur.deconv.rowwise_blur import latent_rows, strip_blurs
 from rsdeblur.deconv.rowwise_cg import NormalEquations, conjugate_gradients, is_faster

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import ThreadTeam
 from rsdeblur.choices import Planning
 from rsdeblur.deconv.border import fade
-from rsdeblur.deconv.fft import RowTransform, empty
+from rsdeblur.deconv.fft import RowTransform
 from rsdeblur.deconv.tiling import Tile
 from rsdeblur.kernels import lines, rowwise
 from rsdeblur.types import Float32Array

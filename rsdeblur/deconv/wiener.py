@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
+from rsdeblur._util.memory import empty
 from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import BORDERS, PLANNINGS, Border, Planning
@@ -221,14 +222,13 @@ class TileFilter:
         return self._copy
 
     def _new_filters(self, strips: int | None = None) -> ComplexArray:
-        """Return zeros for one filter per tile, shape (S, blocks of columns, B, COLUMNS, L): in the order of a pass.
+        """Return memory for one filter per tile, shape (S, blocks of columns, B, COLUMNS, L): in the order of a pass.
 
-        They are for all strips, or for a number of them.
+        They are for all strips, or for a number of them. Columns that fill up the last block are zero.
         """
         strips, bands = strips or len(self._strips.tiles), len(self._bands.tiles)
-        filters: ComplexArray = np.zeros(
-            (strips, self._hybrid.blocks, bands, COLUMNS, self._bands.length), np.complex64
-        )
+        filters = empty((strips, self._hybrid.blocks, bands, COLUMNS, self._bands.length), np.complex64)
+        filters[:, -1] = 0
         return filters
 
     def _fill_otfs(self, bank: PsfBank, out: ComplexArray, put: PutColumns | None = None, *, first: int = 0) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
+from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import share
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError, RsdeblurWarning
@@ -85,7 +86,7 @@ class EncodedImage:
         """
         height, width, channels = self.shape
         rows = slice(*rows.indices(height)[:2])
-        light = np.empty((rows.stop - rows.start, width, channels), dtype=np.float32)
+        light = empty((rows.stop - rows.start, width, channels), np.float32)
         light_of = _lookup(self.values.dtype.itemsize, self.transfer) if self.values.dtype.kind == "u" else None
         blocks = list(_blocks(rows))
 

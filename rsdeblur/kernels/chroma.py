@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from rsdeblur._util.memory import empty
 from rsdeblur._util.threads import share
 from rsdeblur.kernels._jit import njit
 from rsdeblur.types import FloatImage
@@ -63,7 +64,7 @@ def separate(light: FloatImage, threads: int | None = None) -> tuple[FloatImage,
         Means of 2 x 2 pixels; the last row and column of odd sizes count twice.
     """
     height, width = light.shape[:2]
-    luma, half = np.empty((height, width, 1), np.float32), np.empty((-(-height // 2), -(-width // 2), 3), np.float32)
+    luma, half = empty((height, width, 1), np.float32), empty((-(-height // 2), -(-width // 2), 3), np.float32)
     tops = range(0, len(half), ROWS)
     share(lambda _, top: _separate(light, top, min(top + ROWS, len(half)), luma, half), tops, threads)
     return luma, half
@@ -166,7 +167,7 @@ def join(luma: FloatImage, half: FloatImage, peak: float, out: FloatImage, threa
         Threads that share the rows; any number gives the same bits.
     """
     flat, dark = (max(np.float32(share), TINY) for share in (FLAT * peak**2, DARK * peak))
-    lines = np.empty((half.shape[0], 6, half.shape[1]), np.float32)
+    lines = empty((half.shape[0], 6, half.shape[1]), np.float32)
     tops, lasts = range(0, len(half), ROWS), range(0, len(out), 2 * ROWS)
     share(lambda _, top: _fit(half, top, min(top + ROWS, len(half)), flat, dark, lines), tops, threads)
     share(lambda _, top: _evaluate(lines, luma, top, min(top + 2 * ROWS, len(out)), out), lasts, threads)

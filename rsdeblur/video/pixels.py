@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rsdeblur._util.memory import empty
 from rsdeblur.errors import InputError
 from rsdeblur.kernels.ycbcr import Coding, from_rgb, to_rgb
 from rsdeblur.video._av import av
@@ -46,7 +47,7 @@ def values_of(frame: Any) -> NDArray[np.uint16]:
     coding = _coding(frame.format.name, int(frame.colorspace), int(frame.color_range))
     # Some decoders deliver frames bottom-up.
     if coding is not None and frame.planes[0].line_size > 0:
-        values = np.empty((frame.height, frame.width, CHANNELS), np.uint16)
+        values = empty((frame.height, frame.width, CHANNELS), np.uint16)
         luma, cb, cr = _planes(frame)
         to_rgb(luma, cb, cr, coding, values)
         return values

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.atomic import atomic_write
+from rsdeblur._util.memory import empty, kept
 from rsdeblur.choices import CRF
 from rsdeblur.errors import InputError, OutputError
 from rsdeblur.video._av import av
@@ -120,6 +121,7 @@ def encode_segment(segment: Segment) -> None:
             atomic_write(segment.output) as file,
             av.open(file, "w", format=CONTAINER) as container,
             ThreadPoolExecutor(1) as beside,
+            kept(),
         ):
             stream = add_stream(container, plan.clip, segment.encoding)
             # A frame is encoded while the next one is deblurred; no more than one waits.
@@ -129,7 +131,9 @@ def encode_segment(segment: Segment) -> None:
                 sharp, share = None, plan.shares[index]
                 if share:
                     values = values_of(frame)
-                    sharp = _mixed(values, plan.frame(index).apply(values, out=np.empty_like(values)).image, share)
+                    sharp = _mixed(
+                        values, plan.frame(index).apply(values, out=empty(values.shape, np.uint16)).image, share
+                    )
                 container.mux(written.result())
                 written = beside.submit(_encoded, stream, frame, sharp, pixels)
             container.mux(written.result())

@@ -307,13 +307,15 @@ def test_a_clip_is_planned_with_the_documented_defaults(movie: Movie, monkeypatc
     assert plan_clip(*inputs, Options(quality="fast", check=False)).check is None
 
 
-def test_an_interrupted_video_continues_to_the_same_file(
+def test_an_interrupted_video_continues_to_the_same_video(
     run: Run, here: None, processes: Processes, movie: Movie, tmp_path: Path
 ) -> None:
-    whole, again = tmp_path / "whole.mp4", tmp_path / "again.mp4"
-    assert run(*movie.arguments(*movie.stamped, "-o", whole)).exit_code == 0
-    parts = tmp_path / "again.mp4.parts"
-    with processes.started(*movie.arguments(*movie.stamped, "-o", again)) as process:
+    whole, again = tmp_path / "whole.mkv", tmp_path / "again.mkv"
+    # Lossless, because libx264 rarely makes other bits of the same pixels (docs/developer/decisions/several.md).
+    arguments = movie.arguments(*movie.stamped, "--codec", "ffv1", "-o")
+    assert run(*arguments, whole).exit_code == 0
+    parts = tmp_path / "again.mkv.parts"
+    with processes.started(*arguments, again) as process:
         processes.until(process, lambda: list(parts.glob(".*.part")))
         # As if out of memory: the segment is done once more.
         processes.kill_worker(process)
@@ -326,10 +328,16 @@ def test_an_interrupted_video_continues_to_the_same_file(
         assert not again.exists()
         assert not list(parts.glob("*.part"))
         made = {path: path.stat().st_mtime_ns for path in parts.glob("*.mkv")}
-        assert run(*movie.arguments(*movie.stamped, "-o", again)).exit_code == 0
+        assert run(*arguments, again).exit_code == 0
         assert made
-    assert again.read_bytes() == whole.read_bytes()
+    assert packets(again) == packets(whole)
     assert not parts.exists()
+
+
+def packets(path: Path) -> list[tuple[bytes, int | None]]:
+    """Return the data and stamps of pictures and sound; only the file's own numbers are random in Matroska."""
+    with av.open(str(path)) as container:
+        return [(bytes(packet), packet.pts) for packet in container.demux() if packet.size]
 
 
 def test_resuming_uses_finished_segments(run: Run, here: None, movie: Movie, tmp_path: Path, monkeypatch: Any) -> None:
