@@ -19,7 +19,7 @@ from rsdeblur.errors import FileFormatError, RsdeblurWarning
 from rsdeblur.io.sessions import PHOTOS
 from rsdeblur.video._av import av
 
-HDR_DATA = ("MASTERING_DISPLAY_METADATA", "CONTENT_LIGHT_LEVEL")
+HDR_DATA = frozenset({"MASTERING_DISPLAY_METADATA", "CONTENT_LIGHT_LEVEL"})
 
 
 class Colours(NamedTuple):
@@ -205,18 +205,22 @@ def open_clip(path: str | os.PathLike[str]) -> Clip:
         )
 
 
+def _side_data(frame: Any) -> dict[str, Any]:
+    """Return the side data of a frame by the names of their types; PyAV 18 iterates over data, 19 over types."""
+    every = [frame.side_data[n] for n in range(len(frame.side_data))]
+    return {data.type.name: data for data in every}
+
+
 def _display_matrix(frame: Any) -> tuple[int, ...] | None:
-    for data in frame.side_data:
-        if data.type.name == "DISPLAYMATRIX":
-            return struct.unpack("9i", bytes(data))
-    return None
+    data = _side_data(frame).get("DISPLAYMATRIX")
+    return None if data is None else struct.unpack("9i", bytes(data))
 
 
 def _warn_of_losses(path: Path, frame: Any) -> None:
     lost = []
     if frame.interlaced_frame:
         lost.append("it is interlaced: its fields are deblurred as one frame and marked as progressive")
-    if any(data.type.name in HDR_DATA for data in frame.side_data):
+    if not HDR_DATA.isdisjoint(_side_data(frame)):
         lost.append("its HDR10 metadata (mastering display, light levels) is left out")
     for text in lost:
         warnings.warn(f"{path}: {text}", RsdeblurWarning, stacklevel=3)
