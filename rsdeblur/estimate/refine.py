@@ -1,8 +1,9 @@
 """Correction of camera, clock and log from the blurred picture itself.
 
 The corrections are searched by the spectra of the reduced picture (:mod:`rsdeblur.estimate.posterior`), which know the
-blur but not its phase. Several corrections may explain them equally. So those that the search finds are compared by the
-sharp picture that they lead to: with the right motion, its gradient is concentrated in few places.
+blur but not its phase, and by light streaks (:mod:`rsdeblur.estimate.streaks`), if there are any, which know both.
+Several corrections may explain them equally. So those that the search finds are compared by the sharp picture that they
+lead to: with the right motion, its gradient is concentrated in few places.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from rsdeblur.estimate.regions import drift_by_region, with_factors
 from rsdeblur.estimate.rival_axes import OTHER_AXES, rival_lead
 from rsdeblur.estimate.sharpness import Sharpness
 from rsdeblur.estimate.spectra import TileSpectra
+from rsdeblur.estimate.streaks import LightStreaks, lead_of
 from rsdeblur.image.encoded import EncodedImage, check_size, reduced
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.arguments import check_reach, check_recording, is_held
@@ -62,6 +64,11 @@ CANDIDATES, LEAST_ADJUSTED = 5, 10.0
 # standard deviations. At last the whole solve adjusts the others: it finds them more exactly, but on real photos, where
 # the scene has several depths, it leads to drifts that are too long. A parabola leads at most so many steps away.
 ADJUSTED, QUICK_STEPS, WHOLE_STEPS, MOST_STEPS = ("scale", "drift_x", "drift_y"), (0.6, 0.3), (0.3,), 2.0
+# Light streaks search along these parameters, with steps in standard deviations, from the best place of a grid of so
+# many values of each drift, or from no correction. The search goes on after the first step only if they are so many
+# nats likelier. The spectra join the last two steps.
+FOLLOWED, STREAK_STEPS, LEAST_FOLLOWED = ("scale", "drift_x", "drift_y"), (0.8, 0.4, 0.2), 10.0
+STREAK_GRID, STREAK_COUNT = ("drift_x", "drift_y"), 4
 # Nats that a parameter costs, and the least gain that counts.
 NATS_PER_PARAMETER, WORST_GAIN = 3.0, -1000.0
 # Least worth (nats) of a correction that is accepted, its least fall in the whole solve, and the most standard
@@ -207,13 +214,15 @@ def refine(
     spectra = TileSpectra(light, recording, side=spectra_side(recording), soft=True, white=False, threads=1)
     quick = QuickSharpness(light, recording)
     posterior = Posterior(spectra, recording, deviations)
-    judge = _Judge(posterior, quick, lambda: Sharpness(light, recording, robust=True), threads)
+    streaks = LightStreaks(light, recording)
+    judge = _Judge(posterior, quick, streaks, lambda: Sharpness(light, recording, robust=True), threads)
     best, reason = judge.best(progress or (lambda *_: None))
     found = posterior.corrected(best)
     # With wrong axes, a correction may make the motion more like the right one, but never right.
     doubtful = not (reason or known_axes)
-    if doubtful and rival_lead(spectra, quick, found, recording, deviations, threads=threads) > -AHEAD_OF_AXES:
-        reason = OTHER_AXES
+    if doubtful:
+        lead = rival_lead(spectra, quick, found, recording, deviations, streaks=streaks, threads=threads)
+        reason = OTHER_AXES if lead > -AHEAD_OF_AXES else ""
     values, regions = Correction(*(best * deviations).tolist()), None
     if not reason and translation is None:
         regions = drift_by_region(posterior, quick, judge.whole, recording, values, threads=threads)
@@ -297,10 +306,16 @@ class _Judge:
     """
 
     def __init__(
-        self, posterior: Posterior, quick: QuickSharpness, whole: Callable[[], Sharpness], threads: int | None
+        self,
+        posterior: Posterior,
+        quick: QuickSharpness,
+        streaks: LightStreaks,
+        whole: Callable[[], Sharpness],
+        threads: int | None,
     ) -> None:
         self._posterior, self._quick, self._plan_whole, self._threads = posterior, quick, whole, threads
-        self._nothing = np.zeros(len(PARAMETERS))
+        self._nothing, self._streaks = np.zeros(len(PARAMETERS)), streaks
+        self._streak_nats: dict[bytes, float] = {}
         self._sparsities: dict[bytes, float] = {}
         self._whole_sparsities: dict[bytes, float] = {}
 
@@ -310,8 +325,22 @@ class _Judge:
         return self._plan_whole()
 
     def gain(self, place: FloatArray) -> float:
+        """Return how much likelier the spectra and the light streaks are than without a correction, nats."""
+        return self._posterior_gain(place) + self._led(place)
+
+    def _posterior_gain(self, place: FloatArray) -> float:
         """Return how much likelier the spectra are than without a correction, nats."""
         return self._posterior.gain(place, self._nothing)
+
+    def _led(self, place: FloatArray) -> float:
+        """Return how much likelier the light streaks are than without a correction, nats."""
+        return lead_of(self._nats_of_streaks(place), self._nats_of_streaks(self._nothing))
+
+    def _nats_of_streaks(self, place: FloatArray) -> float:
+        key = place.tobytes()
+        if key not in self._streak_nats:
+            self._streak_nats[key] = self._streaks.nats(self._posterior.corrected(place))
+        return self._streak_nats[key]
 
     def fall(self, place: FloatArray) -> float:
         """Return how much the logarithm of l1 / l2 falls."""
@@ -387,15 +416,35 @@ class _Judge:
                 found[places[at].tobytes()] = float(worths[at]), places[at]
             if worths[most] > worth:
                 worth, best = float(worths[most]), places[most]
+        for place in self._followed(progress):
+            found[place.tobytes()] = self._worth(place) - _cost(place), place
         return [place for _, place in sorted(found.values(), key=lambda pair: -pair[0])]
+
+    def _followed(self, progress: Progress) -> list[FloatArray]:
+        """Return the correction that light streaks prefer, and what the spectra and they prefer from there."""
+        axes = [PARAMETERS.index(name) for name in FOLLOWED if name in self._posterior.free]
+        if not self._streaks.streaks or not axes:
+            return []
+
+        def likely(places: Sequence[FloatArray]) -> list[float]:
+            return share_map(
+                lambda place: self._nats_of_streaks(place) - 0.5 * float(place @ place), places, self._threads
+            )
+
+        def gains(places: Sequence[FloatArray]) -> list[float]:
+            return share_map(self.gain, places, self._threads)
+
+        begin = [self._nothing, *_grid([name for name in STREAK_GRID if name in self._posterior.free], STREAK_COUNT)]
+        first = adjusted(begin[int(np.argmax(likely(begin)))], likely, axes, progress, steps=STREAK_STEPS[:1])
+        if self._led(first) < LEAST_FOLLOWED:
+            return []
+        place = adjusted(first, likely, axes, progress, steps=STREAK_STEPS[:2])
+        return [place, adjusted(place, gains, axes, progress, steps=STREAK_STEPS[1:])]
 
     def _starts(self, model: list[str], count: int) -> list[FloatArray]:
         """Return the best of places that are spread over the parameters of a model, `count` values of each."""
-        at = [PARAMETERS.index(name) for name in model]
-        values = np.meshgrid(*[np.linspace(-WIDEST, WIDEST, count)] * len(at))
-        places = np.zeros((count ** len(at), len(PARAMETERS)))
-        places[:, at] = np.stack(values, axis=-1).reshape(len(places), len(at))
-        gains = np.array(share_map(self.gain, list(places), self._threads))
+        places = _grid(model, count)
+        gains = np.array(share_map(self._posterior_gain, list(places), self._threads))
         likely = [n for n in np.argsort(-gains)[: round(COMPARED * len(places))] if gains[n] > LEAST_START]
         falls = share_map(lambda n: self.fall(places[n]), likely, self._threads)
         worths = gains[likely] + NATS_PER_FALL * np.array(falls)
@@ -430,6 +479,16 @@ class _Judge:
         values = share_map(lambda each: whole.of(self._posterior.corrected(each)), list(new.values()), self._threads)
         known.update(zip(new, values, strict=True))
         return [known[self._nothing.tobytes()] - known[place.tobytes()] for place in places]
+
+
+def _grid(names: Sequence[str], count: int) -> FloatArray:
+    """Return places that are spread over some parameters, `count` values of each."""
+    at = [PARAMETERS.index(name) for name in names]
+    places = np.zeros((count ** len(at), len(PARAMETERS)))
+    if at:
+        values = np.meshgrid(*[np.linspace(-WIDEST, WIDEST, count)] * len(at))
+        places[:, at] = np.stack(values, axis=-1).reshape(len(places), len(at))
+    return places
 
 
 def _cost(place: FloatArray) -> float:

@@ -13,6 +13,7 @@ from rsdeblur.estimate.correction import PARAMETERS, Recording
 from rsdeblur.estimate.posterior import UNDESCRIBED, Posterior
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, SHORTER, QuickSharpness
 from rsdeblur.estimate.spectra import TileSpectra
+from rsdeblur.estimate.streaks import LightStreaks, lead_of
 from rsdeblur.motion.axes import rotations
 from rsdeblur.types import FloatArray
 
@@ -39,6 +40,7 @@ def rival_lead(
     recording: Recording,
     deviations: FloatArray,
     *,
+    streaks: LightStreaks | None = None,
     threads: int | None,
 ) -> float:
     """Return by how many nats a picture is likelier with the best other mounting than with a corrected recording.
@@ -53,11 +55,13 @@ def rival_lead(
         The recording as given.
     deviations : ndarray, shape (6,)
         Standard deviations of its errors.
+    streaks : LightStreaks, optional
+        Light streaks of the picture.
     threads : int or None
         Threads that share the work; None means all processors.
     """
     own, nats, clear = recording.camera.imu_to_camera, spectra.score(found), sharpness.of(found)
-    length = found.capture().mean_length
+    length, traced = found.capture().mean_length, streaks.nats(found) if streaks else 0.0
     free = [name for name in FREE if deviations[PARAMETERS.index(name)] > 0]
     offsets = OFFSETS if "offset" in free else (0.0,)
     places = [offset * (np.arange(len(PARAMETERS)) == PARAMETERS.index("offset")) for offset in offsets]
@@ -74,16 +78,17 @@ def rival_lead(
         shorter = length < SHORTER * other.capture().mean_length
         return max(fall, -MOST_OF_SHORTER) if shorter else fall
 
+    def evidence(posterior: Posterior, place: FloatArray) -> float:
+        led = lead_of(streaks.nats(posterior.corrected(place)), traced) if streaks else 0.0
+        return posterior.lead(place, nats) + led + NATS_PER_FALL * fall(posterior, place)
+
     def whole_lead(rival: Rival) -> float:
         posterior, leads = rival
         compared = [place for place, lead in zip(places, leads, strict=True) if lead >= LEAST_COMPARED]
         if free:
             with suppress(*UNDESCRIBED):
                 compared.append(posterior.descend(places[int(np.argmax(leads))], free))
-        return max(
-            (posterior.lead(place, nats) + NATS_PER_FALL * fall(posterior, place) for place in compared),
-            default=-np.inf,
-        )
+        return max((evidence(posterior, place) for place in compared), default=-np.inf)
 
     # Left-handed axes have the spectra of right-handed ones.
     turns = [turn for turn in rotations() if not np.array_equal(turn, np.eye(3))]

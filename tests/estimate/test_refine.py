@@ -131,7 +131,8 @@ def test_a_clearer_picture_does_not_prove_shorter_paths():
 
         posterior = SimpleNamespace(corrected=corrected, gain=lambda *_: gain)
         quick = SimpleNamespace(of=lambda recording: -0.1 if recording.clear else 0.0)
-        return _Judge(posterior, quick, lambda: None, 1)._worth(np.eye(6)[0])
+        streaks = SimpleNamespace(nats=lambda _: 0.0)
+        return _Judge(posterior, quick, streaks, lambda: None, 1)._worth(np.eye(6)[0])
 
     assert worth(5.0, 9.0) == 9.0
     assert worth(5.0, 11.0) == pytest.approx(11.0 + 0.1 * NATS_PER_FALL)
