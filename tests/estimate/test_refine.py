@@ -25,6 +25,7 @@ from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL
 from rsdeblur.estimate.refine import _Judge
 from rsdeblur.estimate.rival_axes import MOST_OF_SHORTER, OTHER_AXES, rival_lead
+from rsdeblur.estimate.streaks import lead_of
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -155,13 +156,16 @@ def test_other_axes_are_not_refuted_by_shorter_paths(monkeypatch):
     measures = SimpleNamespace(score=lambda _: None), SimpleNamespace(of=lambda recording: -recording.clear)
     recording = Recording(LOG, CAMERA, EXPOSURE)
 
-    def lead(length):
+    def lead(length, streaks=None):
         """Return the lead of other axes with paths of 10 px over a correction to `length` px that is clearer by 0.1."""
         deviations = Uncertainty().deviations(CAMERA)
-        return rival_lead(*measures, moving(length, 0.1), recording, deviations, threads=1)
+        return rival_lead(*measures, moving(length, 0.1), recording, deviations, streaks=streaks, threads=1)
 
     assert lead(5.0) == pytest.approx(5.0 - MOST_OF_SHORTER * NATS_PER_FALL)
     assert lead(9.0) == lead(20.0) == pytest.approx(5.0 - 0.1 * NATS_PER_FALL)
+    # Light streaks that agree with the correction count against other axes.
+    streaks = SimpleNamespace(nats=lambda moved: 20.0 if moved.clear else 3.0)
+    assert lead(9.0, streaks) == pytest.approx(lead(9.0) + lead_of(3.0, 20.0))
 
 
 @pytest.mark.parametrize(("lead", "accepted"), [(-2.0, False), (-4.0, True)])
