@@ -22,17 +22,9 @@ from rsdeblur.errors import InputError
 from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording, Uncertainty, uncertainty_of
 from rsdeblur.estimate.posterior import Posterior
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, QuickSharpness
-from rsdeblur.estimate.refine import (
-    LEAST_FALL,
-    LEAST_WORTH,
-    MOST_DEVIATIONS,
-    STARTS,
-    TOO_FAR,
-    adjusted,
-    grey_light,
-    spectra_side,
-)
+from rsdeblur.estimate.refine import grey_light, spectra_side
 from rsdeblur.estimate.rival_axes import OTHER_AXES, rival_lead
+from rsdeblur.estimate.search import LEAST_FALL, LEAST_WORTH, MOST_DEVIATIONS, STARTS, TOO_FAR, adjusted
 from rsdeblur.estimate.shared_posterior import SHARED, SharedPosterior
 from rsdeblur.estimate.spectra import TileSpectra
 from rsdeblur.motion.arguments import check_recording, exposure_list

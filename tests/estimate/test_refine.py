@@ -23,9 +23,9 @@ from rsdeblur import (
 )
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL
-from rsdeblur.estimate.refine import _Judge
 from rsdeblur.estimate.rival_axes import MOST_OF_SHORTER, OTHER_AXES, rival_lead
 from rsdeblur.estimate.streaks import lead_of
+from rsdeblur.estimate.worth import Worth
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -133,7 +133,7 @@ def test_a_clearer_picture_does_not_prove_shorter_paths():
         posterior = SimpleNamespace(corrected=corrected, gain=lambda *_: gain)
         quick = SimpleNamespace(of=lambda recording: -0.1 if recording.clear else 0.0)
         streaks = SimpleNamespace(nats=lambda _: 0.0)
-        return _Judge(posterior, quick, streaks, lambda: None, 1)._worth(np.eye(6)[0])
+        return Worth(posterior, quick, streaks, lambda: None, 1).of(np.eye(6)[0])
 
     assert worth(5.0, 9.0) == 9.0
     assert worth(5.0, 11.0) == pytest.approx(11.0 + 0.1 * NATS_PER_FALL)

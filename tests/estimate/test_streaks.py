@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from rsdeblur import Camera, Correction, Exposure, Uncertainty, simulate
 from rsdeblur.estimate.correction import Recording
-from rsdeblur.estimate.refine import _Judge
+from rsdeblur.estimate.search import Search
 from rsdeblur.estimate.streaks import (
     LEAST_EXTENT,
     MOST_NATS,
@@ -21,6 +21,7 @@ from rsdeblur.estimate.streaks import (
     lead_of,
     thin_things,
 )
+from rsdeblur.estimate.worth import Worth
 from rsdeblur.simulation.shake import hand_shake
 
 CAMERA = Camera(320, 240, 420.0)
@@ -130,9 +131,9 @@ def test_the_search_follows_them(glints):
         corrected=lambda place: WRONG.corrected(Correction(*(place * deviations).tolist())),
         gain=lambda *_: 0.0,
     )
-    judge = _Judge(spectra, SimpleNamespace(of=lambda _: 0.0), LightStreaks(glints, WRONG), lambda: None, 1)
-    for place in judge._followed(lambda *_: None):
+    worth = Worth(spectra, SimpleNamespace(of=lambda _: 0.0), LightStreaks(glints, WRONG), lambda: None, 1)
+    for place in Search(worth, 1)._followed(lambda *_: None):
         np.testing.assert_allclose((place * deviations)[1:3], (-6.0, -5.0), atol=1.0)  # px, of a trail of 20 px
-    right = _Judge(spectra, SimpleNamespace(of=lambda _: 0.0), LightStreaks(glints, TRUE), lambda: None, 1)
+    right = Worth(spectra, SimpleNamespace(of=lambda _: 0.0), LightStreaks(glints, TRUE), lambda: None, 1)
     spectra.corrected = lambda place: TRUE.corrected(Correction(*(place * deviations).tolist()))
-    assert right._followed(lambda *_: None) == []
+    assert Search(right, 1)._followed(lambda *_: None) == []

@@ -1,0 +1,136 @@
+"""What corrections of a recording are worth: by spectra, by light streaks, and by the sharp pictures they lead to.
+
+Places are corrections in units of the standard deviations of the recording's errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from rsdeblur._util.threads import share_map
+from rsdeblur.estimate.correction import PARAMETERS
+from rsdeblur.estimate.posterior import Posterior
+from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, SHORTER, QuickSharpness
+from rsdeblur.estimate.sharpness import Sharpness
+from rsdeblur.estimate.streaks import LightStreaks, lead_of
+from rsdeblur.types import FloatArray
+
+# Nats that a parameter costs, and the least gain that counts.
+NATS_PER_PARAMETER, WORST_GAIN = 3.0, -1000.0
+# Gain (nats) without which the fall does not count where the paths become shorter.
+LEAST_OF_SHORTER = 10.0
+# Worth (nats) of corrections of which half bring the motion nearer to the truth, and by how much more the odds grow
+# e-fold: a fit to simulated recordings (docs/developer/decisions/refinement.md).
+EVEN_WORTH, WORTH_SCALE = 8.0, 12.0
+
+
+class Worth:
+    """Worth of corrections, in nats; what was measured of a place is kept.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        What the spectra and the uncertainty of the recording say.
+    quick : QuickSharpness
+        The quick measure of the sharp picture.
+    streaks : LightStreaks
+        The light streaks of the picture.
+    whole : callable
+        Plans whole solves, which most pictures do not need.
+    threads : int or None
+        Threads that share several places; None means all processors.
+    """
+
+    def __init__(
+        self,
+        posterior: Posterior,
+        quick: QuickSharpness,
+        streaks: LightStreaks,
+        whole: Callable[[], Sharpness],
+        threads: int | None,
+    ) -> None:
+        self.posterior, self.streaks = posterior, streaks
+        self.nothing = np.zeros(len(PARAMETERS))
+        self._quick, self._plan_whole, self._threads = quick, whole, threads
+        self._streak_nats: dict[bytes, float] = {}
+        self._sparsities: dict[bytes, float] = {}
+        self._whole_sparsities: dict[bytes, float] = {}
+
+    @cached_property
+    def whole(self) -> Sharpness:
+        """The measure of whole solves."""
+        return self._plan_whole()
+
+    def gain(self, place: FloatArray) -> float:
+        """Return how much likelier the spectra and the light streaks are than without a correction."""
+        return self.spectra_gain(place) + self.streak_gain(place)
+
+    def spectra_gain(self, place: FloatArray) -> float:
+        """Return how much likelier the spectra are than without a correction."""
+        return self.posterior.gain(place, self.nothing)
+
+    def streak_gain(self, place: FloatArray) -> float:
+        """Return how much likelier the light streaks are than without a correction."""
+        return lead_of(self.streak_nats(place), self.streak_nats(self.nothing))
+
+    def streak_nats(self, place: FloatArray) -> float:
+        """Return how much likelier the light streaks are than under no motion that explains them."""
+        key = place.tobytes()
+        if key not in self._streak_nats:
+            self._streak_nats[key] = self.streaks.nats(self.posterior.corrected(place))
+        return self._streak_nats[key]
+
+    def fall(self, place: FloatArray) -> float:
+        """Return how much the logarithm of l1 / l2 falls."""
+        return self._sparsity(self.nothing) - self._sparsity(place)
+
+    def _sparsity(self, place: FloatArray) -> float:
+        key = place.tobytes()
+        if key not in self._sparsities:
+            self._sparsities[key] = self._quick.of(self.posterior.corrected(place))
+        return self._sparsities[key]
+
+    def whole_falls(self, places: Sequence[FloatArray]) -> list[float]:
+        """Return how much the logarithm of l1 / l2 falls in the whole solve."""
+        known, whole = self._whole_sparsities, self.whole
+        new = {each.tobytes(): each for each in (self.nothing, *places) if each.tobytes() not in known}
+        values = share_map(lambda each: whole.of(self.posterior.corrected(each)), list(new.values()), self._threads)
+        known.update(zip(new, values, strict=True))
+        return [known[self.nothing.tobytes()] - known[place.tobytes()] for place in places]
+
+    def of(self, place: FloatArray) -> float:
+        """Return the worth of a correction by its gain and the quick measure."""
+        return self._sum(place, self.fall(place) if self.gain(place) >= 0 else 0.0)
+
+    def all(self, places: Sequence[FloatArray]) -> list[float]:
+        """Return the worth of each of several corrections by their gains and the quick measure."""
+        return share_map(self.of, places, self._threads)
+
+    def all_whole(self, places: Sequence[FloatArray]) -> list[float]:
+        """Return the worth of each of several corrections by their gains and the whole solve."""
+        return [self._sum(place, fall) for place, fall in zip(places, self.whole_falls(places), strict=True)]
+
+    def confidence(self, place: FloatArray) -> float:
+        """Return how likely a correction brings the motion nearer to the truth."""
+        return 1.0 / (1.0 + float(np.exp((EVEN_WORTH - self.of(place)) / WORTH_SCALE))) if place.any() else 0.0
+
+    def _sum(self, place: FloatArray, fall: float) -> float:
+        """Return the worth of a correction by its gain and a fall of its sharp picture."""
+        gain = max(self.gain(place), WORST_GAIN)
+        # The sharp picture counts only where the spectra agree. Far from the truth it may be clear because little blur
+        # was removed.
+        if gain < 0 or (gain < LEAST_OF_SHORTER and self._length(place) < SHORTER * self._length(self.nothing)):
+            return gain
+        return gain + NATS_PER_FALL * fall
+
+    def _length(self, place: FloatArray) -> float:
+        """Return the mean length of the paths, px."""
+        return self.posterior.corrected(place).capture().mean_length
+
+
+def cost(place: FloatArray) -> float:
+    """Return the nats that the numbers of a correction cost."""
+    return NATS_PER_PARAMETER * float(np.count_nonzero(place))
