@@ -18,7 +18,7 @@ from multiprocessing import connection, get_context
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
-from rsdeblur._util import interrupts, validate
+from rsdeblur._util import interrupts, memory, validate
 from rsdeblur.errors import InputError, RsdeblurError
 
 Task = TypeVar("Task")
@@ -220,14 +220,14 @@ class _Worker:
 
 
 def _serve(pipe: Connection, work: Callable[[Any], Any], limits: Limits | None) -> None:
-    """Do tasks until the pipe closes or an interrupt arrives during one."""
+    """Do tasks until the pipe closes or an interrupt arrives during one; the next one gets the memory of the last."""
     if limits:
         _limit_memory(limits.memory)
     # An idle worker has nothing to clean up. When the parent exits, Python ends its workers with SIGTERM, and waits for
     # them: also for one that was started just before an interrupt.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     # A closed pipe raises EOFError, and ConnectionError if the parent left an answer unread.
-    with suppress(EOFError, ConnectionError, KeyboardInterrupt):
+    with memory.kept(), suppress(EOFError, ConnectionError, KeyboardInterrupt):
         while True:
             task = pipe.recv()
             # The terminal and the parent both send one; the second must not stop the cleanup after the first.

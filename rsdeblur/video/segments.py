@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.atomic import atomic_write
-from rsdeblur._util.memory import empty, kept
+from rsdeblur._util.memory import empty
 from rsdeblur.choices import CRF
 from rsdeblur.errors import InputError, OutputError
 from rsdeblur.video._av import av
@@ -121,7 +121,6 @@ def encode_segment(segment: Segment) -> None:
             atomic_write(segment.output) as file,
             av.open(file, "w", format=CONTAINER) as container,
             ThreadPoolExecutor(1) as beside,
-            kept(),
         ):
             stream = add_stream(container, plan.clip, segment.encoding)
             # A frame is encoded while the next one is deblurred; no more than one waits.

@@ -69,3 +69,25 @@ def test_a_block_within_a_block_uses_its_memory():
         with kept():
             again = empty((FLOATS,), np.float32)
             assert address(again) == place
+
+
+def test_no_more_is_kept_than_was_once_in_use(monkeypatch):
+    sizes = []
+
+    def new(size, dtype):
+        sizes.append(size)
+        return np.zeros(size, dtype)
+
+    monkeypatch.setattr("rsdeblur._util.memory.np.empty", new)
+    with kept():
+        large = [empty((16 * FLOATS,), np.float32) for _ in range(2)]
+        del large
+        # A little smaller: the memory of a large one does.
+        smaller = empty((15 * FLOATS,), np.float32)
+        del smaller
+        assert len(sizes) == 2
+        # Much smaller: one large block is freed, and the other one is used again.
+        small = empty((2 * FLOATS,), np.float32)
+        large = [empty((16 * FLOATS,), np.float32) for _ in range(2)]
+        assert len(sizes) == 4
+        del small, large
