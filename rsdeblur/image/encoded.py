@@ -18,7 +18,7 @@ from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.image.transfer import from_linear, resolve_transfer, to_linear
-from rsdeblur.kernels.tone import to_srgb_levels
+from rsdeblur.kernels.tone import look_up, to_srgb_levels
 from rsdeblur.motion.camera import Camera
 
 # Rows decoded or encoded at a time, which bounds the memory: a conversion takes several arrays of that size.
@@ -93,8 +93,7 @@ class EncodedImage:
         def decode(_: int, n: int) -> None:
             here, there = blocks[n]
             if light_of is not None:
-                # No index is beyond the table; the other modes copy more.
-                np.take(light_of, self.values[there, :, :channels], out=light[here], mode="clip")
+                look_up(light_of, self.values[there, :, :channels], light[here])
             else:
                 light[here] = to_linear(as_float(self.values[there, :, :channels]), self.transfer)
                 validate.bounded("image", light[here])

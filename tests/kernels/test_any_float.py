@@ -155,6 +155,7 @@ ARGUMENTS: dict[str, Callable[[Hostile], list[Any]]] = {
     "halved_gradient_energy": lambda h: [h(5, 7, 3)],
     "invert": lambda h: [h.pairs(8, 6), h.number(), h.number(), 1, 2, h.pairs(3, 3, 4, 6)],
     "to_srgb": lambda h: [h(5, 7, 3)],
+    "look_up": lambda h: [h(256), np.arange(256, dtype=np.uint8).repeat(2).reshape(16, 32), h(16, 32)],
     "to_srgb_levels": lambda h: [h(5, 7, 3), np.dtype(np.uint16)],
     "extremes": lambda h: [h(5, 7, 3), 3, h(3, 4), h(3, 4)],
     "limit": lambda h: [h(5, 7, 3), 0, 2, 3, h(3, 3), h(3, 3, 4), h(3, 3, 4)],

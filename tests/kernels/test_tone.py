@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from rsdeblur.image.transfer import to_linear
-from rsdeblur.kernels.tone import END, to_srgb, to_srgb_levels, to_srgb_levels_numpy, to_srgb_numpy
+from rsdeblur.kernels.tone import (
+    END,
+    look_up,
+    look_up_numpy,
+    to_srgb,
+    to_srgb_levels,
+    to_srgb_levels_numpy,
+    to_srgb_numpy,
+)
 
 # Dark and bright, below black and beyond white, and either side of the end of the straight part.
 LIGHT = np.concatenate(
@@ -53,3 +61,18 @@ def test_what_is_not_finite_stays_so() -> None:
     encoded = to_srgb(np.array([np.nan, np.inf, -np.inf], np.float32))
     assert np.isnan(encoded[0])
     np.testing.assert_array_equal(encoded[1:], [np.inf, -np.inf])
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_tables_give_the_light_of_each_value(dtype: type) -> None:
+    most = int(np.iinfo(dtype).max)
+    table = np.linspace(0.0, 1.0, most + 1, dtype=np.float32)
+    values: Any = np.random.default_rng(1).integers(0, most, (7, 9, 4), dtype=dtype, endpoint=True)
+    values[0, 0], values[0, 1] = 0, most
+    # Without alpha, and turned like a picture whose readout runs along x.
+    for part in (values, values[..., :3], np.rot90(values)[::-1, :, :3]):
+        fast, readable = np.empty((2, *part.shape), np.float32)
+        look_up(table, part, fast)
+        look_up_numpy(table, part, readable)
+        np.testing.assert_array_equal(fast, readable)
+        np.testing.assert_array_equal(fast, table[part])
