@@ -144,7 +144,10 @@ def lowest_frequencies_numpy(spectra: ComplexArray, gains: Float32Array, out: Co
 def _put_columns(columns, block, band, out):
     together = out.shape[2]
     for n in range(min(len(columns), together * (len(out) - block))):
-        out[block + n // together, band, n % together] = columns[n]
+        # By a loop: with the error message of `target[:] = source`, Numba takes two seconds more to compile.
+        source, target = columns[n], out[block + n // together, band, n % together]
+        for i in range(len(source)):
+            target[i] = source[i]
 
 
 def put_columns(columns: ComplexArray, block: int, band: int, out: ComplexArray) -> None:
