@@ -80,6 +80,11 @@ class LightStreaks:
         Linear light, of the picture as stored, or already reduced.
     recording : Recording
         Recording of the picture as given.
+
+    Attributes
+    ----------
+    streaks : list of Streak
+        The trails; none if the PSFs are too small to have a shape.
     """
 
     def __init__(self, light: FloatImage, recording: Recording) -> None:
@@ -89,7 +94,6 @@ class LightStreaks:
         self._rows, self._cols = (tile_centres(count, side) for count, side in zip(TILES, light.shape, strict=True))
         extent = np.ptp(self._paths(recording).displacements, axis=2).max(axis=(0, 1))
         diagonal = float(np.hypot(*extent))
-        #: The trails.
         self.streaks = find_streaks(light, diagonal) if diagonal >= LEAST_EXTENT else []
         self._reach = int(SHIFT * diagonal + MARGIN)
         self._centre = _half(diagonal)
