@@ -21,7 +21,7 @@ from rsdeblur.estimate.correction import Correction, Recording, Uncertainty, unc
 from rsdeblur.estimate.periodograms import TILE
 from rsdeblur.estimate.posterior import Posterior
 from rsdeblur.estimate.quick_sharpness import QuickSharpness
-from rsdeblur.estimate.regions import drift_by_region, with_factors
+from rsdeblur.estimate.regions import DriftByRegion
 from rsdeblur.estimate.rival_axes import OTHER_AXES, rival_lead
 from rsdeblur.estimate.search import Search
 from rsdeblur.estimate.sharpness import Sharpness
@@ -176,20 +176,25 @@ def refine(
     posterior = Posterior(spectra, recording, deviations)
     streaks = LightStreaks(light, recording)
     worth = Worth(posterior, quick, streaks, lambda: Sharpness(light, recording, robust=True), threads)
-    best, reason = Search(worth, threads).best(progress or (lambda *_: None))
-    found = posterior.corrected(best)
-    # With wrong axes, a correction may make the motion more like the right one, but never right.
-    doubtful = not (reason or known_axes)
-    if doubtful:
-        lead = rival_lead(spectra, quick, found, recording, deviations, streaks=streaks, threads=threads)
-        reason = OTHER_AXES if lead > -AHEAD_OF_AXES else ""
-    values, regions = Correction(*(best * deviations).tolist()), None
-    if not reason and translation is None:
-        regions = drift_by_region(posterior, quick, worth.whole, recording, values, threads=threads)
-        if regions is not None:
-            found = with_factors(recording, values, regions, quick.centres)
-            regions = ReadoutFrame(camera).back(regions)
-    used = recording if reason else found
+    search = Search(worth, threads)
+    best, reason = search.best(progress or (lambda *_: None))
+    found, regional = worth.one_drift(best), None
+    if translation is None:
+        by_region = DriftByRegion(worth, quick, recording, deviations, threads)
+        regional = by_region.best([best, *search.candidates], over=None if reason else best)
+
+    def rivalled(corrected: Recording) -> bool:
+        if known_axes:
+            return False
+        # With wrong axes, a correction may make the motion more like the right one, but never right.
+        lead = rival_lead(spectra, quick, corrected, recording, deviations, streaks=streaks, threads=threads)
+        return lead > -AHEAD_OF_AXES
+
+    if regional is not None and not rivalled(regional.recording):
+        found, reason = regional, ""
+    elif not reason and rivalled(found.recording):
+        reason = OTHER_AXES
+    used = recording if reason else found.recording
     return Refinement(
         used.log,
         used.camera,
@@ -197,12 +202,12 @@ def refine(
         used.translation,
         accepted=not reason,
         reason=reason,
-        values=values,
-        sd=Correction(*(posterior.spread(best) * deviations).tolist()),
-        confidence=0.0 if reason == OTHER_AXES else worth.confidence(best),
-        gain=worth.gain(best),
-        fall=worth.fall(best),
-        regions=regions,
+        values=Correction(*(found.place * deviations).tolist()),
+        sd=Correction(*(posterior.spread(found.place) * deviations).tolist()),
+        confidence=0.0 if reason == OTHER_AXES else found.confidence,
+        gain=found.gain,
+        fall=found.fall,
+        regions=None if found.factors is None else ReadoutFrame(camera).back(found.factors),
     )
 
 

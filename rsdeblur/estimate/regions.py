@@ -1,84 +1,165 @@
 """Drift by region: near things move further in the picture than far ones.
 
 The drift of a correction holds for one depth. Here each region of a coarse grid gets a factor on it, such that the
-spectra of its tiles are likely, its sharp picture is clear, and neighbouring regions are alike.
+spectra of its tiles are likely, its sharp picture is clear, and neighbouring regions are alike. A drift that is right
+for a part of the picture may explain the whole of it worse than a drift, a clock offset or a focal length that is right
+nowhere. So factors are found for all corrections that the search proposes, before they are compared.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rsdeblur._util.threads import share_map
 from rsdeblur.deconv.tiling import hat_weights
-from rsdeblur.estimate.correction import Correction, Recording
-from rsdeblur.estimate.posterior import Posterior
+from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, QuickSharpness
-from rsdeblur.estimate.sharpness import Sharpness
+from rsdeblur.estimate.search import (
+    ADJUSTED,
+    LEAST_ADJUSTED,
+    LEAST_FALL,
+    LEAST_WORTH,
+    MOST_DEVIATIONS,
+    QUICK_STEPS,
+    adjusted,
+)
+from rsdeblur.estimate.worth import Corrected, Worth, cost
 from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.motion.arguments import is_held
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
 
-# Factors that are tried, and the index of the one that changes nothing.
+# Factors that are tried, and those with which corrections are compared first.
 FACTORS = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0])
-SAME = 4
+FEW_FACTORS = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 3.0])
+# Corrections that differ less than this, standard deviations, are one.
+APART = 0.3
 # Nats that two neighbours cost for the square of their difference, and the largest square that counts: depth has edges.
 NATS_PER_SQUARE, MOST_SQUARE = 1.0, 4.0
 # Most changes of all regions in turn; they settle after a few.
 MOST_SWEEPS = 20
 # Points of the map of depths from one region to the next, and the least factor there: depths are finite.
 STEPS, LEAST_FACTOR = 2, 0.02
-# Least gain (nats) and least fall of l1 / l2 of the whole solve. On 16 captures of one depth, the gain reached 22 nats
-# and the fall 0.005.
-LEAST_GAIN, LEAST_FALL = 20.0, 0.006
+# Least gain by the factors (nats), with the few ones and with all, and how much more than one drift they must be worth.
+LEAST_OF_FEW, LEAST_GAIN, MORE_WORTH = 10.0, 20.0, 5.0
 
 
-def drift_by_region(
-    posterior: Posterior,
-    quick: QuickSharpness,
-    whole: Sharpness,
-    recording: Recording,
-    correction: Correction,
-    *,
-    threads: int | None,
-) -> FloatArray | None:
-    """Return the factors on a corrected drift in equal regions of the upright picture.
+class DriftByRegion:
+    """Search for a correction with a drift for each region.
 
     Parameters
     ----------
-    posterior, quick, whole
-        How likely recordings are by the spectra of the picture, and how clear it becomes with them.
+    worth : Worth
+        Worth of corrections.
+    quick : QuickSharpness
+        The quick measure of the sharp picture.
     recording : Recording
-        The recording as given.
-    correction : Correction
-        Its correction, which is credible.
+        The recording as given, without a translation.
+    deviations : ndarray, shape (6,)
+        Standard deviations of its errors.
     threads : int or None
         Threads that share the work; None means all processors.
-
-    Returns
-    -------
-    ndarray, shape (R, C), or None
-        None where one factor explains the picture as well, or the correction has no drift.
     """
-    if not (correction.drift_x or correction.drift_y):
-        return None
-    moved = [recording.corrected(_scaled(correction, factor)) for factor in FACTORS.tolist()]
-    nats = share_map(posterior.spectra.score, moved, threads)
-    falls = np.stack(share_map(quick.tiles, moved, threads))
-    falls = NATS_PER_FALL * (falls - falls[SAME])
-    region = _nearest(posterior.spectra.centres, quick.centres)
-    costs = np.zeros((len(FACTORS), quick.centres[0].size * quick.centres[1].size))
-    for cost, fall, each in zip(costs, falls, nats, strict=True):
-        cost += fall - np.bincount(region, posterior.leads(each, nats[SAME]), len(cost))
-    labels, cost = _alike(costs.reshape(len(FACTORS), len(quick.centres[0]), -1))
-    if -cost < LEAST_GAIN:
-        return None
-    factors = FACTORS[labels]
-    pair = recording.corrected(correction), with_factors(recording, correction, factors, quick.centres)
-    before, after = share_map(whole.of, pair, threads)
-    return factors if before - after > LEAST_FALL else None
+
+    def __init__(
+        self,
+        worth: Worth,
+        quick: QuickSharpness,
+        recording: Recording,
+        deviations: FloatArray,
+        threads: int | None,
+    ) -> None:
+        self._worth, self._quick, self._recording = worth, quick, recording
+        self._deviations, self._threads = deviations, threads
+        self._region = _nearest(worth.posterior.spectra.centres, quick.centres)
+
+    def best(self, places: Sequence[FloatArray], over: FloatArray | None) -> Corrected | None:
+        """Return the best of several corrections, adjusted, with its factors.
+
+        Parameters
+        ----------
+        places : sequence of ndarray, shape (6,)
+            Corrections.
+        over : ndarray, shape (6,), or None
+            The best credible correction by one drift, which it must exceed; None if there is none.
+
+        Returns
+        -------
+        Corrected or None
+            None where one factor explains the picture as well.
+        """
+        best, most = None, -np.inf if over is None else self._worth.of(over) - cost(over)
+        for place in self._different(places):
+            factors, gain = self._factors(place, FEW_FACTORS)
+            worth = self._worth.of(place) - cost(place) + gain
+            if gain >= LEAST_OF_FEW and worth > most:
+                best, most = (place, factors), worth
+        if best is None:
+            return None
+        found, gain = self._adjusted(*best)
+        held = np.abs(found.place).max() <= MOST_DEVIATIONS and is_held(found.recording.capture())
+        return found if gain >= LEAST_GAIN and held and self._is_credible(found, over) else None
+
+    def _is_credible(self, found: Corrected, over: FloatArray | None) -> bool:
+        """Return whether a correction is clearly better than `over` by the whole solve, which no search has misled."""
+        fall = self._worth.whole_fall(found.recording)
+        if over is None:
+            return found.worth >= LEAST_WORTH and fall >= LEAST_FALL
+        (least,) = self._worth.whole_falls([over])
+        more = found.gain - cost(found.place) - self._worth.gain(over) + cost(over) + NATS_PER_FALL * (fall - least)
+        return fall >= least and more >= MORE_WORTH
+
+    def _different(self, places: Sequence[FloatArray]) -> list[FloatArray]:
+        """Return the credible corrections with a drift, without those that are nearly the same."""
+        drift = [name.startswith("drift") for name in PARAMETERS]
+        different: list[FloatArray] = []
+        for place in places:
+            credible = np.abs(place).max() <= MOST_DEVIATIONS and self._worth.of(place) >= LEAST_ADJUSTED
+            if place[drift].any() and credible and all(np.abs(place - one).max() >= APART for one in different):
+                different.append(place)
+        return different
+
+    def _adjusted(self, place: FloatArray, factors: FloatArray) -> tuple[Corrected, float]:
+        """Return a correction and its factors, adjusted in turn, and the nats gained by the factors."""
+        axes = [at for at in np.flatnonzero(place).tolist() if PARAMETERS[at] in ADJUSTED]
+        gain = 0.0
+        for step in QUICK_STEPS:
+            place = adjusted(place, partial(self._worths, factors), axes, lambda *_: None, steps=(step,))
+            factors, gain = self._factors(place, FACTORS)
+        return self._worth.by_region(place, self._moved(place, factors), factors), gain
+
+    def _worths(self, factors: FloatArray, places: Sequence[FloatArray]) -> list[float]:
+        """Return the worth of each of several corrections with the same factors."""
+
+        def worth(place: FloatArray) -> float:
+            return self._worth.by_region(place, self._moved(place, factors), factors).worth
+
+        return share_map(worth, places, self._threads)
+
+    def _correction(self, place: FloatArray) -> Correction:
+        return Correction(*(place * self._deviations).tolist())
+
+    def _moved(self, place: FloatArray, factors: FloatArray) -> Recording:
+        return with_factors(self._recording, self._correction(place), factors, self._quick.centres)
+
+    def _factors(self, place: FloatArray, factors: FloatArray) -> tuple[FloatArray, float]:
+        """Return the best of some factors in each region, shape (R, C), and the nats gained over a factor of 1."""
+        correction, posterior = self._correction(place), self._worth.posterior
+        same = int(np.abs(factors - 1).argmin())
+        moved = [self._recording.corrected(_scaled(correction, factor)) for factor in factors.tolist()]
+        nats = share_map(posterior.spectra.score, moved, self._threads)
+        falls = np.stack(share_map(self._quick.tiles, moved, self._threads))
+        falls = NATS_PER_FALL * (falls - falls[same])
+        costs = np.zeros((len(factors), falls.shape[1]))
+        for costs_of_factor, fall, each in zip(costs, falls, nats, strict=True):
+            costs_of_factor += fall - np.bincount(self._region, posterior.leads(each, nats[same]), len(fall))
+        labels, total = _alike(costs.reshape(len(factors), len(self._quick.centres[0]), -1), factors)
+        return factors[labels], -total
 
 
 def with_factors(
@@ -115,13 +196,15 @@ def _nearest(places: tuple[FloatArray, FloatArray], centres: tuple[FloatArray, F
     return region
 
 
-def _alike(costs: FloatArray) -> tuple[NDArray[np.intp], float]:
+def _alike(costs: FloatArray, factors: FloatArray) -> tuple[NDArray[np.intp], float]:
     """Return the labels (R, C) whose costs (L, R, C), with those of differences between neighbours, are least.
+
+    Labels are indices of `factors`.
 
     Regions of either colour of a chequerboard change in turn, from several starts.
     """
     count, rows, cols = costs.shape
-    apart = NATS_PER_SQUARE * np.minimum(np.square(np.subtract.outer(FACTORS, FACTORS)), MOST_SQUARE)
+    apart = NATS_PER_SQUARE * np.minimum(np.square(np.subtract.outer(factors, factors)), MOST_SQUARE)
     even = np.add.outer(np.arange(rows), np.arange(cols)) % 2 == 0
 
     def of_neighbours(labels: NDArray[np.intp]) -> FloatArray:

@@ -66,10 +66,12 @@ class Search:
 
     def __init__(self, worth: Worth, threads: int | None) -> None:
         self._worth, self._threads = worth, threads
+        #: The corrections that :meth:`best` compared, the best first.
+        self.candidates: list[FloatArray] = []
 
     def best(self, progress: Progress) -> tuple[FloatArray, str]:
         """Return the best credible correction, adjusted by the sharp picture; or the best of all, and what is wrong."""
-        candidates = self._candidates(progress)
+        candidates = self.candidates = self._candidates(progress)
         likely = [place for place in candidates[:CANDIDATES] if self._worth.of(place) >= LEAST_ADJUSTED]
         near = [place for place in likely if np.abs(place).max() <= MOST_DEVIATIONS]
         if not near:

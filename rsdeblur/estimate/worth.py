@@ -6,12 +6,13 @@ Places are corrections in units of the standard deviations of the recording's er
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from rsdeblur._util.threads import share_map
-from rsdeblur.estimate.correction import PARAMETERS
+from rsdeblur.estimate.correction import PARAMETERS, Recording
 from rsdeblur.estimate.posterior import Posterior
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, SHORTER, QuickSharpness
 from rsdeblur.estimate.sharpness import Sharpness
@@ -25,6 +26,37 @@ LEAST_OF_SHORTER = 10.0
 # Worth (nats) of corrections of which half bring the motion nearer to the truth, and by how much more the odds grow
 # e-fold: a fit to simulated recordings (docs/developer/decisions/refinement.md).
 EVEN_WORTH, WORTH_SCALE = 8.0, 12.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Corrected:
+    """Corrected recording, and what the correction is worth.
+
+    Parameters
+    ----------
+    place : ndarray, shape (6,)
+        The correction; with factors, its drift holds where they are 1.
+    recording : Recording
+        The corrected recording.
+    gain, fall : float
+        See :class:`rsdeblur.Refinement`.
+    worth : float
+        Worth, nats.
+    factors : ndarray, shape (R, C), or None
+        Factors on the drift in equal regions of the upright picture.
+    """
+
+    place: FloatArray
+    recording: Recording
+    gain: float
+    fall: float
+    worth: float
+    factors: FloatArray | None = None
+
+    @property
+    def confidence(self) -> float:
+        """How likely the correction brings the motion nearer to the truth."""
+        return 1.0 / (1.0 + float(np.exp((EVEN_WORTH - self.worth) / WORTH_SCALE))) if self.place.any() else 0.0
 
 
 class Worth:
@@ -113,9 +145,37 @@ class Worth:
         """Return the worth of each of several corrections by their gains and the whole solve."""
         return [self._sum(place, fall) for place, fall in zip(places, self.whole_falls(places), strict=True)]
 
-    def confidence(self, place: FloatArray) -> float:
-        """Return how likely a correction brings the motion nearer to the truth."""
-        return 1.0 / (1.0 + float(np.exp((EVEN_WORTH - self.of(place)) / WORTH_SCALE))) if place.any() else 0.0
+    def one_drift(self, place: FloatArray) -> Corrected:
+        """Return a correction with what it is worth."""
+        return Corrected(
+            place, self.posterior.corrected(place), gain=self.gain(place), fall=self.fall(place), worth=self.of(place)
+        )
+
+    def by_region(self, place: FloatArray, recording: Recording, factors: FloatArray) -> Corrected:
+        """Return a correction whose drift differs from region to region, with what it is worth.
+
+        Parameters
+        ----------
+        place : ndarray, shape (6,)
+            The correction.
+        recording : Recording
+            The recording that it leads to.
+        factors : ndarray, shape (R, C)
+            Factors on its drift.
+        """
+        nats = self.posterior.nats(self.nothing)
+        assert nats is not None, "the log describes the exposure"
+        leads = self.posterior.leads(self.posterior.spectra.score(recording), nats)
+        led = lead_of(self.streaks.nats(recording), self.streak_nats(self.nothing))
+        gain = float(leads.sum() - 0.5 * place @ place) + led
+        fall = self._sparsity(self.nothing) - self._quick.of(recording)
+        worth = max(gain, WORST_GAIN) + (NATS_PER_FALL * fall if gain >= 0 else 0.0)
+        return Corrected(place, recording, gain=gain, fall=fall, worth=worth, factors=factors)
+
+    def whole_fall(self, recording: Recording) -> float:
+        """Return how much the logarithm of l1 / l2 falls in the whole solve with a recording."""
+        self.whole_falls([])
+        return self._whole_sparsities[self.nothing.tobytes()] - self.whole.of(recording)
 
     def _sum(self, place: FloatArray, fall: float) -> float:
         """Return the worth of a correction by its gain and a fall of its sharp picture."""

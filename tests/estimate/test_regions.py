@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -11,9 +11,11 @@ from rsdeblur import Camera, Correction, Exposure, simulate
 from rsdeblur.estimate.correction import Recording, Uncertainty
 from rsdeblur.estimate.posterior import Posterior
 from rsdeblur.estimate.quick_sharpness import TILES, QuickSharpness
-from rsdeblur.estimate.regions import FACTORS, NATS_PER_SQUARE, SAME, _alike, drift_by_region, with_factors
+from rsdeblur.estimate.regions import FACTORS, NATS_PER_SQUARE, DriftByRegion, _alike, with_factors
 from rsdeblur.estimate.sharpness import Sharpness
 from rsdeblur.estimate.spectra import TileSpectra
+from rsdeblur.estimate.streaks import LightStreaks
+from rsdeblur.estimate.worth import Worth
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -63,7 +65,7 @@ def test_no_region_could_do_better_alone():
             apart = sum(np.minimum(np.square(np.diff(at, axis=axis)), 4.0).sum() for axis in (0, 1))
             return costs[labels, rows, cols].sum() + NATS_PER_SQUARE * apart
 
-        labels, least = _alike(costs)
+        labels, least = _alike(costs, FACTORS)
         assert least == pytest.approx(cost(labels))
         others = [np.full(TILES, label) for label in range(len(FACTORS))]
         for place in np.ndindex(TILES):
@@ -76,27 +78,53 @@ def test_no_region_could_do_better_alone():
 
 def test_alike_costs_leave_all_regions_as_they_are():
     costs = np.ones((len(FACTORS), *TILES))
-    costs[SAME] = 0.0
-    labels, cost = _alike(costs)
-    assert (labels == SAME).all()
+    costs[4] = 0.0
+    labels, cost = _alike(costs, FACTORS)
+    assert (labels == 4).all()
     assert cost == 0.0
 
 
-@pytest.mark.parametrize("nearer", [1.0, 3.0])
-def test_two_depths_are_found_and_one_is_left(nearer):
-    """The right half drifts `nearer` times as far as the left."""
-    true, sharp = Recording(LOG, CAMERA, EXPOSURE), scene(424, 552)
+@pytest.fixture(scope="module", params=[1.0, 3.0])
+def found(request):
+    """A picture whose right half drifts `nearer` times as far as the left: that number, its worths, and the search."""
+    true, sharp, nearer = Recording(LOG, CAMERA, EXPOSURE), scene(424, 552), request.param
     halves = [
         simulate(sharp, LOG, CAMERA, EXPOSURE, noise=0.004, translation=true.corrected(drift).translation).blurred
         for drift in (DRIFT, replace(DRIFT, drift_x=nearer * DRIFT.drift_x, drift_y=nearer * DRIFT.drift_y))
     ]
     light = np.concatenate([halves[0][:, :256], halves[1][:, 256:]], axis=1).mean(axis=2)
-    posterior = Posterior(TileSpectra(light, true, side=480, soft=True), true, Uncertainty().deviations(CAMERA))
-    quick, whole = QuickSharpness(light, true), Sharpness(light, true, robust=True)
-    factors = drift_by_region(posterior, quick, whole, true, DRIFT, threads=1)
+    deviations = Uncertainty().deviations(CAMERA)
+    posterior = Posterior(TileSpectra(light, true, side=480, soft=True), true, deviations)
+    quick = QuickSharpness(light, true)
+    worth = Worth(posterior, quick, LightStreaks(light, true), lambda: Sharpness(light, true, robust=True), 1)
+    return nearer, worth, DriftByRegion(worth, quick, true, deviations, 1)
+
+
+def place(**values):
+    """Return a correction in standard deviations."""
+    return np.array(astuple(Correction(**values))) / Uncertainty().deviations(CAMERA)
+
+
+DRIFTED = place(drift_x=DRIFT.drift_x, drift_y=DRIFT.drift_y)
+
+
+def test_two_depths_are_found_and_one_is_left(found):
+    nearer, worth, by_region = found
+    best = by_region.best([DRIFTED], over=DRIFTED)
     if nearer == 1.0:
-        assert factors is None
+        assert best is None
     else:
         # The columns beside the border belong to both.
-        assert factors[:, 3].mean() > 2.0 * factors[:, 0].mean()
-    assert drift_by_region(posterior, quick, whole, true, Correction(offset=0.01), threads=1) is None
+        assert best.factors[:, 3].mean() > 2.0 * best.factors[:, 0].mean()
+        assert best.worth > worth.of(DRIFTED)
+    assert by_region.best([place(offset=0.01)], over=None) is None
+
+
+def test_even_factors_are_worth_as_much_as_one_drift(found):
+    _, worth, _ = found
+    recording = Recording(LOG, CAMERA, EXPOSURE)
+    even = worth.by_region(DRIFTED, with_factors(recording, DRIFT, np.ones(TILES), CENTRES), np.ones(TILES))
+    one = worth.one_drift(DRIFTED)
+    # The paths differ by rounding, of the map of depths among others.
+    np.testing.assert_allclose([even.gain, even.worth], [one.gain, one.worth], rtol=1e-3)
+    np.testing.assert_allclose(even.fall, one.fall, atol=1e-4)
