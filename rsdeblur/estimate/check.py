@@ -24,6 +24,9 @@ from rsdeblur.types import FloatArray
 # right.
 DOUBTFUL_LEAD, BAD_LEAD = -1.5, -6.0
 DOUBTFUL_RINGING, BAD_RINGING = 0.045, 0.15
+# By how much log l1 / l2 must be smaller with the motion than with alternatives of the same name, so that these do not
+# count as doubtful. Smaller motions leave fewer waves, larger ones more.
+CLEARER = {"straight": 0.01} | {f"{size:g} times": 0.02 for size in SIZES}
 # Fall of the logarithm of l1 / l2 of the gradient under the motion turned by half a turn.
 DOUBTFUL_TURN, BAD_TURN = 0.01, 0.03
 # Residual from which hardly anything of the picture is left in the result; 1 is that of an even result.
@@ -66,7 +69,8 @@ class QualityCheck:
         Log-likelihood of the blurred picture under the motion minus that under the best alternative, in nats per tile,
         where no tile counts for more than 10; negative if the alternative wins, None if it cannot be judged.
     alternative : str or None
-        The best alternative; where one makes the result bad, the best of those that can.
+        The best alternative; where one makes the result bad, the best of those that can. Straight blurs and other sizes
+        of the motion, with which the sharp picture is clearly less clear, do not count otherwise.
     weakest : float or None
         Lead in the two neighbouring rows of tiles where it is least. It shows where to look and does not enter the
         verdict: parts of a scene may look like an alternative.
@@ -184,7 +188,8 @@ def assess(
     scores = evidence.scores
     means = {name: float(score.mean()) for name, score in scores.items()}
     harmful = {name: mean for name, mean in means.items() if name not in HARMLESS}
-    alternative = min(harmful if min(harmful.values()) < BAD_LEAD else means, key=means.__getitem__)
+    compared = harmful if min(harmful.values()) < BAD_LEAD else _not_refuted(evidence, means)
+    alternative = min(compared, key=compared.__getitem__)
     check = replace(
         check,
         lead=means[alternative],
@@ -196,6 +201,18 @@ def assess(
         leads=tuple(map(float, np.min([scores[name] for name in harmful], axis=0))),
     )
     return _with_verdict(check)
+
+
+def _not_refuted(evidence: MotionEvidence, means: dict[str, float]) -> dict[str, float]:
+    """Return the leads without those of alternatives that explain the picture better, but make it less clear.
+
+    Straight edges look like a straight blur, or like a smaller motion along them.
+    """
+    return {
+        name: mean
+        for name, mean in means.items()
+        if mean >= DOUBTFUL_LEAD or name not in CLEARER or evidence.clearer(name) <= CLEARER[name]
+    }
 
 
 def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:

@@ -44,6 +44,8 @@ SHORT = 3.0
 # Alternatives: the motion's size, and lengths (px) and directions of straight blurs.
 SIZES = (0.5, 0.7, 1.4, 2.0)
 LINES, DIRECTIONS = (3.0, 7.0, 15.0), 4
+# Half the size of their kernels.
+LONGEST = int(max(LINES) // 2) + 1
 # Candidates for the power of the scene, as multiples of its mean, which strong edges dominate. For that of the noise
 # there is only its estimate: if less noise were possible, short blurs would explain noise as detail.
 LEVELS = np.ones(1)
@@ -63,12 +65,16 @@ class MotionEvidence:
         Lead of the motion over each alternative, nats, as means of the rows of tiles, shape (B,).
     half_turn : float or None
         See :class:`rsdeblur.QualityCheck`.
+    clearer : callable
+        Takes the name of an alternative, and returns how much clearer the sharp picture is with the motion, as a
+        difference of the logarithm of l1 / l2 of the gradient; 0 but for straight blurs and other sizes.
     """
 
     tiles: CheckTiles | None = None
     unknown: str = ""
     scores: dict[str, FloatArray] = field(default_factory=dict)
     half_turn: float | None = None
+    clearer: Callable[[str], float] = field(default=lambda _: 0.0)
 
     @classmethod
     def of(cls, encoded: EncodedImage, capture: Capture, *, threads: int | None = None) -> MotionEvidence:
@@ -93,13 +99,20 @@ class MotionEvidence:
         tiles, moving = CheckTiles(encoded, capture, step, threads), _Moving(capture)
         if not tiles.detailed:
             return cls(unknown="The picture shows no detail to judge the motion by.")
+
+        def turned() -> tuple[QuickSharpness, float]:
+            sharpness = QuickSharpness(_reduced(encoded), moving)
+            return sharpness, sharpness.half_turn(moving)
+
         # Each is too small to be shared, but they need not wait for each other.
-        measures: tuple[Callable[[], Any], ...] = (
-            lambda: QuickSharpness(_reduced(encoded), moving).half_turn(moving),
-            tiles.alternatives,
-        )
-        turn, scores = share_map(lambda measure: measure(), measures, threads)
-        return cls(tiles, "", scores, turn)
+        measures: tuple[Callable[[], Any], ...] = turned, tiles.alternatives
+        (sharpness, turn), (scores, line) = share_map(lambda measure: measure(), measures, threads)
+        others = {"straight": line} | {f"{size:g} times": size for size in SIZES}
+
+        def clearer(name: str) -> float:
+            return sharpness.lead(moving, others[name]) if name in others else 0.0
+
+        return cls(tiles, "", scores, turn, clearer)
 
 
 class CheckTiles:
@@ -136,8 +149,11 @@ class CheckTiles:
         share(reduce, range(len(tops)), threads)
         return reduced, finest
 
-    def alternatives(self) -> dict[str, FloatArray]:
-        """Return the lead of the motion over each alternative, nats, as means of the rows of tiles, shape (B,)."""
+    def alternatives(self) -> tuple[dict[str, FloatArray], FloatArray]:
+        """Return the lead of the motion over each alternative, nats, as means of the rows of tiles, shape (B,).
+
+        And the path of the best straight blur, px of the picture, shape (T, 2).
+        """
         places = [np.arange(len(corners)) * CELL + 1 for corners in self._corners]
         measured = TilePeriodograms(_mosaic(self._blurred), *places)
         shape = tuple(map(len, places))
@@ -153,19 +169,22 @@ class CheckTiles:
             each_row: FloatArray = (fit(kernels) - of_motion).clip(-MOST_NATS, MOST_NATS).mean(axis=1)
             return each_row
 
-        def best(kernels: Iterable[NDArray[np.float32]]) -> FloatArray:
-            return min(map(lead, kernels), key=lambda score: float(score.sum()))
+        def best(kernels: Iterable[NDArray[np.float32]]) -> tuple[int, FloatArray]:
+            return min(enumerate(map(lead, kernels)), key=lambda pair: float(pair[1].sum()))
 
         turned = np.swapaxes(self._kernels, 2, 3)
         still = np.ones((1, 1, 1, 1), dtype=np.float32)
         sized = {size: replace(self._paths, displacements=size * self._paths.displacements) for size in SIZES}
-        return {
+        lines = _lines()
+        line, straight = best(kernel[None, None] for kernel in rasterize(lines, LONGEST, LONGEST, 1))
+        scores = {
             "mirrored": lead(self._kernels[:, :, ::-1]),
-            "exchanged": best((turned, turned[:, :, ::-1])),
+            "exchanged": best((turned, turned[:, :, ::-1]))[1],
             "still": lead(still),
-            "straight": best(_lines()),
+            "straight": straight,
             **{f"{size:g} times": lead(PsfBank.from_paths(paths, threads=1).kernels) for size, paths in sized.items()},
         }
+        return scores, self._step * lines[line]
 
     def compare(
         self, result: EncodedImage, *, resampled: bool, threads: int | None
@@ -233,10 +252,8 @@ def _mosaic(cells: NDArray[np.float32]) -> NDArray[np.float32]:
     return cells.swapaxes(1, 2).reshape(down * CELL, across * CELL)
 
 
-def _lines() -> list[NDArray[np.float32]]:
-    """Return straight blurs as kernels of shape (1, 1, k, k)."""
+def _lines() -> FloatArray:
+    """Return straight blurs as paths, shape (N, T, 2)."""
     along = np.linspace(-0.5, 0.5, 129)[:, None]
-    half = int(max(LINES) // 2) + 1
     angles = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    paths = [length * along * (np.cos(angle), np.sin(angle)) for length in LINES for angle in angles]
-    return [kernel[None, None] for kernel in rasterize(np.stack(paths), half, half, 1)]
+    return np.stack([length * along * (np.cos(angle), np.sin(angle)) for length in LINES for angle in angles])

@@ -8,7 +8,7 @@ look better than the right one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -81,9 +81,11 @@ class QuickSharpness:
         self._prior = DerivativePrior("tv", tuning.weight("tv", 1.0), peak=brightness(light))
 
     def _bank(self, recording: Moving, rows: FloatArray, cols: FloatArray) -> PsfBank:
-        paths = BlurPaths.from_capture(recording.capture(self._scale), rows, cols)
         # So few PSFs are drawn sooner than threads start.
-        return PsfBank.from_paths(paths, threads=1)
+        return PsfBank.from_paths(self._paths(recording, rows, cols), threads=1)
+
+    def _paths(self, recording: Moving, rows: FloatArray, cols: FloatArray) -> BlurPaths:
+        return BlurPaths.from_capture(recording.capture(self._scale), rows, cols)
 
     def of(self, recording: Moving) -> float:
         """Return the mean logarithm of l1 / l2 of the gradient of the sharp tiles; infinite without a motion."""
@@ -108,6 +110,25 @@ class QuickSharpness:
         # A PSF turned by half a turn has the conjugate OTF.
         own, turned = share_map(self._under, (otfs, otfs.conj()), threads)
         return float((own - turned).sum())
+
+    def lead(self, recording: Moving, other: FloatArray | float) -> float:
+        """Return by how much that is smaller with a motion than with another one.
+
+        Parameters
+        ----------
+        recording : Moving
+            The motion.
+        other : ndarray, shape (T, 2), or float
+            The other motion: a path that all pixels have, px of the upright picture, or a factor on the paths.
+        """
+        paths = self._paths(recording, *self._tiles.centres)
+        if isinstance(other, float):
+            displacements = other * paths.displacements
+        else:
+            displacements = np.broadcast_to(self._scale * other, (*paths.displacements.shape[:2], *other.shape))
+        banks = (PsfBank.from_paths(each, threads=1) for each in (paths, replace(paths, displacements=displacements)))
+        own, others = (float(self._under(self._tiles.otfs(bank.kernels)).sum()) for bank in banks)
+        return others - own
 
     def _under(self, otfs: ComplexArray) -> FloatArray:
         solver = self._tiles.solver(otfs)

@@ -178,22 +178,20 @@ def refine(
     worth = Worth(posterior, quick, streaks, lambda: Sharpness(light, recording, robust=True), threads)
     search = Search(worth, threads)
     best, reason = search.best(progress or (lambda *_: None))
-    found, regional = worth.one_drift(best), None
-    if translation is None:
-        by_region = DriftByRegion(worth, quick, recording, deviations, threads)
-        regional = by_region.best([best, *search.candidates], over=None if reason else best)
+    found = worth.one_drift(best)
 
     def rivalled(corrected: Recording) -> bool:
-        if known_axes:
-            return False
         # With wrong axes, a correction may make the motion more like the right one, but never right.
         lead = rival_lead(spectra, quick, corrected, recording, deviations, streaks=streaks, threads=threads)
         return lead > -AHEAD_OF_AXES
 
-    if regional is not None and not rivalled(regional.recording):
-        found, reason = regional, ""
-    elif not reason and rivalled(found.recording):
+    if not (reason or known_axes) and rivalled(found.recording):
         reason = OTHER_AXES
+    if translation is None:
+        by_region = DriftByRegion(worth, quick, recording, deviations, threads)
+        regional = by_region.best([best, *search.candidates], over=None if reason else best)
+        if regional is not None and (known_axes or not (reason and rivalled(regional.recording))):
+            found, reason = regional, ""
     used = recording if reason else found.recording
     return Refinement(
         used.log,

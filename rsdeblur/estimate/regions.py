@@ -23,7 +23,6 @@ from rsdeblur.estimate.search import (
     ADJUSTED,
     LEAST_ADJUSTED,
     LEAST_FALL,
-    LEAST_WORTH,
     MOST_DEVIATIONS,
     QUICK_STEPS,
     adjusted,
@@ -47,6 +46,8 @@ MOST_SWEEPS = 20
 STEPS, LEAST_FACTOR = 2, 0.02
 # Least gain by the factors (nats), with the few ones and with all, and how much more than one drift they must be worth.
 LEAST_OF_FEW, LEAST_GAIN, MORE_WORTH = 10.0, 20.0, 5.0
+# Least worth (nats) where no correction by one drift is accepted. Of 220 right recordings, two are worth 34 and 50.
+LEAST_ALONE = 70.0
 
 
 class DriftByRegion:
@@ -109,7 +110,7 @@ class DriftByRegion:
         """Return whether a correction is clearly better than `over` by the whole solve, which no search has misled."""
         fall = self._worth.whole_fall(found.recording)
         if over is None:
-            return found.worth >= LEAST_WORTH and fall >= LEAST_FALL
+            return found.worth >= LEAST_ALONE and fall >= LEAST_FALL
         (least,) = self._worth.whole_falls([over])
         more = found.gain - cost(found.place) - self._worth.gain(over) + cost(over) + NATS_PER_FALL * (fall - least)
         return fall >= least and more >= MORE_WORTH

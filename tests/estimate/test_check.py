@@ -10,7 +10,8 @@ import pytest
 from skimage.metrics import peak_signal_noise_ratio
 
 from rsdeblur import Camera, Exposure, InputError, deblur, simulate
-from rsdeblur.estimate.check import UndershootMeter, _neighbouring, fall_back
+from rsdeblur.estimate.check import CLEARER, UndershootMeter, _neighbouring, _not_refuted, fall_back
+from rsdeblur.estimate.motion_evidence import SIZES, MotionEvidence
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -115,6 +116,19 @@ def test_the_weakest_neighbouring_rows_of_tiles(capture):
     assert later.weakest < right.weakest
     np.testing.assert_array_equal(_neighbouring(np.array([4.0, -10.0, 2.0])), [-3.0, -4.0])
     np.testing.assert_array_equal(_neighbouring(np.array([4.0])), [4.0])
+
+
+def test_the_sharp_picture_refutes_straight_blurs_and_sizes_only():
+    """And only those that lead."""
+    means = {"straight": -3.0, "0.5 times": -2.0, "1.4 times": 2.0, "mirrored": -2.0}
+
+    def left(more):
+        return set(_not_refuted(MotionEvidence(clearer=lambda _: more), means))
+
+    assert left(0.0) == set(means)
+    assert left(0.015) == set(means) - {"straight"}
+    assert left(0.03) == {"1.4 times", "mirrored"}
+    assert set(CLEARER) == {"straight", *(f"{size:g} times" for size in SIZES)}
 
 
 def test_fallback_blends_only_where_it_is_bad(capture, restored):
