@@ -112,7 +112,7 @@ class QuickSharpness:
         return float((own - turned).sum())
 
     def lead(self, recording: Moving, other: FloatArray | float) -> float:
-        """Return by how much that is smaller with a motion than with another one.
+        """Return by how much the measure of :meth:`of` is smaller with a motion than with another one.
 
         Parameters
         ----------
