@@ -169,7 +169,7 @@ class Worth:
         led = lead_of(self.streaks.nats(recording), self.streak_nats(self.nothing))
         gain = float(leads.sum() - 0.5 * place @ place) + led
         fall = self._sparsity(self.nothing) - self._quick.of(recording)
-        worth = max(gain, WORST_GAIN) + (NATS_PER_FALL * fall if gain >= 0 else 0.0)
+        worth = self._together(gain, fall, recording)
         return Corrected(place, recording, gain=gain, fall=fall, worth=worth, factors=factors)
 
     def whole_fall(self, recording: Recording) -> float:
@@ -179,16 +179,25 @@ class Worth:
 
     def _sum(self, place: FloatArray, fall: float) -> float:
         """Return the worth of a correction by its gain and a fall of its sharp picture."""
-        gain = max(self.gain(place), WORST_GAIN)
+        return self._together(self.gain(place), fall, self.posterior.corrected(place))
+
+    def _together(self, gain: float, fall: float, recording: Recording) -> float:
+        """Return the worth of a corrected recording by its gain and the fall of its sharp picture."""
+        gain = max(gain, WORST_GAIN)
         # The sharp picture counts only where the spectra agree. Far from the truth it may be clear because little blur
         # was removed.
-        if gain < 0 or (gain < LEAST_OF_SHORTER and self._length(place) < SHORTER * self._length(self.nothing)):
+        if gain < 0 or (gain < LEAST_OF_SHORTER and _length(recording) < SHORTER * self._given_length):
             return gain
         return gain + NATS_PER_FALL * fall
 
-    def _length(self, place: FloatArray) -> float:
-        """Return the mean length of the paths, px."""
-        return self.posterior.corrected(place).capture().mean_length
+    @cached_property
+    def _given_length(self) -> float:
+        return _length(self.posterior.corrected(self.nothing))
+
+
+def _length(recording: Recording) -> float:
+    """Return the mean length of the paths, px."""
+    return recording.capture().mean_length
 
 
 def cost(place: FloatArray) -> float:
