@@ -188,7 +188,7 @@ def assess(
     scores = evidence.scores
     means = {name: float(score.mean()) for name, score in scores.items()}
     harmful = {name: mean for name, mean in means.items() if name not in HARMLESS}
-    compared = harmful if min(harmful.values()) < BAD_LEAD else _not_refuted(evidence, means)
+    compared = harmful if min(harmful.values()) < BAD_LEAD else _not_refuted(evidence, means, threads)
     alternative = min(compared, key=compared.__getitem__)
     check = replace(
         check,
@@ -203,16 +203,15 @@ def assess(
     return _with_verdict(check)
 
 
-def _not_refuted(evidence: MotionEvidence, means: dict[str, float]) -> dict[str, float]:
+def _not_refuted(evidence: MotionEvidence, means: dict[str, float], threads: int | None) -> dict[str, float]:
     """Return the leads without those of alternatives that explain the picture better, but make it less clear.
 
     Straight edges look like a straight blur, or like a smaller motion along them.
     """
-    return {
-        name: mean
-        for name, mean in means.items()
-        if mean >= DOUBTFUL_LEAD or name not in CLEARER or evidence.clearer(name) <= CLEARER[name]
-    }
+    better = [name for name, mean in means.items() if mean < DOUBTFUL_LEAD and name in CLEARER]
+    clearer = evidence.clearer(better, threads) if better else []
+    refuted = {name for name, more in zip(better, clearer, strict=True) if more > CLEARER[name]}
+    return {name: mean for name, mean in means.items() if name not in refuted}
 
 
 def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:

@@ -7,7 +7,7 @@ sharp picture that it leads to decides. :mod:`rsdeblur.estimate.check` draws the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -66,15 +66,15 @@ class MotionEvidence:
     half_turn : float or None
         See :class:`rsdeblur.QualityCheck`.
     clearer : callable
-        Takes the name of an alternative, and returns how much clearer the sharp picture is with the motion, as a
-        difference of the logarithm of l1 / l2 of the gradient; 0 but for straight blurs and other sizes.
+        Takes names of straight blurs and other sizes, and a number of threads, and returns how much clearer the sharp
+        picture is with the motion than with each, as differences of the logarithm of l1 / l2 of the gradient.
     """
 
     tiles: CheckTiles | None = None
     unknown: str = ""
     scores: dict[str, FloatArray] = field(default_factory=dict)
     half_turn: float | None = None
-    clearer: Callable[[str], float] = field(default=lambda _: 0.0)
+    clearer: Callable[[Sequence[str], int | None], list[float]] = field(default=lambda names, _: [0.0] * len(names))
 
     @classmethod
     def of(cls, encoded: EncodedImage, capture: Capture, *, threads: int | None = None) -> MotionEvidence:
@@ -100,17 +100,19 @@ class MotionEvidence:
         if not tiles.detailed:
             return cls(unknown="The picture shows no detail to judge the motion by.")
 
-        def turned() -> tuple[QuickSharpness, float]:
+        def turned() -> tuple[QuickSharpness, float, float]:
             sharpness = QuickSharpness(_reduced(encoded), moving)
-            return sharpness, sharpness.half_turn(moving)
+            own = sharpness.of(moving)
+            return sharpness, own, sharpness.half_turn(moving, own)
 
         # Each is too small to be shared, but they need not wait for each other.
         measures: tuple[Callable[[], Any], ...] = turned, tiles.alternatives
-        (sharpness, turn), (scores, line) = share_map(lambda measure: measure(), measures, threads)
+        (sharpness, own, turn), (scores, line) = share_map(lambda measure: measure(), measures, threads)
         others = {"straight": line} | {f"{size:g} times": size for size in SIZES}
 
-        def clearer(name: str) -> float:
-            return sharpness.lead(moving, others[name]) if name in others else 0.0
+        def clearer(names: Sequence[str], threads: int | None) -> list[float]:
+            measures = sharpness.under_others(moving, [others[name] for name in names], threads=threads)
+            return [each - own for each in measures]
 
         return cls(tiles, "", scores, turn, clearer)
 

@@ -8,6 +8,7 @@ look better than the right one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol
 
@@ -98,37 +99,50 @@ class QuickSharpness:
         """Return what each tile contributes to that mean, shape (N,); errors where the log describes no motion."""
         return self._under(self._tiles.otfs(self._bank(recording, *self._tiles.centres).kernels))
 
-    def half_turn(self, recording: Moving, *, threads: int | None = 1) -> float:
+    def half_turn(self, recording: Moving, own: float | None = None) -> float:
         """Return by how much that falls if the motion is turned by half a turn about the optical axis.
 
         The spectra of the blurred picture are the same then. Pictures of less than `LEAST_TURNED` px show too little to
         tell: 0.
-        """
-        if min(recording.camera.width, recording.camera.height) < LEAST_TURNED:
-            return 0.0
-        otfs = self._tiles.otfs(self._bank(recording, *self._tiles.centres).kernels)
-        # A PSF turned by half a turn has the conjugate OTF.
-        own, turned = share_map(self._under, (otfs, otfs.conj()), threads)
-        return float((own - turned).sum())
-
-    def lead(self, recording: Moving, other: FloatArray | float) -> float:
-        """Return by how much the measure of :meth:`of` is smaller with a motion than with another one.
 
         Parameters
         ----------
         recording : Moving
             The motion.
-        other : ndarray, shape (T, 2), or float
-            The other motion: a path that all pixels have, px of the upright picture, or a factor on the paths.
+        own : float, optional
+            What :meth:`of` returns for it, if that is known.
         """
-        paths = self._paths(recording, *self._tiles.centres)
-        if isinstance(other, float):
-            displacements = other * paths.displacements
-        else:
-            displacements = np.broadcast_to(self._scale * other, (*paths.displacements.shape[:2], *other.shape))
-        banks = (PsfBank.from_paths(each, threads=1) for each in (paths, replace(paths, displacements=displacements)))
-        own, others = (float(self._under(self._tiles.otfs(bank.kernels)).sum()) for bank in banks)
-        return others - own
+        if min(recording.camera.width, recording.camera.height) < LEAST_TURNED:
+            return 0.0
+        # A PSF turned by half a turn has the conjugate OTF.
+        turned = self._under(self._tiles.otfs(self._bank(recording, *self._tiles.centres).kernels).conj())
+        return (self.of(recording) if own is None else own) - float(turned.sum())
+
+    def under_others(
+        self, recording: Moving, others: Sequence[FloatArray | float], *, threads: int | None = 1
+    ) -> list[float]:
+        """Return the measure of :meth:`of` with motions that are other than a recording's.
+
+        Parameters
+        ----------
+        recording : Moving
+            The recording.
+        others : sequence of ndarray, shape (T, 2), or float
+            The other motions: a path that all pixels have, px of the upright picture, or a factor on the paths.
+        threads : int, optional
+            Threads that share the motions; None means all processors.
+        """
+        own = self._paths(recording, *self._tiles.centres)
+
+        def measure(other: FloatArray | float) -> float:
+            if isinstance(other, float):
+                displacements = other * own.displacements
+            else:
+                displacements = np.broadcast_to(self._scale * other, (*own.displacements.shape[:2], *other.shape))
+            bank = PsfBank.from_paths(replace(own, displacements=displacements), threads=1)
+            return float(self._under(self._tiles.otfs(bank.kernels)).sum())
+
+        return share_map(measure, others, threads)
 
     def _under(self, otfs: ComplexArray) -> FloatArray:
         solver = self._tiles.solver(otfs)

@@ -123,7 +123,7 @@ def test_the_sharp_picture_refutes_straight_blurs_and_sizes_only():
     means = {"straight": -3.0, "0.5 times": -2.0, "1.4 times": 2.0, "mirrored": -2.0}
 
     def left(more):
-        return set(_not_refuted(MotionEvidence(clearer=lambda _: more), means))
+        return set(_not_refuted(MotionEvidence(clearer=lambda names, _: [more] * len(names)), means, None))
 
     assert left(0.0) == set(means)
     assert left(0.015) == set(means) - {"straight"}
