@@ -4,17 +4,18 @@ The blur of a tile does not change along a row. So rows are transformed once for
 what happens to columns. There are three stages; each works on blocks that fit a processor's cache, and touches all data
 once:
 
-A. A few rows at a time are cut out of the picture and transformed into the spectra.
+A. A few rows at a time are cut out of the picture and transformed into the spectra of a strip.
 B. A few columns of the spectra at a time are transposed into the cache. There all bands are cut, transformed, filtered,
    transformed back and blended, and the columns go to their place.
-C. A few rows of the spectra at a time are transformed back into the picture.
+C. A few rows of the spectra at a time are transformed back into the picture. The same pass does stage A for the next
+   strip.
 
 Blocks are independent, so threads share them, and any number of threads gives the same bits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -153,38 +154,86 @@ class Hybrid:
         spectra[:, self.height :] = 0
         return spectra
 
-    def transform_rows(self, picture: Float32Array, strip: Tile) -> bool:
-        """Cut `strip` out of `picture` (H, W, C) and transform its rows into :attr:`spectra`.
+    def filter(
+        self,
+        picture: Float32Array | None,
+        out: Float32Array | None,
+        change: Callable[[int], Filter],
+        *,
+        progress: Callable[[float], None] | None = None,
+    ) -> bool:
+        """Filter a picture, strip by strip.
 
-        Return whether all values that were read are finite. To check it here costs no further pass over the picture.
+        Parameters
+        ----------
+        picture : ndarray, shape (H, W, C), float32, or None
+            The picture; None is a picture of zeros.
+        out : ndarray, shape (H, W, C), float32, or None
+            Receives the blend of all tiles; if None, only the filters have effects. It may be `picture` if there is one
+            strip.
+        change : callable
+            Returns the filter of a strip.
+        progress : callable, optional
+            Called with the finished fraction after each strip.
+
+        Returns
+        -------
+        bool
+            False if `picture` is not finite; `out` is then unfinished. To check it here costs no further pass over it.
         """
-        finite = [True]
+        count = len(self.strips.tiles)
+        for strip in range(count):
+            if not self._change_rows(picture, out, strip):
+                return False
+            if progress is not None and strip:
+                progress(strip / count)
+            self._filter_columns(change(strip), blank=picture is None, write=out is not None)
+        self._change_rows(None, out, count)
+        if progress is not None:
+            progress(1.0)
+        return True
+
+    def _change_rows(self, picture: Float32Array | None, out: Float32Array | None, strip: int) -> bool:
+        """Transform the rows of the strip before back into `out`, then those of `strip` into :attr:`spectra`.
+
+        Return whether all values that were read are finite. Both in one pass find the spectra in the cache.
+        """
+        reads, writes, finite = picture is not None, out is not None and strip > 0, [True]
+        if not (reads or writes):
+            return True
 
         def block(thread: int, top: int) -> None:
-            worker = self._workers[thread]
             rows = min(self._block, self.height - top)
-            all_finite = lines.picture_to_lines(
-                picture, top, rows, strip.start, self._strip_fade, self._periodic, worker.rows.real
-            )
-            if not all_finite:
+            if out is not None and strip > 0:
+                self._restore(thread, top, rows, strip - 1, out)
+            if picture is not None and not self._transform(thread, top, rows, strip, picture):
                 finite[0] = False
-            worker.rows.forward(top)
 
         self.team.share(block, range(0, self.height, self._block))
         return finite[0]
 
-    def filter_columns(self, change: Filter, *, blank: bool = False, write: bool = True) -> None:
-        """Filter every band of :attr:`spectra` by `change`, and replace them by the blend of all bands.
+    def _transform(self, thread: int, top: int, rows: int, strip: int, picture: Float32Array) -> bool:
+        """Cut a strip out of a block of rows and transform them; return whether they are finite."""
+        worker, start = self._workers[thread], self.strips.tiles[strip].start
+        finite = lines.picture_to_lines(picture, top, rows, start, self._strip_fade, self._periodic, worker.rows.real)
+        worker.rows.forward(top)
+        return finite
 
-        Parameters
-        ----------
-        change : Filter
-            The filter.
-        blank : bool, default False
-            Whether what they hold counts as zeros.
-        write : bool, default True
-            Whether they receive the blend; otherwise they stay, and only `change` has effects.
+    def _restore(self, thread: int, top: int, rows: int, strip: int, out: Float32Array) -> None:
+        """Transform a block of rows back, and blend them into `out` where a strip contributes.
+
+        Strips come in order: each is added to the one before, and overwrites what lies beyond it.
         """
+        before, tile = self.strips.tiles[strip - 1], self.strips.tiles[strip]
+        overlap = max(before.first + len(before.weights) - tile.first, 0) if strip else 0
+        worker = self._workers[thread]
+        worker.rows.inverse(top)
+        for part, add in ((slice(overlap), True), (slice(overlap, None), False)):
+            weights, first = tile.weights[part], tile.first + (part.start or 0)
+            lines.lines_to_picture(worker.rows.real, rows, first - tile.start, weights, first, add, out, top)
+
+    def _filter_columns(self, change: Filter, *, blank: bool, write: bool) -> None:
+        """Filter every band of :attr:`spectra`, or of zeros if it is blank, and write the blend of all bands there."""
         filter_block = self._filter_single if len(self.bands.tiles) == 1 else self._filter_bands
 
         def share(thread: int, block: int) -> None:
@@ -226,24 +275,6 @@ class Hybrid:
                 spectral.blend(worker.blended, slabs, group.weights, group.spans)
         if write:
             lines.columns_to_rows(worker.blended, self.spectra, block * COLUMNS, self.height)
-
-    def restore_rows(self, out: Float32Array, strip: int) -> None:
-        """Transform the rows of :attr:`spectra` back, and blend them into `out` (H, W, C) where a strip contributes.
-
-        Strips come in order: each is added to the one before, and overwrites what lies beyond it.
-        """
-        before, tile = self.strips.tiles[strip - 1], self.strips.tiles[strip]
-        overlap = max(before.first + len(before.weights) - tile.first, 0) if strip else 0
-
-        def block(thread: int, top: int) -> None:
-            worker = self._workers[thread]
-            rows = min(self._block, self.height - top)
-            worker.rows.inverse(top)
-            for part, add in ((slice(overlap), True), (slice(overlap, None), False)):
-                weights, first = tile.weights[part], tile.first + (part.start or 0)
-                lines.lines_to_picture(worker.rows.real, rows, first - tile.start, weights, first, add, out, top)
-
-        self.team.share(block, range(0, self.height, self._block))
 
 
 class _Worker:

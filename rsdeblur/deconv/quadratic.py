@@ -186,12 +186,8 @@ class TileNormal(TileFilter):
                 minimise(block, signal, power, slabs)
 
         with self.lock:
-            for s, strip in enumerate(self._strips.tiles):
-                if not self._hybrid.transform_rows(picture, strip):
-                    raise InputError("image must be finite")
-                self._hybrid.filter_columns(partial(add, s, self._strip_otfs(bank, s)), write=out is not None)
-                if out is not None:
-                    self._hybrid.restore_rows(out, s)
+            if not self._hybrid.filter(picture, out, lambda strip: partial(add, strip, self._strip_otfs(bank, strip))):
+                raise InputError("image must be finite")
 
     def _strip_otfs(self, bank: PsfBank, strip: int) -> ComplexArray:
         """Return the OTFs of the tiles of a strip, shape (blocks, B, COLUMNS, L); the next call overwrites them."""

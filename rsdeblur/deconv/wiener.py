@@ -206,13 +206,8 @@ class TileFilter:
         with self.lock:
             if len(self._strips.tiles) > 1 and source is not None and np.shares_memory(source, target):
                 source = self._aside(source)
-            for s, strip in enumerate(self._strips.tiles):
-                if source is not None and not self._hybrid.transform_rows(source, strip):
-                    raise InputError("image must be finite")
-                self._hybrid.filter_columns(partial(change, s), blank=source is None)
-                self._hybrid.restore_rows(target, s)
-                if progress is not None:
-                    progress((s + 1) / len(self._strips.tiles))
+            if not self._hybrid.filter(source, target, lambda strip: partial(change, strip), progress=progress):
+                raise InputError("image must be finite")
 
     def _aside(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return a copy of `picture` in memory that is kept for the next call."""
