@@ -7,7 +7,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
 
 from rsdeblur.errors import ClockError, CoverageError, GapError
 from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording
@@ -115,6 +114,7 @@ class Posterior:
         free : sequence of str
             Names of parameters whose standard deviations are positive.
         """
+        from scipy.special import ndtr, ndtri
         from scipy.stats import qmc  # takes 0.5 s to import
 
         at = [PARAMETERS.index(name) for name in free]

@@ -21,8 +21,9 @@ from rsdeblur.deconv.coupling import TO_GRADIENT, Coupling
 from rsdeblur.deconv.priors import DerivativePrior, brightness
 from rsdeblur.estimate.periodograms import wrapped
 from rsdeblur.estimate.posterior import UNDESCRIBED
-from rsdeblur.estimate.sharpness import assumed, concentrations, contrast_shares, scale_of, upright
+from rsdeblur.estimate.sharpness import assumed, concentrations, contrast_shares, scale_of
 from rsdeblur.estimate.spectra import softness
+from rsdeblur.image.frame import upright
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.psf import PsfBank, tile_centres

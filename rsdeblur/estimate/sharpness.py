@@ -11,8 +11,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
-from skimage.transform import resize
 
 from rsdeblur.deconv.priors import DerivativePrior
 from rsdeblur.deconv.quadratic import TileQuadratic
@@ -20,7 +18,7 @@ from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.posterior import UNDESCRIBED
 from rsdeblur.estimate.spectra import softness
 from rsdeblur.estimate.strength import PATH_ERROR, Tuning
-from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.image.frame import upright
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank, tile_centres
@@ -91,14 +89,6 @@ def scale_of(camera: Camera, most: float = 1.0) -> float:
     """Return the factor by which pictures of a camera are reduced, at most `most` unless they become too narrow."""
     longer, shorter = max(camera.width, camera.height), min(camera.width, camera.height)
     return min(1.0, max(min(SIDE / longer, most), LEAST_SIDE / shorter))
-
-
-def upright(light: FloatImage, camera: Camera, scale: float) -> NDArray[np.float32]:
-    """Return a picture as stored, reduced by a factor and with the readout along y."""
-    small = camera.scaled(scale)
-    if light.shape != (small.height, small.width):
-        light = resize(light, (small.height, small.width), order=1, anti_aliasing=True)
-    return np.ascontiguousarray(ReadoutFrame(small).image(light), dtype=np.float32)
 
 
 def concentration(pictures: FloatImage) -> float:

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from skimage.transform import resize
 
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.periodograms import DIRECTION, DIRECTIONS, GRADIENT, RADIUS, TILE, periodograms, power_of
-from rsdeblur.image.frame import ReadoutFrame
+from rsdeblur.image.frame import upright
 from rsdeblur.kernels import whittle
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.psf import PsfBank
@@ -82,10 +81,7 @@ class TileSpectra:
         small = camera.scaled(self._scale)
         if min(small.width, small.height) < TILE:
             raise InputError(f"the picture must keep {TILE} px on its shorter side when its longer one has {side} px")
-        grey = light
-        if light.shape != (small.height, small.width):
-            grey = resize(light, (small.height, small.width), order=1, anti_aliasing=True)
-        grey = ReadoutFrame(small).image(grey)
+        grey = upright(light, camera, self._scale)
         tops, lefts = (_places(n) for n in grey.shape)
         self._rows, cols = tops + (TILE - 1) / 2, lefts + (TILE - 1) / 2
         strips = min(COLUMNS, len(cols))
