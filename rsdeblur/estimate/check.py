@@ -209,7 +209,7 @@ def _not_refuted(evidence: MotionEvidence, means: dict[str, float], threads: int
     Straight edges look like a straight blur, or like a smaller motion along them.
     """
     better = [name for name, mean in means.items() if mean < DOUBTFUL_LEAD and name in CLEARER]
-    clearer = evidence.clearer(better, threads) if better else []
+    clearer = evidence.clearer(better, threads)
     refuted = {name for name, more in zip(better, clearer, strict=True) if more > CLEARER[name]}
     return {name: mean for name, mean in means.items() if name not in refuted}
 
