@@ -62,11 +62,13 @@ def correction_text(facts: Mapping[str, Any]) -> str:
         reason = facts["reason"]
         return f"Recording not corrected: {reason}{'' if reason.endswith('?') else '.'}"
     values = facts["values"]
-    drifts, regions = (values["drift_x"], values["drift_y"]), facts["regions"]
+    drift, acceleration = ((values[f"{name}_x"], values[f"{name}_y"]) for name in ("drift", "acceleration"))
+    regions = facts["regions"]
     near = f" (x {min(map(min, regions)):g} to {max(map(max, regions)):g} by region)" if regions else ""
     numbers = {
         f"focal length x {math.exp(values['scale']):.3f}": values["scale"],
-        "drift {:+.1f} and {:+.1f} px".format(*drifts) + near: any(drifts),
+        "drift {:+.1f} and {:+.1f} px".format(*drift) + near: any(drift),
+        "acceleration {:+.0f} and {:+.0f} px/s²".format(*acceleration): any(acceleration),
         f"time offset {1e3 * values['offset']:+.1f} ms": values["offset"],
         f"readout time x {math.exp(values['readout']):.2f}": values["readout"],
         f"roll bias {values['roll']:+.3f} rad/s": values["roll"],

@@ -114,6 +114,8 @@ def _corrections(refinement: Mapping[str, Any]) -> dict[str, str]:
         "offset": (1e3, "time offset, ms"),
         "readout": (1.0, "readout time, logarithm of the factor"),
         "roll": (1.0, "roll bias, rad/s"),
+        "acceleration_x": (1.0, "acceleration along x, px/s²"),
+        "acceleration_y": (1.0, "acceleration along y, px/s²"),
     }
     values = {
         label: f"{unit * refinement['values'][name]:+.3g} ± {unit * refinement['sd'][name]:.2g}"

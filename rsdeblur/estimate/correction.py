@@ -17,6 +17,9 @@ from rsdeblur.motion.paths import Capture
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray
 
+# Distance of a path from its chord, px, from which an acceleration counts.
+LEAST_BEND = 0.25
+
 
 @dataclass(frozen=True, slots=True)
 class Correction:
@@ -36,6 +39,9 @@ class Correction:
         Logarithm of the factor on the readout time.
     roll : float, default 0.0
         Bias of the gyroscope about the optical axis, rad/s, subtracted from the rates.
+    acceleration_x, acceleration_y : float, default 0.0
+        Acceleration of the scene in the picture, px/s^2, which bends the drift: its velocity is the mean one in the
+        middle of the exposure.
 
     Raises
     ------
@@ -49,19 +55,33 @@ class Correction:
     offset: float = 0.0
     readout: float = 0.0
     roll: float = 0.0
+    acceleration_x: float = 0.0
+    acceleration_y: float = 0.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
             object.__setattr__(self, field.name, validate.finite(field.name, getattr(self, field.name)))
 
     @property
+    def drift(self) -> tuple[float, float]:
+        """The drift, (x, y) in px."""
+        return self.drift_x, self.drift_y
+
+    @property
+    def acceleration(self) -> tuple[float, float]:
+        """The acceleration, (x, y) in px/s^2."""
+        return self.acceleration_x, self.acceleration_y
+
+    @property
     def vector(self) -> FloatArray:
-        """The six numbers in their order above."""
+        """The eight numbers in their order above."""
         return np.array(astuple(self))
 
 
 #: Names of the numbers of a :class:`Correction`, in their order.
 PARAMETERS = tuple(field.name for field in fields(Correction))
+#: Names of those that belong to the motion of the scene in the picture, which depends on its depth.
+DRIFT, ACCELERATION = ("drift_x", "drift_y"), ("acceleration_x", "acceleration_y")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,6 +101,9 @@ class Uncertainty:
         Relative error of the readout time.
     roll : float, default 0.02
         Bias of the gyroscope about the optical axis, rad/s.
+    acceleration : float, default 0.1
+        Acceleration of the scene in the picture that the log lacks, along each axis, as a share of the picture's longer
+        side per s^2. Only long exposures show it.
 
     Raises
     ------
@@ -93,7 +116,7 @@ class Uncertainty:
 
     >>> import rsdeblur
     >>> rsdeblur.Uncertainty(offset=0, scale=0.05)
-    Uncertainty(scale=0.05, drift=0.0025, offset=0.0, readout=0.15, roll=0.02)
+    Uncertainty(scale=0.05, drift=0.0025, offset=0.0, readout=0.15, roll=0.02, acceleration=0.1)
     """
 
     scale: float = 0.15
@@ -101,6 +124,7 @@ class Uncertainty:
     offset: float = 5e-3
     readout: float = 0.15
     roll: float = 0.02
+    acceleration: float = 0.1
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -108,22 +132,28 @@ class Uncertainty:
         if not any(getattr(self, field.name) for field in fields(self)):
             raise InputError("uncertainty is 0 in all its parts, so that there is nothing to refine")
 
-    def deviations(self, camera: Camera) -> FloatArray:
+    def deviations(self, camera: Camera, exposure: Exposure) -> FloatArray:
         """Return the standard deviations of the parameters of a :class:`Correction`.
 
         Parameters
         ----------
         camera : Camera
             Camera of the picture as stored. Without a readout, its readout time is known.
+        exposure : Exposure
+            The exposure. If it is too short to show accelerations, there are none.
 
         Returns
         -------
-        ndarray, shape (6,)
+        ndarray, shape (8,)
             In the order and the units of :class:`Correction`.
         """
-        drift = self.drift * max(camera.width, camera.height)
+        longer = max(camera.width, camera.height)
+        drift, acceleration = self.drift * longer, self.acceleration * longer
         readout = self.readout if camera.readout_time > 0 else 0.0
-        return Correction(self.scale, drift, drift, self.offset, readout, self.roll).vector
+        if acceleration * exposure.duration**2 / 8 < LEAST_BEND:
+            acceleration = 0.0
+        numbers = self.scale, drift, drift, self.offset, readout, self.roll, acceleration, acceleration
+        return Correction(*numbers).vector
 
 
 def uncertainty_of(given: Uncertainty | None, free: str | Collection[str] | None, default: Uncertainty) -> Uncertainty:
@@ -172,9 +202,9 @@ class Recording:
         if correction.roll:
             log = log.minus_bias(camera.imu_to_camera.T @ np.array([0.0, 0.0, correction.roll]))
         translation = self.translation
-        if correction.drift_x or correction.drift_y:
-            px = correction.drift_x, correction.drift_y
-            translation = Translation.drift(px, camera, self.exposure, known=translation)
+        px, acceleration = correction.drift, correction.acceleration
+        if any(px) or any(acceleration):
+            translation = Translation.drift(px, camera, self.exposure, acceleration=acceleration, known=translation)
         return replace(self, log=log, camera=camera, translation=translation)
 
     def capture(self, scale: float = 1.0) -> Capture:

@@ -24,7 +24,7 @@ from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.types import FloatArray
 
 # How uncertain a camera's start values are.
-START = Uncertainty(scale=0.3, offset=0.015, readout=0.5, roll=0.01, drift=0.0)
+START = Uncertainty(scale=0.3, offset=0.015, readout=0.5, roll=0.01, drift=0.0, acceleration=0.0)
 # Readout time of which deviations are taken where the start has none, s.
 USUAL_READOUT = 0.02
 
@@ -36,7 +36,7 @@ class PhotoFit(NamedTuple):
     ----------
     posterior : SharedPosterior
         The photos, with the camera from which the fit began.
-    place : ndarray, shape (6,)
+    place : ndarray, shape (8,)
         Correction of that camera.
     recordings : list of Recording
         The recordings with this correction.
@@ -78,7 +78,7 @@ class PhotoSet:
     @cached_property
     def deviations(self) -> FloatArray:
         """Standard deviations of corrections."""
-        return START.deviations(replace(self.start, readout_time=USUAL_READOUT))
+        return START.deviations(replace(self.start, readout_time=USUAL_READOUT), self.recordings[0].exposure)
 
     def spectra(self, camera: Camera) -> list[TileSpectra]:
         """Return the spectra of the photos, in the upright frame of a camera."""

@@ -50,7 +50,7 @@ class Posterior:
         Spectra of the picture.
     recording : Recording
         Recording as given.
-    deviations : ndarray, shape (6,)
+    deviations : ndarray, shape (8,)
         Standard deviations of the errors of the recording, in the units of :class:`Correction`; 0 for what is known.
     """
 

@@ -122,7 +122,7 @@ def refine(
     uncertainty : Uncertainty, optional
         How far the recording may be wrong; default `Uncertainty()`.
     free : str or collection of str, optional
-        Which of "scale", "drift", "offset", "readout" and "roll" may be corrected; default all.
+        Which of "scale", "drift", "offset", "readout", "roll" and "acceleration" may be corrected; default all.
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light, as for :func:`rsdeblur.deblur`.
     known_axes : bool, default False
@@ -165,7 +165,7 @@ def refine(
     uncertainty = uncertainty_of(uncertainty, free, Uncertainty())
     light = grey_light(image, transfer, camera)
     recording = Recording(log, camera, exposure, translation)
-    deviations = uncertainty.deviations(camera)
+    deviations = uncertainty.deviations(camera, exposure)
     check_reach(recording.capture())
     if min(camera.width, camera.height) < TILE:
         return _unrefined(recording, deviations, f"the picture is smaller than {TILE} px")

@@ -114,7 +114,8 @@ def refine_frames(
     translation : Translation, optional
         Translation of the camera, if it is known.
     uncertainty : Uncertainty, optional
-        How far the recording may be wrong; default `Uncertainty(offset=8e-3)`. Its drift has no effect.
+        How far the recording may be wrong; default `Uncertainty(offset=8e-3)`. Its drift and its acceleration have no
+        effect.
     free : str or collection of str, optional
         Which of "scale", "offset", "readout" and "roll" may be corrected; default all.
     transfer : {"auto", "linear", "srgb"} or float
@@ -184,7 +185,7 @@ class _Frames:
     ) -> None:
         camera, self._threads = recordings[0].camera, threads
         known = [name not in SHARED for name in PARAMETERS]
-        self.deviations = np.where(known, 0.0, uncertainty.deviations(camera))
+        self.deviations = np.where(known, 0.0, uncertainty.deviations(camera, recordings[0].exposure))
         self._free = [name for name, deviation in zip(PARAMETERS, self.deviations, strict=True) if deviation > 0]
         self._recordings, self._nothing = recordings, np.zeros(len(PARAMETERS))
         pairs = list(zip(lights, recordings, strict=True))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rsdeblur._util.threads import share_map
 from rsdeblur.deconv.tiling import hat_weights
-from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording
+from rsdeblur.estimate.correction import ACCELERATION, DRIFT, PARAMETERS, Correction, Recording
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, QuickSharpness
 from rsdeblur.estimate.search import (
     ADJUSTED,
@@ -61,7 +61,7 @@ class DriftByRegion:
         The quick measure of the sharp picture.
     recording : Recording
         The recording as given, without a translation.
-    deviations : ndarray, shape (6,)
+    deviations : ndarray, shape (8,)
         Standard deviations of its errors.
     threads : int or None
         Threads that share the work; None means all processors.
@@ -77,16 +77,20 @@ class DriftByRegion:
     ) -> None:
         self._worth, self._quick, self._recording = worth, quick, recording
         self._deviations, self._threads = deviations, threads
-        self._region = _nearest(worth.posterior.spectra.centres, quick.centres)
+        rows, cols = np.meshgrid(*worth.posterior.spectra.centres, indexing="ij")
+        self._regions = [
+            _nearest(np.stack([rows.ravel(), cols.ravel()], axis=1), quick.centres),
+            _nearest(worth.streaks.places, quick.centres),
+        ]
 
     def best(self, places: Sequence[FloatArray], over: FloatArray | None) -> Corrected | None:
         """Return the best of several corrections, adjusted, with its factors.
 
         Parameters
         ----------
-        places : sequence of ndarray, shape (6,)
+        places : sequence of ndarray, shape (8,)
             Corrections.
-        over : ndarray, shape (6,), or None
+        over : ndarray, shape (8,), or None
             The best credible correction by one drift, which it must exceed; None if there is none.
 
         Returns
@@ -117,7 +121,7 @@ class DriftByRegion:
 
     def _different(self, places: Sequence[FloatArray]) -> list[FloatArray]:
         """Return the credible corrections with a drift, without those that are nearly the same."""
-        drift = [name.startswith("drift") for name in PARAMETERS]
+        drift = [name in DRIFT for name in PARAMETERS]
         different: list[FloatArray] = []
         for place in places:
             credible = np.abs(place).max() <= MOST_DEVIATIONS and self._worth.of(place) >= LEAST_ADJUSTED
@@ -155,10 +159,11 @@ class DriftByRegion:
         moved = [self._recording.corrected(_scaled(correction, factor)) for factor in factors.tolist()]
         nats = share_map(posterior.spectra.score, moved, self._threads)
         falls = np.stack(share_map(self._quick.tiles, moved, self._threads))
-        falls = NATS_PER_FALL * (falls - falls[same])
-        costs = np.zeros((len(factors), falls.shape[1]))
-        for costs_of_factor, fall, each in zip(costs, falls, nats, strict=True):
-            costs_of_factor += fall - np.bincount(self._region, posterior.leads(each, nats[same]), len(fall))
+        costs = NATS_PER_FALL * (falls - falls[same])
+        trails = np.stack(share_map(self._worth.streaks.nats_of_each, moved, self._threads))
+        for by_region, tiles, led in zip(costs, nats, trails - trails[same], strict=True):
+            for region, leads in zip(self._regions, (posterior.leads(tiles, nats[same]), led), strict=True):
+                by_region -= np.bincount(region, leads, len(by_region))
         labels, total = _alike(costs.reshape(len(factors), len(self._quick.centres[0]), -1), factors)
         return factors[labels], -total
 
@@ -182,18 +187,19 @@ def with_factors(
     depth = ReadoutFrame(rest.camera).back(1.0 / np.maximum(down.T @ factors @ across, LEAST_FACTOR))
     still = replace(Translation.drift((0.0, 0.0), rest.camera, rest.exposure), depth=depth)
     # A factor of 1 belongs to a depth of 1.
-    px = np.array([correction.drift_x, correction.drift_y]) / still.middle_depth
-    return replace(rest, translation=Translation.drift(px, rest.camera, rest.exposure, known=still))
+    px, acceleration = (np.array(each) / still.middle_depth for each in (correction.drift, correction.acceleration))
+    moved = Translation.drift(px, rest.camera, rest.exposure, acceleration=acceleration, known=still)
+    return replace(rest, translation=moved)
 
 
 def _scaled(correction: Correction, factor: float) -> Correction:
-    return replace(correction, drift_x=factor * correction.drift_x, drift_y=factor * correction.drift_y)
+    return replace(correction, **{name: factor * getattr(correction, name) for name in (*DRIFT, *ACCELERATION)})
 
 
-def _nearest(places: tuple[FloatArray, FloatArray], centres: tuple[FloatArray, FloatArray]) -> NDArray[np.intp]:
-    """Return the region of each of the tiles that lie at all pairs of `places`."""
-    row, col = (np.abs(np.subtract.outer(at, own)).argmin(axis=1) for at, own in zip(places, centres, strict=True))
-    region: NDArray[np.intp] = np.add.outer(row * len(centres[1]), col).ravel()
+def _nearest(places: FloatArray, centres: tuple[FloatArray, FloatArray]) -> NDArray[np.intp]:
+    """Return the region of each of the places (row, col), shape (N, 2)."""
+    row, col = (np.abs(np.subtract.outer(at, own)).argmin(axis=1) for at, own in zip(places.T, centres, strict=True))
+    region: NDArray[np.intp] = row * len(centres[1]) + col
     return region
 
 

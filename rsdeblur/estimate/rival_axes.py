@@ -53,7 +53,7 @@ def rival_lead(
         The corrected recording.
     recording : Recording
         The recording as given.
-    deviations : ndarray, shape (6,)
+    deviations : ndarray, shape (8,)
         Standard deviations of its errors.
     streaks : LightStreaks, optional
         Light streaks of the picture.

@@ -11,12 +11,14 @@ from functools import partial
 import numpy as np
 
 from rsdeblur._util.threads import share_map
-from rsdeblur.estimate.correction import PARAMETERS
+from rsdeblur.estimate.correction import ACCELERATION, DRIFT, PARAMETERS
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL
 from rsdeblur.estimate.worth import Worth, cost
 from rsdeblur.motion.arguments import is_held
 from rsdeblur.types import FloatArray, Progress
 
+# Parameters of motion that keeps its velocity.
+STRAIGHT = tuple(name for name in PARAMETERS if name not in ACCELERATION)
 # Groups of parameters that are searched together, and the number of grid values of each. Every search starts from no
 # correction and from the best one so far. Grid values reach `WIDEST` standard deviations. The likelier share
 # `COMPARED` of the grid, of at least `LEAST_START` nats, is compared by the sharp picture. The best `STARTS` of them
@@ -25,9 +27,10 @@ MODELS = (
     (("scale",), 0),
     (("readout",), 4),
     (("offset",), 8),
-    (("drift_x", "drift_y"), 4),
-    (("scale", "drift_x", "drift_y"), 0),
-    (PARAMETERS, 0),
+    (DRIFT, 4),
+    (("scale", *DRIFT), 0),
+    ((*DRIFT, *ACCELERATION), 0),
+    (STRAIGHT, 0),
 )
 WIDEST, COMPARED, LEAST_START, STARTS = 3.0, 0.5, -20.0, 2
 # Number of candidates that are adjusted, if they are worth so many nats, and confirmed. Each model has up to two: its
@@ -36,15 +39,20 @@ CANDIDATES, LEAST_ADJUSTED = 5, 10.0
 # Parameters that the quick measure of the sharp picture adjusts if they are corrected, and the steps along each, in
 # standard deviations. At last the whole solve adjusts the others: it finds them more exactly, but on real photos, where
 # the scene has several depths, it leads to drifts that are too long. A parabola leads at most so many steps away.
-ADJUSTED, QUICK_STEPS, WHOLE_STEPS, MOST_STEPS = ("scale", "drift_x", "drift_y"), (0.6, 0.3), (0.3,), 2.0
+ADJUSTED, QUICK_STEPS, WHOLE_STEPS, MOST_STEPS = ("scale", *DRIFT, *ACCELERATION), (0.6, 0.3), (0.3,), 2.0
+# A correction that is accepted may be bent: it must be worth so many nats more, by the quick measure and by the whole
+# solve.
+MORE_BY_BENDING, BENDING_STEPS = 10.0, (1.0, 0.5)
 # Light streaks search along these parameters, with steps in standard deviations, from the best place of a grid of so
 # many values of each drift, or from no correction. The search goes on after the first step only if they are so many
 # nats likelier. The spectra join the last two steps.
-FOLLOWED, STREAK_STEPS, LEAST_FOLLOWED = ("scale", "drift_x", "drift_y"), (0.8, 0.4, 0.2), 10.0
-STREAK_GRID, STREAK_COUNT = ("drift_x", "drift_y"), 4
+FOLLOWED, STREAK_STEPS, LEAST_FOLLOWED = ("scale", *DRIFT), (0.8, 0.4, 0.2), 10.0
+STREAK_GRID, STREAK_COUNT = DRIFT, 4
 # Least worth (nats) of a correction that is accepted, its least fall in the whole solve, and the most standard
 # deviations of any parameter. The quick measure must not rise; a fall proves less there, as the largest of many.
 LEAST_WORTH, LEAST_FALL, MOST_DEVIATIONS = 30.0, 0.01, 6.0
+# Least worth by the smaller of both falls, and least fall in the whole solve, that will do as well.
+LEAST_BY_BOTH = 36.0, 0.004
 # Least worth and fall for the readout time alone: little else looks like that.
 LEAST_OF_READOUT = 15.0, 0.005
 # Reasons of a refusal.
@@ -91,7 +99,7 @@ class Search:
             place = adjusted(near[n], self._worth.all, axes, progress, steps=QUICK_STEPS)
             reason = self._doubt(place)
             if not reason:
-                return self._polished(place, progress), reason
+                return self._bent(self._polished(place, progress), progress), reason
             refused.append((place, reason))
         return refused[0]
 
@@ -100,6 +108,21 @@ class Search:
         axes = [at for at in np.flatnonzero(place).tolist() if PARAMETERS[at] not in ADJUSTED]
         polished = adjusted(place, self._worth.all_whole, axes, progress, steps=WHOLE_STEPS)
         return place if self._doubt(polished) else polished
+
+    def _bent(self, place: FloatArray, progress: Progress) -> FloatArray:
+        """Return a credible correction, bent by an acceleration; unchanged if the picture does not show one."""
+        if not set(ACCELERATION) <= set(self._worth.posterior.free):
+            return place
+        least = self._worth.of(place) - cost(place) + MORE_BY_BENDING
+        bent = place
+        for names, step in zip((ACCELERATION, (*DRIFT, *ACCELERATION)), BENDING_STEPS, strict=True):
+            axes = [PARAMETERS.index(name) for name in names if name in self._worth.posterior.free]
+            bent = adjusted(bent, self._worth.all, axes, progress, steps=(step,))
+            if self._worth.of(bent) - cost(bent) < least:
+                return place
+        straight, whole = self._worth.all_whole([place, bent])
+        more = whole - cost(bent) - straight + cost(place)
+        return bent if more >= MORE_BY_BENDING and not self._doubt(bent) else place
 
     def _doubt(self, place: FloatArray) -> str:
         """Return why an adjusted correction is not credible; nothing if it is."""
@@ -110,18 +133,22 @@ class Search:
         if np.abs(place).max() > MOST_DEVIATIONS or not is_held(self._worth.posterior.corrected(place).capture()):
             return TOO_FAR
         (whole,) = self._worth.whole_falls([place])
-        return NOT_SHARPER if whole < fall or self._worth.fall(place) < 0 else ""
+        by_both = self._worth.gain(place) + NATS_PER_FALL * min(whole, self._worth.fall(place))
+        sharper = whole >= fall or (by_both >= LEAST_BY_BOTH[0] and whole >= LEAST_BY_BOTH[1])
+        return "" if sharper and self._worth.fall(place) >= 0 else NOT_SHARPER
 
     def _candidates(self, progress: Progress) -> list[FloatArray]:
         """Return the best correction of each model, and the best with its numbers alone; the best of all first."""
         best, worth = self._worth.nothing, 0.0
         found = {best.tobytes(): (worth, best)}
+        tried: list[list[str]] = [[]]
         for n, (names, count) in enumerate(MODELS):
             progress("search", n / len(MODELS))
-            model, last = [name for name in names if name in self._worth.posterior.free], names is PARAMETERS
+            model, last = [name for name in names if name in self._worth.posterior.free], names is STRAIGHT
             # Descents of the last model take long, so it begins at the best place only, if that is worth it.
-            if not model or (last and worth < LEAST_ADJUSTED):
+            if model in tried or (last and worth < LEAST_ADJUSTED):
                 continue
+            tried.append(model)
             begin = [best] if last or not best.any() else [self._worth.nothing, best]
             starts = [*begin, *self._starts(model, count)]
             places = share_map(partial(self._worth.posterior.descend, free=model), starts, self._threads)

@@ -310,7 +310,8 @@ def _objection(light: NDArray[np.float32], spectra: TileSpectra, recording: Reco
     reached = sharpness.of(shifted)
     if reached > sharpness.of(recording) - LEAST_FALL:
         return "the picture does not become sharper with it"
-    deviations = Uncertainty(offset=0.0, readout=0.0, roll=0.0).deviations(recording.camera)
+    uncertainty = Uncertainty(offset=0.0, readout=0.0, roll=0.0, acceleration=0.0)
+    deviations = uncertainty.deviations(recording.camera, recording.exposure)
     posterior, nats = Posterior(spectra, recording, deviations), spectra.score(shifted)
     for place in posterior.search(posterior.free):
         if posterior.lead(place, nats) > 0 or sharpness.of(posterior.corrected(place)) < reached:

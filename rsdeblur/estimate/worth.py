@@ -34,7 +34,7 @@ class Corrected:
 
     Parameters
     ----------
-    place : ndarray, shape (6,)
+    place : ndarray, shape (8,)
         The correction; with factors, its drift holds where they are 1.
     recording : Recording
         The corrected recording.
@@ -156,7 +156,7 @@ class Worth:
 
         Parameters
         ----------
-        place : ndarray, shape (6,)
+        place : ndarray, shape (8,)
             The correction.
         recording : Recording
             The recording that it leads to.

@@ -16,8 +16,10 @@ from rsdeblur.types import FloatArray
 
 # s. Times relative to different epochs differ by less, from rounding; clocks count in it.
 CLOCK_TICK = 1e-9
-# Largest drift during an exposure, px.
-MOST_DRIFT = 1e6
+# Largest drift during an exposure, px, and largest acceleration, px/s^2.
+MOST_DRIFT, MOST_ACCELERATION = 1e6, 1e9
+# Times of an exposure between which accelerated motion is straight: a thousandth of its bend is lost.
+PARABOLA_SAMPLES = 33
 # Density of the map of depths of a part of the picture, relative to that of the whole map in the whole picture. Between
 # its points the inverse depth is linear.
 CROP_STEPS = 4
@@ -77,9 +79,15 @@ class Translation:
 
     @classmethod
     def drift(
-        cls, px: ArrayLike, camera: Camera, exposure: Exposure, *, known: Translation | None = None
+        cls,
+        px: ArrayLike,
+        camera: Camera,
+        exposure: Exposure,
+        *,
+        acceleration: ArrayLike = (0.0, 0.0),
+        known: Translation | None = None,
     ) -> Translation:
-        """Return the constant velocity under which the scene moves by a number of pixels during the exposure.
+        """Return the motion under which the scene moves by a number of pixels during the exposure.
 
         Parameters
         ----------
@@ -90,6 +98,9 @@ class Translation:
             Camera of the picture as stored.
         exposure : Exposure
             The exposure.
+        acceleration : array_like, shape (2,), default (0, 0)
+            Acceleration of the scene in the picture, (x, y) in px/s^2, from -1e9 to 1e9. The velocity is that of the
+            drift in the middle of the exposure of all rows; without acceleration it is constant.
         known : Translation, optional
             Track to which it is added; by default one around the exposure, of a scene at 1 m.
 
@@ -121,9 +132,17 @@ class Translation:
         else:
             known = cls(np.array([opens - margin, closes + margin]), np.zeros((2, 3)), 1.0, exposure.epoch_ns)
         px = validate.real_array("px", px, (2,), most=MOST_DRIFT)
+        acceleration = validate.real_array("acceleration", acceleration, (2,), most=MOST_ACCELERATION)
         # The scene moves against the camera.
-        velocity = np.append(-px / np.array(camera.focal_length), 0.0) * known.middle_depth / exposure.duration
-        return replace(known, position=known.position + known.t[:, None] * velocity)
+        px, acceleration = (
+            np.append(-each / np.array(camera.focal_length), 0.0) * known.middle_depth for each in (px, acceleration)
+        )
+        t, position = known.t, known.position
+        if acceleration.any():
+            t = np.union1d(t, np.linspace(opens, closes, PARABOLA_SAMPLES))
+            position = np.stack([np.interp(t, known.t, axis) for axis in position.T], axis=-1)
+            position = position + 0.5 * acceleration * np.square(t - 0.5 * (opens + closes))[:, None]
+        return replace(known, t=t, position=position + t[:, None] * (px / exposure.duration))
 
     def covering(self, t0: float, t1: float, epoch_ns: int) -> Translation:
         """Return the track with its times relative to another epoch.

@@ -56,6 +56,8 @@ def test_only_changed_numbers_are_named(files: Files) -> None:
     assert text == "Recording corrected: drift +0.0 and -1.5 px, time offset +2.0 ms."
     text = correction_text(refinement_facts(replace(found, regions=np.array([[0.5, 1.0], [1.0, 2.0]]))))
     assert "drift +0.0 and -1.5 px (x 0.5 to 2 by region), time" in text
+    text = correction_text(refinement_facts(replace(found, values=Correction(acceleration_x=80.4))))
+    assert text == "Recording corrected: acceleration +80 and +0 px/s²."
 
 
 @pytest.mark.parametrize(

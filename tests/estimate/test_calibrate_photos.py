@@ -140,7 +140,7 @@ def posterior(photo, exposure):
     """Return what one photo tells of corrections of the true recording, whose offset is unknown."""
     recording = Recording(RECORDED, replace(TRUTH, time_offset=0.0), exposure)
     spectra = TileSpectra(photo, recording, side=WIDTH, soft=True)
-    return Posterior(spectra, recording, Uncertainty(drift=0.0).deviations(TRUTH))
+    return Posterior(spectra, recording, Uncertainty(drift=0.0).deviations(TRUTH, recording.exposure))
 
 
 def test_one_photo_shares_with_itself(photos):
@@ -154,7 +154,7 @@ def test_one_photo_shares_with_itself(photos):
 def test_the_prior_counts_once(photos):
     """Gains of photos add, but for the prior of what they share."""
     pair = [posterior(*each) for each in zip(photos[:2], EXPOSURES[:2], strict=True)]
-    place, nothing = np.array([0.5, 0, 0, 0.4, 0.2, -0.3]), np.zeros(len(PARAMETERS))
+    place, nothing = np.array([0.5, 0, 0, 0.4, 0.2, -0.3, 0, 0]), np.zeros(len(PARAMETERS))
     apart = sum(each.gain(place, nothing) for each in pair)
     assert SharedPosterior(pair).gain(place, nothing) == pytest.approx(apart + 0.5 * place @ place)
 

@@ -66,8 +66,31 @@ def test_a_drift_is_an_even_path():
     np.testing.assert_allclose(path[1, 1, -1] - path[1, 1, 0], [6.0, -3.0], atol=0.05)
 
 
+def test_only_long_exposures_show_accelerations():
+    short, long = (Uncertainty().deviations(CAMERA, replace(EXPOSURE, duration=each))[-2:] for each in (0.05, 0.3))
+    assert short.tolist() == [0.0, 0.0]
+    assert long.tolist() == [28.8, 28.8]
+
+
+def test_an_unknown_acceleration_is_found():
+    """It bends the drift by 3 px, so an even drift explains nothing."""
+    log, exposure = hand_shake(1.2, seed=5, strength=0.5), Exposure(0.4, 0.3)
+    given = Recording(log, CAMERA, exposure)
+    true = given.corrected(Correction(drift_x=5.0, acceleration_y=-270.0))
+    photo = simulate(scene(248, 320), log, CAMERA, exposure, noise=0.005, translation=true.translation).blurred
+    even, bent = (
+        refine(photo, log, CAMERA, exposure, uncertainty=Uncertainty(acceleration=each, drift=0.01), free=free)
+        for each, free in ((0.0, "drift"), (0.5, ("drift", "acceleration")))
+    )
+    assert not even.accepted
+    assert bent.accepted, bent.reason
+    refined = Recording(bent.log, bent.camera, bent.exposure, bent.translation)
+    # As for the drift above.
+    assert distance(refined, true) < 0.25 * distance(given, true)
+
+
 def test_a_correction_is_undone_by_its_opposite():
-    correction = Correction(0.1, 3.0, -2.0, 4e-3, 0.2, 0.01)
+    correction = Correction(0.1, 3.0, -2.0, 4e-3, 0.2, 0.01, 200.0, -300.0)
     opposite = Correction(*(-correction.vector).tolist())
     recording = Recording(LOG, CAMERA, EXPOSURE)
     # The order of corrections matters a little: the second drift is in px at another focal length and readout time.
@@ -158,7 +181,7 @@ def test_other_axes_are_not_refuted_by_shorter_paths(monkeypatch):
 
     def lead(length, streaks=None):
         """Return the lead of other axes with paths of 10 px over a correction to `length` px that is clearer by 0.1."""
-        deviations = Uncertainty().deviations(CAMERA)
+        deviations = Uncertainty().deviations(CAMERA, EXPOSURE)
         return rival_lead(*measures, moving(length, 0.1), recording, deviations, streaks=streaks, threads=1)
 
     assert lead(5.0) == pytest.approx(5.0 - MOST_OF_SHORTER * NATS_PER_FALL)
@@ -181,7 +204,7 @@ def test_few_pixels_prove_nothing():
     found = refine(np.random.default_rng(0).random((60, 96)), LOG, camera, EXPOSURE)
     assert not found.accepted
     assert "smaller than 64 px" in found.reason
-    assert found.sd == Correction(*Uncertainty().deviations(camera).tolist())
+    assert found.sd == Correction(*Uncertainty().deviations(camera, EXPOSURE).tolist())
 
 
 def test_a_blur_beyond_the_picture_is_an_error(picture):
@@ -221,14 +244,14 @@ def test_uncertainties_are_checked():
     with pytest.raises(InputError, match="drift must be at least 0"):
         Uncertainty(drift=-1.0)
     with pytest.raises(InputError, match="nothing to refine"):
-        Uncertainty(scale=0.0, drift=0.0, offset=0.0, readout=0.0, roll=0.0)
+        Uncertainty(**dict.fromkeys(asdict(Uncertainty()), 0.0))
 
 
 @pytest.mark.parametrize(
     ("free", "wrong"),
     [
         ((), "nothing to refine"),
-        (("drift", "focal"), "free must be one of drift, offset, readout, roll, scale; got 'focal'"),
+        (("drift", "focal"), "free must be one of acceleration, drift, offset, readout, roll, scale; got 'focal'"),
         (3, "free must be a sequence"),
     ],
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -34,8 +34,9 @@ def span(recording, row, col):
 
 def test_even_factors_are_one_drift():
     recording = Recording(LOG, CAMERA, EXPOSURE)
-    even = with_factors(recording, DRIFT, np.full(TILES, 1.5), CENTRES)
-    longer = recording.corrected(replace(DRIFT, drift_x=1.5 * DRIFT.drift_x, drift_y=1.5 * DRIFT.drift_y))
+    bent = replace(DRIFT, acceleration_x=900.0)
+    even = with_factors(recording, bent, np.full(TILES, 1.5), CENTRES)
+    longer = recording.corrected(Correction(*(1.5 * bent.vector).tolist()))
     for place in ((10, 20), (300, 400)):
         np.testing.assert_allclose(span(even, *place), span(longer, *place), rtol=1e-6, atol=1e-6)
 
@@ -93,7 +94,7 @@ def found(request):
         for drift in (DRIFT, replace(DRIFT, drift_x=nearer * DRIFT.drift_x, drift_y=nearer * DRIFT.drift_y))
     ]
     light = np.concatenate([halves[0][:, :256], halves[1][:, 256:]], axis=1).mean(axis=2)
-    deviations = Uncertainty().deviations(CAMERA)
+    deviations = Uncertainty().deviations(CAMERA, EXPOSURE)
     posterior = Posterior(TileSpectra(light, true, side=480, soft=True), true, deviations)
     quick = QuickSharpness(light, true)
     worth = Worth(posterior, quick, LightStreaks(light, true), lambda: Sharpness(light, true, robust=True), 1)
@@ -102,7 +103,8 @@ def found(request):
 
 def place(**values):
     """Return a correction in standard deviations."""
-    return np.array(astuple(Correction(**values))) / Uncertainty().deviations(CAMERA)
+    deviations = Uncertainty().deviations(CAMERA, EXPOSURE)
+    return np.divide(Correction(**values).vector, deviations, out=np.zeros(len(deviations)), where=deviations > 0)
 
 
 DRIFTED = place(drift_x=DRIFT.drift_x, drift_y=DRIFT.drift_y)

@@ -24,8 +24,9 @@ from rsdeblur.estimate.streaks import (
 from rsdeblur.estimate.worth import Worth
 from rsdeblur.simulation.shake import hand_shake
 
+EXPOSURE = Exposure(0.5, 1 / 15)
 CAMERA = Camera(320, 240, 420.0)
-TRUE = Recording(hand_shake(1.2, seed=5), CAMERA, Exposure(0.5, 1 / 15))
+TRUE = Recording(hand_shake(1.2, seed=5), CAMERA, EXPOSURE)
 WRONG = TRUE.corrected(Correction(drift_x=6.0, drift_y=5.0))
 PLACES = (60, 60), (60, 160), (60, 260), (180, 80), (180, 180), (180, 270)
 
@@ -125,7 +126,7 @@ def test_leads_are_bounded():
 
 def test_the_search_follows_them(glints):
     """Spectra and sharp picture of six points on grey prove nothing; their trails do."""
-    deviations = Uncertainty(drift=0.01).deviations(CAMERA)
+    deviations = Uncertainty(drift=0.01).deviations(CAMERA, EXPOSURE)
     spectra = SimpleNamespace(
         free=("drift_x", "drift_y"),
         corrected=lambda place: WRONG.corrected(Correction(*(place * deviations).tolist())),

@@ -188,6 +188,25 @@ def test_a_drift_is_a_shift_of_the_scene_on_top_of_a_known_track() -> None:
         np.testing.assert_allclose(samples[-1] - samples[0], [3 + x, -2], atol=1e-9)
     with pytest.raises(InputError, match="px must"):
         Translation.drift((3, -2, 1), camera, exposure)
+    with pytest.raises(InputError, match="acceleration must"):
+        Translation.drift((3, -2), camera, exposure, acceleration=(0, np.inf))
+
+
+@pytest.mark.parametrize("known", [None, Translation([0.1, 0.4], [[0, 0, 0], [0.03, 0, 0]], depth=2.0)])
+def test_an_acceleration_bends_a_drift_into_a_parabola(known) -> None:
+    camera, exposure = Camera(64, 48, (600.0, 500.0)), Exposure(0.22, 0.05)
+    still = GyroLog(np.arange(0, 1, 0.01), np.zeros((100, 3)))
+
+    def path(*acceleration):
+        drift = Translation.drift((3, -2), camera, exposure, acceleration=acceleration, known=known)
+        capture = Capture.from_log(still, camera, exposure, drift)
+        return BlurPaths.from_capture(capture, [24.0], [32.0], samples=65).displacements[0, 0]
+
+    since = np.linspace(-0.025, 0.025, 65)
+    parabola = 0.5 * np.square(since)[:, None] * (4000.0, -8000.0)
+    bend = path(4000.0, -8000.0) - path(0.0, 0.0)
+    # Chords that take a 32nd of the exposure, 1.6 ms, are at most 8000 / 8 * 0.0016**2 = 0.0025 px off.
+    np.testing.assert_allclose(bend - bend[32], parabola, atol=0.003)
 
 
 @pytest.mark.parametrize("depth", [DEPTH, [[0.5, 0.9, 1.5], [0.7, 0.6, 2.0]]])
