@@ -68,8 +68,14 @@ MOMENTS = [
 ]
 
 
-# Twenty more, which no threshold was chosen on.
-OTHER_MOMENTS = [(MOMENTS[n % 8][0], 1.7 + 2.6 * n, 1 / (15, 20, 30, 60)[(n + n // 8) % 4]) for n in range(20)]
+# Eighty more, which the last thresholds of the check were chosen on as well; and twenty which none was chosen on.
+OTHER_MOMENTS = [
+    *((MOMENTS[n % 8][0], 1.7 + 2.6 * n, 1 / (15, 20, 30, 60)[(n + n // 8) % 4]) for n in range(20)),
+    *((MOMENTS[(3 * n + 1) % 8][0], 0.6 + 2.7 * n, 1 / (12, 15, 24, 40)[(n + n // 4) % 4]) for n in range(20)),
+    *((MOMENTS[(5 * n + 2) % 8][0], 1.1 + 2.7 * n, 1 / (15, 25, 40, 60)[(n + n // 4) % 4]) for n in range(20)),
+    *((MOMENTS[(7 * n + 3) % 8][0], 2.3 + 2.6 * n, 1 / (15, 20, 30, 60)[(n + n // 4) % 4]) for n in range(20)),
+]
+NEW_MOMENTS = [(MOMENTS[(n + n // 8) % 8][0], 0.9 + 2.65 * n, 1 / (15, 20, 30, 60)[n % 4]) for n in range(20)]
 
 
 def require_data() -> None:

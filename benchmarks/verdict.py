@@ -6,7 +6,8 @@ compares the verdicts with the truth: is the result better or worse than the blu
 of ``fallback=True`` on results called bad. With ``--phone`` the pictures are processed as by a phone.
 
 Thresholds were chosen on fourteen captures, at first on those of odd number (1st, 3rd, ...); the default here is the
-other half. With ``--others`` there are twenty more, which no threshold was chosen on.
+other half. With ``--others`` there are eighty more, on which the thresholds of "bad" were chosen as well, and with
+``--new`` twenty which no threshold was chosen on.
 Processes share the captures. With ``--records`` each capture is appended to a file as soon as it is measured, and
 captures that the file has are not measured again.
 """
@@ -29,7 +30,7 @@ import click
 import numpy as np
 from rich.progress import track
 
-from benchmarks.captures import MOMENTS, OTHER_MOMENTS, Image, SimulatedCapture, quality, simulated
+from benchmarks.captures import MOMENTS, NEW_MOMENTS, OTHER_MOMENTS, Image, SimulatedCapture, quality, simulated
 from benchmarks.phone import from_phone
 from benchmarks.priors import FOCAL_ERROR, OFFSET_ERROR, RATE_NOISE, jpeg, noisy
 from benchmarks.tables import markdown
@@ -202,15 +203,18 @@ def load(path: Path | None) -> dict[tuple[str, ...], list[Trial]]:
 @click.option(
     "--half", type=click.Choice(["odd", "even", "all"]), default="even", show_default=True, help="Half of the captures."
 )
-@click.option("--others", is_flag=True, help="Twenty other captures instead of these fourteen.")
+@click.option("--others", is_flag=True, help="Eighty other captures instead of these fourteen.")
+@click.option("--new", is_flag=True, help="Twenty captures which no threshold was chosen on.")
 @click.option("--count", type=int, help="Only the first captures.")
 @click.option("--prior", type=click.Choice(PRIORS), default="tv", show_default=True)
 @click.option("--phone", is_flag=True, help="Pictures processed as by a phone.")
 @click.option("--records", type=Path, help="File of records (JSON lines) to continue.")
-def main(half: str, others: bool, count: int | None, prior: Prior, phone: bool, records: Path | None) -> None:
+def main(half: str, others: bool, new: bool, count: int | None, prior: Prior, phone: bool, records: Path | None) -> None:
     """Check results of right and wrong motion, and print the confusion tables."""
-    part = {"odd": slice(0, None, 2), "even": slice(1, None, 2), "all": slice(None)}["all" if others else half]
-    captures = simulated(noise=0.0, enlarged=1, moments=OTHER_MOMENTS if others else MOMENTS)
+    moments = NEW_MOMENTS if new else OTHER_MOMENTS if others else MOMENTS
+    half = half if moments is MOMENTS else "all"
+    part = {"odd": slice(0, None, 2), "even": slice(1, None, 2), "all": slice(None)}[half]
+    captures = simulated(noise=0.0, enlarged=1, moments=moments)
     numbered = list(enumerate(captures))[part][:count]
     keys = [(capture.name, prior, *(["phone"] if phone else [])) for _, capture in numbered]
     known = load(records)

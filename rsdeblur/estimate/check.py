@@ -22,18 +22,18 @@ from rsdeblur.types import FloatArray
 # Bounds of "doubtful" and "bad": lead of the motion over the best alternative, nats per tile, and light below black as
 # a share of the picture's contrast. docs/developer/reliability.md says how they were chosen and how often they are
 # right.
-DOUBTFUL_LEAD, BAD_LEAD = -1.5, -6.0
-DOUBTFUL_RINGING, BAD_RINGING = 0.045, 0.15
+DOUBTFUL_LEAD, BAD_LEAD = -1.5, -7.25
+DOUBTFUL_RINGING, BAD_RINGING = 0.045, 0.17
 # By how much log l1 / l2 must be smaller with the motion than with alternatives of the same name, so that these do not
 # count as doubtful. Smaller motions leave fewer waves, larger ones more.
 CLEARER = {"straight": 0.01} | {f"{size:g} times": 0.02 for size in SIZES}
 # Fall of the logarithm of l1 / l2 of the gradient under the motion turned by half a turn.
-DOUBTFUL_TURN, BAD_TURN = 0.01, 0.03
+DOUBTFUL_TURN, BAD_TURN = 0.01, 0.05
 # Residual from which hardly anything of the picture is left in the result; 1 is that of an even result.
 LOST = 0.9
-# Lead over every alternative, nats per tile, from which twice the ringing is allowed: such motion is right, and hard
-# edges on black ring in any case.
-CLEAR_LEAD = 2.0
+# Lead over every alternative, nats per tile, and fall under half a turn from which twice the ringing is allowed: such
+# motion is right, and hard edges on black ring in any case.
+CLEAR_LEAD, CLEAR_TURN = 2.0, -0.03
 
 # Distance of the rows that are measured for light below black, in pictures of at least 64 such rows; and rows that are
 # blended together.
@@ -218,7 +218,7 @@ def _with_verdict(check: QualityCheck, *reasons: str) -> QualityCheck:
     """Return `check` with the verdict and the reasons that follow from its figures."""
     lead = np.inf if check.lead is None else check.lead
     turn = -np.inf if check.half_turn is None else check.half_turn
-    clear = CLEAR_LEAD < lead < np.inf and turn <= DOUBTFUL_TURN
+    clear = (CLEAR_LEAD < lead < np.inf and turn <= DOUBTFUL_TURN) or -np.inf < turn < CLEAR_TURN
     ringing = check.ringing / (2.0 if clear else 1.0)
     # Ringing is NaN in a result that is not finite.
     bad = (lead < BAD_LEAD and check.alternative not in HARMLESS) or not ringing <= BAD_RINGING or turn > BAD_TURN

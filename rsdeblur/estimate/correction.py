@@ -103,7 +103,7 @@ class Uncertainty:
         Bias of the gyroscope about the optical axis, rad/s.
     acceleration : float, default 0.1
         Acceleration of the scene in the picture that the log lacks, along each axis, as a share of the picture's longer
-        side per s^2. Only long exposures show it.
+        side per s^2. Only long exposures show it, and only :func:`refine` with known axes searches it.
 
     Raises
     ------

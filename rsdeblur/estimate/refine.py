@@ -9,7 +9,7 @@ lead to: with the right motion, its gradient is concentrated in few places.
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -127,7 +127,8 @@ def refine(
         How values encode light, as for :func:`rsdeblur.deblur`.
     known_axes : bool, default False
         Whether `imu_to_camera` is certain, as where an accelerometer confirms it
-        (:meth:`rsdeblur.AccelerationLog.gravity_angle`): then no other axes are tried.
+        (:meth:`rsdeblur.AccelerationLog.gravity_angle`): then no other axes are tried. Only then is an acceleration
+        searched, in exposures that are long enough.
     threads : int, optional
         Threads that share the work, from 1 to 1024; default all processors. Any number gives the same bits.
     progress : callable, optional
@@ -163,6 +164,9 @@ def refine(
     validate.callback("progress", progress)
     validate.boolean("known_axes", known_axes)
     uncertainty = uncertainty_of(uncertainty, free, Uncertainty())
+    if not known_axes:
+        # With two numbers more, the motion by wrong axes explains many pictures.
+        uncertainty = replace(uncertainty, acceleration=0.0)
     light = grey_light(image, transfer, camera)
     recording = Recording(log, camera, exposure, translation)
     deviations = uncertainty.deviations(camera, exposure)
