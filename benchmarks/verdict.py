@@ -209,7 +209,9 @@ def load(path: Path | None) -> dict[tuple[str, ...], list[Trial]]:
 @click.option("--prior", type=click.Choice(PRIORS), default="tv", show_default=True)
 @click.option("--phone", is_flag=True, help="Pictures processed as by a phone.")
 @click.option("--records", type=Path, help="File of records (JSON lines) to continue.")
-def main(half: str, others: bool, new: bool, count: int | None, prior: Prior, phone: bool, records: Path | None) -> None:
+def main(
+    half: str, others: bool, new: bool, count: int | None, prior: Prior, phone: bool, records: Path | None
+) -> None:
     """Check results of right and wrong motion, and print the confusion tables."""
     moments = NEW_MOMENTS if new else OTHER_MOMENTS if others else MOMENTS
     half = half if moments is MOMENTS else "all"

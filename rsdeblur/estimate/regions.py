@@ -77,11 +77,7 @@ class DriftByRegion:
     ) -> None:
         self._worth, self._quick, self._recording = worth, quick, recording
         self._deviations, self._threads = deviations, threads
-        rows, cols = np.meshgrid(*worth.posterior.spectra.centres, indexing="ij")
-        self._regions = [
-            _nearest(np.stack([rows.ravel(), cols.ravel()], axis=1), quick.centres),
-            _nearest(worth.streaks.places, quick.centres),
-        ]
+        self._region = _nearest(worth.posterior.spectra.centres, quick.centres)
 
     def best(self, places: Sequence[FloatArray], over: FloatArray | None) -> Corrected | None:
         """Return the best of several corrections, adjusted, with its factors.
@@ -159,11 +155,10 @@ class DriftByRegion:
         moved = [self._recording.corrected(_scaled(correction, factor)) for factor in factors.tolist()]
         nats = share_map(posterior.spectra.score, moved, self._threads)
         falls = np.stack(share_map(self._quick.tiles, moved, self._threads))
-        costs = NATS_PER_FALL * (falls - falls[same])
-        trails = np.stack(share_map(self._worth.streaks.nats_of_each, moved, self._threads))
-        for by_region, tiles, led in zip(costs, nats, trails - trails[same], strict=True):
-            for region, leads in zip(self._regions, (posterior.leads(tiles, nats[same]), led), strict=True):
-                by_region -= np.bincount(region, leads, len(by_region))
+        falls = NATS_PER_FALL * (falls - falls[same])
+        costs = np.zeros((len(factors), falls.shape[1]))
+        for costs_of_factor, fall, each in zip(costs, falls, nats, strict=True):
+            costs_of_factor += fall - np.bincount(self._region, posterior.leads(each, nats[same]), len(fall))
         labels, total = _alike(costs.reshape(len(factors), len(self._quick.centres[0]), -1), factors)
         return factors[labels], -total
 
@@ -196,10 +191,10 @@ def _scaled(correction: Correction, factor: float) -> Correction:
     return replace(correction, **{name: factor * getattr(correction, name) for name in (*DRIFT, *ACCELERATION)})
 
 
-def _nearest(places: FloatArray, centres: tuple[FloatArray, FloatArray]) -> NDArray[np.intp]:
-    """Return the region of each of the places (row, col), shape (N, 2)."""
-    row, col = (np.abs(np.subtract.outer(at, own)).argmin(axis=1) for at, own in zip(places.T, centres, strict=True))
-    region: NDArray[np.intp] = row * len(centres[1]) + col
+def _nearest(places: tuple[FloatArray, FloatArray], centres: tuple[FloatArray, FloatArray]) -> NDArray[np.intp]:
+    """Return the region of each of the tiles that lie at all pairs of `places`."""
+    row, col = (np.abs(np.subtract.outer(at, own)).argmin(axis=1) for at, own in zip(places, centres, strict=True))
+    region: NDArray[np.intp] = np.add.outer(row * len(centres[1]), col).ravel()
     return region
 
 

@@ -91,7 +91,6 @@ class LightStreaks:
         camera, length = recording.camera, max(recording.capture().mean_length, 1.0)
         self._scale = min(1.0, max(light.shape) / max(camera.width, camera.height), LONGEST_BLUR / length)
         light = upright(light, camera, self._scale)
-        self._shape = light.shape
         self._rows, self._cols = (tile_centres(count, side) for count, side in zip(TILES, light.shape, strict=True))
         extent = np.ptp(self._paths(recording).displacements, axis=2).max(axis=(0, 1))
         diagonal = float(np.hypot(*extent))
@@ -117,26 +116,16 @@ class LightStreaks:
         spectra: ComplexArray = fft.rfft2(pictures, (self._side, self._side))
         return spectra
 
-    @property
-    def places(self) -> FloatArray:
-        """Places (row, col) of the trails, shape (N, 2), as shares of the upright picture."""
-        return np.array([(each.row + 0.5, each.col + 0.5) for each in self.streaks]).reshape(-1, 2) / self._shape
-
     def nats(self, recording: Recording) -> float:
         """Return how much likelier the trails are under a motion than under none that explains them, nats."""
-        return float(self.nats_of_each(recording).sum())
-
-    def nats_of_each(self, recording: Recording) -> FloatArray:
-        """Return how much likelier each trail is under a motion than under none that explains it, nats."""
         if not self.streaks:
-            return np.zeros(0)
+            return 0.0
         try:
             lost = 1 - np.square(self.correlations(recording))
         except UNDESCRIBED:
-            return np.zeros(len(self.streaks))
+            return 0.0
         # The logarithm of a sum: a trail of the motion, or one of anything.
-        nats: FloatArray = MOST_NATS + np.logaddexp(-NATS_PER_LOSS * lost, -MOST_NATS)
-        return nats
+        return float((MOST_NATS + np.logaddexp(-NATS_PER_LOSS * lost, -MOST_NATS)).sum())
 
     def correlations(self, recording: Recording) -> FloatArray:
         """Return the largest correlation of each trail with the PSF there, over shifts and sizes of the thing.

@@ -73,7 +73,7 @@ def test_only_long_exposures_show_accelerations():
 
 
 def test_an_unknown_acceleration_is_found():
-    """It bends the drift by 3 px, so an even drift explains nothing; with known axes only, as wrong ones would do too."""
+    """It bends the drift by 3 px, so an even drift explains nothing. It is only searched with known axes."""
     log, exposure = hand_shake(1.2, seed=5, strength=0.5), Exposure(0.4, 0.3)
     given, unsure = Recording(log, CAMERA, exposure), Uncertainty(acceleration=0.5, drift=0.01)
     true = given.corrected(Correction(drift_x=5.0, acceleration_y=-270.0))
