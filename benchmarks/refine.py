@@ -72,7 +72,7 @@ with a soft border between them; the true recording has the map of depths.
 
 The constants of `refine` do not come from these captures, but the table was looked at while they were chosen. With
 `--seed 5151`, no right recording of 30 is corrected, and 92 % (offset), 75 % (readout), 49 % (scale), 49 % (bias), 89 %
-(drift), 81 % (all) and 66 % (depths) are recovered, of 15 captures each, and none of two depths loses. Of 160 other
+(drift), 81 % (all) and 67 % (depths) are recovered, of 15 captures each, and none of two depths loses. Of 160 other
 right recordings (`--right 40 --kinds none`, seeds 3131, 4242, 5252 and 6262), one is corrected, with a loss of 0.73 dB.
 
 A bias matters little in such short exposures, and most corrections of it are refused: of 0.03 rad/s in every capture,
