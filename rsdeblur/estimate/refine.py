@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import Auto, Transfer
+from rsdeblur.errors import InputError
 from rsdeblur.estimate.correction import Correction, Recording, Uncertainty, uncertainty_of
 from rsdeblur.estimate.periodograms import TILE
 from rsdeblur.estimate.posterior import Posterior
@@ -165,8 +166,7 @@ def refine(
     validate.boolean("known_axes", known_axes)
     uncertainty = uncertainty_of(uncertainty, free, Uncertainty())
     if not known_axes:
-        # With two numbers more, the motion by wrong axes explains many pictures.
-        uncertainty = replace(uncertainty, acceleration=0.0)
+        uncertainty = _without_acceleration(uncertainty)
     light = grey_light(image, transfer, camera)
     recording = Recording(log, camera, exposure, translation)
     deviations = uncertainty.deviations(camera, exposure)
@@ -211,6 +211,14 @@ def refine(
         fall=found.fall,
         regions=None if found.factors is None else ReadoutFrame(camera).back(found.factors),
     )
+
+
+def _without_acceleration(uncertainty: Uncertainty) -> Uncertainty:
+    """Return an uncertainty for axes that are not known: with two numbers more, wrong ones explain many pictures."""
+    try:
+        return replace(uncertainty, acceleration=0.0)
+    except InputError:
+        raise InputError("only an acceleration is free, which is refined with known_axes=True only") from None
 
 
 def _unrefined(recording: Recording, deviations: FloatArray, reason: str) -> Refinement:

@@ -139,9 +139,11 @@ class Translation:
         )
         t, position = known.t, known.position
         if acceleration.any():
-            t = np.union1d(t, np.linspace(opens, closes, PARABOLA_SAMPLES))
+            samples = np.linspace(opens, closes, PARABOLA_SAMPLES) + (exposure.epoch_ns - known.epoch_ns) * 1e-9
+            # A track that does not cover the exposure still does not.
+            t = np.union1d(t, samples[(samples > t[0]) & (samples < t[-1])])
             position = np.stack([np.interp(t, known.t, axis) for axis in position.T], axis=-1)
-            position = position + 0.5 * acceleration * np.square(t - 0.5 * (opens + closes))[:, None]
+            position = position + 0.5 * acceleration * np.square(t - samples.mean())[:, None]
         return replace(known, t=t, position=position + t[:, None] * (px / exposure.duration))
 
     def covering(self, t0: float, t1: float, epoch_ns: int) -> Translation:

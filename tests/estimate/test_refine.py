@@ -253,6 +253,7 @@ def test_uncertainties_are_checked():
         ((), "nothing to refine"),
         (("drift", "focal"), "free must be one of acceleration, drift, offset, readout, roll, scale; got 'focal'"),
         (3, "free must be a sequence"),
+        ("acceleration", "with known_axes=True only"),
     ],
 )
 def test_what_is_free_is_checked(picture, free, wrong):

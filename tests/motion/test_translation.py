@@ -192,7 +192,15 @@ def test_a_drift_is_a_shift_of_the_scene_on_top_of_a_known_track() -> None:
         Translation.drift((3, -2), camera, exposure, acceleration=(0, np.inf))
 
 
-@pytest.mark.parametrize("known", [None, Translation([0.1, 0.4], [[0, 0, 0], [0.03, 0, 0]], depth=2.0)])
+# The last one counts its times from another epoch, 0.1 s later.
+@pytest.mark.parametrize(
+    "known",
+    [
+        None,
+        Translation([0.1, 0.4], [[0, 0, 0], [0.03, 0, 0]], depth=2.0),
+        Translation([0.0, 0.3], [[0, 0, 0], [0.03, 0, 0]], depth=2.0, epoch_ns=100_000_000),
+    ],
+)
 def test_an_acceleration_bends_a_drift_into_a_parabola(known) -> None:
     camera, exposure = Camera(64, 48, (600.0, 500.0)), Exposure(0.22, 0.05)
     still = GyroLog(np.arange(0, 1, 0.01), np.zeros((100, 3)))
@@ -207,6 +215,12 @@ def test_an_acceleration_bends_a_drift_into_a_parabola(known) -> None:
     bend = path(4000.0, -8000.0) - path(0.0, 0.0)
     # Chords that take a 32nd of the exposure, 1.6 ms, are at most 8000 / 8 * 0.0016**2 = 0.0025 px off.
     np.testing.assert_allclose(bend - bend[32], parabola, atol=0.003)
+
+
+def test_an_acceleration_does_not_lengthen_a_known_track():
+    exposure, short = Exposure(0.22, 0.05), Translation([0.23, 0.4], np.zeros((2, 3)), depth=2.0)
+    bent = Translation.drift((3, -2), Camera(64, 48, 600.0), exposure, acceleration=(9.0, 0.0), known=short)
+    assert (bent.t[0], bent.t[-1]) == (0.23, 0.4)
 
 
 @pytest.mark.parametrize("depth", [DEPTH, [[0.5, 0.9, 1.5], [0.7, 0.6, 2.0]]])
