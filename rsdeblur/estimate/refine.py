@@ -22,7 +22,7 @@ from rsdeblur.estimate.correction import Correction, Recording, Uncertainty, unc
 from rsdeblur.estimate.periodograms import TILE
 from rsdeblur.estimate.posterior import Posterior
 from rsdeblur.estimate.quick_sharpness import QuickSharpness
-from rsdeblur.estimate.regions import DriftByRegion
+from rsdeblur.estimate.regions import LEAST_GAIN, DriftByRegion
 from rsdeblur.estimate.rival_axes import OTHER_AXES, rival_lead
 from rsdeblur.estimate.search import Search
 from rsdeblur.estimate.sharpness import Sharpness
@@ -47,6 +47,8 @@ SIDE = 1600
 
 # Nats by which a correction must be likelier than the best one with other axes.
 AHEAD_OF_AXES = 3.0
+# The same for a correction by region where one drift is not ahead: factors bring nats that other axes do not have.
+AHEAD_BY_FACTORS = AHEAD_OF_AXES + LEAST_GAIN
 # Exposures that are shorter, s, show no shake; the drifts of the search would have speeds that no hand has, and PSFs of
 # the rows between them that fill the memory.
 LEAST_DURATION = 1e-4
@@ -184,17 +186,18 @@ def refine(
     best, reason = search.best(progress or (lambda *_: None))
     found = worth.one_drift(best)
 
-    def rivalled(corrected: Recording) -> bool:
+    def rivalled(corrected: Recording, ahead: float) -> bool:
         # With wrong axes, a correction may make the motion more like the right one, but never right.
         lead = rival_lead(spectra, quick, corrected, recording, deviations, streaks=streaks, threads=threads)
-        return lead > -AHEAD_OF_AXES
+        return lead > -ahead
 
-    if not (reason or known_axes) and rivalled(found.recording):
-        reason = OTHER_AXES
+    ahead = AHEAD_OF_AXES
+    if not (reason or known_axes) and rivalled(found.recording, ahead):
+        reason, ahead = OTHER_AXES, AHEAD_BY_FACTORS
     if translation is None:
         by_region = DriftByRegion(worth, quick, recording, deviations, threads)
         regional = by_region.best([best, *search.candidates], over=None if reason else best)
-        if regional is not None and (known_axes or not (reason and rivalled(regional.recording))):
+        if regional is not None and (known_axes or not (reason and rivalled(regional.recording, ahead))):
             found, reason = regional, ""
     used = recording if reason else found.recording
     return Refinement(
