@@ -41,7 +41,7 @@ CANDIDATES, LEAST_ADJUSTED = 5, 10.0
 # the scene has several depths, it leads to drifts that are too long. A parabola leads at most so many steps away.
 ADJUSTED, QUICK_STEPS, WHOLE_STEPS, MOST_STEPS = ("scale", *DRIFT, *ACCELERATION), (0.6, 0.3), (0.3,), 2.0
 # A correction that is accepted may be bent: it must be worth so many nats more, by the quick measure and by the whole
-# solve.
+# solve. Steps along the acceleration, and then along drift and acceleration, in standard deviations.
 MORE_BY_BENDING, BENDING_STEPS = 10.0, (1.0, 0.5)
 # Light streaks search along these parameters, with steps in standard deviations, from the best place of a grid of so
 # many values of each drift, or from no correction. The search goes on after the first step only if they are so many

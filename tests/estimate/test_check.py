@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from skimage.metrics import peak_signal_noise_ratio
 
-from rsdeblur import Camera, Exposure, InputError, deblur, simulate
-from rsdeblur.estimate.check import CLEARER, UndershootMeter, _neighbouring, _not_refuted, fall_back
+from rsdeblur import Camera, Exposure, InputError, QualityCheck, deblur, simulate
+from rsdeblur.estimate.check import CLEARER, UndershootMeter, _neighbouring, _not_refuted, _with_verdict, fall_back
 from rsdeblur.estimate.motion_evidence import SIZES, MotionEvidence
 from rsdeblur.image.encoded import EncodedImage
 from rsdeblur.simulation.scene import scene
@@ -177,3 +177,9 @@ def test_slabs_are_measured_like_the_whole():
             meter.before(light[0, rows], rows)
             meter.after(2 * light[1, rows], rows)
     assert whole.ringing() == slabs.ringing()
+
+
+@pytest.mark.parametrize(("turn", "verdict"), [(-0.04, "good"), (-0.02, "doubtful")])
+def test_motion_that_is_clearer_than_half_a_turn_may_ring_more(turn, verdict):
+    check = QualityCheck("cannot tell", (), 1.0, "still", 0.0, 0.08, 1.0, 0.1, turn, (), ())
+    assert _with_verdict(check).verdict == verdict
