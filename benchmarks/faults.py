@@ -40,7 +40,8 @@ from rsdeblur.choices import Planning
 from rsdeblur.deconv import fft
 from rsdeblur.errors import OutputError
 from rsdeblur.io import read_picture, write_picture
-from rsdeblur.io.pictures import Picture, picture_to_fill
+from rsdeblur.io.picture_output import picture_to_fill
+from rsdeblur.io.pictures import Picture
 from rsdeblur.simulation.shake import hand_shake
 
 SIDE = 200

@@ -34,7 +34,8 @@ from rsdeblur.io.gyro_logs import FORMATS as GYRO_FORMATS
 from rsdeblur.io.gyro_logs import open_gyro
 from rsdeblur.io.history import file_facts, with_history
 from rsdeblur.io.kernels import read_psfs
-from rsdeblur.io.pictures import Picture, read_picture, write_picture
+from rsdeblur.io.picture_output import write_picture
+from rsdeblur.io.pictures import Picture, read_picture
 from rsdeblur.io.sessions import indices_of
 from rsdeblur.io.source import Source
 from rsdeblur.motion.camera import Camera

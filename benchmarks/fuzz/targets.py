@@ -24,7 +24,7 @@ from rsdeblur.cli._describe import (
     describe_trajectory,
 )
 from rsdeblur.io import read_acceleration, read_picture, write_picture
-from rsdeblur.io.pictures import picture_to_fill
+from rsdeblur.io.picture_output import picture_to_fill
 from rsdeblur.psf import PsfBank
 
 AS_IS: dict[str, Any] = dict.fromkeys(("format", "unit", "orientation"))

@@ -78,7 +78,8 @@ def write(kind: str, size: tuple[int, int], seed: int, folder: Path, *, force: b
 
     They are those of MARS logger with a camera file, or photos with EXIF blocks and a log of Sensor Logger.
     """
-    from rsdeblur.io.pictures import Picture, write_picture
+    from rsdeblur.io.picture_output import write_picture
+    from rsdeblur.io.pictures import Picture
 
     session, stock = KINDS[kind], kind == "stock-camera"
     if kind == "video":

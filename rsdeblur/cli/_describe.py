@@ -37,7 +37,8 @@ def describe(path: Path, reading: dict[str, Any]) -> dict[str, Any]:
     from rsdeblur.io.captures import FORMATS, WHAT
     from rsdeblur.io.clocks import is_clocks
     from rsdeblur.io.gyro_logs import detect_gyro_format
-    from rsdeblur.io.pictures import KINDS, is_picture
+    from rsdeblur.io.picture_output import KINDS
+    from rsdeblur.io.pictures import is_picture
     from rsdeblur.io.source import Source
 
     source = Source(path, WHAT)

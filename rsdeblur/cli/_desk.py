@@ -12,7 +12,7 @@ import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from rsdeblur.cli import _options
+from rsdeblur.cli._form import FILES, arguments, box_of, moved_of, number_of, path_of, power_of, text_of
 from rsdeblur.cli._inputs import (
     Inputs,
     display_values,
@@ -48,18 +49,10 @@ if TYPE_CHECKING:
     from rsdeblur.pipeline.options import Options
     from rsdeblur.pipeline.plan import DeblurResult
 
-RECORDING = tuple(field.name for field in fields(Recording))
-FILES = ("gyro", "camera", "capture")
-# Options that have a slider; the strengths of the whole picture are derived without them, and so stay while they move.
-MOVED = ("time_offset", "readout_time", "focal_length", "softness")
-FORM = (*RECORDING, "mode", "prior", "softness")
 # Longer side of the overview, px.
 OVERVIEW = 560
-# Largest crop, px, and the least scale at which it is solved while a slider moves.
-MOST_CROP = 1024
+# Least scale at which a crop is solved while a slider moves.
 LEAST_SCALE = 0.2
-# The slider of the strength spans this many powers of ten to either side of the automatic value.
-MOST_POWER = 3.0
 
 
 class Request(NamedTuple):
@@ -186,12 +179,12 @@ class Desk:
         from rsdeblur.app.crop import Crop, solve_crop
 
         begin = time.perf_counter()
-        scale = _number(form, "scale", 1.0, LEAST_SCALE, 1.0)
+        scale = number_of(form, "scale", 1.0, LEAST_SCALE, 1.0)
         with self._busy, _collected() as notes:
             words, basis = self._tuned(form)
             request = _request(words)
             inputs = _read(request)
-            crop = Crop(*_box(form)).within(inputs.camera)
+            crop = Crop(*box_of(form)).within(inputs.camera)
             options = _solvable(request, inputs, check=bool(form.get("check")))
             with naming(request.photo, request.recording):
                 result = solve_crop(
@@ -201,9 +194,9 @@ class Desk:
         answer = _shown(result, inputs, transfer_of(inputs.picture, options.transfer), crop, draft=scale < 1.0)
         name, value = basis.strength
         return answer | {
-            "strength": {"name": name, "value": value, "power": _power(form)},
+            "strength": {"name": name, "value": value, "power": power_of(form)},
             "check": None if result.check is None else asdict(result.check),
-            "command": shlex.join(["rsdeblur", "deblur", *words, *_as_here(words), "-o", _path(form, "output")]),
+            "command": shlex.join(["rsdeblur", "deblur", *words, *_as_here(words), "-o", path_of(form, "output")]),
             # The page chooses the scale of drafts by this; they have no check.
             "seconds": time.perf_counter() - begin - result.timings.get("check", 0.0),
             "notes": notes,
@@ -211,16 +204,16 @@ class Desk:
 
     def _tuned(self, form: Mapping[str, Any]) -> tuple[list[str], Basis]:
         """Return the arguments that a form means, and the strengths that they choose."""
-        states = [file_state(Path(_path(form, name))) for name in ("photo", *FILES)]
-        words = arguments(form, _moved(form))
+        states = [file_state(Path(path_of(form, name))) for name in ("photo", *FILES)]
+        words = arguments(form, moved_of(form))
         try:
             basis = self._basis(tuple(arguments(form)), *states)
         except CoverageError:
             # The slider may be what brings the exposure into the log.
             basis = self._basis(tuple(words), *states)
-        if _power(form):
+        if power_of(form):
             name, value = basis.strength
-            strength = f"{value * 10 ** _power(form):.3g}"
+            strength = f"{value * 10 ** power_of(form):.3g}"
             words += [f"--{name}", strength]
             basis = basis.with_strength(float(strength))
         return words, basis
@@ -239,13 +232,13 @@ class Desk:
 
     def _job_of(self, form: Mapping[str, Any]) -> PhotoJob:
         """Return what saving deblurs and where it writes."""
-        from rsdeblur.io.pictures import check_writable
+        from rsdeblur.io.picture_output import check_writable
 
-        if not _text(form, "output"):
+        if not text_of(form, "output"):
             raise InputError("choose the name of the result")
         with self._busy:
             request = _request(self._tuned(form)[0])
-        output = Path(_path(form, "output"))
+        output = Path(path_of(form, "output"))
         with _never_replacing():
             check_writable(output, force=False)
         return PhotoJob(
@@ -314,77 +307,10 @@ def check_files(photos: Sequence[Path], recording: Recording) -> None:
                     read_recording(recording, photo)
 
 
-def arguments(form: Mapping[str, Any], moved: Mapping[str, Any] | None = None) -> list[str]:
-    """Return the arguments of `rsdeblur deblur` that a form means, with automatic strengths.
-
-    Parameters
-    ----------
-    form : mapping
-        Texts by name; empty ones are left out.
-    moved : mapping, optional
-        Texts of the sliders, which replace those of the form.
-
-    Raises
-    ------
-    InputError
-        If a value is no text, or the photo, the log or the camera is missing.
-    """
-    for name, label in (("photo", "photo"), ("gyro", "gyro log"), ("camera", "camera file")):
-        if not _text(form, name):
-            raise InputError(f"choose the {label}")
-    words = [_path(form, "photo")]
-    form = {**form, **(moved or {})}
-    for name in FORM:
-        if _text(form, name):
-            words += ["--" + name.replace("_", "-"), _path(form, name) if name in FILES else _text(form, name)]
-    try:
-        return words + shlex.split(_text(form, "more"))
-    except ValueError as error:
-        raise InputError(f"other options: {error}") from error
-
-
-def _text(form: Mapping[str, Any], name: str) -> str:
-    value = form.get(name)
-    if value is not None and not isinstance(value, str):
-        raise InputError(f"{name} must be a text, got {value!r}")
-    return (value or "").strip()
-
-
-def _path(form: Mapping[str, Any], name: str) -> str:
-    """Return an absolute path, with which the command works in every folder."""
-    text = _text(form, name)
-    return str(Path(text).expanduser().absolute()) if text else ""
-
-
 def _as_here(words: Sequence[str]) -> list[str]:
     """Return the options by which the command deblurs as the page does, with given arguments."""
     chosen = any(word.startswith("--saturation") for word in words)
     return ["--no-refine", *([] if chosen else ["--saturation", "ignore"])]
-
-
-def _moved(form: Mapping[str, Any]) -> dict[str, Any]:
-    moved = form.get("moved", {})
-    if not isinstance(moved, dict) or not moved.keys() <= set(MOVED):
-        raise InputError(f"moved must name sliders, got {moved!r}")
-    return moved
-
-
-def _power(form: Mapping[str, Any]) -> float:
-    return _number(form, "power", 0.0, -MOST_POWER, MOST_POWER)
-
-
-def _number(form: Mapping[str, Any], name: str, default: float, least: float, most: float) -> float:
-    value = form.get(name, default)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
-        raise InputError(f"{name} must be a number from {least:g} to {most:g}, got {value!r}")
-    return float(value)
-
-
-def _box(form: Mapping[str, Any]) -> list[int]:
-    box = form.get("box")
-    if not (isinstance(box, list) and len(box) == 4 and all(type(n) is int and n >= 0 for n in box)):
-        raise InputError(f"box must be four whole numbers, got {box!r}")
-    return [*box[:2], *(min(n, MOST_CROP) for n in box[2:])]
 
 
 def _request(words: Sequence[str]) -> Request:

@@ -60,7 +60,7 @@ def prepare_result(output: Path, *, force: bool, dry_run: bool, make_folder: boo
     OutputError
         If it cannot be written.
     """
-    from rsdeblur.io.pictures import check_kind, check_writable
+    from rsdeblur.io.picture_output import check_kind, check_writable
 
     if make_folder:
         prepare_folder(output.parent, [], force=force, dry_run=dry_run)
@@ -143,7 +143,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     click.UsageError
         If the options do not give the exposure.
     """
-    from rsdeblur.io.pictures import picture_to_fill
+    from rsdeblur.io.picture_output import picture_to_fill
 
     credentials = job.signing.credentials()
     prepare_result(

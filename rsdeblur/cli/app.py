@@ -70,7 +70,7 @@ def _server(desk: Desk, port: int) -> LocalServer:
 
 def _given(ctx: click.Context) -> dict[str, str]:
     """Return the options of the recording that the command line gives, as text."""
-    from rsdeblur.cli._desk import RECORDING
+    from rsdeblur.cli._form import RECORDING
 
     def text(value: Any) -> str:
         if isinstance(value, Path):

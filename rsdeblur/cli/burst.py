@@ -136,7 +136,7 @@ def command(
     Each FOLDER is one burst: a session of MARS logger, OpenCamera Sensors or DeepGyro with its photos. A burst that
     fails does not stop the others; the exit code is then 3.
     """
-    from rsdeblur.io.pictures import check_writable
+    from rsdeblur.io.picture_output import check_writable
 
     if (clip is None) == (not photos):
         raise click.UsageError("give either photos or --from VIDEO")
@@ -208,7 +208,7 @@ def _deblurred(
     shots: Shots, mode: Mode | Auto, options: Options, target: Target, *, reference: int | None = None
 ) -> tuple[dict[str, Any], BurstResult]:
     """Deblur and write a burst, and return the facts to report and the result."""
-    from rsdeblur.io.pictures import write_picture
+    from rsdeblur.io.picture_output import write_picture
     from rsdeblur.pipeline.burst import deblur_burst
 
     pictures, numbers, exposures, log, camera = shots
@@ -231,7 +231,7 @@ def _write_weights(path: Path, result: BurstResult, *, force: bool) -> None:
     """Write the weights of all frames side by side."""
     import numpy as np
 
-    from rsdeblur.io.pictures import write_picture
+    from rsdeblur.io.picture_output import write_picture
 
     write_picture(path, np.hstack([frame.weights for frame in result.frames]), force=force)
 

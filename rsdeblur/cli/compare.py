@@ -138,7 +138,7 @@ def compare_modes(
     each_mode = [replace(options, mode=mode, **changes.get(mode, {})) for mode in modes]
 
     from rsdeblur.cli._measure import forget_peak_memory, peak_memory_mib, similarity
-    from rsdeblur.io.pictures import write_picture
+    from rsdeblur.io.picture_output import write_picture
     from rsdeblur.pipeline.deblur import psfs
     from rsdeblur.pipeline.plan import Plan, plan_for
 
@@ -196,7 +196,7 @@ def _read_truth(truth: Path, photo: Path, picture: Picture, transfer: Transfer |
 
 
 def _draw(target: Target, shown: dict[str, NDArray[Any]], banks: dict[Mode, PsfBank], modes: dict[str, Any]) -> None:
-    from rsdeblur.io.pictures import write_picture
+    from rsdeblur.io.picture_output import write_picture
     from rsdeblur.report import psf_map, side_by_side
 
     labels = {

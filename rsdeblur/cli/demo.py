@@ -193,7 +193,7 @@ def program() -> list[str]:
 def _capture(size: tuple[int, int], seed: int, output: Path, *, force: bool) -> None:
     """Simulate the capture, and write the files that a user would have and the truth."""
     from rsdeblur.image.transfer import from_linear
-    from rsdeblur.io.pictures import write_picture
+    from rsdeblur.io.picture_output import write_picture
     from rsdeblur.simulation.scene import scene
     from rsdeblur.simulation.simulate import simulate
 

@@ -247,7 +247,7 @@ def command(
     options that replace its values. Shifts that the log does not cover are left out.
     """
     from rsdeblur.io.cameras import check_editable, write_time_offset
-    from rsdeblur.io.pictures import check_writable, write_picture
+    from rsdeblur.io.picture_output import check_writable, write_picture
     from rsdeblur.report import contact_sheet
 
     check_writable(target.output, force=target.force)

@@ -57,7 +57,7 @@ def command(
     `deblur` undoes the same kernels. The automatic number of bands depends on --nsr; auto means 0.01 here.
     """
     from rsdeblur._util.atomic import check_target
-    from rsdeblur.io.pictures import check_writable, write_picture
+    from rsdeblur.io.picture_output import check_writable, write_picture
 
     if output is not None:
         refuse_inputs(output)

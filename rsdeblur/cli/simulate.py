@@ -61,7 +61,7 @@ def command(
 
     from rsdeblur.image.encoded import as_float
     from rsdeblur.image.transfer import from_linear, to_linear
-    from rsdeblur.io.pictures import write_picture
+    from rsdeblur.io.picture_output import write_picture
     from rsdeblur.simulation.simulate import simulate
 
     encoding = transfer_of(picture, transfer)

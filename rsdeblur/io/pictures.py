@@ -1,7 +1,8 @@
 """Pictures with their bit depth, colour profile, EXIF, XMP and IPTC.
 
-Reads and writes JPEG, PNG, TIFF, WebP and NumPy files; reads HEIC and raw files. Pixels are always in the sensor's
-axes: the orientation in the EXIF block is not applied but carried over, so viewers still turn the result.
+Reads JPEG, PNG, TIFF, WebP, NumPy, HEIC and raw files; :mod:`rsdeblur.io.picture_output` writes pictures. Pixels are
+always in the sensor's axes: the orientation in the EXIF block is not applied but carried over, so viewers still turn
+the result.
 """
 
 from __future__ import annotations
@@ -9,7 +10,6 @@ from __future__ import annotations
 import os
 import struct
 import threading
-import time
 import warnings
 import zlib
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from tokenize import TokenError
-from typing import Any, BinaryIO, Literal
+from typing import Any, Literal
 
 import imagecodecs
 import numpy as np
@@ -26,29 +26,14 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from rsdeblur._util import validate
-from rsdeblur._util.atomic import atomic_write, check_target
 from rsdeblur._util.files import checked_path, open_file, read_file
 from rsdeblur._util.one_line import one_line
 from rsdeblur._util.threads import held_at_forks
-from rsdeblur.errors import FileFormatError, InputError, OutputError
-from rsdeblur.io import _heif, _jpeg, _metadata, _raw, _tiff, claims, mapped, untrusted
-from rsdeblur.io._encode import encode, quantised
+from rsdeblur.errors import FileFormatError
+from rsdeblur.io import _heif, _jpeg, _metadata, _raw, _tiff, mapped, untrusted
 from rsdeblur.io._metadata import Metadata
 from rsdeblur.io.claims import Claim
 from rsdeblur.io.source import Source
-
-KINDS = {
-    ".jpg": "JPEG",
-    ".jpeg": "JPEG",
-    ".png": "PNG",
-    ".tif": "TIFF",
-    ".tiff": "TIFF",
-    ".webp": "WebP",
-    ".npy": "NumPy",
-}
-DEPTHS = {"JPEG": (8,), "PNG": (8, 16), "TIFF": (8, 16, 32), "WebP": (8,), "NumPy": (8, 16, 32)}
-# Solvers overshoot white a little; values of another scale exceed it by far.
-OVERSHOOT = 2.0
 
 # The largest phone sensors have 200 megapixels, the largest stitched camera files 400.
 MAX_PIXELS = 500_000_000
@@ -172,7 +157,7 @@ def read_picture(path: str | os.PathLike[str], *, in_place: bool = False) -> Pic
 
 
 def _picture(pixels: NDArray[Any], metadata: Metadata, path: Path) -> Picture:
-    icc = _fitting(metadata.icc_profile, pixels)
+    icc = fitting_profile(metadata.icc_profile, pixels)
     more = metadata.xmp, metadata.iptc, metadata.losses, path.stat().st_mtime_ns
     return Picture(pixels, metadata.exif, icc, None, *more)
 
@@ -235,178 +220,6 @@ def read_header(path: str | os.PathLike[str]) -> tuple[int, int, bytes | None]:
         return width, height, picture.exif
 
 
-def write_picture(
-    path: str | os.PathLike[str],
-    image: NDArray[Any],
-    *,
-    like: Picture | None = None,
-    force: bool = False,
-    bits: int | None = None,
-) -> None:
-    """Write a picture; the format follows from the extension, the file appears whole or not at all.
-
-    JPEG is written at quality 95 without chroma subsampling and without alpha: colours stay as they are, not blended
-    with a background. WebP and PNG are lossless, TIFF is deflated.
-
-    Parameters
-    ----------
-    path : path-like
-        Path that ends in .jpg, .jpeg, .png, .tif, .tiff, .webp or .npy, which keeps neither EXIF nor profile.
-    image : ndarray of float, uint8 or uint16, shape (H, W) or (H, W, C)
-        Values in [0, 1]; integers represent them by their full range. Values outside are clipped, except in float32
-        files, and refused if most are far beyond 1, as of a picture from 0 to 255. C is 2 (grey and alpha), 3 or 4.
-    like : Picture, optional
-        Source of the bit depth (or the next lower one that the format has), of EXIF, XMP and IPTC, of the file's time,
-        of the colour profile if it fits the number of channels, and of the claim, which is signed. Sizes, program,
-        date of change and the thumbnail are renewed; XMP properties that belong to other parts of the original file
-        are left out.
-    force : bool, default False
-        Replace an existing file.
-    bits : {8, 16, 32}, optional
-        Bit depth instead of that of `like`; 32 is float32, TIFF and NumPy only. Without either, that of `image` if it
-        holds integers (or the next lower one that the format has), and 8 for floats.
-
-    Raises
-    ------
-    InputError
-        If `image` has a wrong shape or type, contains NaN or infinity, or would become white.
-    OutputError
-        If the extension is unknown, the format does not support `bits`, the size of the picture or a claim, the file
-        exists and `force` is not set, or the file cannot be written.
-    FileFormatError
-        If the result cannot be signed; see :func:`rsdeblur.io.claims.with_claim`.
-
-    Warns
-    -----
-    RsdeblurWarning
-        If `like` has parts that no copy can keep (gain maps, C2PA manifests), or if EXIF or XMP is left out: it is too
-        long for JPEG, XMP is damaged, or EXIF is damaged and the file is a TIFF.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import rsdeblur
-    >>> rsdeblur.write_picture("grey.png", np.zeros((48, 64), np.uint8))
-    >>> rsdeblur.read_picture("grey.png").pixels.shape
-    (48, 64)
-    """
-    path = checked_path(path)
-    claim = None if like is None else validate.instance("like", like, Picture).claim
-    check_writable(path, force=force, signed=claim is not None)
-    kind = KINDS[path.suffix.lower()]
-    _check_image(image)
-    source = like.pixels if like is not None else image if image.dtype.kind == "u" else None
-    depth = _depth(path, kind, source, bits)
-    _check_range(path, image, depth, OVERSHOOT)
-    pixels = quantised(image, depth)
-    if pixels.ndim == 3 and kind == "JPEG" and pixels.shape[2] in (2, 4):
-        pixels = pixels[..., 0] if pixels.shape[2] == 2 else pixels[..., :3]
-    metadata = _metadata_for(like, pixels, grey=kind != "WebP") if like else Metadata()
-    try:
-        data = encode(kind, np.ascontiguousarray(pixels), metadata)
-    except DAMAGE as error:
-        height, width = pixels.shape[:2]
-        raise OutputError(f"{path}: cannot write {width}x{height} pixels as {kind}: {error}") from error
-    with atomic_write(path) as file:
-        with claims.signed(file, path, kind, claim) as unsigned:
-            unsigned.write(data)
-        _set_time(file, like)
-
-
-@contextmanager
-def picture_to_fill(
-    path: str | os.PathLike[str], shape: tuple[int, ...], *, like: Picture, force: bool = False, in_place: bool = False
-) -> Iterator[NDArray[Any]]:
-    """Yield an array for the pixels of a picture, which is written when the block ends without an error.
-
-    Parameters
-    ----------
-    path : path-like
-        See `write_picture`.
-    shape : (H, W) or (H, W, C)
-        Shape of the array.
-    like : Picture
-        Source of the array's type, and see `write_picture`.
-    force : bool, default False
-        See `write_picture`.
-    in_place : bool, default False
-        Map the array to the file instead of keeping it in memory; for TIFF, which is then not compressed, and NumPy
-        files only.
-
-    Yields
-    ------
-    ndarray
-        The array to fill.
-
-    Raises
-    ------
-    InputError, OutputError
-        See `write_picture`. Also refused are floats most of which would become white in a file of integers.
-    """
-    path = checked_path(path)
-    check_writable(path, force=force, signed=like.claim is not None)
-    _check_range(path, like.pixels, _depth(path, KINDS[path.suffix.lower()], like.pixels, None))
-    if not in_place or path.suffix.lower() not in mapped.SUFFIXES:
-        pixels = np.empty(shape, like.pixels.dtype)
-        yield pixels
-        write_picture(path, pixels, like=like, force=force)
-        return
-    empty = np.broadcast_to(like.pixels.dtype.type(0), shape)
-    with atomic_write(path) as file:
-        metadata = _metadata_for(like, empty, grey=True, is_done=False)
-        with (
-            claims.signed(file, path, KINDS[path.suffix.lower()], like.claim) as unsigned,
-            mapped.mapped_samples(unsigned, path.suffix.lower(), shape, like.pixels.dtype, metadata) as out,
-        ):
-            yield out
-        _set_time(file, like)
-
-
-def _set_time(file: BinaryIO, like: Picture | None) -> None:
-    """Give a file that is complete the time of the original's last change."""
-    if like is not None and like.modified_ns is not None:
-        file.flush()
-        os.utime(file.name, ns=(time.time_ns(), like.modified_ns))
-
-
-def check_writable(path: str | os.PathLike[str], *, force: bool, signed: bool = False) -> None:
-    """Check that `write_picture` can write `path`, before the work that makes the picture.
-
-    Parameters
-    ----------
-    path : path-like
-        The file to be written.
-    force : bool
-        Whether an existing file may be replaced.
-    signed : bool, default False
-        Whether the file will be signed.
-
-    Raises
-    ------
-    OutputError
-        If the extension is unknown, or `signed` and that of a format that cannot be signed; if the folder is missing
-        or not writable; or if `path` is a folder, a pipe or a device, or it exists and `force` is not set.
-    """
-    path = checked_path(path)
-    validate.boolean("force", force)
-    check_kind(path, signed=signed)
-    check_target(path, force=force)
-
-
-def check_kind(path: Path, *, signed: bool) -> None:
-    """Check by its extension that `write_picture` can write a picture, and sign it if `signed`; see `check_writable`.
-
-    Raises
-    ------
-    OutputError
-        If it cannot.
-    """
-    if path.suffix.lower() not in KINDS:
-        raise OutputError(f"{path}: unknown picture extension {path.suffix!r}; use one of {', '.join(KINDS)}")
-    if signed:
-        claims.check_kind(path, KINDS[path.suffix.lower()])
-
-
 @contextmanager
 def _size_limit(pixels: int = MAX_PIXELS) -> Iterator[None]:
     """Move Pillow's guard against decompression bombs from 179 megapixels to `pixels`."""
@@ -453,44 +266,7 @@ def _with_plain_mode(image: Image.Image) -> Image.Image:
     return image if image.mode == mode else image.convert(mode)
 
 
-def _metadata_for(like: Picture, pixels: NDArray[Any], *, grey: bool, is_done: bool = True) -> Metadata:
-    """Return the metadata of a result, which gets a thumbnail only if it `is_done`."""
-    icc = _fitting(like.icc_profile, pixels, grey=grey)
-    old = Metadata(like.exif, icc, like.xmp, like.iptc, like.losses)
-    return _metadata.renewed(old, pixels, transfer=like.transfer, with_thumbnail=is_done)
-
-
-def _fitting(icc: bytes | None, pixels: NDArray[Any], *, grey: bool = True) -> bytes | None:
+def fitting_profile(icc: bytes | None, pixels: NDArray[Any], *, grey: bool = True) -> bytes | None:
     """Return the profile if its colour space (bytes 16 to 20) is that of `pixels`; `grey`: the file can be grey."""
     space = b"GRAY" if grey and (pixels.ndim == 2 or pixels.shape[2] == 2) else b"RGB "
     return icc if icc and icc[16:20] == space else None
-
-
-def _check_image(image: NDArray[Any]) -> None:
-    if isinstance(image, np.ma.MaskedArray):
-        raise InputError("image must not be a masked array: choose values for masked elements with .filled()")
-    if not isinstance(image, np.ndarray) or not (image.dtype.kind == "f" or image.dtype in (np.uint8, np.uint16)):
-        kind = image.dtype if isinstance(image, np.ndarray) else type(image).__name__
-        raise InputError(f"image must be an array of float in [0, 1], uint8 or uint16, got {kind}")
-    if image.ndim not in (2, 3) or not image.size or (image.ndim == 3 and image.shape[2] not in (2, 3, 4)):
-        raise InputError(f"image must have shape (H, W) or (H, W, C) with C = 2, 3 or 4, got {image.shape}")
-    if image.dtype.kind == "f" and not np.isfinite(image).all():
-        raise InputError(f"image must be finite, got {np.count_nonzero(~np.isfinite(image))} NaN or infinite values")
-
-
-def _check_range(path: Path, image: NDArray[Any], bits: int, white: float = 1.0) -> None:
-    if bits < 32 and validate.mostly_beyond_white(image, white):
-        raise InputError(
-            f"{path}: the picture has values of up to {image.max():g}, most of them beyond 1, which is white and the "
-            f"most that {bits} bits can hold: divide the picture by its full scale, or write floats (TIFF or .npy)"
-        )
-
-
-def _depth(path: Path, kind: str, source: NDArray[Any] | None, bits: int | None) -> int:
-    if bits is None:
-        input_bits = 8 if source is None else 8 * source.dtype.itemsize
-        return max(depth for depth in DEPTHS[kind] if depth <= max(input_bits, 8))
-    if validate.count("bits", bits, maximum=64) not in DEPTHS[kind]:
-        allowed = ", ".join(map(str, DEPTHS[kind]))
-        raise OutputError(f"{path}: {kind} cannot hold {bits} bits per sample, only {allowed}; use another extension")
-    return bits

@@ -14,7 +14,7 @@ from rsdeblur.choices import RECORDS
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.captures import CaptureFile, open_captures
 from rsdeblur.io.gyro_logs import detect_gyro_format
-from rsdeblur.io.pictures import KINDS
+from rsdeblur.io.picture_output import KINDS
 from rsdeblur.types import FloatArray
 
 # Accelerometer and magnetometer are logged in the same format, so the name has to decide.

@@ -26,7 +26,8 @@ from rsdeblur.choices import (
     TimestampMarks,
 )
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
-from rsdeblur.motion import axes, lens
+from rsdeblur.motion import camera_values as values
+from rsdeblur.motion import lens
 from rsdeblur.types import FloatArray
 
 # Moments that the timestamp of a capture may mark, each as a share of the time from the start of the first row's
@@ -37,15 +38,6 @@ TIMESTAMP_SHARES: dict[TimestampMarks, float] = {"start": 0.0, "middle": 0.5, "e
 FORMER_KEYS = {
     "focal": "focal_length", "principal": "principal_point", "readout": "readout_time", "stamp": "timestamp_marks",
 }  # fmt: skip
-
-# Largest width and height, px. The widest panoramas have a tenth of that, and every row has a pose.
-MOST_PIXELS = 1_000_000
-
-# Largest length in px and largest coefficient. No lens comes near it, and its eighth power does not overflow.
-LARGEST = 1e12
-
-# Largest deviation from orthonormality. A rotation typed with four decimals deviates by 1e-4.
-ROTATION_TOLERANCE = 1e-3
 
 
 @one_line()
@@ -120,20 +112,20 @@ class Camera:
         def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
 
-        put("width", _pixels("width", width))
-        put("height", _pixels("height", height))
-        put("focal_length", _focal_length(focal_length))
+        put("width", values.pixels("width", width))
+        put("height", values.pixels("height", height))
+        put("focal_length", values.focal_length(focal_length))
         principal_point = ((self.width - 1) / 2, (self.height - 1) / 2) if principal_point is None else principal_point
         put(
             "principal_point",
-            tuple(map(float, validate.real_array("principal_point", principal_point, (2,), most=LARGEST))),
+            tuple(map(float, validate.real_array("principal_point", principal_point, (2,), most=values.LARGEST))),
         )
         put("readout_time", validate.finite("readout_time", readout_time, minimum=0.0, maximum=validate.MOST_SECONDS))
         put("readout_direction", validate.choice("readout_direction", readout_direction, READOUT_DIRECTIONS))
-        put("imu_to_camera", _rotation(np.eye(3) if imu_to_camera is None else imu_to_camera))
+        put("imu_to_camera", values.rotation(np.eye(3) if imu_to_camera is None else imu_to_camera))
         put("time_offset", validate.time("time_offset", time_offset))
         put("distortion_model", validate.choice("distortion_model", distortion_model, DISTORTIONS))
-        put("distortion", _coefficients(self.distortion_model, distortion))
+        put("distortion", values.coefficients(self.distortion_model, distortion))
         put("timestamp_marks", validate.choice("timestamp_marks", timestamp_marks, TIMESTAMP_MARKS))
         self._check_distortion()
 
@@ -195,7 +187,7 @@ class Camera:
         ndarray, shape (..., 3)
             In camera axes, of any length; NaN where the lens model has no direction.
         """
-        points = _vectors("points", points, 2)
+        points = values.vectors("points", points, 2)
         (fx, fy), (cx, cy) = self.focal_length, self.principal_point
         normalised = np.stack([(points[..., 0] - cx) / fx, (points[..., 1] - cy) / fy], axis=-1)
         return lens.rays(normalised, self.distortion_model, self.distortion)
@@ -213,7 +205,7 @@ class Camera:
         ndarray, shape (..., 2)
             (x, y) in px; NaN behind the camera, where only a fisheye sees anything.
         """
-        directions = _vectors("directions", directions, 3)
+        directions = values.vectors("directions", directions, 3)
         (fx, fy), (cx, cy) = self.focal_length, self.principal_point
         points = lens.project(directions, self.distortion_model, self.distortion)
         points *= (fx, fy)
@@ -278,7 +270,7 @@ class Camera:
         InputError
             If a size is not a whole number of at least 1.
         """
-        width, height = _pixels("width", width), _pixels("height", height)
+        width, height = values.pixels("width", width), values.pixels("height", height)
         (fx, fy), (cx, cy) = self.focal_length, self.principal_point
         # Sizes are whole pixels, so the two ratios may differ.
         sx, sy = width / self.width, height / self.height
@@ -331,8 +323,8 @@ class Camera:
         InputError
             If a value is not a whole number, or the part does not fit into the picture.
         """
-        left, top = _pixels("left", left, minimum=0), _pixels("top", top, minimum=0)
-        width, height = _pixels("width", width), _pixels("height", height)
+        left, top = values.pixels("left", left, minimum=0), values.pixels("top", top, minimum=0)
+        width, height = values.pixels("width", width), values.pixels("height", height)
         if left + width > self.width or top + height > self.height:
             raise InputError(
                 f"the cut-out {width}x{height} at ({left}, {top}) does not fit the picture, {self.width}x{self.height}"
@@ -452,49 +444,3 @@ class Camera:
             return cls(**table)
         except InputError as error:
             raise FileFormatError(f"{path}: {error}") from error
-
-
-def _pixels(name: str, value: Any, *, minimum: int = 1) -> int:
-    return validate.count(name, value, minimum=minimum, maximum=MOST_PIXELS)
-
-
-def _vectors(name: str, value: ArrayLike, size: int) -> FloatArray:
-    """Return vectors of `size` values along the last axis; they may be NaN."""
-    vectors = validate.array(name, value).astype(np.float64, copy=False)
-    if vectors.shape[-1:] != (size,):
-        raise InputError(f"{name} must have shape (..., {size}), got {vectors.shape}")
-    return vectors
-
-
-def _focal_length(value: Any) -> tuple[float, float]:
-    pair: Any = (value, value) if isinstance(value, (int, float, np.number)) else value
-    fx, fy = validate.real_array("focal_length", pair, (2,), most=LARGEST)
-    if min(fx, fy) < 1 / LARGEST:
-        raise InputError(f"focal_length must be positive and at least {1 / LARGEST:g} px, got ({fx:g}, {fy:g})")
-    return float(fx), float(fy)
-
-
-def _coefficients(model: Distortion, value: ArrayLike) -> tuple[float, ...]:
-    k = validate.real_array("distortion", value, (None,), most=LARGEST)
-    if len(k) not in lens.COEFFICIENTS[model]:
-        counts = " or ".join(map(str, lens.COEFFICIENTS[model]))
-        raise InputError(f"distortion of the model {model!r} must have {counts} coefficients, got {len(k)}")
-    return tuple(k.tolist())
-
-
-def _rotation(value: ArrayLike | str) -> FloatArray:
-    rows = axes.imu_to_camera(value) if isinstance(value, str) else value
-    matrix = validate.real_array("imu_to_camera", rows, (3, 3), most=LARGEST)
-    if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_TOLERANCE:
-        raise InputError(
-            f"imu_to_camera must be a rotation: its rows must be perpendicular unit vectors, got {matrix.tolist()}"
-        )
-    x, y, z = matrix.tolist()
-    # The triple product: the cross product of the first two rows is the third one, or its opposite.
-    if z[0] * (x[1] * y[2] - x[2] * y[1]) + z[1] * (x[2] * y[0] - x[0] * y[2]) + z[2] * (x[0] * y[1] - x[1] * y[0]) < 0:
-        raise InputError(
-            "imu_to_camera has determinant -1: it mirrors the axes instead of turning them, and rates, being "
-            "right-handed, would change sign. An exchange of two axes needs one more sign: turn the sign of the row "
-            "whose direction was guessed, so that the determinant is +1"
-        )
-    return matrix

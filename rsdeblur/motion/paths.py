@@ -32,7 +32,8 @@ from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import GEOMETRIES, MOTIONS, Geometry, Motion
 from rsdeblur.errors import InputError
 from rsdeblur.motion.arguments import check_recording, check_traceable
-from rsdeblur.motion.camera import MOST_PIXELS, Camera
+from rsdeblur.motion.camera import Camera
+from rsdeblur.motion.camera_values import MOST_PIXELS
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.row_poses import RowPoses

@@ -15,7 +15,8 @@ from rsdeblur._util import atomic
 from rsdeblur._util.atomic import atomic_write, remove_unfinished, reserve
 from rsdeblur._util.locks import locked
 from rsdeblur.errors import OutputError
-from rsdeblur.io.pictures import Picture, picture_to_fill
+from rsdeblur.io.picture_output import picture_to_fill
+from rsdeblur.io.pictures import Picture
 
 # Ends in the middle of a write, as after SIGKILL.
 DIE = """

@@ -18,7 +18,8 @@ from rsdeblur.io import read_picture, untrusted, write_picture
 from rsdeblur.io._metadata import C2PA
 from rsdeblur.io.claims import Credentials, read_credentials, with_claim
 from rsdeblur.io.history import with_history
-from rsdeblur.io.pictures import Picture, picture_to_fill
+from rsdeblur.io.picture_output import picture_to_fill
+from rsdeblur.io.pictures import Picture
 
 c2pa = pytest.importorskip("c2pa", reason="the extra [c2pa] is not installed")
 from cryptography.hazmat.primitives import serialization  # noqa: E402

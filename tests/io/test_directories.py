@@ -33,7 +33,8 @@ from rsdeblur.io.directories import (
     with_orientation,
 )
 from rsdeblur.io.exif import Exif
-from rsdeblur.io.pictures import Picture, picture_to_fill, read_picture, write_picture
+from rsdeblur.io.picture_output import picture_to_fill, write_picture
+from rsdeblur.io.pictures import Picture, read_picture
 
 ARTIST = "Jürgen Жуков 写真".encode()
 UNDEFINED = 7

@@ -11,7 +11,8 @@ import tifffile
 from PIL import Image, ImageCms
 
 from rsdeblur.errors import FileFormatError, OutputError
-from rsdeblur.io.pictures import Picture, picture_to_fill, read_picture, write_picture
+from rsdeblur.io.picture_output import picture_to_fill, write_picture
+from rsdeblur.io.pictures import Picture, read_picture
 
 PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 SHAPES = ((5, 7), (5, 7, 2), (5, 7, 3), (5, 7, 4))

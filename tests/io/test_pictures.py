@@ -16,7 +16,7 @@ from PIL import Image, ImageCms
 from PIL.JpegImagePlugin import JpegImageFile
 
 from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
-from rsdeblur.io import Picture, check_writable, directories, pictures, read_picture, write_picture
+from rsdeblur.io import Picture, check_writable, directories, picture_output, pictures, read_picture, write_picture
 from rsdeblur.io._stamps import DATE, FRACTION, SOFTWARE
 
 RGB_PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
@@ -395,7 +395,7 @@ def test_a_failing_write_leaves_the_old_file_and_nothing_else(
     def fail(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(*((pictures, "encode") if stage == "encode" else (os, "fsync")), fail)
+    monkeypatch.setattr(*((picture_output, "encode") if stage == "encode" else (os, "fsync")), fail)
     with pytest.raises(OutputError, match=r"picture\.png: .*No space left"):
         write_picture(path, IMAGE, force=True)
     assert path.read_bytes() == b"old"

@@ -1,0 +1,73 @@
+"""Checks of the numbers of a :class:`~rsdeblur.motion.camera.Camera`; all raise `InputError`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rsdeblur._util import validate
+from rsdeblur.choices import Distortion
+from rsdeblur.errors import InputError
+from rsdeblur.motion import axes, lens
+from rsdeblur.types import FloatArray
+
+# Largest width and height, px. The widest panoramas have a tenth of that, and every row has a pose.
+MOST_PIXELS = 1_000_000
+
+# Largest length in px and largest coefficient. No lens comes near it, and its eighth power does not overflow.
+LARGEST = 1e12
+
+# Largest deviation from orthonormality. A rotation typed with four decimals deviates by 1e-4.
+ROTATION_TOLERANCE = 1e-3
+
+
+def pixels(name: str, value: Any, *, minimum: int = 1) -> int:
+    """Return a whole number of pixels, at least `minimum`."""
+    return validate.count(name, value, minimum=minimum, maximum=MOST_PIXELS)
+
+
+def vectors(name: str, value: ArrayLike, size: int) -> FloatArray:
+    """Return vectors of `size` values along the last axis; they may be NaN."""
+    vectors = validate.array(name, value).astype(np.float64, copy=False)
+    if vectors.shape[-1:] != (size,):
+        raise InputError(f"{name} must have shape (..., {size}), got {vectors.shape}")
+    return vectors
+
+
+def focal_length(value: Any) -> tuple[float, float]:
+    """Return the focal lengths along x and y, px, from a pair or from one for both."""
+    pair: Any = (value, value) if isinstance(value, (int, float, np.number)) else value
+    fx, fy = validate.real_array("focal_length", pair, (2,), most=LARGEST)
+    if min(fx, fy) < 1 / LARGEST:
+        raise InputError(f"focal_length must be positive and at least {1 / LARGEST:g} px, got ({fx:g}, {fy:g})")
+    return float(fx), float(fy)
+
+
+def coefficients(model: Distortion, value: ArrayLike) -> tuple[float, ...]:
+    """Return the coefficients of a lens model."""
+    k = validate.real_array("distortion", value, (None,), most=LARGEST)
+    if len(k) not in lens.COEFFICIENTS[model]:
+        counts = " or ".join(map(str, lens.COEFFICIENTS[model]))
+        raise InputError(f"distortion of the model {model!r} must have {counts} coefficients, got {len(k)}")
+    return tuple(k.tolist())
+
+
+def rotation(value: ArrayLike | str) -> FloatArray:
+    """Return a rotation from its matrix or the name of a preset."""
+    rows = axes.imu_to_camera(value) if isinstance(value, str) else value
+    matrix = validate.real_array("imu_to_camera", rows, (3, 3), most=LARGEST)
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_TOLERANCE:
+        raise InputError(
+            f"imu_to_camera must be a rotation: its rows must be perpendicular unit vectors, got {matrix.tolist()}"
+        )
+    x, y, z = matrix.tolist()
+    # The triple product: the cross product of the first two rows is the third one, or its opposite.
+    if z[0] * (x[1] * y[2] - x[2] * y[1]) + z[1] * (x[2] * y[0] - x[0] * y[2]) + z[2] * (x[0] * y[1] - x[1] * y[0]) < 0:
+        raise InputError(
+            "imu_to_camera has determinant -1: it mirrors the axes instead of turning them, and rates, being "
+            "right-handed, would change sign. An exchange of two axes needs one more sign: turn the sign of the row "
+            "whose direction was guessed, so that the determinant is +1"
+        )
+    return matrix
