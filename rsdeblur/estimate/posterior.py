@@ -33,7 +33,7 @@ APART = 0.7
 STEP, FIRST_TRUST, MOST_TRUST, SETTLED = 0.05, 0.7, 1.5, 0.03
 # Gain at which descents end.
 LEAST_STEP_GAIN = 0.02
-# Fits that are kept: more than threads that descend at a time.
+# Fits and recordings that are kept: more than threads that descend at a time.
 RECENT = 16
 # Bound of the derivatives of the logarithm of the power, where it nearly vanishes.
 STEEPEST = 8.0
@@ -58,8 +58,8 @@ class Posterior:
         self.spectra, self._recording, self._deviations = spectra, recording, deviations
         self._tiles = TILES_AS_ONE * max(spectra.tiles, LEAST_TILES)
         self._nats: dict[bytes, FloatArray | None] = {}
-        # Descents ask for the fit of their last place again.
-        self._fit = lru_cache(RECENT)(self._fit_at)
+        # Descents ask for the fit of their last place again; several measures, for the recording of theirs.
+        self._fit, self._corrected = lru_cache(RECENT)(self._fit_at), lru_cache(RECENT)(self._corrected_at)
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -68,7 +68,10 @@ class Posterior:
 
     def corrected(self, place: FloatArray) -> Recording:
         """Return the recording with the correction at `place`."""
-        return self._recording.corrected(Correction(*(place * self._deviations).tolist()))
+        return self._corrected(place.tobytes())
+
+    def _corrected_at(self, key: bytes) -> Recording:
+        return self._recording.corrected(Correction(*(np.frombuffer(key) * self._deviations).tolist()))
 
     def nats(self, place: FloatArray) -> FloatArray | None:
         """Return the nats of all tiles; None if the log does not describe the exposure."""

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
+from rsdeblur._util.threads import beside
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.correction import Correction, Recording, Uncertainty, uncertainty_of
@@ -177,10 +179,11 @@ def refine(
         return _unrefined(recording, deviations, f"the picture is smaller than {TILE} px")
     if exposure.duration < LEAST_DURATION:
         return _unrefined(recording, deviations, TOO_SHORT)
-    spectra = TileSpectra(light, recording, side=spectra_side(recording), soft=True, white=False, threads=1)
-    quick = QuickSharpness(light, recording)
+    with beside(partial(LightStreaks, light, recording), threads) as found_streaks:
+        spectra = TileSpectra(light, recording, side=spectra_side(recording), soft=True, white=False, threads=1)
+        quick = QuickSharpness(light, recording)
+        streaks = found_streaks()
     posterior = Posterior(spectra, recording, deviations)
-    streaks = LightStreaks(light, recording)
     worth = Worth(posterior, quick, streaks, lambda: Sharpness(light, recording, robust=True), threads)
     search = Search(worth, threads)
     best, reason = search.best(progress or (lambda *_: None))

@@ -151,14 +151,16 @@ class DriftByRegion:
     def _factors(self, place: FloatArray, factors: FloatArray) -> tuple[FloatArray, float]:
         """Return the best of some factors in each region, shape (R, C), and the nats gained over a factor of 1."""
         correction, posterior = self._correction(place), self._worth.posterior
-        same = int(np.abs(factors - 1).argmin())
-        moved = [self._recording.corrected(_scaled(correction, factor)) for factor in factors.tolist()]
+        # With a factor of 1, it is the correction itself.
+        own, tiles = posterior.nats(place), self._worth.tiles(place)
+        assert own is not None, "the log describes the exposure"
+        others = np.flatnonzero(factors != 1)
+        moved = [self._recording.corrected(_scaled(correction, factor)) for factor in factors[others].tolist()]
         nats = share_map(posterior.spectra.score, moved, self._threads)
-        falls = np.stack(share_map(self._quick.tiles, moved, self._threads))
-        falls = NATS_PER_FALL * (falls - falls[same])
-        costs = np.zeros((len(factors), falls.shape[1]))
-        for costs_of_factor, fall, each in zip(costs, falls, nats, strict=True):
-            costs_of_factor += fall - np.bincount(self._region, posterior.leads(each, nats[same]), len(fall))
+        falls = NATS_PER_FALL * (np.stack(share_map(self._quick.tiles, moved, self._threads)) - tiles)
+        costs = np.zeros((len(factors), len(tiles)))
+        for n, fall, each in zip(others.tolist(), falls, nats, strict=True):
+            costs[n] = fall - np.bincount(self._region, posterior.leads(each, own), len(fall))
         labels, total = _alike(costs.reshape(len(factors), len(self._quick.centres[0]), -1), factors)
         return factors[labels], -total
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from rsdeblur._util.threads import share_map
 from rsdeblur.estimate.correction import PARAMETERS, Recording
-from rsdeblur.estimate.posterior import Posterior
+from rsdeblur.estimate.posterior import UNDESCRIBED, Posterior
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, SHORTER, QuickSharpness
 from rsdeblur.estimate.sharpness import Sharpness
 from rsdeblur.estimate.streaks import LightStreaks, lead_of
@@ -88,7 +88,7 @@ class Worth:
         self.nothing = np.zeros(len(PARAMETERS))
         self._quick, self._plan_whole, self._threads = quick, whole, threads
         self._streak_nats: dict[bytes, float] = {}
-        self._sparsities: dict[bytes, float] = {}
+        self._tiles: dict[bytes, FloatArray] = {}
         self._whole_sparsities: dict[bytes, float] = {}
 
     @cached_property
@@ -120,10 +120,17 @@ class Worth:
         return self._sparsity(self.nothing) - self._sparsity(place)
 
     def _sparsity(self, place: FloatArray) -> float:
+        try:
+            return float(self.tiles(place).sum())
+        except UNDESCRIBED:
+            return np.inf
+
+    def tiles(self, place: FloatArray) -> FloatArray:
+        """Return :meth:`rsdeblur.estimate.quick_sharpness.QuickSharpness.tiles` of a place."""
         key = place.tobytes()
-        if key not in self._sparsities:
-            self._sparsities[key] = self._quick.of(self.posterior.corrected(place))
-        return self._sparsities[key]
+        if key not in self._tiles:
+            self._tiles[key] = self._quick.tiles(self.posterior.corrected(place))
+        return self._tiles[key]
 
     def whole_falls(self, places: Sequence[FloatArray]) -> list[float]:
         """Return how much the logarithm of l1 / l2 falls in the whole solve."""

@@ -346,18 +346,20 @@ class BlurPaths:
         if not (rows.size and cols.size):
             raise InputError(f"rows and cols must not be empty, got {rows.size} and {cols.size}")
         trace = _rotation_paths if capture.motion == "rotation" else _small_angle_paths
+        traced = None
         if validate.is_auto(samples):
             # Two samples per gyro interval follow every bend of the track. Their paths' lengths give the final number.
             coarse = 2 * len(capture.track.t) + 1
-            longest = trace(capture, rows, cols, coarse, geometry)
-            _check_finite(longest)
-            samples = max(coarse, int(np.ceil(SAMPLES_PER_PIXEL * _lengths(longest).max())) + 1)
+            traced = trace(capture, rows, cols, coarse, geometry)
+            _check_finite(traced)
+            samples = max(coarse, int(np.ceil(SAMPLES_PER_PIXEL * _lengths(traced).max())) + 1)
         samples = validate.count("samples", samples, minimum=2, maximum=MOST_POINTS)
         if (points := len(rows) * len(cols) * samples) > MOST_POINTS:
             raise InputError(f"paths at {len(rows)} x {len(cols)} places have {points} points, more than {MOST_POINTS}")
-        displacements = trace(capture, rows, cols, samples, geometry)
-        displacements.setflags(write=False)
-        return cls(displacements, rows, cols, capture.softness)
+        if traced is None or traced.shape[2] != samples:
+            traced = trace(capture, rows, cols, samples, geometry)
+        traced.setflags(write=False)
+        return cls(traced, rows, cols, capture.softness)
 
     @classmethod
     def every_row(

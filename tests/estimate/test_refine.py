@@ -154,7 +154,7 @@ def test_a_clearer_picture_does_not_prove_shorter_paths():
             return SimpleNamespace(capture=lambda: capture, clear=place.any())
 
         posterior = SimpleNamespace(corrected=corrected, gain=lambda *_: gain)
-        quick = SimpleNamespace(of=lambda recording: -0.1 if recording.clear else 0.0)
+        quick = SimpleNamespace(tiles=lambda recording: np.array([-0.1 if recording.clear else 0.0]))
         streaks = SimpleNamespace(nats=lambda _: 0.0)
         return Worth(posterior, quick, streaks, lambda: None, 1).of(np.eye(6)[0])
 
