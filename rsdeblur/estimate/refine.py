@@ -30,7 +30,7 @@ from rsdeblur.estimate.search import Search
 from rsdeblur.estimate.sharpness import Sharpness
 from rsdeblur.estimate.spectra import TileSpectra
 from rsdeblur.estimate.streaks import LightStreaks
-from rsdeblur.estimate.worth import Worth
+from rsdeblur.estimate.worth import Corrected, Worth
 from rsdeblur.image.encoded import EncodedImage, check_size, reduced
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.arguments import check_reach, check_recording
@@ -179,6 +179,39 @@ def refine(
         return _unrefined(recording, deviations, f"the picture is smaller than {TILE} px")
     if exposure.duration < LEAST_DURATION:
         return _unrefined(recording, deviations, TOO_SHORT)
+    found, reason, spread = _correction(
+        light, recording, deviations, known_axes=known_axes, threads=threads, progress=progress or (lambda *_: None)
+    )
+    used = recording if reason else found.recording
+    return Refinement(
+        used.log,
+        used.camera,
+        used.exposure,
+        used.translation,
+        accepted=not reason,
+        reason=reason,
+        values=Correction(*(found.place * deviations).tolist()),
+        sd=Correction(*(spread * deviations).tolist()),
+        confidence=0.0 if reason == OTHER_AXES else found.confidence,
+        gain=found.gain,
+        fall=found.fall,
+        regions=None if found.factors is None else ReadoutFrame(camera).back(found.factors),
+    )
+
+
+def _correction(
+    light: NDArray[np.float32],
+    recording: Recording,
+    deviations: FloatArray,
+    *,
+    known_axes: bool,
+    threads: int | None,
+    progress: Progress,
+) -> tuple[Corrected, str, FloatArray]:
+    """Return the most likely correction, why it is refused (nothing if it is not), and how uncertain it is.
+
+    The uncertainty is that of the place, in standard deviations of the recording's errors.
+    """
     with beside(partial(LightStreaks, light, recording), threads) as found_streaks:
         spectra = TileSpectra(light, recording, side=spectra_side(recording), soft=True, white=False, threads=1)
         quick = QuickSharpness(light, recording)
@@ -186,7 +219,7 @@ def refine(
     posterior = Posterior(spectra, recording, deviations)
     worth = Worth(posterior, quick, streaks, lambda: Sharpness(light, recording, robust=True), threads)
     search = Search(worth, threads)
-    best, reason = search.best(progress or (lambda *_: None))
+    best, reason = search.best(progress)
     found = worth.one_drift(best)
 
     def rivalled(corrected: Recording, ahead: float) -> bool:
@@ -197,26 +230,12 @@ def refine(
     ahead = AHEAD_OF_AXES
     if not (reason or known_axes) and rivalled(found.recording, ahead):
         reason, ahead = OTHER_AXES, AHEAD_BY_FACTORS
-    if translation is None:
+    if recording.translation is None:
         by_region = DriftByRegion(worth, quick, recording, deviations, threads)
         regional = by_region.best([best, *search.candidates], over=None if reason else best)
         if regional is not None and (known_axes or not (reason and rivalled(regional.recording, ahead))):
             found, reason = regional, ""
-    used = recording if reason else found.recording
-    return Refinement(
-        used.log,
-        used.camera,
-        used.exposure,
-        used.translation,
-        accepted=not reason,
-        reason=reason,
-        values=Correction(*(found.place * deviations).tolist()),
-        sd=Correction(*(posterior.spread(found.place) * deviations).tolist()),
-        confidence=0.0 if reason == OTHER_AXES else found.confidence,
-        gain=found.gain,
-        fall=found.fall,
-        regions=None if found.factors is None else ReadoutFrame(camera).back(found.factors),
-    )
+    return found, reason, posterior.spread(found.place)
 
 
 def _without_acceleration(uncertainty: Uncertainty) -> Uncertainty:
