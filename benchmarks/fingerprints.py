@@ -108,7 +108,7 @@ MIXED = (
     Case("translation turned", "moved left-right", "float32", {"translation": True}),
     Case("lens", "lens", "float32", {}),
     Case("lens rowwise rectify", "lens", "float32", {"mode": "rowwise", "geometry": "rectify"}),
-    Case("fisheye, middle stamp", "fisheye", "float32", {"geometry": "rectify"}),
+    Case("fisheye, middle timestamp", "fisheye", "float32", {"geometry": "rectify"}),
     Case("axes and clocks", "mounted", "float32", {}),
     Case("wrong", "wrong", "float32", {"mode": "rowwise"}),
     Case("wrong, fallback", "wrong", "float32", {"fallback": True, "check": False}),

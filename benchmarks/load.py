@@ -223,15 +223,15 @@ def _lines(name: str, count: int, rate: float) -> Iterator[str]:
     pool = [written % tuple(1e3 * rate if name == "gcsv" else rate) for rate in rates]
     step = round(1e9 / rate)
     for first in range(0, count, len(pool)):
-        stamps = range(first * step, min(first + len(pool), count) * step, step)
+        timestamps = range(first * step, min(first + len(pool), count) * step, step)
         if name == "plain, ns":
-            yield "".join(f"{1309154983495295 + ns},{rates}\n" for ns, rates in zip(stamps, pool, strict=False))
+            yield "".join(f"{1309154983495295 + ns},{rates}\n" for ns, rates in zip(timestamps, pool, strict=False))
         elif name == "sensorlogger":
             day = 1766385749427863800
-            yield "".join(f"{day + ns},{ns / 1e9:.9f},{rates}\n" for ns, rates in zip(stamps, pool, strict=False))
+            yield "".join(f"{day + ns},{ns / 1e9:.9f},{rates}\n" for ns, rates in zip(timestamps, pool, strict=False))
         else:
             scale = 1e-6 if name == "gcsv" else 1e-9
-            yield "".join(f"{scale * ns:.6f},{rates}\n" for ns, rates in zip(stamps, pool, strict=False))
+            yield "".join(f"{scale * ns:.6f},{rates}\n" for ns, rates in zip(timestamps, pool, strict=False))
 
 
 def _used() -> float:

@@ -182,7 +182,7 @@ def log(log: GyroLog, camera: Camera, exposures: Exposure | Iterable[Exposure] =
     windows = exposure_list([exposures] if isinstance(exposures, Exposure) else exposures)
     ax = _axes(ax)
     epoch = windows[0].epoch_ns if windows else log.epoch_ns
-    # Stamps are subtracted as integers; only the difference becomes a float.
+    # Timestamps are subtracted as integers; only the difference becomes a float.
     t = log.t + (log.epoch_ns - epoch) * 1e-9 + camera.time_offset
     rates = log.omega @ camera.imu_to_camera.T
     spans = [np.add(window.span(camera), (window.epoch_ns - epoch) * 1e-9) for window in windows]

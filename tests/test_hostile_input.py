@@ -182,11 +182,11 @@ class TestText:
         assert "line 2: impossible rates" in refusal(open_gyro, path)
 
     @pytest.mark.parametrize("time", ["1e300", "9.3e12", "-9.3e12"])
-    def test_stamps_of_projects_beyond_int64(self, tmp_path: Path, time: str) -> None:
+    def test_timestamps_of_projects_beyond_int64(self, tmp_path: Path, time: str) -> None:
         path = tmp_path / "a.gyroflow"
         samples = [{"timestamp_ms": 0, "gyro": [1, 2, 3]}, {"timestamp_ms": float(time), "gyro": [1, 2, 3]}]
         path.write_text(json.dumps({"raw_imu": samples}))
-        assert "sample 1: stamp" in refusal(open_gyro, path)
+        assert "sample 1: timestamp" in refusal(open_gyro, path)
 
     def test_messages_have_an_end(self, tmp_path: Path) -> None:
         path = tmp_path / "camera.toml"

@@ -140,7 +140,7 @@ def test_a_later_epoch_changes_nothing(capture: Taken, mode: str, later: int) ->
 
 @several
 @given(captures(), st.floats(-50, 50))
-def test_stamps_and_offsets_move_together(capture: Taken, dt: float) -> None:
+def test_timestamps_and_offsets_move_together(capture: Taken, dt: float) -> None:
     log, camera, exposure = capture.parts
     kernels = psfs(*capture.parts, bands=3, strips=2).kernels
     # The gyro's clock with its offset, the camera's clock, and both clocks. Times of 50 s have steps of 7e-15 s.

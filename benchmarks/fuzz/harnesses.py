@@ -161,7 +161,7 @@ CONTENTS = {
     "gyro": seeds.GYRO_TABLES["plain"][0],
     "captures": seeds.CAPTURES["mars-captures"][0],
     "given": seeds.CAPTURES["mars-captures"][0],
-    "stamps": seeds.CAPTURES["stamps"][0],
+    "timestamps": seeds.CAPTURES["timestamps"][0],
     "one": seeds.CAPTURES["image-info"][0],
     "photo": b"",
 }
@@ -430,7 +430,7 @@ HARNESSES: dict[str, Harness] = {
     ),
     "trajectories": Harness(TARGETS["trajectory"].read, _of("trajectory")),
     "captures": Harness(
-        _each(TARGETS["stamps"].read, read_captures, partial(read_captures, duration=0.01), _clocks),
+        _each(TARGETS["timestamps"].read, read_captures, partial(read_captures, duration=0.01), _clocks),
         lambda: [*_of(*seeds.CAPTURES, "gyrodata-captures")(), *CLOCKS, *refused.CAPTURES],
     ),
     "cameras": Harness(

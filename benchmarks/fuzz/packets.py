@@ -12,7 +12,7 @@ from PIL.PngImagePlugin import PngInfo
 from PIL.TiffImagePlugin import IFDRational
 
 from benchmarks.fuzz import seeds
-from rsdeblur.io import _encode, _jpeg, _stamps, directories
+from rsdeblur.io import _encode, _exif_renewal, _jpeg, directories
 from rsdeblur.io._metadata import C2PA_BOX, C2PA_TAG, PNG_IPTC, Metadata, png_iptc
 
 NAMESPACES = " ".join(
@@ -68,7 +68,9 @@ def timed_exif(zone: str | None = "+01:00", fix: float | None = 29.0, width: int
     block.get_ifd(0x8769).update({0xA404: IFDRational(2), 0xA405: 26})
     if fix is not None:
         block.get_ifd(0x8825).update({7: (float(when.hour), float(when.minute), fix), 29: when.strftime("%Y:%m:%d")})
-    return _stamps.stamped(block.tobytes(), "a program", when, seeds.encoded("JPEG", seeds.picture((6, 8), "uint8")))
+    return _exif_renewal.renewed(
+        block.tobytes(), "a program", when, seeds.encoded("JPEG", seeds.picture((6, 8), "uint8"))
+    )
 
 
 def exifs() -> list[bytes]:

@@ -274,7 +274,7 @@ CAPTURES = {
     ],
     "deepgyro-captures": [b"".join(b"%d 20000000\n" % (EPOCH + i * 33_333_333) for i in range(5))],
     "image-info": [b"%d 800 33333333 3182.59 3179.30 1458.69 2114.26 0\n" % EPOCH],
-    "stamps": [
+    "timestamps": [
         b"".join(b"%d\n" % (EPOCH + i * 33_333_333) for i in range(5)),
         b"Frame timestamp[nanosec]\n%d\n%d\n" % (EPOCH, EPOCH + 33_333_333),
         b"0.5\n0.533\n0.566\n",

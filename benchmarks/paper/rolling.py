@@ -13,8 +13,8 @@ from rsdeblur import BlurPaths, Camera, Exposure, psfs, read_gyro, simulate
 from rsdeblur.motion.paths import Capture
 
 DURATION = 1 / 14
-STAMP = 20.0  # s in the log
-STARTS = tuple(1e-3 * ms for ms in range(40, 101, 10))  # after the stamp
+TIMESTAMP = 20.0  # s in the log
+STARTS = tuple(1e-3 * ms for ms in range(40, 101, 10))  # after the timestamp
 CAMERA = Camera(480, 360, 528.0, readout_time=0.03)
 PITCH = 60  # px between points
 
@@ -24,10 +24,10 @@ def figures(quick: bool) -> Iterator[Figure]:
     log = read_gyro(DATA / "gyro" / "phone-210hz.txt")
     points = np.zeros((CAMERA.height + 120, CAMERA.width + 120))
     points[PITCH // 2 :: PITCH, PITCH // 2 :: PITCH] = 1.0
-    exposure = Exposure(STAMP + STARTS[0], DURATION, log.epoch_ns)
+    exposure = Exposure(TIMESTAMP + STARTS[0], DURATION, log.epoch_ns)
     grid = simulate(points, log, CAMERA, exposure).blurred
     banks = [
-        psfs(log, CAMERA, Exposure(STAMP + s, DURATION, log.epoch_ns), mode="global", motion="small-angle")
+        psfs(log, CAMERA, Exposure(TIMESTAMP + s, DURATION, log.epoch_ns), mode="global", motion="small-angle")
         for s in STARTS
     ]
     recording = Capture.from_log(log, CAMERA, exposure)

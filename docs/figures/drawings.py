@@ -140,13 +140,13 @@ def _windows(ax: Axes, direction: str) -> None:
     ax.barh(lines, 1e3 * (closes - opens), left=1e3 * opens, height=0.75, color="#a5d8e6", edgecolor=PICTURE, lw=0.6)
     mid = 1e3 * (opens + closes) / 2
     ax.plot(mid, lines, ".", color=PICTURE, ms=3)
-    for stamp, line in (("start", np.argmin(opens)), ("middle", 5.5), ("end", np.argmax(opens))):
-        # A capture stamped 0 opens before 0 by what its stamp marks.
-        moment = -1e3 * exposure.window(lines, replace(camera, timestamp_marks=stamp))[0].min()
+    for timestamp, line in (("start", np.argmin(opens)), ("middle", 5.5), ("end", np.argmax(opens))):
+        # A capture stamped 0 opens before 0 by what its timestamp marks.
+        moment = -1e3 * exposure.window(lines, replace(camera, timestamp_marks=timestamp))[0].min()
         ax.plot(moment, line, "D", color=DEVICE, ms=5)
-        place = {"start": (-4, 6), "middle": (32, 0), "end": (8, 6)}[stamp]
+        place = {"start": (-4, 6), "middle": (32, 0), "end": (8, 6)}[timestamp]
         ax.annotate(
-            stamp,
+            timestamp,
             (moment, line),
             place,
             textcoords="offset points",

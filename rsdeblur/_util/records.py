@@ -25,11 +25,11 @@ def fingerprint(settings: Any, files: Iterable[Path | None]) -> str:
     The `repr` of arrays, and of our objects that contain some, is abbreviated: pass their bytes as well. Files are
     compared by name, size and date, so that a folder may be moved.
     """
-    stamps = [None if path is None else (path.name, *_stamp(path)) for path in files]
-    return hashlib.sha256(repr((settings, stamps)).encode()).hexdigest()
+    states = [None if path is None else (path.name, *_state(path)) for path in files]
+    return hashlib.sha256(repr((settings, states)).encode()).hexdigest()
 
 
-def _stamp(path: Path) -> tuple[int, int]:
+def _state(path: Path) -> tuple[int, int]:
     try:
         status = path.stat()
     # A ValueError is raised for names that no file can have.

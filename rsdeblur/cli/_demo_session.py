@@ -65,7 +65,7 @@ def recording(kind: str, size: tuple[int, int], seed: int) -> tuple[GyroLog, Cam
     starts = [
         session.epoch_ns + round(1e9 * (session.start + float(i * session.interval))) for i in range(session.frames)
     ]
-    exposures = [Exposure(0.0, float(session.duration), stamp) for stamp in starts]
+    exposures = [Exposure(0.0, float(session.duration), timestamp) for timestamp in starts]
     shake = hand_shake(2 * session.start + float(session.frames * session.interval), strength=STRENGTH, seed=seed)
     focal = FOCAL35 / FILM_DIAGONAL * math.hypot(width, height) if kind == "stock-camera" else FOCAL * width
     # The apps log in phone axes.
@@ -134,7 +134,7 @@ def _frames(log: GyroLog, camera: Camera, exposures: list[Exposure], seed: int) 
 
 
 def _write_log(path: Path, log: GyroLog, header: str, row: str) -> None:
-    """Write a line for each sample; `row` contains the stamp `t` in ns, the seconds `s` from the start, x, y and z."""
+    """Write a line for each sample; `row` contains the time `t` in ns, the seconds `s` from the start, x, y and z."""
     lines = [header]
     for s, (x, y, z) in zip(log.t.tolist(), log.omega.tolist(), strict=True):
         lines.append(row.format(t=log.epoch_ns + round(1e9 * s), s=s, x=x, y=y, z=z))

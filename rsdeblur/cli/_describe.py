@@ -199,8 +199,8 @@ def describe_captures(path: Path) -> dict[str, Any]:
 
     file = open_captures(path)
     exposures = [
-        {"start_ns": stamp} | ({} if duration is None else {"duration_s": duration})
-        for stamp, duration in zip(file.stamps, file.durations, strict=True)
+        {"start_ns": timestamp} | ({} if duration is None else {"duration_s": duration})
+        for timestamp, duration in zip(file.timestamps, file.durations, strict=True)
     ]
     facts = {"kind": "captures", "format": file.format, "count": len(exposures), "exposures": exposures}
     return facts | _camera_of_captures(path) if file.format == "mars" else facts

@@ -145,8 +145,8 @@ def recordings_of(photos: Sequence[Path], recording: Recording) -> list[Recordin
     if given or (recording.capture is None and recording.start is None):
         found = f"{', '.join(given)} is one moment" if given else "no exposure is given"
         raise _usage(
-            f"{len(photos)} photos, but {found}; use --start exif, --capture with photos named after their stamps or "
-            "frame numbers, or a manifest: rsdeblur batch"
+            f"{len(photos)} photos, but {found}; use --start exif, --capture with photos named after their "
+            "timestamps or frame numbers, or a manifest: rsdeblur batch"
         )
     if recording.capture is None or recording.start == "exif":
         return [recording] * len(photos)
@@ -405,7 +405,7 @@ def clip_exposures(clip: Clip, recording: Moments) -> list[Exposure]:
     click.UsageError
         If the options do not give the exposures.
     """
-    from rsdeblur.video.times import exposures_from_captures, exposures_from_stamps
+    from rsdeblur.video.times import exposures_from_captures, exposures_from_timestamps
 
     starts = [name for name in ("capture", "start", "start_ns") if getattr(recording, name) is not None]
     if len(starts) > 1:
@@ -413,12 +413,12 @@ def clip_exposures(clip: Clip, recording: Moments) -> list[Exposure]:
         raise _usage(f"{options} exclude each other")
     if recording.capture is not None:
         return exposures_from_captures(clip, recording.capture, duration=recording.duration)
-    refuse_longer(recording.duration, float((clip.end - clip.stamps[0]) * clip.time_base), clip.path)
+    refuse_longer(recording.duration, float((clip.end - clip.timestamps[0]) * clip.time_base), clip.path)
     durations = recording.duration or _clip_durations(recording.gyro, clip)
     if durations is None:
         raise _usage("the exposure time is not given; use --duration, or --capture FILE")
     start = float(recording.start or 0.0)
-    return exposures_from_stamps(clip, durations, start=start, epoch_ns=recording.start_ns or 0)
+    return exposures_from_timestamps(clip, durations, start=start, epoch_ns=recording.start_ns or 0)
 
 
 def _clip_durations(log: Path, clip: Clip) -> list[float] | None:

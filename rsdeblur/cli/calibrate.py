@@ -156,7 +156,7 @@ def _is_clip(film: Photos) -> bool:
     from rsdeblur.estimate.calibrate import LEAST_PAIRS
     from rsdeblur.estimate.clip_matches import LONGEST_STEP
 
-    # Stamps of 64 bits are exact as integers only.
+    # Timestamps of 64 bits are exact as integers only.
     epoch_ns = film.exposures[0].epoch_ns
     times = [1e-9 * (each.epoch_ns - epoch_ns) + each.start for each in film.exposures]
     near = sum(0 < after - before <= LONGEST_STEP for before, after in pairwise(times))

@@ -66,7 +66,7 @@ def command(
     """Deblur each PHOTO. Metadata, colour profile and bit depth are kept.
 
     The blur follows from a gyro log, a camera and an exposure, or is given as a kernel: --psf. Several photos share the
-    log and the camera; their exposures come from EXIF, with --start exif, or from --capture, by the stamps or frame
+    log and the camera; their exposures come from EXIF, with --start exif, or from --capture, by the timestamps or frame
     numbers in their names. Exit code 3: some of them failed.
     """
     check_sources(click.get_current_context(), recording, psf)

@@ -45,7 +45,7 @@ class Together:
         click.option("--camera", type=PATH, metavar="FILE", help="Camera file, for the same check."),
         click.option("--capture", type=PATH, metavar="FILE", help="Metadata file that contains the exposures."),
         click.option(
-            "--duration", type=SecondsType(above=0.0), help="Exposure time, where --capture contains stamps only."
+            "--duration", type=SecondsType(above=0.0), help="Exposure time, where --capture contains timestamps only."
         ),
         click.option("--time-offset", type=SecondsType(), help="Camera time minus gyro time; replaces the camera's."),
     ),

@@ -52,8 +52,8 @@ def command(
 
     The time offset is camera time minus gyro time. Shifts are relative to the camera file's time offset, or to
     --time-offset. Exit code 1 means that the picture does not determine the offset: use one with more blur, and with
-    motion that changes; or that the photos disagree. The moments of several photos come from --capture, by the stamps
-    or frame numbers in their names.
+    motion that changes; or that the photos disagree. The moments of several photos come from --capture, by the
+    timestamps or frame numbers in their names.
     """
     from rsdeblur.estimate.time_offset import find_shared_time_offset
     from rsdeblur.io.cameras import check_editable, write_time_offset

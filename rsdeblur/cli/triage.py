@@ -131,7 +131,7 @@ def command(
 
 
 def _frames(source: Path, recording: Recording) -> list[_Shot]:
-    """Return the frames of a video; only their stamps are read."""
+    """Return the frames of a video; only their timestamps are read."""
     from rsdeblur.video.clip import open_clip
 
     if recording.gyro is None or recording.camera is None:
@@ -163,10 +163,10 @@ def _photos(source: Path, recording: Recording, numbered_from: int | None, outpu
 def _times(shots: Sequence[_Shot]) -> list[float | None]:
     """Return the start of each exposure, in s after the first one."""
     exposures = [None if shot.recording is None else shot.recording[2] for shot in shots]
-    # Stamps of 64 bits are exact as integers only.
-    stamps = [None if each is None else each.epoch_ns + round(1e9 * each.start) for each in exposures]
-    first = min((stamp for stamp in stamps if stamp is not None), default=0)
-    return [None if stamp is None else 1e-9 * (stamp - first) for stamp in stamps]
+    # Timestamps of 64 bits are exact as integers only.
+    timestamps = [None if each is None else each.epoch_ns + round(1e9 * each.start) for each in exposures]
+    first = min((timestamp for timestamp in timestamps if timestamp is not None), default=0)
+    return [None if timestamp is None else 1e-9 * (timestamp - first) for timestamp in timestamps]
 
 
 def _entries(shots: Sequence[_Shot], times: Sequence[float | None], judged: Triage) -> list[dict[str, Any]]:

@@ -15,7 +15,7 @@ from PIL import Image
 
 from rsdeblur._config import VERSION
 from rsdeblur.errors import RsdeblurWarning
-from rsdeblur.io import _stamps, _xmp, directories
+from rsdeblur.io import _exif_renewal, _xmp, directories
 
 AGENT = f"rsdeblur {VERSION}"
 
@@ -165,12 +165,12 @@ def renewed(old: Metadata, pixels: NDArray[Any], *, transfer: str, with_thumbnai
         If a part of the input is left out: a gain map, a C2PA manifest, a damaged XMP packet.
     """
     height, width = pixels.shape[:2]
-    when = _stamps.now()
+    when = _exif_renewal.now()
     exif, xmp, losses = old.exif, old.xmp, old.losses
     if exif:
-        draw = with_thumbnail and _stamps.has_thumbnail(exif)
+        draw = with_thumbnail and _exif_renewal.has_thumbnail(exif)
         exif = directories.renewed(exif, width, height)
-        exif = _stamps.stamped(exif, AGENT, when, _thumbnail(pixels, transfer) if draw else None)
+        exif = _exif_renewal.renewed(exif, AGENT, when, _thumbnail(pixels, transfer) if draw else None)
     if xmp:
         try:
             xmp = _xmp.renewed(xmp, width, height, when)

@@ -80,7 +80,7 @@ def _named(text: TextFile) -> Columns | None:
 def _read_named(text: TextFile) -> Samples:
     columns = _named(text)
     if columns is None:
-        raise text.error("the file has no header that names stamps and accelerations", text.rows[0])
+        raise text.error("the file has no header that names timestamps and accelerations", text.rows[0])
     return read_columns(text, columns, "sensor", unit="m/s^2")
 
 
@@ -99,7 +99,7 @@ def _unnamed(text: TextFile) -> Columns | None:
 def _read_unnamed(text: TextFile) -> Samples:
     columns = _unnamed(text)
     if columns is None:
-        raise text.error("expected stamps and three columns that show gravity", text.rows[0])
+        raise text.error("expected timestamps and three columns that show gravity", text.rows[0])
     return read_columns(text, columns, "sensor", unit="m/s^2")
 
 
@@ -118,12 +118,12 @@ def _read_video(source: Source) -> Samples:
         raise source.error(f"the video of this {telemetry.camera} has no samples of an accelerometer")
     # telemetry-parser puts both sensors' samples side by side by their number, whatever their rates; they span the
     # same time.
-    stamps = np.linspace(times[0], times[-1], len(values))
+    timestamps = np.linspace(times[0], times[-1], len(values))
 
     def error_at(message: str, i: int) -> FileFormatError:
         return source.error(f"accelerometer sample {i}: {message}")
 
-    return Samples(nanoseconds(stamps, error_at), np.array(values, dtype=np.float64), error_at, unit="m/s^2")
+    return Samples(nanoseconds(timestamps, error_at), np.array(values, dtype=np.float64), error_at, unit="m/s^2")
 
 
 FORMATS: tuple[Format[Samples], ...] = (

@@ -1,4 +1,4 @@
-"""Stamps and exposure times of pictures, from the files that loggers write beside them."""
+"""Timestamps and exposure times of pictures, from the files that loggers write beside them."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ MARS_COLUMNS = (
     re.compile(r"timestamp\s*\[nanosec\]"),
     re.compile(r"exposure (time|duration)\s*\[nanosec\]"),
 )
-STAMP, EXPOSURE = re.compile("(frame)?timestamp"), re.compile("exposure(time|duration)?")
-# A picture's name beside its stamp.
+TIMESTAMP, EXPOSURE = re.compile("(frame)?timestamp"), re.compile("exposure(time|duration)?")
+# A picture's name beside its timestamp.
 PICTURE = re.compile(r".+\.[a-z]\w{2,3}", re.IGNORECASE)
 # s between frames, from 2000 to 2 per second.
 FRAME_SPACING = (0.0005, 0.5)
@@ -44,26 +44,26 @@ class CaptureFile:
     ----------
     format : str
         Name of the file's format.
-    stamps : list of int
-        Exact stamps in ns.
+    timestamps : list of int
+        Exact timestamps in ns.
     durations : sequence of float or None
         Exposure times in s; None where the file does not contain one.
     """
 
     format: str
-    stamps: list[int]
+    timestamps: list[int]
     durations: Sequence[float | None]
 
 
 def read_captures(path: str | os.PathLike[str], *, duration: float | None = None) -> list[Exposure]:
     """Read the exposures of a recording, in the order of the file.
 
-    Reads MARS logger ``movie_metadata.csv`` (Android and iOS; only the stamp and the exposure time are needed, other
-    cells may be ``null``), DeepGyro ``images.txt`` (``t_ns exposure_ns``), GyroDeblurNet ``image_info.txt``, stamps
-    beside the names of pictures (EuRoC ``cam0/data.csv``), stamps alone (OpenCamera Sensors
+    Reads MARS logger ``movie_metadata.csv`` (Android and iOS; only timestamp and exposure time are needed, other
+    cells may be ``null``), DeepGyro ``images.txt`` (``t_ns exposure_ns``), GyroDeblurNet ``image_info.txt``, timestamps
+    beside the names of pictures (EuRoC ``cam0/data.csv``), timestamps alone (OpenCamera Sensors
     ``..._imu_timestamps.csv``, MARS logger ``frame_timestamps.txt``), and JPEG files with a GYRODATA trailer. The
-    content decides the format. Stamps with fractions are in s, and so are the exposure times beside them, if the frames
-    are then 0.5 to 500 ms apart; others are refused.
+    content decides the format. Timestamps with fractions are in s, and so are the exposure times beside them, if the
+    frames are then 0.5 to 500 ms apart; others are refused.
 
     Parameters
     ----------
@@ -75,15 +75,15 @@ def read_captures(path: str | os.PathLike[str], *, duration: float | None = None
     Returns
     -------
     list of Exposure
-        Each with `start` 0 and the capture's exact stamp as `epoch_ns`. The camera's `timestamp_marks` decides which
-        moment the stamp marks: by default the start of exposure of the first row, as Android documents.
+        Each with `start` 0 and the capture's exact timestamp as `epoch_ns`. The camera's `timestamp_marks` decides
+        which moment the timestamp marks: by default the start of exposure of the first row, as Android documents.
 
     Raises
     ------
     FileFormatError
         If the file cannot be read, is empty, binary, cut off or of an unknown format; if it lacks an exposure time and
-        `duration` is not given; or, naming the line, if a stamp or an exposure time is missing or not a number, a
-        stamp is beyond int64 or not later than the one before, its unit is unknown, or an exposure time is not
+        `duration` is not given; or, naming the line, if a timestamp or an exposure time is missing or not a number, a
+        timestamp is beyond int64 or not later than the one before, its unit is unknown, or an exposure time is not
         positive.
     InputError
         If `duration` is needed and not positive.
@@ -91,13 +91,13 @@ def read_captures(path: str | os.PathLike[str], *, duration: float | None = None
     file = open_captures(path)
     if duration is None and None in file.durations:
         raise Source(path, WHAT).error(
-            "the file contains stamps without exposure times; give the exposure time: duration (--duration)"
+            "the file contains timestamps without exposure times; give the exposure time: duration (--duration)"
         )
     exposures = []
-    for stamp, known in zip(file.stamps, file.durations, strict=True):
+    for timestamp, known in zip(file.timestamps, file.durations, strict=True):
         time = duration if known is None else known
         if time is not None:
-            exposures.append(Exposure(0.0, time, stamp))
+            exposures.append(Exposure(0.0, time, timestamp))
     return exposures
 
 
@@ -115,19 +115,19 @@ def _captures(
     unit: str | None = None,
     exposure_unit: str | None = None,
 ) -> CaptureFile:
-    """Read stamps and, if there is a second column, exposure times, in `unit` or what the stamps look like.
+    """Read timestamps and, if there is a second column, exposure times, in `unit` or what the timestamps look like.
 
     `exposure_unit` is that of exposure times in another unit.
     """
     table = read_table(text, rows, columns[:1])
-    unit = unit or _unit_of_stamps(table)
-    stamps = table.nanoseconds(TIME_UNITS[unit]).tolist()
-    for row, before, stamp in zip(rows[1:], stamps, stamps[1:], strict=False):
-        if stamp <= before:
-            problem = f"comes after {before} ns" if stamp < before else "occurs twice"
-            raise text.error(f"captures must be in the order of time: stamp {stamp} ns {problem}", row)
+    unit = unit or _unit_of_timestamps(table)
+    timestamps = table.nanoseconds(TIME_UNITS[unit]).tolist()
+    for row, before, timestamp in zip(rows[1:], timestamps, timestamps[1:], strict=False):
+        if timestamp <= before:
+            problem = f"comes after {before} ns" if timestamp < before else "occurs twice"
+            raise text.error(f"captures must be in the order of time: timestamp {timestamp} ns {problem}", row)
     if len(columns) == 1:
-        return CaptureFile(format, stamps, [None] * len(stamps))
+        return CaptureFile(format, timestamps, [None] * len(timestamps))
     # Phones that do not report exposure times write `null`.
     timed = [row for row in rows if cells_of(text.lines[row])[columns[1] :][:1] != ["null"]]
     values = read_table(text, timed, columns).values[:, 0] if timed else ()
@@ -143,22 +143,22 @@ def _captures(
             Exposure(0.0, duration)
         except InputError as error:
             raise text.error(f"impossible exposure time of {1e9 * duration:g} ns: {error}", row) from error
-    return CaptureFile(format, stamps, [durations.get(row) for row in rows])
+    return CaptureFile(format, timestamps, [durations.get(row) for row in rows])
 
 
-def _unit_of_stamps(table: Table) -> str:
-    """Return ns for whole numbers, and s for others if they are then the stamps of 2 to 2000 frames per second.
+def _unit_of_timestamps(table: Table) -> str:
+    """Return ns for whole numbers, and s for others if they are then the timestamps of 2 to 2000 frames per second.
 
     In that range the same numbers fit no other unit.
     """
-    if (table.stamps == np.rint(table.stamps)).all():
+    if (table.timestamps == np.rint(table.timestamps)).all():
         return "ns"
-    spacing = np.median(np.diff(table.stamps)) if len(table.stamps) > 1 else 0.0
+    spacing = np.median(np.diff(table.timestamps)) if len(table.timestamps) > 1 else 0.0
     if FRAME_SPACING[0] <= spacing < FRAME_SPACING[1]:
         return "s"
     raise table.text.error(
-        "the stamps have fractions, so they are not in ns, and their spacing does not show that they are in s; write "
-        "them in ns, or name the unit in a header, like timestamp[s]",
+        "the timestamps have fractions, so they are not in ns, and their spacing does not show that they are in s; "
+        "write them in ns, or name the unit in a header, like timestamp[s]",
         table.rows[0],
     )
 
@@ -186,36 +186,36 @@ def _names_pictures(text: TextFile) -> bool:
     return len(cells) == 2 and is_number(cells[0]) and PICTURE.fullmatch(cells[1]) is not None
 
 
-def _stamp_header(text: TextFile) -> list[Cell] | None:
+def _timestamp_header(text: TextFile) -> list[Cell] | None:
     """Return the cells of a header `timestamp` or `timestamp[unit], ...`; None for that of a gyro log."""
-    return None if named_columns(text) is not None else _stamp_cells(text.head)
+    return None if named_columns(text) is not None else _timestamp_cells(text.head)
 
 
-def _stamp_cells(line: str) -> list[Cell] | None:
+def _timestamp_cells(line: str) -> list[Cell] | None:
     cells = [Cell.of(cell.strip('" ')) for cell in re.split(r"[,;|\t]", line)]
     known = cells[0].unit in TIME_UNITS or (len(cells) == 1 and not cells[0].unknown)
-    return cells if known and STAMP.fullmatch(cells[0].name) else None
+    return cells if known and TIMESTAMP.fullmatch(cells[0].name) else None
 
 
-def _read_stamps(text: TextFile) -> CaptureFile:
-    cells = _stamp_header(text) or []
+def _read_timestamps(text: TextFile) -> CaptureFile:
+    cells = _timestamp_header(text) or []
     exposures = [k for k, cell in enumerate(cells) if EXPOSURE.fullmatch(cell.name) and cell.unit in TIME_UNITS][:1]
     units = [cells[k].unit for k in (0, *exposures)] if cells else []
-    return _stamps("stamps", text, text.rows[1:] if cells else text.rows, [0, *exposures], units)
+    return _timestamps("timestamps", text, text.rows[1:] if cells else text.rows, [0, *exposures], units)
 
 
 def _read_pictures(text: TextFile) -> CaptureFile:
     above = [line.lstrip().removeprefix("#") for line in text.lines[: text.rows[0]] if line.strip()]
-    cells = _stamp_cells(above[-1]) if above else None
-    return _stamps("euroc", text, text.rows, [0], [cells[0].unit] if cells else [])
+    cells = _timestamp_cells(above[-1]) if above else None
+    return _timestamps("euroc", text, text.rows, [0], [cells[0].unit] if cells else [])
 
 
-def _stamps(
+def _timestamps(
     format: str, text: TextFile, rows: Rows, columns: Sequence[int], units: Sequence[str | None]
 ) -> CaptureFile:
-    """Read stamps and perhaps exposure times; refuse stamps without a unit that are too close for ns."""
+    """Read timestamps and perhaps exposure times; refuse timestamps without a unit that are too close for ns."""
     file = _captures(format, text, rows, columns, *units)
-    spacing = float(np.median(np.diff(file.stamps))) if len(file.stamps) > 1 else np.inf
+    spacing = float(np.median(np.diff(file.timestamps))) if len(file.timestamps) > 1 else np.inf
     if not any(units) and spacing < 1e9 * FRAME_SPACING[0]:
         raise text.error(
             f"whole numbers are taken as ns, but then the captures are {spacing:g} ns apart; name the unit in a "
@@ -250,9 +250,9 @@ FORMATS: tuple[Format[CaptureFile], ...] = (
     ),
     text_format("euroc", "EuRoC cam0/data.csv, `t_ns,filename`", _names_pictures, _read_pictures),
     text_format(
-        "stamps",
-        "one stamp in ns a line",
-        lambda text: _has_numbers(text, 1) or _stamp_header(text) is not None,
-        _read_stamps,
+        "timestamps",
+        "one timestamp in ns a line",
+        lambda text: _has_numbers(text, 1) or _timestamp_header(text) is not None,
+        _read_timestamps,
     ),
 )

@@ -23,7 +23,7 @@ from rsdeblur._util import validate
 from rsdeblur._util.atomic import temporary_beside
 from rsdeblur._util.files import checked_path, open_file, read_file
 from rsdeblur.errors import FileFormatError, InputError, OutputError
-from rsdeblur.io import _heif, _stamps, untrusted
+from rsdeblur.io import _exif_renewal, _heif, untrusted
 from rsdeblur.io._metadata import C2PA
 
 if TYPE_CHECKING:
@@ -267,7 +267,7 @@ def _manifest(title: str, claim: Claim) -> dict[str, Any]:
     opened = {"action": "c2pa.opened", "parameters": {"ingredientIds": [ORIGINAL]}}
     filtered = {
         "action": "c2pa.filtered",
-        "when": _stamps.now().isoformat(timespec="seconds"),
+        "when": _exif_renewal.now().isoformat(timespec="seconds"),
         "softwareAgent": AGENT,
         "description": "Camera-shake blur removed",
         # As text: c2pa-rs 0.91 turns lists of numbers into bytes.

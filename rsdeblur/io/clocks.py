@@ -22,7 +22,7 @@ class Clocks:
     Parameters
     ----------
     source : {"REALTIME", "UNKNOWN"}
-        Android's name for the clock of the camera's stamps: the gyro's clock, or an unknown one.
+        Android's name for the clock of the camera's timestamps: the gyro's clock, or an unknown one.
     differences : tuple of int
         The gyro's clock minus `nanoTime()`, in ns, at the session's start and end.
     """
@@ -32,7 +32,7 @@ class Clocks:
 
     @property
     def time_offset(self) -> float:
-        """Camera time minus gyro time in s: 0 for one clock, else assuming that the camera stamps by `nanoTime()`."""
+        """Camera time minus gyro time in s: 0 for one clock, else as if the camera's clock were `nanoTime()`."""
         if self.source == "REALTIME":
             return 0.0
         return 0.0 - sum(self.differences) / len(self.differences) / 1e9

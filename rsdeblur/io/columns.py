@@ -99,9 +99,9 @@ ACCELERATION = Quantity.of(ACCELEROMETER, ACCELERATION_SPELLINGS)
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Places of stamps and values (along x, y, z) among the columns of a table, and their units where it names them.
+    """Places of timestamps and values (along x, y, z) among the columns of a table, and their units if it names them.
 
-    The place of the stamps is -1 in a table without stamps. `start` is the place of the first sample among the rows;
+    The place of the timestamps is -1 in a table without them. `start` is the place of the first sample among the rows;
     `names` are the names of all columns.
     """
 
@@ -147,7 +147,7 @@ def _unit_of(text: str) -> str | None:
 
 
 def named_columns(text: TextFile, values: Quantity = RATE, *, stamped: bool = True) -> Columns | None:
-    """Return the columns named by a header; None if no line names the values and, if `stamped`, the stamps.
+    """Return the columns named by a header; None if no line names the values and, if `stamped`, the timestamps.
 
     A row of units may follow the names.
     """
@@ -182,7 +182,7 @@ def check_layout(text: TextFile, rows: Rows, columns: Columns) -> None:
     """Raise `FileFormatError` if some rows contradict the columns.
 
     A row has more cells than the header names, as those of a comma table with decimal commas have; or the rows are
-    samples of several sensors; or the stamps do not rise, but another column does.
+    samples of several sensors; or the timestamps do not rise, but another column does.
     """
     some = spread(rows, LAYOUT_ROWS)
     cells = [cells_of(text.lines[row]) for row in some]
@@ -239,7 +239,7 @@ def _rises(column: FloatArray) -> bool:
 
 
 def time_column(grid: FloatArray) -> int:
-    """Return the column of stamps of a table without a header: the only one that always rises, else the first."""
+    """Return the column of timestamps of a table without a header: the only one that always rises, else the first."""
     columns = rising(grid)
     if len(columns) != 1:
         return 0
@@ -257,15 +257,15 @@ def unit_from_spacing(table: Table) -> str:
     FileFormatError
         If there are fewer than two samples, or the spacing fits no unit.
     """
-    # Stamps that fit as nanoseconds fit in every unit, and their differences do not overflow.
+    # Timestamps that fit as nanoseconds fit in every unit, and their differences do not overflow.
     table.check_range(TIME_UNITS["ns"])
     if len(table.rows) < 2:
         raise table.text.error("a gyro log needs at least 2 samples, got 1", table.rows[0])
-    spacing = float(np.median(np.abs(np.diff(table.stamps).astype(np.float64))))
+    spacing = float(np.median(np.abs(np.diff(table.timestamps).astype(np.float64))))
     for name, unit in TIME_UNITS.items():
         if SPACING[0] <= spacing * float(unit) <= SPACING[1]:
             return name
     raise table.text.error(
         f"cannot determine the unit of time: the median sample spacing is {spacing:g}, which is no gyro rate between "
-        "20 Hz and 8 kHz in s, ms, us or ns; check the column of stamps"
+        "20 Hz and 8 kHz in s, ms, us or ns; check the column of timestamps"
     )

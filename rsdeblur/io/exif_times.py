@@ -19,7 +19,7 @@ QUARTER_NS = 900 * SECOND_NS
 QUARTERS = range(-48, 57)
 # A GPS fix may be older than the photo by this much, ns.
 OLDEST_FIX_NS = 300 * SECOND_NS
-# Stamps before the year 2000 are not Unix time: clocks of phones count from their start.
+# Timestamps before the year 2000 are not Unix time: clocks of phones count from their start.
 UNIX_SINCE_NS = 946_684_800 * SECOND_NS
 # Years of photos: cameras whose clock is not set write the year 0 or 1, and 64 bits of ns end in 2262.
 YEARS = range(1900, 2262)
@@ -78,11 +78,11 @@ def on_clock_of(time: CaptureTime, log: GyroLog) -> int:
     Raises
     ------
     ClockError
-        If the stamps of the log are not Unix time, or no zone fits, or several do.
+        If the timestamps of the log are not Unix time, or no zone fits, or several do.
     """
     first, last = (log.epoch_ns + round(end * SECOND_NS) for end in log.span)
     if first < UNIX_SINCE_NS:
-        raise ClockError("the stamps of the log are not Unix time, so the time in EXIF has no place on its clock")
+        raise ClockError("the timestamps of the log are not Unix time, so the time in EXIF has no place on its clock")
     zones = [quarter * QUARTER_NS for quarter in QUARTERS] if not time.has_zone else [0]
     early, late = (round(error * SECOND_NS) for error in EXIF_ERROR)
     fitting = [time.ns - zone for zone in zones if first + early <= time.ns - zone <= last + late]

@@ -186,9 +186,9 @@ def _video_samples(source: Source, telemetry: Telemetry, readings: list[Mapping[
             f"the camera stabilised the video itself ({facts['stabilised']}): its picture does not move as the camera "
             "did, so its blur cannot be computed from the gyro alone; record without stabilisation"
         )
-    stamps = np.array([sample["timestamp_ms"] for sample in readings], dtype=np.float64)
+    timestamps = np.array([sample["timestamp_ms"] for sample in readings], dtype=np.float64)
     rates = np.array([sample["gyro"] for sample in readings], dtype=np.float64)
-    if not (np.isfinite(stamps).all() and np.isfinite(rates).all()):
+    if not (np.isfinite(timestamps).all() and np.isfinite(rates).all()):
         raise source.error("the video's gyro data are damaged: a sample is not finite")
     # telemetry-parser spaces the samples evenly, from zero at the first one; no frame is tied to that zero.
     facts["time_zero"] = "the first gyro sample, not the first frame"
@@ -197,7 +197,7 @@ def _video_samples(source: Source, telemetry: Telemetry, readings: list[Mapping[
         return source.error(f"gyro sample {i}: {message}")
 
     return Samples(
-        nanoseconds(stamps, error_at),
+        nanoseconds(timestamps, error_at),
         rates,
         error_at,
         unit="deg/s",

@@ -60,12 +60,12 @@ def read_gyro(
     ``deepgyro``          ``type t_ns x y z``; type 4 (or 16) is the gyro, other sensors are skipped
     ``opencamera``        OpenCamera Sensors ``...gyro.csv``: ``x,y,z,t_ns`` without a header
     ``plain``             ``t wx wy wz`` or ``wx wy wz t``, or a header that names these columns in any order
-    ``unstamped``         ``wx wy wz``, exactly three columns, or a header that names them and no stamps; needs `rate`
+    ``unstamped``         ``wx wy wz``, just three columns, or a header that names them and no timestamps; needs `rate`
     ===================== ==================================================================================
 
     A zip archive is searched for a gyro log, and refused if it contains several that are equally likely. Columns of
     text may be separated by commas, semicolons, bars, spaces or tabs; blank lines and lines that start with ``#`` are
-    skipped. In a table without a header, the one column that always rises contains the stamps. Units come from the
+    skipped. In a table without a header, the one column that always rises contains the timestamps. Units come from the
     header; without one, rates are in rad/s and the unit of time (s, ms, us or ns) follows from the median sample
     spacing, which is unambiguous for a gyro between 20 Hz and 8 kHz.
     Rates of ``gcsv``, ``gyroflow`` and ``video`` are in Gyroflow's frame (x up, y left, z back), those of the others in
@@ -83,12 +83,12 @@ def read_gyro(
         Orientation string of Gyroflow, such as ``"YxZ"``, that turns the file's raw axes into Gyroflow's frame. It
         replaces the file's own.
     rate : float, optional
-        Sampling rate in Hz, 20 to 8000, of a log without stamps; its first sample is then at time 0.
+        Sampling rate in Hz, 20 to 8000, of a log without timestamps; its first sample is then at time 0.
 
     Returns
     -------
     GyroLog
-        The log. `epoch_ns` is the first stamp; stamps are exact integers until the first one is subtracted.
+        The log. `epoch_ns` is the first timestamp; timestamps are exact integers until the first one is subtracted.
 
     Raises
     ------
@@ -96,16 +96,16 @@ def read_gyro(
         If the file cannot be read, is empty, damaged, cut off or of an unknown format, contains no gyro samples or
         those of an accelerometer, or is an archive of several logs; if `format` is not the name of a format, or the
         file is not in it; if an optional package is needed and not installed; or, naming the line, if a cell is
-        missing, not a number or not finite, a rate is impossible, a stamp conflicts with another or is beyond int64, or
-        the column of stamps does not rise; if the log contains no stamps and `rate` is missing, or contains stamps and
-        `rate` is given.
+        missing, not a number or not finite, a rate is impossible, a timestamp conflicts with another or is beyond
+        int64, or the column of timestamps does not rise; if the log contains no timestamps and `rate` is missing, or
+        contains timestamps and `rate` is given.
     InputError
         If `unit`, `orientation` or `rate` is not a valid one.
 
     Warns
     -----
     RsdeblurWarning
-        If samples were sorted or dropped, if the rates look like degrees or the stamps like another unit, or if the
+        If samples were sorted or dropped, if the rates look like degrees or the timestamps like another unit, or if the
         file gives reason for caution.
 
     Examples

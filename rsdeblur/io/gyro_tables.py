@@ -79,7 +79,7 @@ def _read_named(axes: Axes) -> Callable[[TextFile], Samples]:
         columns = named_columns(text)
         if columns is None:
             raise text.error(
-                "the file has no header that names the stamps and the rates about x, y and z", text.rows[0]
+                "the file has no header that names the timestamps and the rates about x, y and z", text.rows[0]
             )
         return read_columns(text, columns, axes)
 
@@ -133,10 +133,10 @@ def _sniff_opencamera(text: TextFile) -> bool:
     grid = layout_grid(text, 4)
     if grid is None or 3 not in rising(grid):
         return False
-    # The first column, a rate, may rise for a while too; but only stamps in ns are whole numbers that far apart.
-    stamps = grid[:, 3]
-    spacing = (stamps[-1] - stamps[0]) / (len(text.rows) - 1)
-    return bool(SPACING[0] <= spacing <= SPACING[1] and (stamps == np.rint(stamps)).all())
+    # The first column, a rate, may rise for a while too; but only timestamps in ns are whole numbers that far apart.
+    timestamps = grid[:, 3]
+    spacing = (timestamps[-1] - timestamps[0]) / (len(text.rows) - 1)
+    return bool(SPACING[0] <= spacing <= SPACING[1] and (timestamps == np.rint(timestamps)).all())
 
 
 def _read_opencamera(text: TextFile) -> Samples:
@@ -196,7 +196,7 @@ def _plain_columns(text: TextFile) -> Columns | None:
 
 
 def sensors_beside(grid: FloatArray, t: int) -> tuple[list[Columns], list[Columns]]:
-    """Return the columns of the gyros and of the accelerometers, which show gravity, beside that of the stamps."""
+    """Return the columns of the gyros and of the accelerometers, which show gravity, beside that of the timestamps."""
     gyros: list[Columns] = []
     accelerometers: list[Columns] = []
     others = [k for k in range(grid.shape[1]) if k != t]
@@ -229,7 +229,9 @@ def _unstamped_columns(text: TextFile) -> Columns | None:
 def _read_unstamped(text: TextFile) -> Samples:
     columns = _unstamped_columns(text)
     if columns is None:
-        raise text.error("expected three numbers `wx wy wz`, or a header that names them and no stamps", text.rows[0])
+        raise text.error(
+            "expected three numbers `wx wy wz`, or a header that names them and no timestamps", text.rows[0]
+        )
     refuse_other_sensor(text)
     return read_columns(text, columns, "sensor")
 
@@ -249,7 +251,7 @@ FORMATS: tuple[Format[Samples], ...] = (
     text_format("plain", "`t wx wy wz` or `wx wy wz t`", lambda text: _plain_columns(text) is not None, _read_plain),
     text_format(
         "unstamped",
-        "`wx wy wz` without stamps, with a sampling rate",
+        "`wx wy wz` without timestamps, with a sampling rate",
         lambda text: _unstamped_columns(text) is not None,
         _read_unstamped,
     ),

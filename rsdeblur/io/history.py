@@ -13,7 +13,7 @@ from typing import Any
 
 from rsdeblur._util.files import open_file
 from rsdeblur.errors import RsdeblurWarning
-from rsdeblur.io import _stamps, _xmp
+from rsdeblur.io import _exif_renewal, _xmp
 from rsdeblur.io._metadata import AGENT
 from rsdeblur.io.claims import parameters_text
 from rsdeblur.io.pictures import Picture
@@ -72,7 +72,7 @@ def with_history(picture: Picture, parameters: Mapping[str, Any]) -> Picture:
     """
     text = parameters_text(parameters)
     try:
-        return replace(picture, xmp=_xmp.with_history(picture.xmp, AGENT, text, _stamps.now()))
+        return replace(picture, xmp=_xmp.with_history(picture.xmp, AGENT, text, _exif_renewal.now()))
     except ValueError as error:
         warnings.warn(f"the XMP packet is damaged and left out: {error}", RsdeblurWarning, stacklevel=2)
-        return replace(picture, xmp=_xmp.with_history(None, AGENT, text, _stamps.now()))
+        return replace(picture, xmp=_xmp.with_history(None, AGENT, text, _exif_renewal.now()))

@@ -27,7 +27,7 @@ RATE_UNITS = {"rad/s": 1.0, "deg/s": pi / 180, "mrad/s": 1e-3, "mdeg/s": pi / 18
 # y left, z back), or the sensor's own, which only its owner knows.
 Axes = Literal["phone", "gyroflow", "sensor"]
 
-# Hz. Gyros sample at 20 Hz to 8 kHz; beyond these bounds the stamps are rather in another unit, by a factor of 1000.
+# Hz. Gyros sample at 20 Hz to 8 kHz; beyond these bounds timestamps are rather in another unit, by a factor of 1000.
 LEAST_RATE, MOST_RATE = 5.0, 50_000.0
 
 # Samples that come late by up to ten intervals, at most one in a hundred, are harmless delays. Anything else is another
@@ -51,7 +51,7 @@ class Samples:
     Parameters
     ----------
     ns : ndarray of int64, shape (n,), or None
-        Stamps in ns; None if the file contains none.
+        Timestamps in ns; None if the file contains none.
     values : ndarray, shape (n, 3)
         Rates or accelerations as in the file, in `unit`.
     error_at : callable
@@ -63,7 +63,7 @@ class Samples:
     turn : ndarray, shape (3, 3), optional
         Rotation from the file's axes to `axes`.
     time_unit : str
-        Unit of the stamps in the file, for reports.
+        Unit of the timestamps in the file, for reports.
     facts : mapping
         Other content of the file, for reports.
     cautions : sequence of str
@@ -117,12 +117,12 @@ def table_samples(table: Table, ns: NDArray[np.int64] | None, *, scale: float = 
 
 
 def nanoseconds(milliseconds: FloatArray, error_at: ErrorAt) -> NDArray[np.int64]:
-    """Return finite stamps in ms as integers in ns; raise the error of the first one that does not fit."""
+    """Return finite timestamps in ms as integers in ns; raise the error of the first one that does not fit."""
     # float64 is coarser than 1 ns near the limit: a margin keeps rounding inside.
     (beyond,) = np.nonzero(np.abs(milliseconds) >= (INT64_LIMIT - 1024) / 1e6)
     if beyond.size:
         i = int(beyond[0])
-        raise error_at(f"stamp {milliseconds[i]:g} ms is beyond the int64 range of nanoseconds (292 years)", i)
+        raise error_at(f"timestamp {milliseconds[i]:g} ms is beyond the int64 range of nanoseconds (292 years)", i)
     return np.round(milliseconds * 1e6).astype(np.int64)
 
 
@@ -134,8 +134,8 @@ def finish(
     Raises
     ------
     FileFormatError
-        If there are fewer than two samples, a rate is impossible, stamps conflict, the file has neither stamps nor a
-        sampling rate or has both, or the samples are those of an accelerometer.
+        If there are fewer than two samples, a rate is impossible, timestamps conflict, the file has neither timestamps
+        nor a sampling rate or has both, or the samples are those of an accelerometer.
     InputError
         If `unit` is unknown or `rate` is not positive.
 
@@ -148,7 +148,7 @@ def finish(
         validate.choice("unit", unit, RATE_UNITS)
     unit = unit or samples.unit
     _check_values(samples, "rates", unit, error)
-    t, rates, epoch, repairs = ordered(_stamps(samples, rate, error), samples)
+    t, rates, epoch, repairs = ordered(_timestamps(samples, rate, error), samples)
     if RATE_UNITS[unit] != 1:
         rates = rates * RATE_UNITS[unit]
     if np.mean(np.abs(_magnitudes(rates) - GRAVITY) < 0.5) > 0.9:
@@ -163,12 +163,12 @@ def finish(
 
 
 def _doubts_of_rate(log: GyroLog, samples: Samples) -> list[str]:
-    """Return a sentence if the stamps are probably in another unit than the file names."""
+    """Return a sentence if the timestamps are probably in another unit than the file names."""
     if LEAST_RATE <= log.rate <= MOST_RATE:
         return []
     return [
-        f"the stamps in {samples.time_unit} mean a sampling rate of {log.rate:.3g} Hz, but a gyro's is 20 to 8000 Hz; "
-        "is the unit of time right?"
+        f"the timestamps in {samples.time_unit} mean a sampling rate of {log.rate:.3g} Hz, but a gyro's is 20 to 8000 "
+        "Hz; is the unit of time right?"
     ]
 
 
@@ -178,7 +178,7 @@ def finish_acceleration(samples: Samples, unit: str | None, error: Callable[[str
     Raises
     ------
     FileFormatError
-        If stamps are missing or conflict, or the values are not gravity on average, in the unit.
+        If timestamps are missing or conflict, or the values are not gravity on average, in the unit.
     InputError
         If `unit` is unknown.
     """
@@ -186,7 +186,7 @@ def finish_acceleration(samples: Samples, unit: str | None, error: Callable[[str
         validate.choice("unit", unit, ACCELERATION_UNITS)
     unit = unit or samples.unit
     _check_values(samples, "accelerations", unit, error)
-    t, forces, epoch, repairs = ordered(_stamps(samples, None, error), samples)
+    t, forces, epoch, repairs = ordered(_timestamps(samples, None, error), samples)
     size = float(np.median(_magnitudes(forces))) * ACCELERATION_UNITS[unit]
     if not 0.5 * GRAVITY < size < 1.5 * GRAVITY:
         fits = [
@@ -221,7 +221,7 @@ def _magnitudes(values: FloatArray) -> FloatArray:
 
 
 def ordered(ns: NDArray[np.int64], samples: Samples) -> tuple[FloatArray, FloatArray, int, list[str]]:
-    """Return times in s, values in their final axes, the first stamp in ns, and a note of each repair."""
+    """Return times in s, values in their final axes, the first timestamp in ns, and a note of each repair."""
     ns, values, repairs = _repaired(ns, samples)
     if samples.turn is not None:
         values = values @ samples.turn.T
@@ -244,16 +244,16 @@ def _made(
         raise samples.error_at(str(reason), 0) if len(t) < 2 else error(str(reason)) from reason
 
 
-def _stamps(samples: Samples, rate: float | None, error: Callable[[str], FileFormatError]) -> NDArray[np.int64]:
-    """Return the stamps of the file, or those that follow from the sampling rate in Hz."""
+def _timestamps(samples: Samples, rate: float | None, error: Callable[[str], FileFormatError]) -> NDArray[np.int64]:
+    """Return the timestamps of the file, or those that follow from the sampling rate in Hz."""
     if samples.ns is not None:
         if rate is not None:
-            raise error("the file contains stamps; leave out the sampling rate (rate, --rate)")
+            raise error("the file contains timestamps; leave out the sampling rate (rate, --rate)")
         return samples.ns
     if rate is None:
         raise error(
-            "the file contains no stamps; give the sampling rate in Hz (rate, --rate), or name the column of stamps t, "
-            "time or timestamp"
+            "the file contains no timestamps; give the sampling rate in Hz (rate, --rate), or name the column of "
+            "timestamps t, time or timestamp"
         )
     rate = validate.finite("rate", rate, above=0.0)
     if not SPACING[0] <= 1e9 / rate <= SPACING[1]:
@@ -263,7 +263,7 @@ def _stamps(samples: Samples, rate: float | None, error: Callable[[str], FileFor
 
 
 def _repaired(ns: NDArray[np.int64], samples: Samples) -> tuple[NDArray[np.int64], FloatArray, list[str]]:
-    """Return stamps and values in order and without repetitions, and a note of each repair."""
+    """Return timestamps and values in order and without repetitions, and a note of each repair."""
     values, repairs = samples.values, []
     origin = np.arange(len(ns))
     if (ns[1:] < ns[:-1]).any():
@@ -276,8 +276,8 @@ def _repaired(ns: NDArray[np.int64], samples: Samples) -> tuple[NDArray[np.int64
         differ = twice[(values[twice] != values[twice + 1]).any(axis=1)]
         if differ.size:
             i = int(origin[differ[0] + 1])
-            stamp = ns[differ[0]]
-            raise samples.error_at(f"duplicate stamp {stamp} ns with another value; keep one of the samples", i)
+            timestamp = ns[differ[0]]
+            raise samples.error_at(f"duplicate timestamp {timestamp} ns with another value; keep one of the samples", i)
         ns, values = np.delete(ns, twice + 1), np.delete(values, twice + 1, axis=0)
         repairs.append(f"{twice.size} repeated samples were dropped")
     return ns, values, repairs
@@ -294,8 +294,8 @@ def _late(ns: NDArray[np.int64], error_at: ErrorAt) -> int:
     latest = np.maximum.accumulate(ns)
     (late,) = np.nonzero(ns < latest)
     i = int(late[0])
-    before = f"stamp out of order: {ns[i]} ns comes after {ns[i - 1]} ns"
-    # In floats, because differences of arbitrary stamps may overflow.
+    before = f"timestamp out of order: {ns[i]} ns comes after {ns[i - 1]} ns"
+    # In floats, because differences of arbitrary timestamps may overflow.
     interval = float(np.median(np.abs(np.diff(ns.astype(np.float64)))))
     delay = float((latest[late].astype(np.float64) - ns[late]).max())
     if late.size > max(1, LATE_SHARE * len(ns)) or delay > LATE_INTERVALS * interval:
@@ -314,8 +314,8 @@ def _late(ns: NDArray[np.int64], error_at: ErrorAt) -> int:
     if narrow.size:
         i = int(late[own][after[own] == holes[narrow[0]]][0])
         raise error_at(
-            f"stamp out of order: {ns[i]} ns comes after {ns[i - 1]} ns, and no sample is missing at that time; the "
-            "clock was set back, or the file contains several recordings; cut the log there",
+            f"timestamp out of order: {ns[i]} ns comes after {ns[i - 1]} ns, and no sample is missing at that time; "
+            "the clock was set back, or the file contains several recordings; cut the log there",
             i,
         )
     return int(late.size)

@@ -21,14 +21,14 @@ from rsdeblur.types import FloatArray
 LOG_NAMES = ("gyro", "imu")
 TABLES = (".csv", ".txt")
 PHOTOS = (*KINDS, ".heic", ".dng")
-# A number in a photo's name is a stamp in ns from here on; a smaller one is a frame number.
-LEAST_STAMP = 10**9
+# A number in a photo's name is a timestamp in ns from here on; a smaller one is a frame number.
+LEAST_TIMESTAMP = 10**9
 # Appended to the name of a result beside its photo.
 SHARP = "-sharp"
-# Largest distance of a photo's stamp from its capture, in intervals between captures: MARS logger cuts stamps to us.
+# Largest distance of a photo's timestamp from its capture, in intervals between captures: MARS logger cuts them to us.
 NEAR = 0.5
 LONE_INTERVAL = 1e8  # ns, assumed where there is one capture only
-UNNUMBERED = "its name contains neither a stamp nor a frame number"
+UNNUMBERED = "its name contains neither a timestamp nor a frame number"
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class Session:
     Parameters
     ----------
     gyro, capture : Path
-        The gyro log, and the file of the exposures or at least of their stamps.
+        The gyro log, and the file of the exposures or at least of their timestamps.
     camera : Path or None
         The camera file, if the folder contains exactly one.
     photos : list of SessionPhoto
@@ -70,8 +70,8 @@ def open_session(
 ) -> Session:
     """Find log, captures, camera and photos in a folder of MARS logger, OpenCamera Sensors or DeepGyro.
 
-    Photos are in the folder or in its subfolders. A name that ends in a stamp in ns, as OpenCamera Sensors writes it,
-    selects the nearest capture. A name that ends in a frame number selects that line of the list of encoded frames
+    Photos are in the folder or in its subfolders. A name that ends in a timestamp in ns, as OpenCamera Sensors writes
+    it, selects the nearest capture. A name that ends in a frame number selects that line of the list of encoded frames
     (MARS logger's ``frame_timestamps.txt``) if there is one, else of the captures.
 
     Parameters
@@ -103,10 +103,10 @@ def open_session(
     else:
         file = open_captures(capture)
     photos = photos_in(folder, files)
-    matched = _matched(photos, file.stamps, encoded_stamps(capture), numbered_from)
+    matched = _matched(photos, file.timestamps, encoded_timestamps(capture), numbered_from)
     if all(photo.error == UNNUMBERED for photo in matched):
         raise FileFormatError(
-            f"{folder}: the names of the {len(photos)} photos contain neither stamps nor frame numbers, so their "
+            f"{folder}: the names of the {len(photos)} photos contain neither timestamps nor frame numbers, so their "
             "exposures are unknown; list them in a manifest with the columns photo,index, or give --start exif"
         )
     return Session(gyro, capture, camera_in(files), matched)
@@ -169,34 +169,36 @@ def _captures(folder: Path, files: list[Path]) -> tuple[Path, CaptureFile]:
             f"{folder}: no capture file in the folder (movie_metadata.csv, ..._timestamps.csv or images.txt); "
             "give --capture, or for the photos of a camera app: rsdeblur batch --start exif"
         )
-    # First a file with all exposure times, then one named after its stamps: flashes are logged like frames.
+    # First a file with all exposure times, then one named after its timestamps: flashes are logged like frames.
     return min(candidates, key=lambda pair: (None in pair[1].durations, "timestamps" not in pair[0].name.lower()))
 
 
-def encoded_stamps(capture: Path) -> list[int] | None:
-    """Return the stamps in ns of MARS logger's video frames, perhaps fewer than the captures; None without a list."""
+def encoded_timestamps(capture: Path) -> list[int] | None:
+    """Return the timestamps of MARS logger's video frames, ns, perhaps fewer than captures; None without a list."""
     path = capture.with_name("frame_timestamps.txt")
-    return open_captures(path).stamps if path.is_file() and path != capture else None
+    return open_captures(path).timestamps if path.is_file() and path != capture else None
 
 
-def nearest_captures(stamps: list[int], times: Iterable[int]) -> list[int]:
-    """Return for each of `times` the index of the nearest of increasing `stamps`, all in ns."""
-    # Relative to the first stamp, float64 represents them exactly.
-    captures, targets = (np.array([t - stamps[0] for t in group], dtype=np.float64) for group in (stamps, times))
+def nearest_captures(timestamps: list[int], times: Iterable[int]) -> list[int]:
+    """Return for each of `times` the index of the nearest of increasing `timestamps`, all in ns."""
+    # Relative to the first timestamp, float64 represents them exactly.
+    captures, targets = (
+        np.array([t - timestamps[0] for t in group], dtype=np.float64) for group in (timestamps, times)
+    )
     middles = 0.5 * (captures[1:] + captures[:-1])
     places: list[int] = np.searchsorted(middles, targets).tolist()
     return places
 
 
 def _matched(
-    photos: Iterable[Path], stamps: list[int], encoded: list[int] | None, numbered_from: int | None
+    photos: Iterable[Path], timestamps: list[int], encoded: list[int] | None, numbered_from: int | None
 ) -> list[SessionPhoto]:
-    # Relative to the first stamp, float64 represents them exactly.
-    origin = stamps[0]
-    captures = np.array([stamp - origin for stamp in stamps], dtype=np.float64)
-    frames = stamps if encoded is None else encoded
+    # Relative to the first timestamp, float64 represents them exactly.
+    origin = timestamps[0]
+    captures = np.array([timestamp - origin for timestamp in timestamps], dtype=np.float64)
+    frames = timestamps if encoded is None else encoded
     numbers = {path: int(digits[-1]) for path in photos if (digits := re.findall(r"\d+", path.stem))}
-    counted = {number for number in numbers.values() if number < LEAST_STAMP}
+    counted = {number for number in numbers.values() if number < LEAST_TIMESTAMP}
     if numbered_from is None:
         numbered_from = 0 if 0 in counted else 1 if len(frames) in counted else None
     matched = []
@@ -204,7 +206,7 @@ def _matched(
         number = numbers.get(path)
         if number is None:
             matched.append(SessionPhoto(path, None, UNNUMBERED))
-        elif number >= LEAST_STAMP:
+        elif number >= LEAST_TIMESTAMP:
             matched.append(_nearest(path, number - origin, captures))
         elif numbered_from is None:
             matched.append(SessionPhoto(path, None, "is the first frame number 0 or 1? give --numbered-from 0 or 1"))
@@ -219,8 +221,8 @@ def _matched(
 
 
 def indices_of(photos: list[Path], capture: Path, *, numbered_from: int | None = None) -> list[SessionPhoto]:
-    """Return the exposure of each photo in a capture file, by the stamps or frame numbers in the photos' names."""
-    return _matched(photos, open_captures(capture).stamps, encoded_stamps(capture), numbered_from)
+    """Return the exposure of each photo in a capture file, by the timestamps or frame numbers in the photos' names."""
+    return _matched(photos, open_captures(capture).timestamps, encoded_timestamps(capture), numbered_from)
 
 
 def _nearest(path: Path, time: int, captures: FloatArray) -> SessionPhoto:

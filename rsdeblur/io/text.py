@@ -1,4 +1,4 @@
-"""Text files of numbers: read fast, with exact stamps, and with the line named where that fails."""
+"""Text files of numbers: read fast, with exact timestamps, and with the line named where that fails."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NUMBER = re.compile(r"\s*[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
 NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 
 INT64_LIMIT = 2**63
-# Relative error of a stamp times a unit in float64: both are rounded, and the product is too, 2**-53 each.
+# Relative error of a timestamp times a unit in float64: both are rounded, and the product is too, 2**-53 each.
 ROUNDING = 2.0**-51
 # The names of the columns are among the first lines; some apps write a few lines about the recording above them.
 PREAMBLE = 20
@@ -33,7 +33,7 @@ HEADER_WIDTH = 4096
 START = 2**20
 # Rows searched for decimal commas: a number without a fraction has none, but hardly all numbers of 50 rows are such.
 COMMA_ROWS = 50
-# Stamps that are converted at a time, to bound memory.
+# Timestamps that are converted at a time, to bound memory.
 BLOCK = 2**16
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 # First bytes of files that contain a log, but not as text.
@@ -49,7 +49,7 @@ PACKED = {
     b"SQLite format": "a database; export the table as CSV",
 }
 # Cells with a date and a time of ISO 8601, whose zone is known.
-ISO_STAMP = re.compile(
+ISO_TIMESTAMP = re.compile(
     r'(?<![^\s,;|"])(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?(Z|[+-]\d\d:\d\d)(?![^\s,;|"])', re.ASCII
 )
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -104,8 +104,8 @@ class TextFile:
         if not len(rows):
             raise FileFormatError(f"{path}: not a {what}: the file is empty{' but for comments' * ('#' in text)}")
         start = text[:START]
-        if ISO_STAMP.search(lines[rows[len(rows) // 2]][:HEADER_WIDTH]):
-            text = ISO_STAMP.sub(_unix_stamp, text)
+        if ISO_TIMESTAMP.search(lines[rows[len(rows) // 2]][:HEADER_WIDTH]):
+            text = ISO_TIMESTAMP.sub(_unix_timestamp, text)
             lines = text.split("\n")
         if any(_has_decimal_commas(lines[row]) for row in spread(rows, COMMA_ROWS)):
             text = text.replace(",", ".")
@@ -165,52 +165,52 @@ class Table:
         The file.
     rows : ndarray of intp, shape (n,)
         Lines of the samples, counted from 0.
-    stamps : ndarray, shape (n,)
+    timestamps : ndarray, shape (n,)
         In the file's own unit: int64 if all are whole numbers that fit, else float64.
     values : ndarray of float64, shape (n, k)
         Finite.
-    stamp_cells : callable
-        Returns the stamps of some samples as they are written.
+    timestamp_cells : callable
+        Returns the timestamps of some samples as they are written.
     """
 
     text: TextFile
     rows: Rows
-    stamps: NDArray[Any]
+    timestamps: NDArray[Any]
     values: FloatArray
-    stamp_cells: Callable[[Rows], list[str]]
+    timestamp_cells: Callable[[Rows], list[str]]
 
     def check_range(self, unit: Decimal) -> None:
-        """Raise `FileFormatError` at the first stamp that does not fit int64 nanoseconds; `unit` is in ns."""
-        # A little inside the limit, because float stamps are rounded.
+        """Raise `FileFormatError` at the first timestamp that does not fit int64 nanoseconds; `unit` is in ns."""
+        # A little inside the limit, because float timestamps are rounded.
         limit = float((INT64_LIMIT - 2048) / unit)
-        (beyond,) = np.nonzero((self.stamps > limit) | (self.stamps < -limit))
+        (beyond,) = np.nonzero((self.timestamps > limit) | (self.timestamps < -limit))
         if beyond.size:
-            message = f"stamp {self.stamps[beyond[0]]} is beyond the int64 range of nanoseconds (292 years)"
+            message = f"timestamp {self.timestamps[beyond[0]]} is beyond the int64 range of nanoseconds (292 years)"
             raise self.text.error(message, self.rows[beyond[0]])
 
     def nanoseconds(self, unit: Decimal) -> NDArray[np.int64]:
-        """Return the stamps as whole nanoseconds, halves rounded to even; `unit` is the file's unit in ns.
+        """Return the timestamps as whole nanoseconds, halves rounded to even; `unit` is the file's unit in ns.
 
         Raises
         ------
         FileFormatError
-            If a stamp is beyond the range of int64.
+            If a timestamp is beyond the range of int64.
         """
         self.check_range(unit)
-        whole = self.stamps.dtype == np.int64
+        whole = self.timestamps.dtype == np.int64
         if whole and unit == int(unit):
-            return self.stamps * np.int64(int(unit))
-        ns = np.empty(len(self.stamps), np.int64)
+            return self.timestamps * np.int64(int(unit))
+        ns = np.empty(len(self.timestamps), np.int64)
         for i in range(0, len(ns), BLOCK):
-            products = self.stamps[i : i + BLOCK] * float(unit)
+            products = self.timestamps[i : i + BLOCK] * float(unit)
             nearest = np.rint(products)
             ns[i : i + BLOCK] = nearest
-            # Float64 decides all but large stamps, and those close to a half.
+            # Float64 decides all but large timestamps, and those close to a half.
             (unsure,) = np.nonzero(0.5 - np.abs(products - nearest) <= ROUNDING * np.abs(products))
             if unsure.size:
                 unsure += i
-                exact = self.stamps[unsure].tolist() if whole else self.stamp_cells(unsure)
-                ns[unsure] = [round(Decimal(stamp) * unit) for stamp in exact]
+                exact = self.timestamps[unsure].tolist() if whole else self.timestamp_cells(unsure)
+                ns[unsure] = [round(Decimal(timestamp) * unit) for timestamp in exact]
         return ns
 
 
@@ -224,8 +224,8 @@ def separator_of(line: str) -> str | None:
     return next((mark for mark in ";,|" if mark in line), None)
 
 
-def _unix_stamp(match: re.Match[str]) -> str:
-    """Return a match of `ISO_STAMP` in ns since 1970; it stays as it is if there is no such date or time."""
+def _unix_timestamp(match: re.Match[str]) -> str:
+    """Return a match of `ISO_TIMESTAMP` in ns since 1970; it stays as it is if there is no such date or time."""
     whole, fraction, zone = match.groups(default="")
     try:
         seconds = (datetime.fromisoformat(whole + zone) - EPOCH) // timedelta(seconds=1)
@@ -262,7 +262,7 @@ def is_number(cell: str) -> bool:
 
 
 def read_table(text: TextFile, rows: Rows | Sequence[int], columns: Sequence[int]) -> Table:
-    """Read `columns` (first the stamp's, then the values') of `rows`.
+    """Read `columns` (first the timestamp's, then the values') of `rows`.
 
     Raises
     ------
@@ -283,8 +283,8 @@ def read_table(text: TextFile, rows: Rows | Sequence[int], columns: Sequence[int
             warnings.filterwarnings("error", r"loadtxt\(\): Parsing an integer", DeprecationWarning)
             return np.loadtxt(lines, dtype, delimiter=separator, comments=None, quotechar='"', usecols=places, ndmin=1)
 
-    def samples(some: Rows, stamp: str = "f8") -> NDArray[Any]:
-        return cells(some, [("stamp", stamp), ("values", "f8", (len(columns) - 1,))])
+    def samples(some: Rows, timestamp: str = "f8") -> NDArray[Any]:
+        return cells(some, [("timestamp", timestamp), ("values", "f8", (len(columns) - 1,))])
 
     try:
         data = samples(rows, "i8")
@@ -296,14 +296,14 @@ def read_table(text: TextFile, rows: Rows | Sequence[int], columns: Sequence[int
     if len(data) < len(rows):
         row = next((row for row in rows if text.lines[row].count('"') % 2), rows[0])
         raise text.error("a quote is not closed, so that the lines after it would be part of the cell", row)
-    (bad,) = np.nonzero(~(np.isfinite(data["stamp"]) & np.isfinite(data["values"]).all(axis=1)))
+    (bad,) = np.nonzero(~(np.isfinite(data["timestamp"]) & np.isfinite(data["values"]).all(axis=1)))
     if bad.size:
         raise _bad_cell(text, int(rows[bad[0]]), columns)
-    # Copies, so that the stamps can be freed before the values.
+    # Copies, so that the timestamps can be freed before the values.
     return Table(
         text,
         rows,
-        data["stamp"].copy(),
+        data["timestamp"].copy(),
         data["values"].copy(),
         lambda some: cells(rows[some], str, columns[:1]).tolist(),
     )
@@ -342,6 +342,6 @@ def _bad_cell(text: TextFile, row: int, columns: Sequence[int]) -> FileFormatErr
     if bad is None:
         return text.error(f"{text.lines[row].strip()[:60]!r}: cells must be numbers with decimal points", row)
     problem = "is not finite; remove the line" if is_number(cells[bad]) else "is not a number"
-    if ISO_STAMP.fullmatch(f"{cells[bad]}Z"):
+    if ISO_TIMESTAMP.fullmatch(f"{cells[bad]}Z"):
         problem = "has no time zone; append Z to all timestamps if they are in UTC, else the offset, like +02:00"
     return text.error(f"{cells[bad][:40]!r} in column {bad + 1} {problem}", row)

@@ -93,7 +93,7 @@ def _sniff(text: TextFile) -> bool:
 
 
 def _unit_of(table: Table) -> str:
-    steps = np.diff(table.stamps).astype(np.float64)
+    steps = np.diff(table.timestamps).astype(np.float64)
     return "ns" if len(steps) and np.median(np.abs(steps)) > LARGEST_SECONDS else "s"
 
 

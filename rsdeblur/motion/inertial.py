@@ -123,8 +123,8 @@ class InertialTrack:
         track = OrientationTrack.from_log(log, camera, t0, t1, epoch_ns, most=MOST_RECORDED)
         offset = camera.time_offset
         samples = acceleration.covering(t0 - offset, t1 - offset, epoch_ns)
-        stamps = np.union1d(samples.t + offset, track.t)
-        t = np.concatenate([[t0], stamps[(stamps > t0) & (stamps < t1)], [t1]])
+        timestamps = np.union1d(samples.t + offset, track.t)
+        t = np.concatenate([[t0], timestamps[(timestamps > t0) & (timestamps < t1)], [t1]])
         rotations = track.at(t)
         rotations = rotations @ rotations[0].T
         force = np.stack([np.interp(t, samples.t + offset, axis) for axis in samples.force.T], axis=-1)

@@ -204,7 +204,7 @@ class SensorLog:
             )
             raise CoverageError(
                 f"the {self.SENSOR} log does not cover the exposure: it misses {' and '.join(missing)}; "
-                "check the time offset, the capture's stamp and the readout time, or use a longer log"
+                "check the time offset, the capture's timestamp and the readout time, or use a longer log"
             )
         # The median interval is taken from the neighbourhood: for all samples of a day it would take a second.
         first, last = np.searchsorted(self.t, (t0 - shift, t1 - shift))

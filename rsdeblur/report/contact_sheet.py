@@ -57,14 +57,14 @@ def contact_sheet(cells: Sequence[Cell], *, marked: int | None = None) -> FloatI
         x, y = GUTTER + (i % columns) * pitch[0], GUTTER + (i // columns) * pitch[1]
         caption(sheet, (x + 2, y + 3), label, size=18)
         sheet.paste(rgb8(label, picture).resize((CELL, height), Image.Resampling.LANCZOS), (x, y + TITLE))
-        _stamp(sheet, kernel, zoom, (x + CELL, y + TITLE))
+        _paste(sheet, kernel, zoom, (x + CELL, y + TITLE))
         if i == marked:
             box = (x - 3, y + TITLE - 3, x + CELL + 2, y + TITLE + height + 2)
             ImageDraw.Draw(sheet).rectangle(box, outline=MARKS[0], width=3)
     return display(sheet)
 
 
-def _stamp(sheet: Image.Image, kernel: NDArray[np.floating], zoom: float, corner: tuple[int, int]) -> None:
+def _paste(sheet: Image.Image, kernel: NDArray[np.floating], zoom: float, corner: tuple[int, int]) -> None:
     """Draw a kernel, white on black, with its upper right corner at `corner`."""
     values = np.asarray(kernel, dtype=np.float64)
     size = max(round(values.shape[1] * zoom), 8), max(round(values.shape[0] * zoom), 8)

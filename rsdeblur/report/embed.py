@@ -87,7 +87,7 @@ class MotionPlot:
             At most 4000 samples.
         """
         start, end = exposure.span(camera)
-        # Stamps are subtracted as integers; only the difference becomes a float.
+        # Timestamps are subtracted as integers; only the difference becomes a float.
         t = log.t + (log.epoch_ns - exposure.epoch_ns) * 1e-9 + camera.time_offset - start
         around = max(AROUND * (end - start), LEAST_AROUND)
         near = np.flatnonzero((t >= -around) & (t <= end - start + around))

@@ -89,7 +89,7 @@ def findings(
         Warnings first, then notes, then what is good.
     """
     opens, closes = (time - camera.time_offset for time in exposure.span(camera))
-    # In s relative to the exposure's origin; stamps are subtracted as integers, where they are exact.
+    # In s relative to the exposure's origin; timestamps are subtracted as integers, where they are exact.
     t = log.t + (log.epoch_ns - exposure.epoch_ns) * 1e-9
     outcomes = [Finding("warning", "Remark", remark) for remark in remarks]
     outcomes += [_coverage(t, opens, closes), _gaps(log, t, opens, closes), _sampling(log, exposure)]

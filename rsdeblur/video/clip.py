@@ -47,14 +47,14 @@ class Clip:
         The file.
     width, height : int
         Size of the frames as stored, px.
-    stamps : tuple of int
+    timestamps : tuple of int
         Presentation times of the frames, in units of `time_base`, increasing.
     end : int
         End of the last frame, in the same units.
     keys : tuple of int
-        Stamps of the frames at which decoding can start.
+        Timestamps of the frames at which decoding can start.
     time_base : Fraction
-        Unit of the stamps, s.
+        Unit of the timestamps, s.
     codec, pixels : str
         FFmpeg's names of the codec and of the pixel format.
     rate : Fraction
@@ -70,7 +70,7 @@ class Clip:
     path: Path
     width: int
     height: int
-    stamps: tuple[int, ...]
+    timestamps: tuple[int, ...]
     end: int
     keys: tuple[int, ...]
     time_base: Fraction
@@ -82,12 +82,12 @@ class Clip:
     matrix: tuple[int, ...] | None
 
     def __len__(self) -> int:
-        return len(self.stamps)
+        return len(self.timestamps)
 
     @property
     def times(self) -> list[float]:
         """Presentation times of the frames, s after the first one."""
-        return [float((stamp - self.stamps[0]) * self.time_base) for stamp in self.stamps]
+        return [float((timestamp - self.timestamps[0]) * self.time_base) for timestamp in self.timestamps]
 
 
 def open_container(path: Path) -> Any:
@@ -154,7 +154,7 @@ def open_clip(path: str | os.PathLike[str]) -> Clip:
     Raises
     ------
     FileFormatError, InputError
-        If the file is not a video, has no video stream, or its frames have no stamps; or `path` is no path.
+        If the file is not a video, has no video stream, or its frames have no timestamps; or `path` is no path.
 
     Warns
     -----
@@ -171,7 +171,7 @@ def open_clip(path: str | os.PathLike[str]) -> Clip:
             if not packet.size or packet.is_discard:
                 continue
             if packet.pts is None:
-                raise FileFormatError(f"{path}: the frames have no stamps; convert it to MP4 or Matroska first")
+                raise FileFormatError(f"{path}: the frames have no timestamps; convert it to MP4 or Matroska first")
             shown.add(packet.pts)
             end = max(end, packet.pts + max(packet.duration or 0, 1))
             if packet.is_keyframe:
@@ -190,7 +190,7 @@ def open_clip(path: str | os.PathLike[str]) -> Clip:
             path=path,
             width=first.width,
             height=first.height,
-            stamps=tuple(sorted(shown)),
+            timestamps=tuple(sorted(shown)),
             end=end,
             keys=tuple(sorted(keys)),
             time_base=stream.time_base,
@@ -243,8 +243,8 @@ def frames(clip: Clip, first: int, stop: int, *, threads: int | None = None) -> 
     FileFormatError
         If a frame cannot be decoded.
     """
-    remaining = set(clip.stamps[first:stop])
-    keys = [key for key in clip.keys if key <= clip.stamps[first]]
+    remaining = set(clip.timestamps[first:stop])
+    keys = [key for key in clip.keys if key <= clip.timestamps[first]]
     # One key frame earlier than needed: frames shown before a key frame may refer to frames before it. Seeking in
     # MPEG-TS may end behind the place; then further back, and at last from the start.
     for place in (*(keys[-back] for back in (2, 4, 8, 16) if back < len(keys)), None):

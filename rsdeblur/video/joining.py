@@ -46,7 +46,7 @@ def copied_streams(source: Any, container: Any) -> list[Any]:
 
 
 def join(clip: Clip, segments: Sequence[Path], output: Path) -> list[str]:
-    """Write the video from its segments, with the sound, the motion data, the stamps and the tags of the clip.
+    """Write the video from its segments, with the sound, the motion data, the timestamps and the tags of the clip.
 
     Parameters
     ----------
@@ -120,14 +120,14 @@ def _time(packet: Any) -> float:
 
 def _pictures(clip: Clip, segments: Sequence[Path], stream: Any) -> Iterator[Any]:
     """Yield the packets of all frames, stamped as in the clip."""
-    stamps = iter([*clip.stamps, clip.end])
-    here = next(stamps)
+    timestamps = iter([*clip.timestamps, clip.end])
+    here = next(timestamps)
     for path in segments:
         with reading(path), open_container(path) as container:
             for packet in container.demux(container.streams.video[0]):
                 if not packet.size:
                     continue
-                following = next(stamps, None)
+                following = next(timestamps, None)
                 if following is None:
                     raise InputError(f"{path}: the segments contain more frames than {clip.path}")
                 packet.pts = packet.dts = here
@@ -136,7 +136,7 @@ def _pictures(clip: Clip, segments: Sequence[Path], stream: Any) -> Iterator[Any
                 packet.stream = stream
                 here = following
                 yield packet
-    if next(stamps, None) is not None:
+    if next(timestamps, None) is not None:
         raise InputError(f"{clip.path}: the segments contain fewer frames")
 
 

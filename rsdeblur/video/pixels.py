@@ -68,7 +68,7 @@ def values_of(frame: Any) -> NDArray[np.uint16]:
 
 
 def frame_of(values: NDArray[np.uint16], like: Any, pixels: str) -> Any:
-    """Return RGB values as a frame in the pixel format `pixels`, with the tags and the stamp of the frame `like`."""
+    """Return RGB values as a frame in the pixel format `pixels`, with tags and timestamp of the frame `like`."""
     matrix = matrix_of(int(like.colorspace), like.format.name, pixels)
     if (coding := _coding(pixels, matrix, int(like.color_range))) is not None:
         frame = av.VideoFrame(like.width, like.height, pixels)

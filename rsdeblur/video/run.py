@@ -138,7 +138,7 @@ def deblur_video(
     force: bool = False,
     progress: Progress | None = None,
 ) -> VideoResult:
-    """Deblur a video as planned; sound, motion data, stamps, rotation and colour tags are kept.
+    """Deblur a video as planned; sound, motion data, timestamps, rotation and colour tags are kept.
 
     Finished segments are kept in a folder beside `output` until it is complete. After an interrupt, the next call with
     the same arguments continues with them.

@@ -1,4 +1,4 @@
-"""Exposures of the frames of a video, from its own stamps or from a capture file."""
+"""Exposures of the frames of a video, from its own timestamps or from a capture file."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ import numpy as np
 from rsdeblur._util.files import checked_path
 from rsdeblur.errors import FileFormatError, InputError, RsdeblurWarning
 from rsdeblur.io.captures import open_captures
-from rsdeblur.io.sessions import encoded_stamps, nearest_captures
+from rsdeblur.io.sessions import encoded_timestamps, nearest_captures
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.video.clip import Clip
 
-# The stamps of the video and of the logger may differ by this fraction of the frame interval without a warning.
+# The timestamps of the video and of the logger may differ by this fraction of the frame interval without a warning.
 NEAR = 0.5
 
 
-def exposures_from_stamps(
+def exposures_from_timestamps(
     clip: Clip, duration: float | Sequence[float], *, start: float = 0.0, epoch_ns: int = 0
 ) -> list[Exposure]:
-    """Return the exposure of each frame from the video's own stamps; the frame rate need not be constant.
+    """Return the exposure of each frame from the video's own timestamps; the frame rate need not be constant.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def exposures_from_stamps(
     duration : float or sequence of float
         Exposure time in s, one for all frames or one for each.
     start, epoch_ns
-        Stamp of the first frame, see :class:`rsdeblur.Exposure`.
+        Timestamp of the first frame, see :class:`rsdeblur.Exposure`.
 
     Returns
     -------
@@ -81,34 +81,36 @@ def exposures_from_captures(
     """
     path = checked_path(path)
     file = open_captures(path)
-    encoded = encoded_stamps(path)
-    stamps = file.stamps if encoded is None else encoded
-    if len(stamps) < len(clip):
+    encoded = encoded_timestamps(path)
+    timestamps = file.timestamps if encoded is None else encoded
+    if len(timestamps) < len(clip):
         raise FileFormatError(
-            f"{path}: the file lists {len(stamps)} frames, but {clip.path} has {len(clip)}; give the file of this video"
+            f"{path}: the file lists {len(timestamps)} frames, but {clip.path} has {len(clip)}; give that of this video"
         )
-    _compare(clip, path, stamps)
+    _compare(clip, path, timestamps)
     exposures = []
-    for stamp, index in zip(stamps[: len(clip)], nearest_captures(file.stamps, stamps[: len(clip)]), strict=True):
+    for timestamp, index in zip(
+        timestamps[: len(clip)], nearest_captures(file.timestamps, timestamps[: len(clip)]), strict=True
+    ):
         time = file.durations[index] if duration is None else duration
         if time is None:
             raise InputError(
-                f"{path}: the file contains stamps without exposure times; give the exposure time (--duration)"
+                f"{path}: the file contains timestamps without exposure times; give the exposure time (--duration)"
             )
-        exposures.append(Exposure(0.0, time, stamp if encoded is None else file.stamps[index]))
+        exposures.append(Exposure(0.0, time, timestamp if encoded is None else file.timestamps[index]))
     return exposures
 
 
-def _compare(clip: Clip, path: Path, stamps: list[int]) -> None:
-    """Warn if the stamps of the file and of the video do not seem to belong to the same frames."""
-    listed = 1e-9 * np.array([stamp - stamps[0] for stamp in stamps[: len(clip)]], dtype=np.float64)
+def _compare(clip: Clip, path: Path, timestamps: list[int]) -> None:
+    """Warn if the timestamps of the file and of the video do not seem to belong to the same frames."""
+    listed = 1e-9 * np.array([timestamp - timestamps[0] for timestamp in timestamps[: len(clip)]], dtype=np.float64)
     shown = np.array(clip.times)
     interval = float(np.median(np.diff(shown))) if len(shown) > 1 else np.inf
     difference = float(np.abs(listed - shown).max())
-    if len(stamps) > len(clip) or difference > NEAR * interval:
+    if len(timestamps) > len(clip) or difference > NEAR * interval:
         warnings.warn(
-            f"{path}: the file lists {len(stamps)} frames, {clip.path} has {len(clip)}, and their stamps differ by up "
-            f"to {1e3 * difference:.1f} ms; the first {len(clip)} are used in order",
+            f"{path}: the file lists {len(timestamps)} frames, {clip.path} has {len(clip)}, and their timestamps "
+            f"differ by up to {1e3 * difference:.1f} ms; the first {len(clip)} are used in order",
             RsdeblurWarning,
             stacklevel=3,
         )

@@ -432,7 +432,7 @@ def test_mars_session(run: Run, files: Files, tmp_path: Path) -> None:
     for row in captures[1:]:
         row[0] = str(int(row[0]) + since)
     (folder / "movie_metadata.csv").write_text("".join(",".join(row) + "\n" for row in captures))
-    # The first capture was not encoded, and stamps are cut to microseconds.
+    # The first capture was not encoded, and timestamps are cut to microseconds.
     (folder / "frame_timestamps.txt").write_text("Frame timestamp[nanosec]\n1000299999000\n1004999999000\n")
     for name in ("frame0.png", "frame7.png", "1000200000000.png", "cover.png", "998000000000.png"):
         shutil.copy(files.photo, folder / "frames" / name)
@@ -440,7 +440,7 @@ def test_mars_session(run: Run, files: Files, tmp_path: Path) -> None:
     assert [Path(item["photo"]).name for item in found] == sorted(path.name for path in (folder / "frames").iterdir())
     assert states(found) == "done failed failed done failed"
     assert "the nearest capture is 2200.0 ms away" in found[1]["error"]
-    assert "neither a stamp nor a frame number" in found[2]["error"]
+    assert "neither a timestamp nor a frame number" in found[2]["error"]
     assert "there is no frame 7; the frames are 0 to 1" in found[4]["error"]
     assert (folder / "out" / "frames" / "frame0.png").is_file()
 
@@ -452,11 +452,13 @@ def test_opencamera_session(run: Run, files: Files, tmp_path: Path) -> None:
     rows = "".join(f"{s[1]},{s[2]},{s[3]},{round(1e9 * s[0]) + 10**15}\n" for s in files.samples())
     for sensor in ("gyro", "accel"):
         (folder / f"VID_20260101_120000{sensor}.csv").write_text(rows)
-    stamps = [10**15 + 200_000_000, 10**15 + 233_000_000]
-    (folder / "VID_20260101_120000_imu_timestamps.csv").write_text("".join(f"{stamp}\n" for stamp in stamps))
-    (folder / "VID_20260101_120000_flash.csv").write_text(f"{stamps[0]}\n")
+    timestamps = [10**15 + 200_000_000, 10**15 + 233_000_000]
+    (folder / "VID_20260101_120000_imu_timestamps.csv").write_text(
+        "".join(f"{timestamp}\n" for timestamp in timestamps)
+    )
+    (folder / "VID_20260101_120000_flash.csv").write_text(f"{timestamps[0]}\n")
     # The second one is the result of `deblur` beside its photo.
-    for name in (f"{stamps[0]}.png", f"{stamps[0]}-sharp.png"):
+    for name in (f"{timestamps[0]}.png", f"{timestamps[0]}-sharp.png"):
         shutil.copy(files.photo, folder / name)
     shutil.copy(files.camera, folder / "camera.toml")
     (item,) = entries(run, folder, "--duration", "40ms", "-o", tmp_path / "out")

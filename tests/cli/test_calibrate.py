@@ -57,8 +57,8 @@ def film(tmp_path_factory) -> Film:
         folder / "gyro.csv", np.column_stack([log.t + 5.0, log.omega]), "%.9f", ",", header="t,wx,wy,wz", comments=""
     )
     # A photo of the burst was not kept: the capture file has one line more at the start.
-    stamps = [EPOCH + round(1e9 * (1.0 + i / RATE)) for i in range(-1, FRAMES)]
-    (folder / "images.txt").write_text("".join(f"{stamp} {round(1e9 * DURATION)}\n" for stamp in stamps))
+    timestamps = [EPOCH + round(1e9 * (1.0 + i / RATE)) for i in range(-1, FRAMES)]
+    (folder / "images.txt").write_text("".join(f"{timestamp} {round(1e9 * DURATION)}\n" for timestamp in timestamps))
     return Film(folder, photos, folder / "gyro.csv", folder / "images.txt", pictures)
 
 
@@ -159,15 +159,15 @@ def test_photos_that_are_no_burst_give_their_blur(run: Run, film: Film, given, t
 
 
 def test_photos_are_found_by_their_names(run: Run, film: Film, given, tmp_path):
-    """Named after their stamps; names without a number ask for --index."""
-    stamps = [EPOCH + round(1e9 * (1.0 + i / RATE)) for i in (7, 2, 9)]
-    photos = [tmp_path / f"{stamp}.png" for stamp in stamps]
+    """Named after their timestamps; names without a number ask for --index."""
+    timestamps = [EPOCH + round(1e9 * (1.0 + i / RATE)) for i in (7, 2, 9)]
+    photos = [tmp_path / f"{timestamp}.png" for timestamp in timestamps]
     for photo, number in zip(photos, (7, 2, 9), strict=True):
         write_picture(photo, film.pictures[number])
     options = ("--gyro", film.gyro, "--capture", film.capture, "-o", tmp_path / "camera.toml")
     assert run("calibrate", *photos, *options).exit_code == 0
     starts = [each.start + 1e-9 * each.epoch_ns for each in given[0].exposures]
-    assert starts == pytest.approx([1e-9 * stamp for stamp in stamps], abs=1e-6)
+    assert starts == pytest.approx([1e-9 * timestamp for timestamp in timestamps], abs=1e-6)
     unnamed = [photo.rename(photo.with_name(f"{name}.png")) for photo, name in zip(photos, "abc", strict=True)]
     result = run("calibrate", *unnamed, *options, "--force")
     assert result.exit_code == 1

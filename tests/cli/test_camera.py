@@ -131,9 +131,9 @@ def test_the_exposure_time_may_come_from_exif(run: Run, files: Files, tmp_path: 
         image.save(files.photo, exif=exif)
     explicit = run("deblur", files.photo, *files.recording, "-o", tmp_path / "explicit.png")
     from_exif = run("deblur", files.photo, *files.sources, "--start", START, "-o", tmp_path / "from_exif.png")
-    stamps = tmp_path / "stamps.csv"
-    stamps.write_text(f"{round(1e9 * START)}\n")
-    listed = run("deblur", files.photo, *files.sources, "--capture", stamps, "-o", tmp_path / "listed.png")
+    timestamps = tmp_path / "timestamps.csv"
+    timestamps.write_text(f"{round(1e9 * START)}\n")
+    listed = run("deblur", files.photo, *files.sources, "--capture", timestamps, "-o", tmp_path / "listed.png")
     assert (explicit.exit_code, from_exif.exit_code, listed.exit_code) == (0, 0, 0), from_exif.stderr + listed.stderr
     pixels = [np.asarray(Image.open(tmp_path / f"{name}.png")) for name in ("explicit", "from_exif", "listed")]
     np.testing.assert_array_equal(pixels[0], pixels[1])
@@ -150,11 +150,11 @@ def test_units_are_declared(run: Run, files: Files, tmp_path: Path) -> None:
     np.testing.assert_allclose(rms[0], rms[1], atol=1e-6)
 
 
-def test_info_shows_stamps(run: Run, tmp_path: Path) -> None:
+def test_info_shows_timestamps(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "timestamps.csv"
     path.write_text("195476361410000\n195476395191000\n")
     (entry,) = json.loads(run("info", path, "--json").stdout)
-    assert (entry["kind"], entry["format"], entry["count"]) == ("captures", "stamps", 2)
+    assert (entry["kind"], entry["format"], entry["count"]) == ("captures", "timestamps", 2)
     assert entry["exposures"][1] == {"start_ns": 195476395191000}
 
 

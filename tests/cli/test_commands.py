@@ -72,13 +72,13 @@ def test_deblur_signs_with_the_parameters_of_the_history(
 
 
 def test_deblur_modes_and_captures_agree_with_explicit_times(run: Run, files: Files, tmp_path: Path) -> None:
-    by_time, by_stamp, by_capture = (tmp_path / f"{name}.png" for name in "abc")
+    by_time, by_timestamp, by_capture = (tmp_path / f"{name}.png" for name in "abc")
     start_ns = round(START * 1e9)
     common = ["deblur", files.photo, *files.sources, "--mode", "global"]
     run(*common, "--start", START, "--duration", "1/25", "-o", by_time)
-    run(*common, "--start-ns", start_ns, "--duration", "40ms", "-o", by_stamp)
+    run(*common, "--start-ns", start_ns, "--duration", "40ms", "-o", by_timestamp)
     run(*common, "--capture", files.captures, "--index", 0, "-o", by_capture)
-    assert bits(by_time) == bits(by_stamp) == bits(by_capture)
+    assert bits(by_time) == bits(by_timestamp) == bits(by_capture)
 
 
 def test_overrides_reach_the_computation(run: Run, files: Files) -> None:
@@ -91,7 +91,7 @@ def test_overrides_reach_the_computation(run: Run, files: Files) -> None:
     assert still["path_px"]["longest"] != pytest.approx(plain["path_px"]["longest"], rel=1e-3)
 
 
-def test_a_log_without_stamps_and_with_a_bias(run: Run, files: Files) -> None:
+def test_a_log_without_timestamps_and_with_a_bias(run: Run, files: Files) -> None:
     common = ["psf", *files.sources, "--start", START, "--duration", DURATION, "--bands", 4, "--strips", 1, "--json"]
     plain = json.loads(run(*common).stdout)
     rates = np.rad2deg(files.samples()[:, 1:]) + np.array([9.0, -4.5, 2.25])
@@ -102,7 +102,7 @@ def test_a_log_without_stamps_and_with_a_bias(run: Run, files: Files) -> None:
     assert again["path_px"]["longest"] == pytest.approx(plain["path_px"]["longest"], rel=1e-4)
     result = run(*common)
     assert result.exit_code == 1
-    assert "no stamps; give the sampling rate" in result.stderr
+    assert "no timestamps; give the sampling rate" in result.stderr
     assert run(*common, "--bias", "1,2").exit_code == 2
     assert json.loads(run("info", files.gyro, "--rate", 200, "--unit", "deg/s", "--json").stdout)[0]["samples"] == 100
 
@@ -142,9 +142,9 @@ def test_a_track_from_another_program(run: Run, files: Files, tmp_path: Path) ->
 
 def test_info_shows_the_accelerometer_and_trajectories(run: Run, tmp_path: Path) -> None:
     log, track = tmp_path / "gyro_accel.csv", tmp_path / "poses.txt"
-    stamps = [0.5 + 0.01 * i for i in range(9)]
-    log.write_text("t[s],gx,gy,gz,ax[g],ay[g],az[g]\n" + "".join(f"{t},0,0,0,0,1,0\n" for t in stamps))
-    track.write_text("".join(f"{t} {t} 0 0 0 0 0 1\n" for t in stamps))
+    timestamps = [0.5 + 0.01 * i for i in range(9)]
+    log.write_text("t[s],gx,gy,gz,ax[g],ay[g],az[g]\n" + "".join(f"{t},0,0,0,0,1,0\n" for t in timestamps))
+    track.write_text("".join(f"{t} {t} 0 0 0 0 0 1\n" for t in timestamps))
     gyro, poses = json.loads(run("info", log, track, "--json").stdout)
     assert (gyro["kind"], poses["kind"], poses["poses"]) == ("gyro log", "trajectory", 9)
     assert gyro["gravity_m_s2"] == pytest.approx(9.80665)

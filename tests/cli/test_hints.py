@@ -51,11 +51,11 @@ def test_a_start_counted_from_the_first_sample() -> None:
     assert start_hint(1_560_250.0, None, log) == "; did you mean --start 1560250ms?"
 
 
-def test_stamps_in_other_units() -> None:
+def test_timestamps_in_other_units() -> None:
     log = GyroLog(np.linspace(0.0, 0.6, 121), np.zeros((121, 3)), 1_560_000_000_000)
-    for stamp in (1_560, 1_560_250, 1_560_250_000):
-        meant = 1_560_250_000_000 if stamp > 1_560 else 1_560_000_000_000
-        assert start_hint(0.0, stamp, log) == f"; did you mean --start-ns {meant}?"
+    for timestamp in (1_560, 1_560_250, 1_560_250_000):
+        meant = 1_560_250_000_000 if timestamp > 1_560 else 1_560_000_000_000
+        assert start_hint(0.0, timestamp, log) == f"; did you mean --start-ns {meant}?"
     assert start_hint(0.0, 1_560_250_000_000, log) == ""
     assert start_hint(0.0, 5, log) == ""
 

@@ -31,7 +31,7 @@ def test_folder_needs_no_pixels(run: Run, files: Files, tmp_path: Path) -> None:
     decisions = [item["decision"] for item in report["items"]]
     assert decisions == ["deblur", "deblur", "unknown", "unknown"]
     assert "does not cover" in report["items"][2]["reason"]
-    assert "neither a stamp nor a frame number" in report["items"][3]["reason"]
+    assert "neither a timestamp nor a frame number" in report["items"][3]["reason"]
     assert report["items"][1]["time_s"] == pytest.approx(0.1)
     with (tmp_path / "out" / "triage.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))

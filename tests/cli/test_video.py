@@ -34,7 +34,7 @@ TICK = Fraction(1, 90000)
 START, DURATION = 0.05, 1 / 30  # s
 BT709 = 1
 # Uneven intervals between frames, like those of a phone in poor light.
-STAMPS = [3000 * i + 700 * (i % 3) for i in range(FRAMES)]
+TIMESTAMPS = [3000 * i + 700 * (i % 3) for i in range(FRAMES)]
 
 
 # The scene is sharp to the pixel, but automatic strengths assume the softness of a lens.
@@ -67,7 +67,7 @@ def movie(tmp_path_factory: pytest.TempPathFactory) -> Movie:
     log = hand_shake(0.6, strength=0.3, seed=3)
     camera = Camera(WIDTH, HEIGHT, 1.1 * WIDTH, readout_time=0.02)
     sharp = scene(HEIGHT + 40, WIDTH + 40, seed=1)
-    taken = [simulate(sharp, log, camera, Exposure(START + float(t * TICK), DURATION)) for t in STAMPS]
+    taken = [simulate(sharp, log, camera, Exposure(START + float(t * TICK), DURATION)) for t in TIMESTAMPS]
     blurred, truth = (
         [from_linear(getattr(capture, name).clip(0, 1), "srgb") for capture in taken] for name in ("blurred", "rolling")
     )
@@ -90,11 +90,11 @@ def write(path: Path, pictures: list[NDArray[np.float32]], *, tagged: bool = Tru
             context.colorspace = context.color_primaries = context.color_trc = BT709
             pictured.set_display_rotation(-90)
         sound = container.add_stream("aac", rate=48000)
-        for picture, stamp in zip(pictures, STAMPS, strict=True):
+        for picture, timestamp in zip(pictures, TIMESTAMPS, strict=True):
             frame = av.VideoFrame.from_ndarray(np.rint(65535 * picture).astype(np.uint16), format="rgb48le")
             space = {"dst_colorspace": BT709} if tagged else {}
             frame = frame.reformat(format=pixels, dst_color_range=int(context.color_range), **space)
-            frame.pts, frame.time_base = stamp, TICK
+            frame.pts, frame.time_base = timestamp, TICK
             container.mux(pictured.encode(frame))
         for i in range(15):
             wave = np.sin(np.arange(1024 * i, 1024 * (i + 1)) / 20).astype(np.float32)[None]
@@ -118,7 +118,7 @@ def seen(path: Path) -> Seen:
         stream = container.streams.video[0]
         frames = list(container.decode(stream))
         kept = {
-            "stamps": [float(frame.pts * stream.time_base) for frame in frames],
+            "timestamps": [float(frame.pts * stream.time_base) for frame in frames],
             "turn": frames[0].rotation,
             "codec": stream.codec_context.name,
             "tags": [
@@ -151,7 +151,7 @@ def test_frames_get_sharper_and_all_else_is_kept(
     assert result.exit_code == 0, result.output
     before, after = seen(movie.path), seen(tmp_path / "sharp.mp4")
     assert after.kept == before.kept
-    assert after.kept["stamps"] == [float(t * TICK) for t in STAMPS]
+    assert after.kept["timestamps"] == [float(t * TICK) for t in TIMESTAMPS]
     assert after.kept["turn"] == -90
     assert after.sound == before.sound
     assert len(after.sound) > 10
@@ -162,7 +162,7 @@ def test_frames_get_sharper_and_all_else_is_kept(
     assert not (tmp_path / "sharp.mp4.parts").exists()
 
 
-def test_windows_follow_the_frames_own_stamps(run: Run, here: None, movie: Movie, tmp_path: Path) -> None:
+def test_windows_follow_the_frames_own_timestamps(run: Run, here: None, movie: Movie, tmp_path: Path) -> None:
     # Half an exposure off, the result is no better than the input. Measured 1.1 dB above and 0.6 dB below the input.
     before = similarity(seen(movie.path).pictures, movie.truth).mean()
     right, wrong = tmp_path / "right.mp4", tmp_path / "wrong.mp4"
@@ -175,7 +175,7 @@ def test_windows_follow_the_frames_own_stamps(run: Run, here: None, movie: Movie
 
 def test_captures_give_the_exposure_of_each_frame(run: Run, here: None, movie: Movie, tmp_path: Path) -> None:
     captures = tmp_path / "movie_metadata.csv"
-    rows = [f"{round(1e9 * (START + float(t * TICK)))},{round(1e9 * DURATION)}" for t in STAMPS]
+    rows = [f"{round(1e9 * (START + float(t * TICK)))},{round(1e9 * DURATION)}" for t in TIMESTAMPS]
     # One capture was not encoded, as the list of encoded frames shows.
     captures.write_text("Timestamp[nanosec],Exposure time[nanosec]\n" + "\n".join(["1000,33333333", *rows]) + "\n")
     encoded = [str(int(row.split(",")[0]) // 1000 * 1000) for row in rows]
@@ -183,7 +183,7 @@ def test_captures_give_the_exposure_of_each_frame(run: Run, here: None, movie: M
     assert run(*movie.arguments("--capture", captures, "-o", tmp_path / "a.mp4")).exit_code == 0
     assert run(*movie.arguments(*movie.stamped, "-o", tmp_path / "b.mp4")).exit_code == 0
     a, b = (seen(tmp_path / name).pictures for name in ("a.mp4", "b.mp4"))
-    # Stamps are rounded to ns, which changes few values of 8 bits.
+    # Timestamps are rounded to ns, which changes few values of 8 bits.
     assert np.abs(np.array(a) - np.array(b)).mean() < 1e-3
     (tmp_path / "frame_timestamps.txt").write_text("\n".join(encoded[:-1]) + "\n")
     result = run(*movie.arguments("--capture", captures, "-o", tmp_path / "c.mp4"))
@@ -335,7 +335,7 @@ def test_an_interrupted_video_continues_to_the_same_video(
 
 
 def packets(path: Path) -> list[tuple[bytes, int | None]]:
-    """Return the data and stamps of pictures and sound; only the file's own numbers are random in Matroska."""
+    """Return the data and timestamps of pictures and sound; only the file's own numbers are random in Matroska."""
     with av.open(str(path)) as container:
         return [(bytes(packet), packet.pts) for packet in container.demux() if packet.size]
 

@@ -29,7 +29,7 @@ from rsdeblur.video.clip import frames, open_clip  # noqa: E402 (needs PyAV)
 from rsdeblur.video.pixels import BITS, WEIGHTS, frame_of, kept_frame, matrix_of, values_of  # noqa: E402
 from rsdeblur.video.plan import _more_blurred, plan_clip  # noqa: E402
 from rsdeblur.video.segments import Encoding  # noqa: E402
-from rsdeblur.video.times import exposures_from_captures, exposures_from_stamps  # noqa: E402
+from rsdeblur.video.times import exposures_from_captures, exposures_from_timestamps  # noqa: E402
 
 Run = Callable[..., Result]
 
@@ -247,7 +247,7 @@ def test_functions_take_names_and_check_their_arguments(clip: Path, tmp_path: Pa
     with pytest.warns(rsdeblur.RsdeblurWarning, match="differ by up to"):
         exposures = exposures_from_captures(opened, str(tmp_path / "frames.csv"), duration=0.01)
     assert [each.epoch_ns for each in exposures] == [10**9 * n for n in range(1, 9)]
-    assert exposures_from_stamps(opened, np.float32(0.5))[0].duration == 0.5
+    assert exposures_from_timestamps(opened, np.float32(0.5))[0].duration == 0.5
     log, camera = rsdeblur.hand_shake(0.5), Camera(WIDTH, HEIGHT, 70.0)
     with pytest.raises(InputError, match="8 frames, 7 exposures"):
         plan_clip(opened, log, camera, exposures[1:])

@@ -81,7 +81,7 @@ def test_half_a_second_does_not_determine_the_drift_of_the_clock(calibration, cl
 
 
 def test_timestamps_that_mark_the_end(clip, calibration):
-    """Stamps of the last row's end, later than those of the first row's start by just that, give the same offset."""
+    """Timestamps of the last row's end, later than those of the first row's start by that, give the same offset."""
     frames, log, _ = clip
     delay = replace(calibration.camera, timestamp_marks="end").timestamp_delay(EXPOSURES[0].duration)
     later = [exposure.shifted(delay) for exposure in EXPOSURES]

@@ -23,11 +23,11 @@ def _in(unit: str, nanoseconds: int) -> str:
     return f"{Decimal(nanoseconds).scaleb(-DIGITS[unit]):f}"
 
 
-def _stamps_in(unit: str) -> Callable[[int, int], str]:
+def _timestamps_in(unit: str) -> Callable[[int, int], str]:
     return lambda t, d: _in(unit, t)
 
 
-# A line of each format for a stamp and an exposure time in ns, and the line above.
+# A line of each format for a timestamp and an exposure time in ns, and the line above.
 LAYOUTS: dict[str, tuple[str, Callable[[int, int], str]]] = {
     "mars": ("Timestamp[nanosec],fx[px],Exposure time[nanosec]\n", lambda t, d: f"{t},2943.75,{d}"),
     "mars, columns in another order": (
@@ -37,15 +37,15 @@ LAYOUTS: dict[str, tuple[str, Callable[[int, int], str]]] = {
     "deepgyro": ("", lambda t, d: f"{t} {d}"),
     "deepgyro in seconds": ("", lambda t, d: f"{_in('s', t)}\t{_in('s', d)}"),
     "image-info": ("", lambda t, d: f"{t} 800 {d} 3182.59 3179.30 1458.69 2114.26 0"),
-    "stamps": ("", lambda t, d: f"{t}"),
-    "stamps in seconds": ("", lambda t, d: _in("s", t)),
-    **{f"timestamp[{unit}]": (f"timestamp[{unit}]\n", _stamps_in(unit)) for unit in DIGITS},
+    "timestamps": ("", lambda t, d: f"{t}"),
+    "timestamps in seconds": ("", lambda t, d: _in("s", t)),
+    **{f"timestamp[{unit}]": (f"timestamp[{unit}]\n", _timestamps_in(unit)) for unit in DIGITS},
 }
 
 
 @st.composite
 def captures(draw: st.DrawFn) -> Captures:
-    """Return stamps and exposure times in ns: 2.5 to 1000 frames per second, 20% of jitter, any origin."""
+    """Return timestamps and exposure times in ns: 2.5 to 1000 frames per second, 20% of jitter, any origin."""
     count = draw(st.integers(3, 20))
     step = draw(st.integers(1, 400)) * 1_000_000
     # Whole seconds would be taken as ns.
@@ -55,7 +55,7 @@ def captures(draw: st.DrawFn) -> Captures:
 
 
 def read(path: Path, layout: str, found: Captures) -> Captures | None:
-    """Return stamps and exposure times, 0 for none; None if they are refused, with the file named."""
+    """Return timestamps and exposure times, 0 for none; None if they are refused, with the file named."""
     head, line = LAYOUTS[layout]
     path.write_text(head + "".join(line(*each) + "\n" for each in found))
     try:
@@ -64,7 +64,7 @@ def read(path: Path, layout: str, found: Captures) -> Captures | None:
         named = str(path) in str(refusal)
     else:
         times = (0 if time is None else round(1e9 * time) for time in file.durations)
-        return list(zip(file.stamps, times, strict=True))
+        return list(zip(file.timestamps, times, strict=True))
     assert named
     return None
 
@@ -76,8 +76,8 @@ def test_units_shifts_and_layouts_permutations_and_repeats(
     tmp_path: Path, layout: str, found: Captures, random: Random
 ) -> None:
     path = tmp_path / "captures.csv"
-    timed = "stamp" not in layout
-    assert read(path, layout, found) == [(stamp, time * timed) for stamp, time in found]
+    timed = "timestamp" not in layout
+    assert read(path, layout, found) == [(timestamp, time * timed) for timestamp, time in found]
     shuffled = random.sample(found, len(found))
     assert shuffled == found or read(path, layout, shuffled) is None
     place = random.randrange(len(found))

@@ -15,16 +15,18 @@ from rsdeblur.io.clocks import read_clocks
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 
-STAMP = 1_766_385_749_427_863_801
+TIMESTAMP = 1_766_385_749_427_863_801
 ANDROID = (
     "Timestamp[nanosec],fx[px],fy[px],Frame No.,Exposure time[nanosec],Sensor frame duration[nanosec],"
     "Frame readout time[nanosec],ISO,Focal length,Focus distance,AF mode"
 )
 IOS = "Timestamp[nanosec], fx[px], fy[px], cx[px], cy[px], exposure duration[nanosec]"
 FILES = {
-    "android": f"{ANDROID}\n{STAMP},null,null,170,240000000,null,null,100,4.71,1.6,1\n{STAMP + 7},1,1,2,20000000,1\n",
-    "ios": f"{IOS}\n{STAMP}, 1500.1, 1500.1, 960, 540, 240000000\n{STAMP + 7}, null, null, null, null, 20000000\n",
-    "deepgyro": f"# stamps\n{STAMP} 240000000\n{STAMP + 7} 20000000\n",
+    "android": f"{ANDROID}\n"
+    f"{TIMESTAMP},null,null,170,240000000,null,null,100,4.71,1.6,1\n{TIMESTAMP + 7},1,1,2,20000000,1\n",
+    "ios": f"{IOS}\n"
+    f"{TIMESTAMP}, 1500.1, 1500.1, 960, 540, 240000000\n{TIMESTAMP + 7}, null, null, null, null, 20000000\n",
+    "deepgyro": f"# timestamps\n{TIMESTAMP} 240000000\n{TIMESTAMP + 7} 20000000\n",
 }
 
 
@@ -62,11 +64,11 @@ def test_clocks_that_contradict_each_other(tmp_path: Path, line: str, message: s
 def test_formats(tmp_path: Path, text: str) -> None:
     path = tmp_path / "captures.txt"
     path.write_text(text)
-    assert read_captures(path) == [Exposure(0.0, 0.24, STAMP), Exposure(0.0, 0.02, STAMP + 7)]
+    assert read_captures(path) == [Exposure(0.0, 0.24, TIMESTAMP), Exposure(0.0, 0.02, TIMESTAMP + 7)]
 
 
 @pytest.mark.parametrize("header", ["", "timestamp[s]\n", "Timestamp (seconds)\n"])
-def test_stamps_in_seconds_are_never_read_as_nanoseconds(tmp_path: Path, header: str) -> None:
+def test_timestamps_in_seconds_are_never_read_as_nanoseconds(tmp_path: Path, header: str) -> None:
     path = tmp_path / "framestamp.txt"
     path.write_text(header + "".join(f"{4328040 + i / 30:.6f}\n" for i in range(5)))
     found = read_captures(path, duration=0.01)
@@ -80,13 +82,13 @@ def test_exposure_times_beside_seconds_are_seconds(tmp_path: Path) -> None:
 
 
 FAULTS = {
-    "fraction of one stamp": ("1.5\n", 1, "the stamps have fractions, so they are not in ns"),
-    "milliseconds": ("1000.5 20\n1033.8 20\n", 1, "the stamps have fractions, so they are not in ns"),
-    "equal stamps": ("1 100\n5 100\n5 100\n", 3, "order of time: stamp 5 ns occurs twice"),
-    "equal seconds": ("4.328e+06\n4.328e+06\n", 2, "stamp 4328000 ns occurs twice"),
-    "two exposures for a stamp": ("5 100\n5 200\n", 2, "stamp 5 ns occurs twice"),
-    "out of order": ("1\n9\n5\n7\n", 3, "order of time: stamp 5 ns comes after 9 ns"),
-    "null stamp": (f"{ANDROID}\nnull,1,1,1,5000000,1,1\n", 2, "'null' in column 1 is not a number"),
+    "fraction of one timestamp": ("1.5\n", 1, "the timestamps have fractions, so they are not in ns"),
+    "milliseconds": ("1000.5 20\n1033.8 20\n", 1, "the timestamps have fractions, so they are not in ns"),
+    "equal timestamps": ("1 100\n5 100\n5 100\n", 3, "order of time: timestamp 5 ns occurs twice"),
+    "equal seconds": ("4.328e+06\n4.328e+06\n", 2, "timestamp 4328000 ns occurs twice"),
+    "two exposures for a timestamp": ("5 100\n5 200\n", 2, "timestamp 5 ns occurs twice"),
+    "out of order": ("1\n9\n5\n7\n", 3, "order of time: timestamp 5 ns comes after 9 ns"),
+    "null timestamp": (f"{ANDROID}\nnull,1,1,1,5000000,1,1\n", 2, "'null' in column 1 is not a number"),
     "zero exposure": (f"{IOS}\n1,1,1,1,1,5000000\n2,1,1,1,1,0\n", 3, "impossible exposure time of 0 ns"),
     "negative exposure": ("1 100000\n2 -100\n", 2, "impossible exposure time of -100 ns"),
     "exposure in seconds": ("1 0.05\n2 0.05\n", 1, "an exposure time of 0.05 ns is shorter than that of any camera"),
@@ -150,12 +152,18 @@ def test_read_camera_refuses_what_is_no_camera(tmp_path: Path) -> None:
         read_camera(tmp_path / "none.toml")
 
 
-def test_stamps_alone_need_the_exposure_time(tmp_path: Path) -> None:
+def test_timestamps_alone_need_the_exposure_time(tmp_path: Path) -> None:
     path = tmp_path / "timestamps.csv"
-    for text in (f"{STAMP}\n{STAMP + 10**7}\n", f"Frame timestamp[nanosec]\n{STAMP}\n{STAMP + 10**7}\n"):
+    for text in (
+        f"{TIMESTAMP}\n{TIMESTAMP + 10**7}\n",
+        f"Frame timestamp[nanosec]\n{TIMESTAMP}\n{TIMESTAMP + 10**7}\n",
+    ):
         path.write_text(text)
-        assert read_captures(path, duration=0.1) == [Exposure(0.0, 0.1, STAMP), Exposure(0.0, 0.1, STAMP + 10**7)]
-        with pytest.raises(FileFormatError, match=r"timestamps\.csv: .* stamps without exposure times"):
+        assert read_captures(path, duration=0.1) == [
+            Exposure(0.0, 0.1, TIMESTAMP),
+            Exposure(0.0, 0.1, TIMESTAMP + 10**7),
+        ]
+        with pytest.raises(FileFormatError, match=r"timestamps\.csv: .* timestamps without exposure times"):
             read_captures(path)
 
 
@@ -167,7 +175,7 @@ def test_stamps_alone_need_the_exposure_time(tmp_path: Path) -> None:
         ("timestamp\n1000000000\n2000000000\n", 0.5),
     ],
 )
-def test_a_header_of_stamps_may_name_exposure_times(tmp_path: Path, text: str, duration: float) -> None:
+def test_a_header_of_timestamps_may_name_exposure_times(tmp_path: Path, text: str, duration: float) -> None:
     path = tmp_path / "captures.csv"
     path.write_text(text)
     assert read_captures(path, duration=0.5)[0] == Exposure(0.0, duration, 10**9)
@@ -182,11 +190,13 @@ def test_a_header_of_stamps_may_name_exposure_times(tmp_path: Path, text: str, d
     ],
     ids=["EuRoC", "TUM", "us"],
 )
-def test_stamps_beside_the_names_of_pictures(tmp_path: Path, text: str) -> None:
+def test_timestamps_beside_the_names_of_pictures(tmp_path: Path, text: str) -> None:
     path = tmp_path / "data.csv"
     path.write_text(text)
     assert read_captures(path, duration=0.01) == [Exposure(0.0, 0.01, 4 * 10**9), Exposure(0.0, 0.01, 4_050_000_000)]
-    with pytest.raises(FileFormatError, match=r"data\.csv: .* stamps without exposure times; give the exposure time"):
+    with pytest.raises(
+        FileFormatError, match=r"data\.csv: .* timestamps without exposure times; give the exposure time"
+    ):
         read_captures(path)
 
 
@@ -200,17 +210,17 @@ def test_milliseconds_are_not_nanoseconds(tmp_path: Path, header: str, name: str
 
 def test_image_info_of_gyrodeblurnet(tmp_path: Path) -> None:
     path = tmp_path / "image_info.txt"
-    path.write_text(f"{STAMP} 800 33333333 3182.59 3179.30 1458.69 2114.26 0\n")
-    assert read_captures(path) == [Exposure(0.0, 0.033333333, STAMP)]
+    path.write_text(f"{TIMESTAMP} 800 33333333 3182.59 3179.30 1458.69 2114.26 0\n")
+    assert read_captures(path) == [Exposure(0.0, 0.033333333, TIMESTAMP)]
 
 
 def test_a_jpeg_with_gyro_data_contains_its_capture(tmp_path: Path) -> None:
     exif = Image.Exif()
     exif.get_ifd(0x8769)[0x829A] = 0.0625
-    for block, expected in ((exif, [Exposure(0.0, 0.0625, STAMP)]), (None, None)):
+    for block, expected in ((exif, [Exposure(0.0, 0.0625, TIMESTAMP)]), (None, None)):
         path = tmp_path / "a.jpg"
         Image.new("RGB", (8, 8)).save(path, **({} if block is None else {"exif": block}))
-        header = struct.pack("<16sqIIq", b"GYRODATA", STAMP, 1, 0, 0)
+        header = struct.pack("<16sqIIq", b"GYRODATA", TIMESTAMP, 1, 0, 0)
         path.write_bytes(path.read_bytes() + header.ljust(16384, b"\0"))
         if expected is None:
             with pytest.raises(FileFormatError, match="without exposure times"):
@@ -219,7 +229,7 @@ def test_a_jpeg_with_gyro_data_contains_its_capture(tmp_path: Path) -> None:
             assert read_captures(path) == expected
 
 
-def test_the_stamps_of_opencamera_have_another_clock(data_dir: Path) -> None:
+def test_the_timestamps_of_opencamera_have_another_clock(data_dir: Path) -> None:
     """The gyro log and the frames do not overlap: that is an error, never an extrapolation."""
     folder = data_dir / "formats/opencamera-sensors"
     exposure = read_captures(folder / "timestamps.csv", duration=0.02)[0]

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from rsdeblur.io import directories
+from rsdeblur.io._exif_renewal import DATE, SOFTWARE
 from rsdeblur.io._metadata import AGENT
-from rsdeblur.io._stamps import DATE, SOFTWARE
 from rsdeblur.io.directories import (
     ASCII,
     EXIF_TABLE,

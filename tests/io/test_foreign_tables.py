@@ -42,7 +42,7 @@ def test_tables_of_other_apps_and_spreadsheets(write: Write, text: str) -> None:
 
 
 @pytest.mark.parametrize("header", ["", "timestamp,wx,wy,wz\n"])
-def test_dates_may_be_the_stamps(write: Write, header: str) -> None:
+def test_dates_may_be_the_timestamps(write: Write, header: str) -> None:
     rows = [f"2024-05-01T23:59:{59.9 + 0.005 * i:.3f}Z,{x},{y},{z}\n" for i, (x, y, z) in enumerate(RATES)]
     log = read_gyro(write(header + "".join(rows)))
     np.testing.assert_allclose(log.t, 0.005 * np.arange(len(RATES)), atol=1e-9)

@@ -1,4 +1,4 @@
-"""Gyro logs of apps and cameras: each is read with its unit, axes and exact stamps, or refused."""
+"""Gyro logs of apps and cameras: each is read with its unit, axes and exact timestamps, or refused."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from rsdeblur.io.gyroflow import base91_decode
 from rsdeblur.io.sample_tables import check_sample_sizes
 from rsdeblur.io.source import Source
 
-# A stamp in ns that float64 cannot represent, and the samples in all files below: t in ns; x, y, z in rad/s.
+# A timestamp in ns that float64 cannot represent, and the samples in all files below: t in ns; x, y, z in rad/s.
 EPOCH = 1_766_385_749_427_863_801
 STEP = 5_000_000
 RATES = np.random.default_rng(0).normal(0.0, 0.5, (40, 3)).round(6)
-STAMPS = EPOCH + STEP * np.arange(len(RATES))
+TIMESTAMPS = EPOCH + STEP * np.arange(len(RATES))
 
 Write = Callable[..., Path]
 
@@ -34,15 +34,15 @@ def rows(pattern: str, scale: float = 1.0) -> str:
     """Return a line for each sample; `pattern` contains t, s (seconds), x, y and z."""
     return "".join(
         pattern.format(t=t, s=f"{t // 10**9}.{t % 10**9:09d}", x=x, y=y, z=z) + "\n"
-        for t, (x, y, z) in zip(STAMPS.tolist(), (RATES / scale).tolist(), strict=True)
+        for t, (x, y, z) in zip(TIMESTAMPS.tolist(), (RATES / scale).tolist(), strict=True)
     )
 
 
 def assert_contains_the_samples(path: Path, format: str, axes: str, rates: np.ndarray = RATES) -> dict[str, Any]:
-    """Check every stamp and rate, and return the facts in the file."""
+    """Check every timestamp and rate, and return the facts in the file."""
     file = open_gyro(path)
     assert (file.format, file.axes, file.log.epoch_ns) == (format, axes, EPOCH)
-    np.testing.assert_array_equal(file.log.t, (STAMPS - EPOCH) * 1e-9)
+    np.testing.assert_array_equal(file.log.t, (TIMESTAMPS - EPOCH) * 1e-9)
     # a unit costs one multiplication
     np.testing.assert_allclose(file.log.omega, rates, rtol=1e-15)
     return dict(file.facts)
@@ -122,7 +122,7 @@ def test_text_of_sixteen_bits(write: Write) -> None:
     assert_contains_the_samples(write(rows("{t}\t{x}\t{y}\t{z}").encode("utf-16")), "plain", "sensor")
 
 
-def test_spreadsheets_round_stamps_but_keep_their_place(write: Write) -> None:
+def test_spreadsheets_round_timestamps_but_keep_their_place(write: Write) -> None:
     log = read_gyro(write("1.40363657975856E+018,0,0,0.1\n1.40363657976356E+018,0,0,0.2\n"))
     assert log.epoch_ns == 1_403_636_579_758_560_000
     np.testing.assert_array_equal(log.t, [0, 0.005])
@@ -202,7 +202,7 @@ class TestSensorLoggerJson:
     def entries(self, sensor: str) -> list[dict[str, str]]:
         return [
             {"sensor": sensor, "time": str(t), "seconds_elapsed": "0.1", "x": str(x), "y": str(y), "z": str(z)}
-            for t, (x, y, z) in zip(STAMPS.tolist(), RATES.tolist(), strict=True)
+            for t, (x, y, z) in zip(TIMESTAMPS.tolist(), RATES.tolist(), strict=True)
         ]
 
     def test_the_gyroscope_is_found(self, write: Write) -> None:
@@ -226,7 +226,7 @@ class TestSensorLoggerJson:
 
 def trailer(count: int = len(RATES), oldest: int = 7, total: int = 16384) -> bytes:
     """Return a JPEG with a ring buffer of samples at its end."""
-    ring = [struct.pack("<q3fi", t, *rate, 0) for t, rate in zip(STAMPS.tolist(), RATES.tolist(), strict=True)]
+    ring = [struct.pack("<q3fi", t, *rate, 0) for t, rate in zip(TIMESTAMPS.tolist(), RATES.tolist(), strict=True)]
     ring = ring[len(ring) - oldest :] + ring[: len(ring) - oldest]
     header = struct.pack("<16sqIIq", b"GYRODATA", EPOCH + 99, count, oldest, EPOCH)
     return b"\xff\xd8\xff\xe0 a picture \xff\xd9" + (header + b"".join(ring)).ljust(total, b"\0")
@@ -387,7 +387,7 @@ class TestVideo:
         check_sample_sizes(Source(write(nested, "video.mp4"), "gyro log"))
 
 
-# For each sample file: format, axes, unit of the rates, number of samples, first stamp in ns, rate in Hz.
+# For each sample file: format, axes, unit of the rates, number of samples, first timestamp in ns, rate in Hz.
 SAMPLES = {
     "euroc/data.csv": ("euroc", "sensor", "rad/s", 5000, 1_403_636_579_758_560_000, 200.0),
     "gcsv/docs_example_v1.3.gcsv": ("gcsv", "gyroflow", "rad/s", 16, 0, 1000.0),
@@ -424,7 +424,7 @@ REFUSED = {
     "exif/Canon_40D.jpg": "not a gyro log: it looks like a picture; give it as the photo",
     "gyroflow-lens-profile/S25Ultra_23mm_3840x2160.json": "not a gyro log: it looks like a camera file .Gyroflow lens",
     "kalibr/rs_camchain_line_delay.yaml": "not a gyro log: it looks like a camera file .Kalibr.*; give it as --camera",
-    "opencamera-sensors/timestamps.csv": "it looks like a capture file .one stamp in ns a line.; give it as --capture",
+    "opencamera-sensors/timestamps.csv": "looks like a capture file .one timestamp in ns a line.; give it as --capture",
     "sensor-logger/android/Metadata.csv": "unknown gyro log format, the content starts with 'version,device name",
 }
 

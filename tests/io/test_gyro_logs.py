@@ -1,4 +1,4 @@
-"""Gyro logs: every format to the exact stamp, and every fault with its file and line."""
+"""Gyro logs: every format to the exact timestamp, and every fault with its file and line."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rsdeblur.io import detect_gyro_format, read_gyro
 from rsdeblur.io.gyro_logs import FORMATS
 from rsdeblur.motion.axes import imu_to_camera
 
-# A stamp that float64 cannot represent: its neighbours there are 256 ns apart.
+# A timestamp that float64 cannot represent: its neighbours there are 256 ns apart.
 EPOCH = 1_766_385_749_427_863_801
 STEP = 5_000_000
 RATES = [(0.1, -0.2, 0.3), (0.11, -0.21, 3.8e-4), (-1.5, 0.0, 2.0), (0.0, 1.0, -1.0)]
@@ -26,8 +26,8 @@ def table(separator: str = ",", header: str = "", unit: int = 1, start: int = EP
     """Return RATES as text, stamped from `start` ns in units of `unit` ns."""
     rows = []
     for i, rates in enumerate(RATES):
-        stamp = Decimal(start + i * STEP) / unit
-        rows.append(separator.join([f"{stamp:f}", *map(repr, rates)]))
+        timestamp = Decimal(start + i * STEP) / unit
+        rows.append(separator.join([f"{timestamp:f}", *map(repr, rates)]))
     return "\n".join([header, *rows] if header else rows) + "\n"
 
 
@@ -46,7 +46,7 @@ def test_plain_separators_and_headers(write: Write, separator: str, header: str)
 
 
 @pytest.mark.parametrize("unit", [1, 10**3, 10**6, 10**9], ids=["ns", "us", "ms", "s"])
-def test_plain_units_follow_from_the_spacing_and_stamps_stay_exact(write: Write, unit: int) -> None:
+def test_plain_units_follow_from_the_spacing_and_timestamps_stay_exact(write: Write, unit: int) -> None:
     assert_is_reference(write(table(unit=unit)), "plain")
 
 
@@ -67,7 +67,7 @@ def test_whole_numbers_of_long_units(write: Write, unit: int) -> None:
     assert read_gyro(write(rows)).rate == pytest.approx(50)
 
 
-def test_negative_and_exponent_stamps(write: Write) -> None:
+def test_negative_and_exponent_timestamps(write: Write) -> None:
     log = read_gyro(write("-7.5E-2,0,0,0\n-0.07,0,0,0\n-65e-3,0,0,0\n"))
     assert log.epoch_ns == -75_000_000
     np.testing.assert_allclose(log.t, [0, 0.005, 0.01], atol=1e-15)
@@ -98,7 +98,7 @@ def test_mars_states_its_unit_whatever_the_rate(write: Write) -> None:
         assert read_gyro(path).rate == pytest.approx(1)
 
 
-def test_stamps_in_another_unit_than_the_header_names(write: Write) -> None:
+def test_timestamps_in_another_unit_than_the_header_names(write: Write) -> None:
     for unit, step, rate in (("s", 5, "0.2"), ("ms", 0.005, "2e\\+05"), ("ns", 5, "2e\\+08")):
         rows = "".join(f"{step * i:.3f},0.1,0.2,0.3\n" for i in range(50))
         with pytest.warns(RsdeblurWarning, match=f"in {unit} mean a sampling rate of {rate} Hz"):
@@ -172,8 +172,8 @@ def test_a_clock_that_is_set_back_is_not_taken_for_late_samples(write: Write) ->
     """The samples that follow continue from there, and no sample was missing where they are sorted in."""
     t = np.arange(400) * 0.005
     for step in (0.0059, 0.0075, 0.0201, 0.0449):
-        rows = [f"{stamp - step * (stamp > 1):.4f} {i % 7} 0 0" for i, stamp in enumerate(t)]
-        with pytest.raises(FileFormatError, match=r"line 202: stamp out of order: .*set back"):
+        rows = [f"{timestamp - step * (timestamp > 1):.4f} {i % 7} 0 0" for i, timestamp in enumerate(t)]
+        with pytest.raises(FileFormatError, match=r"line 202: timestamp out of order: .*set back"):
             read_gyro(write("\n".join(rows)), unit="mdeg/s")
 
 
@@ -186,7 +186,7 @@ def test_several_late_samples_fill_their_own_holes(write: Write) -> None:
 
 
 def moved(place: int, epoch: int = EPOCH, unit: int = 1, separator: str = ",") -> str:
-    """Return the reference table, longer, with the stamps in another column."""
+    """Return the reference table, longer, with the timestamps in another column."""
     rows = []
     for i in range(20):
         cells = [str(rate) for rate in RATES[i % len(RATES)]]
@@ -215,7 +215,7 @@ def test_two_columns_that_rise_are_refused_by_their_numbers(write: Write) -> Non
         read_gyro(write(rows))
 
 
-def test_the_gyro_beside_an_accelerometer_is_found_wherever_the_stamps_are(write: Write) -> None:
+def test_the_gyro_beside_an_accelerometer_is_found_wherever_the_timestamps_are(write: Write) -> None:
     gyro, gravity = "0.1,-0.2,0.3", "0.1,9.8,0.2"
     for cells in ("T,G,A", "T,A,G", "G,A,T", "A,G,T"):
         row = cells.replace("G", gyro).replace("A", gravity)
@@ -224,7 +224,7 @@ def test_the_gyro_beside_an_accelerometer_is_found_wherever_the_stamps_are(write
         assert log.rate == pytest.approx(100)
 
 
-def test_a_log_without_stamps_needs_the_sampling_rate(write: Write) -> None:
+def test_a_log_without_timestamps_needs_the_sampling_rate(write: Write) -> None:
     rates = "".join(f"{x},{y},{z}\n" for x, y, z in RATES)
     for text in (rates, f"gx[rad/s],gy[rad/s],gz[rad/s]\n{rates}"):
         path = write(text)
@@ -232,17 +232,17 @@ def test_a_log_without_stamps_needs_the_sampling_rate(write: Write) -> None:
         log = read_gyro(path, rate=400.0)
         np.testing.assert_array_equal(log.t, np.arange(4) * 2_500_000 * 1e-9)
         np.testing.assert_array_equal(log.omega, RATES)
-        with pytest.raises(FileFormatError, match="no stamps; give the sampling rate"):
+        with pytest.raises(FileFormatError, match="no timestamps; give the sampling rate"):
             read_gyro(path)
     for rate in (0.0, -1.0, 10.0, 9000.0, np.nan):
         with pytest.raises(InputError, match="rate must be"):
             read_gyro(write(rates), rate=rate)
-    with pytest.raises(FileFormatError, match="the file contains stamps; leave out"):
+    with pytest.raises(FileFormatError, match="the file contains timestamps; leave out"):
         read_gyro(write(table()), rate=200.0)
 
 
 def test_columns_of_other_names_get_advice(write: Write) -> None:
-    for header in ("time_ms,rot_x,rot_y,rot_z", "stamp,roll rate,pitch rate,yaw rate"):
+    for header in ("time_ms,rot_x,rot_y,rot_z", "timestamp,roll rate,pitch rate,yaw rate"):
         with pytest.raises(FileFormatError, match="name the columns of a table in its first line, like t,wx,wy,wz, or"):
             read_gyro(write(f"{header}\n0,1,2,3\n5,1,2,3\n"))
     log = read_gyro(write("t_ms,wx_deg_s,wy_deg_s,wz_deg_s\n0,1,2,3\n5,1,2,3\n"))
@@ -292,12 +292,12 @@ def test_repeated_samples_are_dropped_and_reported(write: Write) -> None:
 
 def test_a_long_log_round_trips(write: Write) -> None:
     rng = np.random.default_rng(2)
-    stamps = EPOCH + np.cumsum(rng.integers(1_000_000, 3_000_000, 100_000))
-    omega = rng.normal(size=(len(stamps), 3))
-    rows = zip(stamps.tolist(), omega.tolist(), strict=True)
+    timestamps = EPOCH + np.cumsum(rng.integers(1_000_000, 3_000_000, 100_000))
+    omega = rng.normal(size=(len(timestamps), 3))
+    rows = zip(timestamps.tolist(), omega.tolist(), strict=True)
     log = read_gyro(write("t,wx,wy,wz\n" + "".join(f"{t},{x!r},{y!r},{z!r}\n" for t, (x, y, z) in rows)))
-    assert log.epoch_ns == stamps[0]
-    np.testing.assert_array_equal(log.t, (stamps - stamps[0]) * 1e-9)
+    assert log.epoch_ns == timestamps[0]
+    np.testing.assert_array_equal(log.t, (timestamps - timestamps[0]) * 1e-9)
     np.testing.assert_array_equal(log.omega, omega)
 
 
@@ -309,16 +309,16 @@ FAULTS = {
     "not a number": (GOOD + "\n# note\n0.02,1,x,3\n", 5, "'x' in column 3 is not a number"),
     "empty cell": (GOOD + "0.02,1,,3\n", 3, "'' in column 3 is not a number"),
     "python number": (GOOD + "0.02,1,1_0,3\n", 3, "1_0"),
-    "stamp not a number": (GOOD + "abc,1,2,3\n", 3, "'abc' in column 1 is not a number"),
-    "stamp nan": (GOOD + "nan,1,2,3\n", 3, "'nan' in column 1 is not finite"),
-    "stamp with underscore": (GOOD + "1_0,1,2,3\n", 3, "'1_0' in column 1"),
-    "integer stamps with a bad one": ("0,1,2,3\n10,1,2,3\n2O,1,2,3\n", 3, "'2O' in column 1"),
+    "timestamp not a number": (GOOD + "abc,1,2,3\n", 3, "'abc' in column 1 is not a number"),
+    "timestamp nan": (GOOD + "nan,1,2,3\n", 3, "'nan' in column 1 is not finite"),
+    "timestamp with underscore": (GOOD + "1_0,1,2,3\n", 3, "'1_0' in column 1"),
+    "integer timestamps with a bad one": ("0,1,2,3\n10,1,2,3\n2O,1,2,3\n", 3, "'2O' in column 1"),
     "nan sample": (GOOD + "0.02,1,nan,3\n", 3, "'nan' in column 3 is not finite"),
     "infinite sample": ("0.00,1,2,-inf\n" + GOOD, 1, "'-inf' in column 4 is not finite"),
-    "duplicate": (GOOD + "0.01,4,5,6\n0.02,1,2,3\n", 3, "duplicate stamp 10000000 ns with another value"),
+    "duplicate": (GOOD + "0.01,4,5,6\n0.02,1,2,3\n", 3, "duplicate timestamp 10000000 ns with another value"),
     "set back": (GOOD + "0.02,1,2,3\n-0.5,1,2,3\n", 4, "-500000000 ns comes after 20000000 ns"),
     "reversed": ("0.03,1,2,3\n0.02,1,2,3\n0.01,1,2,3\n", 2, "out of order"),
-    "same nanosecond": (GOOD + "0.0200000000001,1,2,3\n0.0200000000002,1,2,4\n", 4, "duplicate stamp 20000000"),
+    "same nanosecond": (GOOD + "0.0200000000001,1,2,3\n0.0200000000002,1,2,4\n", 4, "duplicate timestamp 20000000"),
     "cut off": (GOOD + "0.02,1,2", 3, "cut off: 3 of 4 columns"),
     "cut off within a number": (GOOD + "0.02,1,2,1e-", 3, "'1e-' in column 4 is not a number"),
     "cut off after the gyro": (f"{MARS_HEADER}\n0,1,2,3,4,5,6\n9,1,2,3,4", 3, "cut off: 5 of 7 columns"),

@@ -64,7 +64,7 @@ FILES: dict[str, list[tuple[str, str]]] = {
         ("movie_metadata.csv", "Timestamp[nanosec],Exposure time[nanosec]\n" + lines("{t},4000000")),
         ("images.txt", lines("{t} 4000000")),
         ("image_info.txt", lines("{t} 100 4000000 1500 1500 960 540 1")),
-        ("stamps.csv", lines("{t}")),
+        ("timestamps.csv", lines("{t}")),
         ("frame_timestamps.txt", "Timestamp[nanosec]\n" + lines("{t}")),
     ],
     "camera file": [

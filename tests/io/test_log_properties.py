@@ -24,26 +24,28 @@ LAW = settings(max_examples=25, deadline=None, suppress_health_check=[HealthChec
 
 @st.composite
 def logs(draw: st.DrawFn) -> tuple[list[int], np.ndarray]:
-    """Return stamps in ns and rates with three decimals: 25 Hz to 5 kHz, 20% of jitter, any origin."""
-    # In a log of a few rows a rate may rise by chance while the stamps do not.
+    """Return timestamps in ns and rates with three decimals: 25 Hz to 5 kHz, 20% of jitter, any origin."""
+    # In a log of a few rows a rate may rise by chance while the timestamps do not.
     count = draw(st.integers(12, 80))
     step = draw(st.integers(200, 40_000)) * 1000
     start = draw(st.integers(0, 2 * 10**18))
     random = np.random.default_rng(draw(st.integers(0, 2**32)))
-    stamps = [start + i * step + int(jitter) * 1000 for i, jitter in enumerate(random.integers(0, step // 5000, count))]
-    # Rates that turn round, so that only the stamps rise.
+    timestamps = [
+        start + i * step + int(jitter) * 1000 for i, jitter in enumerate(random.integers(0, step // 5000, count))
+    ]
+    # Rates that turn round, so that only the timestamps rise.
     rates = np.round(random.uniform(-3, 3, (count, 3)) + np.sin(np.arange(count))[:, None], 3)
-    return stamps, rates
+    return timestamps, rates
 
 
-def cells(stamp: int, rates: np.ndarray, unit: str, place: int) -> list[str]:
+def cells(timestamp: int, rates: np.ndarray, unit: str, place: int) -> list[str]:
     row = [f"{rate:.3f}" for rate in rates]
-    row.insert(place, _time(stamp, unit))
+    row.insert(place, _time(timestamp, unit))
     return row
 
 
-def _time(stamp: int, unit: str) -> str:
-    return f"{Decimal(stamp).scaleb(-UNITS[unit]):f}"
+def _time(timestamp: int, unit: str) -> str:
+    return f"{Decimal(timestamp).scaleb(-UNITS[unit]):f}"
 
 
 def read(path: Path, rows: list[list[str]], separator: str) -> GyroLog | None:
@@ -59,21 +61,21 @@ def read(path: Path, rows: list[list[str]], separator: str) -> GyroLog | None:
     return None
 
 
-def assert_is(log: GyroLog | None, stamps: list[int], rates: np.ndarray) -> None:
+def assert_is(log: GyroLog | None, timestamps: list[int], rates: np.ndarray) -> None:
     assert log is not None
-    assert log.epoch_ns == stamps[0]
-    np.testing.assert_array_equal(np.rint(log.t * 1e9), [stamp - stamps[0] for stamp in stamps])
+    assert log.epoch_ns == timestamps[0]
+    np.testing.assert_array_equal(np.rint(log.t * 1e9), [timestamp - timestamps[0] for timestamp in timestamps])
     np.testing.assert_array_equal(log.omega, rates)
 
 
 @LAW
 @given(logs(), st.sampled_from(list(UNITS)), st.integers(0, 3), st.sampled_from(",; \t|"))
-def test_units_shifts_separators_and_the_place_of_the_stamps(
+def test_units_shifts_separators_and_the_place_of_the_timestamps(
     tmp_path: Path, log: tuple[list[int], np.ndarray], unit: str, place: int, separator: str
 ) -> None:
-    stamps, rates = log
-    rows = [cells(stamp, rate, unit, place) for stamp, rate in zip(stamps, rates, strict=True)]
-    assert_is(read(tmp_path / "log.txt", rows, separator), stamps, rates)
+    timestamps, rates = log
+    rows = [cells(timestamp, rate, unit, place) for timestamp, rate in zip(timestamps, rates, strict=True)]
+    assert_is(read(tmp_path / "log.txt", rows, separator), timestamps, rates)
 
 
 @LAW
@@ -81,13 +83,15 @@ def test_units_shifts_separators_and_the_place_of_the_stamps(
 def test_units_of_rates_and_permuted_columns(
     tmp_path: Path, log: tuple[list[int], np.ndarray], unit: str, rate_unit: str, order: list[int]
 ) -> None:
-    stamps, rates = log
+    timestamps, rates = log
     head = [f"t[{unit}]", *(f"g{axis}[{rate_unit}]" for axis in "xyz")]
     scaled = rates / RATE_UNITS[rate_unit]
-    table = [[_time(stamp, unit), *map(repr, rate.tolist())] for stamp, rate in zip(stamps, scaled, strict=True)]
+    table = [
+        [_time(timestamp, unit), *map(repr, rate.tolist())] for timestamp, rate in zip(timestamps, scaled, strict=True)
+    ]
     found = read(tmp_path / "log.csv", [[row[k] for k in order] for row in [head, *table]], ",")
     assert found is not None
-    assert found.epoch_ns == stamps[0]
+    assert found.epoch_ns == timestamps[0]
     # Divided and multiplied again.
     np.testing.assert_allclose(found.omega, rates, rtol=1e-14)
 
@@ -97,14 +101,14 @@ def test_units_of_rates_and_permuted_columns(
 def test_repeated_rows_are_dropped_or_refused(
     tmp_path: Path, log: tuple[list[int], np.ndarray], unit: str, place: int, data: st.DataObject
 ) -> None:
-    stamps, rates = log
-    repeats = data.draw(st.lists(st.integers(1, 3), min_size=len(stamps), max_size=len(stamps)))
-    rows = [cells(stamp, rate, unit, place) for stamp, rate in zip(stamps, rates, strict=True)]
+    timestamps, rates = log
+    repeats = data.draw(st.lists(st.integers(1, 3), min_size=len(timestamps), max_size=len(timestamps)))
+    rows = [cells(timestamp, rate, unit, place) for timestamp, rate in zip(timestamps, rates, strict=True)]
     twice = [row for row, count in zip(rows, repeats, strict=True) for _ in range(count)]
     found = read(tmp_path / "log.txt", twice, ",")
     # If most rows repeat others, nothing shows the unit of time.
     if found is not None or len(twice) < 1.5 * len(rows):
-        assert_is(found, stamps, rates)
+        assert_is(found, timestamps, rates)
 
 
 @LAW
@@ -112,8 +116,8 @@ def test_repeated_rows_are_dropped_or_refused(
 def test_permuted_rows_are_the_same_log_or_refused(
     tmp_path: Path, log: tuple[list[int], np.ndarray], unit: str, place: int, random: object, near: bool
 ) -> None:
-    stamps, rates = log
-    rows = [cells(stamp, rate, unit, place) for stamp, rate in zip(stamps, rates, strict=True)]
+    timestamps, rates = log
+    rows = [cells(timestamp, rate, unit, place) for timestamp, rate in zip(timestamps, rates, strict=True)]
     if near:
         i = random.randrange(len(rows) - 1)  # type: ignore[attr-defined]
         rows[i : i + 2] = rows[i + 1], rows[i]
@@ -121,7 +125,7 @@ def test_permuted_rows_are_the_same_log_or_refused(
         random.shuffle(rows)  # type: ignore[attr-defined]
     found = read(tmp_path / "log.txt", rows, ",")
     if found is not None:
-        assert_is(found, stamps, rates)
+        assert_is(found, timestamps, rates)
 
 
 @LAW
@@ -130,14 +134,14 @@ def test_permuted_rows_are_the_same_log_or_refused(
 def test_a_clock_set_back_is_refused_or_leaves_no_trace(
     tmp_path: Path, log: tuple[list[int], np.ndarray], place: int, intervals: float
 ) -> None:
-    """A step back that leaves the stamps in order cannot be seen; any other one must be."""
-    stamps, rates = log
-    place = min(place, len(stamps) - 1)
-    step = int(intervals * (stamps[-1] - stamps[0]) / (len(stamps) - 1))
-    back = [*stamps[:place], *(stamp - step for stamp in stamps[place:])]
-    rows = [cells(stamp, rate, "ns", 0) for stamp, rate in zip(back, rates, strict=True)]
+    """A step back that leaves the timestamps in order cannot be seen; any other one must be."""
+    timestamps, rates = log
+    place = min(place, len(timestamps) - 1)
+    step = int(intervals * (timestamps[-1] - timestamps[0]) / (len(timestamps) - 1))
+    back = [*timestamps[:place], *(timestamp - step for timestamp in timestamps[place:])]
+    rows = [cells(timestamp, rate, "ns", 0) for timestamp, rate in zip(back, rates, strict=True)]
     found = read(tmp_path / "log.txt", rows, ",")
-    if any(b <= a for a, b in pairwise(back)) and place < len(stamps) - 1:
+    if any(b <= a for a, b in pairwise(back)) and place < len(timestamps) - 1:
         assert found is None
 
 
@@ -146,5 +150,5 @@ def test_a_rate_that_rises_for_a_while_is_not_time(tmp_path: Path, place: int) -
     t = np.arange(200) * 0.005
     rates = np.stack([np.minimum(t, 0.9), t * 0, -t], axis=-1).round(3)
     rates[-1, 0] = 0
-    rows = [cells(round(1e9 * stamp), rate, "s", place) for stamp, rate in zip(t, rates, strict=True)]
-    assert_is(read(tmp_path / "log.txt", rows, ","), [round(1e9 * stamp) for stamp in t], rates)
+    rows = [cells(round(1e9 * timestamp), rate, "s", place) for timestamp, rate in zip(t, rates, strict=True)]
+    assert_is(read(tmp_path / "log.txt", rows, ","), [round(1e9 * timestamp) for timestamp in t], rates)

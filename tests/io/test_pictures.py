@@ -17,7 +17,7 @@ from PIL.JpegImagePlugin import JpegImageFile
 
 from rsdeblur.errors import FileFormatError, InputError, OutputError, RsdeblurWarning
 from rsdeblur.io import Picture, check_writable, directories, picture_output, pictures, read_picture, write_picture
-from rsdeblur.io._stamps import DATE, FRACTION, SOFTWARE
+from rsdeblur.io._exif_renewal import DATE, FRACTION, SOFTWARE
 
 RGB_PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 # It has the header fields of a real grey profile; nothing here reads more.

@@ -1,4 +1,4 @@
-"""Tables of text: stamps stay exact however they are written, and an error names the line."""
+"""Tables of text: timestamps stay exact however they are written, and an error names the line."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ def table(content: str) -> Table:
 
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("block", [1, 7, 1000])
-def test_stamps_are_exact(form: str, block: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_timestamps_are_exact(form: str, block: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(text, "BLOCK", block)
     rng = np.random.default_rng(0)
-    stamps = [FORMS[form](rng) for _ in range(50)]
-    found = table("".join(f"{stamp},{i}\n" for i, stamp in enumerate(stamps)))
+    timestamps = [FORMS[form](rng) for _ in range(50)]
+    found = table("".join(f"{timestamp},{i}\n" for i, timestamp in enumerate(timestamps)))
     assert found.values[:, 0].tolist() == list(range(50))
-    exact = [Decimal(stamp.strip('"')) for stamp in stamps]
+    exact = [Decimal(timestamp.strip('"')) for timestamp in timestamps]
     for unit in UNITS:
-        if max(abs(stamp * unit) for stamp in exact) < 2**62:
-            assert found.nanoseconds(unit).tolist() == [round(stamp * unit) for stamp in exact]
+        if max(abs(timestamp * unit) for timestamp in exact) < 2**62:
+            assert found.nanoseconds(unit).tolist() == [round(timestamp * unit) for timestamp in exact]
 
 
 @pytest.mark.parametrize("row", ["{},1\n", "{} 1\n", "{}\t1\n", '"{}","1"\n'])
@@ -71,18 +71,18 @@ def test_dates_with_a_zone_are_nanoseconds_since_1970(row: str) -> None:
         ("2024-05-01T12:00:00", "has no time zone; append Z"),
     ],
 )
-def test_what_is_no_date_with_a_zone_is_no_stamp(cell: str, problem: str) -> None:
+def test_what_is_no_date_with_a_zone_is_no_timestamp(cell: str, problem: str) -> None:
     date = "2024-05-01T12:00:00Z,1\n"
     with pytest.raises(FileFormatError, match=f"line 2: '{cell}' in column 1 {problem}"):
         table(f"{date}{cell},1\n{date}{date}")
 
 
-def test_whole_stamps_fill_int64() -> None:
+def test_whole_timestamps_fill_int64() -> None:
     limit = 2**63 - 4096
     assert table(f"{-limit},1\n{limit - 1},1\n").nanoseconds(Decimal(1)).tolist() == [-limit, limit - 1]
-    for stamp in (2**63 - 1, -(2**63), 2**63, 10**300, f"{limit}e3"):
-        with pytest.raises(FileFormatError, match=r"line 2: stamp .* is beyond the int64 range"):
-            table(f"0,1\n{stamp},1\n").nanoseconds(Decimal(1))
+    for timestamp in (2**63 - 1, -(2**63), 2**63, 10**300, f"{limit}e3"):
+        with pytest.raises(FileFormatError, match=r"line 2: timestamp .* is beyond the int64 range"):
+            table(f"0,1\n{timestamp},1\n").nanoseconds(Decimal(1))
 
 
 def test_a_fraction_is_kept_by_every_numpy() -> None:
@@ -92,10 +92,10 @@ def test_a_fraction_is_kept_by_every_numpy() -> None:
         assert table("0.5,1\n1.5,1\n").nanoseconds(Decimal(10**9)).tolist() == [500_000_000, 1_500_000_000]
 
 
-@pytest.mark.parametrize("stamp", ["-.", ".", "1_0.5", "1.-5", "--5.5", "5 5.5", "x", "", "0x10", "1d5"])
-def test_a_stamp_that_is_not_a_number_is_refused_with_its_line(stamp: str) -> None:
+@pytest.mark.parametrize("timestamp", ["-.", ".", "1_0.5", "1.-5", "--5.5", "5 5.5", "x", "", "0x10", "1d5"])
+def test_a_timestamp_that_is_not_a_number_is_refused_with_its_line(timestamp: str) -> None:
     with pytest.raises(FileFormatError, match=r"line 3: '.*' in column 1 is not a number"):
-        table(f"0.5,1\n1.5,1\n{stamp},1\n3.5,1\n")
+        table(f"0.5,1\n1.5,1\n{timestamp},1\n3.5,1\n")
 
 
 @pytest.mark.parametrize("cell", ["nan", "-inf", "Infinity", "1e400"])

@@ -17,9 +17,9 @@ QUATERNIONS = np.array([(0.0, 0.0, 0.0, 1.0), (0.6, 0.0, 0.8, 0.0), (0.5, -0.5, 
 def rows(order: str, mark: str, *, seconds: bool = False, more: tuple[str, ...] = ()) -> str:
     lines = []
     for i, (position, quaternion) in enumerate(zip(POSITIONS, QUATERNIONS, strict=True)):
-        stamp = EPOCH + i * STEP
+        timestamp = EPOCH + i * STEP
         values = dict(zip("xyz", position, strict=True)) | dict(zip("abcd", quaternion, strict=True))
-        cells = [f"{stamp // 10**9}.{stamp % 10**9:09d}" if seconds else str(stamp)]
+        cells = [f"{timestamp // 10**9}.{timestamp % 10**9:09d}" if seconds else str(timestamp)]
         lines.append(mark.join([*cells, *(repr(float(values[name])) for name in order), *more]))
     return "\n".join(lines) + "\n"
 
@@ -64,7 +64,7 @@ FAULTS = {
     "other columns": ("0.5 1 2 3 4\n1 1 2 3 4\n", "line 1: unknown trajectory format"),
     "zero quaternion": ("0 1 2 3 0 0 0 0\n1 1 2 3 0 0 0 1\n", "quaternion 0 has the norm 0 instead of 1"),
     "cell": ("0 1 2 3 0 0 0 1\n1 1 x 3 0 0 0 1\n2 1 2 3 0 0 0 1\n", "line 2: 'x' in column 3"),
-    "repeated time": ("0 1 2 3\n1 1 2 3\n1 1 2 4\n2 1 2 3\n", "line 3: duplicate stamp"),
+    "repeated time": ("0 1 2 3\n1 1 2 3\n1 1 2 4\n2 1 2 3\n", "line 3: duplicate timestamp"),
     "one pose": ("0 1 2 3\n", "at least 2"),
     "empty": ("", "empty"),
     "header alone": ("timestamp tx ty tz qx qy qz qw\n", "no samples"),

@@ -87,12 +87,12 @@ def test_refuses(arguments, message):
 
 
 @pytest.mark.parametrize("direction", ["top-down", "bottom-up", "left-right", "right-left"])
-def test_the_stamp_marks_what_the_camera_says(direction: str) -> None:
+def test_the_timestamp_marks_what_the_camera_says(direction: str) -> None:
     exposure = Exposure(1.0, 0.04)
     rows = np.arange(10.0)
 
-    def windows(stamp: str) -> tuple[np.ndarray, np.ndarray]:
-        camera = Camera(10, 10, 50.0, readout_time=0.02, readout_direction=direction, timestamp_marks=stamp)
+    def windows(timestamp: str) -> tuple[np.ndarray, np.ndarray]:
+        camera = Camera(10, 10, 50.0, readout_time=0.02, readout_direction=direction, timestamp_marks=timestamp)
         return exposure.window(rows, camera)
 
     assert windows("start")[0].min() == 1.0

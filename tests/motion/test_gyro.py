@@ -133,7 +133,7 @@ class TestLog:
         np.testing.assert_allclose(later.t, log.t + 0.25, rtol=0, atol=0)
         assert np.array_equal(later.omega, log.omega)
 
-    def test_shifted_so_far_that_stamps_coincide_is_refused(self, log):
+    def test_shifted_so_far_that_timestamps_coincide_is_refused(self, log):
         # Near 1e20 s, neighbouring float64 values are hours apart.
         with pytest.raises(InputError, match="makes sample times equal; change epoch_ns instead"):
             log.shifted(1e20)

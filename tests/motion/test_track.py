@@ -127,7 +127,7 @@ class TestTime:
         assert after[0] - at[0] == pytest.approx(0.10, abs=ROUNDING)
 
     @pytest.mark.parametrize("dt", [0.25, -0.0123, 7.7])
-    def test_stamps_and_offset_shifted_together_change_nothing(self, shaky_log, dt):
+    def test_timestamps_and_offset_shifted_together_change_nothing(self, shaky_log, dt):
         log = shaky_log()
         times = np.linspace(0.1, 0.2, 50)
         straight = OrientationTrack.from_log(log, CAMERA, 0.1, 0.2, 0)

@@ -169,7 +169,7 @@ def test_psfs_are_those_of_deblur(capture: Simulation, log: GyroLog) -> None:
 
 
 def test_clock_origin_does_not_matter(capture: Simulation, log: GyroLog) -> None:
-    """Stamps of a real clock, 1.7e18 ns, give the same bits."""
+    """Timestamps of a real clock, 1.7e18 ns, give the same bits."""
     far = 1_700_000_000_123_456_789
     shifted = GyroLog(log.t, log.omega, far)
     exposure = Exposure(EXPOSURE.start, EXPOSURE.duration, far)

@@ -54,8 +54,8 @@ def test_energy_lies_in_the_bands() -> None:
 
 @pytest.mark.parametrize("band", BANDS)
 def test_levels_are_those_of_a_real_phone(data_dir: Path, band: str) -> None:
-    stamps, *rates = np.loadtxt(data_dir / "gyro" / "phone-210hz.txt", unpack=True)
-    real = GyroLog((stamps - stamps[0]) * 1e-9, np.stack(rates, axis=1))
+    timestamps, *rates = np.loadtxt(data_dir / "gyro" / "phone-210hz.txt", unpack=True)
+    real = GyroLog((timestamps - timestamps[0]) * 1e-9, np.stack(rates, axis=1))
     ratio = band_rms(hand_shake(57.0), *BANDS[band]) / band_rms(real, *BANDS[band])
     # The real log has no sharp bands: what lies between two bands counts for both neighbours.
     assert np.all((ratio > 0.7) & (ratio < 1.5)), ratio

@@ -134,7 +134,7 @@ class TestIdentities:
         # The only sample is mid-exposure.
         np.testing.assert_allclose(one.blurred, picture, atol=SPLINE)
 
-    def test_stamps_and_offset_shifted_together_change_nothing(self, picture, shaky_log):
+    def test_timestamps_and_offset_shifted_together_change_nothing(self, picture, shaky_log):
         straight = simulate(picture, shaky_log(), camera_of(), EXPOSURE)
         moved = simulate(picture, shaky_log().shifted(3.5), camera_of(time_offset=-3.5), EXPOSURE)
         np.testing.assert_allclose(moved.blurred, straight.blurred, atol=SPLINE)

@@ -39,7 +39,7 @@ def has_thumbnail(exif: bytes) -> bool:
     return len(data) >= main.end + 4 and data[main.end : main.end + 4] != bytes(4)
 
 
-def stamped(exif: bytes, software: str, when: datetime, thumbnail: bytes | None) -> bytes:
+def renewed(exif: bytes, software: str, when: datetime, thumbnail: bytes | None) -> bytes:
     """Return the block with program, date and thumbnail of the new picture; a damaged block is returned as it is.
 
     Parameters
