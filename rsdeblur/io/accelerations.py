@@ -50,7 +50,7 @@ def read_acceleration(path: str | os.PathLike[str], *, unit: str | None = None) 
     ------
     FileFormatError
         If the file cannot be read or contains no accelerometer; if its median is not gravity in the unit, as after an
-        app has removed gravity; or for the reasons of :func:`read_gyro`.
+        app has removed gravity; if it is an archive of several recordings; or for the reasons of :func:`read_gyro`.
     InputError
         If `unit` is not a valid one.
 
@@ -59,9 +59,21 @@ def read_acceleration(path: str | os.PathLike[str], *, unit: str | None = None) 
     RsdeblurWarning
         If samples were sorted or dropped.
     """
-    members = members_of(Source(path, WHAT), _order)
-    source = next((member for member in members if any(each.fits(member) for each in FORMATS)), members[0])
+    source = _only(Path(path), members_of(Source(path, WHAT), _order))
     return finish_acceleration(choose(FORMATS, source).read(source), unit, partial(line_error, source.path))
+
+
+def _only(path: Path, members: list[Source]) -> Source:
+    """Return the first member that is such a log; raise `FileFormatError` if a file of the same name is one, too."""
+    logs = [member for member in members if any(each.fits(member) for each in FORMATS)] or members[:1]
+    again = [member for member in logs[1:] if member.path.name == logs[0].path.name]
+    if again:
+        first, second = (each.path.relative_to(path).as_posix() for each in (logs[0], again[0]))
+        raise FileFormatError(
+            f"{path}: the archive contains more than one {WHAT}, {first} and {second}; extract that of your photo or "
+            "video, and give that"
+        )
+    return logs[0]
 
 
 def _order(name: str) -> tuple[bool, bool, str]:
