@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 # the machine for each process with fewer threads, bytes.
 THREADS, PROCESS_MEMORY = 2, 2**31
 
-# Limits of an isolated photo: seconds, and bytes, below which libraries cannot be loaded.
+# Default limit of an isolated photo, s; the least limits, s and bytes, with which a process can load its libraries.
 PHOTO_SECONDS = 900.0
-LEAST_MEMORY = 2**30
+LEAST_SECONDS, LEAST_MEMORY = 1.0, 2**30
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +50,8 @@ class Workers:
         if self.scheduler is not None:
             raise click.UsageError("--isolate needs processes of this machine: leave out --scheduler")
         seconds = PHOTO_SECONDS if self.time_limit is None else self.time_limit
-        if not 1.0 <= seconds < float("inf"):
-            raise click.UsageError(f"--time-limit must be at least 1 s, got {seconds:g} s")
+        if not LEAST_SECONDS <= seconds < float("inf"):
+            raise click.UsageError(f"--time-limit must be at least {LEAST_SECONDS:g} s, got {seconds:g} s")
         memory = max(LEAST_MEMORY, _memory() // jobs) if self.memory_limit is None else self.memory_limit
         if memory < LEAST_MEMORY:
             raise click.UsageError(f"--memory-limit must be at least 1GiB, got {memory} bytes")
