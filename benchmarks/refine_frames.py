@@ -38,7 +38,7 @@ A recording has {frames} frames of one camera at random moments of a real phone'
 another Kodak picture; they are otherwise like the captures of [Refinement](refine.md), whose terms are used here: the
 means are those of all frames, the worst loss is that of the mean of one recording. Errors are those of that page, and
 *all* together have no drift. Means of few recordings vary widely. *Time* is the median wall time of `refine_frames`, on
-two cores that other work shared.
+two cores.
 """
 
 
