@@ -227,7 +227,7 @@ async function upload(file, name) {
 function fieldOf(name) {
   if (/\.(jpe?g|png|tiff?|webp|heic|heif|dng|npy)$/i.test(name)) return "photo";
   if (/\.(toml|ya?ml|json)$/i.test(name)) return "camera";
-  return /frame|capture|metadata|timestamps/i.test(name) ? "capture" : "gyro";
+  return /frame|capture|metadata|stamps/i.test(name) ? "capture" : "gyro";
 }
 
 addEventListener("dragover", (event) => {
