@@ -495,10 +495,3 @@ def test_several_photos_are_no_manifest(run: Run, tmp_path: Path) -> None:
     result = run("batch", "a.png", "b.png", "-o", tmp_path / "out")
     assert result.exit_code == 2
     assert "2 files, but batch takes one manifest or folder; for photos by name: rsdeblur deblur" in result.stderr
-
-
-def test_completion(run: Run) -> None:
-    for shell in ("bash", "zsh", "fish"):
-        result = run("completion", shell)
-        assert result.exit_code == 0
-        assert "_RSDEBLUR_COMPLETE" in result.stdout

@@ -136,6 +136,9 @@ class TestSamples:
         # "auto" measures the length with fewer samples, which cut corners by less than 1 %.
         assert steps >= 0.99 * 4 * paths.lengths.max()
         assert steps >= 2 * len(capture.track.t)
+        # Whether the first sampling is fine enough (110 px) or another follows.
+        given = BlurPaths.from_capture(capture, ROWS, COLS, samples=steps + 1)
+        np.testing.assert_array_equal(paths.displacements, given.displacements)
 
     @pytest.mark.parametrize("seed", range(4))
     def test_doubling_them_changes_no_kernel(self, shaky_log, seed):
