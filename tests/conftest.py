@@ -50,8 +50,10 @@ if threading.current_thread() is threading.main_thread():
 os.environ["PYTHONSAFEPATH"] = "1"
 # Written pictures contain their date; with this one, equal results are equal files.
 os.environ["SOURCE_DATE_EPOCH"] = "1700000000"
-# The benchmarks are not part of the installed package; last, for the same reason.
+# Tests and benchmarks are not part of the installed package; last, for the same reason.
 sys.path.append(str(Path(__file__).resolve().parents[1]))
+
+from tests.installed import needs  # noqa: E402 (found by the path above)
 
 
 def _drawn_once(draw: Callable[..., FloatImage]) -> Callable[..., FloatImage]:
@@ -169,7 +171,7 @@ def certificate(name: str, key: Any, issuer: str, issuer_key: Any, *, is_authori
 @pytest.fixture
 def pem_files(tmp_path: Path):
     """Writer of a signer's certificates, and of the key of the first, which may be an authority without an issuer."""
-    pytest.importorskip("c2pa", reason="the extra [c2pa] is not installed")
+    needs("c2pa")
     from cryptography.hazmat.primitives import serialization
     from cryptography.hazmat.primitives.asymmetric import ec
 
@@ -192,7 +194,7 @@ def pem_files(tmp_path: Path):
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: extra [browser-test]")
+    playwright = needs("browser-test")
     path = os.environ.get("RSDEBLUR_CHROMIUM") or next(filter(None, map(shutil.which, CHROMIUM)), None)
     if path is None:
         pytest.skip("no Chromium found; install one or name it in RSDEBLUR_CHROMIUM")

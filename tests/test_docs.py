@@ -17,6 +17,7 @@ import rsdeblur
 from benchmarks.tutorials import BLOCK, steps
 from rsdeblur._util import workers
 from rsdeblur.cli import main
+from tests.installed import needs
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -60,7 +61,7 @@ def test_a_tutorial_can_be_followed_from_an_empty_folder(
 ) -> None:
     """Short pages, in this process and on small pictures; ``python -m benchmarks.tutorials`` follows all as printed."""
     if name == "video":
-        pytest.importorskip("av", reason="the extra [video] is not installed")
+        needs("video")
     monkeypatch.chdir(tmp_path)
 
     def in_this_process(work, tasks, lost, jobs, limits):  # saves the start of workers

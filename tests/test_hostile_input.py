@@ -39,6 +39,7 @@ from rsdeblur.io import (
 from rsdeblur.io._jpeg import check_scans
 from rsdeblur.io.exif import Exif
 from rsdeblur.psf import PsfBank
+from tests.installed import needs
 
 READERS: dict[str, Callable[[Path], Any]] = {
     "gyro": open_gyro,
@@ -77,21 +78,21 @@ def refusal(read: Callable[[Path], Any], path: Path) -> str:
     return str(caught.value)
 
 
-# Packages that write or read these formats.
+# Extras that write or read these formats.
 EXTRAS = {
-    "gyroflow": "cbor2",
-    "gyroflow-cbor": "cbor2",
-    "heic": "pillow_heif",
-    "dng": "rawpy",
-    "video": "telemetry_parser",
-    "kalibr": "yaml",
+    "gyroflow": "gyroflow",
+    "gyroflow-cbor": "gyroflow",
+    "heic": "heif",
+    "dng": "raw",
+    "video": "telemetry",
+    "kalibr": "kalibr",
 }
 
 
 @pytest.mark.parametrize("name", targets.TARGETS)
 def test_spoilt_files_are_read_or_refused(name: str, tmp_path: Path) -> None:
     if name in EXTRAS:
-        pytest.importorskip(EXTRAS[name])
+        needs(EXTRAS[name])
     target = targets.TARGETS[name]
     path = tmp_path / target.name
     refused = 0
@@ -235,7 +236,7 @@ def test_focal_lengths_of_exif_blocks(tmp_path: Path, monkeypatch: pytest.Monkey
 class TestYaml:
     @pytest.fixture(autouse=True)
     def reader(self) -> None:
-        pytest.importorskip("yaml")
+        needs("kalibr")
 
     CAMERA = "cam0: {camera_model: pinhole, intrinsics: %s, resolution: [640, 480], distortion_model: none}\n"
 

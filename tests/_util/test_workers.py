@@ -13,6 +13,7 @@ import pytest
 from rsdeblur._util import workers
 from rsdeblur._util.workers import Failure, Limits
 from rsdeblur.errors import InputError
+from tests.installed import needs
 
 # The work is `eval`: a fresh process can import it, and the tasks are expressions.
 DIE = "__import__('os').kill(__import__('os').getpid(), 9)"
@@ -123,7 +124,7 @@ def test_refusals():
 
 
 def test_a_cluster_does_the_same(tmp_path):
-    distributed = pytest.importorskip("distributed", reason="the extra [dask] is not installed")
+    distributed = needs("dask")
     with distributed.LocalCluster(1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
         results = answers(["1 / 0", *map(str, range(9))], scheduler=cluster.scheduler_address)
     assert results.pop("1 / 0") == Failure("ZeroDivisionError: division by zero")

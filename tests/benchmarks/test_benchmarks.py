@@ -9,6 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tests.installed import needs
+
 
 @pytest.fixture
 def module():
@@ -189,7 +191,7 @@ def test_psfs_fill_the_box(module, bands):
 
 def test_figures_of_several_runs_make_one_page(module, tmp_path, monkeypatch):
     """Each run writes some groups' figures; the page shows all, in the order of the groups."""
-    pytest.importorskip("matplotlib")
+    needs("plot")
     paper, figure = module("paper.__main__"), module("paper.figure")
 
     def made(name):

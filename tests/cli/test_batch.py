@@ -28,6 +28,7 @@ from rsdeblur.cli.batch import _absolute
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.io import read_picture
 from rsdeblur.pipeline.options import Options
+from tests.installed import needs
 
 if TYPE_CHECKING:
     from conftest import Files, Processes
@@ -413,7 +414,7 @@ def test_jobs_for_a_cluster_have_absolute_paths(tmp_path: Path, monkeypatch: pyt
 
 
 def test_on_a_cluster(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed", reason="the extra [dask] is not installed")
+    distributed = needs("dask")
     with distributed.LocalCluster(1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
         call = (manifest, *files.sources, "-o", tmp_path / "out", "--scheduler", cluster.scheduler_address)
         assert states(entries(run, *call, code=SOME_FAILED)) == "done done done failed failed"

@@ -25,6 +25,7 @@ from rsdeblur import (
     write_picture,
 )
 from rsdeblur.cli.calibrate import RUN, _runs
+from tests.installed import needs
 
 Run = Callable[..., Result]
 
@@ -227,7 +228,7 @@ def test_a_long_clip_is_used_in_runs(length, count):
 
 
 def write_clip(path: Path, pictures: list[NDArray[np.uint8]]) -> Path:
-    av = pytest.importorskip("av", reason="the extra [video] is not installed")
+    av = needs("video")
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=RATE, options={"crf": "4"})
         stream.width, stream.height, stream.pix_fmt = 176, 128, "yuv444p"

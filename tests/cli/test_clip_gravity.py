@@ -11,8 +11,9 @@ from click.testing import Result
 
 from rsdeblur import Camera
 from rsdeblur.cli._gravity import BOTTOMS, bottom_of_clip, some_frames
+from tests.installed import needs
 
-av = pytest.importorskip("av", reason="the extra [video] is not installed")
+av = needs("video")
 
 from rsdeblur.video.clip import open_clip  # noqa: E402 (needs PyAV)
 

@@ -22,6 +22,7 @@ from rsdeblur.cli import demo
 from rsdeblur.estimate.time_offset import OffsetSearch, SharedOffset
 from rsdeblur.io import read_picture
 from rsdeblur.psf import PsfBank
+from tests.installed import needs
 
 if TYPE_CHECKING:
     from conftest import Files
@@ -62,7 +63,7 @@ def test_deblur_signs_with_the_parameters_of_the_history(
     assert "NumPy files cannot be signed" in refused.stderr
     done = run(*common, "--sign-key", key, "-o", out)
     assert done.exit_code == 0, done.stderr
-    c2pa = pytest.importorskip("c2pa")
+    c2pa = needs("c2pa")
     manifest = c2pa.Reader(out).get_active_manifest()
     assert manifest["ingredients"][0]["title"] == files.photo.name
     said = manifest["assertions"][0]["data"]["actions"][1]["parameters"]["rsdeblur.parameters"]

@@ -6,10 +6,12 @@ import csv
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from click.testing import Result
+
+from tests.installed import needs
 
 if TYPE_CHECKING:
     from conftest import Files
@@ -54,6 +56,10 @@ def test_manifest_and_missing_files(run: Run, files: Files, tmp_path: Path) -> N
     # JSON has no such numbers.
     assert "nan is not a finite number" in run("triage", manifest, *files.sources, "--drop", "nan").stderr
     assert "inf is not a finite number" in run("triage", manifest, *files.sources, "--drop", "inf").stderr
+
+
+def test_a_clip_needs_log_and_camera(run: Run, tmp_path: Path) -> None:
+    needs("video")
     clip = tmp_path / "clip.mp4"
     clip.write_bytes(b"no clip")
     result = run("triage", clip)
@@ -77,17 +83,18 @@ def test_a_blur_that_is_unknown_everywhere_is_an_error(run: Run, files: Files, t
     assert (result.exit_code, "no photo is listed" in result.stderr) == (1, True)
 
 
-def test_options_without_effect_are_refused(run: Run, tmp_path: Path) -> None:
+OF_PHOTOS = ("--index", 2), ("--numbered-from", 1), ("--start", "exif")
+MOMENTS = ("--index", 2), ("--start", 2), ("--start-ns", 2)
+
+
+@pytest.mark.parametrize(("source", "options"), [("clip.mp4", OF_PHOTOS), (".", MOMENTS)])
+def test_options_without_effect_are_refused(run: Run, tmp_path: Path, source: str, options: tuple[Any, ...]) -> None:
     (tmp_path / "clip.mp4").touch()
-    clip = tmp_path / "clip.mp4", "--gyro", "gyro.csv", "--camera", "camera.toml"
-    for arguments in (
-        (*clip, "--index", 2),
-        (*clip, "--numbered-from", 1),
-        (*clip, "--start", "exif"),
-        (tmp_path, "--index", 2),
-        (tmp_path, "--start", 2),
-        (tmp_path, "--start-ns", 2),
-    ):
-        result = run("triage", *arguments)
+    recording = ()
+    if source == "clip.mp4":
+        needs("video")
+        recording = "--gyro", "gyro.csv", "--camera", "camera.toml"
+    for option in options:
+        result = run("triage", tmp_path / source, *recording, *option)
         assert result.exit_code == 2
         assert any(reason in result.stderr for reason in ("is for photos", "is one moment"))

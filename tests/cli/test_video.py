@@ -21,11 +21,12 @@ from rsdeblur import Camera, Correction, Exposure, FramesRefinement, GyroLog, Tr
 from rsdeblur.image.transfer import from_linear
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
+from tests.installed import needs
 
 if TYPE_CHECKING:
     from conftest import Processes
 
-av = pytest.importorskip("av", reason="the extra [video] is not installed")
+av = needs("video")
 
 Run = Callable[..., Result]
 

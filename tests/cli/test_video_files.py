@@ -22,8 +22,9 @@ from rsdeblur import Camera
 from rsdeblur._util import workers
 from rsdeblur._util.records import Records
 from rsdeblur.errors import FileFormatError, InputError
+from tests.installed import needs
 
-av = pytest.importorskip("av", reason="the extra [video] is not installed")
+av = needs("video")
 
 from rsdeblur.video.clip import frames, open_clip  # noqa: E402 (needs PyAV)
 from rsdeblur.video.pixels import BITS, WEIGHTS, frame_of, kept_frame, matrix_of, values_of  # noqa: E402

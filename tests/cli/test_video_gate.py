@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from rsdeblur import Camera, Exposure, GyroLog, InputError
 from rsdeblur.choices import VERDICTS
 from rsdeblur.simulation.scene import scene
+from tests.installed import needs
 
-av = pytest.importorskip("av", reason="the extra [video] is not installed")
+av = needs("video")
 
 from rsdeblur.pipeline.options import Options  # noqa: E402 (with PyAV, like the rest)
 from rsdeblur.video.clip import open_clip  # noqa: E402

@@ -9,8 +9,9 @@ from rsdeblur import InputError
 from rsdeblur.deconv import cnn
 from rsdeblur.deconv.cnn import BLOCK, HALO, cnn_denoise
 from rsdeblur.simulation.scene import scene
+from tests.installed import needs
 
-pytest.importorskip("onnxruntime")
+needs("cnn")
 SIGMA = 0.05
 
 

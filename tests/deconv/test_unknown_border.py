@@ -7,11 +7,11 @@ import pytest
 from scipy import ndimage
 
 from rsdeblur import Camera, Exposure, InputError, Options, PsfBank, deblur, deconvolve
-from rsdeblur.choices import PRIORS
 from rsdeblur.deconv import unknown_border
 from rsdeblur.deconv.coupling import TO_PICTURE
 from rsdeblur.deconv.unknown_border import UnknownBorderQuadratic
 from rsdeblur.simulation.scene import scene
+from tests.installed import PRIORS
 
 # Rows and columns of a picture that repeats, and those of them that were recorded.
 SHAPE, RECORDED = (18, 20), (12, 13)

@@ -11,6 +11,7 @@ import pytest
 
 from rsdeblur import AccelerationLog, Camera, FileFormatError, InputError, read_acceleration, read_gyro
 from rsdeblur.motion.track import OrientationTrack
+from tests.installed import needs
 
 EPOCH, STEP = 1_766_385_749_427_863_801, 10_000_000
 FORCES = np.array([(0.5, 9.7, 1.25), (0.25, 9.5, 1.5), (-0.5, 9.75, 1.0)])
@@ -131,7 +132,7 @@ def test_the_log_checks_its_values() -> None:
 def test_gravity_turns_as_the_gyro_says(data_dir: Path, name: str) -> None:
     """In world axes, over half seconds, the force of a real recording varies less than in others."""
     if name.endswith("mp4"):
-        pytest.importorskip("telemetry_parser")
+        needs("telemetry")
     gyro, log = read_gyro(data_dir / name), read_acceleration(data_dir / name)
     track = OrientationTrack.from_log(gyro, Camera(16, 16, 16.0), *gyro.span, gyro.epoch_ns)
     t = log.t + (log.epoch_ns - gyro.epoch_ns) * 1e-9

@@ -17,6 +17,7 @@ from rsdeblur import Camera, FileFormatError, InputError, RsdeblurWarning, read_
 from rsdeblur.io import open_camera
 from rsdeblur.io.cameras import write_time_offset
 from rsdeblur.motion.axes import PRESETS, imu_to_camera, orientation
+from tests.installed import needs
 
 Write = Callable[..., Path]
 
@@ -222,7 +223,7 @@ CHAIN = f"""cam0:
 
 @pytest.fixture
 def yaml() -> Any:
-    return pytest.importorskip("yaml")
+    return needs("kalibr")
 
 
 @pytest.mark.usefixtures("yaml")
@@ -394,7 +395,7 @@ SAMPLES = {
 @pytest.mark.parametrize(("name", "expected"), SAMPLES.items())
 def test_samples(data_dir: Path, name: str, expected: tuple[Any, ...]) -> None:
     if name.startswith("kalibr"):
-        pytest.importorskip("yaml")
+        needs("kalibr")
     file = open_camera(data_dir / "formats" / name)
     camera = file.camera
     assert (file.format, (camera.width, camera.height), camera.distortion_model) == (*expected[:2], expected[4])

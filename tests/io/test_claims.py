@@ -20,8 +20,9 @@ from rsdeblur.io.claims import Credentials, read_credentials, with_claim
 from rsdeblur.io.history import with_history
 from rsdeblur.io.picture_output import picture_to_fill
 from rsdeblur.io.pictures import Picture
+from tests.installed import needs
 
-c2pa = pytest.importorskip("c2pa", reason="the extra [c2pa] is not installed")
+c2pa = needs("c2pa")
 from cryptography.hazmat.primitives import serialization  # noqa: E402
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa  # noqa: E402
 

@@ -20,6 +20,7 @@ from rsdeblur.io import open_gyro, read_gyro
 from rsdeblur.io.gyroflow import base91_decode
 from rsdeblur.io.sample_tables import check_sample_sizes
 from rsdeblur.io.source import Source
+from tests.installed import needs
 
 # A timestamp in ns that float64 cannot represent, and the samples in all files below: t in ns; x, y, z in rad/s.
 EPOCH = 1_766_385_749_427_863_801
@@ -294,7 +295,7 @@ class TestGyroflowProject:
         self.check(write(self.project({"raw_imu": self.bincode()}, 2)))
 
     def test_current_versions(self, write: Write) -> None:
-        cbor2 = pytest.importorskip("cbor2")
+        cbor2 = needs("gyroflow")
         packed = base91(zlib.compress(cbor2.dumps({"raw_imu": self.samples(), "quaternions": {}})))
         self.check(write(self.project({"file_metadata": packed})))
 
@@ -350,7 +351,7 @@ class TestVideo:
             read_gyro(write(b"\0\0\0\x18ftypmp42" + bytes(99), "video.mp4"))
 
     def test_without_telemetry(self, write: Write) -> None:
-        pytest.importorskip("telemetry_parser")
+        needs("telemetry")
         with pytest.raises(FileFormatError, match=r"video\.mp4: the video contains no gyro data"):
             read_gyro(write(b"\0\0\0\x18ftypmp42" + bytes(99), "video.mp4"))
 
@@ -411,7 +412,7 @@ def test_samples(data_dir: Path, name: str, expected: tuple[Any, ...]) -> None:
 
 
 def test_gopro_sample(data_dir: Path) -> None:
-    pytest.importorskip("telemetry_parser")
+    needs("telemetry")
     with pytest.warns(RsdeblurWarning, match=r"stabilised the video itself \(HS HLevel\)"):
         file = open_gyro(data_dir / "formats/gopro/max-heromode.mp4")
     assert (file.format, file.axes, file.rate_unit, len(file.log)) == ("video", "gyroflow", "deg/s", 2082)

@@ -23,6 +23,7 @@ from rsdeblur.io import _metadata, _xmp, read_picture, write_picture
 from rsdeblur.io._jpeg import with_iptc
 from rsdeblur.io.history import file_facts, with_history
 from rsdeblur.io.pictures import Picture
+from tests.installed import needs
 
 WIDTH, HEIGHT = 64, 48
 NOTES = b"MakerNote\0" + bytes(range(200))
@@ -117,7 +118,7 @@ def photo(tmp_path: Path, kind: str) -> Path:
         data = buffer.getvalue() + b"C2PA" + struct.pack("<I", 4) + b"jumb"
         data = data[:4] + struct.pack("<I", len(data) - 8) + data[8:]
     else:
-        heif = pytest.importorskip("pillow_heif", reason="the extra [heif] is not installed")
+        heif = needs("heif")
         try:
             heif.from_pillow(image).save(buffer, exif=exif_block(), xmp=xmp, quality=90)
         except RuntimeError:

@@ -11,6 +11,7 @@ import pytest
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io import open_camera
 from rsdeblur.io.gyro_binary import frame_exposures
+from tests.installed import needs
 
 ANDROID = """Timestamp[nanosec],fx[px],fy[px],Frame No.,Exposure time[nanosec],Frame readout time[nanosec],ISO,\
 Focal length
@@ -76,8 +77,8 @@ def test_gcsv(tmp_path: Path) -> None:
 
 
 def test_gopro(data_dir: Path) -> None:
-    pytest.importorskip("telemetry_parser")
-    pytest.importorskip("av")
+    needs("telemetry")
+    needs("video")
     video = data_dir / "formats" / "gopro" / "max-heromode.mp4"
     camera = open_camera(video).camera
     assert (camera.width, camera.height, camera.distortion_model) == (848, 480, "fisheye")
@@ -90,7 +91,7 @@ def test_gopro(data_dir: Path) -> None:
 
 def test_exposures_of_insta360(tmp_path: Path) -> None:
     """The trailer is as telemetry-parser reads it; the first frame of the video is the third one measured."""
-    pytest.importorskip("telemetry_parser")
+    needs("telemetry")
     first_frame = b"\xc0\x01\x43"  # field 24 of a Protobuf message: 67 (ms)
     gyro = b"".join(struct.pack("<Q6d", ms, *[0.0] * 6) for ms in range(20))
     exposures = b"".join(

@@ -15,6 +15,7 @@ from rsdeblur.errors import FileFormatError
 from rsdeblur.io import read_picture, write_picture
 from rsdeblur.io._raw import linear_profile
 from rsdeblur.io.exif import Exif
+from tests.installed import needs
 
 HEIGHT, WIDTH = 40, 64
 
@@ -30,7 +31,7 @@ class TestHeif:
     @pytest.mark.parametrize("orientation", [1, 3, 6, 8])
     def test_the_sensors_axes_are_kept(self, tmp_path: Path, orientation: int) -> None:
         """Viewers turn the picture, as they do a JPEG of the same phone; the pixels stay in the sensor's axes."""
-        heif = pytest.importorskip("pillow_heif")
+        heif = needs("heif")
         heif.register_heif_opener()
         stored = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3)).astype(np.uint8)
         stored = np.kron(stored[::8, ::8], np.ones((8, 8, 1), np.uint8))
@@ -44,7 +45,7 @@ class TestHeif:
         assert Exif(read_picture(tmp_path / "b.jpg").exif).orientation == orientation
 
     def test_ten_bits_become_sixteen_of_full_range(self, tmp_path: Path) -> None:
-        heif = pytest.importorskip("pillow_heif")
+        heif = needs("heif")
         levels = np.zeros((HEIGHT, WIDTH, 3), "<u2")
         levels[:, WIDTH // 2 :] = 65535
         heif.from_bytes("RGB;16", (WIDTH, HEIGHT), levels.tobytes()).save(tmp_path / "a.heic", quality=-1)
@@ -52,7 +53,7 @@ class TestHeif:
         assert (picture.pixels.dtype, picture.pixels.min(), picture.pixels.max()) == (np.uint16, 0, 65535)
 
     def test_damaged(self, tmp_path: Path) -> None:
-        pytest.importorskip("pillow_heif")
+        needs("heif")
         (tmp_path / "a.heic").write_bytes(b"\0\0\0\x18ftypheic" + bytes(99))
         with pytest.raises(FileFormatError, match=r"a\.heic: the picture is truncated or damaged"):
             read_picture(tmp_path / "a.heic")
@@ -93,7 +94,7 @@ def mosaic(red: int, green: int, blue: int) -> np.ndarray:
 
 class TestRaw:
     def test_light_is_linear_and_the_colours_are_the_cameras(self, tmp_path: Path) -> None:
-        pytest.importorskip("rawpy")
+        needs("raw")
         for scale in (1, 2, 4):
             picture = read_picture(dng(tmp_path / "a.dng", mosaic(16000, 8000, 4000) // scale))
             # The camera's matrix has four decimals.
@@ -102,13 +103,13 @@ class TestRaw:
 
     @pytest.mark.parametrize("orientation", [1, 6])
     def test_the_sensors_axes_are_kept(self, tmp_path: Path, orientation: int) -> None:
-        pytest.importorskip("rawpy")
+        needs("raw")
         picture = read_picture(dng(tmp_path / "a.dng", mosaic(16000, 8000, 4000), orientation))
         assert picture.pixels.shape == (HEIGHT, WIDTH, 3)
         assert Exif(picture.exif).orientation == orientation
 
     def test_the_result_says_that_it_is_linear(self, tmp_path: Path) -> None:
-        pytest.importorskip("rawpy")
+        needs("raw")
         picture = read_picture(dng(tmp_path / "a.dng", mosaic(16000, 8000, 4000)))
         write_picture(tmp_path / "b.tif", picture.pixels / 65535.0, like=picture)
         again = read_picture(tmp_path / "b.tif")
@@ -125,7 +126,7 @@ class TestRaw:
         assert shown.getpixel((0, 0)) == (128, 128, 128)
 
     def test_damaged(self, tmp_path: Path) -> None:
-        pytest.importorskip("rawpy")
+        needs("raw")
         path = dng(tmp_path / "a.dng", mosaic(16000, 8000, 4000))
         for keep in (600, 3000):
             path.write_bytes(path.read_bytes()[:keep])

@@ -13,6 +13,7 @@ from rsdeblur.motion.paths import BlurPaths, Capture
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
 from rsdeblur.simulation.simulate import _distorted, _undistorted
+from tests.installed import needs
 
 WIDTH, HEIGHT = 192, 160
 LENSES = {
@@ -91,7 +92,7 @@ class TestOracles:
 
     @MODELS
     def test_opencv_projects_alike(self, model, k, pixels):
-        cv2 = pytest.importorskip("cv2")
+        cv2 = needs("bench")
         camera = camera_of(model, k)
         directions = np.ascontiguousarray(camera.rays(pixels).reshape(-1, 1, 3))
         zero, coefficients = np.zeros(3), np.array(k or (0.0,) * 4)

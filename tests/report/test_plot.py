@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import rsdeblur as rs
-from rsdeblur import Camera, Exposure, InputError, PsfBank
+from rsdeblur import Camera, Exposure, InputError, PsfBank, plot
+from tests.installed import needs
 
-pyplot = pytest.importorskip("matplotlib.pyplot")
-plot = pytest.importorskip("rsdeblur.plot")
+pyplot = needs("plot")
 
 LOG, CAMERA = rs.hand_shake(0.6, seed=1), Camera(64, 48, 80.0, readout_time=0.03, time_offset=0.1)
 EXPOSURE = Exposure(0.3, 0.05)
