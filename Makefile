@@ -8,18 +8,26 @@ VENV_PYTHON = $(BIN)/python$(EXE)
 PIP = $(BIN)/python -m pip install --quiet
 CBUILD = build/c
 
-.PHONY: demo test lint test-c docs dist clean
+.PHONY: demo test test-lowest lint test-c docs dist clean
 
 demo: $(VENV_PYTHON)
 	@echo 'Installing rsdeblur and the libraries it needs into $(VENV): a minute or more.'
 	$(BIN)/python -m pip install .
 	$(BIN)/rsdeblur demo -v --force -o demo-output
 
-# Safe path: programs that tests start here must find the installed package, not the bare source folder.
 test: $(VENV_PYTHON)
 	$(PIP) '.[test]' 'meson>=1.4' ninja
 	$(call run-c,plain,)
-	PYTHONSAFEPATH=1 $(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
+	$(PYTEST)
+
+# The tests of files and kernels on the lowest versions of the dependencies, in an environment of their own.
+test-lowest: override VENV = build/lowest
+test-lowest:
+	rm -rf $(VENV)
+	$(PYTHON) -m venv $(VENV)
+	$(PYTHON) -c '$(LOWEST)' >$(VENV)/lowest.txt
+	$(PIP) '.[test]' -r $(VENV)/lowest.txt
+	$(PYTEST) tests/io tests/kernels
 
 lint: $(VENV_PYTHON)
 	$(PIP) '.[lint,test]'
@@ -59,6 +67,11 @@ $(VENV_PYTHON):
 	$(PYTHON) -c 'import sys; sys.exit("rsdeblur needs Python 3.11 or newer" if sys.version_info < (3, 11) else 0)'
 	$(PYTHON) -m venv $(VENV)
 
+# Safe path: programs that tests start here must find the installed package, not the bare source folder.
+PYTEST = PYTHONSAFEPATH=1 $(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
+# Print name==lowest for each name>=lowest of the dependencies that every user needs.
+LOWEST = import tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
+  print(*(each.replace(">=", "==") for each in project["dependencies"]), sep="\n")
 comma = ,
 MESON = NINJA="$(abspath $(BIN)/ninja$(EXE))" $(BIN)/meson
 # run-c(folder, options): build all C code anew, warnings as errors, and run its test program.

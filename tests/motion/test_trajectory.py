@@ -32,7 +32,7 @@ def seen(body_to_camera: np.ndarray, axes: str) -> np.ndarray:
 
 @pytest.mark.parametrize("axes", ["camera", "imu", "phone-portrait", "gyroflow", "YxZ"])
 def test_the_way_is_that_in_the_cameras_axes(axes: str) -> None:
-    matrix = {"camera": np.eye(3), "imu": CAMERA.imu_to_camera}.get(axes)
+    matrix = {"camera": np.eye(3), "imu": CAMERA.imu_to_camera.copy()}.get(axes)
     found = seen(imu_to_camera(axes) if matrix is None else matrix, axes)
     # From zero at the start of the exposure.
     np.testing.assert_allclose(found, [[0, 0, 0], [0.06, 0, 0]], atol=1e-12)
