@@ -5,7 +5,7 @@ Loading this module loads nothing else.
 
 from __future__ import annotations
 
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 Mode = Literal["global", "banded", "rowwise"]
 MODES: tuple[Mode, ...] = get_args(Mode)
@@ -20,8 +20,6 @@ QUALITIES: dict[Quality, tuple[Mode, Prior]] = {
     "balanced": ("banded", "hyper-laplacian"),
     "best": ("rowwise", "hyper-laplacian"),
 }
-# Default of mode and prior; of every type, because Options replaces it.
-BY_QUALITY: Any = None
 
 # What the check says of a result, from the best to the worst.
 Verdict = Literal["good", "cannot tell", "doubtful", "bad"]

@@ -163,7 +163,7 @@ def solve_crop(
         scale = max(lens.width, lens.height) / max(outer.width, outer.height)
         # A Gaussian of the whole picture is narrower in px of the reduced one.
         options = replace(options, softness=scale * options.softness)
-    if options.mode == "banded":
+    if options.mode_in_effect == "banded":
         upright = ReadoutFrame(lens).camera
         least = DRAFT_TILE if scale < 1.0 else 0
         bands, strips = (

@@ -64,7 +64,8 @@ class Request(NamedTuple):
     track: Track
 
 
-@click.command("deblur", add_help_option=False)
+# The page shows clipped highlights as they are: a crop does not show whether the photo has few.
+@click.command("deblur", add_help_option=False, context_settings={"default_map": {"saturation": "ignore"}})
 @click.argument("photo", type=PATH)
 @_options.recording_options()
 @_options.solve_options(*_options.BLUR, *_options.SOLVER, *_options.ONE_PICTURE, *_options.ENGINE)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,9 +36,7 @@ def recorded(
 
     facts: dict[str, Any] = {"photo": file_facts(photo)}
     facts |= {name: file_facts(path) for name, path in files.items() if path is not None}
-    facts["options"] = {
-        field.name: getattr(options, field.name) for field in fields(options) if field.name not in LEFT_OUT
-    }
+    facts["options"] = {name: value for name, value in options.recorded.items() if name not in LEFT_OUT}
     facts |= {name: value for name, value in values.items() if value is not None}
     picture = with_history(picture, facts)
     if credentials is None:

@@ -86,7 +86,7 @@ def deconvolve_photo(
             "dry_run": True,
             "mode": mode_of(bank),
             "psf_px": [bank.size[1], bank.size[0]],
-            "prior": options.prior,
+            "prior": options.prior_name,
             "size_px": [pixels.shape[1], pixels.shape[0]],
         }
     picture = recorded(picture, photo, {"psf": psf}, options, {}, credentials)

@@ -330,7 +330,9 @@ _SOLVE: dict[str, Decorator] = {
         tuple(choices.QUALITIES),
         "Mode and prior together: banded with wiener, or banded or rowwise with hyper-laplacian.",
     ),
-    "mode": _choice("mode", choices.MODES, "One PSF for the picture, one per tile, or one per row.", shown="banded"),
+    "mode": _choice(
+        "mode", choices.MODES, "One PSF for the picture, one per tile, or one per row.", shown="by --quality"
+    ),
     "bands": _auto("bands", AutoType(), "Number of bands, which divide the picture along the readout."),
     "strips": _auto("strips", AutoType(), "Number of strips, which divide it across the readout."),
     "motion": _choice("motion", choices.MOTIONS, "Full rotation, or small angles about x and y only."),
@@ -386,8 +388,7 @@ _SOLVE: dict[str, Decorator] = {
         "saturation",
         choices.SATURATIONS,
         "Solve without clipped highlights and add them afterwards, which leaves fewer streaks: always, or (auto) by "
-        "night and where small ones cover at most 0.5% of the picture.",
-        shown="auto for deblur and batch, unless --quality is fast or --max-memory is given; else ignore",
+        "night and where small ones cover at most 0.5% of the picture, except with --quality fast and --max-memory.",
     ),
     "planning": _choice(
         "planning",

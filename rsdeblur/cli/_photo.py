@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
-from click.core import ParameterSource
 
 from rsdeblur.cli._gravity import bottom_of_photo, gravity_confirms, gravity_problem
 from rsdeblur.cli._history import recorded
@@ -68,14 +67,6 @@ def prepare_result(output: Path, *, force: bool, dry_run: bool, make_folder: boo
         check_kind(output, signed=signed)
     else:
         check_writable(output, force=force, signed=signed)
-
-
-def with_lights(options: Options) -> Options:
-    """Return the options of photos, whose lamps and glints are separated, unless the user chose."""
-    chosen = click.get_current_context().get_parameter_source("saturation")
-    if chosen is not ParameterSource.DEFAULT or options.quality == "fast" or options.max_memory is not None:
-        return options
-    return replace(options, saturation="auto")
 
 
 class Derived(NamedTuple):
@@ -180,7 +171,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         planned = plan_for(pixels, log, camera, exposure, options, known_axes=known_axes, progress=move)
         result = planned.apply(pixels, out=out, progress=move)
     seconds = time.perf_counter() - begin
-    facts = facts_of(result, job.output, job.options.mode, job.options.prior_name, seconds)
+    facts = facts_of(result, job.output, job.options.mode_in_effect, job.options.prior_name, seconds)
     return facts | moment_facts(job.recording, inputs)
 
 
@@ -243,7 +234,7 @@ def _dry_run(job: PhotoJob, inputs: Inputs, options: Options) -> dict[str, Any]:
             camera = reduced(picture.pixels, camera, job.changes.work_size)[1]
         bank = psfs(
             *(log, camera, exposure),
-            mode=options.mode,
+            mode=options.mode_in_effect,
             bands=options.bands,
             strips=options.strips,
             motion=options.motion,
@@ -253,9 +244,9 @@ def _dry_run(job: PhotoJob, inputs: Inputs, options: Options) -> dict[str, Any]:
     return {
         "output": str(job.output),
         "dry_run": True,
-        "mode": options.mode,
+        "mode": options.mode_in_effect,
         "psf_px": [bank.size[1], bank.size[0]],
-        "prior": options.prior,
+        "prior": options.prior_name,
         "size_px": [camera.width, camera.height],
     }
 

@@ -88,8 +88,7 @@ def report_page(
             psf=psf,
             checks={mode: facts["check"] for mode, facts in report["modes"].items() if facts["check"] is not None},
             unseen=unseen,
-            # A burst cannot be solved in that way.
-            can_split=options.saturation == "ignore" and not frames,
+            can_split=not any("highlights" in facts["timings"] for facts in report["modes"].values()),
             correction=_correction(report.get("refinement")),
             remarks=remarks if with_paths else [_without_folders(remark, compared, recording) for remark in remarks],
         ),
@@ -175,7 +174,7 @@ def _settings(
         "Picture": about_picture,
         "Recording": asdict(recording),
         "Translation": {} if track is None or not any((track.translation, track.drift)) else asdict(track),
-        "Blur and solver": asdict(options) | {"mode": ", ".join(report["modes"]), "transfer": transfer},
+        "Blur and solver": options.recorded | {"mode": ", ".join(report["modes"]), "transfer": transfer},
         "Correction by the picture": _corrections(report["refinement"]) if "refinement" in report else {},
         "Exposure": times,
         "Gyro log": about_log,

@@ -32,7 +32,7 @@ def options_of(**values: Any) -> Options:
     with usage_errors():
         options = Options(**values)
     if "mode" in values:
-        refuse_unused(options, [options.mode])
+        refuse_unused(options, [options.mode_in_effect])
     if "prior" in values and options.nsr != "auto":
         warn_of_nsr("--nsr", options)
     return options
@@ -63,7 +63,7 @@ def refuse_unused(options: Options, modes: Sequence[Mode]) -> None:
 
 def warn_of_nsr(name: str, options: Options) -> None:
     """Warn if the noise-to-signal ratio, set by the option `name`, is not the strength of the prior."""
-    if options.prior != "wiener":
+    if options.prior_in_effect != "wiener":
         prior = options.prior_name
         warnings.warn(
             f"{name} is the strength of --prior wiener; with {prior} it only smooths: set --weight instead",

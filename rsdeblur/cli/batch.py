@@ -34,7 +34,7 @@ from rsdeblur.cli._output import (
     say_aside,
     write_json,
 )
-from rsdeblur.cli._photo import PhotoJob, deblur_photo, with_lights
+from rsdeblur.cli._photo import PhotoJob, deblur_photo
 from rsdeblur.cli._signing import Signing, signing_options
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
@@ -110,7 +110,7 @@ def command(
     from rsdeblur._util.records import Records
 
     begin = time.perf_counter()
-    options = with_lights(_refinement.with_refinement(options, refine))
+    options = _refinement.with_refinement(options, refine)
     items = read_items(source, defaults, target.output, numbered_from=numbered_from)
     if not items:
         raise InputError(f"{source}: there is nothing to do, because no photo is listed")

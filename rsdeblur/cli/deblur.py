@@ -24,7 +24,7 @@ from rsdeblur.cli._output import (
     say,
     say_aside,
 )
-from rsdeblur.cli._photo import PhotoJob, deblur_photo, moment_lines, with_lights
+from rsdeblur.cli._photo import PhotoJob, deblur_photo, moment_lines
 from rsdeblur.cli._signing import Signing, signing_options
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import OutputError
@@ -70,7 +70,6 @@ def command(
     numbers in their names. Exit code 3: some of them failed.
     """
     check_sources(click.get_current_context(), recording, psf)
-    options = with_lights(options)
     if psf is None:
         options = _refinement.with_refinement(options, refine)
     signing.credentials()  # Before the work, a mistake in them is an error once, not for every photo.
@@ -171,7 +170,7 @@ def _print(photo: Path, facts: dict[str, Any], options: Options, *, asked: bool)
         size = "{} x {}".format(*facts["size_px"])
         say(
             f"{photo}: {size} px, all inputs fit; would write {facts['output']} ({facts['mode']}, PSFs of up to "
-            f"{wide} x {tall} px, {options.prior})"
+            f"{wide} x {tall} px, {options.prior_name})"
         )
         return
     tiles = "rows" if facts["mode"] == "rowwise" else "bands"
@@ -180,7 +179,7 @@ def _print(photo: Path, facts: dict[str, Any], options: Options, *, asked: bool)
     verdict, reasons = _verdict(facts["check"])
     seconds = f"{facts['seconds']:.2f} s"
     say(
-        f"{facts['output']}: {facts['mode']}, {kernels}, {options.prior}, {strength}, {seconds}{verdict}",
+        f"{facts['output']}: {facts['mode']}, {kernels}, {options.prior_name}, {strength}, {seconds}{verdict}",
         *reasons,
         *moment_lines(facts),
         *_refinement.correction_lines(facts["refinement"], asked=asked),

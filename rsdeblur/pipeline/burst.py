@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
-from rsdeblur.choices import BY_QUALITY, MODES, Auto, Mode
+from rsdeblur.choices import MODES, Auto, Mode, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.motion_evidence import MotionEvidence
 from rsdeblur.estimate.refine_frames import REFINED_FRAMES, FramesRefinement, refine_frames
@@ -104,6 +104,11 @@ class BurstResult:
         """The sharp picture, see :class:`rsdeblur.DeblurResult`."""
         return self.result.image
 
+    @property
+    def transfer(self) -> Transfer:
+        """How its values encode light, see :class:`rsdeblur.DeblurResult`."""
+        return self.result.transfer
+
 
 def deblur_burst(
     images: Sequence[ArrayLike],
@@ -177,7 +182,7 @@ def deblur_burst(
     ((72, 96, 3), 2)
     """
     validate.choice("mode", mode, ("auto", *MODES))
-    chosen = Options(mode=BY_QUALITY if mode == "auto" else mode, **options)
+    chosen = Options(mode=None if mode == "auto" else mode, **options)
     if chosen.chroma == "half":
         raise InputError('chroma="half" is for single pictures; leave it out')
     images, exposures = list(validate.items("images", images)), exposure_list(exposures)
@@ -196,10 +201,8 @@ def deblur_burst(
     captures = _captures(log, frame, exposures, chosen)
     if mode == "auto":
         chosen = replace(chosen, mode=_suited_mode(chosen, captures))
-    splits = [
-        split_highlights(picture, chosen, partial(highlight_bank, capture, threads=chosen.threads), clock)
-        for picture, capture in zip(encoded, captures, strict=True)
-    ]
+    banks = [partial(highlight_bank, capture, threads=chosen.threads) for capture in captures]
+    splits = split_highlights(encoded, chosen, banks, clock)
     with clock.stage("tune"):
         tunings = measured(splits, captures, chosen)
     with clock.stage("align"):
@@ -215,8 +218,9 @@ def deblur_burst(
     return BurstResult(
         DeblurResult(
             image=out,
+            transfer=first.transfer,
             psfs=frame.bank(bank),
-            bands=len(upright) if chosen.mode == "rowwise" else bank.kernels.shape[0],
+            bands=len(upright) if chosen.mode_in_effect == "rowwise" else bank.kernels.shape[0],
             strips=bank.kernels.shape[1],
             nsr=strengths.nsr,
             weight=strengths.weight,
@@ -227,7 +231,7 @@ def deblur_burst(
         ),
         burst.index,
         tuple(_use(burst, n, shares.get(n, 0.0), frame) for n in range(len(images))),
-        chosen.mode,
+        chosen.mode_in_effect,
         refinement,
     )
 
@@ -283,8 +287,8 @@ def check_burst(
 
 def _suited_mode(options: Options, captures: Iterable[Capture]) -> Mode:
     """Return the mode of the quality, or "rowwise" where tiles cannot follow the blur of every frame."""
-    may_differ = options.quality == "balanced" and options.bands == "auto" and options.boundary is None
-    return "rowwise" if may_differ and max(map(tile_error, captures)) > MOST_TILE_ERROR else options.mode
+    may_differ = options.quality == "balanced" and options.bands == "auto" and options.boundary_in_effect is None
+    return "rowwise" if may_differ and max(map(tile_error, captures)) > MOST_TILE_ERROR else options.mode_in_effect
 
 
 def _use(burst: AlignedBurst, index: int, share: float, frame: ReadoutFrame) -> FrameUse:

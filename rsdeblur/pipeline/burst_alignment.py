@@ -44,8 +44,8 @@ def measured(splits: Sequence[HighlightSplit], captures: Sequence[Capture], opti
 def _measured(split: HighlightSplit, capture: Capture, options: Options) -> Tuning:
     noise = None if options.noise == "auto" else options.noise
     rows, bank = tuned_part(split.encoded.shape, few_psfs(capture, threads=1))
-    mode = options.mode
-    return Tuning.of(split.remainder(rows), bank, noise=noise, one_filter=mode == "global", continued=mode != "rowwise")
+    one_filter, continued = options.has_one_psf, options.mode_in_effect != "rowwise"
+    return Tuning.of(split.remainder(rows), bank, noise=noise, one_filter=one_filter, continued=continued)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

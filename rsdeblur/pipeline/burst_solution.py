@@ -62,9 +62,10 @@ class BurstSolution:
         centres = (tile_centres(min(KERNELS, n), n) for n in (height, width))
         some = _paths(frames, *centres, threads=options.threads)
         few = [PsfBank.from_paths(paths).padded(_largest(some)) for paths in some]
-        spectra = [BlurSpectra.of(bank, one_filter=mode == "global") for bank in few]
+        spectra = [BlurSpectra.of(bank, one_filter=options.has_one_psf) for bank in few]
         tunings = [replace(frame.tuning, spectra=of) for frame, of in zip(frames, spectra, strict=True)]
-        errors = [tile_error(frame.alignment.capture) if mode == "banded" else 0.0 for frame in frames]
+        in_tiles = mode == "banded" and not options.has_one_psf
+        errors = [tile_error(frame.alignment.capture) if in_tiles else 0.0 for frame in frames]
         tuning, shares = Tuning.of_burst(tunings, tile_errors=errors)
         peak = brightness(burst.reference.split.remainder(slice(None), 4))
         strengths = tuned_strengths(tuning, options, peak)
@@ -82,7 +83,7 @@ class BurstSolution:
         # Chunks reach as far as the largest PSF of any frame.
         bank = PsfBank.from_paths(paths[0], threads=options.threads).padded(_largest(paths))
         settings, single = (
-            SolverSettings.of(replace(each, chroma="full"), mode, strength)
+            SolverSettings.of(replace(each, chroma="full"), strength)
             for each, strength in ((options, strengths), (simple, alone))
         )
         return cls(frames, tuple(paths), bank, shares, settings, single, strengths.noise)
@@ -91,7 +92,7 @@ class BurstSolution:
         """Solve chunk by chunk into `out`, which is upright; return a mask of the pixels that were exposed."""
         reference = self.frames[0]
         meter = UndershootMeter(reference.encoded.shape[0])
-        whole = options.geometry == "rectify" or options.normalize or options.boundary is not None
+        whole = options.geometry == "rectify" or options.normalize or options.boundary_in_effect is not None
         memory = None if whole else self._memory(options.max_memory)
         coverage = solve_chunks(
             reference.split,

@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur.choices import (
-    BY_QUALITY,
     EXPONENT,
     Auto,
     Border,
@@ -46,10 +45,10 @@ def deblur(
     exposure: Exposure,
     *,
     quality: Quality = "balanced",
-    mode: Mode = BY_QUALITY,
+    mode: Mode | None = None,
     bands: Count = "auto",
     strips: Count = "auto",
-    prior: Prior | Denoiser = BY_QUALITY,
+    prior: Prior | Denoiser | None = None,
     weight: Strength = "auto",
     exponent: float = EXPONENT,
     nsr: Strength = "auto",
@@ -64,7 +63,7 @@ def deblur(
     refine: bool = False,
     transfer: Transfer | Auto = "auto",
     normalize: bool = False,
-    saturation: Saturation = "ignore",
+    saturation: Saturation = "auto",
     check: bool = True,
     fallback: bool = False,
     planning: Planning = "estimate",

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur.choices import (
-    BY_QUALITY,
     EXPONENT,
     Auto,
     Border,
@@ -39,7 +38,7 @@ def deconvolve(
     psf: ArrayLike | PsfBank,
     *,
     quality: Quality = "balanced",
-    prior: Prior | Denoiser = BY_QUALITY,
+    prior: Prior | Denoiser | None = None,
     weight: Strength = "auto",
     exponent: float = EXPONENT,
     nsr: Strength = "auto",
@@ -47,7 +46,7 @@ def deconvolve(
     border: Border | Boundary | Auto = "auto",
     transfer: Transfer | Auto = "auto",
     normalize: bool = False,
-    saturation: Saturation = "ignore",
+    saturation: Saturation = "auto",
     planning: Planning = "estimate",
     threads: int | None = None,
     max_memory: int | None = None,
@@ -122,9 +121,10 @@ def deconvolve_with(
 ) -> DeblurResult:
     """Run :func:`deconvolve` with its keywords in `options`; the options that describe a motion are ignored."""
     clock = StageClock(validate.callback("progress", progress))
+    options = replace(options, mode="banded")
     if options.border == "auto":
-        solved = options.prior != "wiener" and options.max_memory is None
-        options = replace(options, mode="banded", border="unknown" if solved else "blend")
+        solved = options.prior_in_effect != "wiener" and options.max_memory is None
+        options = replace(options, border="unknown" if solved else "blend")
     encoded = EncodedImage.of(image, options.transfer)
     bank = _bank(psf, encoded.shape)
     check_bank(bank, encoded.shape)
@@ -132,17 +132,19 @@ def deconvolve_with(
         # Kernels, unlike paths, have no half size.
         options = replace(options, chroma="full")
     out, channelled = result_like(image, out)
-    mode, (bands, strips) = mode_of(bank), bank.kernels.shape[:2]
-    split = split_highlights(encoded, options, lambda: bank, clock)
+    bands, strips = bank.kernels.shape[:2]
+    (split,) = split_highlights([encoded], options, [lambda: bank], clock)
     with clock.stage("tune"):
-        strengths = derive_strengths(split, options, mode, lambda: bank, given=True)
-    settings = SolverSettings.of(options, mode, strengths)
+        one_psf = mode_of(bank) == "global"
+        strengths = derive_strengths(split, options, lambda: bank, one_psf=one_psf, given=True)
+    settings = SolverSettings.of(options, strengths)
     solve_chunks(
         *(split, channelled, bank, options, settings, clock),
         plan_solver=lambda chunk, shape: settings.plan_solver(None, chunk.bank, shape),
     )
     return DeblurResult(
         image=out,
+        transfer=encoded.transfer,
         psfs=bank,
         bands=bands,
         strips=strips,

@@ -5,12 +5,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Collection
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
 
 from rsdeblur import choices
 from rsdeblur.choices import (
-    BY_QUALITY,
     EXPONENT,
     Auto,
     Border,
@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 class Options:
     """Options of :func:`rsdeblur.deblur`, under the names of its keywords, where they are described.
 
+    Fields hold what was given. What follows from options together has a name that ends in `_in_effect`.
+
     Raises
     ------
     InputError
@@ -48,15 +50,15 @@ class Options:
     --------
     >>> import rsdeblur
     >>> options = rsdeblur.Options(prior="wiener", nsr=0.02)
-    >>> options.mode, options.prior
-    ('banded', 'wiener')
+    >>> options.mode, options.mode_in_effect, options.prior_in_effect
+    (None, 'banded', 'wiener')
     """
 
     quality: Quality = "balanced"
-    mode: Mode = BY_QUALITY
+    mode: Mode | None = None
     bands: Count = "auto"
     strips: Count = "auto"
-    prior: Prior | Denoiser = BY_QUALITY
+    prior: Prior | Denoiser | None = None
     weight: Strength = "auto"
     exponent: float = EXPONENT
     nsr: Strength = "auto"
@@ -71,7 +73,7 @@ class Options:
     refine: bool = False
     transfer: Transfer | Auto = "auto"
     normalize: bool = False
-    saturation: Saturation = "ignore"
+    saturation: Saturation = "auto"
     check: bool = True
     fallback: bool = False
     planning: Planning = "estimate"
@@ -87,11 +89,7 @@ class Options:
         from rsdeblur._util import validate
 
         validate.choice("quality", self.quality, tuple(choices.QUALITIES))
-        for name, chosen in zip(("mode", "prior"), choices.QUALITIES[self.quality], strict=True):
-            if getattr(self, name) is BY_QUALITY:
-                object.__setattr__(self, name, chosen)
-        allowed = {
-            "mode": choices.MODES,
+        allowed: dict[str, Collection[str]] = {
             "solver": choices.SOLVERS,
             "chroma": ("auto", *choices.CHROMAS),
             "geometry": choices.GEOMETRIES,
@@ -100,10 +98,12 @@ class Options:
             "saturation": choices.SATURATIONS,
             "planning": choices.PLANNINGS,
         }
+        if self.mode is not None:
+            allowed["mode"] = choices.MODES
+        if self.prior is not None and not callable(self.prior):
+            allowed["prior"] = choices.PRIORS
         for name, values in allowed.items():
             validate.choice(name, getattr(self, name), values)
-        if not callable(self.prior):
-            validate.choice("prior", self.prior, choices.PRIORS)
         for name in ("refine", "normalize", "check", "fallback"):
             validate.boolean(name, getattr(self, name))
 
@@ -137,18 +137,18 @@ class Options:
     def _check_combinations(self) -> None:
         from rsdeblur._util import validate
 
-        if self.prior == "wiener" and not validate.is_auto(self.weight):
+        mode, prior, boundary = self.mode_in_effect, self.prior_in_effect, self.boundary_in_effect
+        if prior == "wiener" and not validate.is_auto(self.weight):
             raise InputError('prior="wiener" has no weight: give nsr, or another prior')
-        if self.prior != "hyper-laplacian" and self.exponent != EXPONENT:
+        if prior != "hyper-laplacian" and self.exponent != EXPONENT:
             raise InputError(f'exponent belongs to prior="hyper-laplacian", but prior is {self.prior_name!r}')
-        if self.mode == "rowwise" and self.boundary is not None:
-            by_quality = choices.QUALITIES[self.quality][0] == self.mode
-            given = f'quality="{self.quality}"' if by_quality else 'mode="rowwise"'
+        if mode == "rowwise" and boundary is not None:
+            given = f'quality="{self.quality}"' if self.mode is None else 'mode="rowwise"'
             raise InputError(
-                f'{given} takes no border="{self.border}", because it solves for the rows beyond the frame; '
+                f'{given} takes no border="{boundary}", because it solves for the rows beyond the frame; '
                 'use border="blend" or "periodic"'
             )
-        if self.border == "unknown" and self.prior == "wiener":
+        if boundary == "unknown" and prior == "wiener":
             raise InputError(
                 'prior="wiener" takes no border="unknown", which needs a prior that takes several steps; use '
                 'border="smooth", or another prior'
@@ -156,7 +156,7 @@ class Options:
         if self.chroma == "half" and not self._may_halve_chroma:
             raise InputError(
                 'chroma="half" goes with mode "banded" or "global", prior "wiener", "gradient", "tv" or '
-                f'"hyper-laplacian", and no border="unknown", but mode is "{self.mode}", prior {self.prior_name!r} and '
+                f'"hyper-laplacian", and no border="unknown", but mode is "{mode}", prior {self.prior_name!r} and '
                 f'border "{self.border}"; use chroma="auto"'
             )
         if self.fallback and self.geometry == "rectify":
@@ -167,21 +167,21 @@ class Options:
             'geometry="rectify"': self.geometry == "rectify",
             "refine=True": self.refine,
             "normalize=True": self.normalize,
-            f'border="{self.border}"': self.boundary is not None,
+            f'border="{boundary}"': boundary is not None,
         }
         for text, needs_all in whole.items():
             if self.max_memory is not None and needs_all:
                 raise InputError(f"{text} needs the whole picture at once: leave out max_memory or {text}")
 
     @property
-    def prior_name(self) -> str:
-        """Name of the prior for reports."""
-        return getattr(self.prior, "__name__", "denoiser") if callable(self.prior) else self.prior
+    def mode_in_effect(self) -> Mode:
+        """The mode that was given, or that of the quality."""
+        return choices.QUALITIES[self.quality][0] if self.mode is None else self.mode
 
     @property
-    def judges(self) -> bool:
-        """Whether the result is checked."""
-        return self.check or self.fallback
+    def prior_in_effect(self) -> Prior | Denoiser:
+        """The prior that was given, or that of the quality."""
+        return choices.QUALITIES[self.quality][1] if self.prior is None else self.prior
 
     @property
     def chroma_in_effect(self) -> Chroma:
@@ -189,27 +189,51 @@ class Options:
 
         With ``prior="wiener"`` alone the result is linear in the picture, as in the published method.
         """
-        linear = self.prior == "wiener" and self.quality != "fast"
+        linear = self.prior_in_effect == "wiener" and self.quality != "fast"
         halves = self.chroma == "half" or (self.chroma == "auto" and self._may_halve_chroma and not linear)
         return "half" if halves else "full"
 
     @property
-    def _may_halve_chroma(self) -> bool:
-        suited = self.prior in ("wiener", "gradient", "tv", "hyper-laplacian")
-        return suited and self.mode != "rowwise" and self.border != "unknown"
-
-    @property
-    def mode_in_effect(self) -> Mode:
-        """The mode; a single band and strip count as the global mode."""
-        return "global" if self.mode == "banded" and self.bands == self.strips == 1 else self.mode
-
-    @property
-    def solver_border(self) -> Border:
+    def border_in_effect(self) -> Border:
         """The continuation of the picture beyond its frame that the solver is planned with."""
         return "blend" if self.border in ("auto", "blend") else "periodic"
 
     @property
-    def boundary(self) -> Boundary | None:
+    def boundary_in_effect(self) -> Boundary | None:
         """The method that makes the picture periodic before it is solved; None if the solver does so itself."""
         border = self.border
         return None if border == "auto" or border == "blend" or border == "periodic" else border
+
+    @property
+    def saturation_in_effect(self) -> Saturation:
+        """The treatment of clipped highlights; "auto" ignores them where time or memory is short."""
+        is_short = self.quality == "fast" or self.max_memory is not None
+        return "ignore" if self.saturation == "auto" and is_short else self.saturation
+
+    @property
+    def has_one_psf(self) -> bool:
+        """Whether one PSF is undone in the whole picture."""
+        mode = self.mode_in_effect
+        return mode == "global" or (mode == "banded" and self.bands == self.strips == 1)
+
+    @property
+    def prior_name(self) -> str:
+        """Name of the prior for reports."""
+        prior = self.prior_in_effect
+        return getattr(prior, "__name__", "denoiser") if callable(prior) else prior
+
+    @property
+    def judges(self) -> bool:
+        """Whether the result is checked."""
+        return self.check or self.fallback
+
+    @property
+    def recorded(self) -> dict[str, Any]:
+        """All options by name, as reports and histories record them: with the mode and the prior in effect."""
+        given = {field.name: getattr(self, field.name) for field in fields(self)}
+        return given | {"mode": self.mode_in_effect, "prior": self.prior_in_effect}
+
+    @property
+    def _may_halve_chroma(self) -> bool:
+        suited = self.prior_in_effect in ("wiener", "gradient", "tv", "hyper-laplacian")
+        return suited and self.mode_in_effect != "rowwise" and self.border != "unknown"

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import html_with_picture, one_line
 from rsdeblur._util.threads import Turns, beside
-from rsdeblur.choices import Chroma
+from rsdeblur.choices import Chroma, Transfer
 from rsdeblur.deconv.chroma import PictureSolver
 from rsdeblur.errors import InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck, UndershootMeter
@@ -48,6 +48,8 @@ class DeblurResult:
     image : ndarray, float32
         The sharp picture, or `out`. Shape and encoding are those of the input, the nominal range is [0, 1]. Results of
         integer input are clipped to that range, those of float input are not.
+    transfer : {"linear", "srgb"} or float
+        How values of `image` encode light, as those of the input do.
     psfs : PsfBank
         The PSFs that were undone, at their places in the picture as stored; for ``mode="rowwise"`` those of a few rows.
     bands, strips : int
@@ -71,6 +73,7 @@ class DeblurResult:
     """
 
     image: NDArray[Any]
+    transfer: Transfer
     psfs: PsfBank
     bands: int
     strips: int
@@ -228,8 +231,9 @@ class Plan:
         tall, wide = map(max, self.bank.size, self.grid.size)
         return DeblurResult(
             image=out,
+            transfer=encoded.transfer,
             psfs=self.frame.bank(self.bank),
-            bands=encoded.shape[0] if self.options.mode == "rowwise" else bands,
+            bands=encoded.shape[0] if self.options.mode_in_effect == "rowwise" else bands,
             strips=strips,
             nsr=self.strengths.nsr,
             weight=self.strengths.weight,
@@ -249,7 +253,7 @@ class Plan:
     def _split(self, encoded: EncodedImage, clock: StageClock) -> HighlightSplit:
         """Separate the clipped highlights, if the options request it and there are any."""
         bank = partial(highlight_bank, self.capture, threads=self.options.threads)
-        return split_highlights(encoded, self.options, bank, clock)
+        return split_highlights([encoded], self.options, [bank], clock)[0]
 
     def _prepared(self, split: HighlightSplit, clock: StageClock, light: FloatImage | None = None) -> Plan:
         """Return the plan with fixed strengths, derived from a picture if this plan has none, and a fixed grid."""
@@ -257,7 +261,7 @@ class Plan:
         if strengths is None:
             with clock.stage("tune"):
                 few = partial(few_psfs, self.capture, threads=self.options.threads)
-                strengths = derive_strengths(split, self.options, self.options.mode_in_effect, few, light=light)
+                strengths = derive_strengths(split, self.options, few, one_psf=self.options.has_one_psf, light=light)
         elif self.grid is not None:
             return self
         with clock.stage("psfs"):
@@ -279,7 +283,7 @@ class Plan:
     @property
     def _settings(self) -> SolverSettings:
         assert self.strengths is not None
-        return SolverSettings.of(self.options, self.options.mode_in_effect, self.strengths)
+        return SolverSettings.of(self.options, self.strengths)
 
     def _solve(
         self,

@@ -86,11 +86,11 @@ class SolverSettings:
     threads: int | None
 
     @classmethod
-    def of(cls, options: Options, mode: Mode, strengths: Strengths) -> SolverSettings:
-        """Return the settings that follow from all options, the mode in effect and the strengths."""
+    def of(cls, options: Options, strengths: Strengths) -> SolverSettings:
+        """Return the settings that follow from all options and the strengths."""
         return cls(
-            mode=mode,
-            prior=options.prior,
+            mode=options.mode_in_effect,
+            prior=options.prior_in_effect,
             exponent=options.exponent,
             nsr=strengths.nsr,
             weight=strengths.weight,
@@ -98,8 +98,8 @@ class SolverSettings:
             wavelet=strengths.wavelet,
             solver=options.solver,
             chroma=options.chroma_in_effect,
-            border=options.solver_border,
-            boundary=options.boundary,
+            border=options.border_in_effect,
+            boundary=options.boundary_in_effect,
             planning=options.planning,
             threads=options.threads,
         )

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur.choices import Mode
 from rsdeblur.deconv.plug_and_play import DENOISERS, WEIGHT_OF_VARIANCE
 from rsdeblur.deconv.priors import LEAST_PEAK, brightness
 from rsdeblur.estimate.check import QualityCheck, UndershootMeter, assess, fall_back
@@ -42,33 +41,40 @@ NSR_OF_VARIANCE = 2.0
 
 
 def split_highlights(
-    encoded: EncodedImage, options: Options, bank: Callable[[], PsfBank], clock: StageClock
-) -> HighlightSplit:
-    """Separate the clipped highlights, if the options request it and there are any; only then `bank` is called."""
-    spots = [] if options.saturation == "ignore" else find_spots(encoded)
-    if not spots:
-        return HighlightSplit(encoded)
-    psfs = bank()
-    spots = small_spots(spots, psfs)
-    if not spots or (options.saturation == "auto" and not are_lights(spots, encoded)):
-        return HighlightSplit(encoded)
-    with clock.stage("highlights"):
-        return separate_highlights(
-            encoded,
-            spots,
-            psfs,
-            threads=options.threads,
-            max_memory=options.max_memory,
-            progress=clock.within("highlights"),
-        )
+    frames: Sequence[EncodedImage], options: Options, banks: Sequence[Callable[[], PsfBank]], clock: StageClock
+) -> list[HighlightSplit]:
+    """Separate the clipped highlights of frames of one scene, if the options request it and there are any.
+
+    A saturation of "auto" decides for all frames alike. `banks` are called for frames with clipped pixels only.
+    """
+    whole = [HighlightSplit(encoded) for encoded in frames]
+    if options.saturation_in_effect == "ignore":
+        return whole
+    found = [(spots, bank() if spots else None) for spots, bank in zip(map(find_spots, frames), banks, strict=True)]
+    small = [([] if psfs is None else small_spots(spots, psfs), psfs) for spots, psfs in found]
+    alike = zip(small, frames, strict=True)
+    if options.saturation_in_effect == "auto" and not all(are_lights(spots, encoded) for (spots, _), encoded in alike):
+        return whole
+    for n, (spots, psfs) in enumerate(small):
+        if spots and psfs is not None:
+            with clock.stage("highlights"):
+                whole[n] = separate_highlights(
+                    frames[n],
+                    spots,
+                    psfs,
+                    threads=options.threads,
+                    max_memory=options.max_memory,
+                    progress=clock.within("highlights", n, len(frames)),
+                )
+    return whole
 
 
 def derive_strengths(
     split: HighlightSplit,
     options: Options,
-    mode: Mode,
     bank: Callable[[], PsfBank],
     *,
+    one_psf: bool,
     light: FloatImage | None = None,
     given: bool = False,
 ) -> Strengths:
@@ -80,24 +86,24 @@ def derive_strengths(
         The picture.
     options : Options
         Options; what they set is not derived.
-    mode : {"global", "banded", "rowwise"}
-        The mode in effect.
     bank : callable
         Returns a few PSFs that are spread over the picture; called only if something is derived.
+    one_psf : bool
+        Whether one PSF is undone in the whole picture.
     light : ndarray, shape (H, W, C), float32, optional
         Linear light of the picture without highlights, if it is decoded already.
     given : bool, default False
         Whether the PSFs are the caller's own, which count as exact and may describe a picture that repeats.
     """
     peak = brightness(split.remainder(slice(None), 4))
-    if options.prior == "wiener" and options.nsr != "auto":
+    if options.prior_in_effect == "wiener" and options.nsr != "auto":
         return Strengths(options.nsr, None, peak, options.nsr)
     rows, part = tuned_part(split.encoded.shape, bank())
     noise = None if options.noise == "auto" else options.noise
-    one_filter, continued = mode == "global", mode != "rowwise"
+    continued = options.mode_in_effect != "rowwise"
     repeats = given and options.border == "periodic"
     tuned = split.remainder(rows, threads=options.threads) if light is None else light[rows]
-    tuning = Tuning.of(tuned, part, noise=noise, one_filter=one_filter, continued=continued, repeats=repeats)
+    tuning = Tuning.of(tuned, part, noise=noise, one_filter=one_psf, continued=continued, repeats=repeats)
     return tuned_strengths(tuning, options, peak, given=given)
 
 
@@ -131,7 +137,7 @@ def tuned_strengths(tuning: Tuning, options: Options, peak: float, *, given: boo
     given : bool, default False
         See :func:`derive_strengths`.
     """
-    prior = options.prior
+    prior = options.prior_in_effect
     if prior == "wiener":
         nsr = tuning.wiener_nsr if options.nsr == "auto" else options.nsr
         return Strengths(nsr, None, peak, nsr, noise=tuning.noise)
@@ -153,9 +159,10 @@ def _prior_nsr(tuning: Tuning, options: Options, peak: float, *, given: bool) ->
     """Return the `nsr` that goes with a prior."""
     share = SOLVED_BORDER_ERROR if given and options.border == "unknown" else 1.0
     nsr = share * tuning.border_error
-    if options.prior == "wavelet":
+    prior = options.prior_in_effect
+    if prior == "wavelet":
         return max(nsr, LEAST_EXACT_WAVELET_NSR if given else LEAST_WAVELET_NSR)
-    if callable(options.prior) or options.prior in DENOISERS:
+    if callable(prior) or prior in DENOISERS:
         variance = tuning.denoiser_weight / WEIGHT_OF_VARIANCE
         return max(nsr, min(NSR_OF_VARIANCE * variance / max(peak, LEAST_PEAK) ** 2, 1.0))
     return nsr
@@ -200,7 +207,7 @@ def solve_chunks(
     """
     coverage: NDArray[np.bool_] = np.broadcast_to(np.True_, split.encoded.shape[:2])
     # Linear methods, of which the published filter is one, stay linear.
-    is_corrected = options.prior not in ("wiener", "gradient")
+    is_corrected = options.prior_in_effect not in ("wiener", "gradient")
     memory = None if options.max_memory is None else options.max_memory - split.nbytes
     chunks = plan_chunks(bank, split.encoded.shape, settings, memory, frames)
     for n, chunk in enumerate(chunks):

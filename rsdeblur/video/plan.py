@@ -95,7 +95,7 @@ class ClipPlan:
     @property
     def chroma(self) -> Chroma:
         """Resolution at which colours are restored, with the largest kernels; with very small ones it is full."""
-        settings = SolverSettings.of(self.options, self.options.mode_in_effect, self.strengths)
+        settings = SolverSettings.of(self.options, self.strengths)
         return settings.chroma_of(self.psf_size, (self.clip.height, self.clip.width, CHANNELS))
 
     def frame(self, index: int) -> Plan:
@@ -153,7 +153,8 @@ def plan_clip(
     InputError
         If the frames do not have the camera's size, there is not one exposure for each, the blur of every frame is too
         large or at most `above`, `above` is negative, `options.refine` is set and fewer than two frames are blurred, or
-        `options` sets one of those for single pictures: `normalize`, `saturation`, `fallback` and `max_memory`.
+        `options` sets one of those for single pictures: `normalize`, ``saturation="always"``, `fallback` and
+        `max_memory`.
     """
     check_size((clip.height, clip.width), camera)
     exposures = exposure_list(exposures)
@@ -164,7 +165,9 @@ def plan_clip(
     options = Options(quality=QUALITY) if options is None else validate.instance("options", options, Options)
     _check_options(options)
     above = validate.finite("above", above, minimum=0.0)
-    options = replace(options, transfer=_clip_transfer(clip) if options.transfer == "auto" else options.transfer)
+    transfer = _clip_transfer(clip) if options.transfer == "auto" else options.transfer
+    # Highlights that are separated in some frames only would flicker.
+    options = replace(options, transfer=transfer, saturation="ignore")
     report_progress = progress or (lambda stage, fraction: None)
     measures, reasons = _measure(clip, log, camera, exposures, options, report_progress)
     refinement = None
@@ -266,7 +269,7 @@ def _check_options(options: Options) -> None:
     """Refuse options for single pictures."""
     refused = {
         "normalize=True would make a video flicker": options.normalize,
-        f'saturation="{options.saturation}" is for single pictures': options.saturation != "ignore",
+        f'saturation="{options.saturation}" is for single pictures': options.saturation == "always",
         "fallback=True is for single pictures": options.fallback,
         "max_memory is for single pictures": options.max_memory is not None,
     }

@@ -50,7 +50,7 @@ def restored(solver, light, progress=quiet):
 def solver_of(bank, prior, chroma="half"):
     options = Options(prior=prior, chroma=chroma)
     strengths = Strengths(NSR, None if prior == "wiener" else WEIGHT, 1.0, NSR)
-    return SolverSettings.of(options, "banded", strengths).plan_tiles(bank, SHAPE)
+    return SolverSettings.of(options, strengths).plan_tiles(bank, SHAPE)
 
 
 def one_plane(bank, prior, share=1.0):

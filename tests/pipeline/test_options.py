@@ -81,11 +81,13 @@ def test_refusals(options: dict[str, object], message: str) -> None:
 
 @pytest.mark.parametrize("quality", QUALITIES)
 def test_quality_sets_mode_and_prior_unless_they_are_set(quality: Quality) -> None:
-    chosen = Options(quality=quality)
-    assert (chosen.mode, chosen.prior) == QUALITIES[quality]
-    assert Options(quality=quality, mode="global").mode == "global"
-    assert Options(quality=quality, prior="nlm").prior == "nlm"
-    assert replace(chosen, nsr=1.0) == Options(mode=chosen.mode, prior=chosen.prior, quality=quality, nsr=1.0)
+    # What was not given follows a quality that is given later.
+    for chosen in (Options(quality=quality), *(replace(Options(quality=first), quality=quality) for first in QUALITIES)):
+        assert (chosen.mode_in_effect, chosen.prior_in_effect) == QUALITIES[quality]
+        assert chosen == Options(quality=quality)
+    mode, prior = replace(Options(mode="global"), quality=quality), replace(Options(prior="nlm"), quality=quality)
+    assert (mode.mode_in_effect, mode.prior_in_effect) == ("global", QUALITIES[quality][1])
+    assert (prior.mode_in_effect, prior.prior_in_effect) == (QUALITIES[quality][0], "nlm")
 
 
 def test_quality_is_the_same_in_python_and_on_the_command_line() -> None:
