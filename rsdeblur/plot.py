@@ -22,6 +22,8 @@ from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.paths import BlurPaths
+from rsdeblur.pipeline.burst import BurstResult
+from rsdeblur.pipeline.plan import DeblurResult
 from rsdeblur.psf import PsfBank
 from rsdeblur.report.psf_map import evenly, visible_part
 from rsdeblur.types import FloatArray
@@ -204,24 +206,24 @@ def log(log: GyroLog, camera: Camera, exposures: Exposure | Iterable[Exposure] =
 
 
 def comparison(
-    pictures: Mapping[str, ArrayLike],
+    pictures: Mapping[str, ArrayLike | DeblurResult | BurstResult],
     *,
     crop: tuple[int, int, int, int] | None = None,
-    reference: ArrayLike | None = None,
+    reference: ArrayLike | DeblurResult | BurstResult | None = None,
     transfer: Transfer | Auto = "auto",
 ) -> NDArray[Any]:
     """Draw pictures side by side, with their PSNR where the truth is known.
 
     Parameters
     ----------
-    pictures : mapping of str to array_like
-        Pictures of one shape, by title.
+    pictures : mapping of str to array_like, DeblurResult or BurstResult
+        Pictures of one shape, by title. A result is shown as its own `transfer` says.
     crop : (top, left, height, width), optional
         Part to show, px; default the whole. The PSNR is that of the whole.
-    reference : array_like, optional
+    reference : array_like, DeblurResult or BurstResult, optional
         The sharp picture.
     transfer : {"auto", "linear", "srgb"} or float
-        How values encode light, as for :func:`rsdeblur.deblur`.
+        How the values of arrays encode light, as for :func:`rsdeblur.deblur`.
 
     Returns
     -------
@@ -231,7 +233,8 @@ def comparison(
     Raises
     ------
     InputError
-        If there is no picture, the shapes differ, `crop` shows nothing, or Matplotlib is not installed.
+        If there is no picture, the shapes differ, `crop` shows nothing, Matplotlib is not installed, or `transfer` is
+        "auto" for arrays of integers beside arrays of floats, which may be the result of such integers.
 
     Examples
     --------
@@ -246,6 +249,7 @@ def comparison(
         raise InputError(f"pictures must be a dict of pictures by their titles, got {validate.shown(pictures)}")
     shown = {title: _display(picture, transfer) for title, picture in pictures.items()}
     truth = None if reference is None else _display(reference, transfer)
+    _check_transfers([*pictures.values(), *([] if reference is None else [reference])], transfer)
     shapes = {picture.shape for picture in shown.values()} | ({truth.shape} if truth is not None else set())
     if not shown or len(shapes) != 1:
         raise InputError(f"pictures must be at least one and all of one shape, got {sorted(shapes) or 'none'}")
@@ -263,6 +267,17 @@ def comparison(
         ax.set_axis_off()
     row: NDArray[Any] = axes[0]
     return row
+
+
+def _check_transfers(pictures: Iterable[ArrayLike | DeblurResult | BurstResult], transfer: Transfer | Auto) -> None:
+    """Refuse arrays that would be decoded in two ways."""
+    arrays = [np.asarray(picture) for picture in pictures if not isinstance(picture, (DeblurResult, BurstResult))]
+    kinds = {array.dtype.kind for array in arrays}
+    if validate.is_auto(transfer) and {"u", "f"} <= kinds:
+        raise InputError(
+            "pictures has integers, which are sRGB, and floats, which are linear light unless they are the result of "
+            'such integers: give results themselves instead of their images, or set transfer, such as "srgb"'
+        )
 
 
 def _checked_crop(crop: Any, height: int, width: int) -> tuple[int, int, int, int]:
@@ -286,8 +301,10 @@ def _axes(ax: Axes | None) -> Any:
     return _pyplot().subplots(layout="constrained")[1] if ax is None else ax
 
 
-def _display(picture: ArrayLike, transfer: Transfer | Auto) -> FloatArray:
+def _display(picture: ArrayLike | DeblurResult | BurstResult, transfer: Transfer | Auto) -> FloatArray:
     """Return a picture as sRGB values in [0, 1], (H, W) or (H, W, 3), without alpha."""
+    if isinstance(picture, (DeblurResult, BurstResult)):
+        picture, transfer = picture.image, picture.transfer
     encoded = EncodedImage.of(picture, transfer)
     values = from_linear(encoded.linear(slice(None)), "srgb").clip(0.0, 1.0).astype(np.float64)
     return values[..., 0] if values.shape[2] == 1 else values

@@ -22,7 +22,7 @@ blurred, _, truth = rsdeblur.simulate(rsdeblur.scene(200, 270), log, camera, exp
 
 pictures = {"blurred": blurred}
 for mode in ("global", "banded", "rowwise"):
-    pictures[mode] = rsdeblur.deblur(blurred, log, camera, exposure, mode=mode, prior="hyper-laplacian").image
+    pictures[mode] = rsdeblur.deblur(blurred, log, camera, exposure, mode=mode, prior="hyper-laplacian")
 axes = rsdeblur.plot.comparison(pictures, reference=truth, crop=(40, 40, 84, 112))
 
 # %%

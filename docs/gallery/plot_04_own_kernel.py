@@ -32,8 +32,8 @@ blurred = convolve(scene, kernel)[frame] + np.random.default_rng(0).normal(0, 0.
 pictures = {
     "blurred": blurred,
     "scikit-image, wiener": wiener(blurred, kernel, balance=0.01, clip=False),
-    "rsdeblur, wiener": rsdeblur.deconvolve(blurred, kernel, prior="wiener").image,
-    "rsdeblur, blended border": rsdeblur.deconvolve(blurred, kernel, border="blend").image,
-    "rsdeblur": rsdeblur.deconvolve(blurred, kernel).image,
+    "rsdeblur, wiener": rsdeblur.deconvolve(blurred, kernel, prior="wiener"),
+    "rsdeblur, blended border": rsdeblur.deconvolve(blurred, kernel, border="blend"),
+    "rsdeblur": rsdeblur.deconvolve(blurred, kernel),
 }
 axes = rsdeblur.plot.comparison(pictures, reference=sharp)

@@ -17,5 +17,5 @@ blurred, _, truth = rsdeblur.simulate(rsdeblur.scene(200, 270), log, camera, exp
 
 pictures = {"blurred": blurred}
 for prior in ("wiener", "gradient", "tv", "hyper-laplacian", "wavelet"):
-    pictures[prior] = rsdeblur.deblur(blurred, log, camera, exposure, prior=prior, check=False).image
+    pictures[prior] = rsdeblur.deblur(blurred, log, camera, exposure, prior=prior, check=False)
 axes = rsdeblur.plot.comparison(pictures, reference=truth, crop=(40, 30, 60, 80))

@@ -31,9 +31,9 @@ print(f"weight {plugged.weight:.2g}, from a noise of {plugged.noise:.2g}")
 # %%
 # `prior="nlm"` is the same with non-local means; the hyper-Laplacian is the default:
 
-pictures = {"blurred": blurred, "denoise": plugged.image}
+pictures = {"blurred": blurred, "denoise": plugged}
 for prior in ("nlm", "hyper-laplacian"):
-    pictures[prior] = rsdeblur.deblur(blurred, log, camera, exposure, mode="rowwise", prior=prior).image
+    pictures[prior] = rsdeblur.deblur(blurred, log, camera, exposure, mode="rowwise", prior=prior)
 axes = rsdeblur.plot.comparison(pictures | {"sharp": truth}, reference=truth)
 
 # %%

@@ -35,7 +35,7 @@ legend = ax.legend()
 corrected = late.shifted(search.best)
 pictures = {
     "blurred": blurred,
-    "wrong clock": rsdeblur.deblur(blurred, late, camera, exposure).image,
-    "corrected": rsdeblur.deblur(blurred, corrected, camera, exposure).image,
+    "wrong clock": rsdeblur.deblur(blurred, late, camera, exposure),
+    "corrected": rsdeblur.deblur(blurred, corrected, camera, exposure),
 }
 axes = rsdeblur.plot.comparison(pictures, reference=truth)

@@ -28,6 +28,6 @@ for i, exposure in enumerate(exposures):
 
 options = rsdeblur.Options(prior="wiener", check=False)
 plan = rsdeblur.plan(log, camera, exposures[0], options).prepare(frames[0])
-sharp = [plan.replan(log, exposure).apply(frame).image for exposure, frame in zip(exposures, frames, strict=True)]
+sharp = [plan.replan(log, exposure).apply(frame) for exposure, frame in zip(exposures, frames, strict=True)]
 axes = rsdeblur.plot.comparison({f"frame {i}": frames[i] for i in (0, 2, 4)})
 axes = rsdeblur.plot.comparison({f"frame {i}, deblurred": sharp[i] for i in (0, 2, 4)})

@@ -36,4 +36,4 @@ for seed in range(4):
 # %%
 # The last one:
 
-axes = rsdeblur.plot.comparison({"blurred": blurred, "deblurred": result.image, "sharp": truth}, reference=truth)
+axes = rsdeblur.plot.comparison({"blurred": blurred, "deblurred": result, "sharp": truth}, reference=truth)

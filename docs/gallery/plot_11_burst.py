@@ -27,7 +27,7 @@ truth = list(rsdeblur.simulate_clip(scene, log, camera, moments))[burst.referenc
 reference = frames[burst.reference], exposures[burst.reference]
 pictures = {
     "reference": reference[0],
-    "deblurred alone": rsdeblur.deblur(reference[0], log, camera, reference[1]).image,
-    "together": burst.image,
+    "deblurred alone": rsdeblur.deblur(reference[0], log, camera, reference[1]),
+    "together": burst,
 }
 axes = rsdeblur.plot.comparison(pictures, reference=truth)

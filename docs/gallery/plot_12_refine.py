@@ -24,7 +24,7 @@ print(found.accepted, found.values)
 
 pictures = {
     "blurred": blurred,
-    "gyro alone": rsdeblur.deblur(blurred, log, camera, exposure).image,
-    "corrected": rsdeblur.deblur(blurred, log, camera, exposure, translation=found.translation).image,
+    "gyro alone": rsdeblur.deblur(blurred, log, camera, exposure),
+    "corrected": rsdeblur.deblur(blurred, log, camera, exposure, translation=found.translation),
 }
 axes = rsdeblur.plot.comparison(pictures, reference=truth)

@@ -23,6 +23,8 @@ from rsdeblur.motion.camera import Camera
 
 # Rows decoded or encoded at a time, which bounds the memory: a conversion takes several arrays of that size.
 ROWS = 64
+# Number of rows by which floats are judged, and of different values between black and white that drawings do not have.
+JUDGED_ROWS, LEAST_LEVELS = 16, 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,16 +252,38 @@ def _blocks(rows: slice) -> Iterator[tuple[slice, slice]]:
 
 
 def warn_of_encoded_floats(array: NDArray[Any]) -> None:
-    """Warn if floats are whole numbers beyond 1, judged by three rows: encoded values are, linear light is not."""
-    rows = array[:: max(1, len(array) // 2)]
+    """Warn if floats are probably encoded values, judged by some rows.
+
+    Whole numbers beyond 1 are, and multiples of 1/255: 8 bits hold encoded values, because they are too few for light.
+    Brightness decides nothing: that of dark encoded pictures and of bright light is the same.
+    """
+    if array.dtype.kind != "f":
+        return
+    colours = array[..., :-1] if array.ndim == 3 and array.shape[2] in (2, 4) else array
+    rows = colours[:: max(1, len(colours) // JUDGED_ROWS)]
     # Larger numbers than those of 16 bits are no encoded values, and floats of any kind beyond 2^24 are whole.
-    if array.dtype.kind == "f" and 1 < rows.max() <= np.iinfo(np.uint16).max and (rows == np.round(rows)).all():
-        warnings.warn(
-            "the picture has floats, which mean linear light, but they are whole numbers like encoded values, of up to "
-            f"{array.max():g}: convert it to uint8 or uint16, or divide it by its full scale and set transfer",
-            RsdeblurWarning,
-            stacklevel=3,
-        )
+    if 1 < rows.max() <= np.iinfo(np.uint16).max and (rows == np.round(rows)).all():
+        found = f"whole numbers like encoded values, of up to {rows.max():g}"
+        remedy = "convert it to uint8 or uint16, or divide it by its full scale and set transfer"
+    elif rows.min() >= 0 and rows.max() <= 1 and _is_of_8_bits(rows):
+        found = "multiples of 1/255 like the encoded values of 8 bits"
+        remedy = 'set transfer="srgb", or transfer="linear" if they are light'
+    else:
+        return
+    warnings.warn(
+        f"the picture has floats, which mean linear light, but they are {found}: {remedy}",
+        RsdeblurWarning,
+        stacklevel=3,
+    )
+
+
+def _is_of_8_bits(values: NDArray[Any]) -> bool:
+    """Return whether floats in [0, 1] are those of a photo of 8 bits."""
+    steps = 255 * values.astype(np.float64)
+    levels = np.rint(steps)
+    if (np.abs(steps - levels) > 255 * np.finfo(values.dtype).eps).any():
+        return False
+    return int(np.count_nonzero(np.bincount(levels.astype(np.intp).ravel(), minlength=256)[1:255])) >= LEAST_LEVELS
 
 
 @lru_cache(maxsize=8)

@@ -191,6 +191,9 @@ def test_floats_like_encoded_values_warn(run: Run, files: Files, tmp_path: Path)
     assert "warning: the picture has floats, which mean linear light, but they are whole numbers" in result.stderr
     assert run("deblur", tmp_path / "a.npy", *arguments, "--transfer", "linear").stderr == ""
     np.save(tmp_path / "a.npy", pixels / 255)
+    result = run("deblur", tmp_path / "a.npy", *arguments)
+    assert "warning: the picture has floats, which mean linear light, but they are multiples of 1/255" in result.stderr
+    np.save(tmp_path / "a.npy", pixels / 256)
     assert run("deblur", tmp_path / "a.npy", *arguments).stderr == ""
 
 

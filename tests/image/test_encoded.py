@@ -1,13 +1,17 @@
-"""Work sizes: the picture is reduced, and the camera with it."""
+"""Work sizes, to which picture and camera are reduced, and floats that are probably encoded values."""
 
 from __future__ import annotations
 
+import warnings
 from contextlib import nullcontext
+from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
+from skimage import data, img_as_float, img_as_ubyte
 
-from rsdeblur import Camera, InputError, RsdeblurWarning
+from rsdeblur import Camera, Exposure, InputError, RsdeblurWarning, from_linear, hand_shake, scene, simulate, to_linear
 from rsdeblur.image.encoded import EncodedImage, reduced
 
 CAMERA = Camera(120, 90, 200.0, readout_time=0.02)
@@ -56,12 +60,42 @@ def test_the_order_of_bytes_does_not_matter():
     np.testing.assert_array_equal(EncodedImage.of(values.astype(">u2")).values, EncodedImage.of(values).values)
 
 
-@pytest.mark.parametrize(("scale", "transfer"), [(255.0, "auto"), (1.0, "auto"), (255.0, "linear")])
-def test_floats_like_encoded_values_warn(scale, transfer):
-    values = np.arange(256.0).reshape(16, 16) / 255.0 * scale
-    doubted = scale > 1 and transfer == "auto"
-    with pytest.warns(RsdeblurWarning, match="of up to 255") if doubted else nullcontext():
-        EncodedImage.of(np.round(values) if scale > 1 else values, transfer)
+@pytest.mark.parametrize("transfer", ["auto", "linear", "srgb"])
+def test_whole_floats_warn(transfer):
+    values = np.arange(256.0).reshape(16, 16)
+    with pytest.warns(RsdeblurWarning, match="of up to 255") if transfer == "auto" else nullcontext():
+        EncodedImage.of(values, transfer)
+
+
+def is_doubted(picture):
+    """Return whether floats are taken for encoded values."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", RsdeblurWarning)
+        EncodedImage.of(picture)
+    return any('transfer="srgb"' in str(warning.message) for warning in caught)
+
+
+PHOTOS = sorted(path for path in Path(data.__file__).parent.iterdir() if path.suffix in (".png", ".jpg"))
+
+
+@pytest.mark.parametrize("path", PHOTOS, ids=lambda path: path.name)
+def test_floats_of_8_bits_warn_and_light_does_not(path):
+    with Image.open(path) as opened:
+        stored = np.asarray(opened if opened.mode != "1" else opened.convert("L"))
+    # Drawings of a few greys, which look the same with any transfer.
+    drawn = path.stem in ("chessboard_GRAY", "chessboard_RGB", "phantom")
+    values = img_as_float(stored)
+    assert [is_doubted(values.astype(kind)) for kind in (np.float64, np.float32, np.float16)] == [not drawn] * 3
+    assert not is_doubted(to_linear(values, "srgb"))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_simulated_light_does_not_warn_and_its_photo_does(noise):
+    log, exposure = hand_shake(0.4, strength=0.3, seed=3), Exposure(0.1, 0.05)
+    for sharp in (scene(120, 160), to_linear(img_as_float(data.coffee()[:120, :160]), "srgb")):
+        blurred = simulate(sharp, log, Camera(120, 80, 150.0), exposure, noise=noise).blurred.clip(0, 1)
+        assert not is_doubted(blurred)
+        assert is_doubted(img_as_float(img_as_ubyte(from_linear(blurred, "srgb"))))
 
 
 def test_what_is_not_the_cameras_is_refused():

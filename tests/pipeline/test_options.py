@@ -82,7 +82,8 @@ def test_refusals(options: dict[str, object], message: str) -> None:
 @pytest.mark.parametrize("quality", QUALITIES)
 def test_quality_sets_mode_and_prior_unless_they_are_set(quality: Quality) -> None:
     # What was not given follows a quality that is given later.
-    for chosen in (Options(quality=quality), *(replace(Options(quality=first), quality=quality) for first in QUALITIES)):
+    for first in QUALITIES:
+        chosen = replace(Options(quality=first), quality=quality)
         assert (chosen.mode_in_effect, chosen.prior_in_effect) == QUALITIES[quality]
         assert chosen == Options(quality=quality)
     mode, prior = replace(Options(mode="global"), quality=quality), replace(Options(prior="nlm"), quality=quality)

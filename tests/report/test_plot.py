@@ -81,6 +81,31 @@ def test_a_comparison_has_one_shape():
             plot.comparison({}, reference=reference)
 
 
+@pytest.mark.parametrize("transfer", ["srgb", "linear", 2.2])
+def test_a_result_is_as_bright_as_its_photo(transfer):
+    """Drawn in the same way, a photo and its result with next to no change are the same picture."""
+    photo = np.rint(255 * PICTURE).astype(np.uint8)
+    impulse = np.ones((1, 1))
+    result = rs.deconvolve(photo, impulse, prior="wiener", nsr=1e-6, transfer=transfer)
+    assert result.transfer == transfer
+    drawn = [ax.images[0].get_array() for ax in plot.comparison({"blurred": photo, "sharp": result}, transfer=transfer)]
+    # The filter changes light by 1e-6, and eight bits of the darkest values by less than a thousandth.
+    np.testing.assert_allclose(*drawn, atol=1e-3)
+    (again,) = plot.comparison({"sharp": result}, reference=result)
+    np.testing.assert_array_equal(again.images[0].get_array(), drawn[1])
+
+
+def test_integers_beside_floats_need_a_transfer():
+    photo = np.rint(255 * PICTURE).astype(np.uint8)
+    mixed = {"blurred": photo, "sharp": PICTURE.astype(np.float32)}
+    for pictures, reference in ((mixed, None), ({"a": photo}, mixed["sharp"])):
+        with pytest.raises(InputError, match="give results themselves"):
+            plot.comparison(pictures, reference=reference)
+    drawn = [ax.images[0].get_array() for ax in plot.comparison(mixed, transfer="srgb")]
+    # Eight bits round to half a level.
+    np.testing.assert_allclose(*drawn, atol=0.6 / 255)
+
+
 def test_bad_arguments_of_drawings_are_refused_by_name():
     with pytest.raises(InputError, match="pictures must be a dict of pictures by their titles, got list"):
         plot.comparison([PICTURE, PICTURE])
