@@ -112,7 +112,7 @@ class Case:
     @property
     def options(self) -> dict[str, Any]:
         """Options of :func:`rsdeblur.deblur_burst`."""
-        return {"mode": self.mode, "prior": self.prior, "check": False}
+        return {"mode": self.mode, "prior": self.prior, "saturation": "ignore", "check": False}
 
     @property
     def single(self) -> dict[str, Any]:

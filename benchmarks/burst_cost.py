@@ -63,10 +63,10 @@ def seconds(burst: Burst, mode: Mode, prior: Prior, *, together: bool) -> tuple[
     frames, log, camera, exposures = burst
     begin = time.process_time(), time.perf_counter()
     if together:
-        deblur_burst(frames, log, camera, exposures, mode=mode, prior=prior, check=False)
+        deblur_burst(frames, log, camera, exposures, mode=mode, prior=prior, saturation="ignore", check=False)
     else:
         for frame, exposure in zip(frames, exposures, strict=True):
-            deblur(frame, log, camera, exposure, mode=mode, prior=prior, check=False)
+            deblur(frame, log, camera, exposure, mode=mode, prior=prior, saturation="ignore", check=False)
     return time.process_time() - begin[0], time.perf_counter() - begin[1]
 
 
@@ -93,7 +93,8 @@ def memory_table() -> str:
     frames, log, camera, exposures = burst_of(LARGE, MANY_FRAMES)
     out, lines = np.empty_like(frames[0]), []
     for mode in ("banded", "rowwise"):
-        deblur_burst(frames, log, camera, exposures, mode=mode, prior="hyper-laplacian", check=False, out=out)
+        options = {"mode": mode, "prior": "hyper-laplacian", "saturation": "ignore", "check": False}
+        deblur_burst(frames, log, camera, exposures, **options, out=out)
         lines.append((f"{mode}, hyper-laplacian", f"{peak():.0f}"))
     return markdown(("mode, prior", "peak memory, MiB"), lines)
 

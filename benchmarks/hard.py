@@ -47,7 +47,8 @@ def gains(capture: SimulatedCapture, situation: Situation, mode: Mode) -> list[f
     pixels = recorded(noisy_capture.pictures.blurred, situation.jpeg)
     images = [np.divide(pixels, 255, dtype=np.float32)]
     images += [
-        deblur(pixels, *noisy_capture.recording, mode=mode, prior=prior, transfer="srgb").image for prior in PRIORS
+        deblur(pixels, *noisy_capture.recording, mode=mode, prior=prior, transfer="srgb", saturation="ignore").image
+        for prior in PRIORS
     ]
     before, *after = (quality(noisy_capture.pictures.rolling, to_linear(image, "srgb"))[0] for image in images)
     return [score - before for score in after]

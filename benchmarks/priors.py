@@ -104,7 +104,9 @@ def modes_scores(capture: SimulatedCapture) -> dict[str, tuple[float, float]]:
     scores = {"blurred": quality(capture.pictures.rolling, capture.pictures.blurred)}
     for name, mode in MODES.items():
         for prior in PRIORS:
-            image = deblur(capture.pictures.blurred, *capture.recording, prior=prior, threads=1, **mode).image
+            image = deblur(
+                capture.pictures.blurred, *capture.recording, prior=prior, saturation="ignore", threads=1, **mode
+            ).image
             scores[f"{name}, {prior}"] = quality(capture.pictures.rolling, image)
     return scores
 
@@ -118,7 +120,7 @@ def strengths_scores(capture: SimulatedCapture, situations: Sequence[tuple[int, 
         row = {"blurred": quality(part.pictures.rolling, part.pictures.blurred)[0]}
         for prior, strength in strengths():
             kwargs: dict[str, Any] = {"prior": prior, "nsr" if prior == "wiener" else "weight": strength}
-            image = deblur(part.pictures.blurred, *part.recording, threads=1, **kwargs).image
+            image = deblur(part.pictures.blurred, *part.recording, saturation="ignore", threads=1, **kwargs).image
             row[f"{prior} {strength}"] = quality(part.pictures.rolling, image)[0]
         rows[f"{decibels} dB, {'wrong' if wrong else 'right'} model"] = row
     return rows

@@ -268,7 +268,7 @@ def aligned_psnr(truth: Image, image: Image) -> float:
 def psnr(case: Case, recording: Recording) -> float:
     """Return the PSNR (dB) of a capture deblurred with a recording."""
     parts = recording.log, recording.camera, recording.exposure
-    result = deblur(case.picture, *parts, translation=recording.translation, check=False)
+    result = deblur(case.picture, *parts, translation=recording.translation, saturation="ignore", check=False)
     return aligned_psnr(from_linear(case.simulation.rolling.clip(0, 1), "srgb"), result.image)
 
 

@@ -133,7 +133,16 @@ def solve(case: Case) -> dict[str, Score]:
             strengths[f"{factor:g}"] = {name: factor * sigma**power}
         for label, strength in strengths.items():
             begin = time.perf_counter()
-            result = deconvolve(blurred, kernel, prior=prior, border=border, transfer="linear", threads=1, **strength)
+            result = deconvolve(
+                blurred,
+                kernel,
+                prior=prior,
+                border=border,
+                transfer="linear",
+                saturation="ignore",
+                threads=1,
+                **strength,
+            )
             seconds = time.perf_counter() - begin
             scores[f"{prior}, {label}"] = _score(sharp, result.image, kernel.shape, seconds)
     return scores

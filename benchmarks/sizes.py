@@ -56,6 +56,7 @@ def _outcome(size: tuple[int, int], mode: Any, prior: Any, blur: float | None, k
             mode=mode,
             prior=prior,
             nsr=0.01,
+            saturation="ignore",
         ).image
     except InputError as error:
         return f"refused, sides from {min(size)} px" if "picture" in str(error) else f"REFUSED: {error}"

@@ -126,7 +126,14 @@ def trials(captures: dict[str, SimulatedCapture], prior: Prior) -> list[Trial]:
         truth, blurred = capture.pictures.rolling, capture.pictures.blurred
         try:
             with patch.object(steps, "fade_undershoot", fade):
-                result = deblur(blurred, *capture.recording, prior=prior, translation=capture.translation, threads=1)
+                result = deblur(
+                    blurred,
+                    *capture.recording,
+                    prior=prior,
+                    translation=capture.translation,
+                    saturation="ignore",
+                    threads=1,
+                )
         except RsdeblurError:
             continue
         assert result.check is not None

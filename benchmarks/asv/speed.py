@@ -92,7 +92,15 @@ class Slabs:
         """Deblur, from the log to the picture."""
         recording = self.log, self.case.camera, EXPOSURE
         deblur(
-            self.picture, *recording, bands=16, strips=1, nsr=NSR, max_memory=max_memory, out=self.out, prior="wiener"
+            self.picture,
+            *recording,
+            bands=16,
+            strips=1,
+            nsr=NSR,
+            saturation="ignore",
+            max_memory=max_memory,
+            out=self.out,
+            prior="wiener",
         )
 
     def peakmem_deblur(self, max_memory: int | None) -> None:

@@ -107,7 +107,16 @@ def process(case: Case, folder: Path, threads: int) -> Callable[[], object]:
     def run() -> None:
         pixels, camera = reduced(read_picture(photo).pixels, raw, max(case.camera.width, case.camera.height))
         result = deblur(
-            pixels, log, camera, EXPOSURE, mode="global", motion="small-angle", nsr=NSR, threads=threads, prior="wiener"
+            pixels,
+            log,
+            camera,
+            EXPOSURE,
+            mode="global",
+            motion="small-angle",
+            nsr=NSR,
+            saturation="ignore",
+            threads=threads,
+            prior="wiener",
         )
         write_picture(sharp, result.image, force=True)
 

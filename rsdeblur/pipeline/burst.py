@@ -151,7 +151,8 @@ def deblur_burst(
         Called as ``progress(stage, fraction)``.
     **options
         Fields of :class:`rsdeblur.Options`, except ``border="unknown"``. ``refine=True`` corrects what all frames
-        share, see :func:`rsdeblur.refine_frames`. By default the work uses some 1 GiB in addition to the pictures, and
+        share, see :func:`rsdeblur.refine_frames`. ``saturation="auto"`` separates highlights in all frames or in none.
+        By default the work uses some 1 GiB in addition to the pictures, and
         more where the blur of many large frames is so tall that even a few rows need more, or where
         ``geometry="rectify"``, ``normalize=True`` or a border other than "blend" and "periodic" needs the whole
         picture at once.

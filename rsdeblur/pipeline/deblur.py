@@ -140,15 +140,16 @@ def deblur(
         Correct focal length, clock, readout and motion by the picture first, see :func:`rsdeblur.refine`.
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light; a number is a gamma, from 0.1 to 10. "auto" is sRGB for uint8 and uint16 and linear for
-        floats. The result has the same encoding.
+        floats: set it for photos whose integers you divided. The result has the same encoding.
     normalize : bool, default False
         Compress light that exceeds [0, 1] into that range and clip outliers, at the price of contrast.
-    saturation : {"ignore", "auto", "always"}
+    saturation : {"auto", "ignore", "always"}
         "always" estimates the highlights behind clipped pixels, solves the picture without them and adds them to the
         result (:mod:`rsdeblur.image.highlights`). This leaves fewer streaks around lamps and takes 19 passes of a
         filter over boxes around them. It does not change the result of a picture without clipped highlights. "auto"
         does so where small clipped spots cover at most 0.5 % of the picture, or half of the picture has less than 5 %
-        of full light: by day, more of them are rather white things in the sun, which would lose detail.
+        of full light: by day, more of them are rather white things in the sun, which would lose detail. With
+        ``quality="fast"`` and `max_memory`, "auto" is "ignore".
     check : bool, default True
         Assess the result without a reference.
     fallback : bool, default False
@@ -182,7 +183,8 @@ def deblur(
     Warns
     -----
     RsdeblurWarning
-        If the focal length is so short that it is probably not in px.
+        If the focal length is so short that it is probably not in px, or `transfer` is "auto" and floats are multiples
+        of 1/255 or whole numbers beyond 1, as encoded values are.
 
     Examples
     --------

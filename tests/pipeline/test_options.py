@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import inspect
 from dataclasses import fields, replace
+from pathlib import Path
 
 import click
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from rsdeblur import (
     Camera,
@@ -16,18 +18,25 @@ from rsdeblur import (
     InputError,
     Options,
     PsfBank,
+    Translation,
     deblur,
     find_time_offset,
+    from_linear,
     plan,
+    read_camera,
+    read_gyro,
+    read_picture,
     simulate,
+    write_picture,
 )
 from rsdeblur.choices import QUALITIES, Quality
+from rsdeblur.cli import main
 from rsdeblur.cli.batch import command as batch
+from rsdeblur.cli.compare import command as compare
 from rsdeblur.cli.deblur import command as deblur_command
 from rsdeblur.cli.video import command as video
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
-from rsdeblur.video import QUALITY
 
 DEFAULTS = {field.name: field.default for field in fields(Options)}
 CAMERA, EXPOSURE = Camera(96, 80, 110.0, readout_time=0.03), Exposure(0.05, 1 / 30)
@@ -42,19 +51,57 @@ def test_the_keywords_of_deblur_are_the_options() -> None:
     assert keywords == DEFAULTS | {"out": None, "progress": None}
 
 
-@pytest.mark.parametrize("command", [deblur_command, batch, video])
-def test_the_command_line_has_the_same_defaults(command: click.Command) -> None:
+@pytest.mark.parametrize(
+    ("command", "differing"),
+    [
+        # Not given, which is yes unless that would be slow or impossible.
+        (deblur_command, {"refine": None}),
+        (batch, {"refine": None}),
+        (compare, {}),
+        # For speed.
+        (video, {"quality": "fast"}),
+    ],
+)
+def test_the_command_line_has_the_same_defaults(command: click.Command, differing: dict[str, object]) -> None:
     options = {option.name: option for option in command.params if option.name in DEFAULTS}
     assert len(options) > 12
-    context = click.Context(command)
+    given = command.make_context(command.name, ["file"], resilient_parsing=True).params
+    assert {name: given[name] for name in options if given[name] != DEFAULTS[name]} == differing
     for name, option in options.items():
-        # Click gives options without a default None, and flags False.
-        assert option.get_default(context) == DEFAULTS[name] or DEFAULTS[name] in (None, False), name
         if isinstance(option.type, click.Choice):
             with pytest.raises(InputError, match=f"{name} must be one of {', '.join(sorted(option.type.choices))}"):
                 Options(**{name: "?"})
-    # The only exception, for speed.
-    assert video.context_settings["default_map"] == {"quality": QUALITY}
+
+
+def test_python_and_the_command_line_give_the_same_pixels(tmp_path: Path) -> None:
+    """One capture has lamps, the other one a drift that refining corrects."""
+    camera, exposure = Camera(288, 216, 420.0, readout_time=0.02), Exposure(0.5, 1 / 20)
+    log = hand_shake(1.2, seed=5)
+    np.savetxt(tmp_path / "log.csv", np.column_stack([log.t, log.omega]), "%.9f", ",", header="t,wx,wy,wz", comments="")
+    camera.save(tmp_path / "camera.toml")
+    sources = ["--gyro", tmp_path / "log.csv", "--camera", tmp_path / "camera.toml"]
+    recording = read_gyro(tmp_path / "log.csv"), read_camera(tmp_path / "camera.toml"), exposure
+    lamps = scene(248, 320)
+    lamps[100:103, 150:153] = lamps[140:143, 70:73] = 30.0
+    captures = (lamps, None), (scene(248, 320), Translation.drift((3.0, -2.0), camera, exposure))
+    for light, drift in captures:
+        blurred = simulate(light, log, camera, exposure, translation=drift, noise=0.005).blurred
+        photo = np.rint(255 * from_linear(blurred.clip(0, 1), "srgb")).astype(np.uint8)
+        write_picture(tmp_path / "photo.png", photo, force=True)
+        call = ["deblur", tmp_path / "photo.png", *sources, "--start", "0.5", "--duration", "1/20", "--force"]
+        call += ["--no-refine" if drift is None else "--refine", "-o", tmp_path / "sharp.png"]
+        assert CliRunner().invoke(main, list(map(str, call)), catch_exceptions=False).exit_code == 0
+        result = deblur(photo, *recording, refine=drift is not None, out=np.empty_like(photo))
+        assert "highlights" in result.timings if drift is None else result.refinement.accepted
+        np.testing.assert_array_equal(read_picture(tmp_path / "sharp.png").pixels, result.image)
+
+
+def test_automatic_saturation_yields_to_speed_and_memory() -> None:
+    asked = {"saturation": "always"}
+    for options in ({"quality": "fast"}, {"max_memory": 2**30}):
+        assert Options(**options).saturation_in_effect == "ignore"
+        assert Options(**options, **asked).saturation_in_effect == "always"
+        assert replace(Options(**options), quality="best", max_memory=None).saturation_in_effect == "auto"
 
 
 @pytest.mark.parametrize(
