@@ -93,8 +93,14 @@ def memory_table() -> str:
     frames, log, camera, exposures = burst_of(LARGE, MANY_FRAMES)
     out, lines = np.empty_like(frames[0]), []
     for mode in ("banded", "rowwise"):
-        options = {"mode": mode, "prior": "hyper-laplacian", "saturation": "ignore", "check": False}
-        deblur_burst(frames, log, camera, exposures, **options, out=out)
+        deblur_burst(
+            *(frames, log, camera, exposures),
+            mode=mode,
+            prior="hyper-laplacian",
+            saturation="ignore",
+            check=False,
+            out=out,
+        )
         lines.append((f"{mode}, hyper-laplacian", f"{peak():.0f}"))
     return markdown(("mode, prior", "peak memory, MiB"), lines)
 

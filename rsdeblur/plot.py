@@ -304,7 +304,7 @@ def _axes(ax: Axes | None) -> Any:
 def _display(picture: ArrayLike | DeblurResult | BurstResult, transfer: Transfer | Auto) -> FloatArray:
     """Return a picture as sRGB values in [0, 1], (H, W) or (H, W, 3), without alpha."""
     if isinstance(picture, (DeblurResult, BurstResult)):
-        picture, transfer = picture.image, picture.transfer
+        transfer, picture = picture.transfer, picture.image
     encoded = EncodedImage.of(picture, transfer)
     values = from_linear(encoded.linear(slice(None)), "srgb").clip(0.0, 1.0).astype(np.float64)
     return values[..., 0] if values.shape[2] == 1 else values

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from skimage import data, img_as_float, img_as_ubyte
+from skimage import data
+from skimage.util import img_as_float, img_as_ubyte
 
 from rsdeblur import Camera, Exposure, InputError, RsdeblurWarning, from_linear, hand_shake, scene, simulate, to_linear
 from rsdeblur.image.encoded import EncodedImage, reduced
