@@ -129,16 +129,18 @@ def check_offset(found: OffsetSearch, photos: Sequence[Path]) -> None:
         )
 
 
-def recordings_of(photos: Sequence[Path], recording: Recording) -> list[Recording]:
+def recordings_of(photos: Sequence[Path], recording: Recording, numbered_from: int | None) -> list[Recording]:
     """Return the recording of each photo; several photos need moments of their own.
 
     Raises
     ------
     click.UsageError
-        If the options give one moment for all of them.
+        If the options give one moment for all of them, or a first number that no name is counted from.
     FileFormatError
         If the name of a photo does not determine its exposure in the capture file.
     """
+    if numbered_from is not None and (len(photos) == 1 or recording.capture is None or recording.start == "exif"):
+        raise _usage("--numbered-from is for several photos whose exposures are in --capture")
     if len(photos) == 1:
         return [recording]
     given = [f"--{name.replace('_', '-')}" for name in ONE_MOMENT if getattr(recording, name) not in (None, "exif")]
@@ -152,7 +154,7 @@ def recordings_of(photos: Sequence[Path], recording: Recording) -> list[Recordin
         return [recording] * len(photos)
     from rsdeblur.io.sessions import indices_of
 
-    matches = indices_of(list(photos), recording.capture)
+    matches = indices_of(list(photos), recording.capture, numbered_from=numbered_from)
     for match in matches:
         if match.error is not None:
             raise FileFormatError(f"{match.path}: {match.error}")

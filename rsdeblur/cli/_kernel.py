@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 MOTION = (
     *(field.name for kind in (Recording, Track) for field in fields(kind)),
     *("mode", "bands", "strips", "motion", "softness", "refine", "solver", "chroma", "geometry", "fallback"),
-    "work_size",
+    *("work_size", "numbered_from"),
 )
 
 

@@ -11,7 +11,7 @@ import click
 from rsdeblur.cli import _options, _refinement
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import recordings_of
-from rsdeblur.cli._items import one_name, result_name
+from rsdeblur.cli._items import numbered_from_option, one_name, result_name
 from rsdeblur.cli._kernel import check_sources, deconvolve_photo
 from rsdeblur.cli._options import PhotoChanges, PhotoTarget, Recording, Track
 from rsdeblur.cli._output import (
@@ -46,6 +46,7 @@ Examples:
 @click.argument("photos", type=PATH, metavar="PHOTO...", nargs=-1, required=True)
 @click.option("--psf", type=PATH, metavar="KERNEL", help="The blur as a kernel (picture, .npy) or PSF bank.")
 @_options.recording_options(required=False)
+@numbered_from_option
 @_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
 @_refinement.option
 @_options.track_options
@@ -56,6 +57,7 @@ def command(
     photos: tuple[Path, ...],
     psf: Path | None,
     recording: Recording,
+    numbered_from: int | None,
     options: Options,
     refine: bool | None,
     track: Track,
@@ -75,7 +77,7 @@ def command(
     signing.credentials()  # Before the work, a mistake in them is an error once, not for every photo.
     make_folder = _is_folder(target.output, len(photos))
     outputs = _outputs(photos, target.output, into_folder=make_folder)
-    recordings = [recording] if psf is not None else recordings_of(photos, recording)
+    recordings = [recording] if psf is not None else recordings_of(photos, recording, numbered_from)
 
     def solve(i: int) -> dict[str, Any]:
         with progress("deblur") as move:

@@ -11,6 +11,7 @@ import click
 from rsdeblur.cli import _options
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import check_offset, naming, read_inputs, recordings_of, transfer_of
+from rsdeblur.cli._items import numbered_from_option
 from rsdeblur.cli._options import Recording
 from rsdeblur.cli._output import print_json, progress, say
 from rsdeblur.cli._types import PATH, SecondsType
@@ -34,6 +35,7 @@ Examples:
 @click.command("sync", cls=Command, epilog=EXAMPLES)
 @click.argument("photos", type=PATH, metavar="PHOTO...", nargs=-1, required=True)
 @_options.recording_options()
+@numbered_from_option
 @_options.transfer_option
 @click.option("--from", "first", type=SecondsType(), help="First shift.  [default: -60ms, or -2s with --start exif]")
 @click.option("--to", "last", type=SecondsType(), help="Last shift.  [default: 60ms, or 1s with --start exif]")
@@ -42,6 +44,7 @@ Examples:
 def command(
     photos: tuple[Path, ...],
     recording: Recording,
+    numbered_from: int | None,
     transfer: Transfer | Auto,
     first: float | None,
     last: float | None,
@@ -68,7 +71,7 @@ def command(
         # Before the search: the file may be of a kind that has no place for the offset.
         check_editable(recording.camera)
     usual = EXIF_ERROR if from_exif else SEARCH
-    pairs = zip(photos, recordings_of(photos, recording), strict=True)
+    pairs = zip(photos, recordings_of(photos, recording, numbered_from), strict=True)
     inputs = [read_inputs(photo, each, search=False) for photo, each in pairs]
     transfers = sorted({str(transfer_of(each.picture, transfer)) for each in inputs})
     if len(transfers) > 1:

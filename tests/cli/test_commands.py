@@ -398,7 +398,9 @@ def test_sync_of_several_photos(run, files, tmp_path, monkeypatch):
         "time offset 12.0 ms, confidence 0.98",
     ]
     found = OffsetSearch(None, 0.012, 0.98, "they disagree", np.zeros(1), np.zeros(1))
-    result = run("sync", *names, *files.sources, *capture, "--write", "--json")
+    names = [names[0].rename(tmp_path / "frame_2.png"), names[1]][::-1]
+    assert "give --numbered-from 0 or 1" in run("sync", *names, *files.sources, *capture).stderr
+    result = run("sync", *names, *files.sources, *capture, "--numbered-from", 1, "--write", "--json")
     assert result.exit_code == 1
     assert "the 2 pictures do not determine the time offset: they disagree" in result.stderr
     assert json.loads(result.stdout)["photos"][1]["best_s"] == 0.015
@@ -448,6 +450,15 @@ def test_several_photos(run: Run, files: Files, tmp_path: Path) -> None:
     entries = json.loads(result.stdout)
     assert [("error" in entry) for entry in entries] == [False, False, True]
     assert sorted(path.name for path in (tmp_path / "sharp").iterdir()) == ["frame_0.png", "frame_1.png"]
+
+    # Names that leave the number of the first frame open.
+    call = ["deblur", *names[1:], *files.sources, *capture, "-o", tmp_path / "later"]
+    assert "give --numbered-from 0 or 1" in run(*call).stderr
+    assert run(*call, "--numbered-from", "1").exit_code == 0
+    first, later = (read_picture(tmp_path / name).pixels for name in ("sharp/frame_0.png", "later/frame_1.png"))
+    np.testing.assert_array_equal(later, first)
+    alone = "deblur", names[0], *files.recording, "--numbered-from", "1"
+    assert (run(*alone).exit_code, run("deblur", names[0], "--psf", "none", *alone[-2:]).exit_code) == (2, 2)
 
     # Without --output, beside the photo.
     assert run("deblur", names[0], *files.sources, *capture, "--index", "0").exit_code == 0
