@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
+from rsdeblur._util.extras import missing
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.image.encoded import EncodedImage
@@ -293,7 +294,7 @@ def _pyplot() -> Any:
     try:
         import matplotlib.pyplot as plt
     except ImportError:
-        raise InputError("plots need Matplotlib; install it with: pip install 'rsdeblur[plot]'") from None
+        raise InputError(missing("plots need Matplotlib", "plot")) from None
     return plt
 
 

@@ -19,6 +19,7 @@ from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
 from rsdeblur._util import interrupts, memory, validate
+from rsdeblur._util.extras import missing
 from rsdeblur.errors import InputError, RsdeblurError
 
 Task = TypeVar("Task")
@@ -279,7 +280,7 @@ def _on_cluster(
     try:
         from distributed import Client, Future, as_completed
     except ImportError as error:
-        raise InputError("a Dask scheduler needs the extra [dask]: pip install 'rsdeblur[dask]'") from error
+        raise InputError(missing("a Dask scheduler needs distributed", "dask")) from error
     try:
         client = Client(address, timeout=CONNECT)
     except (OSError, ValueError, TypeError, RuntimeError) as error:  # TypeError: TLS without certificates

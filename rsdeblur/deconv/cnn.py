@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rsdeblur._util.extras import missing
 from rsdeblur._util.threads import share_blocks
 from rsdeblur.deconv.wavelet import OPPONENT
 from rsdeblur.errors import InputError
@@ -94,7 +95,7 @@ def network() -> InferenceSession:
     try:
         import onnxruntime
     except ImportError:
-        raise InputError("prior=\"cnn\" needs ONNX Runtime; install it with: pip install 'rsdeblur[cnn]'") from None
+        raise InputError(missing('prior="cnn" needs ONNX Runtime', "cnn")) from None
     onnxruntime.disable_telemetry_events()  # official builds for Windows report their use
     options = onnxruntime.SessionOptions()
     # Blocks are shared by our threads. More threads within a block would wait for each other.

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rsdeblur._util.extras import missing
 from rsdeblur.io import directories
 from rsdeblur.io._metadata import Metadata, of_heif
 
@@ -33,7 +34,7 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], Metadata]:
     try:
         import pillow_heif
     except ModuleNotFoundError:
-        raise MissingPackage("HEIC pictures need pillow-heif; install it with: pip install 'rsdeblur[heif]'") from None
+        raise MissingPackage(missing("HEIC pictures need pillow-heif", "heif")) from None
     file = pillow_heif.open_heif(BytesIO(data), convert_hdr_to_8bit=False)
     width, height = file.size
     if width * height > max_pixels:

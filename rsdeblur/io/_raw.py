@@ -11,6 +11,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from rsdeblur._util.extras import missing
 from rsdeblur.io import _tiff, untrusted
 from rsdeblur.io._heif import MissingPackage
 from rsdeblur.io._metadata import Metadata, of_tiff
@@ -41,7 +42,7 @@ def decode(data: bytes, max_pixels: int) -> tuple[NDArray[Any], Metadata]:
     try:
         import rawpy
     except ModuleNotFoundError:
-        raise MissingPackage("raw files need rawpy; install it with: pip install 'rsdeblur[raw]'") from None
+        raise MissingPackage(missing("raw files need rawpy", "raw")) from None
     try:
         with rawpy.RawPy() as raw:
             raw.open_buffer(BytesIO(data))

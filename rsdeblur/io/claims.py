@@ -21,6 +21,7 @@ from PIL import Image
 from rsdeblur._config import VERSION
 from rsdeblur._util import validate
 from rsdeblur._util.atomic import temporary_beside
+from rsdeblur._util.extras import missing
 from rsdeblur._util.files import checked_path, open_file, read_file
 from rsdeblur.errors import FileFormatError, InputError, OutputError
 from rsdeblur.io import _exif_renewal, _heif, untrusted
@@ -310,5 +311,5 @@ def _library() -> Any:
     try:
         import c2pa
     except ModuleNotFoundError:
-        raise InputError("signing needs c2pa-python; install it with: pip install 'rsdeblur[c2pa]'") from None
+        raise InputError(missing("signing needs c2pa-python", "c2pa")) from None
     return c2pa

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rsdeblur._util.extras import missing
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io import untrusted
 from rsdeblur.io._heif import AVIF_BRANDS, BRANDS
@@ -116,10 +117,7 @@ def telemetry_of(source: Source) -> Telemetry:
         untrusted.check("telemetry of videos", "telemetry-parser")
         import telemetry_parser
     except ModuleNotFoundError:
-        raise source.error(
-            "reading the gyro data of a video needs telemetry-parser; install it with: "
-            "pip install 'rsdeblur[telemetry]'"
-        ) from None
+        raise source.error(missing("reading the gyro data of a video needs telemetry-parser", "telemetry")) from None
     except untrusted.Blocked as error:
         raise source.error(str(error)) from None
     check_sample_sizes(source)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from rsdeblur._util.extras import missing
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io.formats import Format, text_format
 from rsdeblur.io.samples import Samples, nanoseconds, table_samples
@@ -295,9 +296,7 @@ def _cbor(source: Source, data: bytes) -> Any:
     try:
         import cbor2
     except ModuleNotFoundError:
-        raise source.error(
-            "projects of this version of Gyroflow need cbor2; install it with: pip install 'rsdeblur[gyroflow]'"
-        ) from None
+        raise source.error(missing("projects of this version of Gyroflow need cbor2", "gyroflow")) from None
     try:
         return cbor2.loads(data)
     except (cbor2.CBORDecodeError, ValueError) as error:

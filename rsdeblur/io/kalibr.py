@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from rsdeblur._util.extras import missing
 from rsdeblur.choices import Distortion
 from rsdeblur.errors import FileFormatError, InputError
 from rsdeblur.io.camera_file import Assumption, CameraFile, Request
@@ -72,7 +73,7 @@ def _load(source: Source) -> Any:
     try:
         import yaml
     except ModuleNotFoundError:
-        raise source.error("YAML files need PyYAML; install it with: pip install 'rsdeblur[kalibr]'") from None
+        raise source.error(missing("YAML files need PyYAML", "kalibr")) from None
     # OpenCV writes a header that is not a YAML directive, and marks its matrices with a tag.
     lines = [line for line in source.text.lines if not line.startswith("%")]
     text = re.sub(r"!!opencv-matrix", "", "\n".join(lines))

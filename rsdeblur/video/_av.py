@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from rsdeblur._util.extras import missing
 from rsdeblur.errors import InputError
 
 try:
     import av
 except ModuleNotFoundError:
-    raise InputError("videos need PyAV; install it with: pip install 'rsdeblur[video]'") from None
+    raise InputError(missing("videos need PyAV", "video")) from None
 
 __all__ = ["av"]

@@ -76,5 +76,5 @@ def test_any_shape_and_number_of_threads(shape: tuple[int, ...]) -> None:
 def test_without_onnx_runtime_the_message_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     cnn.network.cache_clear()
-    with pytest.raises(InputError, match=r"pip install 'rsdeblur\[cnn\]'"):
+    with pytest.raises(InputError, match=r"pip install '\.\[cnn\]'"):
         cnn_denoise(np.zeros((4, 4), np.float32), SIGMA)

@@ -317,7 +317,7 @@ distortion_coefficients: [-0.05, 0.001, 0.001, -0.002]
 
     def test_without_pyyaml(self, write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, "yaml", None)
-        with pytest.raises(FileFormatError, match=r"need PyYAML; install it with: pip install 'rsdeblur\[kalibr\]'"):
+        with pytest.raises(FileFormatError, match=r"need PyYAML.*'\.\[kalibr\]'"):
             open_camera(write(CHAIN))
 
 

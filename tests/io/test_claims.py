@@ -196,5 +196,5 @@ def test_what_c2pa_refuses_is_refused_before_the_work(
 
 def test_without_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "c2pa", None)
-    with pytest.raises(InputError, match=r"signing needs c2pa-python; install it with: pip install 'rsdeblur\[c2pa\]'"):
+    with pytest.raises(InputError, match=r"signing needs c2pa-python.*'\.\[c2pa\]'"):
         read_credentials(tmp_path / "chain.pem", tmp_path / "key.pem")

@@ -61,7 +61,7 @@ class TestHeif:
     def test_without_its_package(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, "pillow_heif", None)
         (tmp_path / "a.heic").write_bytes(b"\0\0\0\x18ftypheic" + bytes(99))
-        with pytest.raises(FileFormatError, match=r"pip install 'rsdeblur\[heif\]'"):
+        with pytest.raises(FileFormatError, match=r"pip install '\.\[heif\]'"):
             read_picture(tmp_path / "a.heic")
 
 
@@ -135,5 +135,5 @@ class TestRaw:
 
     def test_without_its_package(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, "rawpy", None)
-        with pytest.raises(FileFormatError, match=r"pip install 'rsdeblur\[raw\]'"):
+        with pytest.raises(FileFormatError, match=r"pip install '\.\[raw\]'"):
             read_picture(dng(tmp_path / "a.dng", mosaic(16000, 8000, 4000)))
