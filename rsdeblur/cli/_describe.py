@@ -249,7 +249,7 @@ def print_entry(entry: dict[str, Any]) -> None:
     """Print a result of `describe` as text."""
     say(f"{entry['file']}: {entry['kind']}")
     for key, value in entry.items():
-        if key in ("file", "kind", "reason") or value in ([], None):
+        if key in ("file", "kind") or value in ([], None):
             continue
         if isinstance(value, list) and isinstance(value[0], (dict, list, str)):
             say(f"  {key}:")

@@ -73,7 +73,8 @@ def command(
     entries = []
     for entry in _entries(files, together, {"format": gyro_format} | reading):
         entries.append(entry)
-        if not as_json:
+        # A reason is reported as the error, at the end.
+        if not as_json and "reason" not in entry:
             print_entry(entry)
     if as_json:
         print_json(entries)
@@ -91,7 +92,7 @@ def _entries(files: tuple[Path, ...], together: Together, reading: dict[str, Any
                 raise FileFormatError(f"{path}: {what}")
             yield {"file": str(path)} | describe(path, reading)
         except FileFormatError as error:
-            # The command describes the other files first and reports the error at its end.
+            # The command describes the other files first.
             yield {"file": str(path), "kind": "not understood", "reason": str(error)}
     if together.gyro and together.camera and together.capture:
         coverage = _coverage(together.gyro, together.camera, together.capture, together, reading)

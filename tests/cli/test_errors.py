@@ -323,7 +323,9 @@ def test_info_on_unknown_files(run: Run, files: Files, tmp_path: Path) -> None:
     mixed = run("info", strange, files.camera)
     refused(mixed, strange)
     assert f"{files.camera}: camera" in mixed.stdout
-    refused(run("info", tmp_path / "none.csv"), tmp_path / "none.csv", "there is no such file")
+    missing = run("info", tmp_path / "none.csv")
+    refused(missing, tmp_path / "none.csv", "there is no such file")
+    assert missing.stdout == ""
     refused(run("info", "/dev/null"), "/dev/null: not a regular file")
     assert run("info", "--gyro", files.gyro).exit_code == 2
     refused(run("simulate", files.photo, *files.sources, "--start", 9, "--duration", DURATION, "-o", tmp_path / "s"),
