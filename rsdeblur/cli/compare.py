@@ -176,7 +176,7 @@ def compare_modes(
         write_picture(target.output / name, result.image, like=picture, force=target.force)
         shown[mode], banks[mode] = display_values(result.image, transfer), result.psfs
         facts = result_facts(result, target.output / name) | {"seconds": seconds, "peak_memory_mib": memory}
-        report["modes"][mode] = facts | ({} if sharp is None else similarity(shown[mode], sharp))
+        report["modes"][mode] = {"prior": chosen.prior_name} | facts | ({} if sharp is None else similarity(shown[mode], sharp))
     if sharp is not None:
         shown["truth"] = sharp
     _draw(target, shown, banks, report["modes"])
@@ -214,10 +214,10 @@ def print_report(report: dict[str, Any]) -> None:
     with_truth = "blurred" in report
     columns = [
         "mode",
+        "prior",
         "bands x strips",
         "PSF px",
         "time s",
-        "apply s",
         "peak MiB",
         "check",
         *(["PSNR dB", "SSIM"] if with_truth else []),
@@ -230,10 +230,10 @@ def print_report(report: dict[str, Any]) -> None:
         rows.append(
             [
                 mode,
+                facts["prior"],
                 f"{facts['bands']} x {facts['strips']}",
                 "{} x {}".format(*facts["psf_px"]),
                 f"{facts['seconds']:.2f}",
-                f"{facts['timings']['apply']:.2f}",
                 "-" if memory is None else f"{memory:.0f}",
                 "-" if facts["check"] is None else facts["check"]["verdict"],
                 *(_similarity_cells(facts) if with_truth else []),

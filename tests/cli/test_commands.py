@@ -207,7 +207,7 @@ def test_compare_writes_everything(run: Run, files: Files, tmp_path: Path) -> No
         found = report["modes"][mode]
         assert found["psnr_db"] > 5.0
         assert found["peak_memory_mib"] is None or found["peak_memory_mib"] > 10.0
-        assert mode in result.stdout
+        assert [mode, "hyper-laplacian"] in [line.split()[:2] for line in result.stdout.splitlines()]
     assert (report["modes"]["global"]["bands"], report["modes"]["global"]["strips"]) == (1, 1)
 
 
@@ -325,6 +325,9 @@ def test_demo_runs_and_its_command_works(run: Run, tmp_path: Path) -> None:
     report = json.loads((out / "demo.json").read_text())
     assert report["modes"]["banded"]["psnr_db"] > report["blurred"]["psnr_db"]
     assert report["command"] in result.stdout
+    priors = [line.split()[:2] for line in result.stdout.splitlines()]
+    assert ["global", "wiener"] in priors
+    assert ["banded", "hyper-laplacian"] in priors
     program, *arguments = shlex.split(report["command"])
     assert program == "rsdeblur"
     for _ in range(2):
