@@ -36,6 +36,9 @@ KEEP, DROP = 1.5, 20.0
 # Frames of a video that are encoded together, and the constant rate factor of their encoding.
 SEGMENT, CRF = 32, 17
 
+# Appended to the name of a result beside its photo, or of the folder of a batch's results.
+SHARP = "-sharp"
+
 # Folder beside the results of a batch in which it records what is done.
 RECORDS = ".rsdeblur-batch"
 

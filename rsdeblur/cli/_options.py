@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -443,24 +443,42 @@ dry_run_option = click.option("--dry-run", is_flag=True, help="Read and check al
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
-def target_options(metavar: str, text: str, *, force: Decorator = force_option, dry_run: bool = False) -> Decorator:
+def target_options(
+    metavar: str,
+    text: str,
+    *,
+    default: Callable[..., Path] | None = None,
+    force: Decorator = force_option,
+    dry_run: bool = False,
+) -> Decorator:
     """Return a decorator that adds --output, --force, --json and, if requested, --dry-run as one `target`.
 
-    An output that is an input of the command is refused.
+    An output that is an input of the command is refused. `default` returns the output where none is given, from the
+    other arguments of the command; without it, --output is required.
     """
-    output = click.option("-o", "--output", type=PATH, required=True, metavar=metavar, help=text)
+    output = click.option("-o", "--output", type=PATH, required=default is None, metavar=metavar, help=text)
     dry_runs = (dry_run_option,) if dry_run else ()
     gather = gathered("target", Target, (output, force, *dry_runs, json_option))
 
     def decorate(function: Command) -> Command:
         @wraps(function)
         def call(target: Target, **arguments: Any) -> Any:
+            if default is not None and target.output is None:
+                target = replace(target, output=default(**arguments))
             refuse_inputs(target.output)
             return function(target=target, **arguments)
 
         return gather(call)
 
     return decorate
+
+
+def beside(source: Path, ending: str) -> Path:
+    """Return the folder beside a file or folder that has its name, without extension, and an ending."""
+    if not source.name.strip("."):
+        # The names of . and .. are those of the folders that they mean.
+        source = source.resolve()
+    return Path(f"{source if source.is_dir() else source.with_suffix('')}{ending}")
 
 
 photo_target_options = gathered(

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rsdeblur.choices import RECORDS
+from rsdeblur.choices import RECORDS, SHARP
 from rsdeblur.cli import _options, _refinement
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._items import COLUMNS, FILES, Item, numbered_from_option, read_items
@@ -89,7 +89,8 @@ def _only(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -
 @workers_options
 @_options.target_options(
     "DIR",
-    "Folder to write to.",
+    "Folder to write to.  [default: MANIFEST-sharp or FOLDER-sharp beside it]",
+    default=lambda source, **_: _options.beside(source, SHARP),
     force=click.option("--force", is_flag=True, help="Deblur finished photos again, and replace files that exist."),
     dry_run=True,
 )
@@ -142,7 +143,7 @@ def command(
     if target.as_json:
         print_json(summary)
     else:
-        _print(summary)
+        _print(summary, target)
     for entry in entries:
         if "error" in entry:
             say_aside(f"error: {entry['error']}")
@@ -344,7 +345,7 @@ def _write_table(path: Path, entries: list[dict[str, Any]]) -> None:
         file.write(text.getvalue().encode())
 
 
-def _print(summary: dict[str, Any]) -> None:
+def _print(summary: dict[str, Any], target: Target) -> None:
     entries = summary["items"]
     # Of a long list, the table has only what needs a look.
     shown = entries if len(entries) <= MOST_ROWS or level() > 0 else [entry for entry in entries if not _is_good(entry)]
@@ -361,7 +362,8 @@ def _print(summary: dict[str, Any]) -> None:
         say(f"({len(entries) - len(shown)} good results are not listed; {TABLE} has all)")
     counts = ", ".join(f"{count} {state}" for state, count in summary["counts"].items())
     verdicts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(summary["verdicts"].items()))
-    say(f"{counts}{f' ({verdicts})' if verdicts else ''}; {summary['seconds']:.1f} s")
+    place = "" if target.dry_run else f"; see {target.output}"
+    say(f"{counts}{f' ({verdicts})' if verdicts else ''}; {summary['seconds']:.1f} s{place}")
 
 
 def _is_good(entry: dict[str, Any]) -> bool:

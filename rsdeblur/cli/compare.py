@@ -62,7 +62,11 @@ Examples:
 @_options.solve_options(*_options.ONE_PHOTO[1:], "refine", "max_memory")
 @_options.track_options
 @click.option("--truth", type=PATH, metavar="FILE", help="Sharp picture, to measure PSNR and SSIM.")
-@_options.target_options("DIR", "Folder to write to.")
+@_options.target_options(
+    "DIR",
+    "Folder to write to.  [default: PHOTO-compare beside the photo]",
+    default=lambda photo, **_: _options.beside(photo, "-compare"),
+)
 @click.option("--report", type=PATH, metavar="HTML", help="Also write a page that shows the results in a browser.")
 @click.option("--report-paths", is_flag=True, help="Name the files on that page with their folders.")
 def command(
@@ -104,8 +108,8 @@ def command(
         print_json(compared.report)
     else:
         print_report(compared.report)
-        if report is not None:
-            say("", f"Open {report} in a browser.")
+        page = "" if report is None else f" Open {report} in a browser."
+        say("", f"The pictures are in {output}; see {SHEET}.{page}")
 
 
 def output_names(photo: Path, modes: Sequence[Mode] = MODES) -> list[str]:
@@ -175,8 +179,9 @@ def compare_modes(
         seconds, memory = time.perf_counter() - begin, peak_memory_mib()
         write_picture(target.output / name, result.image, like=picture, force=target.force)
         shown[mode], banks[mode] = display_values(result.image, transfer), result.psfs
-        facts = result_facts(result, target.output / name) | {"seconds": seconds, "peak_memory_mib": memory}
-        report["modes"][mode] = {"prior": chosen.prior_name} | facts | ({} if sharp is None else similarity(shown[mode], sharp))
+        facts = {"prior": chosen.prior_name} | result_facts(result, target.output / name)
+        facts |= {"seconds": seconds, "peak_memory_mib": memory}
+        report["modes"][mode] = facts | ({} if sharp is None else similarity(shown[mode], sharp))
     if sharp is not None:
         shown["truth"] = sharp
     _draw(target, shown, banks, report["modes"])

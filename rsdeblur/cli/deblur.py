@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rsdeblur.choices import SHARP
 from rsdeblur.cli import _options, _refinement
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import recordings_of
@@ -147,8 +148,6 @@ def _outputs(photos: Sequence[Path], output: Path | None, *, into_folder: bool) 
     """
     names = [result_name(photo) for photo in photos]
     if output is None:
-        from rsdeblur.io.sessions import SHARP
-
         results = [name.with_name(f"{name.stem}{SHARP}{name.suffix}") for name in names]
     else:
         results = [output / name.name for name in names] if into_folder else [output]

@@ -76,7 +76,7 @@ Examples:
     flag_value="stock-camera",
     help="Only simulate 2 photos of a camera app, and a log of Sensor Logger.",
 )
-@_options.target_options("DIR", "Folder to write to.")
+@_options.target_options("DIR", "Folder to write to.  [default: demo]", default=lambda **_: Path("demo"))
 def command(size: tuple[int, int], seed: int, session: str | None, target: Target) -> None:
     """Simulate a capture and deblur it in every mode; needs no data.
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rsdeblur.choices import RECORDS
+from rsdeblur.choices import RECORDS, SHARP
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.captures import CaptureFile, open_captures
 from rsdeblur.io.gyro_logs import detect_gyro_format
@@ -23,8 +23,6 @@ TABLES = (".csv", ".txt")
 PHOTOS = (*KINDS, ".heic", ".dng")
 # A number in a photo's name is a timestamp in ns from here on; a smaller one is a frame number.
 LEAST_TIMESTAMP = 10**9
-# Appended to the name of a result beside its photo.
-SHARP = "-sharp"
 # Largest distance of a photo's timestamp from its capture, in intervals between captures: MARS logger cuts them to us.
 NEAR = 0.5
 LONE_INTERVAL = 1e8  # ns, assumed where there is one capture only

@@ -97,10 +97,10 @@ def test_failures_are_listed_and_stop_nothing(run: Run, files: Files, manifest: 
 
 @pytest.mark.usefixtures("here")
 def test_an_item_equals_the_result_of_deblur(run: Run, files: Files, manifest: Path, tmp_path: Path) -> None:
-    run("batch", manifest, *files.sources, *FAST, "-o", tmp_path / "out")
+    assert f"see {tmp_path / 'manifest-sharp'}" in run("batch", manifest, *files.sources, *FAST).stdout
     one = run("deblur", files.photo, *files.recording, *FAST[:-2], "-o", tmp_path / "one.png")
     assert one.exit_code == 0
-    assert bits(tmp_path / "out" / "other.png") == bits(tmp_path / "one.png")
+    assert bits(tmp_path / "manifest-sharp" / "other.png") == bits(tmp_path / "one.png")
 
 
 @pytest.mark.usefixtures("here")

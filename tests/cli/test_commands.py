@@ -213,11 +213,12 @@ def test_compare_writes_everything(run: Run, files: Files, tmp_path: Path) -> No
 
 def test_compare_of_some_modes_in_little_memory(run: Run, files: Files, tmp_path: Path) -> None:
     common = ["compare", files.photo, *files.recording, "--prior", "wiener", "--mode", "banded"]
-    result = run(*common, "--mode", "global", "--max-memory", "1GiB", "-o", tmp_path / "out", "--json")
+    # Without --output, beside the photo.
+    result = run(*common, "--mode", "global", "--max-memory", "1GiB", "--json")
     assert result.exit_code == 0, result.stderr
     assert list(json.loads(result.stdout)["modes"]) == ["global", "banded"]
     names = {"global.png", "banded.png", "side-by-side.png", "psfs.png", "compare.json"}
-    assert {path.name for path in (tmp_path / "out").iterdir()} == names
+    assert {path.name for path in (tmp_path / "photo-compare").iterdir()} == names
     # The solver itself refuses memory that is too little.
     assert "max_memory" in run(*common, "--max-memory", "1KiB", "-o", tmp_path / "none").stderr
 
@@ -318,9 +319,10 @@ def test_info_reports_coverage_and_suspicious_units(run: Run, files: Files) -> N
     assert "degrees" in " ".join(entry["remarks"])
 
 
-def test_demo_runs_and_its_command_works(run: Run, tmp_path: Path) -> None:
-    out = tmp_path / "demo"
-    result = run("demo", "--size", "128x96", "-o", out)
+def test_demo_runs_and_its_command_works(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    out = Path("demo")
+    result = run("demo", "--size", "128x96")
     assert result.exit_code == 0, result.stderr
     report = json.loads((out / "demo.json").read_text())
     assert report["modes"]["banded"]["psnr_db"] > report["blurred"]["psnr_db"]
