@@ -75,18 +75,20 @@ def report_page(
     report, (picture, log, camera, exposure), shown, banks, unseen, transfer, recorded, frames = compared
     tall, wide = (max(sides) for sides in zip(*(bank.size for bank in banks.values()), strict=True))
     psf = tall, wide
+    checks = {mode: facts["check"] for mode, facts in report["modes"].items() if facts["check"] is not None}
+    ringings = {mode: check["ringings"] for mode, check in checks.items()}
     return Page(
         photo=Path(report["photo"]).name,
         pictures=shown,
         banks={str(mode): bank for mode, bank in banks.items()} | ({"as recorded": recorded} if recorded else {}),
         motion=MotionPlot.of(log, camera, exposure),
-        bands=band_figures(shown, psf, across=camera.horizontal_readout),
+        bands=band_figures(shown, ringings, across=camera.horizontal_readout),
         modes=report["modes"],
         settings=_settings(compared, recording, options, track, with_paths),
         findings=findings(
             *(picture.pixels, log, camera, exposure),
             psf=psf,
-            checks={mode: facts["check"] for mode, facts in report["modes"].items() if facts["check"] is not None},
+            checks=checks,
             unseen=unseen,
             can_split=not any("highlights" in facts["timings"] for facts in report["modes"].values()),
             correction=_correction(report.get("refinement")),

@@ -275,7 +275,10 @@ def _bands(bands: BandFigures, axis: str) -> str:
     lines = "rows" if axis == "y" else "columns"
     labels = [f"{a} to {b - 1}" for a, b in pairwise(bands.edges)]
     tables = []
-    for title, figures in ((f"Sharpness, {TIMES} the input's", bands.sharpness), ("Ringing, %", bands.ringing)):
+    for title, figures in (
+        (f"Sharpness, {TIMES} the input's", bands.sharpness),
+        ("Ringing, % of contrast", bands.ringing),
+    ):
         rows = [
             [label, *(NONE if values[i] is None else f"{values[i]:.2f}" for values in figures.values())]
             for i, label in enumerate(labels)

@@ -158,6 +158,8 @@ function startBands() {
     svg("path", { class: `s${i % SERIES} mark`, d: MARKS[i % SERIES](15, 7) }),
   ]);
   for (const [title, figures] of [["sharpness, × the input's", bands.sharpness], ["ringing, %", bands.ringing]]) {
+    // Without a figure, or with zeros only, there is nothing to see.
+    if (!Object.values(figures).some((series) => series.some(Boolean))) continue;
     const holder = document.createElement("div");
     holder.className = "plot";
     holder.setAttribute("role", "img");

@@ -228,8 +228,8 @@ def test_light_and_dark_and_narrow(show) -> None:
         tab = show(size=(360, 640), color_scheme=scheme)
         grounds.append(tab.evaluate("getComputedStyle(document.body).backgroundColor"))
         assert tab.evaluate("document.documentElement.scrollWidth") <= 360
-        # Rates, and two charts of bands.
-        assert tab.locator(".plot svg").count() == 3
+        # Rates, and the ringing of bands; pictures of one colour have no sharpness to draw.
+        assert tab.locator(".plot svg").count() == 2
     assert len(set(grounds)) == 2
 
 
