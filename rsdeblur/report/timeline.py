@@ -15,8 +15,10 @@ LEFT, RIGHT, TOP, BOTTOM = 56, 16, 34, 44
 LEAST, MOST = 0.1, 1000.0
 COLOURS = {"keep": "#2a9d5c", "deblur": "#2b7bba", "drop": "#c8443c", "unknown": "#8a8a8a"}
 STYLE = (
-    "text{font:12px sans-serif;fill:#333}.frame{fill:none;stroke:#999}.grid{stroke:#ddd}"
+    "text{font:12px sans-serif;fill:#333}.ground{fill:#fff}.frame{fill:none;stroke:#999}.grid{stroke:#ddd}"
     ".limit{stroke:#333;stroke-dasharray:5 4}"
+    "@media(prefers-color-scheme:dark){text{fill:#ddd}.ground{fill:#15171a}.frame{stroke:#777}.grid{stroke:#363b42}"
+    ".limit{stroke:#ddd}}"
 )
 
 
@@ -47,21 +49,21 @@ def timeline_svg(times: Sequence[float | None], triage: Triage) -> bytes:
         share = (np.log10(np.clip(length, LEAST, 10.0**high)) - low) / (high - low)
         return float(TALL - BOTTOM - (TALL - TOP - BOTTOM) * share)
 
-    root = ElementTree.Element(
-        "svg", xmlns="http://www.w3.org/2000/svg", viewBox=f"0 0 {WIDE} {TALL}", width=str(WIDE), height=str(TALL)
-    )
+    root = ElementTree.Element("svg", xmlns="http://www.w3.org/2000/svg", viewBox=f"0 0 {WIDE} {TALL}", width="100%")
     _add(root, "style").text = STYLE
-    _add(root, "rect", width="100%", height="100%", fill="#fff")
+    _add(root, "rect", {"class": "ground"}, width="100%", height="100%")
     for tick in 10.0 ** np.arange(low, high + 1):
         _add(root, "line", {"class": "grid"}, x1=LEFT, x2=WIDE - RIGHT, y1=down(tick), y2=down(tick))
         _add(root, "text", {"text-anchor": "end"}, x=LEFT - 6, y=down(tick) + 4).text = f"{tick:g}"
-    for limit in (triage.keep, triage.drop):
+    for limit, meaning in ((triage.keep, "keep up to"), (triage.drop, "drop above")):
         if LEAST <= limit <= 10.0**high:
-            _add(root, "line", {"class": "limit"}, x1=LEFT, x2=WIDE - RIGHT, y1=down(limit), y2=down(limit))
+            place = down(limit)
+            _add(root, "line", {"class": "limit"}, x1=LEFT, x2=WIDE - RIGHT, y1=place, y2=place)
+            _add(root, "text", {"text-anchor": "end"}, x=WIDE - RIGHT - 6, y=place - 4).text = f"{meaning} {limit:g} px"
     for time, length, decision in zip(times, triage.lengths, triage.decisions, strict=True):
         if time is not None:
-            place = down(LEAST if np.isnan(length) else length)
-            _add(root, "circle", cx=across(time), cy=place, r=2.5, fill=COLOURS[decision])
+            height = down(LEAST if np.isnan(length) else length)
+            _add(root, "circle", cx=across(time), cy=height, r=2.5, fill=COLOURS[decision])
     _add(root, "rect", {"class": "frame"}, x=LEFT, y=TOP, width=WIDE - LEFT - RIGHT, height=TALL - TOP - BOTTOM)
     for time in dict.fromkeys((first, last)):
         anchor = {"text-anchor": "start" if time == first else "end"}
