@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -59,6 +58,7 @@ def deconvolve_photo(
     RsdeblurError
         If a file is refused or the result cannot be written.
     """
+    from rsdeblur.cli._stopwatch import stopwatch
     from rsdeblur.io.kernels import read_psfs
     from rsdeblur.io.picture_output import picture_to_fill
     from rsdeblur.io.pictures import read_picture
@@ -90,10 +90,10 @@ def deconvolve_photo(
             "size_px": [pixels.shape[1], pixels.shape[0]],
         }
     picture = recorded(picture, photo, {"psf": psf}, options, {}, credentials)
-    begin = time.perf_counter()
     with (
+        stopwatch() as watch,
         picture_to_fill(target.output, pixels.shape, like=picture, force=target.force, in_place=in_place) as out,
         naming(photo),
     ):
         result = deconvolve_with(options, pixels, bank, out=out, progress=move)
-    return facts_of(result, target.output, mode_of(bank), options.prior_name, time.perf_counter() - begin)
+    return facts_of(result, target.output, mode_of(bank), options.prior_name, watch.seconds)

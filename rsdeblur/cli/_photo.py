@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -152,6 +151,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         return _dry_run(job, inputs, options)
     picture, log, camera, exposure = inputs
 
+    from rsdeblur.cli._stopwatch import stopwatch
     from rsdeblur.image.encoded import reduced
     from rsdeblur.pipeline.plan import plan_for
 
@@ -159,19 +159,18 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         options = replace(options, nsr=nsr_of_photo(job.photo, picture, options))
     picture = _recorded(job, picture, exposure, options, credentials)
     pixels = picture.pixels
-    begin = time.perf_counter()
-    if job.changes.work_size is not None:
-        with naming(job.photo, job.recording):
-            pixels, camera = reduced(pixels, camera, job.changes.work_size)
-    # The result goes into an array of the file's type: with 8 bits, a quarter of the memory of float32.
-    with (
-        picture_to_fill(job.output, pixels.shape, like=picture, force=job.force, in_place=in_place) as out,
-        naming(job.photo, job.recording),
-    ):
-        planned = plan_for(pixels, log, camera, exposure, options, known_axes=known_axes, progress=move)
-        result = planned.apply(pixels, out=out, progress=move)
-    seconds = time.perf_counter() - begin
-    facts = facts_of(result, job.output, job.options.mode_in_effect, job.options.prior_name, seconds)
+    with stopwatch() as watch:
+        if job.changes.work_size is not None:
+            with naming(job.photo, job.recording):
+                pixels, camera = reduced(pixels, camera, job.changes.work_size)
+        # The result goes into an array of the file's type: with 8 bits, a quarter of the memory of float32.
+        with (
+            picture_to_fill(job.output, pixels.shape, like=picture, force=job.force, in_place=in_place) as out,
+            naming(job.photo, job.recording),
+        ):
+            planned = plan_for(pixels, log, camera, exposure, options, known_axes=known_axes, progress=move)
+            result = planned.apply(pixels, out=out, progress=move)
+    facts = facts_of(result, job.output, job.options.mode_in_effect, job.options.prior_name, watch.seconds)
     return facts | moment_facts(job.recording, inputs)
 
 

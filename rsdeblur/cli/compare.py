@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -142,6 +141,7 @@ def compare_modes(
     each_mode = [replace(options, mode=mode, **changes.get(mode, {})) for mode in modes]
 
     from rsdeblur.cli._measure import forget_peak_memory, peak_memory_mib, similarity
+    from rsdeblur.cli._stopwatch import stopwatch
     from rsdeblur.io.picture_output import write_picture
     from rsdeblur.pipeline.deblur import psfs
     from rsdeblur.pipeline.plan import Plan, plan_for
@@ -172,15 +172,14 @@ def compare_modes(
     for mode, chosen, name in zip(modes, each_mode, output_names(photo, modes), strict=False):
         chosen = replace(chosen, translation=planned.options.translation, refine=False)
         forget_peak_memory()
-        begin = time.perf_counter()
-        with progress(mode) as move, naming(photo, recording):
+        with stopwatch() as watch, progress(mode) as move, naming(photo, recording):
             # A plan of its own, so that the memory of a mode does not contain the solver of another one.
             result = Plan(planned.frame, planned.capture, chosen).apply(picture.pixels, progress=move)
-        seconds, memory = time.perf_counter() - begin, peak_memory_mib()
+        memory = peak_memory_mib()
         write_picture(target.output / name, result.image, like=picture, force=target.force)
         shown[mode], banks[mode] = display_values(result.image, transfer), result.psfs
         facts = {"prior": chosen.prior_name} | result_facts(result, target.output / name)
-        facts |= {"seconds": seconds, "peak_memory_mib": memory}
+        facts |= {"seconds": watch.seconds, "peak_memory_mib": memory}
         report["modes"][mode] = facts | ({} if sharp is None else similarity(shown[mode], sharp))
     if sharp is not None:
         shown["truth"] = sharp

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -136,3 +137,15 @@ def test_no_traceback(
     assert result.exit_code == code
     assert result.stderr.startswith(message)
     assert len(result.stderr.splitlines()) == 1
+
+
+def test_the_stopwatch_stops_while_numba_compiles() -> None:
+    import numba
+
+    from rsdeblur.cli._stopwatch import stopwatch
+
+    outer = time.perf_counter()
+    with stopwatch() as watch:
+        assert numba.njit(lambda x: x + 1)(1) == 2
+    assert watch.duration > 0.0
+    assert 0.0 < watch.seconds <= time.perf_counter() - outer - watch.duration
