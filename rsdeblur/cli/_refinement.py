@@ -14,7 +14,6 @@ from rsdeblur.cli._usage import usage_errors
 
 if TYPE_CHECKING:
     from rsdeblur.estimate.refine import Refinement
-    from rsdeblur.estimate.refine_frames import FramesRefinement
     from rsdeblur.pipeline.options import Options
 
 option = click.option(
@@ -33,19 +32,17 @@ def with_refinement(options: Options, asked: bool | None) -> Options:
         return replace(options, refine=asked)
 
 
-def refinement_facts(refinement: Refinement | FramesRefinement) -> dict[str, Any]:
+def refinement_facts(refinement: Refinement) -> dict[str, Any]:
     """Return the facts about a correction of the recording, for JSON."""
     return {
         "accepted": refinement.accepted,
         "reason": refinement.reason,
         "values": asdict(refinement.values),
         "sd": asdict(refinement.sd),
-        # Measured for one picture only.
-        "confidence": getattr(refinement, "confidence", None),
+        "confidence": refinement.confidence,
         "gain": refinement.gain,
         "fall": refinement.fall,
-        # Several frames have drifts of their own.
-        "regions": None if (regions := getattr(refinement, "regions", None)) is None else regions.tolist(),
+        "regions": None if refinement.regions is None else refinement.regions.tolist(),
     }
 
 

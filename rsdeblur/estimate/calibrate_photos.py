@@ -23,7 +23,7 @@ from rsdeblur.estimate.calibrate import Estimate
 from rsdeblur.estimate.correction import PARAMETERS, Recording
 from rsdeblur.estimate.mounting import CONFIDENT, RESAMPLES, mounting_name
 from rsdeblur.estimate.photo_fit import START, PhotoFit, PhotoSet
-from rsdeblur.estimate.refine import grey_light
+from rsdeblur.estimate.refine import grey_lights
 from rsdeblur.motion.arguments import check_recording, exposure_list
 from rsdeblur.motion.axes import rotations
 from rsdeblur.motion.camera import TIMESTAMP_SHARES, Camera
@@ -167,9 +167,7 @@ def calibrate_photos(
     for each, exposure in zip(logs, exposures, strict=True):
         check_recording(each, camera, exposure)
         recordings.append(Recording(each, camera, exposure))
-    lights = [grey_light(image, transfer, camera) for image in validate.items("images", images)]
-    if len(lights) != len(recordings):
-        raise InputError(f"give one exposure for each photo, got {len(lights)} photos and {len(recordings)} exposures")
+    lights = grey_lights(images, transfer, camera, exposures)
     return _Search(PhotoSet(lights, recordings), progress or (lambda *_: None)).calibration((first, last))
 
 
@@ -326,10 +324,7 @@ class _Search:
         found = np.array([_numbers(each.camera) for each in fits])
         spread = np.square(found - found[0])
         for each, squares in zip(fits, spread, strict=True):
-            deviations = np.zeros(len(PARAMETERS))
-            deviations[[PARAMETERS.index(name) for name in each.free]] = each.posterior.deviations(
-                each.place, each.free
-            )
+            deviations = each.posterior.spread(each.place, each.free)[0]
             squares += np.square((deviations * self._photos.deviations)[places])
         camera, free = fits[0].camera, fits[0].free
         scale_error = np.hypot(SCALE_ERROR, SOFTNESS_ERROR / self._photos.blur(fits[0]))

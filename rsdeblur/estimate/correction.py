@@ -80,7 +80,9 @@ class Correction:
 
 #: Names of the numbers of a :class:`Correction`, in their order.
 PARAMETERS = tuple(field.name for field in fields(Correction))
-#: Names of those that belong to the motion of the scene in the picture, which depends on its depth.
+#: Names of those that belong to the recording, which all of its photos share.
+SHARED = ("scale", "offset", "readout", "roll")
+#: Names of those that belong to the motion of the scene in one photo, which depends on its depth.
 DRIFT, ACCELERATION = ("drift_x", "drift_y"), ("acceleration_x", "acceleration_y")
 
 

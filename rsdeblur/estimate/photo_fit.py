@@ -11,14 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rsdeblur._util.threads import share
+from rsdeblur._util.threads import share_map
 from rsdeblur.errors import CoverageError
-from rsdeblur.estimate.correction import PARAMETERS, Recording, Uncertainty
-from rsdeblur.estimate.posterior import MOST_NATS, TILES_AS_ONE, UNDESCRIBED, Posterior
+from rsdeblur.estimate.correction import SHARED, Recording, Uncertainty
+from rsdeblur.estimate.posterior import UNDESCRIBED, PhotoLikelihood, Posterior, costs_of
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, QuickSharpness
-from rsdeblur.estimate.refine import spectra_side
-from rsdeblur.estimate.shared_posterior import SHARED, SharedPosterior
-from rsdeblur.estimate.spectra import TileSpectra
+from rsdeblur.estimate.spectra import TileSpectra, spectra_side
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.types import FloatArray
@@ -27,6 +25,8 @@ from rsdeblur.types import FloatArray
 START = Uncertainty(scale=0.3, offset=0.015, readout=0.5, roll=0.01, drift=0.0, acceleration=0.0)
 # Readout time of which deviations are taken where the start has none, s.
 USUAL_READOUT = 0.02
+# Most steps of a fit.
+STEPS = 8
 
 
 class PhotoFit(NamedTuple):
@@ -34,9 +34,9 @@ class PhotoFit(NamedTuple):
 
     Parameters
     ----------
-    posterior : SharedPosterior
+    posterior : Posterior
         The photos, with the camera from which the fit began.
-    place : ndarray, shape (8,)
+    place : ndarray, shape (N, 8)
         Correction of that camera.
     recordings : list of Recording
         The recordings with this correction.
@@ -46,7 +46,7 @@ class PhotoFit(NamedTuple):
         Parameters that were fitted.
     """
 
-    posterior: SharedPosterior
+    posterior: Posterior
     place: FloatArray
     recordings: list[Recording]
     nats: list[FloatArray]
@@ -88,7 +88,7 @@ class PhotoSet:
             start = replace(self.start, readout_direction=camera.readout_direction)
             recordings = [replace(each, camera=start) for each in self.recordings]
             self._spectra[key] = [
-                TileSpectra(light, recording, side=side, soft=True, threads=1)
+                TileSpectra(light, recording, side=side, threads=1)
                 for light, recording, side in zip(self._lights, recordings, self._sides, strict=True)
             ]
         return self._spectra[key]
@@ -101,14 +101,8 @@ class PhotoSet:
         CoverageError, ClockError, GapError
             If a log does not describe an exposure.
         """
-        spectra = self.spectra(recordings[0].camera)
-        found: list[FloatArray] = [np.zeros(0)] * len(spectra)
-
-        def score(_: int, n: int) -> None:
-            found[n] = spectra[n].score(recordings[n])
-
-        share(score, range(len(spectra)), None)
-        return found
+        pairs = list(zip(self.spectra(recordings[0].camera), recordings, strict=True))
+        return share_map(lambda pair: pair[0].score(pair[1]), pairs, None)
 
     def best(self, cameras: Sequence[Camera]) -> list[int]:
         """Return the places of cameras in the order of their likelihood by the spectra, the best first.
@@ -127,25 +121,19 @@ class PhotoSet:
             raise CoverageError(
                 "the logs cover the exposures under no offset of the search; widen it, or check the clocks"
             )
-        costs = np.zeros(len(described))
-        for photo in zip(*every, strict=True):
-            tiles = np.array(photo)
-            # No tile decides alone.
-            costs += np.minimum(tiles - tiles.min(axis=0), MOST_NATS).mean(axis=1) / TILES_AS_ONE
+        costs = sum(costs_of(np.array(photo)) for photo in zip(*every, strict=True))
         return [described[place] for place in np.argsort(costs, kind="stable")]
 
     def fit(self, camera: Camera, free: tuple[str, ...] = SHARED) -> PhotoFit:
         """Fit corrections of a camera."""
         photos = [
-            Posterior(spectra, replace(recording, camera=camera), self.deviations)
+            PhotoLikelihood(spectra, replace(recording, camera=camera), self.deviations)
             for spectra, recording in zip(self.spectra(camera), self.recordings, strict=True)
         ]
-        posterior = SharedPosterior(photos)
+        posterior = Posterior(photos, self.deviations, threads=None)
         free = tuple(name for name in free if name != "readout" or camera.readout_time)
-        place = np.zeros(len(PARAMETERS))
-        if free:
-            place = posterior.descend(place, free)
-        recordings = [photo.corrected(place) for photo in photos]
+        place = posterior.descend(posterior.nothing, free, steps=STEPS) if free else posterior.nothing
+        recordings = posterior.recordings(place)
         return PhotoFit(posterior, place, recordings, self.nats(recordings), free)
 
     def leads(self, fit: PhotoFit, other: PhotoFit) -> FloatArray:
@@ -153,7 +141,9 @@ class PhotoSet:
 
         Both must be read along the same axis: the numbers of different frames do not compare.
         """
-        return fit.posterior.leads(fit.place, other.nats) + self.clearer(fit, other)
+        leads = fit.posterior.photo_leads(fit.place, other.nats)
+        # The prior of the fit is shared out among the photos.
+        return leads - fit.posterior.prior(fit.place) / len(self) + self.clearer(fit, other)
 
     def blur(self, fit: PhotoFit) -> float:
         """Return the mean length of the blur, px."""

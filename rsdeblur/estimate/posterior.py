@@ -1,15 +1,21 @@
-"""Corrections of a recording that a picture's spectra make likely: search and descent."""
+"""Posterior of corrections of a recording, given the spectra of one or several of its photos.
+
+A place is a correction of each photo in standard deviations of the prior, shape (N, 8): one row for each photo, in the
+order of `PARAMETERS`. Numbers that belong to the recording (`SHARED`) are equal in all rows; drift and acceleration
+belong to the photo.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rsdeblur._util.threads import share_map
 from rsdeblur.errors import ClockError, CoverageError, GapError
-from rsdeblur.estimate.correction import PARAMETERS, Correction, Recording
+from rsdeblur.estimate.correction import PARAMETERS, SHARED, Correction, Recording
 from rsdeblur.estimate.spectra import Fit, TileSpectra
 from rsdeblur.types import FloatArray
 
@@ -24,58 +30,50 @@ MOST_NATS = 30.0
 TILES_AS_ONE = 0.5
 # Fewer tiles than these prove less.
 LEAST_TILES = 40
-# Samples of the search, a power of 2, all within this many standard deviations, and the best that descents begin from.
-SAMPLES, WIDEST, STARTS = 32, 2.0, 2
-# Samples closer than this are not both starts, standard deviations.
-APART = 0.7
 
 # Step of numerical derivatives, longest steps of the descents, change at which they end: standard deviations.
 STEP, FIRST_TRUST, MOST_TRUST, SETTLED = 0.05, 0.7, 1.5, 0.03
-# Gain at which descents end.
-LEAST_STEP_GAIN = 0.02
+# Gain at which descents end, nats, and the most steps.
+LEAST_STEP_GAIN, STEPS = 0.02, 6
 # Fits and recordings that are kept: more than threads that descend at a time.
 RECENT = 16
 # Bound of the derivatives of the logarithm of the power, where it nearly vanishes.
 STEEPEST = 8.0
 
 
-class Posterior:
-    """How likely corrections are, given a picture's spectra and how uncertain the recording is.
-
-    Corrections are given in standard deviations of the prior, as arrays in the order of `PARAMETERS`.
+class PhotoLikelihood:
+    """Likelihood of corrections of one photo by its spectra; corrections are rows of a place.
 
     Parameters
     ----------
     spectra : TileSpectra
-        Spectra of the picture.
+        Spectra of the photo.
     recording : Recording
-        Recording as given.
+        Recording of the photo as given.
     deviations : ndarray, shape (8,)
-        Standard deviations of the errors of the recording, in the units of :class:`Correction`; 0 for what is known.
+        Standard deviations of the errors of the recording, in the units of :class:`Correction`.
     """
 
     def __init__(self, spectra: TileSpectra, recording: Recording, deviations: FloatArray) -> None:
-        self.spectra, self._recording, self._deviations = spectra, recording, deviations
+        self.spectra, self.recording, self._deviations = spectra, recording, deviations
         self._tiles = TILES_AS_ONE * max(spectra.tiles, LEAST_TILES)
         self._nats: dict[bytes, FloatArray | None] = {}
         # Descents ask for the fit of their last place again; several measures, for the recording of theirs.
         self._fit, self._corrected = lru_cache(RECENT)(self._fit_at), lru_cache(RECENT)(self._corrected_at)
 
-    @property
-    def free(self) -> tuple[str, ...]:
-        """Names of the parameters that are not known."""
-        return tuple(np.array(PARAMETERS)[self._deviations > 0].tolist())
-
-    def corrected(self, place: FloatArray) -> Recording:
-        """Return the recording with the correction at `place`."""
-        return self._corrected(place.tobytes())
+    def corrected(self, row: FloatArray) -> Recording:
+        """Return the recording with a correction."""
+        return self._corrected(row.tobytes())
 
     def _corrected_at(self, key: bytes) -> Recording:
-        return self._recording.corrected(Correction(*(np.frombuffer(key) * self._deviations).tolist()))
+        return self.recording.corrected(Correction(*(np.frombuffer(key) * self._deviations).tolist()))
 
-    def nats(self, place: FloatArray) -> FloatArray | None:
+    def _fit_at(self, key: bytes) -> Fit:
+        return self.spectra.fit(self.corrected(np.frombuffer(key)))
+
+    def nats(self, row: FloatArray) -> FloatArray | None:
         """Return the nats of all tiles; None if the log does not describe the exposure."""
-        key = place.tobytes()
+        key = row.tobytes()
         if key not in self._nats:
             try:
                 self._nats[key] = self._fit(key).nats
@@ -83,77 +81,23 @@ class Posterior:
                 self._nats[key] = None
         return self._nats[key]
 
-    def _fit_at(self, key: bytes) -> Fit:
-        """Return the fit of the spectra at a place, given as bytes."""
-        return self.spectra.fit(self.corrected(np.frombuffer(key)))
-
-    def gain(self, place: FloatArray, over: FloatArray) -> float:
-        """Return how much more likely one correction is than another, in nats; infinite if one has no score."""
-        others = self.nats(over)
-        if others is None:
-            return np.inf
-        return self.lead(place, others) + 0.5 * float(over @ over)
-
-    def lead(self, place: FloatArray, others: FloatArray) -> float:
-        """Return how much more likely a correction is than a motion with the nats `others`, whose prior is ignored."""
-        nats = self.nats(place)
-        if nats is None:
-            return -np.inf
-        return float(self.leads(nats, others).sum() - 0.5 * place @ place)
+    def lead(self, row: FloatArray, others: FloatArray) -> float:
+        """Return how much likelier the photo is with a correction than with a motion with the nats `others`."""
+        nats = self.nats(row)
+        return -np.inf if nats is None else float(self.leads(nats, others).sum())
 
     def leads(self, nats: FloatArray, others: FloatArray) -> FloatArray:
-        """Return how much more likely each tile is with one motion than with another, given the nats of both.
+        """Return how much likelier each tile is with one motion than with another, given the nats of both.
 
         Tiles are correlated, and none counts for much more than the bound.
         """
         bounded: FloatArray = MOST_NATS * np.tanh((others - nats) / MOST_NATS) / self._tiles
         return bounded
 
-    def search(self, free: Sequence[str]) -> list[FloatArray]:
-        """Return the local maxima that descents reach with some parameters free, from no correction and from samples.
-
-        Parameters
-        ----------
-        free : sequence of str
-            Names of parameters whose standard deviations are positive.
-        """
-        from scipy.special import ndtr, ndtri
-        from scipy.stats import qmc  # takes 0.5 s to import
-
-        at = [PARAMETERS.index(name) for name in free]
-        low = ndtr(-WIDEST)
-        quantiles = qmc.Sobol(len(at), seed=0).random(SAMPLES).clip(low, 1 - low)
-        places = np.zeros((SAMPLES + 1, len(PARAMETERS)))
-        places[1:, at] = ndtri(quantiles)
-        starts = [np.zeros(len(PARAMETERS))]
-        best = starts[0]
-        for _ in range(2):
-            # The gains of tiles are bounded, so the order may depend on what they are compared with.
-            gains = np.array([self.gain(place, best) for place in places])
-            best = places[gains.argmax()]
-        for place in places[np.argsort(-gains)]:
-            if len(starts) <= STARTS and all(np.abs(place - start).max() > APART for start in starts):
-                starts.append(place)
-        return [self.descend(start, free) for start in starts if self.nats(start) is not None]
-
-    def spread(self, place: FloatArray) -> FloatArray:
-        """Return the standard deviations of all parameters at a place, as shares of those of the prior."""
-        spread = np.zeros(len(PARAMETERS))
-        if not self.free:
-            return spread
-        at = np.array([PARAMETERS.index(name) for name in self.free])
-        precision = self.information(place, at)[1] + np.eye(len(at))
-        spread[at] = np.sqrt(np.diag(np.linalg.inv(precision)))
-        return spread
-
-    def descend(self, place: FloatArray, free: Sequence[str], *, steps: int = 6) -> FloatArray:
-        """Return the local maximum that Fisher scoring reaches with some parameters free, the others as they are."""
-        return climb(place, free, self.information, self.gain, steps=steps)
-
-    def information(self, place: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return gradient and Fisher information of the tiles together for the parameters `at`, without the prior."""
-        fit = self._fit(place.tobytes())
-        slopes = np.array([self._slope(place, index, fit.expected) for index in at.tolist()])
+    def information(self, row: FloatArray, at: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+        """Return gradient and Fisher information for the parameters `at`, without the prior."""
+        fit = self._fit(row.tobytes())
+        slopes = np.array([self._slope(row, index, fit.expected) for index in at])
         gradient, information = self.spectra.information(fit, slopes)
         # A tile that alone would gain more than the bound has less weight.
         solved = np.linalg.solve(information + TILES_AS_ONE * np.eye(len(at)), gradient[..., None])[..., 0]
@@ -161,9 +105,9 @@ class Posterior:
         weight /= self._tiles
         return weight @ gradient, np.tensordot(weight, information, 1)
 
-    def _slope(self, place: FloatArray, index: int, expected: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _slope(self, row: FloatArray, index: int, expected: NDArray[np.float32]) -> NDArray[np.float32]:
         for step in (STEP, -STEP):
-            moved = place.copy()
+            moved = row.copy()
             moved[index] += step
             try:
                 slope: NDArray[np.float32] = np.log(self.spectra.expected(self.corrected(moved)) / expected) / step
@@ -173,48 +117,158 @@ class Posterior:
         return np.zeros_like(expected)
 
 
-def climb(
-    place: FloatArray,
-    free: Sequence[str],
-    information: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
-    gain: Callable[[FloatArray, FloatArray], float],
-    *,
-    steps: int,
-) -> FloatArray:
-    """Return the local maximum that damped steps of bounded length reach.
+class Posterior:
+    """How likely corrections are, given the photos' spectra and how uncertain the recording is.
 
     Parameters
     ----------
-    place : ndarray
-        Where to begin, in standard deviations.
-    free : sequence of str
-        Names of the parameters that may change.
-    information : callable
-        Takes a place and the indices of parameters, and returns gradient and information, without the prior.
-    gain : callable
-        Takes a place and another one, and returns how much more likely the first is, nats.
-    steps : int
-        Most steps.
+    photos : sequence of PhotoLikelihood
+        The photos, with the same deviations.
+    deviations : ndarray, shape (8,)
+        Standard deviations of the errors of the recordings, in the units of :class:`Correction`; 0 for what is known.
+    threads : int or None, default 1
+        Threads that share the photos; None means all processors.
     """
-    at = np.array([PARAMETERS.index(name) for name in free])
-    damping, trust = 0.01, FIRST_TRUST
-    for _ in range(steps):
-        gradient, matrix = information(place, at)
-        gained, step = 0.0, np.zeros_like(place)
-        while trust > SETTLED and not gained > 0:
-            step[at] = -np.linalg.solve(damped(matrix, damping), gradient + place[at])
-            step *= min(1.0, trust / max(float(np.abs(step).max()), 1e-9))
-            gained = gain(place + step, place)
-            damping, trust = (damping / 4, trust * 1.3) if gained > 0 else (max(6 * damping, 0.05), trust / 2)
-        if not gained > 0:
-            break
-        place, damping, trust = place + step, max(damping, 1e-3), min(trust, MOST_TRUST)
-        if np.abs(step).max() < SETTLED or gained < LEAST_STEP_GAIN:
-            break
-    return place
+
+    def __init__(self, photos: Sequence[PhotoLikelihood], deviations: FloatArray, *, threads: int | None = 1) -> None:
+        self.photos, self._deviations, self._threads = list(photos), deviations, threads
+        self.nothing: FloatArray = np.zeros((len(self.photos), len(PARAMETERS)))
+        #: Names of the parameters that are not known.
+        self.free = tuple(np.array(PARAMETERS)[deviations > 0].tolist())
+        # The numbers of a place; those that the photos share count once.
+        self._counted = np.array(
+            [[n == 0 or name not in SHARED for name in PARAMETERS] for n in range(len(self.photos))]
+        )
+
+    def alone(self, n: int) -> Posterior:
+        """Return the posterior given one of the photos alone."""
+        return Posterior([self.photos[n]], self._deviations)
+
+    def recordings(self, place: FloatArray) -> list[Recording]:
+        """Return the recordings with a correction."""
+        return [photo.corrected(row) for photo, row in self._rows(place)]
+
+    def directions(self, names: Iterable[str]) -> list[FloatArray]:
+        """Return unit steps of the free ones of some parameters, shape (N, 8): one for each number that differs."""
+        steps = []
+        for name in names:
+            if name not in self.free:
+                continue
+            for photos in [slice(None)] if name in SHARED else range(len(self.photos)):
+                step = np.zeros_like(self.nothing)
+                step[photos, PARAMETERS.index(name)] = 1.0
+                steps.append(step)
+        return steps
+
+    def numbers(self, place: FloatArray) -> FloatArray:
+        """Return the numbers of a place, those that the photos share once."""
+        numbers: FloatArray = place[self._counted]
+        return numbers
+
+    def nats(self, place: FloatArray) -> list[FloatArray] | None:
+        """Return the nats of all tiles of each photo; None if a log does not describe its exposure."""
+        found = share_map(lambda pair: pair[0].nats(pair[1]), self._rows(place), self._threads)
+        described = [nats for nats in found if nats is not None]
+        return described if len(described) == len(found) else None
+
+    def _rows(self, place: FloatArray) -> list[tuple[PhotoLikelihood, FloatArray]]:
+        return list(zip(self.photos, place, strict=True))
+
+    def gain(self, place: FloatArray, over: FloatArray) -> float:
+        """Return how much more likely one correction is than another, in nats; infinite if one has no score."""
+        others = self.nats(over)
+        return np.inf if others is None else self.lead(place, others) + self.prior(over)
+
+    def lead(self, place: FloatArray, others: Sequence[FloatArray]) -> float:
+        """Return how much more likely a correction is than motions with the nats `others`, whose prior is ignored."""
+        return float(self.photo_leads(place, others).sum() - self.prior(place))
+
+    def photo_leads(self, place: FloatArray, others: Sequence[FloatArray]) -> FloatArray:
+        """Return how much likelier each photo is than with the nats `others`, without the prior, shape (N,)."""
+
+        def lead(n: int) -> float:
+            return self.photos[n].lead(place[n], others[n])
+
+        return np.array(share_map(lead, range(len(self.photos)), self._threads))
+
+    def prior(self, place: FloatArray) -> float:
+        """Return how much less likely a correction is than none before any photo is seen, nats."""
+        numbers = self.numbers(place)
+        return 0.5 * float(numbers @ numbers)
+
+    def spread(self, place: FloatArray, free: Sequence[str] | None = None) -> FloatArray:
+        """Return the standard deviations of all numbers of a place, as shares of those of the prior, shape (N, 8).
+
+        They follow from the information and from how far the photos' gradients disagree (Huber's sandwich).
+        """
+        spread, steps = np.zeros_like(self.nothing), self.directions(self.free if free is None else free)
+        if not steps:
+            return spread
+        gradients, matrix = self._information(place, steps)
+        inverse = np.linalg.inv(damped(matrix, 0.0))
+        count, shared = len(self.photos), np.array([np.count_nonzero(step) == len(self.photos) for step in steps])
+        apart = np.where(shared, gradients - gradients.mean(axis=0), 0.0)
+        scatter = apart.T @ apart * count / max(count - 1, 1)
+        for step, deviation in zip(
+            steps, np.sqrt(np.diag(inverse @ scatter @ inverse) + np.diag(inverse)), strict=True
+        ):
+            spread += deviation * step
+        return spread
+
+    def descend(self, place: FloatArray, free: Sequence[str], *, steps: int = STEPS) -> FloatArray:
+        """Return the local maximum that Fisher scoring reaches with some parameters free, the others as they are.
+
+        Steps are damped and of bounded length.
+        """
+        directions = self.directions(free)
+        damping, trust = 0.01, FIRST_TRUST
+        for _ in range(steps):
+            gradients, matrix = self._information(place, directions)
+            at = np.array([place[direction > 0][0] for direction in directions])
+            gained, moved = 0.0, place
+            step = np.zeros(len(directions))
+            while trust > SETTLED and not gained > 0:
+                step = -np.linalg.solve(damped(matrix, damping), gradients.sum(axis=0) + at)
+                step *= min(1.0, trust / max(float(np.abs(step).max()), 1e-9))
+                moved = place + np.tensordot(step, directions, 1)
+                gained = self.gain(moved, place)
+                damping, trust = (damping / 4, trust * 1.3) if gained > 0 else (max(6 * damping, 0.05), trust / 2)
+            if not gained > 0:
+                break
+            place, damping, trust = moved, max(damping, 1e-3), min(trust, MOST_TRUST)
+            if np.abs(step).max() < SETTLED or gained < LEAST_STEP_GAIN:
+                break
+        return place
+
+    def _information(self, place: FloatArray, steps: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Return the gradient of each photo along K directions, shape (N, K), and the information of all, (K, K)."""
+        count, jacobian = len(self.photos), np.array(steps)
+
+        def measure(n: int) -> tuple[FloatArray, FloatArray]:
+            gradient, information = np.zeros(len(steps)), np.zeros((len(steps), len(steps)))
+            own, at = np.nonzero(jacobian[:, n])
+            gradient[own], information[np.ix_(own, own)] = self.photos[n].information(place[n], at.tolist())
+            return gradient, information
+
+        gradients, informations = zip(*share_map(measure, range(count), self._threads), strict=True)
+        return np.array(gradients), np.sum(informations, axis=0)
 
 
 def damped(information: FloatArray, damping: float) -> FloatArray:
     """Return an information matrix with the prior's, damped as Levenberg and Marquardt do."""
     matrix: FloatArray = information + np.eye(len(information)) + damping * np.diag(np.diag(information) + 1)
     return matrix
+
+
+def costs_of(tiles: FloatArray) -> FloatArray:
+    """Return how much less likely each of several motions is than the likeliest one of each tile, nats.
+
+    No tile decides alone.
+
+    Parameters
+    ----------
+    tiles : ndarray, shape (M, tiles)
+        Nats of the tiles of a photo under each motion.
+    """
+    costs: FloatArray = np.minimum(tiles - tiles.min(axis=0), MOST_NATS).mean(axis=1) / TILES_AS_ONE
+    return costs

@@ -1,6 +1,6 @@
-"""Correction of camera, clock and log from the blurred picture itself.
+"""Correction of camera, clock and log by one or several blurred photos.
 
-The corrections are searched by the spectra of the reduced picture (:mod:`rsdeblur.estimate.posterior`), which know the
+The corrections are searched by the spectra of the reduced photos (:mod:`rsdeblur.estimate.posterior`), which know the
 blur but not its phase, and by light streaks (:mod:`rsdeblur.estimate.streaks`), if there are any, which know both.
 Several corrections may explain them equally. So those that the search finds are compared by the sharp picture that they
 lead to: with the right motion, its gradient is concentrated in few places.
@@ -8,42 +8,32 @@ lead to: with the right motion, its gradient is concentrated in few places.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from typing import cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rsdeblur._util import validate
 from rsdeblur._util.one_line import one_line
-from rsdeblur._util.threads import beside
 from rsdeblur.choices import Auto, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.correction import Correction, Recording, Uncertainty, uncertainty_of
 from rsdeblur.estimate.periodograms import TILE
-from rsdeblur.estimate.posterior import Posterior
-from rsdeblur.estimate.quick_sharpness import QuickSharpness
 from rsdeblur.estimate.regions import LEAST_GAIN, DriftByRegion
 from rsdeblur.estimate.rival_axes import OTHER_AXES, rival_lead
+from rsdeblur.estimate.score import Corrected, Score
 from rsdeblur.estimate.search import Search
-from rsdeblur.estimate.sharpness import Sharpness
-from rsdeblur.estimate.spectra import TileSpectra
-from rsdeblur.estimate.streaks import LightStreaks
-from rsdeblur.estimate.worth import Corrected, Worth
 from rsdeblur.image.encoded import EncodedImage, check_size, reduced
 from rsdeblur.image.frame import ReadoutFrame
-from rsdeblur.motion.arguments import check_reach, check_recording
+from rsdeblur.motion.arguments import check_reach, check_recording, exposure_list
 from rsdeblur.motion.camera import Camera
 from rsdeblur.motion.exposure import Exposure
 from rsdeblur.motion.gyro import GyroLog
 from rsdeblur.motion.translation import Translation
 from rsdeblur.types import FloatArray, Progress
 
-# Reduction of the picture for its spectra. The finest detail is left out, because cameras denoise and sharpen it; the
-# blur is at most so long, px; and the longer side is within these bounds, px.
-LEAST_REDUCTION, LONGEST_BLUR = 2.4, 20.0
-SPECTRA_SIDES = 320, 480
 # Longer side to which larger pictures are reduced first, px: the smoothing that smaller sizes need would take long.
 SIDE = 1600
 
@@ -54,6 +44,10 @@ AHEAD_BY_FACTORS = AHEAD_OF_AXES + LEAST_GAIN
 # Exposures that are shorter, s, show no shake; the drifts of the search would have speeds that no hand has, and PSFs of
 # the rows between them that fill the memory.
 LEAST_DURATION = 1e-4
+# Photos that are enough to correct a recording.
+REFINED_FRAMES = 6
+# How far the recording of several photos may be wrong, by default.
+SEVERAL = Uncertainty(offset=8e-3)
 # Reason of a refusal.
 TOO_SHORT = "so short an exposure shows no shake"
 
@@ -61,7 +55,7 @@ TOO_SHORT = "so short an exposure shows no shake"
 @one_line()
 @dataclass(frozen=True, slots=True, eq=False)
 class Refinement:
-    """Result of :func:`refine`: what to pass to :func:`rsdeblur.deblur`.
+    """Result of :func:`refine` for one photo: what to pass to :func:`rsdeblur.deblur`.
 
     Parameters
     ----------
@@ -80,7 +74,7 @@ class Refinement:
     gain : float
         How much likelier the correction is than none, nats.
     fall : float
-        Fall of the logarithm of l1 / l2 of the sharp picture's gradient.
+        Fall of the logarithm of l1 / l2 of the sharp picture's gradient; of several photos, the mean.
     regions : ndarray, shape (R, C), or None
         Factors on the drift in equal regions of the picture as stored, where things at several depths are visible;
         `translation` then has a map of depths.
@@ -100,6 +94,7 @@ class Refinement:
     regions: FloatArray | None = None
 
 
+@overload
 def refine(
     image: ArrayLike,
     log: GyroLog,
@@ -113,27 +108,63 @@ def refine(
     known_axes: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
-) -> Refinement:
-    """Correct focal length, clock, readout and motion by the blurred picture.
+) -> Refinement: ...
+@overload
+def refine(
+    image: Iterable[ArrayLike],
+    log: GyroLog,
+    camera: Camera,
+    exposure: Sequence[Exposure],
+    *,
+    translation: Translation | None = None,
+    uncertainty: Uncertainty | None = None,
+    free: str | Collection[str] | None = None,
+    transfer: Transfer | Auto = "auto",
+    known_axes: bool = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> list[Refinement]: ...
+def refine(
+    image: ArrayLike | Iterable[ArrayLike],
+    log: GyroLog,
+    camera: Camera,
+    exposure: Exposure | Sequence[Exposure],
+    *,
+    translation: Translation | None = None,
+    uncertainty: Uncertainty | None = None,
+    free: str | Collection[str] | None = None,
+    transfer: Transfer | Auto = "auto",
+    known_axes: bool = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Refinement | list[Refinement]:
+    """Correct focal length, clock, readout and motion by one or several blurred photos.
+
+    Several photos of one recording share its focal length, clock, readout time and roll bias; each has a drift and an
+    acceleration of its own.
 
     Parameters
     ----------
-    image : array_like, shape (H, W) or (H, W, C)
-        The blurred picture, as for :func:`rsdeblur.deblur`.
-    log, camera, exposure
-        The motion, the camera and the time of the exposure.
+    image : array_like, shape (H, W) or (H, W, C), or iterable of these
+        The blurred photo, as for :func:`rsdeblur.deblur`; or several, which are taken one by one. Six that are spread
+        over a clip are plenty.
+    log, camera
+        The motion and the camera.
+    exposure : Exposure or sequence of Exposure
+        The time of the exposure, of each photo if there are several.
     translation : Translation, optional
         Translation of the camera, if it is known.
     uncertainty : Uncertainty, optional
-        How far the recording may be wrong; default `Uncertainty()`.
+        How far the recording may be wrong; default `Uncertainty()`, and for several photos, which distinguish an offset
+        from a motion of the hand, `Uncertainty(offset=8e-3)`.
     free : str or collection of str, optional
         Which of "scale", "drift", "offset", "readout", "roll" and "acceleration" may be corrected; default all.
     transfer : {"auto", "linear", "srgb"} or float
         How values encode light, as for :func:`rsdeblur.deblur`.
     known_axes : bool, default False
         Whether `imu_to_camera` is certain, as where an accelerometer confirms it
-        (:meth:`rsdeblur.AccelerationLog.gravity_angle`): then no other axes are tried. Only then is an acceleration
-        searched, in exposures that are long enough.
+        (:meth:`rsdeblur.AccelerationLog.gravity_angle`): then no other axes are tried. One photo alone is searched for
+        an acceleration only then, in exposures that are long enough.
     threads : int, optional
         Threads that share the work, from 1 to 1024; default all processors. Any number gives the same bits.
     progress : callable, optional
@@ -141,21 +172,21 @@ def refine(
 
     Returns
     -------
-    Refinement
-        The recording as given where the picture does not contradict it, or not clearly.
+    Refinement or list of Refinement
+        The recording of each photo: as given where the photos do not contradict it, or not clearly.
 
     Raises
     ------
     InputError
-        If an argument is out of range, or the picture cannot hold the blur.
+        If an argument is out of range, or a picture cannot hold the blur.
     CoverageError, ClockError, GapError
         If the log does not describe the exposure.
 
     Notes
     -----
     One picture does not calibrate a camera: offset, readout time, focal length and drift explain one another in part.
-    The blur is right long before they are. Use the result for this picture, and :func:`rsdeblur.find_time_offset` or
-    several pictures for a camera file.
+    The blur is right long before they are. Use the result for this picture, and :func:`rsdeblur.calibrate_photos` for a
+    camera file.
 
     Examples
     --------
@@ -165,77 +196,90 @@ def refine(
     >>> found = rsdeblur.refine(image, log, camera, exposure)  # doctest: +SKIP
     >>> rsdeblur.deblur(image, found.log, found.camera, found.exposure)  # doctest: +SKIP
     """
-    check_recording(log, camera, exposure, translation)
+    exposures = exposures_of(exposure)
+    for each in exposures:
+        check_recording(log, camera, each, translation)
     validate.callback("progress", progress)
     validate.boolean("known_axes", known_axes)
-    uncertainty = uncertainty_of(uncertainty, free, Uncertainty())
-    if not known_axes:
+    several = len(exposures) > 1
+    uncertainty = uncertainty_of(uncertainty, free, SEVERAL if several else Uncertainty())
+    if not (known_axes or several):
         uncertainty = _without_acceleration(uncertainty)
-    light = grey_light(image, transfer, camera)
-    recording = Recording(log, camera, exposure, translation)
-    deviations = uncertainty.deviations(camera, exposure)
-    check_reach(recording.capture())
-    if min(camera.width, camera.height) < TILE:
-        return _unrefined(recording, deviations, f"the picture is smaller than {TILE} px")
-    if exposure.duration < LEAST_DURATION:
-        return _unrefined(recording, deviations, TOO_SHORT)
-    found, reason, spread = _correction(
-        light, recording, deviations, known_axes=known_axes, threads=threads, progress=progress or (lambda *_: None)
-    )
-    used = recording if reason else found.recording
-    return Refinement(
-        used.log,
-        used.camera,
-        used.exposure,
-        used.translation,
-        accepted=not reason,
-        reason=reason,
-        values=Correction(*(found.place * deviations).tolist()),
-        sd=Correction(*(spread * deviations).tolist()),
-        confidence=0.0 if reason == OTHER_AXES else found.confidence,
-        gain=found.gain,
-        fall=found.fall,
-        regions=None if found.factors is None else ReadoutFrame(camera).back(found.factors),
-    )
+    lights = grey_lights(image, transfer, camera, exposure)
+    recordings = [Recording(log, camera, each, translation) for each in exposures]
+    longest = max(exposures, key=lambda each: each.duration)
+    deviations = uncertainty.deviations(camera, longest)
+    for recording in recordings:
+        check_reach(recording.capture())
+    reason = f"the picture is smaller than {TILE} px" if min(camera.width, camera.height) < TILE else ""
+    if not reason and longest.duration < LEAST_DURATION:
+        reason = TOO_SHORT
+    if reason:
+        refinements = [_unrefined(recording, deviations, reason) for recording in recordings]
+    else:
+        joint = _Joint(lights, recordings, deviations, threads)
+        refinements = joint.refinements(known_axes=known_axes, progress=progress or (lambda *_: None))
+    return refinements[0] if isinstance(exposure, Exposure) else refinements
 
 
-def _correction(
-    light: NDArray[np.float32],
-    recording: Recording,
-    deviations: FloatArray,
-    *,
-    known_axes: bool,
-    threads: int | None,
-    progress: Progress,
-) -> tuple[Corrected, str, FloatArray]:
-    """Return the most likely correction, why it is refused (nothing if it is not), and how uncertain it is.
+class _Joint:
+    """Correction of the photos of one recording."""
 
-    The uncertainty is that of the place, in standard deviations of the recording's errors.
-    """
-    with beside(partial(LightStreaks, light, recording), threads) as found_streaks:
-        spectra = TileSpectra(light, recording, side=spectra_side(recording), soft=True, white=False, threads=1)
-        quick = QuickSharpness(light, recording)
-        streaks = found_streaks()
-    posterior = Posterior(spectra, recording, deviations)
-    worth = Worth(posterior, quick, streaks, lambda: Sharpness(light, recording, robust=True), threads)
-    search = Search(worth, threads)
-    best, reason = search.best(progress)
-    found = worth.one_drift(best)
+    def __init__(
+        self,
+        lights: Sequence[NDArray[np.float32]],
+        recordings: Sequence[Recording],
+        deviations: FloatArray,
+        threads: int | None,
+    ) -> None:
+        self._recordings, self._deviations, self._threads = recordings, deviations, threads
+        self._score = Score.of_photos(lights, recordings, deviations, threads)
 
-    def rivalled(corrected: Recording, ahead: float) -> bool:
-        # With wrong axes, a correction may make the motion more like the right one, but never right.
-        lead = rival_lead(spectra, quick, corrected, recording, deviations, streaks=streaks, threads=threads)
-        return lead > -ahead
+    def refinements(self, *, known_axes: bool, progress: Progress) -> list[Refinement]:
+        """Return the most likely correction, accepted or not, for each photo."""
+        found, reason = self._found(known_axes=known_axes, progress=progress)
+        spread = self._score.posterior.spread(found.place)
+        refinements = []
+        for n, given in enumerate(self._recordings):
+            used = given if reason else found.recordings[n]
+            refinements.append(
+                Refinement(
+                    used.log,
+                    used.camera,
+                    used.exposure,
+                    used.translation,
+                    accepted=not reason,
+                    reason=reason,
+                    values=Correction(*(found.place[n] * self._deviations).tolist()),
+                    sd=Correction(*(spread[n] * self._deviations).tolist()),
+                    confidence=0.0 if reason == OTHER_AXES else found.confidence,
+                    gain=found.gain,
+                    fall=found.fall,
+                    regions=None if found.factors is None else ReadoutFrame(given.camera).back(found.factors),
+                )
+            )
+        return refinements
 
-    ahead = AHEAD_OF_AXES
-    if not (reason or known_axes) and rivalled(found.recording, ahead):
-        reason, ahead = OTHER_AXES, AHEAD_BY_FACTORS
-    if recording.translation is None:
-        by_region = DriftByRegion(worth, quick, recording, deviations, threads)
-        regional = by_region.best([best, *search.candidates], over=None if reason else best)
-        if regional is not None and (known_axes or not (reason and rivalled(regional.recording, ahead))):
-            found, reason = regional, ""
-    return found, reason, posterior.spread(found.place)
+    def _found(self, *, known_axes: bool, progress: Progress) -> tuple[Corrected, str]:
+        """Return the most likely correction, and why it is refused (empty if it is not)."""
+        score, threads = self._score, self._threads
+        search = Search(score, threads)
+        best, reason = search.best(progress)
+        found = score.corrected(best)
+
+        def rivalled(recordings: Sequence[Recording], ahead: float) -> bool:
+            # With wrong axes, a correction may make the motion more like the right one, but never right.
+            return rival_lead(score, recordings, self._deviations, threads=threads) > -ahead
+
+        ahead = AHEAD_OF_AXES
+        if not (reason or known_axes) and rivalled(found.recordings, ahead):
+            reason, ahead = OTHER_AXES, AHEAD_BY_FACTORS
+        if len(self._recordings) == 1 and self._recordings[0].translation is None:
+            by_region = DriftByRegion(score, self._deviations, threads)
+            regional = by_region.best([best, *search.candidates], over=None if reason else best)
+            if regional is not None and (known_axes or not (reason and rivalled(regional.recordings, ahead))):
+                found, reason = regional, ""
+        return found, reason
 
 
 def _without_acceleration(uncertainty: Uncertainty) -> Uncertainty:
@@ -254,23 +298,38 @@ def _unrefined(recording: Recording, deviations: FloatArray, reason: str) -> Ref
     return Refinement(*given, accepted=False, reason=reason, values=nothing, sd=sd, confidence=0.0, gain=0.0, fall=0.0)
 
 
-def grey_light(image: ArrayLike, transfer: Transfer | Auto, camera: Camera) -> NDArray[np.float32]:
-    """Return the mean linear light of a picture's channels, reduced to `SIDE` px.
+def exposures_of(exposure: Exposure | Sequence[Exposure]) -> list[Exposure]:
+    """Return the exposure of each photo.
 
     Raises
     ------
     InputError
-        If it is not a picture, or not of the camera's size.
+        If there is none, or one is no :class:`rsdeblur.Exposure`.
     """
-    encoded = EncodedImage.of(image, transfer)
-    check_size(encoded.shape, camera)
-    return reduced(encoded.grey(slice(None)), camera, SIDE)[0]
+    return [exposure] if isinstance(exposure, Exposure) else exposure_list(exposure)
 
 
-def spectra_side(recording: Recording) -> int:
-    """Return the longer side to which a picture is reduced for its spectra, px."""
-    camera = recording.camera
-    longer, shorter = max(camera.width, camera.height), min(camera.width, camera.height)
-    length = recording.capture().mean_length
-    low, high = (max(side, TILE * longer / shorter + 1) for side in SPECTRA_SIDES)
-    return int(np.clip(longer / max(LEAST_REDUCTION, length / LONGEST_BLUR), low, high))
+def grey_lights(
+    image: ArrayLike | Iterable[ArrayLike],
+    transfer: Transfer | Auto,
+    camera: Camera,
+    exposure: Exposure | Sequence[Exposure],
+) -> list[NDArray[np.float32]]:
+    """Return the mean linear light of the channels of each photo, reduced to `SIDE` px.
+
+    Raises
+    ------
+    InputError
+        If one is not a picture, not of the camera's size, or there are not as many as exposures.
+    """
+    single = isinstance(exposure, Exposure)
+    images = [image] if single else validate.items("image", cast("Iterable[ArrayLike]", image))
+    lights = []
+    for each in cast("Iterable[ArrayLike]", images):
+        encoded = EncodedImage.of(each, transfer)
+        check_size(encoded.shape, camera)
+        lights.append(reduced(encoded.grey(slice(None)), camera, SIDE)[0])
+    count = 1 if isinstance(exposure, Exposure) else len(exposure)
+    if len(lights) != count:
+        raise InputError(f"give one exposure for each image, got {len(lights)} images and {count} exposures")
+    return lights

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from rsdeblur._util.threads import share_map
 from rsdeblur.deconv.tiling import hat_weights
 from rsdeblur.estimate.correction import ACCELERATION, DRIFT, PARAMETERS, Correction, Recording
-from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, QuickSharpness
+from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL
+from rsdeblur.estimate.score import Corrected, Score
 from rsdeblur.estimate.search import (
     ADJUSTED,
     LEAST_ADJUSTED,
@@ -27,7 +28,7 @@ from rsdeblur.estimate.search import (
     QUICK_STEPS,
     adjusted,
 )
-from rsdeblur.estimate.worth import Corrected, Worth, cost
+from rsdeblur.estimate.streaks import lead_of
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.arguments import is_held
 from rsdeblur.motion.translation import Translation
@@ -44,9 +45,9 @@ NATS_PER_SQUARE, MOST_SQUARE = 1.0, 4.0
 MOST_SWEEPS = 20
 # Points of the map of depths from one region to the next, and the least factor there: depths are finite.
 STEPS, LEAST_FACTOR = 2, 0.02
-# Least gain by the factors (nats), with the few ones and with all, and how much more than one drift they must be worth.
-LEAST_OF_FEW, LEAST_GAIN, MORE_WORTH = 10.0, 20.0, 5.0
-# Least worth (nats) where no correction by one drift is accepted. Of 220 right recordings, two are worth 34 and 50.
+# Least gain by the factors (nats), with the few ones and with all, and how much more than one drift they must score.
+LEAST_OF_FEW, LEAST_GAIN, MORE_SCORE = 10.0, 20.0, 5.0
+# Least score (nats) where no correction by one drift is accepted. Of 220 right recordings, two score 34 and 50.
 LEAST_ALONE = 70.0
 
 
@@ -55,12 +56,8 @@ class DriftByRegion:
 
     Parameters
     ----------
-    worth : Worth
-        Worth of corrections.
-    quick : QuickSharpness
-        The quick measure of the sharp picture.
-    recording : Recording
-        The recording as given, without a translation.
+    score : Score
+        Scores of corrections of one photo, whose recording has no translation.
     deviations : ndarray, shape (8,)
         Standard deviations of its errors.
     threads : int or None
@@ -69,24 +66,24 @@ class DriftByRegion:
 
     def __init__(
         self,
-        worth: Worth,
-        quick: QuickSharpness,
-        recording: Recording,
+        score: Score,
         deviations: FloatArray,
         threads: int | None,
     ) -> None:
-        self._worth, self._quick, self._recording = worth, quick, recording
+        (photo,) = score.photos
+        self._score, self._likelihood, self._measures = score, photo.likelihood, photo.measures
         self._deviations, self._threads = deviations, threads
-        self._region = _nearest(worth.posterior.spectra.centres, quick.centres)
+        self._centres = photo.measures.quick.centres
+        self._region = _nearest(photo.likelihood.spectra.centres, self._centres)
 
     def best(self, places: Sequence[FloatArray], over: FloatArray | None) -> Corrected | None:
         """Return the best of several corrections, adjusted, with its factors.
 
         Parameters
         ----------
-        places : sequence of ndarray, shape (8,)
+        places : sequence of ndarray, shape (1, 8)
             Corrections.
-        over : ndarray, shape (8,), or None
+        over : ndarray, shape (1, 8), or None
             The best credible correction by one drift, which it must exceed; None if there is none.
 
         Returns
@@ -94,74 +91,83 @@ class DriftByRegion:
         Corrected or None
             None where one factor explains the picture as well.
         """
-        best, most = None, -np.inf if over is None else self._worth.of(over) - cost(over)
+        score = self._score
+        best, most = None, -np.inf if over is None else score.of(over) - score.cost(over)
         for place in self._different(places):
             factors, gain = self._factors(place, FEW_FACTORS)
-            worth = self._worth.of(place) - cost(place) + gain
-            if gain >= LEAST_OF_FEW and worth > most:
-                best, most = (place, factors), worth
+            total = score.of(place) - score.cost(place) + gain
+            if gain >= LEAST_OF_FEW and total > most:
+                best, most = (place, factors), total
         if best is None:
             return None
         found, gain = self._adjusted(*best)
-        held = np.abs(found.place).max() <= MOST_DEVIATIONS and is_held(found.recording.capture())
+        held = np.abs(found.place).max() <= MOST_DEVIATIONS and is_held(found.recordings[0].capture())
         return found if gain >= LEAST_GAIN and held and self._is_credible(found, over) else None
 
     def _is_credible(self, found: Corrected, over: FloatArray | None) -> bool:
         """Return whether a correction is clearly better than `over` by the whole solve, which no search has misled."""
-        fall = self._worth.whole_fall(found.recording)
+        score = self._score
+        given, whole = score.nothing[0], self._measures.whole_sparsity
+        fall = whole(self._likelihood, given) - self._measures.whole.of(found.recordings[0])
         if over is None:
-            return found.worth >= LEAST_ALONE and fall >= LEAST_FALL
-        (least,) = self._worth.whole_falls([over])
-        more = found.gain - cost(found.place) - self._worth.gain(over) + cost(over) + NATS_PER_FALL * (fall - least)
-        return fall >= least and more >= MORE_WORTH
+            return found.score >= LEAST_ALONE and fall >= LEAST_FALL
+        least = float(score.whole_falls([over]).sum())
+        gained = found.gain - score.cost(found.place) - score.gain(over) + score.cost(over)
+        return fall >= least and gained + NATS_PER_FALL * (fall - least) >= MORE_SCORE
 
     def _different(self, places: Sequence[FloatArray]) -> list[FloatArray]:
         """Return the credible corrections with a drift, without those that are nearly the same."""
         drift = [name in DRIFT for name in PARAMETERS]
         different: list[FloatArray] = []
         for place in places:
-            credible = np.abs(place).max() <= MOST_DEVIATIONS and self._worth.of(place) >= LEAST_ADJUSTED
-            if place[drift].any() and credible and all(np.abs(place - one).max() >= APART for one in different):
+            credible = np.abs(place).max() <= MOST_DEVIATIONS and self._score.of(place) >= LEAST_ADJUSTED
+            if place[:, drift].any() and credible and all(np.abs(place - one).max() >= APART for one in different):
                 different.append(place)
         return different
 
     def _adjusted(self, place: FloatArray, factors: FloatArray) -> tuple[Corrected, float]:
         """Return a correction and its factors, adjusted in turn, and the nats gained by the factors."""
-        axes = [at for at in np.flatnonzero(place).tolist() if PARAMETERS[at] in ADJUSTED]
+        axes = [step for step in self._score.posterior.directions(ADJUSTED) if place[step > 0].any()]
         gain = 0.0
         for step in QUICK_STEPS:
-            place = adjusted(place, partial(self._worths, factors), axes, lambda *_: None, steps=(step,))
+            place = adjusted(place, partial(self._scores, factors), axes, lambda *_: None, steps=(step,))
             factors, gain = self._factors(place, FACTORS)
-        return self._worth.by_region(place, self._moved(place, factors), factors), gain
+        return self.corrected(factors, place), gain
 
-    def _worths(self, factors: FloatArray, places: Sequence[FloatArray]) -> list[float]:
-        """Return the worth of each of several corrections with the same factors."""
+    def _scores(self, factors: FloatArray, places: Sequence[FloatArray]) -> list[float]:
+        """Return the score of each of several corrections with the same factors."""
+        return share_map(lambda place: self.corrected(factors, place).score, places, self._threads)
 
-        def worth(place: FloatArray) -> float:
-            return self._worth.by_region(place, self._moved(place, factors), factors).worth
-
-        return share_map(worth, places, self._threads)
+    def corrected(self, factors: FloatArray, place: FloatArray) -> Corrected:
+        """Return a correction with factors on its drift, and its score."""
+        score, likelihood, measures = self._score, self._likelihood, self._measures
+        recording = with_factors(likelihood.recording, self._correction(place), factors, self._centres)
+        given = likelihood.nats(score.nothing[0])
+        assert given is not None, "the log describes the exposure"
+        leads = likelihood.leads(likelihood.spectra.score(recording), given)
+        led = lead_of(measures.streaks.nats(recording), measures.streak_nats(likelihood, score.nothing[0]))
+        gain = float(leads.sum() - score.posterior.prior(place)) + led
+        fall = measures.sparsity(likelihood, score.nothing[0]) - measures.quick.of(recording)
+        total = score.together(gain, fall, [recording])
+        return Corrected(place, [recording], gain=gain, fall=fall, score=total, factors=factors)
 
     def _correction(self, place: FloatArray) -> Correction:
-        return Correction(*(place * self._deviations).tolist())
-
-    def _moved(self, place: FloatArray, factors: FloatArray) -> Recording:
-        return with_factors(self._recording, self._correction(place), factors, self._quick.centres)
+        return Correction(*(place[0] * self._deviations).tolist())
 
     def _factors(self, place: FloatArray, factors: FloatArray) -> tuple[FloatArray, float]:
         """Return the best of some factors in each region, shape (R, C), and the nats gained over a factor of 1."""
-        correction, posterior = self._correction(place), self._worth.posterior
+        correction, likelihood = self._correction(place), self._likelihood
         # With a factor of 1, it is the correction itself.
-        own, tiles = posterior.nats(place), self._worth.tiles(place)
+        own, tiles = likelihood.nats(place[0]), self._measures.tiles(likelihood, place[0])
         assert own is not None, "the log describes the exposure"
         others = np.flatnonzero(factors != 1)
-        moved = [self._recording.corrected(_scaled(correction, factor)) for factor in factors[others].tolist()]
-        nats = share_map(posterior.spectra.score, moved, self._threads)
-        falls = NATS_PER_FALL * (np.stack(share_map(self._quick.tiles, moved, self._threads)) - tiles)
+        moved = [likelihood.recording.corrected(_scaled(correction, factor)) for factor in factors[others].tolist()]
+        nats = share_map(likelihood.spectra.score, moved, self._threads)
+        falls = NATS_PER_FALL * (np.stack(share_map(self._measures.quick.tiles, moved, self._threads)) - tiles)
         costs = np.zeros((len(factors), len(tiles)))
         for n, fall, each in zip(others.tolist(), falls, nats, strict=True):
-            costs[n] = fall - np.bincount(self._region, posterior.leads(each, own), len(fall))
-        labels, total = _alike(costs.reshape(len(factors), len(self._quick.centres[0]), -1), factors)
+            costs[n] = fall - np.bincount(self._region, likelihood.leads(each, own), len(fall))
+        labels, total = _alike(costs.reshape(len(factors), len(self._centres[0]), -1), factors)
         return factors[labels], -total
 
 

@@ -1,7 +1,8 @@
-"""Other mountings of the gyro that may explain a blurred picture better than a corrected recording does."""
+"""Other mountings of the gyro that may explain blurred photos better than a corrected recording does."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
@@ -9,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from rsdeblur._util.threads import share_map
-from rsdeblur.estimate.correction import PARAMETERS, Recording
-from rsdeblur.estimate.posterior import UNDESCRIBED, Posterior
-from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, SHORTER, QuickSharpness
-from rsdeblur.estimate.spectra import TileSpectra
-from rsdeblur.estimate.streaks import LightStreaks, lead_of
+from rsdeblur.estimate.correction import Recording
+from rsdeblur.estimate.posterior import UNDESCRIBED, PhotoLikelihood, Posterior
+from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL, SHORTER
+from rsdeblur.estimate.score import Score
+from rsdeblur.estimate.streaks import lead_of
 from rsdeblur.motion.axes import rotations
 from rsdeblur.types import FloatArray
 
@@ -33,54 +34,51 @@ class Rival(NamedTuple):
     leads: list[float]
 
 
-def rival_lead(
-    spectra: TileSpectra,
-    sharpness: QuickSharpness,
-    found: Recording,
-    recording: Recording,
-    deviations: FloatArray,
-    *,
-    streaks: LightStreaks | None = None,
-    threads: int | None,
-) -> float:
-    """Return by how many nats a picture is likelier with the best other mounting than with a corrected recording.
+def rival_lead(score: Score, found: Sequence[Recording], deviations: FloatArray, *, threads: int | None) -> float:
+    """Return by how many nats the photos are likelier with the best other mounting than with corrected recordings.
 
     Parameters
     ----------
-    spectra, sharpness
-        Both measures of the picture.
-    found : Recording
-        The corrected recording.
-    recording : Recording
-        The recording as given.
+    score : Score
+        All measures of the photos.
+    found : sequence of Recording
+        The corrected recordings.
     deviations : ndarray, shape (8,)
-        Standard deviations of its errors.
-    streaks : LightStreaks, optional
-        Light streaks of the picture.
+        Standard deviations of the errors of the recordings as given.
     threads : int or None
         Threads that share the work; None means all processors.
     """
-    own, nats, clear = recording.camera.imu_to_camera, spectra.score(found), sharpness.of(found)
-    length, traced = found.capture().mean_length, streaks.nats(found) if streaks else 0.0
-    free = [name for name in FREE if deviations[PARAMETERS.index(name)] > 0]
-    offsets = OFFSETS if "offset" in free else (0.0,)
-    places = [offset * (np.arange(len(PARAMETERS)) == PARAMETERS.index("offset")) for offset in offsets]
+    photos = score.photos
+    own = photos[0].likelihood.recording.camera.imu_to_camera
+    nats = [photo.likelihood.spectra.score(each) for photo, each in zip(photos, found, strict=True)]
+    clear = [photo.measures.quick.of(each) for photo, each in zip(photos, found, strict=True)]
+    lengths = [each.capture().mean_length for each in found]
+    traced = [photo.measures.streaks.nats(each) for photo, each in zip(photos, found, strict=True)]
+    steps = score.posterior.directions(["offset"])
+    places = [score.nothing + offset * steps[0] for offset in OFFSETS] if steps else [score.nothing]
+    free = [name for name in FREE if name in score.posterior.free]
 
     def tried(turn: FloatArray) -> Rival:
-        camera = replace(recording.camera, imu_to_camera=turn @ own)
-        posterior = Posterior(spectra, replace(recording, camera=camera), deviations)
+        turned = []
+        for likelihood, _ in photos:
+            camera = replace(likelihood.recording.camera, imu_to_camera=turn @ own)
+            recording = replace(likelihood.recording, camera=camera)
+            turned.append(PhotoLikelihood(likelihood.spectra, recording, deviations))
+        posterior = Posterior(turned, deviations)
         return Rival(posterior, [posterior.lead(place, nats) for place in places])
 
-    def fall(posterior: Posterior, place: FloatArray) -> float:
-        other = posterior.corrected(place)
-        fall = clear - sharpness.of(other)
+    def by_pictures(n: int, other: Recording) -> float:
+        """Return by how much a photo is likelier with another recording by its streaks and its sharp picture."""
+        measures = photos[n].measures
+        fall = clear[n] - measures.quick.of(other)
         # With shorter paths, the corrected recording may be clearer because it removes less blur.
-        shorter = length < SHORTER * other.capture().mean_length
-        return max(fall, -MOST_OF_SHORTER) if shorter else fall
+        if lengths[n] < SHORTER * other.capture().mean_length:
+            fall = max(fall, -MOST_OF_SHORTER)
+        return lead_of(measures.streaks.nats(other), traced[n]) + NATS_PER_FALL * fall
 
     def evidence(posterior: Posterior, place: FloatArray) -> float:
-        led = lead_of(streaks.nats(posterior.corrected(place)), traced) if streaks else 0.0
-        return posterior.lead(place, nats) + led + NATS_PER_FALL * fall(posterior, place)
+        others = enumerate(posterior.recordings(place))
+        return posterior.lead(place, nats) + sum(by_pictures(n, other) for n, other in others)
 
     def whole_lead(rival: Rival) -> float:
         posterior, leads = rival

@@ -1,19 +1,20 @@
-"""Search for the best credible correction of a recording: spectra and streaks propose, the sharp picture decides.
+"""Search for the best credible correction of a recording: spectra and streaks propose, the sharp pictures decide.
 
-Places are corrections in units of the standard deviations of the recording's errors.
+Corrections are places of a :class:`rsdeblur.estimate.posterior.Posterior`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import product, zip_longest
 
 import numpy as np
 
 from rsdeblur._util.threads import share_map
-from rsdeblur.estimate.correction import ACCELERATION, DRIFT, PARAMETERS
+from rsdeblur.estimate.correction import ACCELERATION, DRIFT, PARAMETERS, SHARED
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL
-from rsdeblur.estimate.worth import Worth, cost
+from rsdeblur.estimate.score import Score
 from rsdeblur.motion.arguments import is_held
 from rsdeblur.types import FloatArray, Progress
 
@@ -33,7 +34,7 @@ MODELS = (
     (STRAIGHT, 0),
 )
 WIDEST, COMPARED, LEAST_START, STARTS = 3.0, 0.5, -20.0, 2
-# Number of candidates that are adjusted, if they are worth so many nats, and confirmed. Each model has up to two: its
+# Number of candidates that are adjusted, if they score so many nats, and confirmed. Each model has up to two: its
 # best correction, and the best with its numbers alone, which another correction cannot have led astray.
 CANDIDATES, LEAST_ADJUSTED = 5, 10.0
 # Parameters that the quick measure of the sharp picture adjusts if they are corrected, and the steps along each, in
@@ -48,180 +49,197 @@ MORE_BY_BENDING, BENDING_STEPS = 10.0, (1.0, 0.5)
 # nats likelier. The spectra join the last two steps.
 FOLLOWED, STREAK_STEPS, LEAST_FOLLOWED = ("scale", *DRIFT), (0.8, 0.4, 0.2), 10.0
 STREAK_GRID, STREAK_COUNT = DRIFT, 4
-# Least worth (nats) of a correction that is accepted, its least fall in the whole solve, and the most standard
+# Least score (nats) of a correction that is accepted, its least fall in the whole solve, and the most standard
 # deviations of any parameter. The quick measure must not rise; a fall proves less there, as the largest of many.
-LEAST_WORTH, LEAST_FALL, MOST_DEVIATIONS = 30.0, 0.01, 6.0
-# Least worth by the smaller of both falls, and least fall in the whole solve, that will do as well.
+LEAST_SCORE, LEAST_FALL, MOST_DEVIATIONS = 30.0, 0.01, 6.0
+# Least score by the smaller of both falls, and least fall in the whole solve, that will do as well.
 LEAST_BY_BOTH = 36.0, 0.004
-# Least worth and fall for the readout time alone: little else looks like that.
+# Least score and fall for the readout time alone: little else looks like that.
 LEAST_OF_READOUT = 15.0, 0.005
+# The falls of several photos agree: their mean is at least so many times its standard error.
+LEAST_AGREEMENT = 2.0
 # Reasons of a refusal.
 NOT_CLEAR = "the picture does not contradict the recording, or not clearly"
 TOO_FAR = "the likeliest correction is too far from the recording"
 NOT_SHARPER = "the sharp picture does not become clearer"
+DISAGREE = "the photos disagree"
 
 
 class Search:
-    """Search for the correction that is worth most.
+    """Search for the correction with the highest score.
 
     Parameters
     ----------
-    worth : Worth
-        Worth of corrections.
+    score : Score
+        Scores of corrections.
     threads : int or None
         Threads that share several places; None means all processors.
     """
 
-    def __init__(self, worth: Worth, threads: int | None) -> None:
-        self._worth, self._threads = worth, threads
+    def __init__(self, score: Score, threads: int | None) -> None:
+        self._score, self._threads = score, threads
         #: The corrections that :meth:`best` compared, the best first.
         self.candidates: list[FloatArray] = []
 
     def best(self, progress: Progress) -> tuple[FloatArray, str]:
-        """Return the best credible correction, adjusted by the sharp picture; or the best of all, and what is wrong."""
+        """Return the best credible correction, adjusted by the sharp pictures; or the best one, and what is wrong."""
+        score = self._score
         candidates = self.candidates = self._candidates(progress)
-        likely = [place for place in candidates[:CANDIDATES] if self._worth.of(place) >= LEAST_ADJUSTED]
+        likely = [place for place in candidates[:CANDIDATES] if score.of(place) >= LEAST_ADJUSTED]
         near = [place for place in likely if np.abs(place).max() <= MOST_DEVIATIONS]
         if not near:
             return candidates[0], TOO_FAR if likely else NOT_CLEAR
         # The search found the largest of many falls. The whole solve is free of what favoured them by chance.
         falls = [
-            min(self._worth.fall(place), whole)
-            for place, whole in zip(near, self._worth.whole_falls(near), strict=True)
+            np.minimum(score.falls(place), whole).sum()
+            for place, whole in zip(near, score.whole_falls(near), strict=True)
         ]
-        worths = [
-            self._worth.gain(place) + NATS_PER_FALL * fall - cost(place)
+        scores = [
+            score.gain(place) + NATS_PER_FALL * fall - score.cost(place)
             for place, fall in zip(near, falls, strict=True)
         ]
         refused = []
-        for n in np.argsort(worths)[::-1]:
-            axes = [at for at in np.flatnonzero(near[n]).tolist() if PARAMETERS[at] in ADJUSTED]
-            place = adjusted(near[n], self._worth.all, axes, progress, steps=QUICK_STEPS)
+        for n in np.argsort(scores)[::-1]:
+            place = adjusted(near[n], score.all, self._steps_of(near[n], ADJUSTED), progress, steps=QUICK_STEPS)
             reason = self._doubt(place)
             if not reason:
                 return self._bent(self._polished(place, progress), progress), reason
             refused.append((place, reason))
         return refused[0]
 
+    def _steps_of(self, place: FloatArray, names: Sequence[str]) -> list[FloatArray]:
+        """Return unit steps along those of some parameters that a correction changes."""
+        return [step for step in self._score.posterior.directions(names) if place[step > 0].any()]
+
     def _polished(self, place: FloatArray, progress: Progress) -> FloatArray:
         """Return a credible correction, adjusted by the whole solve; unchanged if it would no longer be credible."""
-        axes = [at for at in np.flatnonzero(place).tolist() if PARAMETERS[at] not in ADJUSTED]
-        polished = adjusted(place, self._worth.all_whole, axes, progress, steps=WHOLE_STEPS)
+        others = self._steps_of(place, [name for name in PARAMETERS if name not in ADJUSTED])
+        polished = adjusted(place, self._score.all_whole, others, progress, steps=WHOLE_STEPS)
         return place if self._doubt(polished) else polished
 
     def _bent(self, place: FloatArray, progress: Progress) -> FloatArray:
         """Return a credible correction, bent by an acceleration; unchanged if the picture does not show one."""
-        if not set(ACCELERATION) <= set(self._worth.posterior.free):
+        score = self._score
+        if not set(ACCELERATION) <= set(score.posterior.free):
             return place
-        least = self._worth.of(place) - cost(place) + MORE_BY_BENDING
+        least = score.of(place) - score.cost(place) + MORE_BY_BENDING
         bent = place
         for names, step in zip((ACCELERATION, (*DRIFT, *ACCELERATION)), BENDING_STEPS, strict=True):
-            axes = [PARAMETERS.index(name) for name in names if name in self._worth.posterior.free]
-            bent = adjusted(bent, self._worth.all, axes, progress, steps=(step,))
-            if self._worth.of(bent) - cost(bent) < least:
+            bent = adjusted(bent, score.all, score.posterior.directions(names), progress, steps=(step,))
+            if score.of(bent) - score.cost(bent) < least:
                 return place
-        straight, whole = self._worth.all_whole([place, bent])
-        more = whole - cost(bent) - straight + cost(place)
+        straight, whole = score.all_whole([place, bent])
+        more = whole - score.cost(bent) - straight + score.cost(place)
         return bent if more >= MORE_BY_BENDING and not self._doubt(bent) else place
 
     def _doubt(self, place: FloatArray) -> str:
-        """Return why an adjusted correction is not credible; nothing if it is."""
-        changed = [name for name, value in zip(PARAMETERS, place, strict=True) if value]
-        worth, fall = LEAST_OF_READOUT if changed == ["readout"] else (LEAST_WORTH, LEAST_FALL)
-        if self._worth.of(place) < worth:
+        """Return why an adjusted correction is not credible; empty if it is."""
+        score, changed = self._score, {PARAMETERS[at] for at in np.nonzero(place)[1].tolist()}
+        least, fall = LEAST_OF_READOUT if changed == {"readout"} else (LEAST_SCORE, LEAST_FALL)
+        if score.of(place) < least:
             return NOT_CLEAR
-        if np.abs(place).max() > MOST_DEVIATIONS or not is_held(self._worth.posterior.corrected(place).capture()):
+        recordings = score.posterior.recordings(place)
+        if np.abs(place).max() > MOST_DEVIATIONS or not all(is_held(each.capture()) for each in recordings):
             return TOO_FAR
-        (whole,) = self._worth.whole_falls([place])
-        by_both = self._worth.gain(place) + NATS_PER_FALL * min(whole, self._worth.fall(place))
-        sharper = whole >= fall or (by_both >= LEAST_BY_BOTH[0] and whole >= LEAST_BY_BOTH[1])
-        return "" if sharper and self._worth.fall(place) >= 0 else NOT_SHARPER
+        (whole,), quick = score.whole_falls([place]), score.falls(place)
+        by_both = score.gain(place) + NATS_PER_FALL * np.minimum(whole, quick).sum()
+        # The mean of several falls is as certain as a single larger one.
+        mean, count = float(whole.mean()), len(whole)
+        proof = mean * np.sqrt(count)
+        sharper = proof >= fall or (by_both >= LEAST_BY_BOTH[0] and proof >= LEAST_BY_BOTH[1])
+        if not sharper or quick.sum() < 0:
+            return NOT_SHARPER
+        agree = count == 1 or mean >= LEAST_AGREEMENT * float(whole.std(ddof=1)) / np.sqrt(count)
+        return "" if agree else DISAGREE
 
     def _candidates(self, progress: Progress) -> list[FloatArray]:
         """Return the best correction of each model, and the best with its numbers alone; the best of all first."""
-        best, worth = self._worth.nothing, 0.0
-        found = {best.tobytes(): (worth, best)}
+        score, posterior = self._score, self._score.posterior
+        best, most = score.nothing, 0.0
+        found = {best.tobytes(): (most, best)}
         tried: list[list[str]] = [[]]
         for n, (names, count) in enumerate(MODELS):
             progress("search", n / len(MODELS))
-            model, last = [name for name in names if name in self._worth.posterior.free], names is STRAIGHT
+            model, last = [name for name in names if name in posterior.free], names is STRAIGHT
             # Descents of the last model take long, so it begins at the best place only, if that is worth it.
-            if model in tried or (last and worth < LEAST_ADJUSTED):
+            if model in tried or (last and most < LEAST_ADJUSTED):
                 continue
             tried.append(model)
-            begin = [best] if last or not best.any() else [self._worth.nothing, best]
+            begin = [best] if last or not best.any() else [score.nothing, best]
             starts = [*begin, *self._starts(model, count)]
-            places = share_map(partial(self._worth.posterior.descend, free=model), starts, self._threads)
-            worths = np.array(self._worth.all(places)) - [cost(place) for place in places]
-            most = int(worths.argmax())
+            places = share_map(partial(posterior.descend, free=model), starts, self._threads)
+            scores = np.array(score.all(places)) - [score.cost(place) for place in places]
+            top = int(scores.argmax())
             others = [name not in model for name in PARAMETERS]
-            alone = [at for at, place in enumerate(places) if not place[others].any()]
-            for at in {most, max(alone, key=worths.__getitem__, default=most)}:
-                found[places[at].tobytes()] = float(worths[at]), places[at]
-            if worths[most] > worth:
-                worth, best = float(worths[most]), places[most]
+            alone = [at for at, place in enumerate(places) if not place[:, others].any()]
+            for at in {top, max(alone, key=scores.__getitem__, default=top)}:
+                found[places[at].tobytes()] = float(scores[at]), places[at]
+            if scores[top] > most:
+                most, best = float(scores[top]), places[top]
         for place in self._followed(progress):
-            found[place.tobytes()] = self._worth.of(place) - cost(place), place
+            found[place.tobytes()] = score.of(place) - score.cost(place), place
         return [place for _, place in sorted(found.values(), key=lambda pair: -pair[0])]
 
-    def _starts(self, model: list[str], count: int) -> list[FloatArray]:
+    def _starts(self, model: Sequence[str], count: int) -> list[FloatArray]:
         """Return the best of places that are spread over the parameters of a model, `count` values of each."""
-        places = _grid(model, count)
-        gains = np.array(share_map(self._worth.spectra_gain, list(places), self._threads))
+        score = self._score
+        if len(score.photos) > 1 and not set(model) & set(SHARED):
+            # Numbers that belong to the photo: photos do not depend on each other.
+            alone = [Search(score.alone(n), self._threads)._starts(model, count) for n in range(len(score.photos))]
+            return [np.concatenate(rows) for rows in zip_longest(*alone, fillvalue=score.nothing[:1])]
+        places = self._grid(model, count)
+        gains = np.array(share_map(score.spectra_gain, places, self._threads))
         likely = [n for n in np.argsort(-gains)[: round(COMPARED * len(places))] if gains[n] > LEAST_START]
-        falls = share_map(lambda n: self._worth.fall(places[n]), likely, self._threads)
-        worths = gains[likely] + NATS_PER_FALL * np.array(falls)
-        return [places[likely[n]] for n in np.argsort(-worths)[:STARTS]]
+        falls = share_map(lambda n: float(score.falls(places[n]).sum()), likely, self._threads)
+        scores = gains[likely] + NATS_PER_FALL * np.array(falls)
+        return [places[likely[n]] for n in np.argsort(-scores)[:STARTS]]
+
+    def _grid(self, model: Sequence[str], count: int) -> list[FloatArray]:
+        """Return places that are spread over the parameters of a model, `count` values of each; none if it is empty."""
+        steps = self._score.posterior.directions(model)
+        values = product(np.linspace(-WIDEST, WIDEST, count), repeat=len(steps))
+        return [self._score.nothing + np.tensordot(each, steps, 1) for each in values] if steps else []
 
     def _followed(self, progress: Progress) -> list[FloatArray]:
         """Return the correction that light streaks prefer, and what the spectra and they prefer from there."""
-        worth, free = self._worth, self._worth.posterior.free
-        axes = [PARAMETERS.index(name) for name in FOLLOWED if name in free]
-        if not worth.streaks.streaks or not axes:
+        score, steps = self._score, self._score.posterior.directions(FOLLOWED)
+        if not score.has_streaks or not steps or len(score.photos) > 1:
             return []
 
         def likely(places: Sequence[FloatArray]) -> list[float]:
-            return share_map(lambda place: worth.streak_nats(place) - 0.5 * float(place @ place), places, self._threads)
+            return share_map(
+                lambda place: score.streak_nats(place) - score.posterior.prior(place), places, self._threads
+            )
 
         def gains(places: Sequence[FloatArray]) -> list[float]:
-            return share_map(worth.gain, places, self._threads)
+            return share_map(score.gain, places, self._threads)
 
-        begin = [worth.nothing, *_grid([name for name in STREAK_GRID if name in free], STREAK_COUNT)]
-        first = adjusted(begin[int(np.argmax(likely(begin)))], likely, axes, progress, steps=STREAK_STEPS[:1])
-        if worth.streak_gain(first) < LEAST_FOLLOWED:
+        begin = [score.nothing, *self._grid(STREAK_GRID, STREAK_COUNT)]
+        first = adjusted(begin[int(np.argmax(likely(begin)))], likely, steps, progress, steps=STREAK_STEPS[:1])
+        if score.streak_gain(first) < LEAST_FOLLOWED:
             return []
-        place = adjusted(first, likely, axes, progress, steps=STREAK_STEPS[:2])
-        return [place, adjusted(place, gains, axes, progress, steps=STREAK_STEPS[1:])]
+        place = adjusted(first, likely, steps, progress, steps=STREAK_STEPS[:2])
+        return [place, adjusted(place, gains, steps, progress, steps=STREAK_STEPS[1:])]
 
 
 def adjusted(
     place: FloatArray,
-    worths: Callable[[Sequence[FloatArray]], list[float]],
-    axes: Sequence[int],
+    scores: Callable[[Sequence[FloatArray]], list[float]],
+    directions: Sequence[FloatArray],
     progress: Progress,
     *,
     steps: Sequence[float],
 ) -> FloatArray:
-    """Return the best place that a search by parabolas finds, along one axis after another, for each size of step."""
-    (most,) = worths([place])
+    """Return the best place that a search by parabolas finds, along one direction after another, for each step size."""
+    (most,) = scores([place])
     for n, step in enumerate(steps):
         progress("adjust", n / len(steps))
-        for axis in axes:
-            aside = step * np.eye(len(place))[axis]
-            below, above = worths([place - aside, place + aside])
+        for direction in directions:
+            aside = step * direction
+            below, above = scores([place - aside, place + aside])
             bend = 2 * most - below - above
             away = 0.5 * (above - below) / bend if bend > 0 else np.sign(above - below) * MOST_STEPS
             vertex = place + np.clip(away, -MOST_STEPS, MOST_STEPS) * aside
-            tried = (most, place), (below, place - aside), (above, place + aside), (worths([vertex])[0], vertex)
+            tried = (most, place), (below, place - aside), (above, place + aside), (scores([vertex])[0], vertex)
             most, place = max(tried, key=lambda pair: pair[0])
     return place
-
-
-def _grid(names: Sequence[str], count: int) -> FloatArray:
-    """Return places that are spread over some parameters, `count` values of each."""
-    at = [PARAMETERS.index(name) for name in names]
-    places = np.zeros((count ** len(at), len(PARAMETERS)))
-    if at:
-        values = np.meshgrid(*[np.linspace(-WIDEST, WIDEST, count)] * len(at))
-        places[:, at] = np.stack(values, axis=-1).reshape(len(places), len(at))
-    return places

@@ -36,6 +36,11 @@ STIFFNESS = 20.0
 # picture as stored.
 SOFTNESS = 0.7
 
+# Reduction of the picture for its spectra. The finest detail is left out, because cameras denoise and sharpen it; the
+# blur is at most so long, px; and the longer side is within these bounds, px.
+LEAST_REDUCTION, LONGEST_BLUR = 2.4, 20.0
+SPECTRA_SIDES = 320, 480
+
 # Places across the picture at which PSFs are drawn; between them they change little.
 COLUMNS = 4
 # Time samples of the paths: at least, and per px of the longest one.
@@ -53,10 +58,6 @@ class TileSpectra:
         Recording of the picture. Corrected ones can be scored.
     side : int
         Longer side of the picture after reduction, px.
-    soft : bool, default False
-        Whether the power that is expected allows for :func:`softness`.
-    white : bool, default True
-        See :class:`TilePeriodograms`.
     threads : int, optional
         Threads that share the tiles of a fit; default all processors. 1 suits callers whose threads share motions.
 
@@ -72,8 +73,6 @@ class TileSpectra:
         recording: Recording,
         *,
         side: int,
-        soft: bool = False,
-        white: bool = True,
         threads: int | None = None,
     ) -> None:
         camera, self._threads = recording.camera, threads
@@ -89,8 +88,7 @@ class TileSpectra:
         nearest = np.abs(cols[:, None] - self._cols).argmin(axis=1)
         #: Centres of the rows and columns of tiles, as shares of the upright picture's height and width.
         self.centres = self._rows / grey.shape[0], cols / grey.shape[1]
-        softened = softness(self._scale) if soft else 0.0
-        self._periodograms = TilePeriodograms(grey, tops, lefts, softness=softened, white=white)
+        self._periodograms = TilePeriodograms(grey, tops, lefts, softness=softness(self._scale), white=False)
         self._place = (np.arange(len(tops))[:, None] * strips + nearest).ravel()
         longest = float(recording.capture(self._scale).probe.lengths.max())
         self._samples = max(LEAST_SAMPLES, int(SAMPLES_PER_PIXEL * longest) + 1)
@@ -261,6 +259,15 @@ class TilePeriodograms:
 def softness(scale: float) -> float:
     """Return the standard deviation (px) of the softness of a photo that is smoothed and reduced by a factor."""
     return float(np.hypot(SOFTNESS * scale, 0.5 * (1 - scale)))
+
+
+def spectra_side(recording: Recording) -> int:
+    """Return the longer side to which a picture is reduced for its spectra, px."""
+    camera = recording.camera
+    longer, shorter = max(camera.width, camera.height), min(camera.width, camera.height)
+    length = recording.capture().mean_length
+    low, high = (max(side, TILE * longer / shorter + 1) for side in SPECTRA_SIDES)
+    return int(np.clip(longer / max(LEAST_REDUCTION, length / LONGEST_BLUR), low, high))
 
 
 def _places(n: int) -> NDArray[np.intp]:

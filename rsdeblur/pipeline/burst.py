@@ -15,7 +15,7 @@ from rsdeblur._util.one_line import one_line
 from rsdeblur.choices import MODES, Auto, Mode, Transfer
 from rsdeblur.errors import InputError
 from rsdeblur.estimate.motion_evidence import MotionEvidence
-from rsdeblur.estimate.refine_frames import REFINED_FRAMES, FramesRefinement, refine_frames
+from rsdeblur.estimate.refine import REFINED_FRAMES, Refinement, refine
 from rsdeblur.image.encoded import EncodedImage, check_size, result_like
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.alignment import burst_captures
@@ -89,15 +89,15 @@ class BurstResult:
         What each frame contributed, in the order of the input.
     mode : {"global", "banded", "rowwise"}
         The mode in use.
-    refinement : FramesRefinement or None
-        Correction of the recording, see :func:`rsdeblur.refine_frames`; None where none was requested.
+    refinement : Refinement or None
+        Correction of the recording, see :func:`rsdeblur.refine`; None where none was requested.
     """
 
     result: DeblurResult
     reference: int
     frames: tuple[FrameUse, ...]
     mode: Mode
-    refinement: FramesRefinement | None = None
+    refinement: Refinement | None = None
 
     @property
     def image(self) -> NDArray[Any]:
@@ -151,8 +151,8 @@ def deblur_burst(
         Called as ``progress(stage, fraction)``.
     **options
         Fields of :class:`rsdeblur.Options`, except ``border="unknown"``. ``refine=True`` corrects what all frames
-        share, see :func:`rsdeblur.refine_frames`. ``saturation="auto"`` separates highlights in all frames or in none.
-        By default the work uses some 1 GiB in addition to the pictures, and
+        share, see :func:`rsdeblur.refine`. ``saturation="auto"`` separates highlights in all frames or in none. By
+        default the work uses some 1 GiB in addition to the pictures, and
         more where the blur of many large frames is so tall that even a few rows need more, or where
         ``geometry="rectify"``, ``normalize=True`` or a border other than "blend" and "periodic" needs the whole
         picture at once.
@@ -250,12 +250,12 @@ def _refinement(
     exposures: Sequence[Exposure],
     options: Options,
     progress: Progress | None,
-) -> FramesRefinement:
+) -> Refinement:
     """Return the correction of the recording by the most blurred frames, which determine it best."""
     captures = _captures(log, ReadoutFrame(camera), exposures, options)
     lengths = [capture.mean_length for capture in captures]
     chosen = sorted(np.argsort(lengths, kind="stable")[-REFINED_FRAMES:].tolist())
-    return refine_frames(
+    first, *_ = refine(
         [images[n] for n in chosen],
         *(log, camera, [exposures[n] for n in chosen]),
         translation=options.translation,
@@ -263,6 +263,7 @@ def _refinement(
         threads=options.threads,
         progress=progress,
     )
+    return first
 
 
 def check_burst(

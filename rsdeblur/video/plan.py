@@ -15,7 +15,7 @@ from rsdeblur.choices import KEEP, VERDICTS, Chroma, Transfer
 from rsdeblur.deconv.wavelet import median_prior
 from rsdeblur.errors import CoverageError, InputError, RsdeblurWarning
 from rsdeblur.estimate.check import QualityCheck
-from rsdeblur.estimate.refine_frames import REFINED_FRAMES, FramesRefinement, refine_frames
+from rsdeblur.estimate.refine import REFINED_FRAMES, Refinement, refine
 from rsdeblur.image.encoded import check_size
 from rsdeblur.image.frame import ReadoutFrame
 from rsdeblur.motion.arguments import check_reach, exposure_list
@@ -64,7 +64,7 @@ class ClipPlan:
         Share of the deblurred frame in each frame of the result; a frame with 0 is left as it is.
     check : QualityCheck, or None
         Check of the median sample frame; None if `options` switches it off.
-    refinement : FramesRefinement, or None
+    refinement : Refinement, or None
         Correction of log and camera; None where none was requested.
     """
 
@@ -80,7 +80,7 @@ class ClipPlan:
     lengths: tuple[float, ...]
     shares: tuple[float, ...]
     check: QualityCheck | None
-    refinement: FramesRefinement | None = None
+    refinement: Refinement | None = None
 
     @property
     def treated(self) -> int:
@@ -126,7 +126,7 @@ def plan_clip(
     with the frame itself, so that no step shows.
 
     With ``options.refine``, a few frames together first correct focal length, clock, readout time and roll bias, see
-    :func:`rsdeblur.refine_frames`.
+    :func:`rsdeblur.refine`.
 
     The results of the sample frames are checked; if most of them are bad, a warning says so.
 
@@ -239,12 +239,12 @@ def _refinement(
     measures: FloatArray,
     options: Options,
     report_progress: Progress,
-) -> FramesRefinement:
+) -> Refinement:
     """Return the correction of the recording by frames of the more blurred half."""
     chosen = _spread(_more_blurred(measures), REFINED_FRAMES)
     if len(chosen) < 2:
         raise InputError(f"{clip.path}: refine=True needs two blurred frames that the log covers, got {len(chosen)}")
-    return refine_frames(
+    first, *_ = refine(
         (_values(clip, i) for i in chosen),
         log,
         camera,
@@ -254,6 +254,7 @@ def _refinement(
         threads=options.threads,
         progress=report_progress,
     )
+    return first
 
 
 def _gate(measures: FloatArray, count: int, above: float) -> tuple[FloatArray, FloatArray]:

@@ -9,10 +9,6 @@ import pytest
 
 from rsdeblur import Camera, CoverageError, Exposure, GyroLog, InputError, calibrate_photos, hand_shake, scene, simulate
 from rsdeblur.estimate.calibrate_photos import _decided, _without
-from rsdeblur.estimate.correction import PARAMETERS, Recording, Uncertainty
-from rsdeblur.estimate.posterior import Posterior
-from rsdeblur.estimate.shared_posterior import SHARED, SharedPosterior
-from rsdeblur.estimate.spectra import TileSpectra
 from rsdeblur.motion.axes import imu_to_camera
 
 WIDTH, HEIGHT, FOCAL = 240, 192, 300.0
@@ -116,7 +112,7 @@ def test_a_left_handed_rival_is_named():
     ("changes", "match"),
     [
         ({"exposures": EXPOSURES[:2]}, "at least 3 photos, got 2"),
-        ({"exposures": [*EXPOSURES, EXPOSURES[0]]}, "got 4 photos and 5 exposures"),
+        ({"exposures": [*EXPOSURES, EXPOSURES[0]]}, "got 4 images and 5 exposures"),
         ({"log": None}, "log must be a GyroLog"),
         ({"log": [LOG, LOG]}, "got 2 logs and 4 exposures"),
         ({"search": (0.01, -0.01)}, "search must span"),
@@ -134,34 +130,3 @@ def test_a_search_beside_the_log_is_refused(photos):
     """The start's offset is right, those of the search are not."""
     with pytest.raises(CoverageError, match="under no offset of the search"):
         calibrate_photos(photos, EXPOSURES, RECORDED, START, search=(2.0, 2.0))
-
-
-def posterior(photo, exposure):
-    """Return what one photo tells of corrections of the true recording, whose offset is unknown."""
-    recording = Recording(RECORDED, replace(TRUTH, time_offset=0.0), exposure)
-    spectra = TileSpectra(photo, recording, side=WIDTH, soft=True)
-    return Posterior(spectra, recording, Uncertainty(drift=0.0).deviations(TRUTH, recording.exposure))
-
-
-def test_one_photo_shares_with_itself(photos):
-    alone = posterior(photos[0], EXPOSURES[0])
-    begin = np.zeros(len(PARAMETERS))
-    own = alone.descend(begin, SHARED, steps=3)
-    assert np.array_equal(SharedPosterior([alone]).descend(begin, SHARED, steps=3), own)
-    assert SharedPosterior([alone]).gain(own, begin) == pytest.approx(alone.gain(own, begin))
-
-
-def test_the_prior_counts_once(photos):
-    """Gains of photos add, but for the prior of what they share."""
-    pair = [posterior(*each) for each in zip(photos[:2], EXPOSURES[:2], strict=True)]
-    place, nothing = np.array([0.5, 0, 0, 0.4, 0.2, -0.3, 0, 0]), np.zeros(len(PARAMETERS))
-    apart = sum(each.gain(place, nothing) for each in pair)
-    assert SharedPosterior(pair).gain(place, nothing) == pytest.approx(apart + 0.5 * place @ place)
-
-
-def test_photos_that_agree_are_surer(photos):
-    """A photo given twice has no scatter; the information of both is twice that of one, beside the prior."""
-    alone = posterior(photos[0], EXPOSURES[0])
-    place = np.zeros(len(PARAMETERS))
-    one, two = (SharedPosterior([alone] * count).deviations(place, ["offset"]) for count in (1, 2))
-    assert (2 / one**2 - 1 / two**2) == pytest.approx(1.0)

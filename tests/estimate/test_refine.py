@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,9 +22,8 @@ from rsdeblur import (
 )
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.quick_sharpness import NATS_PER_FALL
-from rsdeblur.estimate.rival_axes import MOST_OF_SHORTER, OTHER_AXES, rival_lead
-from rsdeblur.estimate.streaks import lead_of
-from rsdeblur.estimate.worth import Worth
+from rsdeblur.estimate.rival_axes import OTHER_AXES
+from rsdeblur.estimate.score import Score
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -143,60 +141,53 @@ def test_exposures_of_microseconds_are_not_searched(picture):
     assert "so short" in found.reason
 
 
-def test_a_clearer_picture_does_not_prove_shorter_paths():
+def test_a_clearer_picture_does_not_prove_shorter_paths(picture):
     """Where less is deblurred, fewer waves appear: the spectra must ask for it."""
-
-    def worth(length, gain):
-        """Return the worth of a correction to paths of 10 px that has a fall of 0.1."""
-
-        def corrected(place):
-            capture = SimpleNamespace(mean_length=length if place.any() else 10.0)
-            return SimpleNamespace(capture=lambda: capture, clear=place.any())
-
-        posterior = SimpleNamespace(corrected=corrected, gain=lambda *_: gain)
-        quick = SimpleNamespace(tiles=lambda recording: np.array([-0.1 if recording.clear else 0.0]))
-        streaks = SimpleNamespace(nats=lambda _: 0.0)
-        return Worth(posterior, quick, streaks, lambda: None, 1).of(np.eye(6)[0])
-
-    assert worth(5.0, 9.0) == 9.0
-    assert worth(5.0, 11.0) == pytest.approx(11.0 + 0.1 * NATS_PER_FALL)
-    assert worth(9.0, 9.0) == worth(20.0, 9.0) == pytest.approx(9.0 + 0.1 * NATS_PER_FALL)
+    true = Recording(LOG, CAMERA, EXPOSURE)
+    score = Score.of_photos([picture.mean(axis=2)], [true], Uncertainty().deviations(CAMERA, EXPOSURE), 1)
+    shorter, longer = (true.corrected(Correction(scale=np.log(factor))) for factor in (0.5, 2.0))
+    assert score.together(9.0, 0.1, [shorter]) == 9.0
+    assert score.together(11.0, 0.1, [shorter]) == pytest.approx(11.0 + 0.1 * NATS_PER_FALL)
+    assert score.together(9.0, 0.1, [true]) == score.together(9.0, 0.1, [longer])
+    assert score.together(9.0, 0.1, [true]) == pytest.approx(9.0 + 0.1 * NATS_PER_FALL)
 
 
-def test_other_axes_are_not_refuted_by_shorter_paths(monkeypatch):
-    """A clearer picture counts little against other axes if the paths are shorter than theirs."""
-
-    def moving(length, clear=0.0):
-        return SimpleNamespace(capture=lambda: SimpleNamespace(mean_length=length), clear=clear)
-
-    # Before a correction of their own, they have longer paths and are too unlikely to be compared.
-    posterior = SimpleNamespace(
-        corrected=lambda place: moving(10.0 if place.any() else 20.0),
-        lead=lambda place, _: 5.0 if place.any() else -100.0,
-        descend=lambda place, _: place,
-    )
-    monkeypatch.setattr("rsdeblur.estimate.rival_axes.Posterior", lambda *_: posterior)
-    measures = SimpleNamespace(score=lambda _: None), SimpleNamespace(of=lambda recording: -recording.clear)
-    recording = Recording(LOG, CAMERA, EXPOSURE)
-
-    def lead(length, streaks=None):
-        """Return the lead of other axes with paths of 10 px over a correction to `length` px that is clearer by 0.1."""
-        deviations = Uncertainty().deviations(CAMERA, EXPOSURE)
-        return rival_lead(*measures, moving(length, 0.1), recording, deviations, streaks=streaks, threads=1)
-
-    assert lead(5.0) == pytest.approx(5.0 - MOST_OF_SHORTER * NATS_PER_FALL)
-    assert lead(9.0) == lead(20.0) == pytest.approx(5.0 - 0.1 * NATS_PER_FALL)
-    # Light streaks that agree with the correction count against other axes.
-    streaks = SimpleNamespace(nats=lambda moved: 20.0 if moved.clear else 3.0)
-    assert lead(9.0, streaks) == pytest.approx(lead(9.0) + lead_of(3.0, 20.0))
+EXPOSURES = [Exposure(start, 1 / 20) for start in (0.3, 0.6, 0.9)]
 
 
-@pytest.mark.parametrize(("lead", "accepted"), [(-2.0, False), (-4.0, True)])
-def test_other_axes_must_be_clearly_behind(picture, monkeypatch, lead, accepted):
-    monkeypatch.setattr("rsdeblur.estimate.refine.rival_lead", lambda *_, **__: lead)
-    given = Recording(LOG, CAMERA, EXPOSURE).corrected(Correction(drift_x=3.0, drift_y=-2.0))
-    found = refine(picture, given.log, given.camera, EXPOSURE, translation=given.translation, free="drift")
-    assert (found.accepted, found.reason) == (accepted, "" if accepted else OTHER_AXES)
+@pytest.fixture(scope="module")
+def several():
+    return [
+        simulate(scene(248, 320, seed=n), LOG, CAMERA, each, noise=0.005).blurred for n, each in enumerate(EXPOSURES)
+    ]
+
+
+def test_several_photos_share_the_clock(several):
+    late = replace(CAMERA, time_offset=9e-3)
+    found = refine(several, LOG, late, EXPOSURES, free="offset")
+    assert all(each.accepted for each in found), found[0].reason
+    assert len({each.camera.time_offset for each in found}) == 1
+    # Paths differ by 2.4 to 4.5 px before, and by up to 0.5 px with 1 ms left.
+    assert found[0].camera.time_offset == pytest.approx(0.0, abs=1e-3)
+    assert 0.0 < found[0].sd.offset < 8e-3
+    assert [each.exposure for each in found] == EXPOSURES
+
+
+def test_right_recordings_of_several_photos_stay(several):
+    found = refine(iter(several), LOG, CAMERA, EXPOSURES, free=("offset", "scale"))
+    assert not any(each.accepted for each in found)
+    assert all(each.reason and each.camera is CAMERA for each in found)
+
+
+def test_the_clock_of_one_photo_is_not_that_of_all(several):
+    """The first one was exposed 9 ms after it says so: the others contradict its correction."""
+    exposures = [Exposure(EXPOSURES[0].start - 9e-3, 1 / 20), *EXPOSURES[1:]]
+    assert not refine(several, LOG, CAMERA, exposures, free="offset")[0].accepted
+
+
+def test_each_photo_needs_an_exposure(several):
+    with pytest.raises(InputError, match="one exposure for each image"):
+        refine(several[:2], LOG, CAMERA, EXPOSURES)
 
 
 def test_few_pixels_prove_nothing():

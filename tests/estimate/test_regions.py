@@ -9,13 +9,9 @@ import pytest
 
 from rsdeblur import Camera, Correction, Exposure, simulate
 from rsdeblur.estimate.correction import Recording, Uncertainty
-from rsdeblur.estimate.posterior import Posterior
-from rsdeblur.estimate.quick_sharpness import TILES, QuickSharpness
+from rsdeblur.estimate.quick_sharpness import TILES
 from rsdeblur.estimate.regions import FACTORS, NATS_PER_SQUARE, DriftByRegion, _alike, with_factors
-from rsdeblur.estimate.sharpness import Sharpness
-from rsdeblur.estimate.spectra import TileSpectra
-from rsdeblur.estimate.streaks import LightStreaks
-from rsdeblur.estimate.worth import Worth
+from rsdeblur.estimate.score import Score
 from rsdeblur.motion.paths import BlurPaths
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -87,7 +83,7 @@ def test_alike_costs_leave_all_regions_as_they_are():
 
 @pytest.fixture(scope="module", params=[1.0, 3.0])
 def found(request):
-    """A picture whose right half drifts `nearer` times as far as the left: that number, its worths, and the search."""
+    """A picture whose right half drifts `nearer` times as far as the left: that number, its scores, and the search."""
     true, sharp, nearer = Recording(LOG, CAMERA, EXPOSURE), scene(424, 552), request.param
     halves = [
         simulate(sharp, LOG, CAMERA, EXPOSURE, noise=0.004, translation=true.corrected(drift).translation).blurred
@@ -95,38 +91,35 @@ def found(request):
     ]
     light = np.concatenate([halves[0][:, :256], halves[1][:, 256:]], axis=1).mean(axis=2)
     deviations = Uncertainty().deviations(CAMERA, EXPOSURE)
-    posterior = Posterior(TileSpectra(light, true, side=480, soft=True), true, deviations)
-    quick = QuickSharpness(light, true)
-    worth = Worth(posterior, quick, LightStreaks(light, true), lambda: Sharpness(light, true, robust=True), 1)
-    return nearer, worth, DriftByRegion(worth, quick, true, deviations, 1)
+    score = Score.of_photos([light], [true], deviations, 1)
+    return nearer, score, DriftByRegion(score, deviations, 1)
 
 
 def place(**values):
-    """Return a correction in standard deviations."""
+    """Return a correction of one photo in standard deviations."""
     deviations = Uncertainty().deviations(CAMERA, EXPOSURE)
-    return np.divide(Correction(**values).vector, deviations, out=np.zeros(len(deviations)), where=deviations > 0)
+    row = np.divide(Correction(**values).vector, deviations, out=np.zeros(len(deviations)), where=deviations > 0)
+    return row[None]
 
 
 DRIFTED = place(drift_x=DRIFT.drift_x, drift_y=DRIFT.drift_y)
 
 
 def test_two_depths_are_found_and_one_is_left(found):
-    nearer, worth, by_region = found
+    nearer, score, by_region = found
     best = by_region.best([DRIFTED], over=DRIFTED)
     if nearer == 1.0:
         assert best is None
     else:
         # The columns beside the border belong to both.
         assert best.factors[:, 3].mean() > 2.0 * best.factors[:, 0].mean()
-        assert best.worth > worth.of(DRIFTED)
+        assert best.score > score.of(DRIFTED)
     assert by_region.best([place(offset=0.01)], over=None) is None
 
 
-def test_even_factors_are_worth_as_much_as_one_drift(found):
-    _, worth, _ = found
-    recording = Recording(LOG, CAMERA, EXPOSURE)
-    even = worth.by_region(DRIFTED, with_factors(recording, DRIFT, np.ones(TILES), CENTRES), np.ones(TILES))
-    one = worth.one_drift(DRIFTED)
+def test_even_factors_score_as_much_as_one_drift(found):
+    _, score, by_region = found
+    even, one = by_region.corrected(np.ones(TILES), DRIFTED), score.corrected(DRIFTED)
     # The paths differ by rounding, of the map of depths among others.
-    np.testing.assert_allclose([even.gain, even.worth], [one.gain, one.worth], rtol=1e-3)
+    np.testing.assert_allclose([even.gain, even.score], [one.gain, one.score], rtol=1e-3)
     np.testing.assert_allclose(even.fall, one.fall, atol=1e-4)

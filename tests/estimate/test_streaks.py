@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ from scipy.ndimage import gaussian_filter
 
 from rsdeblur import Camera, Correction, Exposure, Uncertainty, simulate
 from rsdeblur.estimate.correction import Recording
+from rsdeblur.estimate.score import Score
 from rsdeblur.estimate.search import Search
 from rsdeblur.estimate.streaks import (
     LEAST_EXTENT,
@@ -21,7 +21,6 @@ from rsdeblur.estimate.streaks import (
     lead_of,
     thin_things,
 )
-from rsdeblur.estimate.worth import Worth
 from rsdeblur.simulation.shake import hand_shake
 
 EXPOSURE = Exposure(0.5, 1 / 15)
@@ -125,16 +124,9 @@ def test_leads_are_bounded():
 
 
 def test_the_search_follows_them(glints):
-    """Spectra and sharp picture of six points on grey prove nothing; their trails do."""
-    deviations = Uncertainty(drift=0.01).deviations(CAMERA, EXPOSURE)
-    spectra = SimpleNamespace(
-        free=("drift_x", "drift_y"),
-        corrected=lambda place: WRONG.corrected(Correction(*(place * deviations).tolist())),
-        gain=lambda *_: 0.0,
-    )
-    worth = Worth(spectra, SimpleNamespace(of=lambda _: 0.0), LightStreaks(glints, WRONG), lambda: None, 1)
-    for place in Search(worth, 1)._followed(lambda *_: None):
-        np.testing.assert_allclose((place * deviations)[1:3], (-6.0, -5.0), atol=1.0)  # px, of a trail of 20 px
-    right = Worth(spectra, SimpleNamespace(of=lambda _: 0.0), LightStreaks(glints, TRUE), lambda: None, 1)
-    spectra.corrected = lambda place: TRUE.corrected(Correction(*(place * deviations).tolist()))
-    assert Search(right, 1)._followed(lambda *_: None) == []
+    """Spectra and sharp picture of six points on grey prove little; their trails do."""
+    deviations = Uncertainty(drift=0.01, scale=0.0).deviations(CAMERA, EXPOSURE)
+    score = Score.of_photos([glints], [WRONG], deviations, 1)
+    drifts = [place[0, 1:3] * deviations[1:3] for place in Search(score, 1)._followed(lambda *_: None)]
+    assert len(drifts) == 2
+    np.testing.assert_allclose(drifts[0], (-6.0, -5.0), atol=1.0)  # px, of a trail of 20 px
