@@ -1,4 +1,4 @@
-"""How well `refine_frames` corrects wrong recordings, from six frames of each: ``python -m benchmarks.refine_frames``.
+"""How well `refine` corrects wrong recordings by six photos of each: ``python -m benchmarks.refine_frames``.
 
 It prints a table and writes docs/benchmarks/refine-frames.md. Each row is appended to --records as soon as it is
 measured; rows that the file has are not measured again.
@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.captures import DATA, ROOT, require_data
 from benchmarks.refine import LENGTHS, PICTURES, Case, distance, error, landscape, mounted, psnr
 from benchmarks.tables import markdown, write
-from rsdeblur import Camera, Correction, Exposure, RsdeblurError, read_gyro, refine_frames
+from rsdeblur import Camera, Correction, Exposure, RsdeblurError, read_gyro, refine
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.motion.paths import Capture
 
@@ -27,7 +27,7 @@ FRAMES = 6
 INTRODUCTION = """\
 # Refinement by several frames
 
-How well [`refine_frames`](../api.md#refinement), and so `rsdeblur video --refine`, corrects recordings that are wrong
+How well [`refine`](../api.md#refinement) of several photos, and so `rsdeblur video --refine`, corrects recordings that are wrong
 by a known amount. Made by
 
 ```sh
@@ -37,7 +37,7 @@ python -m benchmarks.refine_frames --records FILE
 A recording has {frames} frames of one camera at random moments of a real phone's shake (seed {seed}). Each frame shows
 another Kodak picture; they are otherwise like the captures of [Refinement](refine.md), whose terms are used here: the
 means are those of all frames, the worst loss is that of the mean of one recording. Errors are those of that page, and
-*all* together have no drift. Means of few recordings vary widely. *Time* is the median wall time of `refine_frames`, on
+*all* together have no drift. Means of few recordings vary widely. *Time* is the median wall time of `refine`, on
 two cores.
 """
 
@@ -91,9 +91,7 @@ def measured(cases: list[Case], number: int, kind: str, seed: int) -> Row | None
     given = [replace(case.true, log=wrong.log, camera=wrong.camera) for case in cases]
     begin = time.perf_counter()
     try:
-        found = refine_frames(
-            [case.picture for case in cases], wrong.log, wrong.camera, [each.exposure for each in given]
-        )
+        found, *_ = refine([case.picture for case in cases], wrong.log, wrong.camera, [each.exposure for each in given])
     except RsdeblurError:
         return None
     seconds = time.perf_counter() - begin

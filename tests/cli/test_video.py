@@ -17,7 +17,7 @@ from click.testing import Result
 from numpy.typing import NDArray
 from skimage.metrics import peak_signal_noise_ratio
 
-from rsdeblur import Camera, Correction, Exposure, FramesRefinement, GyroLog, Translation, simulate
+from rsdeblur import Camera, Correction, Exposure, GyroLog, Refinement, Translation, simulate
 from rsdeblur.image.transfer import from_linear
 from rsdeblur.simulation.scene import scene
 from rsdeblur.simulation.shake import hand_shake
@@ -392,9 +392,10 @@ def test_frames_together_correct_the_recording(
         assert len(list(images)) == len(exposures) == 3
         corrected = replace(camera, time_offset=4e-3) if accepted else camera
         values = Correction(offset=4e-3)
-        return FramesRefinement(log, corrected, accepted, "" if accepted else "why", values, Correction(), 50.0, 0.02)
+        facts = accepted, "" if accepted else "why", values, Correction(), 0.9, 50.0, 0.02
+        return [Refinement(log, corrected, each, None, *facts) for each in exposures]
 
-    monkeypatch.setattr("rsdeblur.video.plan.refine_frames", correction)
+    monkeypatch.setattr("rsdeblur.video.plan.refine", correction)
     monkeypatch.setattr("rsdeblur.video.plan.REFINED_FRAMES", 3)
     out = tmp_path / "out.mov"
     result = run(*movie.arguments(*movie.stamped, "--dry-run", "--refine", "-o", out))

@@ -22,7 +22,7 @@ from rsdeblur import (
     simulate_clip,
 )
 from rsdeblur.estimate.correction import Correction
-from rsdeblur.estimate.refine_frames import FramesRefinement
+from rsdeblur.estimate.refine import Refinement
 from rsdeblur.psf import PsfBank
 from rsdeblur.simulation.scene import scene
 
@@ -290,12 +290,12 @@ def test_refine_corrects_the_recording_by_the_most_blurred_frames(monkeypatch: p
     images, asked = frames()[0], []
     wrong = replace(CAMERA, time_offset=0.01)
 
-    def refined(images, log, camera, exposures, **_: object) -> FramesRefinement:
+    def refined(images, log, camera, exposures, **_: object) -> list[Refinement]:
         asked.append((len(images), exposures))
         nothing = Correction()
-        return FramesRefinement(log, CAMERA, True, "", nothing, nothing, 9.0, 0.1)
+        return [Refinement(log, CAMERA, each, None, True, "", nothing, nothing, 0.9, 9.0, 0.1) for each in exposures]
 
-    monkeypatch.setattr("rsdeblur.pipeline.burst.refine_frames", refined)
+    monkeypatch.setattr("rsdeblur.pipeline.burst.refine", refined)
     monkeypatch.setattr("rsdeblur.pipeline.burst.REFINED_FRAMES", 2)
     result = deblur_burst(images, LOG, wrong, EXPOSURES, prior="wiener", check=False, refine=True)
     assert result.refinement is not None
