@@ -27,8 +27,8 @@ FRAMES = 6
 INTRODUCTION = """\
 # Refinement by several frames
 
-How well [`refine`](../api.md#refinement) of several photos, and so `rsdeblur video --refine`, corrects recordings that are wrong
-by a known amount. Made by
+How well [`refine`](../api.md#refinement) of several photos, and so `rsdeblur video --refine`, corrects recordings that
+are wrong by a known amount. Made by
 
 ```sh
 python -m benchmarks.refine_frames --records FILE
