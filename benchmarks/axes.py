@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.captures import ROOT, require_data
+from benchmarks.data import noted, pages
 from benchmarks.refine import Case, cases, psnr
 from benchmarks.tables import markdown, write
 from rsdeblur import find_time_offset, refine
@@ -115,9 +115,8 @@ def main() -> None:
     parser.add_argument("--captures", type=int, default=CAPTURES, help="captures of each preset")
     parser.add_argument("--seed", type=int, default=6060)
     parser.add_argument("--records", type=Path, help="file of records (JSON lines) to continue")
-    parser.add_argument("--page", type=Path, default=ROOT / "docs" / "benchmarks" / "axes.md")
+    parser.add_argument("--page", type=Path, default=pages() / "axes.md")
     options = parser.parse_args()
-    require_data()
     known = options.records.read_text().splitlines() if options.records and options.records.exists() else []
     recorded = [Row(**json.loads(line)) for line in known]
     rows = [row for row in recorded if row.seed == options.seed]
@@ -132,8 +131,8 @@ def main() -> None:
                 with options.records.open("a") as records:
                     records.write(json.dumps(asdict(row)) + "\n")
     text = markdown(HEADER, lines(rows))
-    print(text)
-    write(options.page, PAGE.format(captures=options.captures, seed=options.seed) + text)
+    print(noted(text))
+    write(options.page, noted(PAGE.format(captures=options.captures, seed=options.seed) + text))
 
 
 if __name__ == "__main__":

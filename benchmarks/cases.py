@@ -8,7 +8,7 @@ from functools import cache, cached_property
 import numpy as np
 import scipy.fft
 
-from benchmarks.captures import Image
+from benchmarks.data import Image
 from rsdeblur import BlurPaths, Camera, Exposure, GyroLog, PsfBank
 from rsdeblur.motion.paths import Capture
 from rsdeblur.pipeline.deblur import psfs
@@ -77,6 +77,12 @@ class Case:
         noise = np.random.default_rng(SEED).normal(scale=NOISE, size=self.shape)
         blurred: Image = (scipy.fft.irfft2(spectrum, s=size, axes=(0, 1)) + noise).astype(np.float32)
         return blurred
+
+
+def size(text: str) -> tuple[int, int]:
+    """Parse a size such as 2048x1536."""
+    width, height = text.lower().split("x")
+    return int(width), int(height)
 
 
 @cache

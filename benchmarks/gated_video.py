@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.peers import size
+from benchmarks.cases import size
 from benchmarks.tables import markdown, write
 from rsdeblur import Camera, Exposure, GyroLog, scene, simulate_clip
 

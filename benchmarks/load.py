@@ -28,7 +28,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from benchmarks.captures import Image
+from benchmarks.data import Image
 from benchmarks.tables import print_table
 from rsdeblur import BlurPaths, Camera, Capture, Deconvolver, Exposure, RowBlur, RowDeconvolver, deblur, psfs
 from rsdeblur.deconv.priors import DerivativePrior

@@ -14,7 +14,7 @@ import json
 from pathlib import Path
 
 from benchmarks import growth, machine, peers
-from benchmarks.captures import ROOT
+from benchmarks.data import ROOT
 from benchmarks.peers import Record
 from benchmarks.tables import markdown
 from benchmarks.timing import refuse_noise

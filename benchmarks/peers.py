@@ -27,8 +27,8 @@ import numpy as np
 
 from benchmarks import alternatives as c
 from benchmarks import machine
-from benchmarks.captures import Image
-from benchmarks.cases import Case
+from benchmarks.cases import Case, size
+from benchmarks.data import Image
 from benchmarks.tables import markdown, print_table, write
 from benchmarks.timing import Times, interleave, progress
 
@@ -126,12 +126,6 @@ def arguments() -> argparse.Namespace:
     options.large = options.large or (QUICK_LARGE if options.quick else LARGE)
     options.rounds = options.rounds or (3 if options.quick else 15)
     return options
-
-
-def size(text: str) -> tuple[int, int]:
-    """Parse a size such as 2048x1536."""
-    width, height = text.lower().split("x")
-    return int(width), int(height)
 
 
 def run(

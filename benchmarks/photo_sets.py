@@ -22,10 +22,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.captures import DATA, require_data
+from benchmarks import data
+from benchmarks.data import noted
 from benchmarks.phone import phone_photo
 from benchmarks.refine import LENGTHS, PICTURES, landscape
-from benchmarks.tables import markdown, write
+from benchmarks.tables import markdown, report
 from rsdeblur import (
     Camera,
     Exposure,
@@ -35,7 +36,6 @@ from rsdeblur import (
     Translation,
     calibrate_photos,
     hand_shake,
-    read_gyro,
     simulate,
 )
 from rsdeblur.choices import READOUT_DIRECTIONS
@@ -82,7 +82,7 @@ def taken(seed: int, *, moving: bool) -> PhotoSet:
     """Take a set of photos, with a camera that also moves if `moving` is set."""
     random = np.random.default_rng((seed, moving))
     strength = float(random.choice([0.15, 0.3, 0.6]))
-    log = hand_shake(60, seed=seed, strength=strength) if moving else read_gyro(DATA / "gyro" / "phone-210hz.txt")
+    log = hand_shake(60, seed=seed, strength=strength) if moving else data.shake()
     camera = Camera(
         WIDTH,
         HEIGHT,
@@ -189,15 +189,12 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1, help="number of processes")
     parser.add_argument("--markdown", type=Path, help="write the table as Markdown")
     options = parser.parse_args()
-    require_data()
     seeds = range(options.first, options.first + options.sets)
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
         running = {label: pool.map(partial(measured, moving=moving), seeds) for label, moving in MOTIONS.items()}
         rows = {label: list(results) for label, results in running.items()}
     table = markdown(COLUMNS, lines(rows))
-    if options.markdown:
-        write(options.markdown, table)
-    print(table)
+    report(noted(table), options.markdown)
 
 
 if __name__ == "__main__":

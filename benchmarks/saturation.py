@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 from scipy import ndimage
 
-from benchmarks.captures import BORDER, READOUT, Image, SimulatedCapture, quality, simulated
+from benchmarks.captures import BORDER, READOUT, SimulatedCapture, quality, simulated
+from benchmarks.data import Image
 from benchmarks.priors import noisy
 from benchmarks.tables import markdown, write
 from rsdeblur import Camera, Exposure, Simulation, deblur, simulate

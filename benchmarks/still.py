@@ -16,11 +16,12 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from benchmarks.captures import DATA, READOUT, SimulatedCapture, quality, require_data
+from benchmarks import data
+from benchmarks.captures import READOUT, SimulatedCapture, quality
 from benchmarks.phone import from_phone
 from benchmarks.priors import jpeg, noisy
 from benchmarks.tables import markdown
-from rsdeblur import Camera, Capture, Exposure, deblur, read_gyro, read_picture, simulate, to_linear
+from rsdeblur import Camera, Capture, Exposure, deblur, simulate
 from rsdeblur.choices import PRIORS, Prior
 
 # (Kodak picture, start in the log in s)
@@ -46,7 +47,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--prior", choices=PRIORS, default="hyper-laplacian")
     options = parser.parse_args()
-    require_data()
     rows = []
     for length in track(LENGTHS, "lengths"):
         gains = [gains_of(capture, n, options.prior) for n, capture in enumerate(captures(length))]
@@ -58,14 +58,13 @@ def main() -> None:
 
 def captures(length: float) -> Iterator[SimulatedCapture]:
     """Simulate captures without noise whose paths have a mean length in px."""
-    recorded = read_gyro(DATA / "gyro" / "phone-210hz.txt")
+    recorded = data.shake()
     for name, start in MOMENTS:
         log, exposure = recorded, Exposure(start, DURATION, recorded.epoch_ns)
         for _ in range(ROUNDS):
             found = float(Capture.from_log(log, CAMERA, exposure).probe.lengths.mean())
             log = replace(log, omega=length / found * log.omega)
-        stored = (read_picture(DATA / "sharp" / f"{name}.png").pixels / 255).astype(np.float32)
-        pictures = simulate(to_linear(stored, "srgb"), log, CAMERA, exposure)
+        pictures = simulate(data.light(name), log, CAMERA, exposure)
         yield SimulatedCapture(name, log, CAMERA, exposure, pictures)
 
 

@@ -7,13 +7,20 @@ from pathlib import Path
 
 from rsdeblur.cli._output import print_table
 
-__all__ = ["markdown", "print_table", "write"]
+__all__ = ["markdown", "print_table", "report", "write"]
 
 
 def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a Markdown table; the first column is text, the others are numbers."""
     rule = ["---", *("---:" for _ in columns[1:])]
     return "\n".join("| " + " | ".join(row) + " |" for row in (columns, rule, *rows))
+
+
+def report(text: str, path: Path | None) -> None:
+    """Print the tables of a benchmark, and write them to a file if one is given."""
+    print(text)
+    if path is not None:
+        write(path, text)
 
 
 def write(path: Path, text: str) -> None:

@@ -31,7 +31,7 @@ from PIL import Image as Pillow
 from rich.progress import track
 from scipy.signal import fftconvolve
 
-from benchmarks.captures import DATA, Image, require_data
+from benchmarks.data import DATA, Image, require_data
 from benchmarks.phone import TRUTH_NOISE, TRUTH_QUALITY, processed
 from benchmarks.priors import jpeg
 from rsdeblur import Camera, Exposure, GyroLog, PsfBank, TileQuadratic, Tuning, from_linear, hand_shake, to_linear

@@ -21,7 +21,7 @@ import av
 from rich.console import Console
 
 from benchmarks.burst_cost import Burst, enlarged_burst
-from benchmarks.peers import size
+from benchmarks.cases import size
 from benchmarks.tables import markdown, write
 from rsdeblur import Camera, Options
 from rsdeblur._util.memory import kept
