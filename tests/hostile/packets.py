@@ -11,9 +11,9 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 from PIL.TiffImagePlugin import IFDRational
 
-from benchmarks.fuzz import seeds
 from rsdeblur.io import _encode, _exif_renewal, _jpeg, directories
 from rsdeblur.io._metadata import C2PA_BOX, C2PA_TAG, PNG_IPTC, Metadata, png_iptc
+from tests.hostile import seeds
 
 NAMESPACES = " ".join(
     f'xmlns:{prefix}="{uri}"'

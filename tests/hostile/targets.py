@@ -1,9 +1,8 @@
-"""Targets of fuzzing: the readers, valid files to damage, and what must hold for everything that is read."""
+"""What is damaged: the readers, valid files, and what must hold for everything that is read."""
 
 from __future__ import annotations
 
 import json
-import os
 import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,9 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.fuzz import packets, seeds
-from benchmarks.fuzz.mutate import mutated
-from benchmarks.fuzz.video import excerpt
 from rsdeblur.cli._describe import (
     describe_camera,
     describe_captures,
@@ -26,6 +22,8 @@ from rsdeblur.cli._describe import (
 from rsdeblur.io import read_acceleration, read_picture, write_picture
 from rsdeblur.io.picture_output import picture_to_fill
 from rsdeblur.psf import PsfBank
+from tests.hostile import packets, seeds
+from tests.hostile.mutate import mutated
 
 AS_IS: dict[str, Any] = dict.fromkeys(("format", "unit", "orientation"))
 WRITTEN = (".jpg", ".png", ".tif", ".webp", ".npy")
@@ -56,13 +54,9 @@ class Target:
     text: bool = False
     pack: Callable[[bytes], bytes] | None = None
 
-    @property
-    def reader(self) -> str:
-        """Name of the reader, in the report."""
-        return READERS[self.read]
-
-    def spoilt(self, rng: random.Random) -> bytes:
-        """Return one hostile file."""
+    def spoilt(self, number: int) -> bytes:
+        """Return hostile file `number`, the same in every run."""
+        rng = random.Random(f"{self.name} {number}")
         contents = _seeds(self)
         content = rng.choice(contents)
         if self.pack is None:
@@ -124,19 +118,6 @@ def _bank(path: Path) -> None:
     PsfBank.load(path)
 
 
-READERS: dict[Callable[[Path], None], str] = {
-    _gyro: "gyro logs",
-    _unstamped: "gyro logs",
-    _acceleration: "accelerometers",
-    _trajectory: "trajectories",
-    _camera: "cameras",
-    _captures: "captures",
-    _picture: "pictures",
-    _mapped: "pictures",
-    _bank: "PSF banks",
-}
-
-
 def _text(read: Callable[[Path], None], files: Sequence[bytes], name: str) -> Target:
     return Target(read, lambda: files, name, text=True)
 
@@ -189,8 +170,3 @@ TARGETS: dict[str, Target] = {
     "dng": Target(_picture, lambda: [seeds.dng()], "a.dng"),
     "psf-bank": Target(_bank, lambda: [seeds.bank()], "bank.npz"),
 }
-# The video target is cut out of a real recording, which is not part of the repository.
-DATA = Path(os.environ.get("RSDEBLUR_DATA", Path(__file__).resolve().parents[3] / "shared/data"))
-RECORDING = DATA / "formats/gopro/max-heromode.mp4"
-if RECORDING.is_file():
-    TARGETS["video"] = Target(_gyro, lambda: [excerpt(RECORDING)], "video.mp4")
