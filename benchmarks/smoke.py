@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 
-from benchmarks import growth, page, peers, rowwise
+from benchmarks import peers, rowwise
 
 # Commands that pages print.
 COMMANDS = (
@@ -25,10 +25,7 @@ def main() -> None:
         subprocess.run(words, check=True, env=os.environ | {"RSDEBLUR_DATA": os.devnull})
     print(rowwise.summary(rowwise.run(peers.QUICK_SIZE, 1, 1)))
     beside = peers.run(peers.QUICK_SIZE, peers.QUICK_LARGE, 1, [1])
-    grown = growth.run(growth.QUICK, 1, 1)
-    for record in (beside, grown):
-        record["command"] = "python -m benchmarks.smoke"
-    print(page.page(beside, grown))
+    print(peers.as_markdown(beside))
     peers.refuse_other_pictures(beside)
 
 

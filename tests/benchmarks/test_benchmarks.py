@@ -151,23 +151,6 @@ def test_times_that_disagree_are_left_out_with_their_ratios(module):
     assert left["targets"][0]["ratio"] is left["targets"][0]["met"] is None
 
 
-def test_a_psf_measured_again_replaces_its_case_of_the_same_machine_only(module):
-    peers = module("peers")
-
-    def record(command, load, **times):
-        cases = [
-            {"psf": list(box), "ms": times[name]} for box, name in zip(peers.BOXES, "ab", strict=True) if name in times
-        ]
-        return {"cases": cases, "load": load, "skipped": [], "command": command}
-
-    both = peers.merged(record("first", 0.2, a=1, b=2), record("again", 0.1, b=3))
-    assert both == record("first\nagain", 0.2, a=1, b=3)
-    now = peers.settings((64, 48), 3, (1, 2))
-    peers.refuse_other_settings({**now, "cases": []}, now)
-    with pytest.raises(SystemExit, match=r"rounds of the record is 9, now 3"):
-        peers.refuse_other_settings({**now, "rounds": 9}, now)
-
-
 def test_another_picture_is_noticed(module):
     peers = module("peers")
     right = np.zeros((8, 8, 3), dtype=np.float32)
