@@ -14,7 +14,6 @@ Each row is appended to --records as soon as it is measured; rows that the file 
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
@@ -28,7 +27,7 @@ from benchmarks import data
 from benchmarks.captures import READOUT, quality
 from benchmarks.data import Image, noted
 from benchmarks.priors import jpeg, with_recording_errors
-from benchmarks.tables import markdown, report
+from benchmarks.tables import append, markdown, recorded, report
 from rsdeblur import (
     Camera,
     Exposure,
@@ -330,14 +329,6 @@ def table(rows: dict[Case, dict[str, float]]) -> str:
     return markdown(("PSNR, dB", "mode, prior", *methods, "gain", "least gain"), lines)
 
 
-def load(path: Path | None) -> dict[Case, dict[str, float]]:
-    """Return the rows of a file of records."""
-    if path is None or not path.exists():
-        return {}
-    records: list[dict[str, Any]] = [json.loads(line) for line in path.read_text().splitlines()]
-    return {Case(**record["case"]): record["psnr"] for record in records}
-
-
 def main() -> None:
     """Run the benchmark and print its tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -345,16 +336,14 @@ def main() -> None:
     parser.add_argument("--records", type=Path, help="file of records (JSON lines) to continue")
     parser.add_argument("--markdown", type=Path, help="write the table as Markdown")
     options = parser.parse_args()
-    rows = load(options.records)
+    rows: dict[Case, dict[str, float]] = {Case(**each["case"]): each["psnr"] for each in recorded(options.records)}
     for case in cases(quick=options.quick):
         if case not in rows:
             rows[case] = measure(case)
             scores = ", ".join(f"{method} {value:.2f}" for method, value in rows[case].items())
             name = data.named(MOMENTS[case.burst][0])
             print(f"{name}, {case.frames} frames, {case.kind}, {case.mode}, {case.prior}: {scores} dB", flush=True)
-            if options.records:
-                with options.records.open("a") as records:
-                    records.write(json.dumps({"case": asdict(case), "psnr": rows[case]}) + "\n")
+            append(options.records, {"case": asdict(case), "psnr": rows[case]})
     report(noted(table(rows)), options.markdown)
 
 

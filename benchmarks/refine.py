@@ -9,7 +9,6 @@ seeds.
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
@@ -25,7 +24,7 @@ from benchmarks import data
 from benchmarks.captures import BORDER
 from benchmarks.data import Image, noted, pages
 from benchmarks.phone import processed
-from benchmarks.tables import markdown, write
+from benchmarks.tables import append, markdown, recorded, write
 from rsdeblur import Camera, Correction, Exposure, RsdeblurError, Simulation, deblur, refine, simulate
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.estimate.regions import with_factors
@@ -341,8 +340,7 @@ def main() -> None:
     parser.add_argument("--records", type=Path, help="file of records (JSON lines) to continue")
     parser.add_argument("--page", type=Path, default=pages() / "refine.md")
     options = parser.parse_args()
-    known = options.records.read_text().splitlines() if options.records and options.records.exists() else []
-    rows = {(row.capture, row.kind): row for row in (Row(**json.loads(line)) for line in known)}
+    rows = {(row.capture, row.kind): row for row in (Row(**each) for each in recorded(options.records))}
     for n, case in enumerate(cases(max(options.captures, options.right), options.seed)):
         for kind in options.kinds.split(","):
             if (n, kind) in rows or n >= (options.right if kind == "none" else options.captures):
@@ -352,9 +350,7 @@ def main() -> None:
                 continue
             rows[n, kind] = row
             print(f"{case.name}, {kind}: {row}", flush=True)
-            if options.records:
-                with options.records.open("a") as records:
-                    records.write(json.dumps(asdict(row)) + "\n")
+            append(options.records, asdict(row))
     text = table(list(rows.values()))
     print(noted(text))
     write(options.page, noted(INTRODUCTION.format(seed=options.seed) + "\n" + text))

@@ -7,7 +7,6 @@ measured; rows that the file has are not measured again.
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -17,7 +16,7 @@ import numpy as np
 from benchmarks import data
 from benchmarks.data import noted, pages
 from benchmarks.refine import LENGTHS, PICTURES, Case, distance, error, landscape, mounted, psnr
-from benchmarks.tables import markdown, write
+from benchmarks.tables import append, markdown, recorded, write
 from rsdeblur import Camera, Correction, Exposure, RsdeblurError, refine_frames
 from rsdeblur.estimate.correction import Recording
 from rsdeblur.motion.paths import Capture
@@ -155,8 +154,7 @@ def main() -> None:
     parser.add_argument("--records", type=Path, help="file of records (JSON lines) to continue")
     parser.add_argument("--page", type=Path, default=pages() / "refine-frames.md")
     options = parser.parse_args()
-    known = options.records.read_text().splitlines() if options.records and options.records.exists() else []
-    rows = {(row.recording, row.kind): row for row in (Row(**json.loads(line)) for line in known)}
+    rows = {(row.recording, row.kind): row for row in (Row(**each) for each in recorded(options.records))}
     for number in range(options.recordings):
         missing = [kind for kind in options.kinds.split(",") if (number, kind) not in rows]
         cases = filmed(options.seed, number) if missing else []
@@ -166,9 +164,7 @@ def main() -> None:
                 continue
             rows[number, kind] = row
             print(row, flush=True)
-            if options.records:
-                with options.records.open("a") as records:
-                    records.write(json.dumps(asdict(row)) + "\n")
+            append(options.records, asdict(row))
     text = table(list(rows.values()))
     print(noted(text))
     write(options.page, noted(INTRODUCTION.format(seed=options.seed, frames=FRAMES) + "\n" + text))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 from rsdeblur.cli._output import print_table
 
-__all__ = ["markdown", "print_table", "report", "write"]
+__all__ = ["append", "markdown", "print_table", "recorded", "report", "write"]
 
 
 def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -21,6 +23,18 @@ def report(text: str, path: Path | None) -> None:
     print(text)
     if path is not None:
         write(path, text)
+
+
+def recorded(path: Path | None) -> list[dict[str, Any]]:
+    """Return the records of a file (JSON lines); none if there is no file."""
+    return [json.loads(line) for line in path.read_text().splitlines()] if path and path.exists() else []
+
+
+def append(path: Path | None, record: dict[str, Any]) -> None:
+    """Append a record to a file, if one is given, so that an interrupted run can be continued."""
+    if path is not None:
+        with path.open("a") as file:
+            file.write(json.dumps(record) + "\n")
 
 
 def write(path: Path, text: str) -> None:

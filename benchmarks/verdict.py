@@ -14,7 +14,6 @@ captures that the file has are not measured again.
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import statistics
 from collections import Counter
@@ -34,7 +33,7 @@ from benchmarks.captures import MOMENTS, NEW_MOMENTS, OTHER_MOMENTS, QUICK, Simu
 from benchmarks.data import Image, noted
 from benchmarks.phone import from_phone
 from benchmarks.priors import FOCAL_ERROR, OFFSET_ERROR, RATE_NOISE, jpeg, noisy
-from benchmarks.tables import markdown
+from benchmarks.tables import append, markdown, recorded
 from rsdeblur import Correction, GyroLog, QualityCheck, RsdeblurError, deblur
 from rsdeblur._util.threads import thread_count
 from rsdeblur.choices import PRIORS, VERDICTS, Prior
@@ -198,12 +197,9 @@ def _counts(group: list[Trial]) -> list[str]:
 
 def load(path: Path | None) -> dict[tuple[str, ...], list[Trial]]:
     """Return the trials in a file of records."""
-    if path is None or not path.exists():
-        return {}
-    records: list[dict[str, Any]] = [json.loads(line) for line in path.read_text().splitlines()]
     return {
         tuple(record["key"]): [Trial(**t | {"check": QualityCheck(**t["check"])}) for t in record["trials"]]
-        for record in records
+        for record in recorded(path)
     }
 
 
@@ -247,9 +243,7 @@ def main(
         results = pool.map(partial(trials, prior=prior), missing.values())
         for key, some in zip(missing, track(results, "checking", total=len(missing)), strict=True):
             known[key] = some
-            if records:
-                with records.open("a") as file:
-                    file.write(json.dumps({"key": key, "trials": [asdict(trial) for trial in some]}) + "\n")
+            append(records, {"key": key, "trials": [asdict(trial) for trial in some]})
     print(noted(report([trial for key in keys for trial in known[key]])))
 
 

@@ -18,11 +18,9 @@ from pathlib import Path
 from statistics import median
 
 import av
-from rich.console import Console
 
-from benchmarks.burst_cost import Burst, enlarged_burst
-from benchmarks.cases import size
-from benchmarks.tables import markdown, write
+from benchmarks.cases import Burst, enlarged_burst, size
+from benchmarks.tables import markdown, report
 from rsdeblur import Camera, Options
 from rsdeblur._util.memory import kept
 from rsdeblur._util.threads import thread_count
@@ -88,9 +86,7 @@ def main() -> None:
             psfs = f"{bands} x {strips} of {wide}x{tall} px"
             lines.append((f"{width}x{height}, {quality}", psfs, f"{seconds:.2f}", f"{1 / seconds:.1f}"))
     text = markdown(("video", "PSFs (bands x strips) at most", "s per frame", "frames per s"), lines)
-    if options.markdown:
-        write(options.markdown, text)
-    Console(width=160, highlight=False, markup=False).print(text)
+    report(text, options.markdown)
 
 
 if __name__ == "__main__":
