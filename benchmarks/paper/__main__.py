@@ -55,7 +55,8 @@ def main() -> None:
     names = arguments.only or list(GROUPS)
     columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total} groups")
     with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True, highlight=False)) as progress:
-        progress.console.print(noted(""), markup=False)
+        if note := noted("").rstrip():
+            progress.console.print(note, markup=False)
         task = progress.add_task("", total=len(names))
         for name in names:
             progress.update(task, description=name)
