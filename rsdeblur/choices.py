@@ -28,10 +28,10 @@ VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 # Exponent of the hyper-Laplacian.
 EXPONENT = 2 / 3
 
-# px. The interpolation of colours in a sensor, and lenses, blur a picture by about KEEP anyway. Simulated pictures with
-# paths of DROP come out of `deblur` as clear as those with paths of 3 to 4 px go in; longer paths lose more
-# (docs/developer/decisions/several.md).
-KEEP, DROP = 1.5, 20.0
+# px. The interpolation of colours in a sensor, and lenses, blur a picture by about KEEP anyway. Beyond DROP, deblurring
+# gains little, and about half of the results are doubtful (docs/developer/decisions/several.md):
+# python -m benchmarks.still --lengths 5 10 20 35 50 75 100
+KEEP, DROP = 1.5, 100.0
 
 # Frames of a video that are encoded together, and the constant rate factor of their encoding.
 SEGMENT, CRF = 32, 17

@@ -462,8 +462,8 @@ def test_several_photos(run: Run, files: Files, tmp_path: Path) -> None:
     assert run(*call, "--numbered-from", "1").exit_code == 0
     first, later = (read_picture(tmp_path / name).pixels for name in ("sharp/frame_0.png", "later/frame_1.png"))
     np.testing.assert_array_equal(later, first)
-    alone = "deblur", names[0], *files.recording, "--numbered-from", "1"
-    assert (run(*alone).exit_code, run("deblur", names[0], "--psf", "none", *alone[-2:]).exit_code) == (2, 2)
+    for blur in (files.recording, ["--psf", "none"]):
+        assert run("deblur", names[0], *blur, "--numbered-from", "1").exit_code == 2
 
     # Without --output, beside the photo.
     assert run("deblur", names[0], *files.sources, *capture, "--index", "0").exit_code == 0
