@@ -11,7 +11,6 @@ Memory is the private memory of processes (Linux: RssAnon).
 from __future__ import annotations
 
 import argparse
-import os
 import resource
 import subprocess
 import sys
@@ -42,8 +41,6 @@ HEIGHT, WIDTH = 48, 64
 CAMERA = Camera(WIDTH, HEIGHT, 60.0, readout_time=0.03)
 EXPOSURE = Exposure(0.1, 0.03)
 Apply = Callable[..., Image]
-# Of the environment: results carry no time of their writing, so that those of two runs can be compared.
-UNDATED = {"SOURCE_DATE_EPOCH": "0"}
 
 
 def _pictures(count: int, channels: int = 3) -> Image:
@@ -166,7 +163,7 @@ def write_batch(folder: Path, count: int, size: tuple[int, int] = (HEIGHT, WIDTH
 def start(folder: Path, *arguments: str) -> subprocess.Popen[bytes]:
     """Start a command of rsdeblur and discard its output."""
     command, nowhere = [sys.executable, "-P", "-m", "rsdeblur", *arguments], subprocess.DEVNULL
-    return subprocess.Popen(command, cwd=folder, stdout=nowhere, stderr=nowhere, env=os.environ | UNDATED)
+    return subprocess.Popen(command, cwd=folder, stdout=nowhere, stderr=nowhere)
 
 
 def workers_of(process: subprocess.Popen[bytes]) -> list[int]:

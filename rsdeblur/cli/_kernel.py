@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from rsdeblur.cli._history import recorded
 from rsdeblur.cli._inputs import naming, transfer_of
 from rsdeblur.cli._options import PhotoChanges, Recording, Target, Track
 from rsdeblur.cli._photo import facts_of, nsr_of_photo, prepare_result
-from rsdeblur.cli._signing import Signing
 
 if TYPE_CHECKING:
     from rsdeblur.pipeline.options import Options
@@ -46,7 +44,6 @@ def deconvolve_photo(
     psf: Path,
     options: Options,
     changes: PhotoChanges,
-    signing: Signing,
     target: Target,
     move: Progress | None = None,
     *,
@@ -64,14 +61,7 @@ def deconvolve_photo(
     from rsdeblur.io.pictures import read_picture
     from rsdeblur.pipeline.deconvolve import check_bank, deconvolve_with, mode_of
 
-    credentials = signing.credentials()
-    prepare_result(
-        target.output,
-        force=target.force,
-        dry_run=target.dry_run,
-        make_folder=make_folder,
-        signed=credentials is not None,
-    )
+    prepare_result(target.output, force=target.force, dry_run=target.dry_run, make_folder=make_folder)
     in_place = options.max_memory is not None
     picture = read_picture(photo, in_place=in_place)
     pixels, bank = picture.pixels, read_psfs(psf, picture.pixels.shape)
@@ -89,7 +79,6 @@ def deconvolve_photo(
             "prior": options.prior,
             "size_px": [pixels.shape[1], pixels.shape[0]],
         }
-    picture = recorded(picture, photo, {"psf": psf}, options, {}, credentials)
     begin = time.perf_counter()
     with (
         picture_to_fill(target.output, pixels.shape, like=picture, force=target.force, in_place=in_place) as out,

@@ -11,12 +11,10 @@ import click
 from click.core import ParameterSource
 
 from rsdeblur.cli._gravity import bottom_of_photo, gravity_confirms, gravity_problem
-from rsdeblur.cli._history import recorded
 from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of, with_translation
 from rsdeblur.cli._options import PhotoChanges, Recording, Track
 from rsdeblur.cli._output import prepare_folder, say_detail
 from rsdeblur.cli._refinement import refinement_facts
-from rsdeblur.cli._signing import Signing
 from rsdeblur.cli._usage import warn_of_nsr
 from rsdeblur.errors import InputError
 
@@ -24,9 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from rsdeblur.choices import Mode
-    from rsdeblur.io.claims import Credentials
     from rsdeblur.io.pictures import Picture
-    from rsdeblur.motion.exposure import Exposure
     from rsdeblur.pipeline.options import Options
     from rsdeblur.pipeline.plan import DeblurResult
     from rsdeblur.types import Progress
@@ -45,14 +41,13 @@ class PhotoJob:
     changes: PhotoChanges
     output: Path
     track: Track = field(default_factory=Track)
-    signing: Signing = field(default_factory=Signing)
     force: bool = False
     dry_run: bool = False
     make_folder: bool = False
     refine_anyway: bool = False
 
 
-def prepare_result(output: Path, *, force: bool, dry_run: bool, make_folder: bool, signed: bool) -> None:
+def prepare_result(output: Path, *, force: bool, dry_run: bool, make_folder: bool) -> None:
     """Check that a result can be written, and make its folder if `make_folder`; a dry run makes none.
 
     Raises
@@ -65,9 +60,9 @@ def prepare_result(output: Path, *, force: bool, dry_run: bool, make_folder: boo
     if make_folder:
         prepare_folder(output.parent, [], force=force, dry_run=dry_run)
     if dry_run and make_folder and not output.parent.is_dir():
-        check_kind(output, signed=signed)
+        check_kind(output)
     else:
-        check_writable(output, force=force, signed=signed)
+        check_writable(output, force=force)
 
 
 def with_lights(options: Options) -> Options:
@@ -145,14 +140,7 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     """
     from rsdeblur.io.picture_output import picture_to_fill
 
-    credentials = job.signing.credentials()
-    prepare_result(
-        job.output,
-        force=job.force,
-        dry_run=job.dry_run,
-        make_folder=job.make_folder,
-        signed=credentials is not None,
-    )
+    prepare_result(job.output, force=job.force, dry_run=job.dry_run, make_folder=job.make_folder)
     in_place = job.options.max_memory is not None
     inputs, options, known_axes = derive(
         job.photo, job.recording, job.options, job.track, refine_anyway=job.refine_anyway
@@ -166,7 +154,6 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
 
     if job.changes.nsr_from_iso:
         options = replace(options, nsr=nsr_of_photo(job.photo, picture, options))
-    picture = _recorded(job, picture, exposure, options, credentials)
     pixels = picture.pixels
     begin = time.perf_counter()
     if job.changes.work_size is not None:
@@ -182,24 +169,6 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
     seconds = time.perf_counter() - begin
     facts = facts_of(result, job.output, job.options.mode, job.options.prior_name, seconds)
     return facts | moment_facts(job.recording, inputs)
-
-
-def _recorded(
-    job: PhotoJob, picture: Picture, exposure: Exposure, options: Options, credentials: Credentials | None
-) -> Picture:
-    """Return the picture with all that its result depends on in its history."""
-    track = job.track
-    mapped = track.depth if isinstance(track.depth, Path) else None
-    named: dict[str, Path | None] = {"translation": track.translation, "depth_map": mapped}
-    named |= {name: getattr(job.recording, name) for name in ("gyro", "camera", "capture")}
-    values = {name: value for name, value in asdict(job.recording).items() if name not in named}
-    values |= {
-        "exposure": asdict(exposure),
-        "work_size": job.changes.work_size,
-        "depth": None if mapped else track.depth,
-        "drift": track.drift,
-    }
-    return recorded(picture, job.photo, named, options, values, credentials)
 
 
 def facts_of(result: DeblurResult, output: Path, mode: Mode, prior: str, seconds: float) -> dict[str, Any]:

@@ -25,7 +25,6 @@ from rsdeblur.cli._output import (
     say_aside,
 )
 from rsdeblur.cli._photo import PhotoJob, deblur_photo, moment_lines, with_lights
-from rsdeblur.cli._signing import Signing, signing_options
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import OutputError
 
@@ -50,7 +49,6 @@ Examples:
 @_refinement.option
 @_options.track_options
 @_options.photo_options
-@signing_options
 @_options.photo_target_options
 def command(
     photos: tuple[Path, ...],
@@ -60,7 +58,6 @@ def command(
     refine: bool | None,
     track: Track,
     changes: PhotoChanges,
-    signing: Signing,
     target: PhotoTarget,
 ) -> None:
     """Deblur each PHOTO. Metadata, colour profile and bit depth are kept.
@@ -73,7 +70,6 @@ def command(
     options = with_lights(options)
     if psf is None:
         options = _refinement.with_refinement(options, refine)
-    signing.credentials()  # Before the work, a mistake in them is an error once, not for every photo.
     make_folder = _is_folder(target.output, len(photos))
     outputs = _outputs(photos, target.output, into_folder=make_folder)
     recordings = [recording] if psf is not None else recordings_of(photos, recording)
@@ -82,7 +78,7 @@ def command(
         with progress("deblur") as move:
             if psf is not None:
                 to = target.at(outputs[i])
-                return deconvolve_photo(photos[i], psf, options, changes, signing, to, move, make_folder=make_folder)
+                return deconvolve_photo(photos[i], psf, options, changes, to, move, make_folder=make_folder)
             job = PhotoJob(
                 photo=photos[i],
                 recording=recordings[i],
@@ -90,7 +86,6 @@ def command(
                 changes=changes,
                 output=outputs[i],
                 track=track,
-                signing=signing,
                 force=target.force,
                 dry_run=target.dry_run,
                 make_folder=make_folder,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import warnings
 import zlib
 from io import BytesIO
 from typing import Any
@@ -13,14 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.io import _jpeg, _tiff
+from rsdeblur.io._exif_block import PREFIX
 from rsdeblur.io._metadata import PNG_IPTC, Metadata, png_iptc
-from rsdeblur.io.directories import PREFIX
 
 PNG_HEADER = 33  # Length of the magic number and IHDR; colour profile and metadata may follow.
-# The longest EXIF block and XMP packet of a JPEG.
-JPEG_EXIF, JPEG_XMP = 65_533, 65_502
 
 
 def quantised(image: NDArray[Any], bits: int) -> NDArray[Any]:
@@ -39,7 +35,7 @@ def quantised(image: NDArray[Any], bits: int) -> NDArray[Any]:
 
 
 def encode(kind: str, pixels: NDArray[Any], metadata: Metadata) -> bytes:
-    """Return the file of a picture; what its format cannot hold is left out, with a warning if it is too long."""
+    """Return the file of a picture, with metadata that its format can hold."""
     if kind == "TIFF":
         return _tiff.encode(pixels, metadata)
     if kind == "PNG":
@@ -53,12 +49,6 @@ def encode(kind: str, pixels: NDArray[Any], metadata: Metadata) -> bytes:
         # The fastest lossless method; the slower ones save 3 % for 3 times the time.
         options = {"lossless": True, "exact": True, "method": 0}
     blocks = {"exif": metadata.exif, "xmp": metadata.xmp, "icc_profile": metadata.icc_profile}
-    if kind == "JPEG":
-        for name, what, longest in (("exif", "EXIF block", JPEG_EXIF), ("xmp", "XMP packet", JPEG_XMP)):
-            size = len(blocks[name] or b"")
-            if size > longest:
-                warnings.warn(f"the {what} of {size} bytes is too long for JPEG and left out", RsdeblurWarning, 3)
-                del blocks[name]
     buffer = BytesIO()
     Image.fromarray(pixels).save(
         buffer, format=kind, **options, **{name: block for name, block in blocks.items() if block}

@@ -16,8 +16,8 @@ FRAMES = [bytes((0xFF, kind)) for kind in range(0xC0, 0xD0) if kind not in (0xC4
 # Inside coded samples, 0xFF is followed by 0 or by a restart marker (D0 to D7); these are not matched.
 MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 
-# Markers of segments for metadata, and the most bytes of such a segment.
-APPLICATION, LONGEST = range(0xE0, 0xF0), 65_533
+# Markers of segments for metadata.
+APPLICATION = range(0xE0, 0xF0)
 
 
 def check_scans(data: bytes) -> None:
@@ -41,10 +41,8 @@ def check_scans(data: bytes) -> None:
 
 
 def with_iptc(data: bytes, record: bytes) -> bytes:
-    """Return a JPEG with an IPTC record, in a segment behind its other metadata; longer records are left out."""
+    """Return a JPEG with an IPTC record, in a segment behind its other metadata."""
     body = b"Photoshop 3.0\0" + b"8BIM\x04\x04\0\0" + len(record).to_bytes(4, "big") + record + bytes(len(record) % 2)
-    if len(body) > LONGEST:
-        return data
     place = len(START)
     while data[place] == 0xFF and data[place + 1] in APPLICATION:
         place += 2 + int.from_bytes(data[place + 2 : place + 4], "big")

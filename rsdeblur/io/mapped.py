@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from io import BytesIO
 from typing import Any, BinaryIO
 
@@ -47,9 +46,9 @@ def map_picture(file: BinaryIO, max_pixels: int) -> Mapped | None:
         place = _tiff.place(page, size)
         if place is None:
             return None
-        metadata = of_tiff(page, None)
-    file.seek(0)
-    return np.memmap(file, mode="r", **place), replace(metadata, exif=_tiff.exif_block(file))
+        file.seek(0)
+        metadata = of_tiff(page, *_tiff.exif_block(file))
+    return np.memmap(file, mode="r", **place), metadata
 
 
 def npy_place(file: BinaryIO, size: int, max_pixels: int) -> dict[str, Any]:

@@ -32,7 +32,6 @@ from rsdeblur._util.threads import held_at_forks
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io import _heif, _jpeg, _metadata, _raw, _tiff, mapped, untrusted
 from rsdeblur.io._metadata import Metadata
-from rsdeblur.io.claims import Claim
 from rsdeblur.io.source import Source
 
 # The largest phone sensors have 200 megapixels, the largest stitched camera files 400.
@@ -80,8 +79,6 @@ class Picture:
         Parts of the file that a copy cannot keep, in words, such as gain maps and C2PA manifests.
     modified_ns : int, optional
         Time of the file's last change, in ns since 1970.
-    claim : Claim, optional
-        Statement of a signed manifest for results; see :func:`rsdeblur.io.claims.with_claim`.
     """
 
     pixels: NDArray[Any]
@@ -92,7 +89,6 @@ class Picture:
     iptc: bytes | None = None
     losses: tuple[str, ...] = ()
     modified_ns: int | None = None
-    claim: Claim | None = None
 
     @property
     def transfer(self) -> Literal["srgb", "linear"]:

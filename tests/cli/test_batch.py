@@ -23,7 +23,6 @@ from rsdeblur.cli._items import COLUMNS
 from rsdeblur.cli._options import PhotoChanges, Recording
 from rsdeblur.cli._output import SOME_FAILED
 from rsdeblur.cli._photo import PhotoJob
-from rsdeblur.cli._signing import Signing
 from rsdeblur.cli.batch import _absolute
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.io import read_picture
@@ -404,10 +403,8 @@ def test_jobs_for_a_cluster_have_absolute_paths(tmp_path: Path, monkeypatch: pyt
             options=Options(),
             changes=PhotoChanges(),
             output=Path("out/photo.png"),
-            signing=Signing(Path("chain.pem"), Path("key.pem")),
         )
     )
-    assert (job.signing.sign, job.signing.sign_key) == (tmp_path / "chain.pem", tmp_path / "key.pem")
     assert (job.photo, job.output) == (tmp_path / "photo.png", tmp_path / "out" / "photo.png")
     assert (job.recording.gyro, job.recording.camera) == (tmp_path / "gyro.csv", tmp_path / "camera.toml")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import shlex
@@ -47,28 +46,6 @@ def test_deblur_writes_the_picture_and_one_line(run: Run, files: Files, tmp_path
     assert "banded" in result.stdout
     with Image.open(out) as picture:
         assert picture.size == (WIDTH, HEIGHT)
-
-
-def test_deblur_signs_with_the_parameters_of_the_history(
-    run: Run, files: Files, tmp_path: Path, pem_files: Callable[..., tuple[Path, Path]]
-) -> None:
-    chain, key = pem_files()
-    out = tmp_path / "sharp.png"
-    common = ["deblur", files.photo, *files.recording, "--mode", "global", "--quality", "fast", "--sign", chain]
-    half = run(*common, "-o", out)
-    assert half.exit_code == 2
-    assert "--sign-key missing" in half.stderr
-    refused = run(*common, "--sign-key", key, "--dry-run", "-o", out.with_suffix(".npy"))
-    assert "NumPy files cannot be signed" in refused.stderr
-    done = run(*common, "--sign-key", key, "-o", out)
-    assert done.exit_code == 0, done.stderr
-    c2pa = pytest.importorskip("c2pa")
-    manifest = c2pa.Reader(out).get_active_manifest()
-    assert manifest["ingredients"][0]["title"] == files.photo.name
-    said = manifest["assertions"][0]["data"]["actions"][1]["parameters"]["rsdeblur.parameters"]
-    assert json.loads(said)["gyro"]["sha256"] == hashlib.sha256(files.gyro.read_bytes()).hexdigest()
-    # XML escapes quotation marks.
-    assert said.replace('"', "&quot;").encode() in (read_picture(out).xmp or b"")
 
 
 def test_deblur_modes_and_captures_agree_with_explicit_times(run: Run, files: Files, tmp_path: Path) -> None:
@@ -128,7 +105,6 @@ def test_a_track_from_another_program(run: Run, files: Files, tmp_path: Path) ->
     assert json.loads(run("psf", *common, "--json", *mapped).stdout)["psf_px"] == moved
     sharp = tmp_path / "mapped.png"
     assert run("deblur", files.photo, *common, *mapped, "-o", sharp).exit_code == 0
-    assert b"depth_map" in (read_picture(sharp).xmp or b"")
     result = run("psf", *common, "--translation", track, "--depth", "near")
     assert result.exit_code == 1
     assert "near: cannot read the depth map" in result.stderr
