@@ -21,13 +21,7 @@ APPLICATION = range(0xE0, 0xF0)
 
 
 def check_scans(data: bytes) -> None:
-    """Refuse a JPEG with too many scans.
-
-    Raises
-    ------
-    ValueError
-        If there are more than `MOST_SCANS`, or more than its size allows.
-    """
+    """Refuse a JPEG with too many scans."""
     place, scans, most = len(START), 0, MOST_SCANS
     while (marker := MARKER.search(data, place)) and marker[0] != END:
         start = marker.end()

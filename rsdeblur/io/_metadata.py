@@ -166,26 +166,7 @@ def png_iptc(record: bytes) -> bytes:
 
 
 def renewed(old: Metadata, pixels: NDArray[Any], kind: str, *, transfer: str, is_done: bool = True) -> Metadata:
-    """Return the metadata for a result.
-
-    Parameters
-    ----------
-    old : Metadata
-        The metadata of the input.
-    pixels : ndarray, shape (H, W) or (H, W, C)
-        The result as it is stored.
-    kind : str
-        Format of its file: a value of `picture_output.KINDS`.
-    transfer : {"srgb", "linear"}
-        How its values encode light.
-    is_done : bool
-        Whether the result is known, so that a thumbnail can be drawn if the input has one.
-
-    Warns
-    -----
-    RsdeblurWarning
-        If a part of the input is left out; one warning names all parts.
-    """
+    """Return the metadata for a result."""
     height, width = pixels.shape[:2]
     losses = list(old.losses)
     if old.exif:

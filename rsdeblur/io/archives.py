@@ -41,13 +41,7 @@ def is_archive(source: Source) -> bool:
 
 
 def members_of(source: Source, order: Callable[[str], tuple[bool, bool, str]] = gyro_first) -> list[Source]:
-    """Return the text files of a zip archive, in the order of this key; any other file is returned alone.
-
-    Raises
-    ------
-    FileFormatError
-        If the archive is damaged or encrypted, contains no text file, or unpacks to an incredible size.
-    """
+    """Return the text files of a zip archive, in the order of this key; any other file is returned alone."""
     if not is_archive(source):
         return [source]
     try:

@@ -145,34 +145,12 @@ def open_camera(
 
 
 def detect_camera_format(path: str | os.PathLike[str]) -> str:
-    """Return the name of the format as which `read_camera` would read the file.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-
-    Returns
-    -------
-    str
-        Name of the format.
-
-    Raises
-    ------
-    FileFormatError
-        If the file cannot be read or is of no known format.
-    """
+    """Return the name of the format as which `read_camera` would read the file."""
     return choose(formats(), Source(path, WHAT)).name
 
 
 def check_editable(path: str | os.PathLike[str]) -> None:
-    """Check that `write_time_offset` can edit a file, before the work that finds the offset.
-
-    Raises
-    ------
-    FileFormatError
-        If the file cannot be read or is not a camera file of rsdeblur.
-    """
+    """Check that `write_time_offset` can edit a file, before the work that finds the offset."""
     try:
         Camera.load(path)
     except FileFormatError as error:
@@ -186,24 +164,7 @@ def check_editable(path: str | os.PathLike[str]) -> None:
 
 
 def write_time_offset(path: str | os.PathLike[str], time_offset: float) -> None:
-    """Write `time_offset` into a camera file, whose other lines stay as they are, down to their line ends.
-
-    Parameters
-    ----------
-    path : path-like
-        The camera file (TOML). It is replaced atomically.
-    time_offset : float
-        Camera time minus gyro time in s.
-
-    Raises
-    ------
-    InputError
-        If `time_offset` is not finite.
-    FileFormatError
-        If the file cannot be read or is not a camera file.
-    OutputError
-        If it cannot be written.
-    """
+    """Write `time_offset` into a camera file, whose other lines stay as they are, down to their line ends."""
     time_offset = validate.finite("time_offset", time_offset)
     check_editable(path)
     data = read_file(path, "camera file")

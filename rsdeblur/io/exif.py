@@ -67,14 +67,7 @@ class Exif:
         return value if isinstance(value, int) and 1 <= value <= 8 else 1
 
     def focal_px(self, width: int, height: int) -> tuple[float, str]:
-        """Return the focal length in px of a picture of that size, and its origin in words.
-
-        Raises
-        ------
-        InputError
-            If the block contains neither the 35 mm equivalent nor the resolution on the sensor, or if the picture was
-            resized.
-        """
+        """Return the focal length in px of a picture of that size, and its origin in words."""
         film = self.number(FOCAL_LENGTH_35)
         if film:
             return film / FILM_DIAGONAL * math.hypot(width, height), f"35 mm equivalent {film:g} mm"

@@ -36,13 +36,7 @@ class CaptureTime(NamedTuple):
 
 
 def capture_time(exif: Exif) -> CaptureTime:
-    """Return the time at which a photo was taken: DateTimeOriginal, its fraction, and its offset or that of the GPS.
-
-    Raises
-    ------
-    InputError
-        If the block contains no valid DateTimeOriginal.
-    """
+    """Return the time at which a photo was taken: DateTimeOriginal, its fraction, and its offset or that of the GPS."""
     try:
         local = datetime.strptime(_text(exif, DATE_TIME), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
         if local.year not in YEARS:
@@ -73,13 +67,7 @@ def shown_time(exif: Exif) -> str | None:
 
 
 def on_clock_of(time: CaptureTime, log: GyroLog) -> int:
-    """Return the Unix time of a photo in ns; without a time zone, in the one zone in which the log covers the photo.
-
-    Raises
-    ------
-    ClockError
-        If the timestamps of the log are not Unix time, or no zone fits, or several do.
-    """
+    """Return the Unix time of a photo in ns; without a time zone, in the one zone in which the log covers the photo."""
     first, last = (log.epoch_ns + round(end * SECOND_NS) for end in log.span)
     if first < UNIX_SINCE_NS:
         raise ClockError("the timestamps of the log are not Unix time, so the time in EXIF has no place on its clock")

@@ -52,14 +52,7 @@ def text_format(name: str, title: str, sniff: Callable[[TextFile], bool], read: 
 
 
 def choose(formats: Sequence[Format[T]], source: Source, name: str | None = None, *, advice: str = "") -> Format[T]:
-    """Return the format called `name`; without a name, the first whose `sniff` accepts the content.
-
-    Raises
-    ------
-    FileFormatError
-        If there is no such format; the message names the kind of file that it looks like, or gives the advice and
-        lists the known formats.
-    """
+    """Return the format called `name`; without a name, the first whose `sniff` accepts the content."""
     known = "; ".join(f"{each.name} ({each.title})" for each in formats)
     if name is not None:
         validate.instance("format", name, str)

@@ -105,13 +105,7 @@ class Telemetry(NamedTuple):
 
 
 def telemetry_of(source: Source) -> Telemetry:
-    """Return the telemetry of a video.
-
-    Raises
-    ------
-    FileFormatError
-        If the package for it is missing, the video is damaged, or contains none.
-    """
+    """Return the telemetry of a video."""
     try:
         untrusted.check("telemetry of videos", "telemetry-parser")
         import telemetry_parser
@@ -151,13 +145,7 @@ def _exposures(telemetry: Telemetry) -> list[float]:
 
 
 def frame_exposures(path: str | os.PathLike[str]) -> list[float]:
-    """Return the exposure time of each frame in the telemetry of a video, in s; none if it contains none.
-
-    Raises
-    ------
-    FileFormatError
-        If telemetry-parser is missing, or the video is damaged.
-    """
+    """Return the exposure time of each frame in the telemetry of a video, in s; none if it contains none."""
     source = Source(path, "video")
     return _exposures(telemetry_of(source)) if is_video(source) else []
 

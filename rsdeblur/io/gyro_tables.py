@@ -53,12 +53,6 @@ def read_columns(
     """Read the table, or only `rows` of it; `unit` is that of values without one.
 
     A missing unit of time follows from the sample spacing.
-
-    Raises
-    ------
-    FileFormatError
-        If a row cannot be read or contradicts the columns, the columns name several units, or the sample spacing fits
-        no unit.
     """
     lines = np.asarray(text.rows[columns.start :] if rows is None else rows, dtype=np.intp)
     t, x, y, z = columns.places

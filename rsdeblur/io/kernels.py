@@ -18,28 +18,7 @@ BANK, ARRAY = b"PK", b"\x93NUMPY"
 
 
 def read_psfs(path: str | os.PathLike[str], shape: tuple[int, ...]) -> PsfBank:
-    """Read the PSFs of a picture.
-
-    Parameters
-    ----------
-    path : path-like
-        A file of :meth:`rsdeblur.PsfBank.save`; a NumPy file with an array (kh, kw) or, for B x S equal tiles,
-        (B, S, kh, kw); or a picture of one kernel, whose values are weights and whose colours are averaged. Arrays and
-        pictures are divided by their sum. Where a size is even, zeros follow the last row or column, so that the origin
-        stays at (kh // 2, kw // 2).
-    shape : tuple of int
-        Shape of the picture that the PSFs are for, (H, W) or (H, W, C).
-
-    Returns
-    -------
-    PsfBank
-        The PSFs.
-
-    Raises
-    ------
-    FileFormatError
-        If the file cannot be read, or contains no PSF.
-    """
+    """Read the PSFs of a picture."""
     with open_file(path, "PSF") as file:
         start = file.read(len(ARRAY))
         if start.startswith(BANK):

@@ -34,13 +34,7 @@ def is_profile(content: Mapping[str, Any]) -> bool:
 
 
 def read(source: Source, request: Request) -> CameraFile:
-    """Read a lens profile, or the one inside a project.
-
-    Raises
-    ------
-    FileFormatError
-        If the file is neither, contains no calibration, or describes a lens that is not modelled.
-    """
+    """Read a lens profile, or the one inside a project."""
     content = source.json
     if not isinstance(content, dict) or not (is_profile(content) or is_project(content)):
         raise source.error("neither a lens profile nor a project of Gyroflow")

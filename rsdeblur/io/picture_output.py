@@ -113,32 +113,7 @@ def write_picture(
 def picture_to_fill(
     path: str | os.PathLike[str], shape: tuple[int, ...], *, like: Picture, force: bool = False, in_place: bool = False
 ) -> Iterator[NDArray[Any]]:
-    """Yield an array for the pixels of a picture, which is written when the block ends without an error.
-
-    Parameters
-    ----------
-    path : path-like
-        See `write_picture`.
-    shape : (H, W) or (H, W, C)
-        Shape of the array.
-    like : Picture
-        Source of the array's type, and see `write_picture`.
-    force : bool, default False
-        See `write_picture`.
-    in_place : bool, default False
-        Map the array to the file instead of keeping it in memory; for TIFF, which is then not compressed, and NumPy
-        files only.
-
-    Yields
-    ------
-    ndarray
-        The array to fill.
-
-    Raises
-    ------
-    InputError, OutputError
-        See `write_picture`. Also refused are floats most of which would become white in a file of integers.
-    """
+    """Yield an array for the pixels of a picture, which is written when the block ends without an error."""
     path = checked_path(path)
     check_writable(path, force=force)
     kind = KINDS[path.suffix.lower()]
@@ -186,13 +161,7 @@ def check_writable(path: str | os.PathLike[str], *, force: bool) -> None:
 
 
 def check_kind(path: Path) -> None:
-    """Check by its extension that `write_picture` can write a picture.
-
-    Raises
-    ------
-    OutputError
-        If it cannot.
-    """
+    """Check by its extension that `write_picture` can write a picture."""
     if path.suffix.lower() not in KINDS:
         raise OutputError(f"{path}: unknown picture extension {path.suffix!r}; use one of {', '.join(KINDS)}")
 

@@ -194,13 +194,7 @@ def is_picture(source: Source) -> bool:
 
 
 def read_header(path: str | os.PathLike[str]) -> tuple[int, int, bytes | None]:
-    """Return width, height and EXIF block of a picture, if possible without decoding it.
-
-    Raises
-    ------
-    FileFormatError
-        See `read_picture`.
-    """
+    """Return width, height and EXIF block of a picture, if possible without decoding it."""
     try:
         with (
             open_file(path, "picture") as file,

@@ -40,14 +40,7 @@ def sniff_mars(source: Source) -> bool:
 
 
 def read_mars(source: Source, request: Request) -> CameraFile:
-    """Read the camera in MARS logger's ``movie_metadata.csv``.
-
-    Raises
-    ------
-    FileFormatError
-        If the file contains no focal length, or neither it nor `request` the size of the picture, or its numbers are no
-        camera's.
-    """
+    """Read the camera in MARS logger's ``movie_metadata.csv``."""
     facts = mars_facts(source.text)
     if not facts:
         raise source.error("not MARS logger's metadata: no line names the columns fx[px] and fy[px]")
@@ -135,13 +128,7 @@ def sniff_log(source: Source) -> bool:
 
 
 def read_log(source: Source, request: Request) -> CameraFile:
-    """Read the camera of a `.gcsv` log or of a video with telemetry: readout, and what `request` adds.
-
-    Raises
-    ------
-    FileFormatError
-        If the file cannot be read, or neither it nor `request` gives the size or the focal length.
-    """
+    """Read the camera of a `.gcsv` log or of a video with telemetry: readout, and what `request` adds."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RsdeblurWarning)
         facts = dict(open_gyro(source.path).facts)

@@ -22,13 +22,7 @@ SIZES = struct.Struct(">III")
 
 
 def check_sample_sizes(source: Source) -> None:
-    """Check the sizes of the samples of a video that is a file of its own.
-
-    Raises
-    ------
-    FileFormatError
-        If a sample is larger than the file, or the file cannot be read.
-    """
+    """Check the sizes of the samples of a video that is a file of its own."""
     with open_file(source.path, source.what) as file:
         whole = file.seek(0, os.SEEK_END)
         # Parts of the file that contain boxes; a list, because a damaged file may nest them without end.
