@@ -386,9 +386,9 @@ def _settings() -> Sequence[bytes]:
     return [
         b"--start 0.01\n--duration 1/50\n--mode rowwise\n--prior tv\n--weight 0.01\n--threads 2\n",
         b"--start-ns 1766385749437863801\n--duration 20ms\n--bands 3\n--strips auto\n--nsr 1e-3\n--bias 1,0,0deg/s\n",
-        b"--start 10ms\n--duration 0.02\n--transfer 2.2\n--noise auto\n--max-memory 1GiB\n--work-size paper\n",
+        b"--start 10ms\n--duration 0.02\n--transfer 2.2\n--noise auto\n--max-memory 1GiB\n",
         b"--start 0\n--duration 5ms\n--border zero\n--normalize\n--exponent 0.5\n--time-offset 1ms\n--unit deg/s\n"
-        b"--gyro-format plain\n--orientation YxZ\n--readout-time 3ms\n--refine\n--nsr-from-iso\n",
+        b"--gyro-format plain\n--orientation YxZ\n--readout-time 3ms\n--refine\n",
     ]
 
 

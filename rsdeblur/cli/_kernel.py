@@ -11,8 +11,8 @@ import click
 from click.core import ParameterSource
 
 from rsdeblur.cli._inputs import naming, transfer_of
-from rsdeblur.cli._options import PhotoChanges, Recording, Target, Track
-from rsdeblur.cli._photo import facts_of, nsr_of_photo, prepare_result
+from rsdeblur.cli._options import Recording, Target, Track
+from rsdeblur.cli._photo import facts_of, prepare_result
 
 if TYPE_CHECKING:
     from rsdeblur.pipeline.options import Options
@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 # Options that describe a motion, or depend on one.
 MOTION = (
     *(field.name for kind in (Recording, Track) for field in fields(kind)),
-    *("mode", "bands", "strips", "motion", "softness", "refine", "solver", "chroma", "geometry", "fallback"),
-    "work_size",
+    *("mode", "bands", "strips", "motion", "softness", "refine", "chroma", "geometry", "fallback"),
 )
 
 
@@ -43,7 +42,6 @@ def deconvolve_photo(
     photo: Path,
     psf: Path,
     options: Options,
-    changes: PhotoChanges,
     target: Target,
     move: Progress | None = None,
     *,
@@ -66,8 +64,6 @@ def deconvolve_photo(
     picture = read_picture(photo, in_place=in_place)
     pixels, bank = picture.pixels, read_psfs(psf, picture.pixels.shape)
     options = replace(options, transfer=transfer_of(picture, options.transfer), check=False)
-    if changes.nsr_from_iso:
-        options = replace(options, nsr=nsr_of_photo(photo, picture, options))
     with naming(psf):
         check_bank(bank, pixels.shape)
     if target.dry_run:

@@ -12,17 +12,14 @@ from click.core import ParameterSource
 
 from rsdeblur.cli._gravity import bottom_of_photo, gravity_confirms, gravity_problem
 from rsdeblur.cli._inputs import Inputs, naming, read_inputs, transfer_of, with_translation
-from rsdeblur.cli._options import PhotoChanges, Recording, Track
+from rsdeblur.cli._options import Recording, Track
 from rsdeblur.cli._output import prepare_folder, say_detail
 from rsdeblur.cli._refinement import refinement_facts
-from rsdeblur.cli._usage import warn_of_nsr
-from rsdeblur.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from rsdeblur.choices import Mode
-    from rsdeblur.io.pictures import Picture
     from rsdeblur.pipeline.options import Options
     from rsdeblur.pipeline.plan import DeblurResult
     from rsdeblur.types import Progress
@@ -38,7 +35,6 @@ class PhotoJob:
     photo: Path
     recording: Recording
     options: Options
-    changes: PhotoChanges
     output: Path
     track: Track = field(default_factory=Track)
     force: bool = False
@@ -149,16 +145,10 @@ def deblur_photo(job: PhotoJob, move: Progress | None = None) -> dict[str, Any]:
         return _dry_run(job, inputs, options)
     picture, log, camera, exposure = inputs
 
-    from rsdeblur.image.encoded import reduced
     from rsdeblur.pipeline.plan import plan_for
 
-    if job.changes.nsr_from_iso:
-        options = replace(options, nsr=nsr_of_photo(job.photo, picture, options))
     pixels = picture.pixels
     begin = time.perf_counter()
-    if job.changes.work_size is not None:
-        with naming(job.photo, job.recording):
-            pixels, camera = reduced(pixels, camera, job.changes.work_size)
     # The result goes into an array of the file's type: with 8 bits, a quarter of the memory of float32.
     with (
         picture_to_fill(job.output, pixels.shape, like=picture, force=job.force, in_place=in_place) as out,
@@ -200,16 +190,12 @@ def result_facts(result: DeblurResult, output: Path) -> dict[str, Any]:
 
 def _dry_run(job: PhotoJob, inputs: Inputs, options: Options) -> dict[str, Any]:
     """Check as much as possible without solving, and return the facts known by then."""
-    from rsdeblur.image.encoded import check_size, reduced
+    from rsdeblur.image.encoded import check_size
     from rsdeblur.pipeline.deblur import psfs
 
     picture, log, camera, exposure = inputs
     with naming(job.photo, job.recording):
         check_size(picture.pixels.shape, camera)
-        if job.changes.nsr_from_iso:
-            nsr_of_photo(job.photo, picture, options)
-        if job.changes.work_size is not None:
-            camera = reduced(picture.pixels, camera, job.changes.work_size)[1]
         bank = psfs(
             *(log, camera, exposure),
             mode=options.mode,
@@ -227,17 +213,3 @@ def _dry_run(job: PhotoJob, inputs: Inputs, options: Options) -> dict[str, Any]:
         "prior": options.prior,
         "size_px": [camera.width, camera.height],
     }
-
-
-def nsr_of_photo(photo: Path, picture: Picture, options: Options) -> float:
-    """Return the NSR that the picture's EXIF sensitivity suggests; the options must not contain another one."""
-    from rsdeblur.estimate.strength import nsr_of_iso
-    from rsdeblur.io.exif import Exif
-
-    if options.nsr != "auto":
-        raise click.UsageError("--nsr and --nsr-from-iso exclude each other")
-    warn_of_nsr("--nsr-from-iso", options)
-    iso = Exif(picture.exif).iso
-    if iso is None:
-        raise InputError(f"{photo}: the picture's EXIF block has no ISO sensitivity; use --nsr instead")
-    return nsr_of_iso(iso)

@@ -20,7 +20,7 @@ from rsdeblur.cli import _options, _refinement
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._items import COLUMNS, FILES, Item, numbered_from_option, read_items
 from rsdeblur.cli._jobs import Workers, shared_threads, workers_options
-from rsdeblur.cli._options import Defaults, PhotoChanges, Target
+from rsdeblur.cli._options import Defaults, Target
 from rsdeblur.cli._output import (
     SOME_FAILED,
     check_page,
@@ -83,7 +83,6 @@ def _only(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -
 @numbered_from_option
 @_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
 @_refinement.option
-@_options.photo_options
 @workers_options
 @_options.target_options(
     "DIR",
@@ -98,7 +97,6 @@ def command(
     numbered_from: int | None,
     options: Options,
     refine: bool | None,
-    changes: PhotoChanges,
     workers: Workers,
     target: Target,
     report: Path | None,
@@ -119,7 +117,7 @@ def command(
     is_own = target.force or records.folder.is_dir()
     prepare_folder(target.output, [TABLE, REPORT], force=is_own, dry_run=target.dry_run)
     with nullcontext() if target.dry_run else records.held():
-        batch = _Batch(target, replace(options, threads=threads), changes, records, refine_anyway=bool(refine))
+        batch = _Batch(target, replace(options, threads=threads), records, refine_anyway=bool(refine))
         entries = batch.run(items, jobs, workers.scheduler, limits)
         counts = Counter(entry["state"] for entry in entries)
         verdicts = Counter(entry["check"]["verdict"] for entry in entries if entry.get("check"))
@@ -153,12 +151,11 @@ class _Batch:
         self,
         target: Target,
         options: Options,
-        changes: PhotoChanges,
         records: Records,
         *,
         refine_anyway: bool,
     ) -> None:
-        self._target, self._options, self._changes, self._records = target, options, changes, records
+        self._target, self._options, self._records = target, options, records
         self._refine_anyway = refine_anyway
         self._under_way: dict[int, PhotoJob] = {}
         self._is_remote = False
@@ -220,7 +217,6 @@ class _Batch:
             dry_run=self._target.dry_run,
             make_folder=True,
             options=self._options,
-            changes=self._changes,
             refine_anyway=self._refine_anyway,
         )
 
@@ -312,7 +308,7 @@ def _fingerprint(job: PhotoJob) -> str:
     from rsdeblur._util.records import fingerprint
 
     # Any number of threads gives the same bits.
-    settings = [replace(job.options, threads=None), job.changes, job.refine_anyway]
+    settings = [replace(job.options, threads=None), job.refine_anyway]
     recording = {name: value for name, value in asdict(job.recording).items() if name not in FILES}
     files = [job.photo, *(getattr(job.recording, name) for name in FILES)]
     return fingerprint([*settings, recording], files)

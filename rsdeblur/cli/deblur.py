@@ -13,7 +13,7 @@ from rsdeblur.cli._command import Command
 from rsdeblur.cli._inputs import recordings_of
 from rsdeblur.cli._items import one_name, result_name
 from rsdeblur.cli._kernel import check_sources, deconvolve_photo
-from rsdeblur.cli._options import PhotoChanges, PhotoTarget, Recording, Track
+from rsdeblur.cli._options import PhotoTarget, Recording, Track
 from rsdeblur.cli._output import (
     FAILURES,
     SOME_FAILED,
@@ -48,7 +48,6 @@ Examples:
 @_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
 @_refinement.option
 @_options.track_options
-@_options.photo_options
 @_options.photo_target_options
 def command(
     photos: tuple[Path, ...],
@@ -57,7 +56,6 @@ def command(
     options: Options,
     refine: bool | None,
     track: Track,
-    changes: PhotoChanges,
     target: PhotoTarget,
 ) -> None:
     """Deblur each PHOTO. Metadata, colour profile and bit depth are kept.
@@ -78,12 +76,11 @@ def command(
         with progress("deblur") as move:
             if psf is not None:
                 to = target.at(outputs[i])
-                return deconvolve_photo(photos[i], psf, options, changes, to, move, make_folder=make_folder)
+                return deconvolve_photo(photos[i], psf, options, to, move, make_folder=make_folder)
             job = PhotoJob(
                 photo=photos[i],
                 recording=recordings[i],
                 options=options,
-                changes=changes,
                 output=outputs[i],
                 track=track,
                 force=target.force,
