@@ -26,13 +26,12 @@ from rsdeblur.cli._options import Defaults
 from rsdeblur.cli.deblur import command as deblur
 from rsdeblur.errors import LONGEST_MESSAGE, FileFormatError, OutputError, RsdeblurError
 from rsdeblur.io import _exif_block, read_camera, read_captures
+from rsdeblur.io.arrays import read_psfs
 from rsdeblur.io.cameras import write_time_offset
 from rsdeblur.io.clocks import is_clocks, read_clocks
-from rsdeblur.io.exif import Exif
-from rsdeblur.io.exif_times import capture_time, on_clock_of, shown_time
+from rsdeblur.io.exif import Exif, capture_time, on_clock_of, shown_time
 from rsdeblur.io.gyro_logs import FORMATS as GYRO_FORMATS
 from rsdeblur.io.gyro_logs import open_gyro
-from rsdeblur.io.kernels import read_psfs
 from rsdeblur.io.picture_output import write_picture
 from rsdeblur.io.pictures import Picture, read_picture
 from rsdeblur.io.sessions import indices_of

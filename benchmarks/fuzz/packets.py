@@ -12,7 +12,7 @@ from PIL.PngImagePlugin import PngInfo
 from PIL.TiffImagePlugin import IFDRational
 
 from benchmarks.fuzz import seeds
-from rsdeblur.io import _encode, _jpeg
+from rsdeblur.io import picture_output
 from rsdeblur.io._metadata import C2PA_BOX, C2PA_TAG, PNG_IPTC, Metadata, png_iptc
 
 NAMESPACES = " ".join(
@@ -111,7 +111,7 @@ def jpegs() -> list[bytes]:
     ]
     marked = b"".join(struct.pack(">BBH", 0xFF, marker, len(body) + 2) + body for marker, body in segments)
     rotated = seeds.encoded("JPEG", seeds.picture((12, 20, 3), "uint8"), exif=timed_exif(), xmp=PACKETS[1])
-    return [_jpeg.with_iptc(plain, RECORD), plain[:2] + marked + plain[2:], rotated]
+    return [picture_output.with_iptc(plain, RECORD), plain[:2] + marked + plain[2:], rotated]
 
 
 def pngs() -> list[bytes]:
@@ -124,7 +124,7 @@ def pngs() -> list[bytes]:
         info.add(b"caBX", C2PA_BOX, after_idat=False)
         Image.fromarray(pixels).save(buffer, "PNG", pnginfo=info)
         files.append(buffer.getvalue())
-    return [*files, _encode.encode("PNG", seeds.picture((12, 20), "uint16"), grey)]
+    return [*files, picture_output.encode("PNG", seeds.picture((12, 20), "uint16"), grey)]
 
 
 def webps() -> list[bytes]:
@@ -142,7 +142,7 @@ def tiffs() -> list[bytes]:
     return [
         *(floats + bytes(k) for k in range(5)),
         seeds.tiff(rgb, photometric="rgb", compression="jpeg2000"),
-        _encode.encode("TIFF", rgb, Metadata(timed_exif(), None, PACKETS[0], RECORD)),
+        picture_output.encode("TIFF", rgb, Metadata(timed_exif(), None, PACKETS[0], RECORD)),
         seeds.tiff(rgb, photometric="rgb", extratags=manifest),
     ]
 

@@ -54,7 +54,7 @@ def deconvolve_photo(
     RsdeblurError
         If a file is refused or the result cannot be written.
     """
-    from rsdeblur.io.kernels import read_psfs
+    from rsdeblur.io.arrays import read_psfs
     from rsdeblur.io.picture_output import picture_to_fill
     from rsdeblur.io.pictures import read_picture
     from rsdeblur.pipeline.deconvolve import check_bank, deconvolve_with, mode_of

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from rsdeblur.errors import FileFormatError
-from rsdeblur.io.formats import Format
 from rsdeblur.io.samples import Samples
-from rsdeblur.io.source import Source, unpacked_limit
+from rsdeblur.io.source import Format, Source, unpacked_limit
 
 SUFFIXES = (".csv", ".json", ".txt", ".gcsv", ".tsv")
 
@@ -33,6 +32,15 @@ def gyro_first(name: str) -> tuple[bool, bool, str]:
     """Sort key of file names that puts gyro files first, and those with a bias after the others."""
     stem = Path(name).stem.lower()
     return "gyro" not in stem, "uncalibrated" in stem, name
+
+
+def several(archive: Path, what: str, members: list[Source]) -> FileFormatError:
+    """Return the error for an archive of which two members may be meant."""
+    first, second = (each.path.relative_to(archive).as_posix() for each in members[:2])
+    return FileFormatError(
+        f"{archive}: the archive contains more than one {what}, {first} and {second}; extract the one of your photo or "
+        "video, and give that"
+    )
 
 
 def is_archive(source: Source) -> bool:

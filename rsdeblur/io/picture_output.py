@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import os
+import struct
 import time
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import imagecodecs
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from rsdeblur._util import validate
 from rsdeblur._util.atomic import atomic_write, check_target
 from rsdeblur._util.files import checked_path
 from rsdeblur.errors import InputError, OutputError
-from rsdeblur.io import _metadata, mapped
-from rsdeblur.io._encode import encode, quantised
-from rsdeblur.io._metadata import Metadata
+from rsdeblur.io import _metadata, _tiff, mapped
+from rsdeblur.io._exif_block import PREFIX
+from rsdeblur.io._metadata import PNG_IPTC, Metadata, png_iptc
 from rsdeblur.io.pictures import DAMAGE, Picture, fitting_profile
 
 KINDS = {
@@ -201,3 +206,72 @@ def _depth(path: Path, kind: str, source: NDArray[Any] | None, bits: int | None)
         allowed = ", ".join(map(str, DEPTHS[kind]))
         raise OutputError(f"{path}: {kind} cannot hold {bits} bits per sample, only {allowed}; use another extension")
     return bits
+
+
+PNG_HEADER = 33  # Length of the magic number and IHDR; colour profile and metadata may follow.
+
+
+def quantised(image: NDArray[Any], bits: int) -> NDArray[Any]:
+    """Return values in [0, 1] as samples of `bits` bits; 32 is float32."""
+    if image.dtype.kind == "u":
+        if 8 * image.dtype.itemsize == bits:
+            return image
+        image = image / np.float32(np.iinfo(image.dtype).max)
+    if bits == 32:
+        return image.astype(np.float32)
+    # float16 cannot represent 65535.
+    clipped: NDArray[Any] = np.clip(image, 0.0, 1.0).astype(np.promote_types(image.dtype, np.float32))
+    clipped *= 2**bits - 1
+    levels: NDArray[Any] = np.rint(clipped, out=clipped).astype(np.uint8 if bits == 8 else np.uint16)
+    return levels
+
+
+def encode(kind: str, pixels: NDArray[Any], metadata: Metadata) -> bytes:
+    """Return the file of a picture, with metadata that its format can hold."""
+    if kind == "TIFF":
+        return _tiff.encode(pixels, metadata)
+    if kind == "PNG":
+        return _encode_png(pixels, metadata)
+    if kind == "NumPy":
+        buffer = BytesIO()
+        np.save(buffer, pixels, allow_pickle=False)
+        return buffer.getvalue()
+    options: dict[str, Any] = {"quality": 95, "subsampling": 0}
+    if kind == "WebP":
+        # The fastest lossless method; the slower ones save 3 % for 3 times the time.
+        options = {"lossless": True, "exact": True, "method": 0}
+    blocks = {"exif": metadata.exif, "xmp": metadata.xmp, "icc_profile": metadata.icc_profile}
+    buffer = BytesIO()
+    Image.fromarray(pixels).save(
+        buffer, format=kind, **options, **{name: block for name, block in blocks.items() if block}
+    )
+    data = buffer.getvalue()
+    return with_iptc(data, metadata.iptc) if kind == "JPEG" and metadata.iptc else data
+
+
+def _encode_png(pixels: NDArray[Any], metadata: Metadata) -> bytes:
+    # zlib's default, 6, makes photographs 3 % smaller in 3 times the time.
+    data = bytes(imagecodecs.png_encode(pixels, level=2))
+    extra = b""
+    if metadata.icc_profile:
+        extra += _png_chunk(b"iCCP", b"ICC profile\0\0" + zlib.compress(metadata.icc_profile))
+    if metadata.exif:
+        extra += _png_chunk(b"eXIf", metadata.exif.removeprefix(PREFIX))
+    if metadata.xmp:
+        extra += _png_chunk(b"iTXt", b"XML:com.adobe.xmp" + bytes(5) + metadata.xmp)
+    if metadata.iptc:
+        extra += _png_chunk(b"zTXt", PNG_IPTC.encode() + bytes(2) + zlib.compress(png_iptc(metadata.iptc)))
+    return data[:PNG_HEADER] + extra + data[PNG_HEADER:]
+
+
+def _png_chunk(name: bytes, body: bytes) -> bytes:
+    return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+
+
+def with_iptc(data: bytes, record: bytes) -> bytes:
+    """Return a JPEG with an IPTC record, in a segment behind its other metadata."""
+    body = b"Photoshop 3.0\0" + b"8BIM\x04\x04\0\0" + len(record).to_bytes(4, "big") + record + bytes(len(record) % 2)
+    place = 2  # behind the mark of a JPEG
+    while data[place] == 0xFF and data[place + 1] in range(0xE0, 0xF0):
+        place += 2 + int.from_bytes(data[place + 2 : place + 4], "big")
+    return data[:place] + b"\xff\xed" + (len(body) + 2).to_bytes(2, "big") + body + data[place:]

@@ -17,8 +17,8 @@ import pytest
 from benchmarks.fuzz.seeds import base91
 from rsdeblur.errors import FileFormatError, RsdeblurWarning
 from rsdeblur.io import open_gyro, read_gyro
+from rsdeblur.io.gyro_binary import check_sample_sizes
 from rsdeblur.io.gyroflow import base91_decode
-from rsdeblur.io.sample_tables import check_sample_sizes
 from rsdeblur.io.source import Source
 
 # A timestamp in ns that float64 cannot represent, and the samples in all files below: t in ns; x, y, z in rad/s.

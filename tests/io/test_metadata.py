@@ -15,7 +15,7 @@ from PIL import Image
 
 from rsdeblur.errors import RsdeblurWarning
 from rsdeblur.io import _metadata, read_picture, write_picture
-from rsdeblur.io._jpeg import with_iptc
+from rsdeblur.io.picture_output import with_iptc
 from rsdeblur.io.pictures import Picture
 
 WIDTH, HEIGHT = 64, 48
