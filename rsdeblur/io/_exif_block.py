@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from fractions import Fraction
 from io import BytesIO
-from typing import BinaryIO
+from typing import BinaryIO, Literal
 
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
@@ -202,7 +202,7 @@ def read(file: BinaryIO, wanted: Collection[int] | None = None) -> Table:
 def _read(file: BinaryIO, head: bytes, start: int, pointers: Collection[int], wanted: Collection[int] | None) -> Table:
     found, ifd, tables = ImageFileDirectory_v2(head), ImageFileDirectory_v2(LITTLE), dict[int, Table]()
     file.seek(start)
-    order = "little" if head[:2] == b"II" else "big"
+    order: Literal["little", "big"] = "little" if head[:2] == b"II" else "big"
     entries = file.read(12 * int.from_bytes(file.read(2), order))
     # Some cameras write tags without a value.
     missing = sum(any(entries[at + 4 : at + 8]) for at in range(0, len(entries), 12))
