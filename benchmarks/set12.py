@@ -41,7 +41,7 @@ from benchmarks.data import Image, noted
 from benchmarks.tables import markdown, report, write
 from rsdeblur import deconvolve
 from rsdeblur._util.threads import thread_count
-from rsdeblur.choices import PRIORS, Border, Boundary, Prior
+from rsdeblur.choices import PRIORS, Prior
 
 Blur = Literal["valid", "circular"]
 Region = Literal["seen", "frame"]
@@ -110,9 +110,7 @@ def solve(case: Case) -> dict[str, Score]:
     scores = {"blurred": _score(sharp, blurred, kernel.shape, 0.0)}
     sigma = case.noise / 255
     for prior in PRIORS:
-        # Of the borders that the Wiener filter takes, "smooth" is the best for valid pictures.
-        valid: Border | Boundary = "smooth" if prior == "wiener" else "unknown"
-        border = "periodic" if case.blur == "circular" else valid
+        border: Literal["periodic", "auto"] = "periodic" if case.blur == "circular" else "auto"
         strengths: dict[str, dict[str, Any]] = {"automatic": {}, "noise given": {"noise": sigma}}
         for factor in LADDERS.get(prior, ()):
             name, power = ("nsr", 2) if prior == "wiener" else ("weight", 2 if prior == "gradient" else 1)

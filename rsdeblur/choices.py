@@ -54,9 +54,8 @@ MOTIONS: tuple[Motion, ...] = get_args(Motion)
 # How a solver itself continues a picture beyond its frame ...
 Border = Literal["blend", "periodic"]
 BORDERS: tuple[Border, ...] = get_args(Border)
-# ... and the alternatives that make a picture periodic before a solver with border="periodic", or, for "unknown", one
-# that leaves open what lies beyond the frame.
-Boundary = Literal["reflect", "edge-taper", "smooth", "unknown"]
+# ... and the alternative that leaves open what lies beyond the frame.
+Boundary = Literal["unknown"]
 BOUNDARIES: tuple[Boundary, ...] = get_args(Boundary)
 
 Saturation = Literal["ignore", "auto", "always"]

@@ -35,8 +35,8 @@ from rsdeblur.io import (
     read_trajectory,
     write_picture,
 )
-from rsdeblur.io._jpeg import check_scans
 from rsdeblur.io.exif import Exif
+from rsdeblur.io.pictures import check_scans
 from rsdeblur.psf import PsfBank
 from tests.hostile import seeds, targets
 from tests.installed import needs

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from functools import partial
 
 import numpy as np
 from scipy.signal import fftconvolve
 
 from benchmarks import data
 from benchmarks.data import Image
+from benchmarks.paper.continuations import reflected, tapered
 from benchmarks.paper.figure import Cell, Figure, pictures
 from rsdeblur import BlurPaths, Camera, Capture, Deconvolver, Exposure, PsfBank, psfs
-from rsdeblur.choices import Border, Boundary
+from rsdeblur.choices import Border
 from rsdeblur.deconv.border import fade
-from rsdeblur.deconv.boundary import extended
+from rsdeblur.deconv.boundary import extended_shape, smooth
 from rsdeblur.deconv.rowwise import RowDeconvolver
 from rsdeblur.image.transfer import from_linear
 
@@ -109,11 +109,16 @@ def solvers(observed: Image, bank: PsfBank) -> dict[str, Callable[[], Image]]:
         filters = Deconvolver(PsfBank.for_picture(kernel, shape), shape, nsr=NSR, border=border)
         return lambda: filters.apply(prepare())[: CAMERA.height, : CAMERA.width]
 
-    alternatives: tuple[Boundary, ...] = ("reflect", "edge-taper", "smooth")
+    height, width, _ = extended_shape(observed.shape, bank)
+    alternatives: dict[str, Callable[[], Image]] = {
+        "reflect": lambda: reflected(observed, height, width),
+        "edge-taper": lambda: tapered(observed, bank.kernels[0, 0]),
+        "smooth": lambda: smooth(observed, height, width),
+    }
     return {
         "blend": planned("blend", lambda: observed),
         "periodic": planned("periodic", lambda: observed),
-        **{name: planned("periodic", partial(extended, observed, bank, name)) for name in alternatives},
+        **{name: planned("periodic", prepare) for name, prepare in alternatives.items()},
         INSIDE: planned("periodic", lambda: blended_inside(observed, bank.size)),
     }
 

@@ -24,7 +24,7 @@ from rsdeblur.cli import main
 
 # Modules for users, beside the names of `rsdeblur` itself, in the order of the package's ladder.
 MODULES = (
-    "motion.axes", "motion.rectify", "deconv.priors", "io", "io.history", "io.claims",
+    "motion.axes", "motion.rectify", "deconv.priors", "io",
     "report", "plot",
     "video.clip", "video.times", "video.plan", "video.run",
 )  # fmt: skip

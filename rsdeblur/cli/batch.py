@@ -20,7 +20,7 @@ from rsdeblur.cli import _options, _refinement
 from rsdeblur.cli._command import Command
 from rsdeblur.cli._items import COLUMNS, FILES, Item, numbered_from_option, read_items
 from rsdeblur.cli._jobs import Workers, shared_threads, workers_options
-from rsdeblur.cli._options import Defaults, PhotoChanges, Target
+from rsdeblur.cli._options import Defaults, Target
 from rsdeblur.cli._output import (
     SOME_FAILED,
     check_page,
@@ -35,7 +35,6 @@ from rsdeblur.cli._output import (
     write_json,
 )
 from rsdeblur.cli._photo import PhotoJob, deblur_photo
-from rsdeblur.cli._signing import Signing, signing_options
 from rsdeblur.cli._types import PATH
 from rsdeblur.errors import InputError, OutputError, RsdeblurError, RsdeblurWarning
 
@@ -84,8 +83,6 @@ def _only(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -
 @numbered_from_option
 @_options.solve_options(*_options.ONE_PHOTO, *_options.ONE_RESULT)
 @_refinement.option
-@_options.photo_options
-@signing_options
 @workers_options
 @_options.target_options(
     "DIR",
@@ -101,8 +98,6 @@ def command(
     numbered_from: int | None,
     options: Options,
     refine: bool | None,
-    changes: PhotoChanges,
-    signing: Signing,
     workers: Workers,
     target: Target,
     report: Path | None,
@@ -115,7 +110,6 @@ def command(
     items = read_items(source, defaults, target.output, numbered_from=numbered_from)
     if not items:
         raise InputError(f"{source}: there is nothing to do, because no photo is listed")
-    signing.credentials()
     if report is not None:
         check_page(report, force=target.force)
     jobs, threads = shared_threads(workers.jobs, options.threads, alone=workers.scheduler is None)
@@ -124,7 +118,7 @@ def command(
     is_own = target.force or records.folder.is_dir()
     prepare_folder(target.output, [TABLE, REPORT], force=is_own, dry_run=target.dry_run)
     with nullcontext() if target.dry_run else records.held():
-        batch = _Batch(target, replace(options, threads=threads), changes, signing, records, refine_anyway=bool(refine))
+        batch = _Batch(target, replace(options, threads=threads), records, refine_anyway=bool(refine))
         entries = batch.run(items, jobs, workers.scheduler, limits)
         counts = Counter(entry["state"] for entry in entries)
         verdicts = Counter(entry["check"]["verdict"] for entry in entries if entry.get("check"))
@@ -158,14 +152,12 @@ class _Batch:
         self,
         target: Target,
         options: Options,
-        changes: PhotoChanges,
-        signing: Signing,
         records: Records,
         *,
         refine_anyway: bool,
     ) -> None:
-        self._target, self._options, self._changes, self._records = target, options, changes, records
-        self._signing, self._refine_anyway = signing, refine_anyway
+        self._target, self._options, self._records = target, options, records
+        self._refine_anyway = refine_anyway
         self._under_way: dict[int, PhotoJob] = {}
         self._is_remote = False
         # Folders that do not exist before their items start.
@@ -226,8 +218,6 @@ class _Batch:
             dry_run=self._target.dry_run,
             make_folder=True,
             options=self._options,
-            changes=self._changes,
-            signing=self._signing,
             refine_anyway=self._refine_anyway,
         )
 
@@ -304,9 +294,6 @@ def _absolute(job: PhotoJob) -> PhotoJob:
     """Return the job with absolute paths, for workers that run in another folder."""
     files = {name: path.absolute() for name in FILES if (path := getattr(job.recording, name)) is not None}
     recording = replace(job.recording, **files)
-    names = "sign", "sign_key"
-    keys = {name: path.absolute() for name in names if (path := getattr(job.signing, name)) is not None}
-    job = replace(job, signing=replace(job.signing, **keys))
     return replace(job, photo=job.photo.absolute(), output=job.output.absolute(), recording=recording)
 
 
@@ -322,10 +309,9 @@ def _fingerprint(job: PhotoJob) -> str:
     from rsdeblur._util.records import fingerprint
 
     # Any number of threads gives the same bits.
-    settings = [replace(job.options, threads=None), job.changes, job.refine_anyway]
+    settings = [replace(job.options, threads=None), job.refine_anyway]
     recording = {name: value for name, value in asdict(job.recording).items() if name not in FILES}
-    signer = () if job.signing.sign is None else (job.signing.sign,)
-    files = [job.photo, *(getattr(job.recording, name) for name in FILES), *signer]
+    files = [job.photo, *(getattr(job.recording, name) for name in FILES)]
     return fingerprint([*settings, recording], files)
 
 

@@ -123,12 +123,10 @@ def deblur(
         ``quality="fast"``.
     geometry : {"keep", "rectify"}
         Keep the rolling-shutter shape, or resample the picture to the middle row's mid-exposure.
-    border : {"auto", "blend", "periodic", "reflect", "edge-taper", "smooth", "unknown"}
+    border : {"auto", "blend", "periodic", "unknown"}
         How the picture continues beyond its frame; "auto" is "blend". See :class:`rsdeblur.Deconvolver` for "blend" and
-        "periodic". "reflect" mirrors the picture without a blend; "edge-taper" fades its borders into the blurred
-        picture; "smooth" fills in values whose Laplacian is zero, in the manner of Liu and Jia (2008). "unknown" solves
-        for what the camera would have recorded there (Reeves 2005; Almeida and Figueiredo 2013): it takes two to four
-        times as long, and every prior but "wiener". "rowwise" takes the first three only.
+        "periodic". "unknown" solves for what the camera would have recorded there (Reeves 2005; Almeida and Figueiredo
+        2013): it takes two to four times as long, and every prior but "wiener". "rowwise" takes the first three only.
     motion : {"rotation", "small-angle"}
         Paths of the full homography, or the approximation of eq. 6 of Sindelar and Sroubek (2013).
     translation : Translation, optional

@@ -151,7 +151,7 @@ class Options:
         if boundary == "unknown" and prior == "wiener":
             raise InputError(
                 'prior="wiener" takes no border="unknown", which needs a prior that takes several steps; use '
-                'border="smooth", or another prior'
+                'border="blend", or another prior'
             )
         if self.chroma == "half" and not self._may_halve_chroma:
             raise InputError(
@@ -200,7 +200,7 @@ class Options:
 
     @property
     def boundary_in_effect(self) -> Boundary | None:
-        """The method that makes the picture periodic before it is solved; None if the solver does so itself."""
+        """The border if it is "unknown"; None if the solver continues the picture itself."""
         border = self.border
         return None if border == "auto" or border == "blend" or border == "periodic" else border
 

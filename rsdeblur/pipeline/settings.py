@@ -67,8 +67,8 @@ class SolverSettings:
     wavelet : WaveletPrior, optional
         The learned prior with all its numbers; None for other priors.
     border, boundary
-        How the solver continues the picture beyond its frame, and the method that makes it periodic before, or None;
-        see :class:`rsdeblur.Options`.
+        How the solver continues the picture beyond its frame; "unknown" if it leaves that open, or None; see
+        :class:`rsdeblur.Options`.
     """
 
     mode: Mode
@@ -146,7 +146,7 @@ class SolverSettings:
             Called as ``solve(light, progress)``; returns the restored light.
         """
         if self.boundary is not None:
-            return self._extended(capture, bank, shape, self.boundary)
+            return self._open_border(bank, shape)
         if self.mode == "rowwise" and capture is not None:
             return self._rowwise(capture, bank, shape, first)
         return self.plan_tiles(bank, shape)
@@ -176,19 +176,19 @@ class SolverSettings:
             threads=self.threads,
         )
 
-    def _extended(
-        self, capture: Capture | None, bank: PsfBank, shape: tuple[int, int, int], boundary: Boundary
-    ) -> Solve:
+    def _open_border(self, bank: PsfBank, shape: tuple[int, int, int]) -> Solve:
+        """Plan a solver for which what lies beyond the frame is unknown; `Options` refuses the Wiener filter."""
         height, width, _ = shape
-        longer, prior = extended_shape(shape, bank, boundary), self.latent_prior
-        if boundary == "unknown" and prior is not None:
-            unknown = UnknownBorderQuadratic(
-                bank, longer, recorded=(height, width), nsr=self.nsr, planning=self.planning, threads=self.threads
-            )
-            solve: Solve = TileSolver(unknown, partial(unknown.apply, prior=prior))
-        else:
-            solve = replace(self, boundary=None).plan_solver(capture, bank, longer)
-        return lambda light, progress: solve(extended(light, bank, boundary), progress)[:height, :width]
+        unknown = UnknownBorderQuadratic(
+            bank,
+            extended_shape(shape, bank),
+            recorded=(height, width),
+            nsr=self.nsr,
+            planning=self.planning,
+            threads=self.threads,
+        )
+        solve = TileSolver(unknown, partial(unknown.apply, prior=self.latent_prior))
+        return lambda light, progress: solve(extended(light, bank), progress)[:height, :width]
 
     def _rowwise(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:
         paths = BlurPaths.every_row(capture, bank.cols, within=slice(first, first + shape[0]))

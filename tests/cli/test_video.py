@@ -254,7 +254,7 @@ def test_horizontal_readout_is_the_turned_problem(movie: Movie) -> None:
 
 def test_borders_that_photos_take_work_for_videos(run: Run, here: None, movie: Movie, tmp_path: Path) -> None:
     out = tmp_path / "out.mp4"
-    result = run(*movie.arguments(*movie.stamped, *STRENGTHS, "--border", "smooth", "-o", out))
+    result = run(*movie.arguments(*movie.stamped, *STRENGTHS, "--border", "periodic", "-o", out))
     assert result.exit_code == 0, result.stderr
     assert out.is_file()
 

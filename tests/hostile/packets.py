@@ -11,7 +11,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 from PIL.TiffImagePlugin import IFDRational
 
-from rsdeblur.io import _encode, _exif_renewal, _jpeg, directories
+from rsdeblur.io import picture_output
 from rsdeblur.io._metadata import C2PA_BOX, C2PA_TAG, PNG_IPTC, Metadata, png_iptc
 from tests.hostile import seeds
 
@@ -68,9 +68,22 @@ def timed_exif(zone: str | None = "+01:00", fix: float | None = 29.0, width: int
     block.get_ifd(0x8769).update({0xA404: IFDRational(2), 0xA405: 26})
     if fix is not None:
         block.get_ifd(0x8825).update({7: (float(when.hour), float(when.minute), fix), 29: when.strftime("%Y:%m:%d")})
-    return _exif_renewal.renewed(
-        block.tobytes(), "a program", when, seeds.encoded("JPEG", seeds.picture((6, 8), "uint8"))
-    )
+    return _with_thumbnail(block.tobytes(), seeds.encoded("JPEG", seeds.picture((6, 8), "uint8")))
+
+
+def _with_thumbnail(exif: bytes, thumbnail: bytes) -> bytes:
+    """Return a block of Pillow's, in big-endian order, with a second directory behind it."""
+    data = exif.removeprefix(b"Exif\0\0")
+    end = _end(data)
+    heads = ((259, 3, 6 << 16), (513, 4, len(data) + 42), (514, 4, len(thumbnail)))
+    second = struct.pack(">H", 3) + b"".join(struct.pack(">HHII", *head[:2], 1, head[2]) for head in heads) + bytes(4)
+    return b"Exif\0\0" + data[:end] + struct.pack(">I", len(data)) + data[end + 4 :] + second + thumbnail
+
+
+def _end(data: bytes) -> int:
+    """Return the place of the pointer to the second directory."""
+    (start,) = struct.unpack_from(">I", data, 4)
+    return int(start + 2 + 12 * struct.unpack_from(">H", data, start)[0])
 
 
 def exifs() -> list[bytes]:
@@ -83,7 +96,7 @@ def exifs() -> list[bytes]:
     # A thumbnail, and a second directory, beyond the block.
     place = blocks[1].index(struct.pack(">HHI", 514, 4, 1)) + 8
     blocks.append(blocks[1][:place] + b"\0\1\0\0" + blocks[1][place + 4 :])
-    end = 6 + directories.read(BytesIO(blocks[1][6:])).end
+    end = 6 + _end(blocks[1][6:])
     blocks.append(blocks[1][:end] + b"\xff" * 4 + blocks[1][end + 4 :])
     return [*blocks, *(blocks[1] + bytes(k) for k in range(1, 5))]
 
@@ -98,7 +111,7 @@ def jpegs() -> list[bytes]:
     ]
     marked = b"".join(struct.pack(">BBH", 0xFF, marker, len(body) + 2) + body for marker, body in segments)
     rotated = seeds.encoded("JPEG", seeds.picture((12, 20, 3), "uint8"), exif=timed_exif(), xmp=PACKETS[1])
-    return [_jpeg.with_iptc(plain, RECORD), plain[:2] + marked + plain[2:], rotated]
+    return [picture_output.with_iptc(plain, RECORD), plain[:2] + marked + plain[2:], rotated]
 
 
 def pngs() -> list[bytes]:
@@ -111,7 +124,7 @@ def pngs() -> list[bytes]:
         info.add(b"caBX", C2PA_BOX, after_idat=False)
         Image.fromarray(pixels).save(buffer, "PNG", pnginfo=info)
         files.append(buffer.getvalue())
-    return [*files, _encode.encode("PNG", seeds.picture((12, 20), "uint16"), grey)]
+    return [*files, picture_output.encode("PNG", seeds.picture((12, 20), "uint16"), grey)]
 
 
 def webps() -> list[bytes]:
@@ -129,7 +142,7 @@ def tiffs() -> list[bytes]:
     return [
         *(floats + bytes(k) for k in range(5)),
         seeds.tiff(rgb, photometric="rgb", compression="jpeg2000"),
-        _encode.encode("TIFF", rgb, Metadata(timed_exif(), None, PACKETS[0], RECORD)),
+        picture_output.encode("TIFF", rgb, Metadata(timed_exif(), None, PACKETS[0], RECORD)),
         seeds.tiff(rgb, photometric="rgb", extratags=manifest),
     ]
 

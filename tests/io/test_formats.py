@@ -16,8 +16,8 @@ import pytest
 
 from rsdeblur.errors import FileFormatError, RsdeblurWarning
 from rsdeblur.io import open_gyro, read_gyro
+from rsdeblur.io.gyro_binary import check_sample_sizes
 from rsdeblur.io.gyroflow import base91_decode
-from rsdeblur.io.sample_tables import check_sample_sizes
 from rsdeblur.io.source import Source
 from tests.hostile.seeds import base91
 from tests.installed import needs

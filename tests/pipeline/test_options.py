@@ -107,11 +107,11 @@ def test_automatic_saturation_yields_to_speed_and_memory() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"mode": "rowwise", "border": "smooth"}, 'mode="rowwise" takes no border="smooth"'),
-        ({"quality": "best", "border": "smooth"}, 'quality="best" takes no border="smooth"'),
+        ({"mode": "rowwise", "border": "unknown"}, 'mode="rowwise" takes no border="unknown"'),
+        ({"quality": "best", "border": "unknown"}, 'quality="best" takes no border="unknown"'),
         ({"fallback": True, "geometry": "rectify"}, "changes its shape"),
         ({"max_memory": 2**30, "normalize": True}, "normalize=True needs the whole picture"),
-        ({"max_memory": 2**30, "border": "reflect"}, 'border="reflect" needs the whole picture'),
+        ({"max_memory": 2**30, "border": "unknown"}, 'border="unknown" needs the whole picture'),
         ({"max_memory": 2**30, "geometry": "rectify"}, 'geometry="rectify" needs the whole picture'),
         ({"normalize": "yes"}, "normalize must be True or False"),
         ({"max_memory": 0.5}, "max_memory must be a whole number"),
