@@ -19,11 +19,12 @@ from rich.console import Console
 from rich.progress import track
 from skimage.transform import rescale
 
-from benchmarks.captures import DATA, READOUT, SimulatedCapture, quality, require_data
+from benchmarks import data
+from benchmarks.captures import READOUT, SimulatedCapture, quality
 from benchmarks.phone import from_phone
 from benchmarks.priors import jpeg, noisy, with_errors
 from benchmarks.tables import markdown
-from rsdeblur import Camera, Capture, Exposure, deblur, read_gyro, read_picture, simulate, to_linear
+from rsdeblur import Camera, Capture, Exposure, deblur, simulate, to_linear
 from rsdeblur.choices import PRIORS, VERDICTS, Prior, Verdict
 
 # (Kodak picture, start in the log in s)
@@ -51,7 +52,6 @@ def main() -> None:
     parser.add_argument("--lengths", type=float, nargs="+", default=LENGTHS, metavar="PX")
     parser.add_argument("--enlarged", type=int, default=1, help="factor on the size of the pictures (1)")
     options = parser.parse_args()
-    require_data()
     rows = []
     for length in track(options.lengths, "lengths"):
         drawn = list(captures(length, options.enlarged))
@@ -59,7 +59,7 @@ def main() -> None:
         results = [results_of(capture, n, options.prior) for n, capture in enumerate(drawn)]
         rows.append([f"{length:g}", f"{longest:.1f}", *(cell([each[name] for each in results]) for name in results[0])])
     columns = ["paths, px", "longest", *(f"{name}, dB" for name in results[0])]
-    Console(width=250, highlight=False, markup=False).print(markdown(columns, rows))
+    Console(width=250, highlight=False, markup=False).print(data.noted(markdown(columns, rows)))
 
 
 def cell(results: list[tuple[float, Verdict]]) -> str:
@@ -74,13 +74,13 @@ def captures(length: float, enlarged: int) -> Iterator[SimulatedCapture]:
     """Simulate captures without noise whose paths have a mean length in px."""
     width, height = (enlarged * side for side in SIZE)
     camera = Camera(width, height, 1.1 * width, readout_time=READOUT)
-    recorded = read_gyro(DATA / "gyro" / "phone-210hz.txt")
+    recorded = data.shake()
     for name, start in MOMENTS:
         log, exposure = recorded, Exposure(start, DURATION, recorded.epoch_ns)
         for _ in range(ROUNDS):
             found = float(Capture.from_log(log, camera, exposure).probe.lengths.mean())
             log = replace(log, omega=length / found * log.omega)
-        stored = (read_picture(DATA / "sharp" / f"{name}.png").pixels / 255).astype(np.float32)
+        stored = data.encoded(name)
         if enlarged > 1:
             stored = rescale(stored, enlarged, order=3, channel_axis=-1).clip(0, 1).astype(np.float32)
         pictures = simulate(to_linear(stored, "srgb"), log, camera, exposure)

@@ -175,7 +175,8 @@ def renewed(old: Metadata, pixels: NDArray[Any], kind: str, *, transfer: str, is
     if old.xmp and _describes(old.xmp, GAIN_MAP_TEXTS + MOTION_TEXTS + OTHER_TEXTS):
         old, losses = replace(old, xmp=None), [*losses, DESCRIBES]
     for name, reason in _refused(old, pixels, kind).items():
-        old, losses = replace(old, **{name: None}), [*losses, f"{NAMES[name]}, {reason}"]
+        without: dict[str, Any] = {name: None}
+        old, losses = replace(old, **without), [*losses, f"{NAMES[name]}, {reason}"]
     if kind == "TIFF" and old.exif and (loss := _exif_block.of_block(old.exif).loss):
         losses.append(loss)
     if losses:

@@ -177,8 +177,9 @@ class SolverSettings:
         )
 
     def _open_border(self, bank: PsfBank, shape: tuple[int, int, int]) -> Solve:
-        """Plan a solver for which what lies beyond the frame is unknown; `Options` refuses the Wiener filter."""
-        height, width, _ = shape
+        """Plan a solver for which what lies beyond the frame is unknown."""
+        (height, width, _), prior = shape, self.latent_prior
+        assert prior is not None, "Options refuses the Wiener filter"
         unknown = UnknownBorderQuadratic(
             bank,
             extended_shape(shape, bank),
@@ -187,7 +188,7 @@ class SolverSettings:
             planning=self.planning,
             threads=self.threads,
         )
-        solve = TileSolver(unknown, partial(unknown.apply, prior=self.latent_prior))
+        solve = TileSolver(unknown, partial(unknown.apply, prior=prior))
         return lambda light, progress: solve(extended(light, bank), progress)[:height, :width]
 
     def _rowwise(self, capture: Capture, bank: PsfBank, shape: tuple[int, int, int], first: int) -> Solve:

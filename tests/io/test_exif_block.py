@@ -60,7 +60,8 @@ def directory(order: str, tags: Tags, start: int, tables: dict[int, Any] | None 
     for tag in sorted({*tags, *tables}):
         place = body + len(values)
         if tag in tables:
-            values += directory(order, *tables[tag][:1], place, *tables[tag][1:])
+            inner, *further = tables[tag]
+            values += directory(order, inner, place, *further)
             heads += struct.pack(f"{order}HHII", tag, LONG, 1, place)
             continue
         kind, value = tags[tag]
