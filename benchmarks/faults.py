@@ -14,35 +14,26 @@ import random
 import resource
 import shutil
 import signal
-import stat
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
-from importlib import import_module
+from collections.abc import Callable, Sequence
 from multiprocessing import get_context
-from multiprocessing.context import ForkProcess
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
-from unittest import mock
 
 import numpy as np
 
 from benchmarks import load
-from rsdeblur import Camera, Deconvolver, PsfBank, cli
-from rsdeblur._util import workers
-from rsdeblur._util.atomic import atomic_write
-from rsdeblur._util.interrupts import ENDING
+from rsdeblur import Camera, Deconvolver, PsfBank
+from rsdeblur._util.atomic import atomic_write, remove_unfinished
 from rsdeblur.choices import Planning
 from rsdeblur.deconv import fft
 from rsdeblur.errors import OutputError
 from rsdeblur.io import read_picture, write_picture
 from rsdeblur.io.picture_output import picture_to_fill
 from rsdeblur.io.pictures import Picture
-from rsdeblur.simulation.shake import hand_shake
 
 SIDE = 200
 
@@ -79,7 +70,7 @@ def _write_for_ever(write: Callable[[Path, int], None], path: Path, ready: Any) 
 def kills(name: str, count: int) -> dict[str, int]:
     """Kill a process that writes one file repeatedly, at random moments; count what was left on disk."""
     write, read = WRITERS[name]
-    counts = {"the old or the new file": 0, "another file": 0, "temporary files left": 0, "left by the next write": 0}
+    counts = {"the old or the new file": 0, "another file": 0, "temporary files left": 0}
     rng = random.Random(name)
     context = get_context("fork")
     with tempfile.TemporaryDirectory() as folder:
@@ -99,8 +90,8 @@ def kills(name: str, count: int) -> dict[str, int]:
             read(path)
             counts["the old or the new file" if path.read_bytes() in whole else "another file"] += 1
             counts["temporary files left"] += len(list(path.parent.iterdir())) - 1
-            write(path, 0)
-            counts["left by the next write"] += len(list(path.parent.iterdir())) - 1
+            remove_unfinished(path)
+            assert list(path.parent.iterdir()) == [path]
     return counts
 
 
@@ -176,7 +167,7 @@ def interrupts(count: int) -> dict[str, int]:
                 preexec_fn=heed_interrupts,
             )
             time.sleep(rng.uniform(0.3, 6.0))
-            number = rng.choice(ENDING)
+            number = rng.choice((signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
             process.send_signal(number)
             message = process.communicate()[1]
             left = list(Path(folder).rglob("*.part"))
@@ -276,153 +267,6 @@ def killed_workers(count: int) -> dict[str, int]:
     return counts
 
 
-def _write_video(folder: Path) -> list[str]:
-    """Write a video of noise, a log and a camera; return the arguments for `video`."""
-    import av
-
-    height, width = 60, 80
-    with av.open(str(folder / "clip.mp4"), "w") as container:
-        stream = container.add_stream("libx264", rate=30)
-        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
-        for values in np.random.default_rng(0).integers(0, 256, (24, height, width, 3), np.uint8):
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(values, format="rgb24")))
-        container.mux(stream.encode())
-    log = hand_shake(1.2, seed=1)
-    np.savetxt(folder / "gyro.csv", np.column_stack([log.t, log.omega]), delimiter=",", header="t,x,y,z", comments="")
-    Camera(width, height, 0.9 * width, readout_time=0.01).save(folder / "camera.toml")
-    options = ["--duration", "1/60", "--start", "0.1", "--segment", "3", "--jobs", "2", "--threads", "1"]
-    return ["video", "clip.mp4", "--gyro", "gyro.csv", "--camera", "camera.toml", *options, "-o", "sharp.mp4"]
-
-
-def _start(folder: Path, *arguments: str) -> ForkProcess:
-    """Start a command of rsdeblur in a fork, whose workers are forks too: imports take seconds, kills hit what follows.
-
-    Like spawned ones, the workers have no files of the command but their pipe.
-    """
-    for name in ("cli.batch", "cli.video", "pipeline.plan", "video.segments"):
-        import_module(f"rsdeblur.{name}")
-    process = get_context("fork").Process(target=_command, args=(folder, arguments))
-    process.start()
-    return process
-
-
-def _command(folder: Path, arguments: Sequence[str]) -> None:
-    os.chdir(folder)
-    os.environ.update(load.UNDATED)
-    for stream in (1, 2):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
-    fork = get_context("fork")
-    context = SimpleNamespace(Pipe=fork.Pipe, Process=partial(_worker, fork))
-    with mock.patch.object(workers, "get_context", return_value=context):
-        cli.main(arguments, prog_name="rsdeblur")
-
-
-def _worker(context: Any, target: Callable[..., None], args: tuple[Any, ...], daemon: bool) -> ForkProcess:
-    process: ForkProcess = context.Process(target=_alone, args=(target, args), daemon=daemon)
-    return process
-
-
-def _alone(serve: Callable[..., None], arguments: tuple[Any, ...]) -> None:
-    """Close the locks and the other pipes, which are pairs of sockets, that were inherited."""
-    for file in map(int, os.listdir("/proc/self/fd")):
-        with contextlib.suppress(OSError):
-            kind = os.fstat(file).st_mode
-            if file > 2 and file != arguments[0].fileno() and (stat.S_ISREG(kind) or stat.S_ISSOCK(kind)):
-                os.close(file)
-    serve(*arguments)
-
-
-def _workers(process: ForkProcess) -> list[int]:
-    try:
-        return [int(pid) for pid in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
-    except OSError:
-        return []
-
-
-def _random_moment(rng: random.Random, processes: Sequence[ForkProcess], folder: Path) -> None:
-    """Wait until there are a random number of new files in a folder, or all processes end; then a random time."""
-
-    def names() -> set[str]:
-        return set(os.listdir(folder)) if folder.is_dir() else set()
-
-    before, wanted = names(), rng.randint(0, 4)
-    while len(names() - before) < wanted and any(process.is_alive() for process in processes):
-        time.sleep(0.01)
-    time.sleep(rng.uniform(0, 0.5))
-
-
-def killed_videos(count: int, seed: int = 0) -> dict[str, int]:
-    """Kill workers of `rsdeblur video`, and a few times the command, at random moments; count the outcomes."""
-    counts = dict.fromkeys(("workers killed", "commands killed", "runs", "videos", "of other bytes", "files left"), 0)
-    rng = random.Random(seed)
-    with tempfile.TemporaryDirectory() as name:
-        folder, sharp = Path(name), Path(name) / "sharp.mp4"
-        arguments = _write_video(folder)
-        _start(folder, *arguments).join()
-        whole, files = sharp.read_bytes(), set(os.listdir(folder))
-        code = 0
-        while counts["workers killed"] < count or code:
-            process = _start(folder, *arguments, "--force")
-            counts["runs"] += 1
-            for _ in range(rng.randint(1, 4) if counts["workers killed"] < count else 0):
-                _random_moment(rng, [process], folder / "sharp.mp4.parts")
-                while process.is_alive() and not (victims := _workers(process)):
-                    time.sleep(0.01)
-                if process.is_alive() and rng.random() > 0.1:
-                    with contextlib.suppress(ProcessLookupError):
-                        os.kill(rng.choice(victims), signal.SIGKILL)
-                        counts["workers killed"] += 1
-                elif process.is_alive():
-                    process.kill()
-                    counts["commands killed"] += 1
-            process.join()
-            code = process.exitcode or 0
-            # The video of the last whole run stays until the next one is whole.
-            counts["of other bytes"] += sharp.read_bytes() != whole
-            if code == 0:
-                counts["videos"] += 1
-                counts["files left"] += len(set(os.listdir(folder)) - files)
-    return counts
-
-
-def shared_folder(count: int, seed: int = 0) -> dict[str, int]:
-    """Start two batches into one folder and kill one of them at a random moment; count the outcomes."""
-    counts = dict.fromkeys(("pairs", "refused", "killed", "pictures of other bytes", "pictures lost", "files left"), 0)
-    rng = random.Random(seed)
-    with tempfile.TemporaryDirectory() as name:
-        folder, sharp = Path(name), Path(name) / "sharp"
-        arguments = [*load.write_batch(folder, 8), "--jobs", "1", "--threads", "1"]
-        _start(folder, *arguments).join()
-        whole = {path.name: path.read_bytes() for path in sharp.glob("*.png")}
-        files = {path.name for path in sharp.iterdir()}
-        for _ in range(count):
-            shutil.rmtree(sharp)
-            pair = [_start(folder, *arguments)]
-            time.sleep(rng.uniform(0, 1))
-            pair.append(_start(folder, *arguments))
-            _random_moment(rng, pair, sharp)
-            # One of a pair may have been refused and have ended.
-            rng.choice([process for process in pair if process.is_alive()] or pair).kill()
-            for process in pair:
-                process.join()
-            codes = [process.exitcode for process in pair]
-            counts["pairs"] += 1
-            counts["refused"] += codes.count(1)
-            counts["killed"] += codes.count(-signal.SIGKILL)
-            counts["pictures of other bytes"] += _differing(sharp, whole)
-            last = _start(folder, *arguments)
-            last.join()
-            counts["pictures of other bytes"] += _differing(sharp, whole)
-            counts["pictures lost"] += len(whole) - len(list(sharp.glob("*.png"))) + (last.exitcode != 0)
-            counts["files left"] += len({path.name for path in sharp.iterdir()} - files)
-    return counts
-
-
-def _differing(folder: Path, whole: Mapping[str, bytes]) -> int:
-    """Return how many of the pictures in a folder are not as they are undisturbed."""
-    return sum(path.read_bytes() != whole[path.name] for path in folder.glob("*.png"))
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run all parts and print a line for each."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.faults", description=__doc__)
@@ -437,8 +281,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"damaged wisdom, {5 * count} files: {damaged_wisdom(5 * count)}", flush=True)
     print(f"two planners at once, {count // 20} pairs: {two_planners(count // 20)}", flush=True)
     print(f"workers of a batch killed {count // 10} times: {killed_workers(count // 10)}", flush=True)
-    print(f"workers of videos killed {count} times: {killed_videos(count)}", flush=True)
-    print(f"two batches into one folder, one killed, {count} times: {shared_folder(count)}", flush=True)
     print(f"interrupted {count // 10} times: {interrupts(count // 10)}", flush=True)
 
 

@@ -35,11 +35,11 @@ EXPONENT = 2 / 3
 # (docs/developer/decisions/several.md).
 KEEP, DROP = 1.5, 20.0
 
-# Frames of a video that are encoded together, and the constant rate factor of their encoding.
-SEGMENT, CRF = 32, 17
+# Constant rate factor of the encoding of videos.
+CRF = 17
 
-# Folder beside the results of a batch in which it records what is done.
-RECORDS = ".rsdeblur-batch"
+# File beside the results of a batch that lists them.
+BATCH = "batch.json"
 
 Solver = Literal["auto", "direct", "cg"]
 SOLVERS: tuple[Solver, ...] = get_args(Solver)

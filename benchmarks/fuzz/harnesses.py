@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import shutil
 import tempfile
 import warnings
@@ -20,11 +18,10 @@ import numpy as np
 
 from benchmarks.fuzz import packets, refused, seeds
 from benchmarks.fuzz.targets import TARGETS, WRITTEN
-from rsdeblur._util.records import Records, contents
 from rsdeblur.cli._items import Item, read_items
 from rsdeblur.cli._options import Defaults
 from rsdeblur.cli.deblur import command as deblur
-from rsdeblur.errors import LONGEST_MESSAGE, FileFormatError, OutputError, RsdeblurError
+from rsdeblur.errors import LONGEST_MESSAGE, FileFormatError, RsdeblurError
 from rsdeblur.io import directories, read_camera, read_captures
 from rsdeblur.io.cameras import write_time_offset
 from rsdeblur.io.clocks import is_clocks, read_clocks
@@ -196,39 +193,6 @@ def _session(path: Path) -> None:
         assert indices <= {None, *range(5)}
 
 
-def _is_sealed(content: bytes) -> bool:
-    """Return whether a record has its own digest."""
-    try:
-        record = json.loads(content)
-        seal = record.pop("seal")
-    except (ValueError, RecursionError, AttributeError, KeyError, TypeError):
-        return False
-    return bool(seal == hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest())
-
-
-def _records(path: Path) -> None:
-    """Read a record that was changed: it is as it was written, or none, and no file of others is removed for it."""
-    records = Records(path.parent / "records")
-    shutil.rmtree(records.folder, ignore_errors=True)
-    with records.held():
-        records.claim("a.png", "mark")
-        records.finish("a.png", "mark", contents(path))
-        (place,) = records.folder.glob("*.json")
-        facts = records.facts("a.png", "mark")
-        # A fuzzer that watches comparisons finds the digest of any record; such a one was not changed, but made.
-        made = _is_sealed(path.read_bytes())
-        path.replace(place)
-        assert made or records.facts("a.png", "mark") in (None, facts, {"bytes": 3})
-        assert isinstance(records.known("a.png"), bool)
-        other = records.folder / "b.png"
-        other.touch()
-        records.remove()
-    assert other.exists()
-    with suppress(OutputError):
-        records.check()
-        raise AssertionError("a folder of others is not refused")
-
-
 def _exif(path: Path) -> None:
     """Read an EXIF block, edit it, and send it through a picture's file."""
     block = path.read_bytes()
@@ -373,13 +337,6 @@ def _payloads() -> Sequence[bytes]:
     return [seeds.GYRO_TABLES["sensorlogger"][0] + b"\0", seeds.cbor() + b"\1", seeds.bincode() + b"\2"]
 
 
-def _sealed() -> Sequence[bytes]:
-    records = Records(_folder() / "sealed")
-    records.folder.mkdir(exist_ok=True)
-    records.finish("a.png", "mark", {"bytes": 3})
-    return [next(records.folder.glob("*.json")).read_bytes(), b"[]", b'{"seal": 1}', b'{"a": NaN, "seal": ""}']
-
-
 def _psf_files() -> Sequence[bytes]:
     kernel = seeds.encoded("PNG", seeds.picture((5, 4), "uint8"))
     return [seeds.bank(), kernel, *seeds.npys(), *seeds.tiffs()[:3]]
@@ -451,7 +408,6 @@ HARNESSES: dict[str, Harness] = {
     ),
     "manifest": Harness(_manifest, _manifests),
     "sessions": Harness(_session, _sessions),
-    "records": Harness(_records, _sealed),
     "exif": Harness(_exif, packets.exifs),
     "packets": Harness(_packet, lambda: packets.PACKETS),
     "psfs": Harness(_psfs, _psf_files),
