@@ -302,17 +302,18 @@ def _pictures(plan: ClipPlan, stream: Any, numbers: range, jobs: int) -> Iterato
 def _new_frames(plan: ClipPlan, pixels: str, numbers: range, jobs: int) -> Iterator[Any]:
     """Yield the new frames in their order; one more than `jobs` are decoded ahead."""
     waiting: deque[Future[Any]] = deque()
-    with ThreadPoolExecutor(jobs) as pool, closing(frames(plan.clip, numbers.start, numbers.stop, threads=jobs)) as old:
-        try:
+    pool = ThreadPoolExecutor(jobs)
+    try:
+        with closing(frames(plan.clip, numbers.start, numbers.stop, threads=jobs)) as old:
             for number, frame in zip(numbers, old, strict=True):
                 waiting.append(pool.submit(_restored, plan, number, frame, pixels))
                 if len(waiting) > jobs + 1:
                     yield waiting.popleft().result()
-            while waiting:
-                yield waiting.popleft().result()
-        finally:
-            for future in waiting:
-                future.cancel()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        # After an error or an interrupt, nobody waits for the frames under way.
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _restored(plan: ClipPlan, number: int, frame: Any, pixels: str) -> Any:
