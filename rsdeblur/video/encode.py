@@ -6,7 +6,7 @@ import heapq
 import os
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
@@ -282,7 +282,7 @@ def _add_pictures(container: Any, clip: Clip, encoding: Encoding, threads: int) 
     return stream
 
 
-def _pictures(plan: ClipPlan, stream: Any, numbers: range, jobs: int) -> Iterator[Any]:
+def _pictures(plan: ClipPlan, stream: Any, numbers: range, jobs: int) -> Generator[Any, None, None]:
     """Yield the packets of the frames with these numbers, stamped as in the clip."""
     clip = plan.clip
     times = [*clip.timestamps, clip.end]
@@ -299,7 +299,7 @@ def _pictures(plan: ClipPlan, stream: Any, numbers: range, jobs: int) -> Iterato
         raise InputError(f"{clip.path}: the encoder leaves out frame {left}; use another --codec")
 
 
-def _new_frames(plan: ClipPlan, pixels: str, numbers: range, jobs: int) -> Iterator[Any]:
+def _new_frames(plan: ClipPlan, pixels: str, numbers: range, jobs: int) -> Generator[Any, None, None]:
     """Yield the new frames in their order; one more than `jobs` are decoded ahead."""
     waiting: deque[Future[Any]] = deque()
     pool = ThreadPoolExecutor(jobs)
