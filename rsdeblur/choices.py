@@ -33,14 +33,14 @@ EXPONENT = 2 / 3
 # python -m benchmarks.still --lengths 5 10 20 35 50 75 100
 KEEP, DROP = 1.5, 100.0
 
-# Frames of a video that are encoded together, and the constant rate factor of their encoding.
-SEGMENT, CRF = 32, 17
+# Constant rate factor of the encoding of videos.
+CRF = 17
 
 # Appended to the name of a result beside its photo, or of the folder of a batch's results.
 SHARP = "-sharp"
 
-# Folder beside the results of a batch in which it records what is done.
-RECORDS = ".rsdeblur-batch"
+# File beside the results of a batch that lists them.
+BATCH = "batch.json"
 
 Solver = Literal["auto", "direct", "cg"]
 SOLVERS: tuple[Solver, ...] = get_args(Solver)

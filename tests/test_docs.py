@@ -64,11 +64,11 @@ def test_a_tutorial_can_be_followed_from_an_empty_folder(
         needs("video")
     monkeypatch.chdir(tmp_path)
 
-    def in_this_process(work, tasks, lost, jobs, limits):  # saves the start of workers
+    def in_this_process(work, tasks, **_):  # saves the start of workers
         for task in tasks:
-            yield task, workers._attempt(work, task)
+            yield task, workers.attempt(work, task)
 
-    monkeypatch.setattr(workers, "_in_processes", in_this_process)
+    monkeypatch.setattr(workers, "run", in_this_process)
     for step in steps(DOCS / f"tutorials/{name}.md"):
         if step.needs:
             continue

@@ -209,7 +209,6 @@ def two_planners(count: int) -> dict[str, int]:
 def test_a_killed_process_leaves_the_old_file_or_the_new_one(name: str) -> None:
     counts = kills(name, KILLS)
     assert (counts["the old or the new file"], counts["another file"]) == (KILLS, 0)
-    assert counts["left by the next write"] == 0
 
 
 @pytest.mark.parametrize("name", WRITERS)

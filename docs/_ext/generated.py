@@ -26,7 +26,7 @@ from rsdeblur.cli import main
 MODULES = (
     "motion.axes", "motion.rectify", "deconv.priors", "io",
     "report", "plot",
-    "video.clip", "video.times", "video.plan", "video.run",
+    "video.clip", "video.times", "video.plan", "video.encode",
 )  # fmt: skip
 
 

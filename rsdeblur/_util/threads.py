@@ -6,12 +6,12 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any, TypeVar
 from weakref import WeakSet
 
-from rsdeblur._util import interrupts, validate
+from rsdeblur._util import validate
 from rsdeblur.errors import InputError
 
 Item = TypeVar("Item")
@@ -157,10 +157,7 @@ def beside(function: Callable[[], Result], threads: int | None) -> Iterator[Call
         yield function
         return
     with _pool(2) as pool:
-        # An interrupt while the thread starts could leave it without an end.
-        with interrupts.Postponed():
-            future = pool.submit(function)
-        yield future.result
+        yield pool.submit(function).result
 
 
 def share_range(work: Callable[[int, int], None], count: int, threads: int | None) -> None:
@@ -203,29 +200,28 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 def _share(pool: ThreadPoolExecutor, threads: int, work: Callable[[int, int], None], tasks: Sequence[int]) -> None:
     left, lock = iter(tasks), threading.Lock()
+    runs: list[Future[None]] = []
 
-    def run(thread: int, between: Callable[[], None] = lambda: None) -> None:
+    def run(thread: int) -> None:
         while True:
             with lock:
                 task = next(left, None)
             if task is None:
                 return
             work(thread, task)
-            between()
 
-    # An interrupt within a task, or while a thread starts, could leave threads that never end.
-    with interrupts.Postponed() as signals:
-        runs = [pool.submit(run, thread) for thread in range(1, min(threads, len(tasks)))]
-        try:
-            # The calling thread works, too: it need not wait until another one has started.
-            run(0, signals.deliver)
-            for each in runs:
-                each.result()
-        finally:
-            # After a failure or an interrupt, no thread may keep writing to buffers that the next call uses.
-            with lock:
-                deque(left, maxlen=0)
-            wait(runs)
+    try:
+        for thread in range(1, min(threads, len(tasks))):
+            runs.append(pool.submit(run, thread))
+        # The calling thread works, too: it need not wait until another one has started.
+        run(0)
+        for each in runs:
+            each.result()
+    finally:
+        # After a failure or an interrupt, no thread may keep writing to buffers that the next call uses.
+        with lock:
+            deque(left, maxlen=0)
+        wait(runs)
 
 
 _all_turns: WeakSet[Turns] = WeakSet()

@@ -31,10 +31,7 @@ SECTIONS = {
         *("quality", "prior", "weight", "exponent", "nsr", "noise", "chroma", "border"),
         *("transfer", "normalize", "saturation", "fallback"),
     ),
-    "Computing": (
-        *("threads", "max_memory", "jobs", "scheduler"),
-        *("isolate", "memory_limit", "time_limit"),
-    ),
+    "Computing": ("threads", "max_memory", "jobs", "scheduler"),
     "Output": (
         *(
             "output",
@@ -48,7 +45,6 @@ SECTIONS = {
             "report_paths",
             "codec",
             "crf",
-            "segment",
             "quiet",
             "verbose",
             "help",

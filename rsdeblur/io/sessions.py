@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rsdeblur.choices import RECORDS, SHARP
+from rsdeblur.choices import BATCH, SHARP
 from rsdeblur.errors import FileFormatError
 from rsdeblur.io.captures import CaptureFile, open_captures
 from rsdeblur.io.gyro_logs import detect_gyro_format
@@ -94,7 +94,7 @@ def files_in(folder: Path, *, without: Path | None = None) -> list[Path]:
 
     Files of the subfolder `without` and those of subfolders with results of a batch are left out.
     """
-    results = {path.parent for path in folder.glob(f"*/{RECORDS}")} | {without} - {folder}
+    results = {path.parent for path in folder.glob(f"*/{BATCH}")} | {without} - {folder}
     files = sorted([*folder.glob("*"), *folder.glob("*/*")])
     return [path for path in files if path.is_file() and path.parent not in results]
 
