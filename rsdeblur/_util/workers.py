@@ -18,6 +18,7 @@ from threading import Thread
 from typing import Any, TypeVar
 
 from rsdeblur._util import memory
+from rsdeblur._util.extras import missing
 from rsdeblur.errors import InputError, RsdeblurError
 
 Task = TypeVar("Task")
