@@ -191,9 +191,9 @@ def test_after_a_crash_the_results_that_are_there_are_skipped(
     at_start.clear()
     with monkeypatch.context() as patch:
         patch.setattr("rsdeblur.cli.batch.work", copy)
-        entries(run, *call, "--force", "--border", "reflect")
+        entries(run, *call, "--force", "--border", "periodic")
     (out / "batch.json").write_bytes(at_start["list"])
-    assert states(entries(run, *call, "--border", "reflect", code=SOME_FAILED)) == "failed failed"
+    assert states(entries(run, *call, "--border", "periodic", code=SOME_FAILED)) == "failed failed"
 
 
 @pytest.mark.usefixtures("here")
