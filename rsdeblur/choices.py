@@ -32,7 +32,7 @@ EXPONENT = 2 / 3
 
 # px. The interpolation of colours in a sensor, and lenses, blur a picture by about KEEP anyway. Simulated pictures with
 # paths of DROP come out of `deblur` as clear as those with paths of 3 to 4 px go in; longer paths lose more
-# (docs/developer/decisions/several.md).
+# (docs/developer/decisions.md).
 KEEP, DROP = 1.5, 20.0
 
 # Frames of a video that are encoded together, and the constant rate factor of their encoding.

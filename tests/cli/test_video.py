@@ -311,7 +311,7 @@ def test_an_interrupted_video_continues_to_the_same_video(
     run: Run, here: None, processes: Processes, movie: Movie, tmp_path: Path
 ) -> None:
     whole, again = tmp_path / "whole.mkv", tmp_path / "again.mkv"
-    # Lossless, because libx264 rarely makes other bits of the same pixels (docs/developer/decisions/several.md).
+    # Lossless, because libx264 rarely makes other bits of the same pixels (docs/developer/decisions.md).
     arguments = movie.arguments(*movie.stamped, "--codec", "ffv1", "-o")
     assert run(*arguments, whole).exit_code == 0
     parts = tmp_path / "again.mkv.parts"
