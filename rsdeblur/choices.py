@@ -29,7 +29,7 @@ VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 EXPONENT = 2 / 3
 
 # px. The interpolation of colours in a sensor, and lenses, blur a picture by about KEEP anyway. Beyond DROP, deblurring
-# gains little, and about half of the results are doubtful (docs/developer/decisions/several.md):
+# gains little, and about half of the results are doubtful (docs/developer/decisions.md):
 # python -m benchmarks.still --lengths 5 10 20 35 50 75 100
 KEEP, DROP = 1.5, 100.0
 

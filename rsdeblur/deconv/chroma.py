@@ -4,7 +4,7 @@ The eye sees detail in brightness, and most cameras measure it there: a sensor h
 video halve the colours' resolution. So the brightness is restored at full size, the picture itself at half size, and
 the colours follow the brightness (:mod:`rsdeblur.kernels.chroma`). With a prior on derivatives this takes about three
 quarters of the time of three full planes. The result is as sharp: the brightness has less noise than its parts, and the
-colours get their edges from it. (docs/developer/decisions/priors.md)
+colours get their edges from it. (docs/developer/decisions.md)
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from rsdeblur.types import Denoiser, FloatArray, FloatImage, StageProgress
 # detail than that. The nearly still capture of the benchmarks, PSFs of 3 px, lost 1.0 dB.
 LEAST_SIZE = 7
 # Strength for the brightness, as a share of what a grey picture needs. White noise alone would need less, noise after
-# JPEG, which is the same in all channels, 1. (docs/developer/decisions/priors.md)
+# JPEG, which is the same in all channels, 1. (docs/developer/decisions.md)
 LUMA_STRENGTH = 0.84
 # Share of the solves' work that the brightness takes.
 LUMA_WORK = 0.65

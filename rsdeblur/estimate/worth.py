@@ -24,7 +24,7 @@ NATS_PER_PARAMETER, WORST_GAIN = 3.0, -1000.0
 # Gain (nats) without which the fall does not count where the paths become shorter.
 LEAST_OF_SHORTER = 10.0
 # Worth (nats) of corrections of which half bring the motion nearer to the truth, and by how much more the odds grow
-# e-fold: a fit to simulated recordings (docs/developer/decisions/refinement.md).
+# e-fold: a fit to simulated recordings (docs/developer/decisions.md).
 EVEN_WORTH, WORTH_SCALE = 8.0, 12.0
 
 

@@ -1,7 +1,7 @@
 """Frames of YCbCr whose colours have half the resolution, to RGB and back.
 
 A colour is the mean of the 2 x 2 pixels around it. On the way to RGB, colours are interpolated linearly down the frame,
-which averages some of their noise (docs/developer/decisions/several.md). FFmpeg's conversion takes four times as long.
+which averages some of their noise (docs/developer/decisions.md). FFmpeg's conversion takes four times as long.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ MOST_TUNED_PIXELS = 8_000_000
 SOLVED_BORDER_ERROR = 0.1
 # Least `nsr` of the wavelet prior, for the PSFs of a motion and for exact ones, and that of denoisers as a multiple of
 # the variance of the noise in a picture whose bright parts have the value 1. They restore what a PSF lost less well
-# than other priors. (docs/developer/decisions/priors.md)
+# than other priors. (docs/developer/decisions.md)
 LEAST_WAVELET_NSR, LEAST_EXACT_WAVELET_NSR = 3e-3, 1e-3
 NSR_OF_VARIANCE = 2.0
 

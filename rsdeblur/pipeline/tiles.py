@@ -19,7 +19,7 @@ from rsdeblur.psf import PsfBank, tile_centres
 TILE_PATH_ERROR = 0.1
 # Interpolated results differ from the result of interpolated paths: at the highest frequency that the filter restores,
 # about 1 / (pi L sqrt(nsr)) for a path of L px and never more than 1/2, neighbouring bands must still agree in phase.
-# Their paths may differ by this many L sqrt(nsr). (Both numbers: docs/developer/decisions/tiles.md.)
+# Their paths may differ by this many L sqrt(nsr). (Both numbers: docs/developer/decisions.md.)
 BAND_CHANGE = 0.4
 # Noise-to-signal ratio that decides the number of PSFs with which the light behind clipped pixels is estimated.
 HIGHLIGHT_NSR = 0.01
