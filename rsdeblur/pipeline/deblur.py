@@ -35,7 +35,7 @@ from rsdeblur.pipeline.plan import DeblurResult, plan, plan_for
 from rsdeblur.psf import PsfBank
 from rsdeblur.types import Denoiser, Progress
 
-# Noise-to-signal ratio that decides the automatic number of bands when there is no picture to derive it from.
+# Noise-to-signal ratio that decides the automatic numbers of tiles when there is no picture to derive it from.
 NSR = 0.01
 
 
@@ -246,7 +246,7 @@ def psfs(
     log, camera, exposure, mode, bands, strips
         See :func:`deblur`.
     nsr : float, default 0.01
-        Noise-to-signal ratio that decides the automatic number of bands; :func:`deblur` derives it from the picture.
+        Noise-to-signal ratio that decides the automatic numbers of tiles; :func:`deblur` derives it from the picture.
     motion, translation, softness
         See :func:`deblur`.
 

@@ -272,7 +272,7 @@ class Plan:
         Parameters
         ----------
         nsr : float
-            Noise-to-signal ratio that decides the automatic number of bands.
+            Noise-to-signal ratio that decides the automatic numbers of bands and strips.
         """
         return tile_paths(self.capture, self.options.mode_in_effect, self.options.bands, self.options.strips, nsr)
 

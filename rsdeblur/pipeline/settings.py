@@ -39,7 +39,7 @@ class Strengths:
     peak : float
         Value of the picture's bright parts, see :func:`rsdeblur.deconv.priors.brightness`.
     tile_nsr : float
-        Noise-to-signal ratio that decides the automatic number of bands.
+        Noise-to-signal ratio that decides the automatic numbers of bands and strips.
     wavelet : WaveletPrior, optional
         The learned prior with all its numbers; None for other priors.
     noise : float, optional

@@ -18,9 +18,9 @@ from rsdeblur.psf import PsfBank, tile_centres
 # them are this close to the true ones, px.
 TILE_PATH_ERROR = 0.1
 # Interpolated results differ from the result of interpolated paths: at the highest frequency that the filter restores,
-# about 1 / (pi L sqrt(nsr)) for a path of L px and never more than 1/2, neighbouring bands must still agree in phase.
+# about 1 / (pi L sqrt(nsr)) for a path of L px and never more than 1/2, neighbouring tiles must still agree in phase.
 # Their paths may differ by this many L sqrt(nsr). (Both numbers: docs/developer/decisions/tiles.md.)
-BAND_CHANGE = 0.4
+TILE_CHANGE = 0.4
 # Noise-to-signal ratio that decides the number of PSFs with which the light behind clipped pixels is estimated.
 HIGHLIGHT_NSR = 0.01
 # Number of rows per strip whose PSFs the mode "rowwise" reports.
@@ -75,7 +75,7 @@ def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: f
     mode, bands, strips
         See :func:`rsdeblur.deblur`.
     nsr : float
-        Noise-to-signal ratio that decides the automatic number of bands.
+        Noise-to-signal ratio that decides the automatic numbers of bands and strips.
 
     Returns
     -------
@@ -141,11 +141,9 @@ def tile_error(capture: Capture) -> float:
 def _automatic_counts(capture: Capture, nsr: float) -> tuple[int, int]:
     """Return the numbers of bands and strips that limit the change of the blur between neighbouring tiles."""
     probe, camera = capture.probe, capture.camera
-    allowed = BAND_CHANGE * max(float(probe.lengths.max()) * np.sqrt(nsr), 2 / np.pi)
-    needed = (
-        max(np.sqrt(probe.curvature_down / (8 * TILE_PATH_ERROR)), probe.change_down / allowed),
-        np.sqrt(probe.curvature_across / (8 * TILE_PATH_ERROR)),
-    )
+    allowed = TILE_CHANGE * max(float(probe.lengths.max()) * np.sqrt(nsr), 2 / np.pi)
+    measured = (probe.curvature_down, probe.change_down), (probe.curvature_across, probe.change_across)
+    needed = [max(np.sqrt(curvature / (8 * TILE_PATH_ERROR)), change / allowed) for curvature, change in measured]
     counts = []
     for tiles, reach, length, most in zip(
         needed, probe.extent, (camera.height, camera.width), (MOST_BANDS, MOST_STRIPS), strict=True

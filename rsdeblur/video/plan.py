@@ -309,7 +309,7 @@ def _measure(
     """Return measures of the frames that can be deblurred, and for each frame the reason why it cannot, or None.
 
     Columns of the measures: the frame's number; the length of the longest path, px; the blur's extent along y and
-    x, px; its change down the picture, and its curvature down and across, which decide the number of tiles. All in the
+    x, px; its change and its curvature, down the picture and across, which decide the number of tiles. All in the
     upright frame.
     """
     frame = ReadoutFrame(camera)
@@ -328,7 +328,7 @@ def _measure(
             report_progress("measure all frames", (i + 1) / len(exposures))
         reasons.append(None)
         probe = capture.probe
-        change = probe.change_down, probe.curvature_down, probe.curvature_across
+        change = probe.change_down, probe.change_across, probe.curvature_down, probe.curvature_across
         measures.append((i, probe.lengths.max(), *probe.extent, *change))
     if not measures:
         raise first_error or InputError(f"{clip.path}: the video has no frames to deblur")
