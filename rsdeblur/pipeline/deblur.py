@@ -120,8 +120,8 @@ def deblur(
         Resolution of the colours. "half" restores the brightness at full resolution and the colours at half of it, as
         JPEG and video store them (:mod:`rsdeblur.deconv.chroma`): priors on derivatives take three quarters to four
         fifths of the time. It goes with these and with "wiener", but not with "rowwise" or ``border="unknown"``, and
-        applies to RGB pictures with a blur of some pixels. "auto" is "half" with priors on derivatives and with
-        ``quality="fast"``.
+        applies to RGB pictures with a blur of some pixels. "auto" is "half" with "tv", "hyper-laplacian" and
+        ``quality="fast"``; "full" keeps results of "wiener" and "gradient" linear in the picture.
     geometry : {"keep", "rectify"}
         Keep the rolling-shutter shape, or resample the picture to the middle row's mid-exposure.
     border : {"auto", "blend", "periodic", "reflect", "edge-taper", "smooth", "unknown"}
