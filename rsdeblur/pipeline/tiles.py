@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from rsdeblur._util import validate
@@ -30,39 +28,6 @@ MOST_BANDS = 64
 MOST_STRIPS = 16
 # Bounds of numbers that are given: a PSF takes memory and time in every mode, whatever the size of its tile.
 MOST_GIVEN_STRIPS, MOST_TILES = 256, 16_384
-
-
-@dataclass(frozen=True, slots=True)
-class Grid:
-    """Places of the PSFs of a picture in the upright frame.
-
-    Parameters
-    ----------
-    rows, cols : tuple of float
-        Rows of the bands' kernels and columns of the strips', px.
-    size : (int, int)
-        Height and width of the largest kernel that a solver is planned for, px.
-    """
-
-    rows: tuple[float, ...]
-    cols: tuple[float, ...]
-    size: tuple[int, int]
-
-    @classmethod
-    def of(cls, bank: PsfBank) -> Grid:
-        """Return the grid of a bank."""
-        return cls(tuple(bank.rows.tolist()), tuple(bank.cols.tolist()), bank.size)
-
-    def bank(self, capture: Capture, *, threads: int | None) -> PsfBank:
-        """Return the PSFs of a capture at the places of this grid; their own motion decides their size."""
-        return PsfBank.from_paths(BlurPaths.from_capture(capture, self.rows, self.cols), threads=threads)
-
-    def still(self) -> PsfBank:
-        """Return a bank of unit impulses of the largest size, to plan a solver for."""
-        kernels = np.zeros((len(self.rows), len(self.cols), *self.size), dtype=np.float32)
-        kernels[:, :, self.size[0] // 2, self.size[1] // 2] = 1.0
-        paths = np.zeros((len(self.rows), len(self.cols), 2, 2))
-        return PsfBank(kernels, np.array(self.rows), np.array(self.cols), paths)
 
 
 def tile_paths(capture: Capture, mode: Mode, bands: Count, strips: Count, nsr: float) -> BlurPaths:

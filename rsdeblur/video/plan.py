@@ -194,12 +194,12 @@ def plan_clip(
         if options.check and i in spread:
             checks.append(samples[-1].apply(values).check)
     _warn_of_bad(checks, clip)
-    grids = [sample.grid for sample in samples if sample.grid is not None]
+    banks = [sample.bank for sample in samples if sample.bank is not None]
     return ClipPlan(
         *(clip, log, camera, tuple(exposures), tuple(reasons)),
         options=replace(options, check=False),
         strengths=_median_strengths(samples),
-        tiles=(max(len(grid.rows) for grid in grids), max(len(grid.cols) for grid in grids)),
+        tiles=(max(len(bank.rows) for bank in banks), max(len(bank.cols) for bank in banks)),
         psf_size=(2 * int(reach[0]) + 3, 2 * int(reach[1]) + 3),
         lengths=tuple(lengths.tolist()),
         shares=tuple(shares.tolist()),
