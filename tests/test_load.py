@@ -213,7 +213,7 @@ def test_a_fork_waits_for_what_a_process_has_once(lock: Any) -> None:
 def test_a_function_that_a_solver_calls_may_not_use_it() -> None:
     """It would spoil the solver's buffers, or wait for itself."""
     bank, prior = psfs(*RECORDING, bands=2, strips=1), DerivativePrior("tv", 1e-3)
-    tiles, prepared = TileQuadratic(bank, PICTURE.shape), plan(*RECORDING).prepare(PICTURE)
+    tiles = TileQuadratic(bank, PICTURE.shape)
     rows = RowDeconvolver(BlurPaths.every_row(Capture.from_log(*RECORDING), [20.0]), PICTURE.shape)
     wiener = Deconvolver(bank, PICTURE.shape)
     calls: list[Callable[[Callable[..., Any]], Any]] = [
@@ -221,7 +221,6 @@ def test_a_function_that_a_solver_calls_may_not_use_it() -> None:
         lambda again: tiles.apply(PICTURE, prior=PlugAndPlayPrior(lambda image, sigma: again() or image, 0.01)),
         lambda again: rows.apply(PICTURE, progress=again),
         lambda again: wiener.apply(PICTURE, progress=again),
-        lambda again: prepared.apply(PICTURE, progress=lambda stage, _: again() if stage == "apply" else None),
     ]
     for call in calls:
         with pytest.raises(InputError, match="the solver is at work on a picture"):

@@ -77,7 +77,6 @@ CALLS: dict[str, Call] = {
     "plan: options": lambda x: rs.plan(LOG, CAMERA, EXPOSURE, x),
     "Plan.apply: image": lambda x: PLAN.apply(x),
     "Plan.prepare: image": lambda x: PLAN.prepare(x),
-    "Plan.replan: log": lambda x: PLAN.replan(x, EXPOSURE),
     "GyroLog: t": lambda x: GyroLog(x, [[0, 0, 0], [0, 0, 0]]),
     "GyroLog: omega": lambda x: GyroLog([0, 1], x),
     "GyroLog: epoch_ns": lambda x: GyroLog([0, 1], [[0, 0, 0], [0, 0, 0]], x),

@@ -37,8 +37,13 @@ def thread_count(threads: int | None) -> int:
     return validate.count("threads", threads, maximum=MOST_THREADS)
 
 
-class Turns:
-    """Turns of the threads that share a solver, whose buffers hold one picture at a time.
+class ThreadTeam:
+    """The threads of a solver, whose buffers hold one picture at a time.
+
+    Parameters
+    ----------
+    threads : int
+        Number of threads, of which the calling thread is one.
 
     Attributes
     ----------
@@ -48,14 +53,16 @@ class Turns:
 
     lock: AbstractContextManager[Any]
 
-    def __init__(self) -> None:
+    def __init__(self, threads: int) -> None:
+        self.threads = threads
         self.renew()
-        _all_turns.add(self)
+        _all_teams.add(self)
 
     def renew(self) -> None:
-        """Replace the lock by one that no thread holds."""
+        """Replace the lock and the threads by new ones, all of them idle."""
         self.lock = threading.RLock()
         self._taken = False
+        self._pool = _pool(self.threads) if self.threads > 1 else None
 
     @contextmanager
     def turn(self) -> Iterator[None]:
@@ -77,25 +84,6 @@ class Turns:
                 yield
             finally:
                 self._taken = False
-
-
-class ThreadTeam(Turns):
-    """The threads of a solver.
-
-    Parameters
-    ----------
-    threads : int
-        Number of threads, of which the calling thread is one.
-    """
-
-    def __init__(self, threads: int) -> None:
-        self.threads = threads
-        super().__init__()
-
-    def renew(self) -> None:
-        """Replace the lock and the threads by new ones, all of them idle."""
-        super().renew()
-        self._pool = _pool(self.threads) if self.threads > 1 else None
 
     def share(self, work: Callable[[int, int], None], tasks: Sequence[int]) -> None:
         """Call `work(thread, task)` for every task.
@@ -224,12 +212,12 @@ def _share(pool: ThreadPoolExecutor, threads: int, work: Callable[[int, int], No
         wait(runs)
 
 
-_all_turns: WeakSet[Turns] = WeakSet()
+_all_teams: WeakSet[ThreadTeam] = WeakSet()
 
 
 def _renew_all() -> None:
-    for turns in _all_turns:
-        turns.renew()
+    for team in _all_teams:
+        team.renew()
 
 
 # A forked process has only the thread that forked, and locks in the state that other threads left them in.

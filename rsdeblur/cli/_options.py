@@ -359,8 +359,8 @@ _SOLVE: dict[str, Decorator] = {
     "chroma": _choice(
         "chroma",
         ("auto", *choices.CHROMAS),
-        "Resolution of the colours: full, or half as in JPEG, in less time; auto is half for gradient, tv "
-        "and hyper-laplacian, and with --quality fast, except in --mode rowwise.",
+        "Resolution of the colours: full, or half as in JPEG, in less time; auto is half for tv and "
+        "hyper-laplacian, and with --quality fast, except in --mode rowwise.",
     ),
     "geometry": _choice("geometry", choices.GEOMETRIES, "Keep the rolling-shutter shape, or straighten it."),
     "border": _choice(

@@ -229,9 +229,10 @@ class TileFilter:
     def _fill_otfs(self, bank: PsfBank, out: ComplexArray, put: PutColumns | None = None, *, first: int = 0) -> None:
         """Fill `out` with the OTFs of the tiles of the strips from `first` on, or with what `put` computes of them."""
         parts, put = range(0, self._hybrid.frequencies, otf.COLUMNS), put or put_columns
+        gains = self._planners[0].gains(bank)
 
         def fill(thread: int, s: int, b: int, spectrum: ComplexArray, part: int) -> None:
-            put(self._planners[thread].columns(bank, spectrum, part), part // COLUMNS, b, out[s])
+            put(self._planners[thread].columns(spectrum, gains, part), part // COLUMNS, b, out[s])
 
         def plan(thread: int, tile: int) -> None:
             s, b = divmod(tile, out.shape[2])

@@ -187,10 +187,12 @@ class Options:
     def chroma_in_effect(self) -> Chroma:
         """The resolution of the colours, where pictures and blur permit half of it.
 
-        With ``prior="wiener"`` alone the result is linear in the picture, as in the published method.
+        The results of "wiener", the published method, and "gradient" are linear in the picture, unless chroma="half" or
+        quality="fast" asks for half.
         """
-        linear = self.prior_in_effect == "wiener" and self.quality != "fast"
-        halves = self.chroma == "half" or (self.chroma == "auto" and self._may_halve_chroma and not linear)
+        prior = self.prior_in_effect
+        is_default = prior in ("tv", "hyper-laplacian") or (prior == "wiener" and self.quality == "fast")
+        halves = self.chroma == "half" or (self.chroma == "auto" and self._may_halve_chroma and is_default)
         return "half" if halves else "full"
 
     @property
